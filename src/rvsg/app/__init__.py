@@ -1,0 +1,1 @@
+"""The doors: configuration file, plug-in look-up, wiring, command line."""

@@ -1,0 +1,1 @@
+"""The loop: ask, propose, simulate, evaluate, tell; search strategies, feedback and memory, confirmation."""

@@ -1,0 +1,104 @@
+"""The error tree. Every error a user can cause or meet is one of these; foreign errors are translated at the door.
+
+::
+
+    RvsgError                     anything RVSG reports in one message, without a traceback
+    ├── InputError                what the user gave is wrong (exit code 2)
+    │   ├── FileError             ... in a file: knows its path and, where it can, the line
+    │   ├── UnknownName           ... names something that does not exist: knows "did you mean"
+    │   └── InvalidScenario       ... a scenario the checker refuses: knows every finding
+    ├── SimulationError           a simulator could not run a valid scenario
+    ├── GenerationError           a generator could not answer (never a merely bad answer: that is a Proposal)
+    │   ├── ModelUnavailable      the model's service refused, is absent or did not answer
+    │   ├── BudgetSpent           the declared budget of calls, tokens or money is spent (resumable)
+    │   └── ReplayDiverged        a recorded conversation does not hold the call that is asked for
+    ├── StoreError                the store cannot be read or written
+    │   └── NewerStore            it was written by a newer version of RVSG
+    └── Interrupted               the user or the system stopped the work (exit code 3, resumable)
+
+A message says what was expected, what was got, where, and the next step.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from pathlib import Path
+
+
+class RvsgError(Exception):
+    """Anything RVSG reports to its user in one message."""
+
+    exit_code = 2
+
+
+class InputError(RvsgError):
+    """What the user gave cannot be used."""
+
+
+class FileError(InputError):
+    """A file that cannot be used; the message begins with `path:line:`."""
+
+    def __init__(self, path: str | Path, message: str, *, line: int | None = None) -> None:
+        self.path = Path(path)
+        self.line = line
+        self.reason = message
+        where = f"{path}:{line}" if line is not None else f"{path}"
+        super().__init__(f"{where}: {message}")
+
+
+class UnknownName(InputError):
+    """A name that is not among those known; suggests the nearest."""
+
+    def __init__(self, kind: str, name: str, known: Iterable[str], *, hint: str = "") -> None:
+        self.name = name
+        self.known = sorted(known)
+        near = difflib.get_close_matches(name, self.known, n=1, cutoff=0.5)
+        asked = f' Did you mean "{near[0]}"?' if near else ""
+        listed = ", ".join(self.known[:30]) + (", ..." if len(self.known) > 30 else "")
+        known_text = f" Known: {listed}." if self.known else ""
+        super().__init__(f'There is no {kind} "{name}".{asked}{known_text}{" " + hint if hint else ""}')
+
+
+class InvalidScenario(InputError):
+    """A scenario that breaks the rules of validity; `findings` holds every reason as text."""
+
+    def __init__(self, message: str, findings: Iterable[str]) -> None:
+        self.findings = list(findings)
+        super().__init__("\n".join([message, *(f"  - {finding}" for finding in self.findings)]))
+
+
+class SimulationError(RvsgError):
+    """A simulator could not run a scenario that is valid."""
+
+
+class GenerationError(RvsgError):
+    """A generator could not answer at all."""
+
+
+class ModelUnavailable(GenerationError):
+    """The model's service refused the call, is absent, or did not answer in time."""
+
+
+class BudgetSpent(GenerationError):
+    """A declared budget of calls, tokens or money is spent; the campaign can be resumed with a larger one."""
+
+    exit_code = 3
+
+
+class ReplayDiverged(GenerationError):
+    """The recorded conversation does not hold the call that is now asked for."""
+
+
+class StoreError(RvsgError):
+    """The store cannot be read or written."""
+
+
+class NewerStore(StoreError):
+    """The store was written by a newer version of RVSG than this one."""
+
+
+class Interrupted(RvsgError):
+    """The work was stopped from outside; what is finished is stored, and the same command resumes it."""
+
+    exit_code = 3

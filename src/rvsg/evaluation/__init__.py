@@ -1,0 +1,1 @@
+"""A Run becomes metrics; metrics with a Requirement become a Verdict."""

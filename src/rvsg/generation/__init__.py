@@ -1,0 +1,1 @@
+"""A Brief becomes a Proposal: by a conversation with a vision language model, a heuristic, or chance."""

@@ -1,0 +1,59 @@
+"""The Generator protocol and its answer, the Proposal."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+from pydantic import Field
+
+from rvsg.scenario.brief import Brief
+from rvsg.scenario.scenario import Scenario
+from rvsg.scenario.validity import Finding, Repair
+from rvsg.world.records import Record
+from rvsg.world.world import World
+
+
+class Call(Record):
+    """One call of a model, as it is kept: what it was for, what it cost, and the key of its recording."""
+
+    purpose: str
+    model: str
+    input_tokens: int = 0
+    cached_tokens: int = 0
+    output_tokens: int = 0
+    cost_usd: float | None = None
+    latency_s: float = 0.0
+    recording: str | None = None
+    error: str | None = None
+
+
+class Proposal(Record):
+    """A generator's answer. `scenario` is None where nothing valid came of it; the problems say why.
+
+    `first_findings` are what the checker said of the very first answer, `problems` what was left at the end,
+    `repairs` what was changed to make it valid.
+    """
+
+    generator: str
+    scenario: Scenario | None
+    reasoning: str = ""
+    first_findings: tuple[Finding, ...] = ()
+    problems: tuple[Finding, ...] = ()
+    repairs: tuple[Repair, ...] = ()
+    corrections: int = 0
+    calls: tuple[Call, ...] = ()
+    extra: dict[str, Any] = Field(default_factory=dict)
+
+
+class Generator(Protocol):
+    """Anything that answers a Brief. Deterministic: an equal brief (its seed included) gives an equal proposal,
+    except where an outside model answers, which is then recorded."""
+
+    @property
+    def name(self) -> str:
+        """The name it is chosen by."""
+        ...
+
+    def propose(self, brief: Brief, world: World) -> Proposal:
+        """Answer the brief; a bad answer is a Proposal with problems, only a missing one is a GenerationError."""
+        ...

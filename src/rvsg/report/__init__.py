@@ -1,0 +1,1 @@
+"""Stored attempts become statistics, tables, figures, replays and one HTML page."""

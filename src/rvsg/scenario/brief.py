@@ -1,0 +1,89 @@
+"""Brief and Feedback: what a generator is asked, and what it is told about the last attempt."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from rvsg.scenario.requirement import Requirement
+from rvsg.scenario.scenario import Mission, Scenario
+from rvsg.world.records import Record
+
+
+class Moment(Record):
+    """A decisive moment of a run: when, where the robot was, who was how near, what the measure did."""
+
+    time_s: float
+    robot_at: str
+    humans_at: dict[str, str]
+    closest_human: str
+    gap_m: float
+    robot_speed_m_s: float
+    note: str = ""
+
+
+class HumanInfluence(Record):
+    """What one human contributed: closest gap, share of the time within 2 m, waypoints that never met the robot."""
+
+    name: str
+    closest_gap_m: float
+    share_within_2_m: float
+    idle_waypoints: tuple[str, ...] = ()
+
+
+class Sample(Record):
+    """One row of the time series of a run: time, waypoints of robot and humans, the measured value."""
+
+    time_s: float
+    robot_at: str
+    humans_at: dict[str, str]
+    value: float | None = None
+
+
+class Feedback(Record):
+    """What the last attempt of a scenario measured, told truthfully.
+
+    `objectives` are the values of every repeat; `mean` and `interval` (95 % bootstrap) sum them up; `separable`
+    says whether the change against the attempt before stands out of the noise (None: nothing to compare).
+    """
+
+    scenario: Scenario
+    objectives: tuple[float, ...]
+    mean: float
+    interval: tuple[float, float]
+    violation_share: float | None = None
+    previous_mean: float | None = None
+    separable: bool | None = None
+    moments: tuple[Moment, ...] = ()
+    influences: tuple[HumanInfluence, ...] = ()
+    series: tuple[Sample, ...] = ()
+
+
+class Remembered(Record):
+    """An earlier scenario of the campaign: its description, best configuration and how that did."""
+
+    description: str
+    tasks: dict[str, tuple[str, ...]]
+    mean: float
+    interval: tuple[float, float]
+    scenario: Scenario
+
+
+class Brief(Record):
+    """What a generator is asked for: one configuration.
+
+    `kind` is "new" (a new scenario that differs from `memory`) or "refine" (better tasks and paths for the
+    scenario of `feedback`, description unchanged). An unguided brief has no requirement, feedback or memory.
+    `seed` feeds every random choice of the generator. `scenario_index` and `configuration_index` count from 0.
+    """
+
+    mission: Mission
+    requirement: Requirement | None
+    kind: Literal["new", "refine"] = "new"
+    humans: Annotated[int, Field(ge=1, le=100)] = 2
+    seed: Annotated[int, Field(ge=0)]
+    scenario_index: Annotated[int, Field(ge=0)] = 0
+    configuration_index: Annotated[int, Field(ge=0)] = 0
+    feedback: Feedback | None = None
+    memory: tuple[Remembered, ...] = ()

@@ -1,0 +1,57 @@
+"""A requirement as data: what is asked, which metric or temporal formula measures it, and from where on it fails."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from rvsg.world.records import Record
+
+
+class Requirement(Record):
+    """A requirement on the robot.
+
+    `text` is what the VLM and the report read. Exactly one of `metric` (the id of a metric) and `formula`
+    (signal temporal logic; its robustness is the objective, smaller is worse, violated below 0) is given.
+    `limit`: the requirement is violated where the objective is beyond it in the `worse` direction;
+    without a limit scenarios are ranked but no run fails.
+    """
+
+    name: Annotated[str, Field(min_length=1)]
+    title: str
+    text: str
+    metric: str | None = None
+    formula: str | None = None
+    worse: Literal["smaller", "larger"] = "smaller"
+    limit: float | None = None
+    unit: str = ""
+    source: str = ""
+
+    @model_validator(mode="after")
+    def _one_measure(self) -> Self:
+        if (self.metric is None) == (self.formula is None):
+            raise ValueError("give exactly one of metric and formula")
+        if self.formula is not None and self.worse != "smaller":
+            raise ValueError("a formula's robustness is worse when smaller")
+        return self
+
+    @property
+    def threshold(self) -> float | None:
+        """The limit; 0 for a formula."""
+        return 0.0 if self.formula is not None and self.limit is None else self.limit
+
+    def violated_by(self, objective: float) -> bool:
+        """Whether an objective value breaks the requirement; False where there is no limit."""
+        limit = self.threshold
+        if limit is None:
+            return False
+        return objective < limit if self.worse == "smaller" else objective > limit
+
+    def worst(self, a: float, b: float) -> float:
+        """The worse of two objective values."""
+        return min(a, b) if self.worse == "smaller" else max(a, b)
+
+    def badness(self, objective: float) -> float:
+        """The objective with its sign turned so that larger is worse."""
+        return -objective if self.worse == "smaller" else objective

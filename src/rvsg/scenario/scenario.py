@@ -1,0 +1,89 @@
+"""Mission, HumanConfiguration and Scenario: what the robot is to do and what the people do meanwhile."""
+
+from __future__ import annotations
+
+from enum import Enum
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from rvsg.world.records import Record
+from rvsg.world.world import Route
+
+Name = Annotated[str, Field(min_length=1, max_length=120)]
+
+
+class Behaviour(str, Enum):
+    """How a human reacts to the robot: the six behaviours of HuNavSim."""
+
+    REGULAR = "regular"
+    IMPASSIVE = "impassive"
+    SURPRISED = "surprised"
+    SCARED = "scared"
+    CURIOUS = "curious"
+    THREATENING = "threatening"
+
+
+class Pause(Record):
+    """The human stands still at a waypoint of the task's path ("inspects for 5 s")."""
+
+    at: str
+    duration_s: Annotated[float, Field(gt=0, le=600)]
+
+
+class Task(Record):
+    """One task of a cyclic list: `name` as people read it ("Area 2 → Shelf 6"), `path` the waypoints in order."""
+
+    name: Name
+    path: tuple[str, ...]
+    start_area: str | None = None
+    end_area: str | None = None
+    pauses: tuple[Pause, ...] = ()
+
+
+class ForceFactors(Record):
+    """Weights of the social force model (HuNavSim's goal, obstacle and social force factors)."""
+
+    goal: Annotated[float, Field(gt=0, le=20)] = 2.0
+    obstacle: Annotated[float, Field(ge=0, le=100)] = 10.0
+    social: Annotated[float, Field(ge=0, le=50)] = 5.0
+
+
+class Human(Record):
+    """One person: a cyclic list of tasks and how they are walked.
+
+    `factors` is either fixed or drawn from the run's seed: `random_normal` and `random_uniform` are HuNavSim's
+    distributions of a person that differs at every launch.
+    """
+
+    name: Name
+    tasks: Annotated[tuple[Task, ...], Field(min_length=1)]
+    behaviour: Behaviour = Behaviour.REGULAR
+    speed_m_s: Annotated[float, Field(gt=0, le=3.0)] = 1.5
+    radius_m: Annotated[float, Field(gt=0, le=1.0)] = 0.4
+    start_delay_s: Annotated[float, Field(ge=0, le=600)] = 0.0
+    group: int | None = None
+    factors: ForceFactors | Literal["random_normal", "random_uniform"] = ForceFactors()
+
+
+class HumanConfiguration(Record):
+    """What all the people do: one to N humans."""
+
+    humans: Annotated[tuple[Human, ...], Field(min_length=1)]
+
+
+class Mission(Record):
+    """What the robot is to do, where: the world by name and content id, the route, the robot by name."""
+
+    world: str
+    world_id: str
+    route: Route
+    robot: str = "tiago_omni"
+
+
+class Scenario(Record):
+    """A mission among people. Equal content has equal id; the requirement is not part of it."""
+
+    mission: Mission
+    people: HumanConfiguration
+    description: str = ""

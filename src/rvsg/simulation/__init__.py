@@ -1,0 +1,1 @@
+"""A Scenario becomes a Run: physics, sensors, the navigation stack under test, reactive people."""

@@ -1,0 +1,95 @@
+"""The Run: what happened in one simulation of a scenario."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import Enum
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rvsg.world.records import content_id
+
+Floats = NDArray[np.float64]
+
+
+class Outcome(str, Enum):
+    """How a run ended, in the words a person reads."""
+
+    REACHED = "the goal was reached"
+    TIMED_OUT = "the time limit passed before the goal was reached"
+    ABORTED = "navigation gave up before the goal was reached"
+    NO_PATH = "no path to the goal was found"
+    BLOCKED_START = "the robot stands in an obstacle at the start"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Trajectory:
+    """Robot and humans over time. N samples, H humans; SI units, world frame.
+
+    `t` (N,) s since the start; `x`, `y`, `yaw` (N,) robot pose; `v`, `omega` (N,) robot forward speed and yaw
+    rate; `acceleration` (N,) horizontal acceleration magnitude as an inertial sensor shows it;
+    `human_x`, `human_y`, `human_yaw`, `human_speed` (N, H).
+    """
+
+    t: Floats
+    x: Floats
+    y: Floats
+    yaw: Floats
+    v: Floats
+    omega: Floats
+    acceleration: Floats
+    human_x: Floats
+    human_y: Floats
+    human_yaw: Floats
+    human_speed: Floats
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Run:
+    """One simulated (or imported) episode.
+
+    `trajectory` is recorded at every control tick (20 Hz); `log` are the rows the published study's client would
+    have written (about 2 Hz, wall time: see `clock_ratio` = simulated over wall seconds); an imported run has
+    only the log, and its `trajectory` is the log. `imu` (K,) is the acceleration magnitude at 100 Hz, empty where
+    unknown. `options` are the simulator's effective options, enough to repeat the run with `seed`.
+    """
+
+    scenario_id: str
+    simulator: str
+    options: dict[str, object]
+    seed: int
+    outcome: Outcome
+    trajectory: Trajectory
+    log: Trajectory
+    imu: Floats = field(default_factory=lambda: np.empty(0))
+    clock_ratio: float = 1.0
+    human_names: tuple[str, ...]
+    robot_radius_m: float = 0.35
+    human_radius_m: tuple[float, ...]
+    goal: tuple[float, float, float]
+    time_limit_s: float
+    recoveries: int = 0
+    details: dict[str, object] = field(default_factory=dict)
+
+    @cached_property
+    def id(self) -> str:
+        """Content id of what determines the run: scenario, simulator with options, seed."""
+        return content_id(
+            "run",
+            {
+                "scenario": self.scenario_id,
+                "simulator": self.simulator,
+                "options": self.options,
+                "seed": self.seed,
+            },
+        )
+
+    @property
+    def completed(self) -> bool:
+        """Whether the goal was reached in time."""
+        return self.outcome is Outcome.REACHED

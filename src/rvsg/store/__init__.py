@@ -1,0 +1,1 @@
+"""Every record, by content id, in order, for ever: SQLite by default."""

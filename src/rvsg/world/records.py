@@ -1,0 +1,49 @@
+"""What every record shares: frozen, strict about its keys, free of NaN, and named by its content."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from functools import cached_property
+from typing import Any, Self
+
+from pydantic import BaseModel, ConfigDict
+
+
+def canonical_json(value: Any) -> str:
+    """The one JSON text of `value`: keys sorted, no spaces, shortest round-trip floats, NaN refused (ValueError)."""
+    return json.dumps(value, sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+
+
+def content_id(kind: str, value: Any) -> str:
+    """`kind-` and 16 hexadecimal digits of the SHA-256 of the canonical JSON: equal content, equal id."""
+    digest = hashlib.sha256(canonical_json(value).encode()).hexdigest()
+    return f"{kind}-{digest[:16]}"
+
+
+class Record(BaseModel):
+    """A frozen record. Unknown keys and non-finite numbers are refused; equal content has equal `id`."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    @cached_property
+    def id(self) -> str:
+        """Content id, e.g. `scenario-1f2e3d4c5b6a7988`."""
+        return content_id(type(self).__name__.lower(), self.model_dump(mode="json"))
+
+    def to_json(self) -> str:
+        """The record as readable JSON, ending in a newline."""
+        return json.dumps(self.model_dump(mode="json"), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+    @classmethod
+    def from_json(cls, text: str | bytes) -> Self:
+        """Read a record; raises pydantic.ValidationError naming every wrong key."""
+        return cls.model_validate_json(text)
+
+
+class Pose(Record):
+    """A pose in the plane: metres, radians counter-clockwise."""
+
+    x: float
+    y: float
+    yaw: float = 0.0

@@ -1,0 +1,143 @@
+"""The World: solid objects, occupancy map, grid of named waypoints, labelled areas and routes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rvsg.errors import UnknownName
+from rvsg.world.grid import Grid
+from rvsg.world.records import Pose, Record, content_id
+
+Point = tuple[float, float]
+Polygon = tuple[Point, ...]
+
+
+class OrientedBox(Record):
+    """A box turned about the vertical axis: centre and size in metres, yaw in radians."""
+
+    center: tuple[float, float, float]
+    size: tuple[float, float, float]
+    yaw: float = 0.0
+
+
+class SolidObject(Record):
+    """A solid thing that stands still.
+
+    `origin` is the model's own origin (HuNavSim aims at it when it looks for the nearest obstacle),
+    `box` its oriented bounding box, `footprint` its outline seen from above, and `slices` the outlines the
+    lidar plane cuts (a shelf shows only its legs). Metres, world frame.
+    """
+
+    name: str
+    kind: str
+    origin: tuple[float, float, float]
+    box: OrientedBox
+    footprint: Polygon
+    slices: tuple[Polygon, ...]
+
+
+class Area(Record):
+    """A labelled part of the floor plan: `outline` in metres, the waypoints from which people work it."""
+
+    name: str
+    kind: str = "area"
+    region: str | None = None
+    note: str | None = None
+    outline: Polygon
+    waypoints: tuple[str, ...]
+
+
+class Route(Record):
+    """A navigation task: drive from `start` to `goal` before `time_limit_s` has passed.
+
+    `via` names the waypoints the robot roughly passes; `through` are poses it must pass, in order.
+    """
+
+    name: str
+    start: Pose
+    goal: Pose
+    time_limit_s: float
+    via: tuple[str, ...] = ()
+    through: tuple[Pose, ...] = ()
+    purpose: str = ""
+    description: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class OccupancyMap:
+    """A trinary occupancy map as Nav2's map server holds it.
+
+    `cells` is uint8 (rows, columns), 0 free, 100 occupied, 255 unknown; row 0 is the lowest y.
+    `origin` is the pose of the lower left corner of cell (0, 0) in the map frame; metres.
+    """
+
+    cells: NDArray[np.uint8]
+    resolution: float
+    origin: Pose
+
+
+class Description(Record):
+    """The environment in words, written by a VLM or a person; `reviewed` says a person has accepted it."""
+
+    layout: str
+    grid: str
+    reviewed: bool = False
+    reviewer: str | None = None
+    reviewed_on: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class World:
+    """Everything known of an environment.
+
+    `map_offset` is the translation world - map (metres): zero unless the occupancy map the robot localises in
+    is shifted against the world, as in the published study.
+    """
+
+    name: str
+    title: str
+    objects: tuple[SolidObject, ...]
+    occupancy: OccupancyMap
+    lidar_height_m: float
+    grid: Grid
+    areas: tuple[Area, ...]
+    routes: tuple[Route, ...]
+    activities: tuple[str, ...] = ()
+    description: Description | None = None
+    map_offset: Point = (0.0, 0.0)
+
+    @cached_property
+    def id(self) -> str:
+        """Content id over everything that can change a run or a prompt."""
+        return content_id(
+            "world",
+            {
+                "objects": [o.model_dump(mode="json") for o in self.objects],
+                "map": self.occupancy.cells.tobytes().hex(),
+                "resolution": self.occupancy.resolution,
+                "origin": self.occupancy.origin.model_dump(mode="json"),
+                "lidar_height_m": self.lidar_height_m,
+                "grid": self.grid.model_dump(mode="json"),
+                "areas": [a.model_dump(mode="json") for a in self.areas],
+                "routes": [r.model_dump(mode="json") for r in self.routes],
+                "map_offset": list(self.map_offset),
+            },
+        )
+
+    def route(self, name: str) -> Route:
+        """The route of that name, or UnknownName."""
+        for route in self.routes:
+            if route.name == name:
+                return route
+        raise UnknownName("route", name, [r.name for r in self.routes], hint=f"World: {self.name}.")
+
+    def area(self, name: str) -> Area:
+        """The area of that name, or UnknownName."""
+        for area in self.areas:
+            if area.name == name:
+                return area
+        raise UnknownName("area", name, [a.name for a in self.areas], hint=f"World: {self.name}.")
