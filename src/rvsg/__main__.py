@@ -1,0 +1,8 @@
+"""`python -m rvsg` is the command line."""
+
+import sys
+
+from rvsg.app.cli import main
+
+if __name__ == "__main__":
+    sys.exit(main())

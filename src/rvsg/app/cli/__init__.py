@@ -1,0 +1,24 @@
+"""The command line: one verb per stage, each in its own module, loaded only when it is used.
+
+To add a verb: write `app/cli/<module>.py` with a Typer named `app` (made by `frame.verb()`; one command, or
+several for a verb with sub-verbs) and add one line to `VERBS`. Raise errors of `rvsg.errors`; the frame prints
+them as one message and ends with their exit code. Standard output carries machine-readable results only
+(`console.print_json`); everything for people goes to standard error (`console.say`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from rvsg.app.cli.frame import Verb, command_line
+
+VERBS: dict[str, Verb] = {}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit code.
+
+    0 done; 1 done, and a requirement is violated where the user asked to be told; 2 usage or input error;
+    3 interrupted but resumable; 4 an error in RVSG itself.
+    """
+    return command_line(VERBS, argv)
