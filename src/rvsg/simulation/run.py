@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import cached_property
@@ -12,6 +13,11 @@ from numpy.typing import NDArray
 from rvsg.world.records import content_id
 
 Floats = NDArray[np.float64]
+
+
+def run_id(scenario_id: str, simulator: str, options: Mapping[str, object], seed: int) -> str:
+    """The content id of a run, known before it is simulated: what is known already is not simulated again."""
+    return content_id("run", {"scenario": scenario_id, "simulator": simulator, "options": dict(options), "seed": seed})
 
 
 class Outcome(str, Enum):
@@ -79,15 +85,7 @@ class Run:
     @cached_property
     def id(self) -> str:
         """Content id of what determines the run: scenario, simulator with options, seed."""
-        return content_id(
-            "run",
-            {
-                "scenario": self.scenario_id,
-                "simulator": self.simulator,
-                "options": self.options,
-                "seed": self.seed,
-            },
-        )
+        return run_id(self.scenario_id, self.simulator, self.options, self.seed)
 
     @property
     def completed(self) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Protocol
 
 from rvsg.scenario.scenario import Scenario
@@ -15,6 +16,14 @@ class Simulator(Protocol):
     @property
     def name(self) -> str:
         """The name it is chosen by, e.g. `embedded`."""
+        ...
+
+    @property
+    def options(self) -> Mapping[str, object]:
+        """The effective options as JSON-able data (its version among them), equal to `options` of every Run it makes.
+
+        With the scenario and the seed they are the run's content id, so that a known run is not simulated again.
+        """
         ...
 
     def run(self, scenario: Scenario, world: World, *, seed: int) -> Run:
