@@ -1,12 +1,60 @@
-"""The grid of named waypoints: rows are letters along x, columns numbers along y, as in `E15`."""
+"""The grid of named waypoints: rows are letters, columns are numbers, as in `E15`."""
 
 from __future__ import annotations
 
 import heapq
 from functools import cached_property
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
 
 from rvsg.errors import UnknownName
 from rvsg.world.records import Record
+
+Radius = Annotated[float, Field(ge=0, le=5)]
+
+
+class GridSpec(Record):
+    """How the grid of a world is laid: evenly, or with the explicit coordinates of every row and column.
+
+    Rows are lettered A..Z, AA.. from top to bottom and columns numbered from left to right of the floor plan, which
+    is drawn with `up` (the x or the y axis) upwards and the world never mirrored.
+
+    Evenly: `spacing_m` between neighbours (None: 1 m, coarser in a large world, finer in a small one), through
+    `origin` (None: centred on the map). Explicitly: `rows` letter -> coordinate along the `up` axis, `columns`
+    number -> coordinate along the other axis, `moved` name -> (x, y) of single waypoints that lie elsewhere.
+    A person fits where no obstacle is nearer than `human_clearance_m`, unless `valid` lists the names that are; the
+    robot where its map shows nothing nearer than `robot_clearance_m`. A straight hop between adjacent waypoints
+    is free where no obstacle is nearer than `hop_clearance_m` (None: as for standing).
+    """
+
+    up: Literal["x", "y"] = "y"
+    spacing_m: Annotated[float, Field(ge=0.1, le=50)] | None = None
+    origin: tuple[float, float] | None = None
+    rows: dict[str, float] | None = None
+    columns: dict[int, float] | None = None
+    moved: dict[str, tuple[float, float]] = {}
+    valid: tuple[str, ...] | None = None
+    human_clearance_m: Radius = 0.3
+    robot_clearance_m: Radius = 0.3
+    hop_clearance_m: Radius | None = None
+
+    @model_validator(mode="after")
+    def _even_or_explicit(self) -> Self:
+        if (self.rows is None) != (self.columns is None):
+            raise ValueError("rows and columns are given together or not at all")
+        if self.rows is not None and self.columns is not None:
+            if self.spacing_m is not None or self.origin is not None:
+                raise ValueError("give either spacing_m and origin (even spacing) or rows and columns (coordinates)")
+            if not self.rows or not self.columns:
+                raise ValueError("rows and columns cannot be empty")
+            names = {f"{row}{column}" for row in self.rows for column in self.columns}
+            unknown = sorted({*self.moved, *(self.valid or ())} - names)
+            if unknown:
+                raise ValueError(f"there is no waypoint {', '.join(unknown)} among the rows and columns")
+        elif self.moved or self.valid is not None:
+            raise ValueError("moved and valid need rows and columns (coordinates)")
+        return self
 
 
 class Waypoint(Record):
@@ -32,6 +80,16 @@ class Grid(Record):
     columns: tuple[str, ...]
     waypoints: tuple[Waypoint, ...]
     hops: tuple[tuple[str, str], ...]
+
+    @cached_property
+    def up(self) -> Literal["x", "y"]:
+        """The axis that points up in a floor plan whose first row is on top: the one along which rows differ."""
+        first: dict[int, Waypoint] = {}
+        for waypoint in self.waypoints:
+            other = first.setdefault(waypoint.column, waypoint)
+            if other.row != waypoint.row:
+                return "x" if abs(other.x - waypoint.x) > abs(other.y - waypoint.y) else "y"
+        return "y"
 
     @cached_property
     def by_name(self) -> dict[str, Waypoint]:

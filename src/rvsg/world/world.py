@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.errors import UnknownName
-from rvsg.world.grid import Grid
+from rvsg.world.grid import Grid, GridSpec
 from rvsg.world.records import Pose, Record, content_id
 
 Point = tuple[float, float]
@@ -28,8 +28,9 @@ class SolidObject(Record):
     """A solid thing that stands still.
 
     `origin` is the model's own origin (HuNavSim aims at it when it looks for the nearest obstacle),
-    `box` its oriented bounding box, `footprint` its outline seen from above, and `slices` the outlines the
-    lidar plane cuts (a shelf shows only its legs). Metres, world frame.
+    `box` its oriented bounding box, `footprint` the outline of what a person cannot walk through, seen from above,
+    `holes` open floor inside the footprint (the room inside its walls), and `slices` the outlines the lidar plane
+    cuts (a shelf shows only its legs), solid where inside an odd number of them. Metres, world frame.
     """
 
     name: str
@@ -38,6 +39,7 @@ class SolidObject(Record):
     box: OrientedBox
     footprint: Polygon
     slices: tuple[Polygon, ...]
+    holes: tuple[Polygon, ...] = ()
 
 
 class Area(Record):
@@ -109,6 +111,7 @@ class World:
     activities: tuple[str, ...] = ()
     description: Description | None = None
     map_offset: Point = (0.0, 0.0)
+    grid_spec: GridSpec | None = None
 
     @cached_property
     def id(self) -> str:

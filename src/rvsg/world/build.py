@@ -1,0 +1,58 @@
+"""From a map, objects, labels and a grid specification to a World."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from rvsg.world.grid import Grid, GridSpec
+from rvsg.world.lattice import area_waypoints, build_grid
+from rvsg.world.space import Space, human_space_of, robot_space_of, world_map
+from rvsg.world.world import Area, Description, OccupancyMap, Point, Route, SolidObject, World
+
+LIDAR_HEIGHT_M = 0.21
+
+
+def build_world(
+    *,
+    name: str,
+    occupancy: OccupancyMap,
+    objects: Sequence[SolidObject] = (),
+    areas: Sequence[Area] = (),
+    routes: Sequence[Route] = (),
+    grid_spec: GridSpec | None = None,
+    title: str = "",
+    lidar_height_m: float = LIDAR_HEIGHT_M,
+    activities: Sequence[str] = (),
+    description: Description | None = None,
+    map_offset: Point = (0.0, 0.0),
+) -> World:
+    """Lay the grid and give every area without waypoints the ones it is worked from.
+
+    Coordinates are metres in the world frame, the occupancy map's in the map frame (world = map + `map_offset`).
+    Raises InputError where no grid can be laid.
+    """
+    spec = grid_spec or GridSpec()
+    world = World(
+        name=name,
+        title=title or name,
+        objects=tuple(objects),
+        occupancy=occupancy,
+        lidar_height_m=lidar_height_m,
+        grid=Grid(rows=(), columns=(), waypoints=(), hops=()),
+        areas=tuple(areas),
+        routes=tuple(routes),
+        activities=tuple(activities),
+        description=description,
+        map_offset=map_offset,
+        grid_spec=spec,
+    )
+    moved = world_map(world)
+    human, robot = human_space_of(world.objects, moved), robot_space_of(moved)
+    grid = build_grid(spec, human, robot)
+    filled = tuple(area if area.waypoints else _with_waypoints(area, grid, human) for area in areas)
+    return replace(world, grid=grid, areas=filled)
+
+
+def _with_waypoints(area: Area, grid: Grid, human: Space) -> Area:
+    return area.model_copy(update={"waypoints": area_waypoints(area.outline, grid, human)})

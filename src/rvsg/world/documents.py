@@ -1,0 +1,207 @@
+"""YAML files that people write: read safely into records, every mistake reported at once with its file and line."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar, get_args
+
+import yaml
+from pydantic import BaseModel, ValidationError
+
+from rvsg.errors import FileError
+
+LARGEST_FILE = 20_000_000
+MOST_NODES = 2_000_000
+
+Key = tuple[str | int, ...]
+Model = TypeVar("Model", bound=BaseModel)
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One thing wrong in a file: where and what."""
+
+    path: Path
+    line: int | None
+    message: str
+
+    def __str__(self) -> str:
+        return f"{self.path}:{self.line}: {self.message}" if self.line is not None else f"{self.path}: {self.message}"
+
+
+class DocumentError(FileError):
+    """A file, or several that belong together, with everything that is wrong in them."""
+
+    def __init__(self, problems: Iterable[Problem]) -> None:
+        self.problems = tuple(problems)
+        first = self.problems[0]
+        super().__init__(first.path, first.message, line=first.line)
+        if len(self.problems) > 1:
+            listed = "\n".join(f"  - {problem}" for problem in self.problems)
+            self.args = (f"{len(self.problems)} things are wrong:\n{listed}",)
+
+
+@dataclass(frozen=True)
+class Document:
+    """A YAML file as plain values; `lines` maps the path of keys to every value to its line, counted from 1."""
+
+    path: Path
+    value: Any
+    lines: dict[Key, int]
+
+    def line(self, *key: str | int) -> int | None:
+        """The line of the value under this path of keys, or of the nearest value around it."""
+        for length in range(len(key), -1, -1):
+            if key[:length] in self.lines:
+                return self.lines[key[:length]]
+        return None
+
+    def problem(self, message: str, *key: str | int) -> Problem:
+        """A problem of the value under this path of keys."""
+        return Problem(self.path, self.line(*key), message)
+
+
+def read_yaml(path: Path) -> Document:
+    """Read one YAML document with the safe loader; raises FileError (with the line where it can)."""
+    try:
+        size = path.stat().st_size
+        if size > LARGEST_FILE:
+            raise FileError(path, f"the file has {size} bytes; at most {LARGEST_FILE} are read")
+        text = path.read_text(encoding="utf-8-sig")
+    except FileNotFoundError:
+        raise FileError(path, "the file does not exist") from None
+    except UnicodeDecodeError as error:
+        raise FileError(path, f"the file is not UTF-8 text ({error.reason} at byte {error.start})") from None
+    except OSError as error:
+        raise FileError(path, f"the file cannot be read: {error.strerror}") from None
+    return parse_yaml(text, path)
+
+
+def parse_yaml(text: str, path: Path) -> Document:
+    """Parse YAML text that came from `path`."""
+    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)(text)
+    try:
+        node = loader.get_single_node()
+        if node is None:
+            raise FileError(path, "the file is empty")
+        lines: dict[Key, int] = {}
+        _note_lines(node, path, lines)
+        return Document(path, loader.construct_document(node), lines)
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        reason = " ".join(part for part in (error.context, error.problem) if part)
+        raise FileError(path, f"not valid YAML: {reason}", line=mark.line + 1 if mark else None) from None
+    except yaml.YAMLError as error:
+        raise FileError(path, f"not valid YAML: {error}") from None
+    except ValueError as error:  # such as a date with month 13
+        raise FileError(path, f"not valid YAML: {error}") from None
+    finally:
+        loader.dispose()
+
+
+def _note_lines(root: yaml.Node, path: Path, lines: dict[Key, int]) -> None:
+    """Note the line of every value. Bounded, so that a file of nested aliases cannot exhaust the machine."""
+    stack: list[tuple[Key, yaml.Node]] = [((), root)]
+    while stack:
+        key, node = stack.pop()
+        lines.setdefault(key, node.start_mark.line + 1)
+        if len(lines) > MOST_NODES or len(key) > 60:
+            raise FileError(path, "the file is nested too deep or refers to itself", line=node.start_mark.line + 1)
+        if isinstance(node, yaml.SequenceNode):
+            stack.extend(((*key, i), item) for i, item in enumerate(node.value))
+        elif isinstance(node, yaml.MappingNode):
+            seen: set[str] = set()
+            for name, item in node.value:
+                line = name.start_mark.line + 1
+                if name.value in seen:
+                    raise FileError(path, f'the key "{name.value}" stands here twice', line=line)
+                if isinstance(name.value, str):
+                    seen.add(name.value)
+                    lines[(*key, name.value)] = line
+                    stack.append(((*key, name.value), item))
+
+
+def read_document(path: Path, model: type[Model]) -> tuple[Model, Document]:
+    """Read a YAML file into a record; raises DocumentError with every mistake, or FileError for unreadable text."""
+    document = read_yaml(path)
+    return validated(document, model), document
+
+
+def validated(document: Document, model: type[Model]) -> Model:
+    """The document as a record; raises DocumentError with every mistake."""
+    if not isinstance(document.value, dict):
+        wanted = ", ".join(model.model_fields)
+        raise DocumentError([document.problem(f"expected keys and values ({wanted}), got {_shown(document.value)}")])
+    try:
+        return model.model_validate(document.value)
+    except ValidationError as error:
+        raise DocumentError(problems_of(error, document, model)) from None
+
+
+def problems_of(error: ValidationError, document: Document, model: type[BaseModel]) -> list[Problem]:
+    """Every error of a validation as a problem with its line, in the order of the file."""
+    found = [
+        document.problem(_message(dict(detail), model), *_file_key(detail["loc"], document))
+        for detail in error.errors(include_url=False)
+    ]
+    return sorted(set(found), key=lambda problem: (problem.line or 0, problem.message))
+
+
+def _file_key(loc: Key, document: Document) -> Key:
+    """The part of pydantic's location that is in the file (it also names branches of unions)."""
+    key: Key = ()
+    for part in loc:
+        for candidate in ((*key, part), (*key, str(part))):
+            if candidate in document.lines:
+                key = candidate
+                break
+    return key
+
+
+def _message(detail: dict[str, Any], model: type[BaseModel]) -> str:
+    loc: Key = detail["loc"]
+    place = ".".join(str(part) for part in loc)
+    if detail["type"] == "extra_forbidden":
+        return _misspelt(str(loc[-1]), ".".join(str(p) for p in loc[:-1]), _model_at(model, loc[:-1]))
+    if detail["type"] == "missing":
+        return f'"{place}" is missing'
+    message = detail["msg"].removeprefix("Value error, ")
+    if detail["type"] == "value_error":
+        return f"{place}: {message}" if place else message
+    return f"{place}: {message[:1].lower()}{message[1:]}, got {_shown(detail['input'])}"
+
+
+def _misspelt(key: str, place: str, model: type[BaseModel] | None) -> str:
+    known = list(model.model_fields) if model is not None else []
+    near = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
+    where = f" in {place}" if place else ""
+    asked = f' Did you mean "{near[0]}"?' if near else ""
+    listed = f" Known: {', '.join(known)}." if known else ""
+    return f'there is no key "{key}"{where}.{asked}{listed}'
+
+
+def _model_at(model: type[BaseModel], loc: Key) -> type[BaseModel] | None:
+    """The model whose keys stand at this location."""
+    current: type[BaseModel] | None = model
+    for part in loc:
+        if current is not None and isinstance(part, str) and part in current.model_fields:
+            current = _nested(current.model_fields[part].annotation)
+    return current
+
+
+def _nested(annotation: Any) -> type[BaseModel] | None:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    for inner in get_args(annotation):
+        found = _nested(inner)
+        if found is not None:
+            return found
+    return None
+
+
+def _shown(value: Any) -> str:
+    text = "nothing" if value is None else repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."

@@ -1,0 +1,165 @@
+"""Lays the grid: where waypoints are, who fits on them, which straight hops between adjacent ones are free."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rvsg.errors import InputError
+from rvsg.world.grid import Grid, GridSpec, Waypoint
+from rvsg.world.raster import Frame, inside_cells
+from rvsg.world.space import Space
+
+Floats = NDArray[np.float64]
+
+SPACINGS_M = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 7.5, 10.0, 15.0, 20.0)
+MOST_ROWS = 26
+MOST_COLUMNS = 40
+MOST_WAYPOINTS = 40_000
+ARM_M = 1.0
+
+
+def row_letters(index: int) -> str:
+    """The name of a row counted from 0: A..Z, AA, AB, .. as spreadsheets name their columns."""
+    letters = ""
+    index += 1
+    while index:
+        index, rest = divmod(index - 1, 26)
+        letters = chr(ord("A") + rest) + letters
+    return letters
+
+
+def build_grid(spec: GridSpec, human: Space, robot: Space) -> Grid:
+    """The grid of a specification in a world whose free space for people and robot is given.
+
+    Raises InputError where nobody fits on any waypoint or the grid has an absurd number of them.
+    """
+    rows, columns = _coordinates(spec, human)
+    if len(rows) * len(columns) > MOST_WAYPOINTS:
+        raise InputError(
+            f"a grid of {len(rows)} x {len(columns)} waypoints is too fine to be read: give a spacing_m over "
+            f"{spec.spacing_m or 0:g}, so that there are at most {MOST_WAYPOINTS} waypoints"
+        )
+    names = [f"{row}{column}" for row in rows for column in columns]
+    points = np.array([spec.moved.get(f"{r}{c}") or _point(spec, u, v) for r, u in rows.items() for c, v in columns.items()])
+    clear = human.clearances(points)
+    fits = (clear > 0) & (clear >= spec.human_clearance_m)
+    if spec.valid is not None:
+        fits = np.isin(names, spec.valid)
+    if not fits.any():
+        raise InputError(
+            f"no waypoint of the grid is {spec.human_clearance_m:g} m clear of all obstacles: "
+            "use a smaller spacing_m, another origin or a smaller human_clearance_m"
+        )
+    robot_clear = robot.clearances(points)
+    robot_fits = (robot_clear > 0) & (robot_clear >= spec.robot_clearance_m)
+    shape = (len(rows), len(columns))
+    waypoints = tuple(
+        Waypoint(name=name, x=float(x), y=float(y), row=i // shape[1], column=i % shape[1], human=bool(h), robot=bool(r))
+        for i, (name, (x, y), h, r) in enumerate(zip(names, points, fits, robot_fits, strict=True))
+    )
+    radius = spec.human_clearance_m if spec.hop_clearance_m is None else spec.hop_clearance_m
+    hops = tuple((names[a], names[b]) for a, b in _hops(points, fits, shape, human, radius))
+    return Grid(rows=tuple(rows), columns=tuple(str(c) for c in columns), waypoints=waypoints, hops=hops)
+
+
+def _point(spec: GridSpec, up: float, right: float) -> tuple[float, float]:
+    return (up, right) if spec.up == "x" else (right, up)
+
+
+def _coordinates(spec: GridSpec, space: Space) -> tuple[dict[str, float], dict[int, float]]:
+    """Rows with their coordinate along the up axis (descending), columns along the other axis."""
+    if spec.rows is not None and spec.columns is not None:
+        return spec.rows, spec.columns
+    free = np.argwhere(space.field >= spec.human_clearance_m) if (space.field > 0).any() else np.empty((0, 2))
+    if len(free) == 0:
+        raise InputError(
+            f"the map has no place that is {spec.human_clearance_m:g} m clear of obstacles: is it inverted (negate) or "
+            "all unknown? Else use a smaller human_clearance_m"
+        )
+    points = space.frame.to_metres(free[:, ::-1] + 0.5)
+    low, high = points.min(axis=0), points.max(axis=0)
+    up, right = (0, 1) if spec.up == "x" else (1, 0)
+    spacing = spec.spacing_m or fitting_spacing(float(high[up] - low[up]), float(high[right] - low[right]))
+    origin = spec.origin
+    ups = _ticks(low[up], high[up], spacing, None if origin is None else origin[up])[::-1]
+    rights = _ticks(low[right], high[right], spacing, None if origin is None else origin[right])
+    if spec.up == "x":  # with x up, y points to the left
+        rights = rights[::-1]
+    return {row_letters(i): u for i, u in enumerate(ups)}, {i + 1: v for i, v in enumerate(rights)}
+
+
+def fitting_spacing(height_m: float, width_m: float) -> float:
+    """The spacing of an even grid that a reader still takes in: at most 26 rows and 40 columns, 1 m as a rule."""
+    for spacing in SPACINGS_M:
+        if spacing < 1.0 and max(height_m, width_m) > 8.0:
+            continue
+        if height_m / spacing < MOST_ROWS and width_m / spacing < MOST_COLUMNS:
+            return spacing
+    return float(math.ceil(max(height_m / MOST_ROWS, width_m / MOST_COLUMNS)))
+
+
+def _ticks(low: float, high: float, spacing: float, through: float | None) -> list[float]:
+    """Evenly spaced coordinates from low to high: centred, or through a given coordinate."""
+    if through is None:
+        count = int((high - low) / spacing + 1e-9) + 1
+        first = (low + high) / 2 - (count - 1) * spacing / 2
+        first = round(first / 0.05) * 0.05  # readable numbers
+    else:
+        first = through + math.ceil((low - through) / spacing - 1e-9) * spacing
+        count = int((high - first) / spacing + 1e-9) + 1
+    return [round(first + i * spacing, 6) for i in range(max(count, 1))]
+
+
+def _hops(
+    points: Floats, fits: NDArray[np.bool_], shape: tuple[int, int], human: Space, radius: float
+) -> list[tuple[int, int]]:
+    """Pairs of indices of adjacent valid waypoints (eight neighbours) between which the straight way is free."""
+    index = np.arange(len(points)).reshape(shape)
+    pairs = np.concatenate(
+        [
+            np.stack([index[:, :-1].ravel(), index[:, 1:].ravel()], axis=1),
+            np.stack([index[:-1, :].ravel(), index[1:, :].ravel()], axis=1),
+            np.stack([index[:-1, :-1].ravel(), index[1:, 1:].ravel()], axis=1),
+            np.stack([index[:-1, 1:].ravel(), index[1:, :-1].ravel()], axis=1),
+        ]
+    )
+    pairs = pairs[fits[pairs].all(axis=1)]
+    free = human.segments_free(points[pairs[:, 0]], points[pairs[:, 1]], radius)
+    return sorted((int(a), int(b)) for a, b in pairs[free])
+
+
+def area_waypoints(
+    outline: Sequence[tuple[float, float]], grid: Grid, human: Space, *, reach_m: float = ARM_M
+) -> tuple[str, ...]:
+    """The waypoints from which an area is worked: a proposal.
+
+    Where most of the area is open floor, the valid waypoints inside it; otherwise (a shelf, a pile of boxes) those
+    outside it within `reach_m` metres (arm's length) of its border. Where that yields none, the nearest waypoint
+    within three times that. May be empty.
+    """
+    from shapely import Polygon, distance, points, prepare
+
+    shape = Polygon(outline)
+    prepare(shape)
+    valid = [w for w in grid.waypoints if w.human]
+    if not valid:
+        return ()
+    away = distance(shape, points([(w.x, w.y) for w in valid]))
+    inside = away == 0.0
+    if _open_share(outline, human) > 0.5 and inside.any():
+        return tuple(w.name for w, chosen in zip(valid, inside, strict=True) if chosen)
+    near = away <= reach_m
+    if not near.any() and away.min() <= 3 * reach_m:
+        near = away <= away.min() + 1e-9
+    return tuple(w.name for w, chosen in zip(valid, near, strict=True) if chosen)
+
+
+def _open_share(outline: Sequence[tuple[float, float]], space: Space) -> float:
+    """The share of an area's cells that is free of obstacles."""
+    frame: Frame = space.frame
+    cells = inside_cells([outline], frame)
+    return float((space.field[cells] > 0).mean()) if cells.any() else 0.0

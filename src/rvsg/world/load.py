@@ -1,0 +1,221 @@
+"""Reads a world folder: the shipped worlds by name, a user's own by path. Every mistake is reported at once."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from functools import lru_cache
+from pathlib import Path
+
+from rvsg.errors import FileError, InputError, UnknownName
+from rvsg.world.build import build_world
+from rvsg.world.documents import Document, DocumentError, Model, Problem, read_document
+from rvsg.world.files import DerivedMap, LabelsFile, ObjectsFile, RouteEntry, RoutesFile, WorldFile
+from rvsg.world.nav2_map import load_nav2_map
+from rvsg.world.occupancy import occupancy_from_objects
+from rvsg.world.records import Pose
+from rvsg.world.world import Area, OccupancyMap, Route, SolidObject, World
+
+SHIPPED = Path(__file__).parent / "worlds"
+
+
+def shipped_worlds() -> tuple[str, ...]:
+    """The names of the worlds that ship with RVSG."""
+    return tuple(sorted(folder.name for folder in SHIPPED.iterdir() if (folder / "world.yaml").is_file()))
+
+
+def load_world(name_or_path: str | Path) -> World:
+    """A shipped world by its name, or the world in a folder (or its world.yaml).
+
+    Raises UnknownName where there is no such world, FileError (DocumentError: everything at once) where its files
+    cannot be used.
+    """
+    path = Path(name_or_path)
+    if isinstance(name_or_path, str) and name_or_path in shipped_worlds():
+        return _shipped(name_or_path)
+    if path.name == "world.yaml" and path.is_file():
+        return read_world(path.parent)
+    if path.is_dir():
+        if not (path / "world.yaml").is_file():
+            raise FileError(path, "the folder holds no world.yaml; `rvsg world new` makes a world folder from a map")
+        return read_world(path)
+    raise UnknownName("world", str(name_or_path), shipped_worlds(), hint="Or give the folder of your own world.")
+
+
+@lru_cache(maxsize=8)
+def _shipped(name: str) -> World:
+    return read_world(SHIPPED / name)
+
+
+def read_world(folder: Path) -> World:
+    """Read the world in a folder."""
+    head, head_document = read_document(folder / "world.yaml", WorldFile)
+    parts = _Parts(folder, head)
+    objects = parts.objects()
+    areas, area_document = parts.areas()
+    routes, route_document = parts.routes()
+    occupancy = parts.occupancy(objects, routes, head_document)
+    parts.stop_at_problems()
+    assert occupancy is not None
+    drafts = tuple(_draft(entry) for entry in routes)
+    try:
+        world = build_world(
+            name=head.name,
+            title=head.title,
+            objects=objects,
+            occupancy=occupancy,
+            areas=areas,
+            routes=drafts,
+            grid_spec=head.grid,
+            lidar_height_m=head.lidar_height_m,
+            activities=head.activities,
+            description=head.description,
+            map_offset=head.map_offset,
+        )
+    except InputError as error:
+        raise DocumentError([head_document.problem(str(error), "grid")]) from None
+    return _checked(world, routes, area_document, route_document)
+
+
+class _Parts:
+    """The files beside a world.yaml; gathers what is wrong in any of them."""
+
+    def __init__(self, folder: Path, head: WorldFile) -> None:
+        self.folder = folder
+        self.head = head
+        self.problems: list[Problem] = []
+
+    def _read(self, name: str, model: type[Model]) -> tuple[Model, Document] | None:
+        try:
+            return read_document(_beside(self.folder, name), model)
+        except DocumentError as error:
+            self.problems.extend(error.problems)
+        except FileError as error:
+            self.problems.append(Problem(error.path, error.line, error.reason))
+        return None
+
+    def objects(self) -> tuple[SolidObject, ...]:
+        if self.head.objects is None:
+            return ()
+        read = self._read(self.head.objects, ObjectsFile)
+        if read is None:
+            return ()
+        self._no_doubles(read[1], "objects", [entry.name for entry in read[0].objects])
+        return tuple(entry.solid(self.head.lidar_height_m) for entry in read[0].objects)
+
+    def areas(self) -> tuple[tuple[Area, ...], Document | None]:
+        read = self._read(self.head.labels, LabelsFile)
+        if read is None:
+            return (), None
+        self._no_doubles(read[1], "areas", [entry.name for entry in read[0].areas])
+        return tuple(entry.area() for entry in read[0].areas), read[1]
+
+    def routes(self) -> tuple[tuple[RouteEntry, ...], Document | None]:
+        read = self._read(self.head.routes, RoutesFile)
+        if read is None:
+            return (), None
+        self._no_doubles(read[1], "routes", [entry.name for entry in read[0].routes])
+        return read[0].routes, read[1]
+
+    def occupancy(
+        self, objects: tuple[SolidObject, ...], routes: tuple[RouteEntry, ...], document: Document
+    ) -> OccupancyMap | None:
+        try:
+            if isinstance(self.head.map, DerivedMap):
+                seeds = [(r.start.x, r.start.y) for r in routes if isinstance(r.start, Pose)]
+                return occupancy_from_objects(objects, resolution_m=self.head.map.resolution_m, seeds=seeds)
+            return load_nav2_map(_beside(self.folder, self.head.map)).occupancy
+        except FileError as error:
+            self.problems.append(Problem(error.path, error.line, error.reason))
+        except InputError as error:
+            self.problems.append(document.problem(str(error), "map"))
+        return None
+
+    def _no_doubles(self, document: Document, key: str, names: Iterable[str]) -> None:
+        first: dict[str, int] = {}
+        for index, name in enumerate(names):
+            if name in first:
+                line = document.line(key, first[name], "name")
+                self.problems.append(
+                    document.problem(f'the name "{name}" is already given in line {line}', key, index, "name")
+                )
+            first.setdefault(name, index)
+
+    def stop_at_problems(self) -> None:
+        if self.problems:
+            raise DocumentError(self.problems)
+
+
+def _beside(folder: Path, name: str) -> Path:
+    """A file of the world folder; a world is moved and shared as a whole, so it holds its files."""
+    path = folder / name
+    if not path.resolve().is_relative_to(folder.resolve()):
+        raise FileError(folder / "world.yaml", f'the file "{name}" lies outside the world folder; copy it into {folder}')
+    return path
+
+
+def _draft(entry: RouteEntry) -> Route:
+    """The route with named ends not yet looked up; `_checked` replaces them once the grid is known."""
+    here = Pose(x=0, y=0)
+    start = entry.start if isinstance(entry.start, Pose) else here
+    goal = entry.goal if isinstance(entry.goal, Pose) else here
+    return Route(name=entry.name, start=start, goal=goal, time_limit_s=entry.time_limit_s)
+
+
+def _checked(
+    world: World, entries: tuple[RouteEntry, ...], areas: Document | None, routes: Document | None
+) -> World:
+    """The world with its routes' waypoint names looked up; raises DocumentError naming every unknown waypoint."""
+    from dataclasses import replace
+
+    problems: list[Problem] = []
+    if areas is not None:
+        for i, area in enumerate(world.areas):
+            for j, name in enumerate(area.waypoints):
+                problems += _waypoint_problems(world, name, areas, ("areas", i, "waypoints", j))
+    finished = []
+    for i, entry in enumerate(entries):
+        places = [("start", entry.start), ("goal", entry.goal)]
+        named: list[tuple[tuple[str | int, ...], str]] = [((k,), p) for k, p in places if isinstance(p, str)]
+        named += [(("through", j), p) for j, p in enumerate(entry.through) if isinstance(p, str)]
+        named += [(("via", j), name) for j, name in enumerate(entry.via)]
+        found = [p for key, name in named for p in _waypoint_problems(world, name, routes, ("routes", i, *key))]
+        problems += found
+        if not found:
+            finished.append(_route(entry, world))
+    if problems:
+        raise DocumentError(problems)
+    return replace(world, routes=tuple(finished))
+
+
+def _waypoint_problems(
+    world: World, name: str, document: Document | None, key: tuple[str | int, ...]
+) -> list[Problem]:
+    waypoint = world.grid.by_name.get(name)
+    if document is None or (waypoint is not None and waypoint.human):
+        return []
+    if waypoint is not None:
+        return [document.problem(f'nobody can stand on waypoint "{name}": it is not clear of obstacles', *key)]
+    near = difflib.get_close_matches(name, world.grid.valid, n=1, cutoff=0.5)
+    asked = f' Did you mean "{near[0]}"?' if near else ""
+    ends = f"The grid has rows {world.grid.rows[0]} to {world.grid.rows[-1]} and columns 1 to {len(world.grid.columns)}."
+    return [document.problem(f'there is no waypoint "{name}".{asked} {ends}', *key)]
+
+
+def _route(entry: RouteEntry, world: World) -> Route:
+    def pose(place: Pose | str) -> Pose:
+        if isinstance(place, Pose):
+            return place
+        x, y = world.grid.position(place)
+        return Pose(x=x, y=y)
+
+    return Route(
+        name=entry.name,
+        start=pose(entry.start),
+        goal=pose(entry.goal),
+        time_limit_s=entry.time_limit_s,
+        via=entry.via,
+        through=tuple(pose(place) for place in entry.through),
+        purpose=entry.purpose,
+        description=entry.description,
+    )

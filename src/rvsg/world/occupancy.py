@@ -1,0 +1,93 @@
+"""The occupancy map that a robot's own mapping would show of solid objects, and Nav2's map files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rvsg.errors import InputError
+from rvsg.world.raster import Frame, covering, inside_cells, outline_cells
+from rvsg.world.records import Pose
+from rvsg.world.world import OccupancyMap, SolidObject
+
+FREE, OCCUPIED, UNKNOWN = 0, 100, 255
+MOST_CELLS = 60_000_000
+
+
+def occupancy_from_objects(
+    objects: Sequence[SolidObject], *, resolution_m: float = 0.05, seeds: Iterable[tuple[float, float]] = ()
+) -> OccupancyMap:
+    """The map a lidar draws of the objects: what it hits is occupied, the floor free, the inside of things unknown.
+
+    A cell is occupied where an outline of a slice crosses it and it borders the floor. The floor is every open part
+    that holds one of the `seeds` (places where the robot drives, metres), or the largest open part without any.
+    Raises InputError where no object has a slice.
+    """
+    outlines = [polygon for thing in objects for polygon in thing.slices]
+    if not outlines:
+        raise InputError("no object is cut by the lidar plane, so there is nothing to draw a map of")
+    frame = covering(np.concatenate([np.asarray(p, float) for p in outlines]), resolution_m)
+    if frame.shape[0] * frame.shape[1] > MOST_CELLS:
+        raise InputError(
+            f"a map of {frame.shape[1]} x {frame.shape[0]} cells at {resolution_m} m is too large "
+            f"(at most {MOST_CELLS} cells): give a coarser resolution"
+        )
+    edges = outline_cells(outlines, frame)
+    solid = np.zeros(frame.shape, bool)
+    for thing in objects:
+        solid |= inside_cells(thing.slices, frame)
+    floor = _floor(~edges & ~solid, frame, list(seeds))
+    cells = np.full(frame.shape, UNKNOWN, np.uint8)
+    cells[floor] = FREE
+    cells[edges & _grown(floor)] = OCCUPIED
+    cells.setflags(write=False)
+    return OccupancyMap(cells=cells, resolution=resolution_m, origin=frame.origin)
+
+
+def _floor(open_cells: NDArray[np.bool_], frame: Frame, seeds: list[tuple[float, float]]) -> NDArray[np.bool_]:
+    from scipy.ndimage import label
+
+    parts, count = label(open_cells)
+    if count == 0:
+        raise InputError("the objects leave no open floor")
+    rows, columns = frame.shape
+    wanted = set()
+    for seed in seeds:
+        column, row = np.floor(frame.to_cells(np.array(seed))).astype(int)
+        if 0 <= row < rows and 0 <= column < columns and parts[row, column]:
+            wanted.add(int(parts[row, column]))
+    if not wanted:
+        wanted.add(int(np.argmax(np.bincount(parts.ravel())[1:])) + 1)
+    return np.isin(parts, sorted(wanted))
+
+
+def _grown(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    from scipy.ndimage import binary_dilation
+
+    return np.asarray(binary_dilation(cells, np.ones((3, 3), bool)))
+
+
+def write_map(occupancy: OccupancyMap, folder: Path, name: str = "map") -> Path:
+    """Write `name.png` and `name.yaml` in Nav2's format; returns the path of the YAML file."""
+    from PIL import Image
+
+    grey = np.full(occupancy.cells.shape, 205, np.uint8)
+    grey[occupancy.cells == FREE] = 254
+    grey[occupancy.cells == OCCUPIED] = 0
+    Image.fromarray(grey[::-1]).save(folder / f"{name}.png", optimize=False)
+    o = occupancy.origin
+    (folder / f"{name}.yaml").write_text(
+        "# The occupancy map in Nav2's format: black is occupied, white is free, grey is unknown.\n"
+        f"image: {name}.png\nmode: trinary\nresolution: {occupancy.resolution!r}\n"
+        f"origin: [{o.x!r}, {o.y!r}, {o.yaw!r}]  # x, y (m), yaw (rad) of the lower left corner\n"
+        "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    )
+    return folder / f"{name}.yaml"
+
+
+def origin_pose(origin: Sequence[float]) -> Pose:
+    """Nav2's `origin: [x, y, yaw]` as a pose."""
+    return Pose(x=origin[0], y=origin[1], yaw=origin[2])

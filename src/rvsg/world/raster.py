@@ -1,0 +1,100 @@
+"""Polygons become cells: the outline (every cell an edge crosses) and the inside (every cell whose centre is in it)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rvsg.world.records import Pose
+
+Bools = NDArray[np.bool_]
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Where a raster lies: `origin` is the pose of the lower left corner of cell (0, 0), `resolution` metres a cell.
+
+    `shape` is (rows, columns); a row is a step along the frame's y axis, a column one along its x axis.
+    """
+
+    origin: Pose
+    resolution: float
+    shape: tuple[int, int]
+
+    def to_cells(self, points: Floats) -> Floats:
+        """Points (..., 2) in metres as fractional (column, row); cell (r, c) covers [c, c + 1) x [r, r + 1)."""
+        moved = points - np.array([self.origin.x, self.origin.y])
+        if self.origin.yaw:
+            c, s = np.cos(self.origin.yaw), np.sin(self.origin.yaw)
+            moved = moved @ np.array([[c, -s], [s, c]])
+        return np.asarray(moved / self.resolution)
+
+    def to_metres(self, cells: Floats) -> Floats:
+        """Fractional (column, row) (..., 2) as points in metres; the inverse of `to_cells`."""
+        scaled = cells * self.resolution
+        if self.origin.yaw:
+            c, s = np.cos(self.origin.yaw), np.sin(self.origin.yaw)
+            scaled = scaled @ np.array([[c, s], [-s, c]])
+        return np.asarray(scaled + np.array([self.origin.x, self.origin.y]))
+
+    @property
+    def corners(self) -> Floats:
+        """The four corners of the raster in metres, (4, 2), counter-clockwise from the origin."""
+        rows, columns = self.shape
+        return self.to_metres(np.array([[0.0, 0.0], [columns, 0.0], [columns, rows], [0.0, rows]]))
+
+
+def covering(points: Floats, resolution: float, margin: float = 0.0) -> Frame:
+    """The smallest frame on multiples of `resolution` that holds the points (n, 2) and a margin in metres."""
+    low = np.floor((points.min(axis=0) - margin) / resolution + 1e-9)
+    high = np.ceil((points.max(axis=0) + margin) / resolution - 1e-9)
+    columns, rows = (int(n) for n in np.maximum(high - low, 1))
+    x, y = (round(float(v), 9) for v in low * resolution)
+    return Frame(Pose(x=x, y=y), resolution, (rows, columns))
+
+
+def outline_cells(polygons: Iterable[Sequence[tuple[float, float]]], frame: Frame) -> Bools:
+    """Every cell that an edge of a closed polygon crosses; (rows, columns)."""
+    cells = np.zeros(frame.shape, bool)
+    for polygon in polygons:
+        corners = frame.to_cells(np.asarray(polygon, float))
+        ends = np.roll(corners, -1, axis=0)
+        for a, b in zip(corners, ends, strict=True):
+            steps = max(1, int(np.ceil(np.hypot(*(b - a)) * 10)))
+            points = a + (b - a) * np.linspace(0.0, 1.0, steps + 1)[:, None]
+            _mark(cells, np.floor(points + 1e-9).astype(int))
+    return cells
+
+
+def _mark(cells: Bools, at: NDArray[np.int_]) -> None:
+    rows, columns = cells.shape
+    inside = (at[:, 0] >= 0) & (at[:, 0] < columns) & (at[:, 1] >= 0) & (at[:, 1] < rows)
+    cells[at[inside, 1], at[inside, 0]] = True
+
+
+def inside_cells(polygons: Iterable[Sequence[tuple[float, float]]], frame: Frame) -> Bools:
+    """Every cell whose centre is inside an odd number of the polygons (a ring is its outline and its hole)."""
+    cells = np.zeros(frame.shape, bool)
+    for polygon in polygons:
+        corners = frame.to_cells(np.asarray(polygon, float)) - 0.5  # cell centres have whole numbers
+        _toggle(cells, corners)
+    return cells
+
+
+def _toggle(cells: Bools, corners: Floats) -> None:
+    rows, columns = cells.shape
+    low = max(0, int(np.ceil(corners[:, 1].min())))
+    high = min(rows - 1, int(np.floor(corners[:, 1].max())))
+    ends = np.roll(corners, -1, axis=0)
+    for row in range(low, high + 1):
+        crosses = (corners[:, 1] <= row) != (ends[:, 1] <= row)
+        a, b = corners[crosses], ends[crosses]
+        at = np.sort(a[:, 0] + (row - a[:, 1]) * (b[:, 0] - a[:, 0]) / (b[:, 1] - a[:, 1]))
+        for left, right in zip(at[0::2], at[1::2], strict=True):
+            first, last = max(0, int(np.ceil(left))), min(columns - 1, int(np.floor(right)))
+            if last >= first:
+                cells[row, first : last + 1] ^= True

@@ -1,0 +1,129 @@
+"""Free space: how far every place is from the nearest obstacle, for a person and for the robot.
+
+A person cannot walk through a shelf although the lidar plane only cuts its legs: people keep clear of the objects'
+footprints and of what the map shows; the robot keeps clear of what its own map shows. Unknown cells are not free.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rvsg.world.raster import Frame, inside_cells, outline_cells
+from rvsg.world.world import OccupancyMap, SolidObject, World
+
+Bools = NDArray[np.bool_]
+Floats = NDArray[np.float64]
+
+FREE, OCCUPIED, UNKNOWN = 0, 100, 255
+
+
+@dataclass(frozen=True, eq=False)
+class Space:
+    """A field of clearances. `field` (rows, columns) is the distance in metres from a cell's centre to the nearest
+    obstacle's border (0 inside obstacles); outside the map nothing is free. Exact to half a cell's diagonal.
+    """
+
+    frame: Frame
+    field: NDArray[np.float32]
+
+    def clearances(self, points: Floats) -> Floats:
+        """Distance in metres from each of the points (..., 2) to the nearest obstacle; 0 in one or off the map."""
+        at = np.floor(self.frame.to_cells(np.asarray(points, float)) + 1e-9).astype(int)
+        rows, columns = self.frame.shape
+        on_map = (at[..., 0] >= 0) & (at[..., 0] < columns) & (at[..., 1] >= 0) & (at[..., 1] < rows)
+        column, row = np.clip(at[..., 0], 0, columns - 1), np.clip(at[..., 1], 0, rows - 1)
+        return np.where(on_map, self.field[row, column], 0.0).astype(float)
+
+    def clearance(self, x: float, y: float) -> float:
+        """Distance in metres from a point to the nearest obstacle; 0 inside one or off the map."""
+        return float(self.clearances(np.array([x, y])))
+
+    def is_free(self, x: float, y: float, radius: float = 0.0) -> bool:
+        """Whether a disc of this radius (metres) fits here; radius 0 asks whether the point itself is free."""
+        return self.clearance(x, y) > 0.0 and self.clearance(x, y) >= radius
+
+    def segments_free(self, starts: Floats, ends: Floats, radius: float = 0.0) -> Bools:
+        """For n segments (n, 2) to (n, 2): whether a disc of this radius can move straight from end to end; (n,)."""
+        starts, ends = np.atleast_2d(starts).astype(float), np.atleast_2d(ends).astype(float)
+        if len(starts) == 0:
+            return np.zeros(0, bool)
+        longest = float(np.hypot(*(ends - starts).T).max())
+        samples = max(2, int(np.ceil(longest / (self.frame.resolution / 2))) + 1)
+        free = np.ones(len(starts), bool)
+        for share in np.linspace(0.0, 1.0, samples):
+            clear = self.clearances(starts + (ends - starts) * share)
+            free &= (clear > 0.0) & (clear >= radius)
+        return free
+
+    def segment_free(self, a: tuple[float, float], b: tuple[float, float], radius: float = 0.0) -> bool:
+        """Whether a disc of this radius (metres) can move straight from `a` to `b`."""
+        return bool(self.segments_free(np.array([a]), np.array([b]), radius)[0])
+
+
+def frame_of(occupancy: OccupancyMap) -> Frame:
+    """Where the cells of an occupancy map lie."""
+    rows, columns = occupancy.cells.shape
+    return Frame(occupancy.origin, occupancy.resolution, (rows, columns))
+
+
+def space_of(blocked: Bools, frame: Frame) -> Space:
+    """The clearances around the blocked cells (rows, columns)."""
+    from scipy.ndimage import distance_transform_edt
+
+    padded = np.pad(~blocked, 1, constant_values=False)  # the world ends at the border of its map
+    cells = distance_transform_edt(padded)[1:-1, 1:-1]
+    metres = np.maximum(cells - 0.5, 0.0) * frame.resolution
+    return Space(frame, metres.astype(np.float32))
+
+
+def solid_cells(objects: Sequence[SolidObject], frame: Frame) -> Bools:
+    """The cells that the objects' footprints cover (their holes left open), borders included."""
+    cells = np.zeros(frame.shape, bool)
+    for thing in objects:
+        rings = (thing.footprint, *thing.holes)
+        cells |= inside_cells(rings, frame) | outline_cells(rings, frame)
+    return cells
+
+
+def human_space_of(objects: Sequence[SolidObject], occupancy: OccupancyMap) -> Space:
+    """Where a person can be: clear of every footprint and of all that the map does not show free."""
+    frame = frame_of(occupancy)
+    return space_of((occupancy.cells != FREE) | solid_cells(objects, frame), frame)
+
+
+def robot_space_of(occupancy: OccupancyMap) -> Space:
+    """Where the robot can be as far as its own map tells."""
+    return space_of(occupancy.cells != FREE, frame_of(occupancy))
+
+
+_human_spaces: WeakKeyDictionary[World, Space] = WeakKeyDictionary()
+_robot_spaces: WeakKeyDictionary[World, Space] = WeakKeyDictionary()
+
+
+def human_space(world: World) -> Space:
+    """Where a person can be in this world, in the world frame; computed once per world."""
+    if world not in _human_spaces:
+        _human_spaces[world] = human_space_of(world.objects, world_map(world))
+    return _human_spaces[world]
+
+
+def robot_space(world: World) -> Space:
+    """Where the robot can be in this world as far as its map tells, in the world frame; computed once per world."""
+    if world not in _robot_spaces:
+        _robot_spaces[world] = robot_space_of(world_map(world))
+    return _robot_spaces[world]
+
+
+def world_map(world: World) -> OccupancyMap:
+    """The occupancy map moved from the map frame to the world frame by the world's `map_offset`."""
+    dx, dy = world.map_offset
+    if not (dx or dy):
+        return world.occupancy
+    origin = world.occupancy.origin
+    moved = origin.model_copy(update={"x": origin.x + dx, "y": origin.y + dy})
+    return OccupancyMap(cells=world.occupancy.cells, resolution=world.occupancy.resolution, origin=moved)
