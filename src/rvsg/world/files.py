@@ -11,8 +11,6 @@ from rvsg.world.grid import GridSpec
 from rvsg.world.records import Pose, Record
 from rvsg.world.world import Area, Description, OrientedBox, Point, Polygon, Route, SolidObject
 
-FORMAT = 1
-
 Name = Annotated[str, Field(min_length=1, max_length=120)]
 Metres = Annotated[float, Field(ge=-100_000, le=100_000)]
 Ring = Annotated[tuple[tuple[Metres, Metres], ...], Field(min_length=3)]
@@ -79,9 +77,7 @@ def box_corners(box: OrientedBox) -> Polygon:
     c, s = math.cos(box.yaw), math.sin(box.yaw)
     half_x, half_y = box.size[0] / 2, box.size[1] / 2
     corners = [(-half_x, -half_y), (half_x, -half_y), (half_x, half_y), (-half_x, half_y)]
-    return tuple(
-        (round(box.center[0] + c * x - s * y, 4), round(box.center[1] + s * x + c * y, 4)) for x, y in corners
-    )
+    return tuple((round(box.center[0] + c * x - s * y, 4), round(box.center[1] + s * x + c * y, 4)) for x, y in corners)
 
 
 def _box_around(footprint: Polygon, height: float) -> OrientedBox:
@@ -194,7 +190,7 @@ class DerivedMap(Record):
 class WorldFile(Record):
     """world.yaml: what the world is and where its parts stand. `map` names a Nav2 map file beside it."""
 
-    format: Literal[1] = FORMAT
+    format: Literal[1] = 1
     name: Name
     title: str = ""
     map: DerivedMap | str

@@ -33,7 +33,7 @@ class GridSpec(Record):
     origin: tuple[float, float] | None = None
     rows: dict[str, float] | None = None
     columns: dict[int, float] | None = None
-    moved: dict[str, tuple[float, float]] = {}
+    moved: dict[str, tuple[float, float]] = Field(default_factory=dict)
     valid: tuple[str, ...] | None = None
     human_clearance_m: Radius = 0.3
     robot_clearance_m: Radius = 0.3

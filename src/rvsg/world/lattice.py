@@ -44,7 +44,9 @@ def build_grid(spec: GridSpec, human: Space, robot: Space) -> Grid:
             f"{spec.spacing_m or 0:g}, so that there are at most {MOST_WAYPOINTS} waypoints"
         )
     names = [f"{row}{column}" for row in rows for column in columns]
-    points = np.array([spec.moved.get(f"{r}{c}") or _point(spec, u, v) for r, u in rows.items() for c, v in columns.items()])
+    points = np.array(
+        [spec.moved.get(f"{r}{c}") or _point(spec, u, v) for r, u in rows.items() for c, v in columns.items()]
+    )
     clear = human.clearances(points)
     fits = (clear > 0) & (clear >= spec.human_clearance_m)
     if spec.valid is not None:
@@ -58,7 +60,9 @@ def build_grid(spec: GridSpec, human: Space, robot: Space) -> Grid:
     robot_fits = (robot_clear > 0) & (robot_clear >= spec.robot_clearance_m)
     shape = (len(rows), len(columns))
     waypoints = tuple(
-        Waypoint(name=name, x=float(x), y=float(y), row=i // shape[1], column=i % shape[1], human=bool(h), robot=bool(r))
+        Waypoint(
+            name=name, x=float(x), y=float(y), row=i // shape[1], column=i % shape[1], human=bool(h), robot=bool(r)
+        )
         for i, (name, (x, y), h, r) in enumerate(zip(names, points, fits, robot_fits, strict=True))
     )
     radius = spec.human_clearance_m if spec.hop_clearance_m is None else spec.hop_clearance_m
@@ -80,7 +84,7 @@ def _coordinates(spec: GridSpec, space: Space) -> tuple[dict[str, float], dict[i
             f"the map has no place that is {spec.human_clearance_m:g} m clear of obstacles: is it inverted (negate) or "
             "all unknown? Else use a smaller human_clearance_m"
         )
-    points = space.frame.to_metres(free[:, ::-1] + 0.5)
+    points = space.frame.to_metres(free[:, ::-1].astype(float) + 0.5)
     low, high = points.min(axis=0), points.max(axis=0)
     up, right = (0, 1) if spec.up == "x" else (1, 0)
     spacing = spec.spacing_m or fitting_spacing(float(high[up] - low[up]), float(high[right] - low[right]))

@@ -150,7 +150,9 @@ def _beside(folder: Path, name: str) -> Path:
     """A file of the world folder; a world is moved and shared as a whole, so it holds its files."""
     path = folder / name
     if not path.resolve().is_relative_to(folder.resolve()):
-        raise FileError(folder / "world.yaml", f'the file "{name}" lies outside the world folder; copy it into {folder}')
+        raise FileError(
+            folder / "world.yaml", f'the file "{name}" lies outside the world folder; copy it into {folder}'
+        )
     return path
 
 
@@ -162,9 +164,7 @@ def _draft(entry: RouteEntry) -> Route:
     return Route(name=entry.name, start=start, goal=goal, time_limit_s=entry.time_limit_s)
 
 
-def _checked(
-    world: World, entries: tuple[RouteEntry, ...], areas: Document | None, routes: Document | None
-) -> World:
+def _checked(world: World, entries: tuple[RouteEntry, ...], areas: Document | None, routes: Document | None) -> World:
     """The world with its routes' waypoint names looked up; raises DocumentError naming every unknown waypoint."""
     from dataclasses import replace
 
@@ -188,9 +188,7 @@ def _checked(
     return replace(world, routes=tuple(finished))
 
 
-def _waypoint_problems(
-    world: World, name: str, document: Document | None, key: tuple[str | int, ...]
-) -> list[Problem]:
+def _waypoint_problems(world: World, name: str, document: Document | None, key: tuple[str | int, ...]) -> list[Problem]:
     waypoint = world.grid.by_name.get(name)
     if document is None or (waypoint is not None and waypoint.human):
         return []
@@ -198,7 +196,9 @@ def _waypoint_problems(
         return [document.problem(f'nobody can stand on waypoint "{name}": it is not clear of obstacles', *key)]
     near = difflib.get_close_matches(name, world.grid.valid, n=1, cutoff=0.5)
     asked = f' Did you mean "{near[0]}"?' if near else ""
-    ends = f"The grid has rows {world.grid.rows[0]} to {world.grid.rows[-1]} and columns 1 to {len(world.grid.columns)}."
+    ends = (
+        f"The grid has rows {world.grid.rows[0]} to {world.grid.rows[-1]} and columns 1 to {len(world.grid.columns)}."
+    )
     return [document.problem(f'there is no waypoint "{name}".{asked} {ends}', *key)]
 
 

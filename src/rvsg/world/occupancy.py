@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from rvsg.errors import InputError
 from rvsg.world.raster import Frame, covering, inside_cells, outline_cells
-from rvsg.world.records import Pose
 from rvsg.world.world import OccupancyMap, SolidObject
 
 FREE, OCCUPIED, UNKNOWN = 0, 100, 255
@@ -86,8 +85,3 @@ def write_map(occupancy: OccupancyMap, folder: Path, name: str = "map") -> Path:
         "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
     )
     return folder / f"{name}.yaml"
-
-
-def origin_pose(origin: Sequence[float]) -> Pose:
-    """Nav2's `origin: [x, y, yaw]` as a pose."""
-    return Pose(x=origin[0], y=origin[1], yaw=origin[2])
