@@ -1,0 +1,101 @@
+"""From named waypoints to coordinates: a HumanConfiguration becomes the HumanAgents that a simulator moves."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from rvsg.scenario.scenario import Behaviour, ForceFactors, Human, HumanConfiguration
+from rvsg.world.grid import Grid
+from rvsg.world.records import Record
+
+Point = tuple[float, float]
+
+
+class Reaction(Record):
+    """How a human reacts to the robot while its behaviour is active; what a behaviour does not use is ignored.
+
+    `duration_s` is the time the reaction lasts, `once` whether it comes only once per run, `speed_m_s` the
+    approach speed of the curious and the speed cap of the scared, `distance_m` the range at which the surprised
+    and the scared notice the robot, the distance at which the curious stop, and how far in front of the robot the
+    threatening stand; `force` weighs the scare force. Defaults per behaviour: HuNavSim's.
+    """
+
+    duration_s: Annotated[float, Field(ge=0)] = 40.0
+    once: bool = True
+    speed_m_s: float = 1.0
+    distance_m: Annotated[float, Field(ge=0)] = 0.0
+    force: Annotated[float, Field(ge=0)] = 20.0
+
+
+def reaction_of(behaviour: Behaviour, speed_m_s: float) -> Reaction:
+    """HuNavSim's default reaction of a behaviour; `speed_m_s` is the human's walking speed."""
+    if behaviour is Behaviour.SURPRISED:
+        return Reaction(duration_s=30.0, distance_m=4.0)
+    if behaviour is Behaviour.SCARED:
+        return Reaction(duration_s=40.0, speed_m_s=0.6, distance_m=3.0, force=20.0)
+    if behaviour is Behaviour.CURIOUS:
+        return Reaction(duration_s=40.0, speed_m_s=speed_m_s, distance_m=1.5)
+    if behaviour is Behaviour.THREATENING:
+        return Reaction(duration_s=40.0, distance_m=1.4)
+    return Reaction()
+
+
+class HumanAgent(Record):
+    """One person in coordinates (metres, world frame), as a simulator moves it.
+
+    `goals` are walked in a cycle; the first lies at `start`. `pauses_s` holds, per goal, how long the human stands
+    there. `factors` are fixed or to be drawn from the run's seed.
+    """
+
+    name: str
+    start: Point
+    yaw: float = 0.0
+    goals: Annotated[tuple[Point, ...], Field(min_length=1)]
+    pauses_s: tuple[float, ...]
+    speed_m_s: float = 1.5
+    radius_m: float = 0.4
+    behaviour: Behaviour = Behaviour.REGULAR
+    reaction: Reaction = Reaction()
+    factors: ForceFactors | Literal["random_normal", "random_uniform"] = ForceFactors()
+    group: int | None = None
+    start_delay_s: float = 0.0
+
+
+def decode(people: HumanConfiguration, grid: Grid) -> tuple[HumanAgent, ...]:
+    """Look up every waypoint; raises UnknownName for one that the grid does not know.
+
+    The goals of a human are the waypoints of all its tasks in order. Where a task begins at the waypoint at which
+    the one before ended, that waypoint is one goal, not two; its pauses add up.
+    """
+    return tuple(_agent(human, grid) for human in people.humans)
+
+
+def _agent(human: Human, grid: Grid) -> HumanAgent:
+    names: list[str] = []
+    pauses: list[float] = []
+    for task in human.tasks:
+        waiting = {pause.at: pause.duration_s for pause in task.pauses}
+        for name in task.path:
+            if not names or names[-1] != name:
+                names.append(name)
+                pauses.append(0.0)
+            pauses[-1] += waiting.pop(name, 0.0)
+    if len(names) > 1 and names[-1] == names[0]:
+        pauses[0] += pauses.pop()
+        names.pop()
+    goals = tuple(grid.position(name) for name in names)
+    return HumanAgent(
+        name=human.name,
+        start=goals[0],
+        goals=goals,
+        pauses_s=tuple(pauses),
+        speed_m_s=human.speed_m_s,
+        radius_m=human.radius_m,
+        behaviour=human.behaviour,
+        reaction=reaction_of(human.behaviour, human.speed_m_s),
+        factors=human.factors,
+        group=human.group,
+        start_delay_s=human.start_delay_s,
+    )

@@ -1,0 +1,259 @@
+"""The state of all people in arrays, and how it begins."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Annotated, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from rvsg.errors import InputError
+from rvsg.scenario.agents import HumanAgent, Reaction
+from rvsg.scenario.scenario import Behaviour, ForceFactors
+from rvsg.simulation.people.obstacles import Surfaces, boxes_of
+from rvsg.simulation.seeds import stream
+from rvsg.world.records import Record
+from rvsg.world.world import World
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+PERIOD_S = 0.1
+"""People move every 0.1 s of simulated time (the study's HuNavSim ran at 10 Hz)."""
+LEG_PERIOD_M = 1.2
+CODES = {
+    Behaviour.REGULAR: 1,
+    Behaviour.IMPASSIVE: 2,
+    Behaviour.SURPRISED: 3,
+    Behaviour.SCARED: 4,
+    Behaviour.CURIOUS: 5,
+    Behaviour.THREATENING: 6,
+}
+
+
+class PeopleOptions(Record):
+    """How people are simulated.
+
+    `published_defects` replicates HuNavSim as the published study ran it (docs/explanation/people.md lists the
+    defects one by one). `factor_noise` scales the spread of drawn force factors (0: everybody has the mean),
+    `start_jitter_s` bounds the uniform delay between the robot's start and the people's, the same for all of them
+    in one run, `leg_phase_noise` says whether people begin at a random point of their gait. A social force below
+    `neglect_m_s2` per pair is left out; the published profile leaves out none.
+    """
+
+    published_defects: bool = False
+    factor_noise: Annotated[float, Field(ge=0)] = 1.0
+    start_jitter_s: tuple[float, float] = (0.0, 0.0)
+    leg_phase_noise: bool = True
+    neglect_m_s2: Annotated[float, Field(ge=0)] = 1e-3
+
+
+class Crowd(NamedTuple):
+    """N people as arrays; a compiled loop reads and changes them in place. Metres, seconds, radians, world frame.
+
+    x, y, vx, vy, yaw (N,): what a sensor sees now; `yaw` is the shown one. `walked` (N,): metres walked, with the
+    gait's random phase, for the legs a lidar sees. `logged_*` (N,): what HuNavSim publishes, the state before the
+    last tick. The other fields are parameters, goals, timers, obstacles and scratch space.
+    """
+
+    x: Floats
+    y: Floats
+    vx: Floats
+    vy: Floats
+    yaw: Floats
+    walked: Floats
+    logged_x: Floats
+    logged_y: Floats
+    logged_yaw: Floats
+    logged_speed: Floats
+    goals: Floats  # (N, G, 2), padded
+    pauses: Floats  # (N, G) seconds
+    goal_count: Ints
+    goal_index: Ints
+    pause_left: Floats
+    start_time: Floats
+    speed: Floats
+    radius: Floats
+    height: Floats  # of the point from which the obstacle search looks
+    factor_goal: Floats
+    factor_obstacle: Floats
+    factor_social: Floats
+    behaviour: Ints
+    duration: Floats
+    once: Ints
+    react_speed: Floats
+    react_distance: Floats
+    react_force: Floats
+    reacted: Floats  # accumulated reaction time
+    expired: Ints
+    group: Ints  # index of the group, -1 none
+    group_sum: Floats  # (groups, 3): sum of x, sum of y, members
+    old_x: Floats  # snapshot of the tick
+    old_y: Floats
+    old_vx: Floats
+    old_vy: Floats
+    force_x: Floats
+    force_y: Floats
+    obstacle_x: Floats
+    obstacle_y: Floats
+    obstacle_near: Ints  # 0 none, 1 outside it, -1 inside it
+    boxes: Floats  # (M, 6)
+    origins: Floats  # (M, 3)
+    segments: Floats  # (S, 4)
+    nearest: NDArray[np.int32]  # (rows, columns)
+    inside: NDArray[np.uint8]  # (rows, columns)
+    raster_x: float
+    raster_y: float
+    published: bool
+    neglect: float
+
+
+def initial(agents: Sequence[HumanAgent], world: World, *, options: PeopleOptions | None = None, seed: int) -> Crowd:
+    """Everybody at the start. Draws factors, start jitter and gait phase from named streams of the run's seed.
+
+    Raises InputError where a number is not finite; people standing in each other or in an obstacle are allowed.
+    """
+    options = options or PeopleOptions()
+    n = len(agents)
+    published = options.published_defects
+    for agent in agents:
+        if not np.isfinite([*agent.start, *np.ravel(agent.goals), *agent.pauses_s]).all():
+            raise InputError(f"human {agent.name!r} has a start, goal or pause that is not a finite number")
+    longest = max((len(agent.goals) for agent in agents), default=1)
+    goals = np.zeros((n, longest, 2))
+    pauses = np.zeros((n, longest))
+    for i, agent in enumerate(agents):
+        goals[i, : len(agent.goals)] = agent.goals
+        pauses[i, : len(agent.goals)] = agent.pauses_s
+    start = np.array([agent.start for agent in agents], dtype=np.float64).reshape(-1, 2)
+    drawn = [_drawn(agent, i, options, seed) for i, agent in enumerate(agents)]
+    names = {group: k for k, group in enumerate(sorted({a.group for a in agents if a.group is not None}))}
+    low, high = options.start_jitter_s
+    jitter = stream(seed, "people/start").uniform(low, high) if high > low else low
+    phase = stream(seed, "people/gait").uniform(0.0, LEG_PERIOD_M, n) if options.leg_phase_noise else np.zeros(n)
+    boxes, origins = boxes_of(world.objects) if published else (np.zeros((0, 6)), np.zeros((0, 3)))
+    surfaces = None if published else _surfaces(world)
+    yaw = np.array([_first_yaw(agent, published) for agent in agents], dtype=np.float64)
+
+    def column(values: Sequence[float]) -> Floats:
+        return np.array(values, dtype=np.float64)
+
+    def codes(values: Sequence[int]) -> Ints:
+        return np.array(values, dtype=np.int64)
+
+    return Crowd(
+        x=start[:, 0].copy(),
+        y=start[:, 1].copy(),
+        vx=np.zeros(n),
+        vy=np.zeros(n),
+        yaw=yaw,
+        walked=phase,
+        logged_x=start[:, 0].copy(),
+        logged_y=start[:, 1].copy(),
+        logged_yaw=yaw.copy(),
+        logged_speed=np.zeros(n),
+        goals=goals,
+        pauses=pauses,
+        goal_count=codes([len(agent.goals) for agent in agents]),
+        goal_index=np.zeros(n, np.int64),
+        pause_left=np.zeros(n),
+        start_time=column([agent.start_delay_s + jitter for agent in agents]),
+        speed=column([agent.speed_m_s for agent in agents]),
+        radius=column([agent.radius_m for agent in agents]),
+        height=column([_HEIGHTS[i % len(_HEIGHTS)] for i in range(n)]),
+        factor_goal=column([factors.goal for factors, _ in drawn]),
+        factor_obstacle=column([factors.obstacle for factors, _ in drawn]),
+        factor_social=column([factors.social for factors, _ in drawn]),
+        behaviour=codes([CODES[agent.behaviour] for agent in agents]),
+        duration=column([reaction.duration_s for _, reaction in drawn]),
+        once=codes([int(reaction.once) for _, reaction in drawn]),
+        react_speed=column([reaction.speed_m_s for _, reaction in drawn]),
+        react_distance=column([reaction.distance_m for _, reaction in drawn]),
+        react_force=column([reaction.force for _, reaction in drawn]),
+        reacted=np.full(n, -1.0),
+        expired=np.zeros(n, np.int64),
+        group=codes([-1 if agent.group is None else names[agent.group] for agent in agents]),
+        group_sum=np.zeros((max(1, len(names)), 3)),
+        old_x=np.zeros(n),
+        old_y=np.zeros(n),
+        old_vx=np.zeros(n),
+        old_vy=np.zeros(n),
+        force_x=np.zeros(n),
+        force_y=np.zeros(n),
+        obstacle_x=np.zeros(n),
+        obstacle_y=np.zeros(n),
+        obstacle_near=np.zeros(n, np.int64),
+        boxes=boxes,
+        origins=origins,
+        segments=surfaces.segments if surfaces else np.zeros((0, 4)),
+        nearest=surfaces.nearest if surfaces else np.full((1, 1), -1, np.int32),
+        inside=surfaces.inside if surfaces else np.zeros((1, 1), np.uint8),
+        raster_x=surfaces.x if surfaces else 0.0,
+        raster_y=surfaces.y if surfaces else 0.0,
+        published=published,
+        neglect=0.0 if published else options.neglect_m_s2,
+    )
+
+
+_HEIGHTS = (0.96, 0.97, 0.93, 0.93, 0.97)
+"""Height of the actors of HuNavSim by skin (metres)."""
+
+_SURFACES: dict[str, Surfaces] = {}
+
+
+def _surfaces(world: World) -> Surfaces:
+    """The surfaces of a world, worked out once per process."""
+    if world.id not in _SURFACES:
+        if len(_SURFACES) > 8:
+            _SURFACES.clear()
+        _SURFACES[world.id] = Surfaces(world)
+    return _SURFACES[world.id]
+
+
+def _first_yaw(agent: HumanAgent, published: bool) -> float:
+    if published or len(agent.goals) < 2:
+        return agent.yaw
+    dx = agent.goals[1][0] - agent.start[0]
+    dy = agent.goals[1][1] - agent.start[1]
+    return math.atan2(dy, dx) if dx or dy else agent.yaw
+
+
+def _drawn(agent: HumanAgent, index: int, options: PeopleOptions, seed: int) -> tuple[ForceFactors, Reaction]:
+    """The factors and the reaction of one human: as given, or drawn from HuNavSim's distributions of a launch.
+
+    `random_normal` and `random_uniform` are its configurations 2 and 3, with its floors, drawn in its order.
+    """
+    if isinstance(agent.factors, ForceFactors):
+        return agent.factors, agent.reaction
+    rng = stream(seed, f"people/factors/{index}")
+    normal = agent.factors == "random_normal"
+    kind = agent.behaviour
+
+    def draw(mean: float, sd: float, low: float, high: float, floor: float = -math.inf) -> float:
+        middle = mean if normal else 0.5 * (low + high)
+        value = float(rng.normal(mean, sd)) if normal else float(rng.uniform(low, high))
+        value = middle + options.factor_noise * (value - middle)
+        return max(floor, value) if normal else value
+
+    lowest = -math.inf if options.published_defects else 0.1
+    goal = draw(2.0, 1.5, 2.0, 5.0, 0.5)
+    obstacle = draw(10.0, 4.0, 8.0, 15.0, 0.5)
+    social = draw(4.0, 3.5, 2.1, 15.0, 2.0)
+    reaction = agent.reaction.model_dump()
+    if kind not in (Behaviour.REGULAR, Behaviour.IMPASSIVE):
+        reaction["duration_s"] = max(0.0, draw(40.0, 15.0, 25.0, 60.0))
+    if kind is Behaviour.CURIOUS:
+        reaction["speed_m_s"] = draw(0.8, 0.35, 0.6, 1.2, 0.4)
+        reaction["distance_m"] = max(0.0, draw(1.5, 0.3, 1.0, 2.5))
+    elif kind is Behaviour.SCARED:
+        reaction["speed_m_s"] = draw(0.8, 0.35, 0.6, 1.2, lowest)
+        reaction["distance_m"] = draw(4.5, 2.5, 2.0, 6.0, 1.5)
+        reaction["force"] = max(0.0, draw(20.0, 6.0, 10.0, 25.0))
+    elif kind is Behaviour.SURPRISED:
+        reaction["distance_m"] = draw(4.5, 2.5, 2.0, 6.0, 1.5)
+    elif kind is Behaviour.THREATENING:
+        reaction["distance_m"] = max(0.0, draw(1.4, 0.3, 0.8, 1.9))
+    return ForceFactors.model_construct(goal=goal, obstacle=obstacle, social=social), Reaction(**reaction)

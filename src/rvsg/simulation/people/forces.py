@@ -1,0 +1,114 @@
+"""The forces of the social force model as HuNavSim's lightsfm computes them. Unit mass: a force is an acceleration.
+
+Sources: Moussaïd et al., Experimental study of the behavioural mechanisms underlying self-organization in human
+crowds (2009) for the social force; Moussaïd et al., The walking behaviour of pedestrian social groups (2010) for the
+group force. The constants are lightsfm's defaults.
+"""
+
+from __future__ import annotations
+
+import math
+
+from numba import njit
+
+LAMBDA = 2.0
+GAMMA = 0.35
+N_ANGLE = 2.0
+N_SPEED = 3.0
+SIGMA_OBSTACLE_M = 0.2
+RELAXATION_S = 0.5
+GAZE = 3.0
+COHERENCE = 2.0
+REPULSION = 1.0
+
+
+@njit(cache=True, error_model="numpy")
+def wrap(angle: float) -> float:
+    """The angle in (-π, π]."""
+    while angle <= -math.pi:
+        angle += 2.0 * math.pi
+    while angle > math.pi:
+        angle -= 2.0 * math.pi
+    return angle
+
+
+@njit(cache=True, error_model="numpy")
+def desired_force(
+    dx: float, dy: float, goal_radius: float, vx: float, vy: float, speed: float, factor: float
+) -> tuple[float, float]:
+    """Pull towards a goal at (dx, dy) from here, m/s²: factor (speed·e - v) / 0.5 s; a brake where it is reached."""
+    distance = math.sqrt(dx * dx + dy * dy)
+    if distance > goal_radius:
+        return (
+            factor * (speed * dx / distance - vx) / RELAXATION_S,
+            factor * (speed * dy / distance - vy) / RELAXATION_S,
+        )
+    return -vx / RELAXATION_S, -vy / RELAXATION_S
+
+
+@njit(cache=True, error_model="numpy")
+def obstacle_force(dx: float, dy: float, radius: float, factor: float) -> tuple[float, float]:
+    """Push away from an obstacle point; (dx, dy) points from it to the human. factor·exp(-(d - radius)/0.2 m)."""
+    distance = math.sqrt(dx * dx + dy * dy)
+    size = factor * math.exp(-(distance - radius) / SIGMA_OBSTACLE_M)
+    return size * dx / distance, size * dy / distance
+
+
+@njit(cache=True, error_model="numpy")
+def social_force(dx: float, dy: float, dvx: float, dvy: float, factor: float, neglect: float) -> tuple[float, float]:
+    """Push of one other at (dx, dy) from here; (dvx, dvy) is own velocity less the other's.
+
+    With ê the direction to the other, I = 2 (v - v_j) + ê, B = 0.35 |I| and θ the angle from I to ê:
+    -exp(-D/B - (3Bθ)²) along I and -sign(θ) exp(-D/B - (2Bθ)²) across it.
+    A force surely smaller than `neglect` (m/s²; 0 for none) is taken as zero: its size is at most
+    √2·factor·exp(-D/B - (2B sin θ)²), as |θ| >= |sin θ|.
+    """
+    distance = math.sqrt(dx * dx + dy * dy)
+    ex = dx / distance
+    ey = dy / distance
+    ix = LAMBDA * dvx + ex
+    iy = LAMBDA * dvy + ey
+    length = math.sqrt(ix * ix + iy * iy)
+    b = GAMMA * length
+    tx = ix / length
+    ty = iy / length
+    decay = distance / b
+    if neglect > 0.0:
+        sine = 2.0 * b * (tx * ey - ty * ex)
+        if decay + sine * sine > math.log(1.41421356237 * factor / neglect):
+            return 0.0, 0.0
+    theta = math.atan2(tx * ey - ty * ex, tx * ex + ty * ey)
+    speed_angle = N_SPEED * b * theta
+    turn_angle = N_ANGLE * b * theta
+    along = -math.exp(-decay - speed_angle * speed_angle)
+    across = -math.exp(-decay - turn_angle * turn_angle)
+    if theta < 0.0:
+        across = -across
+    elif theta == 0.0:
+        across = 0.0
+    return factor * (along * tx - across * ty), factor * (along * ty + across * tx)
+
+
+@njit(cache=True, error_model="numpy")
+def gaze_force(ex: float, ey: float, cx: float, cy: float) -> tuple[float, float]:
+    """Pull back towards the other members (centre at (cx, cy) from here) where they are out of sight behind."""
+    along = ex * cx + ey * cy
+    if along >= 0.0:
+        return 0.0, 0.0
+    return GAZE * along * ex, GAZE * along * ey
+
+
+@njit(cache=True, error_model="numpy")
+def coherence_force(cx: float, cy: float, members: int) -> tuple[float, float]:
+    """Pull towards the centre of the whole group at (cx, cy) from here, growing beyond (members - 1)/2 metres."""
+    distance = math.sqrt(cx * cx + cy * cy)
+    size = COHERENCE * 0.5 * (1.0 + math.tanh(distance - (members - 1) / 2.0))
+    return size * cx, size * cy
+
+
+@njit(cache=True, error_model="numpy")
+def or_zero(fx: float, fy: float) -> tuple[float, float]:
+    """The force, or none where it is undefined (two at the very same spot)."""
+    if math.isfinite(fx) and math.isfinite(fy):
+        return fx, fy
+    return 0.0, 0.0
