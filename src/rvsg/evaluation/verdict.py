@@ -21,7 +21,8 @@ class Verdict(Record):
     """What repeated runs say: the objective's mean with its interval, how often it was violated and how sure that is.
 
     `violation_interval` is Clopper-Pearson at `confidence`; `interval` a bootstrap interval of the mean.
-    `undefined` counts runs whose objective has no value.
+    `undefined` counts runs whose objective has no value. `error_rate` bounds how often such a status is wrong
+    (see `rvsg.evaluation.judge`); None where nothing was decided.
     """
 
     requirement: str
@@ -35,4 +36,5 @@ class Verdict(Record):
     violation_probability: float | None = None
     violation_interval: tuple[float, float] | None = None
     confidence: float = 0.95
+    error_rate: float | None = None
     reason: str = ""

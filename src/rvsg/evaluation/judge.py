@@ -1,0 +1,148 @@
+"""From objectives of repeated runs to a Verdict, by a sequential procedure with declared error rates.
+
+Let q be the probability that a run violates the requirement. Two likelihood ratios are kept,
+
+    low  = L(often) / L(rare)             often = 0.20, rare = 0.02 by default
+    high = L(1 - rare) / L(1 - often)
+
+and, with e = `error_rate`:
+
+    PASS  when low  <= e        wrong with probability at most e if q >= often
+    FAIL  when high >= 1 / e    wrong with probability at most e if q <= 1 - often
+    FLAKY when low >= 1 / e and high <= e: violates more than rarely, and does not more than rarely;
+                                wrong with probability at most e if q <= rare or q >= 1 - rare
+    INCONCLUSIVE otherwise: more runs are needed, or the budget is spent.
+
+These are Wald's sequential probability ratio tests (1945), combined for three hypotheses as by Sobel and Wald (1949),
+with the bounds e and 1/e instead of Wald's approximations: by Ville's inequality each ratio crosses its bound wrongly
+with probability at most e *however long one looks*, so runs may be added in batches, stopped at any time and resumed.
+The status depends on the two counts only, not on their order. With the defaults 15 clean runs pass, 15 violations in
+a row fail, and a scenario that does both is flaky after 4 to 6 runs. One run never confirms anything.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Annotated, Self
+
+from pydantic import Field, model_validator
+
+from rvsg.errors import InputError
+from rvsg.evaluation.metrics import measure
+from rvsg.evaluation.statistics import clopper_pearson, mean_interval
+from rvsg.evaluation.verdict import Status, Verdict
+from rvsg.scenario.requirement import Requirement
+from rvsg.simulation.run import Run
+from rvsg.world.records import Record
+
+
+class Procedure(Record):
+    """How repeats are judged: the violation probabilities to tell apart, the error rate, the budget of runs."""
+
+    rare: Annotated[float, Field(gt=0, lt=0.5)] = 0.02
+    often: Annotated[float, Field(gt=0, lt=0.5)] = 0.20
+    error_rate: Annotated[float, Field(gt=0, lt=0.5)] = 0.05
+    confidence: Annotated[float, Field(gt=0.5, lt=1)] = 0.95
+    max_runs: Annotated[int, Field(ge=1, le=100_000)] = 30
+
+    @model_validator(mode="after")
+    def _apart(self) -> Self:
+        if self.rare >= self.often:
+            raise ValueError(f"rare ({self.rare}) must be smaller than often ({self.often})")
+        return self
+
+    def log_ratios(self, violations: int, runs: int) -> tuple[float, float]:
+        """The natural logarithms of the two likelihood ratios `low` and `high`."""
+        clean = runs - violations
+        up = math.log(self.often / self.rare)
+        down = math.log((1 - self.often) / (1 - self.rare))
+        return violations * up + clean * down, -(clean * up + violations * down)
+
+    def status(self, violations: int, runs: int) -> Status:
+        """The status that these counts justify."""
+        bound = math.log(1 / self.error_rate)
+        low, high = self.log_ratios(violations, runs)
+        if low <= -bound:
+            return Status.PASS
+        if high >= bound:
+            return Status.FAIL
+        if low >= bound and high <= -bound:
+            return Status.FLAKY
+        return Status.INCONCLUSIVE
+
+    def fewest_more(self, violations: int, runs: int) -> int:
+        """The smallest number of further runs after which the status can be decided at all; 0 if it is."""
+        for more in range(self.max_runs - runs + 1):
+            for bad in range(more + 1):
+                if self.status(violations + bad, runs + more) is not Status.INCONCLUSIVE:
+                    return more
+        return max(0, self.max_runs - runs)
+
+
+DEFAULT = Procedure()
+
+
+def objective(run: Run, requirement: Requirement) -> float | None:
+    """The value of the requirement's metric, or the robustness of its formula, for one run; None: no judgement."""
+    if requirement.formula is not None:
+        raise InputError("temporal formulas are not evaluated yet")
+    assert requirement.metric is not None
+    return measure(run, [requirement.metric])[requirement.metric]
+
+
+def judge(requirement: Requirement, objectives: Sequence[float | None], *, procedure: Procedure = DEFAULT) -> Verdict:
+    """The verdict on a scenario from the objectives of its runs, None standing for a run without judgement."""
+    known = tuple(float(value) for value in objectives if value is not None)
+    violations = sum(requirement.violated_by(value) for value in known)
+    judged = requirement.threshold is not None
+    status = procedure.status(violations, len(known)) if judged else Status.UNJUDGED
+    return Verdict(
+        requirement=requirement.name,
+        status=status,
+        objectives=known,
+        mean=math.fsum(known) / len(known) if known else None,
+        interval=mean_interval(known, procedure.confidence),
+        violations=violations,
+        runs=len(known),
+        undefined=len(objectives) - len(known),
+        violation_probability=violations / len(known) if known and judged else None,
+        violation_interval=clopper_pearson(violations, len(known), procedure.confidence) if known and judged else None,
+        confidence=procedure.confidence,
+        error_rate=procedure.error_rate if judged else None,
+        reason=_reason(status, violations, len(known), len(objectives) - len(known), procedure),
+    )
+
+
+def next_repeats(
+    requirement: Requirement, objectives: Sequence[float | None], *, procedure: Procedure = DEFAULT
+) -> int:
+    """How many more runs are worth their time now: the fewest that can decide the status; 0 when it is decided.
+
+    Runs without judgement count against the budget, so the repeats of a scenario always end. Without a limit there
+    is nothing to decide and the answer is 0.
+    """
+    if requirement.threshold is None or len(objectives) >= procedure.max_runs:
+        return 0
+    known = [value for value in objectives if value is not None]
+    violations = sum(requirement.violated_by(value) for value in known)
+    return min(procedure.fewest_more(violations, len(known)), procedure.max_runs - len(objectives))
+
+
+def _reason(status: Status, violations: int, runs: int, undefined: int, procedure: Procedure) -> str:
+    without = f"; {undefined} runs hold no judgement" if undefined else ""
+    if status is Status.UNJUDGED:
+        return f"the requirement sets no limit{without}"
+    counted = f"{violations} of {runs} runs violate the requirement{without}"
+    sure = f"wrong in at most {procedure.error_rate:.0%} of such verdicts"
+    said = {
+        Status.PASS: f"it is violated in fewer than {procedure.often:.0%} of runs ({sure})",
+        Status.FAIL: f"it is violated in more than {1 - procedure.often:.0%} of runs ({sure})",
+        Status.FLAKY: f"it is sometimes violated and sometimes not ({sure})",
+        Status.INCONCLUSIVE: (
+            f"the budget of {procedure.max_runs} runs is spent before the verdict is sure"
+            if runs + undefined >= procedure.max_runs
+            else "too few runs for a verdict"
+        ),
+    }[status]
+    return f"{counted}: {said}"

@@ -1,0 +1,157 @@
+"""Safety measures that users of mobile robots expect beside the study's: contacts, time to collision, intrusions."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rvsg.evaluation.sampled import STILL_SPEED_M_S, Flags, Sampled
+
+REACTION_S = 0.3
+BRAKING_M_S2 = 2.5
+INTIMATE_M, PERSONAL_M, SOCIAL_M = 0.45, 1.2, 3.6
+EMERGENCY_DECELERATION_M_S2 = 2.0
+ADVANCING_M = 0.05
+STANDSTILL_WINDOW_S = 5.0
+
+
+def _events(flags: Flags) -> int:
+    """How many separate stretches of True the columns of (N, H) flags hold."""
+    starts = flags[1:] & ~flags[:-1]
+    return int(starts.sum() + flags[0].sum())
+
+
+def contact_events(s: Sampled) -> float | None:
+    """Stretches of time in which the discs of robot and a person touch (gap <= 0), per person."""
+    return float(_events(s.gap <= 0.0)) if s.people else None
+
+
+def contact_time(s: Sampled) -> float | None:
+    """Seconds in which the robot touches at least one person (gap <= 0 at the end of the interval)."""
+    return float(s.dt[(s.closest_gap <= 0.0)[1:]].sum()) if s.people else None
+
+
+def contact_speed(s: Sampled) -> float | None:
+    """Largest speed of the robot relative to a person it touches; 0 without contact."""
+    if not s.people:
+        return None
+    touching = s.gap <= 0.0
+    return float(s.relative_speed[touching].max()) if touching.any() else 0.0
+
+
+def contact_robot_speed(s: Sampled) -> float | None:
+    """Largest own speed |v| of the robot while it touches a person; 0 without contact."""
+    if not s.people:
+        return None
+    touching = s.closest_gap <= 0.0
+    return float(np.abs(s.series.v[touching]).max()) if touching.any() else 0.0
+
+
+def time_to_collision(s: Sampled) -> float | None:
+    """Smallest time until the discs would touch if robot and person kept their velocities; 0 in contact.
+
+    Solves |d + w t| = r_robot + r_i for the smallest t > 0 with d the offset and w the relative velocity.
+    None where no pair is ever on a collision course.
+    """
+    if not s.people:
+        return None
+    if (s.gap <= 0.0).any():
+        return 0.0
+    dx, dy = s.offset
+    rx, ry = s.robot_velocity
+    hx, hy = s.human_velocity
+    wx, wy = hx - rx[:, None], hy - ry[:, None]
+    reach = s.run.robot_radius_m + np.asarray(s.run.human_radius_m)[None, :]
+    a = wx * wx + wy * wy
+    b = dx * wx + dy * wy
+    discriminant = b * b - a * (dx * dx + dy * dy - reach * reach)
+    course = (b < 0.0) & (discriminant >= 0.0) & (a > 0.0)
+    if not course.any():
+        return None
+    return float(((-b[course] - np.sqrt(discriminant[course])) / a[course]).min())
+
+
+def stopping_margin(s: Sampled) -> float | None:
+    """Smallest gap minus the distance the robot needs to stop, over samples in which it closes in on the person.
+
+    Stopping distance = v 0.3 s + v^2 / (2 2.5 m/s^2): reaction and the robot's braking. Negative: it could not
+    have stopped in time. Without an approach the smallest gap.
+    """
+    if not s.people:
+        return None
+    speed = np.abs(s.series.v)[:, None]
+    stopping = np.where(s.closing_speed > 0.0, speed * REACTION_S + speed**2 / (2 * BRAKING_M_S2), 0.0)
+    return float((s.gap - stopping).min())
+
+
+def _share_between(s: Sampled, low: float, high: float) -> float | None:
+    if not s.people:
+        return None
+    return float(100.0 * ((s.clamped_gap >= low) & (s.clamped_gap < high)).mean())
+
+
+def intimate_space(s: Sampled) -> float | None:
+    """Percent of samples with the closest person nearer than 0.45 m, surface to surface."""
+    return _share_between(s, 0.0, INTIMATE_M)
+
+
+def personal_space(s: Sampled) -> float | None:
+    """Percent of samples with the closest person between 0.45 m and 1.2 m."""
+    return _share_between(s, INTIMATE_M, PERSONAL_M)
+
+
+def social_space(s: Sampled) -> float | None:
+    """Percent of samples with the closest person between 1.2 m and 3.6 m."""
+    return _share_between(s, PERSONAL_M, SOCIAL_M)
+
+
+def acceleration_peak(s: Sampled) -> float | None:
+    """Largest magnitude of the robot's acceleration (mean of each interval, along and across)."""
+    return float(np.hypot(*s.acceleration).max()) if len(s) > 1 else None
+
+
+def emergency_stops(s: Sampled) -> float | None:
+    """Stops into which the robot brakes harder than 2 m/s^2 before it stands (|v| < 0.01 m/s), the arrival left out."""
+    if len(s) < 2:
+        return None
+    speed = np.abs(s.series.v)
+    braking = np.diff(speed) / s.dt < -EMERGENCY_DECELERATION_M_S2
+    moving = speed >= STILL_SPEED_M_S
+    stopped = np.flatnonzero(moving[:-1] & ~moving[1:])
+    if s.run.completed and len(stopped) and not moving[stopped[-1] + 1 :].any():
+        stopped = stopped[:-1]
+    return float(sum(bool(braking[max(0, k - 1) : k + 1].any()) for k in stopped))
+
+
+def longest_standstill(s: Sampled) -> float | None:
+    """Longest time the robot neither drives nor turns between its start and its end, seconds."""
+    if len(s) < 2:
+        return None
+    longest = current = 0.0
+    for still, dt in zip(s.still[1:], s.dt, strict=True):
+        current = current + float(dt) if still else 0.0
+        longest = max(longest, current)
+    return longest
+
+
+def detour_ratio(s: Sampled) -> float | None:
+    """Path length over the straight distance from the first to the last position; None if those coincide."""
+    if len(s) < 2:
+        return None
+    straight = float(np.hypot(s.series.x[-1] - s.series.x[0], s.series.y[-1] - s.series.y[0]))
+    return float(s.steps.sum()) / straight if straight > ADVANCING_M else None
+
+
+def heading_error(s: Sampled) -> float | None:
+    """|wrap(yaw - goal yaw)| at the end, radians."""
+    if not len(s):
+        return None
+    error = (float(s.series.yaw[-1]) - s.run.goal[2] + np.pi) % (2 * np.pi) - np.pi
+    return abs(float(error))
+
+
+def time_share(s: Sampled) -> float | None:
+    """Time to the goal over the route's time limit; at least 1 where the goal was not reached in time."""
+    if not len(s) or s.run.time_limit_s <= 0:
+        return None
+    taken = s.duration_s if s.run.completed else max(s.duration_s, s.run.time_limit_s)
+    return taken / s.run.time_limit_s

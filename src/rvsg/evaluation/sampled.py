@@ -1,0 +1,165 @@
+"""A run seen through one of its two series, with the derived signals that metrics share, each computed once.
+
+Every run has two series. `trajectory` holds our own samples, one per control tick (20 Hz); metrics read it unless
+their name ends in `_logged`. `log` holds the rows (about 2 Hz, wall clock) that the client of the published study
+would have written; the `_logged` metrics read it, so that their values compare with published ones. An imported run
+has only the log, and its trajectory is the log.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rvsg.simulation.run import Run, Trajectory
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+STILL_SPEED_M_S = 0.01
+STILL_TURN_RAD_S = 0.02
+CONTACT_GAP_M = 0.02
+
+
+def wrap(angle: Floats) -> Floats:
+    """Angles brought into [-pi, pi)."""
+    return (angle + np.pi) % (2 * np.pi) - np.pi
+
+
+@dataclass(frozen=True)
+class Sampled:
+    """One series of one run: N samples, H humans. Everything below is in SI units and the world frame."""
+
+    run: Run
+    series: Trajectory
+
+    def __len__(self) -> int:
+        return len(self.series)
+
+    @property
+    def people(self) -> int:
+        """The number of humans; 0 where there is no sample to see them in."""
+        return int(self.series.human_x.shape[1]) if len(self) else 0
+
+    @cached_property
+    def dt(self) -> Floats:
+        """(N-1,) seconds between samples."""
+        return np.diff(self.series.t)
+
+    @property
+    def duration_s(self) -> float:
+        """Seconds from the first to the last sample."""
+        return float(self.series.t[-1] - self.series.t[0]) if len(self) else 0.0
+
+    @cached_property
+    def steps(self) -> Floats:
+        """(N-1,) metres the robot moved between samples."""
+        return np.hypot(np.diff(self.series.x), np.diff(self.series.y))
+
+    @cached_property
+    def turns(self) -> Floats:
+        """(N-1,) radians the robot turned between samples, signed, the short way round."""
+        return wrap(np.diff(self.series.yaw))
+
+    @cached_property
+    def offset(self) -> tuple[Floats, Floats]:
+        """(N, H) twice: x and y from the robot to each human, metres."""
+        s = self.series
+        return s.human_x - s.x[:, None], s.human_y - s.y[:, None]
+
+    @cached_property
+    def distance(self) -> Floats:
+        """(N, H) metres between the centres of robot and human."""
+        return np.hypot(*self.offset)
+
+    @cached_property
+    def gap(self) -> Floats:
+        """(N, H) metres between the discs of robot and human; negative where they overlap."""
+        gap: Floats = self.distance - self.run.robot_radius_m - np.asarray(self.run.human_radius_m)[None, :]
+        return gap
+
+    @cached_property
+    def closest_gap(self) -> Floats:
+        """(N,) the smallest gap over the humans."""
+        closest: Floats = self.gap.min(axis=1)
+        return closest
+
+    @cached_property
+    def clamped_gap(self) -> Floats:
+        """(N,) the smallest gap, 0 where discs overlap."""
+        return np.maximum(self.closest_gap, 0.0)
+
+    @cached_property
+    def closest(self) -> NDArray[np.intp]:
+        """(N,) the index of the human whose centre is nearest."""
+        index: NDArray[np.intp] = self.distance.argmin(axis=1)
+        return index
+
+    @cached_property
+    def still(self) -> Flags:
+        """(N,) whether the robot neither drives nor turns: |v| < 0.01 m/s and |omega| < 0.02 rad/s."""
+        s = self.series
+        return (np.abs(s.v) < STILL_SPEED_M_S) & (np.abs(s.omega) < STILL_TURN_RAD_S)
+
+    @cached_property
+    def bearing_of_robot(self) -> Floats:
+        """(N, H) |angle| at which a human sees the robot off his own heading, radians."""
+        dx, dy = self.offset
+        return np.abs(wrap(np.arctan2(-dy, -dx) - self.series.human_yaw))
+
+    @cached_property
+    def bearing_of_human(self) -> Floats:
+        """(N, H) |angle| at which the robot sees a human off its heading, radians."""
+        dx, dy = self.offset
+        return np.abs(wrap(np.arctan2(dy, dx) - self.series.yaw[:, None]))
+
+    @cached_property
+    def near_contact(self) -> Flags:
+        """(N, H) the study's contact: a gap under 0.02 m."""
+        return self.gap < CONTACT_GAP_M
+
+    @cached_property
+    def robot_velocity(self) -> tuple[Floats, Floats]:
+        """(N,) twice: the robot's velocity in the world frame, m/s (it drives along its heading)."""
+        s = self.series
+        return s.v * np.cos(s.yaw), s.v * np.sin(s.yaw)
+
+    @cached_property
+    def human_velocity(self) -> tuple[Floats, Floats]:
+        """(N, H) twice: the humans' velocities in the world frame, m/s (they walk along their heading)."""
+        s = self.series
+        return s.human_speed * np.cos(s.human_yaw), s.human_speed * np.sin(s.human_yaw)
+
+    @cached_property
+    def closing_speed(self) -> Floats:
+        """(N, H) m/s at which robot and human approach each other along the line between them; negative apart."""
+        dx, dy = self.offset
+        rx, ry = self.robot_velocity
+        hx, hy = self.human_velocity
+        distance = np.where(self.distance > 1e-9, self.distance, 1.0)
+        return ((rx[:, None] - hx) * dx + (ry[:, None] - hy) * dy) / distance
+
+    @cached_property
+    def relative_speed(self) -> Floats:
+        """(N, H) m/s of the velocity of the robot relative to the human."""
+        rx, ry = self.robot_velocity
+        hx, hy = self.human_velocity
+        return np.hypot(rx[:, None] - hx, ry[:, None] - hy)
+
+    @cached_property
+    def acceleration(self) -> tuple[Floats, Floats]:
+        """(N-1,) twice: the robot's mean acceleration per interval along and across its heading, m/s^2.
+
+        Along: change of speed over time. Across: mean speed times mean turn rate.
+        """
+        s = self.series
+        return np.diff(s.v) / self.dt, (s.v[1:] + s.v[:-1]) / 2 * self.turns / self.dt
+
+    @cached_property
+    def goal_distance(self) -> Floats:
+        """(N,) metres from the robot's centre to the goal."""
+        goal_x, goal_y, _ = self.run.goal
+        return np.hypot(self.series.x - goal_x, self.series.y - goal_y)

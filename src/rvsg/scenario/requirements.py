@@ -1,0 +1,102 @@
+"""Requirements as data: the shipped ones and those of a user's file. A new one on an existing metric needs no code.
+
+A file maps names to requirements::
+
+    wide_berth:
+      title: Wide berth
+      text: The robot stays at least 0.5 m away from every person.
+      metric: min_distance        # or formula: always (distance_to_person > 0.5)
+      worse: smaller
+      limit: 0.5
+      unit: m
+      source: our risk assessment
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from importlib import resources
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from rvsg.errors import FileError, UnknownName
+from rvsg.scenario.requirement import Requirement
+from rvsg.world.marked_yaml import Marked, read_marked
+
+_FIELDS = sorted(set(Requirement.model_fields) - {"name"})
+
+
+@cache
+def _shipped() -> dict[str, Requirement]:
+    with resources.as_file(resources.files("rvsg.scenario") / "requirements.yaml") as path:
+        return load_requirements(path)
+
+
+def shipped_requirements() -> dict[str, Requirement]:
+    """The requirements that come with RVSG by name, in the order they are listed."""
+    return dict(_shipped())
+
+
+def load_requirement(name_or_path: str | Path) -> Requirement:
+    """A shipped requirement by its name, or one of a user's file as `file.yaml` or `file.yaml#name`.
+
+    `file.yaml` alone must hold exactly one. Raises UnknownName, or FileError with the line of every mistake.
+    """
+    text = str(name_or_path)
+    if text in _shipped():
+        return _shipped()[text]
+    file, _, wanted = text.partition("#")
+    if not (file.endswith((".yaml", ".yml")) or Path(file).exists()):
+        raise UnknownName("requirement", text, _shipped(), hint="Or give a file: my.yaml or my.yaml#name.")
+    found = load_requirements(Path(file))
+    if wanted:
+        if wanted not in found:
+            raise UnknownName("requirement", wanted, found, hint=f"File: {file}.")
+        return found[wanted]
+    if len(found) > 1:
+        raise FileError(file, f"holds {len(found)} requirements; say which: {file}#{next(iter(found))}")
+    return next(iter(found.values()))
+
+
+def load_requirements(path: Path) -> dict[str, Requirement]:
+    """All requirements of a file by name; a FileError lists every mistake with its line."""
+    marked = read_marked(path)
+    if not isinstance(marked.value, dict) or not marked.value:
+        raise FileError(path, 'expected a mapping from names to requirements, e.g. "R1: {title: ..., metric: dto}"')
+    found: dict[str, Requirement] = {}
+    mistakes: list[tuple[int, str]] = []
+    for name, fields in marked.value.items():
+        if not isinstance(fields, dict):
+            mistakes.append((marked.line(name), f"{name}: expected a mapping with the keys {', '.join(_FIELDS)}"))
+            continue
+        if "name" in fields:
+            mistakes.append((marked.line(name, "name"), f"{name}: the name is the key above; leave out `name`"))
+            continue
+        try:
+            found[str(name)] = Requirement.model_validate({"name": str(name), **fields})
+        except ValidationError as error:
+            mistakes += [_mistake(marked, str(name), detail["loc"], detail) for detail in error.errors()]
+    if mistakes:
+        raise _all(path, mistakes)
+    return found
+
+
+def _mistake(marked: Marked, name: str, loc: tuple[int | str, ...], detail: object) -> tuple[int, str]:
+    assert isinstance(detail, dict)
+    where = ".".join([name, *(str(part) for part in loc)])
+    if detail["type"] == "extra_forbidden":
+        said = f"{where}: there is no such key; known: {', '.join(_FIELDS)}"
+    elif detail["type"] == "missing":
+        said = f"{where}: is missing"
+    else:
+        said = f"{where}: {detail['msg'].removeprefix('Value error, ')}"
+        if loc:
+            said += f", got {detail['input']!r}"
+    return marked.line(name, *loc), said
+
+
+def _all(path: Path, mistakes: list[tuple[int, str]]) -> FileError:
+    first, *rest = sorted(mistakes)
+    message = "\n".join([first[1], *(f"{path}:{line}: {said}" for line, said in rest)])
+    return FileError(path, message, line=first[0])

@@ -1,0 +1,108 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pydantic import ValidationError
+from tests.evaluation.runs import run_of, trajectory
+
+from rvsg.evaluation.judge import Procedure, judge, next_repeats, objective
+from rvsg.evaluation.verdict import Status
+from rvsg.scenario.requirement import Requirement
+
+NEAR = Requirement(name="near", title="t", text="t", metric="min_distance", worse="smaller", limit=0.5)
+GOOD, BAD = 1.0, 0.0
+
+
+def test_fifteen_clean_runs_pass_and_fourteen_do_not():
+    assert judge(NEAR, [GOOD] * 15).status is Status.PASS
+    assert judge(NEAR, [GOOD] * 14).status is Status.INCONCLUSIVE
+
+
+def test_fifteen_violations_fail_and_one_confirms_nothing():
+    assert judge(NEAR, [BAD] * 15).status is Status.FAIL
+    assert judge(NEAR, [BAD]).status is Status.INCONCLUSIVE
+
+
+def test_a_scenario_that_does_both_is_flaky_after_a_few_runs():
+    verdict = judge(NEAR, [BAD, GOOD, BAD, GOOD])
+    assert verdict.status is Status.FLAKY
+    assert verdict.violation_probability == 0.5
+    low, high = verdict.violation_interval
+    assert low < 0.5 < high
+
+
+def test_runs_without_judgement_are_counted_apart_and_decide_nothing():
+    verdict = judge(NEAR, [None] * 20)
+    assert verdict.status is Status.INCONCLUSIVE
+    assert (verdict.undefined, verdict.runs, verdict.mean) == (20, 0, None)
+    assert "20 runs hold no judgement" in verdict.reason
+
+
+def test_a_requirement_without_a_limit_is_not_judged():
+    verdict = judge(NEAR.model_copy(update={"limit": None}), [GOOD, BAD])
+    assert verdict.status is Status.UNJUDGED
+    assert verdict.violation_interval is None
+    assert verdict.mean == 0.5
+
+
+@given(st.lists(st.booleans(), max_size=30), st.randoms(use_true_random=False))
+def test_the_order_of_runs_does_not_matter(bad, random):
+    shuffled = list(bad)
+    random.shuffle(shuffled)
+    first, second = (judge(NEAR, [BAD if b else GOOD for b in runs]).status for runs in (bad, shuffled))
+    assert first is second
+
+
+@given(st.lists(st.booleans(), max_size=35))
+def test_next_repeats_never_misses_an_earlier_decision_and_ends(bad):
+    objectives = [BAD if b else GOOD for b in bad]
+    more = next_repeats(NEAR, objectives)
+    assert 0 <= more <= max(0, 30 - len(bad))
+    if more > 1:
+        for k in range(more):
+            for violations in range(k + 1):
+                trial = objectives + [BAD] * violations + [GOOD] * (k - violations)
+                assert judge(NEAR, trial).status is Status.INCONCLUSIVE
+    if more == 0 and len(bad) < 30:
+        assert judge(NEAR, objectives).status is not Status.INCONCLUSIVE
+
+
+def test_a_first_batch_can_already_decide():
+    assert next_repeats(NEAR, []) == 4
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    st.floats(0.01, 0.1), st.floats(0.15, 0.45), st.sampled_from([0.01, 0.05, 0.1]), st.floats(0, 1), st.integers(0, 99)
+)
+def test_wrong_verdicts_stay_within_the_declared_error_rate(rare, often, error, q, seed):
+    # Followed run by run to the end and stopped at the first verdict: the worst case for a sequential procedure.
+    procedure = Procedure(rare=rare, often=often, error_rate=error, max_runs=60)
+    table = np.array(
+        [[list(Status).index(procedure.status(min(k, n), n)) for k in range(61)] for n in range(61)], dtype=int
+    )
+    chance = np.zeros(61)
+    chance[0] = 1.0
+    decided = dict.fromkeys(Status, 0.0)
+    for n in range(1, 61):
+        chance = chance * (1 - q) + np.concatenate([[0.0], chance[:-1]]) * q
+        for status in (Status.PASS, Status.FAIL, Status.FLAKY):
+            here = table[n] == list(Status).index(status)
+            decided[status] += chance[here].sum()
+            chance = np.where(here, 0.0, chance)
+    if q >= often:
+        assert decided[Status.PASS] <= error + 1e-9
+    if q <= 1 - often:
+        assert decided[Status.FAIL] <= error + 1e-9
+    if q <= rare or q >= 1 - rare:
+        assert decided[Status.FLAKY] <= error + 1e-9
+
+
+def test_hypotheses_that_overlap_are_refused():
+    with pytest.raises(ValidationError, match="must be smaller"):
+        Procedure(rare=0.3, often=0.2)
+
+
+def test_the_objective_of_a_requirement_is_its_metric():
+    run = run_of(trajectory([0, 1], 0, humans=[(2, 0)]))
+    assert objective(run, NEAR) == pytest.approx(1.25)

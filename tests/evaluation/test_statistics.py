@@ -1,0 +1,63 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import stats
+
+from rvsg.evaluation.statistics import clopper_pearson, compare, holm, magnitude_of, mean_interval, vargha_delaney
+
+SMALL = st.lists(st.integers(0, 5), min_size=1, max_size=12)
+
+
+def test_clopper_pearson_covers_every_probability_at_least_as_often_as_it_says():
+    for n in (1, 5, 10, 30):
+        bounds = [clopper_pearson(k, n) for k in range(n + 1)]
+        for q in np.linspace(0.001, 0.999, 97):
+            weights = stats.binom.pmf(np.arange(n + 1), n, q)
+            inside = np.array([low <= q <= high for low, high in bounds])
+            assert weights[inside].sum() >= 0.95 - 1e-12
+
+
+@pytest.mark.parametrize(("draw", "mean"), [("normal", 0.0), ("exponential", 1.0)])
+@pytest.mark.parametrize(("n", "least"), [(5, 0.85), (10, 0.89), (30, 0.92)])
+def test_the_interval_of_the_mean_covers_it_about_as_often_as_it_says(draw, mean, n, least):
+    rng = np.random.default_rng(7)
+    trials = 400
+    hits = 0
+    for _ in range(trials):
+        low, high = mean_interval(getattr(rng, draw)(size=n))
+        hits += low <= mean <= high
+    assert least <= hits / trials <= 0.99
+
+
+def test_equal_data_give_an_equal_interval_and_constant_data_a_point():
+    assert mean_interval([1.0, 2.0, 3.0, 4.0, 9.0]) == mean_interval([1.0, 2.0, 3.0, 4.0, 9.0])
+    assert mean_interval([2.0] * 6) == (2.0, 2.0)
+    assert mean_interval([2.0]) is None
+
+
+@given(SMALL, SMALL)
+def test_a12_is_the_share_of_pairs_won_with_ties_half(first, second):
+    pairs = [(a > b) + (a == b) / 2 for a in first for b in second]
+    assert vargha_delaney(first, second) == pytest.approx(np.mean(pairs))
+    comparison = compare(first, second)
+    assert comparison.delta == pytest.approx(np.mean([np.sign(a - b) for a in first for b in second]))
+    assert comparison.u == pytest.approx(sum(pairs))
+
+
+def test_p_is_scipys_two_sided_mann_whitney():
+    first, second = [1.0, 2.0, 3.5, 4.0], [2.5, 5.0, 6.0, 7.0, 8.0]
+    assert compare(first, second).p == stats.mannwhitneyu(first, second, alternative="two-sided").pvalue
+    assert compare([1.0, 1.0], [1.0]).p == 1.0
+    assert compare([], [1.0]) is None
+
+
+def test_holm_multiplies_by_the_number_of_tests_left_and_never_decreases():
+    assert holm({"a": 0.01, "b": 0.04, "c": 0.03}) == pytest.approx({"a": 0.03, "b": 0.06, "c": 0.06})
+
+
+@pytest.mark.parametrize(
+    ("a12", "name"), [(0.5, "negligible"), (0.556, "small"), (0.3, "medium"), (0.714, "large"), (0.0, "large")]
+)
+def test_magnitudes_are_those_of_vargha_and_delaney(a12, name):
+    assert magnitude_of(a12) == name

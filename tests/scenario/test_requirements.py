@@ -1,0 +1,48 @@
+import pytest
+
+from rvsg.errors import FileError, UnknownName
+from rvsg.scenario.requirements import load_requirement, load_requirements, shipped_requirements
+
+
+def test_the_study_requirements_and_more_are_shipped():
+    shipped = shipped_requirements()
+    assert [shipped[name].metric for name in ("R1", "R2", "R3")] == ["dto", "jerk", "trg"]
+    assert len(shipped) >= 13
+    assert all(r.source and r.threshold is not None for r in shipped.values())
+
+
+def test_a_file_of_one_requirement_is_loaded_by_its_path(tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text("berth:\n  title: Wide berth\n  text: Stay away.\n  metric: min_distance\n  limit: 0.5\n")
+    assert load_requirement(path).limit == 0.5
+    assert load_requirement(f"{path}#berth").name == "berth"
+    with pytest.raises(UnknownName, match="berth"):
+        load_requirement(f"{path}#birth")
+
+
+def test_every_mistake_of_a_file_is_told_at_once_with_its_line(tmp_path):
+    path = tmp_path / "wrong.yaml"
+    path.write_text("a:\n  title: A\n  text: A\n  metric: dto\n  limt: 3\nb:\n  title: B\n  metric: dto\nc: 7\n")
+    with pytest.raises(FileError) as caught:
+        load_requirements(path)
+    told = str(caught.value)
+    assert f"{path}:5: a.limt: there is no such key" in told
+    assert f"{path}:6: b.text: is missing" in told
+    assert f"{path}:9: c: expected a mapping" in told
+
+
+def test_metric_and_formula_together_are_refused(tmp_path):
+    path = tmp_path / "wrong.yaml"
+    path.write_text("a: {title: A, text: A, metric: dto, formula: always (speed < 1)}\n")
+    with pytest.raises(FileError, match="exactly one of metric and formula"):
+        load_requirements(path)
+
+
+def test_an_unknown_name_is_answered_with_the_nearest():
+    with pytest.raises(UnknownName, match='Did you mean "clearance"'):
+        load_requirement("clearence")
+
+
+def test_a_missing_file_is_said_to_be_missing(tmp_path):
+    with pytest.raises(FileError):
+        load_requirement(tmp_path / "absent.yaml")
