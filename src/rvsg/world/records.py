@@ -31,6 +31,10 @@ class Record(BaseModel):
         """Content id, e.g. `scenario-1f2e3d4c5b6a7988`."""
         return content_id(type(self).__name__.lower(), self.model_dump(mode="json"))
 
+    def replace(self, **changes: Any) -> Self:
+        """A record with some fields changed, validated, with an id of its own."""
+        return type(self)(**{**dict(self), **changes})
+
     def to_json(self) -> str:
         """The record as readable JSON, ending in a newline."""
         return json.dumps(self.model_dump(mode="json"), indent=2, ensure_ascii=False, allow_nan=False) + "\n"

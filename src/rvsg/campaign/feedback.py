@@ -1,0 +1,249 @@
+"""Feedback: what an attempt measured, told truthfully to whoever refines it. The one arrow that turns back.
+
+Distances between robot and human are gaps: centre distance less both radii, so 0 is contact.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rvsg.campaign.attempt import Attempt
+from rvsg.evaluation.verdict import Verdict
+from rvsg.scenario.brief import Feedback, HumanInfluence, Moment, Sample
+from rvsg.scenario.requirement import Requirement
+from rvsg.simulation.run import Run, Trajectory
+from rvsg.world.grid import Grid
+
+Floats = NDArray[np.float64]
+
+NEAR_M = 2.0
+"""A human nearer than this may influence how the robot drives (the inflation and the social zone end before it)."""
+MEETING_M = 3.0
+"""A waypoint at which a human never came nearer than this to the robot played no part in the encounter."""
+APART_S = 3.0
+"""Decisive moments of one kind that are closer together than this are one moment."""
+SERIES_PERIOD_S = 1.0
+
+
+def feedback_of(
+    attempt: Attempt,
+    runs: Sequence[Run],
+    *,
+    requirement: Requirement,
+    grid: Grid,
+    previous: Attempt | None = None,
+    moments: int = 4,
+) -> Feedback:
+    """What `attempt`, whose runs are `runs`, measured; `previous` is the attempt before it of the same scenario.
+
+    Decisive moments and the series are of the run that is worst for the robot; influences are over all runs.
+    With a single run the interval is that one value: nothing is known of the noise. ValueError where the attempt
+    has no objective or no run.
+    """
+    scenario, verdict = attempt.proposal.scenario, attempt.verdict
+    if scenario is None or verdict is None or verdict.mean is None or not runs:
+        raise ValueError("an attempt without an objective has no feedback")
+    worst = worst_run(attempt, runs, requirement)
+    before = previous.verdict if previous else None
+    return Feedback(
+        scenario=scenario,
+        objectives=verdict.objectives,
+        mean=verdict.mean,
+        interval=verdict.interval or (verdict.mean, verdict.mean),
+        violation_share=verdict.violations / verdict.runs
+        if verdict.runs and requirement.threshold is not None
+        else None,
+        previous_mean=before.mean if before else None,
+        separable=separable(before, verdict) if before and before.mean is not None else None,
+        moments=decisive_moments(worst, grid, at_most=moments),
+        influences=influences(attempt, runs, grid),
+        series=series(worst, grid, requirement),
+    )
+
+
+def worst_run(attempt: Attempt, runs: Sequence[Run], requirement: Requirement) -> Run:
+    """The run of the attempt whose objective is worst for the robot; the first of equals."""
+    badness = {m.run_id: requirement.badness(m.objective) for m in attempt.measurements if m.objective is not None}
+    return max(runs, key=lambda run: badness.get(run.id, -np.inf))
+
+
+def separable(before: Verdict, after: Verdict) -> bool:
+    """Whether the two means differ beyond noise: Welch's t test at 0.05, two-sided; never with a single run.
+
+    Welch, "The generalization of Student's problem when several different population variances are involved",
+    Biometrika 34 (1947). Two samples without any spread are separable where they differ at all.
+    """
+    from scipy.special import stdtr
+
+    a, b = np.asarray(before.objectives), np.asarray(after.objectives)
+    if len(a) < 2 or len(b) < 2:
+        return False
+    va, vb = a.var(ddof=1) / len(a), b.var(ddof=1) / len(b)
+    difference = abs(float(a.mean() - b.mean()))
+    if va + vb == 0.0:
+        return difference > 0.0
+    freedom = (va + vb) ** 2 / (va**2 / (len(a) - 1) + vb**2 / (len(b) - 1))
+    p = 2.0 * float(stdtr(freedom, -difference / np.sqrt(va + vb)))
+    return p < 0.05
+
+
+def gaps(run: Run) -> Floats:
+    """(N, H) m: surface distance between robot and every human at every sample of the trajectory."""
+    path = run.trajectory
+    centre = np.hypot(path.human_x - path.x[:, None], path.human_y - path.y[:, None])
+    gap: Floats = centre - run.robot_radius_m - np.asarray(run.human_radius_m)[None, :]
+    return gap
+
+
+def decisive_moments(run: Run, grid: Grid, *, at_most: int = 4) -> tuple[Moment, ...]:
+    """When it was decided: the closest approaches, the hardest braking and the longest stop, in order of time."""
+    path = run.trajectory
+    if len(path) == 0 or path.human_x.shape[1] == 0:
+        return ()
+    gap = gaps(run)
+    nearest = gap.min(axis=1)
+    found: list[tuple[int, str]] = []
+    for index in np.argsort(nearest, kind="stable"):
+        if len(found) >= max(1, at_most - 2) or nearest[index] > 2 * MEETING_M:
+            break
+        if all(abs(path.t[index] - path.t[other]) >= APART_S for other, _ in found):
+            found.append((int(index), "contact" if nearest[index] <= 0.02 else "closest approach"))
+    braking = _hardest_braking(path)
+    if braking is not None:
+        found.append((braking[0], f"hardest braking, {braking[1]:.1f} m/s2"))
+    stop = _longest_stop(path)
+    if stop is not None:
+        found.append((stop[0], f"stands still for {stop[1]:.1f} s from here"))
+    names = _Places(grid)
+    chosen: dict[int, str] = {}
+    for index, note in found[:at_most]:
+        chosen[index] = f"{chosen[index]}; {note}" if index in chosen else note
+    return tuple(_moment(run, gap, index, note, names) for index, note in sorted(chosen.items()))
+
+
+def influences(attempt: Attempt, runs: Sequence[Run], grid: Grid) -> tuple[HumanInfluence, ...]:
+    """What each human contributed over all runs: its closest gap, how long it was near, which waypoints never met."""
+    scenario = attempt.proposal.scenario
+    assert scenario is not None
+    planned = {human.name: human for human in scenario.people.humans}
+    names = _Places(grid)
+    all_gaps = [gaps(run) for run in runs]
+    found = []
+    for h, name in enumerate(runs[0].human_names):
+        closest = min(float(gap[:, h].min()) for gap in all_gaps)
+        share = float(np.mean([(gap[:, h] < NEAR_M).mean() for gap in all_gaps]))
+        met: dict[str, float] = {}
+        for run, gap in zip(runs, all_gaps, strict=True):
+            step = max(1, len(run.trajectory) // 400)
+            at = names.nearest(run.trajectory.human_x[::step, h], run.trajectory.human_y[::step, h])
+            for place, distance in zip(at, gap[::step, h], strict=True):
+                met[place] = min(met.get(place, np.inf), float(distance))
+        path = dict.fromkeys(w for task in planned[name].tasks for w in task.path) if name in planned else {}
+        idle = tuple(w for w in path if met.get(w, np.inf) > MEETING_M)
+        found.append(
+            HumanInfluence(name=name, closest_gap_m=closest, share_within_2_m=min(share, 1.0), idle_waypoints=idle)
+        )
+    return tuple(found)
+
+
+def series(run: Run, grid: Grid, requirement: Requirement) -> tuple[Sample, ...]:
+    """The run once a second: where everybody was, and the quantity the requirement's metric is made of."""
+    path = run.trajectory
+    if len(path) == 0:
+        return ()
+    wanted = np.arange(0.0, float(path.t[-1]) + 1e-9, SERIES_PERIOD_S)
+    rows = np.clip(np.searchsorted(path.t, wanted - 1e-9), 0, len(path) - 1)
+    values = momentary_value(run, requirement)[rows]
+    names = _Places(grid)
+    robot = names.nearest(path.x[rows], path.y[rows])
+    humans = [names.nearest(path.human_x[rows, h], path.human_y[rows, h]) for h in range(path.human_x.shape[1])]
+    return tuple(
+        Sample(
+            time_s=round(float(path.t[row]), 2),
+            robot_at=robot[k],
+            humans_at={name: humans[h][k] for h, name in enumerate(run.human_names)},
+            value=round(float(values[k]), 3) if np.isfinite(values[k]) else None,
+        )
+        for k, row in enumerate(rows)
+    )
+
+
+def momentary_value(run: Run, requirement: Requirement) -> Floats:
+    """(N,) what the requirement's metric is made of at every sample.
+
+    Metrics of jerk: m/s3. Of time, path and progress: distance to the goal, m. All others: gap to the nearest
+    human, m (NaN without humans).
+    """
+    path = run.trajectory
+    metric = requirement.metric or ""
+    if "jerk" in metric:
+        jerk = np.abs(np.diff(path.acceleration, prepend=path.acceleration[:1]))
+        step = np.diff(path.t, prepend=path.t[:1])
+        value: Floats = np.divide(jerk, step, out=np.zeros_like(jerk), where=step > 0)
+        return value
+    if metric in ("trg", "tnm", "pl", "chc") or "time" in metric or "goal" in metric:
+        return np.asarray(np.hypot(path.x - run.goal[0], path.y - run.goal[1]))
+    gap = gaps(run)
+    return np.asarray(gap.min(axis=1)) if gap.shape[1] else np.full(len(path), np.nan)
+
+
+class _Places:
+    """Names of the valid waypoints nearest to points; ties go to the earlier in grid order, as `Grid.nearest`."""
+
+    def __init__(self, grid: Grid) -> None:
+        valid = [w for w in grid.waypoints if w.human]
+        self.names = [w.name for w in valid]
+        self.at = np.array([(w.x, w.y) for w in valid])
+
+    def nearest(self, x: Floats, y: Floats) -> list[str]:
+        """One name for each of the points x (K,), y (K,)."""
+        squared = (self.at[None, :, 0] - x[:, None]) ** 2 + (self.at[None, :, 1] - y[:, None]) ** 2
+        return [self.names[i] for i in squared.argmin(axis=1)]
+
+
+def _moment(run: Run, gap: Floats, index: int, note: str, names: _Places) -> Moment:
+    path = run.trajectory
+    closest = int(gap[index].argmin())
+    return Moment(
+        time_s=round(float(path.t[index]), 2),
+        robot_at=names.nearest(path.x[index : index + 1], path.y[index : index + 1])[0],
+        humans_at=dict(zip(run.human_names, names.nearest(path.human_x[index], path.human_y[index]), strict=True)),
+        closest_human=run.human_names[closest],
+        gap_m=round(float(gap[index, closest]), 3),
+        robot_speed_m_s=round(float(path.v[index]), 3),
+        note=note,
+    )
+
+
+def _hardest_braking(path: Trajectory) -> tuple[int, float] | None:
+    """The sample of the strongest deceleration over half a second before the robot arrives, from 0.3 m/s2 on."""
+    end = float(path.t[-1]) - 1.5
+    later = np.searchsorted(path.t, path.t + 0.5)
+    usable = (later < len(path)) & (path.t <= end)
+    if not usable.any():
+        return None
+    index = np.flatnonzero(usable)
+    drop = (path.v[index] - path.v[later[index]]) / (path.t[later[index]] - path.t[index])
+    hardest = int(drop.argmax())
+    return (int(index[hardest]), float(drop[hardest])) if drop[hardest] >= 0.3 else None
+
+
+def _longest_stop(path: Trajectory) -> tuple[int, float] | None:
+    """The first sample and the duration (s) of the longest standstill of at least 1 s after the robot first moved."""
+    moving = (np.abs(path.v) >= 0.01) | (np.abs(path.omega) >= 0.02)
+    if not moving.any():
+        return None
+    best: tuple[int, float] | None = None
+    begin: int | None = None
+    for index in range(int(moving.argmax()), len(path)):
+        if moving[index]:
+            begin = None
+            continue
+        begin = index if begin is None else begin
+        lasted = float(path.t[index] - path.t[begin])
+        if lasted >= 1.0 and (best is None or lasted > best[1]):
+            best = (begin, lasted)
+    return best

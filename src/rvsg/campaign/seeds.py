@@ -1,0 +1,31 @@
+"""Every seed of a campaign follows from one: by the purpose's name and an index, never by the order of events."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Collection
+
+import numpy as np
+
+
+def seed_for(campaign_seed: int, purpose: str, *index: int) -> int:
+    """The seed (0 to 2**32 - 1) for one purpose and index, e.g. `seed_for(7, "search", attempt, repeat)`.
+
+    Other purposes, other indices and other campaign seeds give independent seeds; so the same scenario meets the
+    same noise whether runs are made one after the other, in parallel, or after a resume.
+    """
+    name = int.from_bytes(hashlib.sha256(purpose.encode()).digest()[:4], "little")
+    return int(np.random.SeedSequence(campaign_seed, spawn_key=(name, *index)).generate_state(1)[0])
+
+
+def fresh_seeds(campaign_seed: int, purpose: str, count: int, *, used: Collection[int]) -> tuple[int, ...]:
+    """`count` different seeds for a purpose, none of them in `used`."""
+    found: dict[int, None] = {}
+    taken = set(used)
+    index = 0
+    while len(found) < count:
+        seed = seed_for(campaign_seed, purpose, index)
+        if seed not in taken:
+            found[seed] = None
+        index += 1
+    return tuple(found)

@@ -1,0 +1,126 @@
+"""A Run as bytes and as JSON, and back: exact to the last bit.
+
+As JSON a run is one object: what `RunHeader` says, and `arrays`, each a list (a list of rows where it has a row per
+sample and a column per human). As bytes it is the header's JSON and a compressed NumPy archive of the same arrays.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+from typing import Any
+
+import numpy as np
+import pydantic
+from numpy.typing import NDArray
+from pydantic import Field
+
+from rvsg.errors import InputError
+from rvsg.simulation.run import Outcome, Run, Trajectory
+from rvsg.world.records import Record, canonical_json
+
+PER_SAMPLE = ("t", "x", "y", "yaw", "v", "omega", "acceleration")
+PER_HUMAN = ("human_x", "human_y", "human_yaw", "human_speed")
+
+
+class RunHeader(Record):
+    """All of a Run but its arrays; `same_log` says that the log is the trajectory."""
+
+    scenario_id: str
+    simulator: str
+    options: dict[str, Any]
+    seed: int
+    outcome: Outcome
+    clock_ratio: float = 1.0
+    human_names: tuple[str, ...]
+    robot_radius_m: float = 0.35
+    human_radius_m: tuple[float, ...]
+    goal: tuple[float, float, float]
+    time_limit_s: float
+    recoveries: int = 0
+    details: dict[str, Any] = Field(default_factory=dict)
+    same_log: bool = False
+
+
+def header_of(run: Run) -> RunHeader:
+    """The run without its arrays."""
+    return RunHeader(
+        **{name: getattr(run, name) for name in RunHeader.model_fields if name != "same_log"},
+        same_log=run.log is run.trajectory,
+    )
+
+
+def arrays_of(run: Run) -> dict[str, NDArray[np.float64]]:
+    """The run's arrays by name: `trajectory.x`, `log.x`, ..., `imu`."""
+    found = {f"trajectory.{name}": getattr(run.trajectory, name) for name in PER_SAMPLE + PER_HUMAN}
+    if run.log is not run.trajectory:
+        found |= {f"log.{name}": getattr(run.log, name) for name in PER_SAMPLE + PER_HUMAN}
+    found["imu"] = run.imu
+    return {name: np.asarray(array, dtype=np.float64) for name, array in found.items()}
+
+
+def assemble(header: RunHeader, arrays: dict[str, NDArray[np.float64]]) -> Run:
+    """The run of a header and arrays; InputError where their shapes do not fit or a number is not finite."""
+    trajectory = _trajectory("trajectory", arrays, len(header.human_names))
+    log = trajectory if header.same_log else _trajectory("log", arrays, len(header.human_names))
+    if len(header.human_radius_m) != len(header.human_names):
+        raise InputError("human_radius_m must have one radius for each of human_names")
+    fields = {name: getattr(header, name) for name in RunHeader.model_fields if name != "same_log"}
+    return Run(**fields, trajectory=trajectory, log=log, imu=arrays.get("imu", np.empty(0)))
+
+
+def pack(run: Run) -> tuple[str, bytes]:
+    """The run as the canonical JSON of its header and a compressed archive; equal runs give equal bytes."""
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, **arrays_of(run))  # type: ignore[arg-type]
+    return canonical_json(header_of(run).model_dump(mode="json")), buffer.getvalue()
+
+
+def unpack(header: str, archive: bytes) -> Run:
+    """The run that `pack` packed."""
+    with np.load(io.BytesIO(archive), allow_pickle=False) as found:
+        return assemble(RunHeader.from_json(header), {name: found[name] for name in found.files})
+
+
+def run_to_json(run: Run) -> str:
+    """The run as one JSON object, ending in a newline."""
+    value = header_of(run).model_dump(mode="json") | {
+        "arrays": {name: array.tolist() for name, array in arrays_of(run).items()}
+    }
+    return json.dumps(value, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def run_from_json(text: str | bytes) -> Run:
+    """Read a run; InputError says what is wrong with it."""
+    try:
+        value = json.loads(text)
+    except ValueError as error:
+        raise InputError(f"this is not JSON: {error}") from None
+    if not isinstance(value, dict) or not isinstance(value.get("arrays"), dict):
+        raise InputError("a run is a JSON object with `arrays`; `rvsg simulate` writes one")
+    listed = value.pop("arrays")
+    try:
+        header = RunHeader.model_validate_json(json.dumps(value))
+        arrays = {str(name): np.asarray(array, dtype=np.float64) for name, array in listed.items()}
+    except pydantic.ValidationError as error:
+        raise InputError(f"this is not a run: {error}") from None
+    except (TypeError, ValueError) as error:
+        raise InputError(f"an array of this run is not made of numbers: {error}") from None
+    return assemble(header, arrays)
+
+
+def _trajectory(prefix: str, arrays: dict[str, NDArray[np.float64]], humans: int) -> Trajectory:
+    found: dict[str, NDArray[np.float64]] = {}
+    for name in PER_SAMPLE + PER_HUMAN:
+        array = arrays.get(f"{prefix}.{name}")
+        if array is None:
+            raise InputError(f"the run lacks the array {prefix}.{name}")
+        if name in PER_HUMAN and array.size == 0:
+            array = array.reshape(len(arrays[f"{prefix}.t"]), humans)
+        expected = (len(arrays[f"{prefix}.t"]),) + ((humans,) if name in PER_HUMAN else ())
+        if array.shape != expected:
+            raise InputError(f"{prefix}.{name} has the shape {array.shape}, expected {expected}")
+        if not np.isfinite(array).all():
+            raise InputError(f"{prefix}.{name} holds numbers that are not finite")
+        found[name] = array
+    return Trajectory(**found)

@@ -1,0 +1,229 @@
+"""The SQLite ledger: one file, one transaction per attempt, every record by its content id.
+
+The file is in WAL mode with full synchronisation at commit points: what was committed survives a kill. Its
+`user_version` is the number of migrations applied, its `application_id` says it is ours.
+"""
+
+from __future__ import annotations
+
+import datetime
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Self
+
+import sqlalchemy as sa
+from sqlalchemy.exc import DatabaseError, IntegrityError
+
+import rvsg
+from rvsg.campaign.attempt import Attempt
+from rvsg.errors import NewerStore, StoreError
+from rvsg.simulation.archive import pack, unpack
+from rvsg.simulation.run import Run
+from rvsg.store.migrations import APPLICATION_ID, MIGRATIONS
+from rvsg.world.records import canonical_json
+
+_meta = sa.MetaData()
+_campaigns = sa.Table(
+    "campaigns",
+    _meta,
+    sa.Column("name", sa.Text, primary_key=True),
+    sa.Column("settings", sa.Text),
+    sa.Column("version", sa.Text),
+    sa.Column("begun", sa.Text),
+)
+_attempts = sa.Table(
+    "attempts",
+    _meta,
+    sa.Column("campaign", sa.Text, primary_key=True),
+    sa.Column("position", sa.Integer, primary_key=True),
+    sa.Column("id", sa.Text),
+    sa.Column("purpose", sa.Text),
+    sa.Column("scenario_id", sa.Text),
+    sa.Column("record", sa.Text),
+)
+_runs = sa.Table(
+    "runs",
+    _meta,
+    sa.Column("id", sa.Text, primary_key=True),
+    sa.Column("scenario_id", sa.Text),
+    sa.Column("seed", sa.Integer),
+    sa.Column("header", sa.Text),
+    sa.Column("arrays", sa.LargeBinary),
+)
+
+
+class SqliteLedger:
+    """A ledger in one SQLite file, made where absent. Use it as a context manager, or `close` it.
+
+    `create` False raises StoreError where the file is absent. NewerStore where a newer RVSG wrote it.
+    """
+
+    def __init__(self, path: str | Path, *, create: bool = True) -> None:
+        self.path = Path(path)
+        if not self.path.exists() and not create:
+            raise StoreError(f"{self.path}: there is no store here. `rvsg run --out DIR` makes DIR/ledger.sqlite.")
+        self._engine = sa.create_engine(
+            sa.URL.create("sqlite", database=str(self.path)), connect_args={"timeout": 30.0}
+        )
+        sa.event.listen(self._engine, "connect", _configure)
+        with self._translated(), self._engine.connect() as connection:
+            _migrate(connection, self.path)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Give the file free."""
+        self._engine.dispose()
+
+    def begin(self, campaign: str, settings: Mapping[str, Any]) -> None:
+        """Keep the settings of a new campaign; again with equal settings changes nothing."""
+        text = canonical_json(dict(settings))
+        known = self.settings(campaign)
+        if known is not None:
+            if canonical_json(known) != text:
+                raise StoreError(f"{self.path}: campaign {campaign!r} was begun with other settings")
+            return
+        row = {
+            "name": campaign,
+            "settings": text,
+            "version": rvsg.__version__,
+            "begun": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        }
+        with self._translated(), self._engine.begin() as connection:
+            connection.execute(_campaigns.insert().values(row))
+
+    def settings(self, campaign: str) -> dict[str, Any] | None:
+        """The settings of a campaign; None where it was never begun."""
+        query = sa.select(_campaigns.c.settings).where(_campaigns.c.name == campaign)
+        with self._translated(), self._engine.connect() as connection:
+            text = connection.execute(query).scalar_one_or_none()
+        return None if text is None else dict(json.loads(text))
+
+    def campaigns(self) -> tuple[str, ...]:
+        """The names of all campaigns, those with attempts only included, in the order they were begun."""
+        with self._translated(), self._engine.connect() as connection:
+            begun = connection.execute(sa.select(_campaigns.c.name).order_by(sa.text("rowid"))).scalars().all()
+            others = connection.execute(sa.select(_attempts.c.campaign).distinct()).scalars().all()
+        return tuple(dict.fromkeys([*begun, *sorted(others)]))
+
+    def keep(self, run: Run) -> None:
+        """Keep a run; one of the same id that is known already stays as it is."""
+        with self._translated(), self._engine.begin() as connection:
+            _keep(connection, run)
+
+    def append(self, attempt: Attempt, runs: Sequence[Run]) -> None:
+        """Keep an attempt with its runs in one transaction; StoreError where its index is taken."""
+        scenario = attempt.proposal.scenario
+        row = {
+            "campaign": attempt.campaign,
+            "position": attempt.index,
+            "id": attempt.id,
+            "purpose": attempt.purpose,
+            "scenario_id": scenario.id if scenario else None,
+            "record": canonical_json(attempt.model_dump(mode="json")),
+        }
+        try:
+            with self._engine.begin() as connection:
+                for run in runs:
+                    _keep(connection, run)
+                connection.execute(_attempts.insert().values(row))
+        except IntegrityError:
+            raise StoreError(
+                f"{self.path}: attempt {attempt.index} of campaign {attempt.campaign!r} is there already. "
+                "Does another process work on the same folder?"
+            ) from None
+        except DatabaseError as error:
+            raise self._error(error) from None
+
+    def attempts(self, campaign: str) -> Iterator[Attempt]:
+        """The attempts of a campaign in the order of their index; StoreError where a record was altered."""
+        query = (
+            sa.select(_attempts.c.id, _attempts.c.record)
+            .where(_attempts.c.campaign == campaign)
+            .order_by(_attempts.c.position)
+        )
+        with self._translated(), self._engine.connect() as connection:
+            rows = connection.execute(query).all()
+        for kept_id, record in rows:
+            attempt = Attempt.from_json(record)
+            if attempt.id != kept_id:
+                raise StoreError(f"{self.path}: attempt {attempt.index} of {campaign!r} is not what was stored")
+            yield attempt
+
+    def run(self, run_id: str) -> Run:
+        """The run of that id; StoreError where there is none."""
+        found = self.find(run_id)
+        if found is None:
+            raise StoreError(f"{self.path}: there is no run {run_id!r}")
+        return found
+
+    def find(self, run_id: str) -> Run | None:
+        """The run of that id, or None."""
+        query = sa.select(_runs.c.header, _runs.c.arrays).where(_runs.c.id == run_id)
+        with self._translated(), self._engine.connect() as connection:
+            row = connection.execute(query).one_or_none()
+        return None if row is None else unpack(row.header, row.arrays)
+
+    def _translated(self) -> _Translated:
+        return _Translated(self)
+
+    def _error(self, error: DatabaseError) -> StoreError:
+        reason = str(error.orig)
+        if "locked" in reason:
+            reason += "; another process holds it"
+        return StoreError(f"{self.path}: {reason}")
+
+
+class _Translated:
+    """A database error inside becomes a StoreError that names the file."""
+
+    def __init__(self, ledger: SqliteLedger) -> None:
+        self._ledger = ledger
+
+    def __enter__(self) -> None:
+        return None
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: object) -> None:
+        if isinstance(error, DatabaseError):
+            raise self._ledger._error(error) from None
+
+
+def _keep(connection: sa.Connection, run: Run) -> None:
+    if connection.execute(sa.select(_runs.c.id).where(_runs.c.id == run.id)).first():
+        return
+    header, arrays = pack(run)
+    row = {"id": run.id, "scenario_id": run.scenario_id, "seed": run.seed, "header": header, "arrays": arrays}
+    connection.execute(_runs.insert().values(row))
+
+
+def _configure(connection: Any, _: Any) -> None:
+    cursor = connection.cursor()
+    cursor.execute("PRAGMA journal_mode=WAL")
+    cursor.execute("PRAGMA synchronous=NORMAL")
+    cursor.close()
+
+
+def _migrate(connection: sa.Connection, path: Path) -> None:
+    """Bring the file to the newest schema, one migration after the other; refuse a foreign or a newer file."""
+    version = int(connection.exec_driver_sql("PRAGMA user_version").scalar_one())
+    application = int(connection.exec_driver_sql("PRAGMA application_id").scalar_one())
+    tables = int(connection.exec_driver_sql("SELECT count(*) FROM sqlite_master").scalar_one())
+    if application != APPLICATION_ID and (tables or version or application):
+        raise StoreError(f"{path}: this is an SQLite file of another program, not an RVSG store")
+    if version > len(MIGRATIONS):
+        raise NewerStore(
+            f"{path}: written by a newer RVSG (store version {version}; this is RVSG {rvsg.__version__} and knows "
+            f"{len(MIGRATIONS)}). Update RVSG, or use another --out."
+        )
+    connection.rollback()
+    for number, statements in enumerate(MIGRATIONS[version:], version + 1):
+        with connection.begin():
+            for statement in statements:
+                connection.exec_driver_sql(statement)
+            connection.exec_driver_sql(f"PRAGMA application_id={APPLICATION_ID}")
+            connection.exec_driver_sql(f"PRAGMA user_version={number}")
