@@ -33,7 +33,8 @@ class Record(BaseModel):
 
     def replace(self, **changes: Any) -> Self:
         """A record with some fields changed, validated, with an id of its own."""
-        return type(self)(**{**dict(self), **changes})
+        fields = {name: getattr(self, name) for name in type(self).model_fields}
+        return type(self)(**(fields | changes))
 
     def to_json(self) -> str:
         """The record as readable JSON, ending in a newline."""

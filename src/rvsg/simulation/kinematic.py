@@ -1,0 +1,165 @@
+"""The everyday simulator: points that move, no physics, no sensors, no navigation stack. A whole run in milliseconds.
+
+For trying a campaign's settings, a plug-in or a script before real runs are spent; its verdicts say nothing of a
+robot. The robot follows the shortest walk over the grid to the goal at constant speed and stands still while a human
+is close in front of it; humans walk their cyclic paths at their own speed and react to nobody. The seed varies every
+human's speed and start a little.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rvsg.scenario.agents import HumanAgent, decode
+from rvsg.scenario.scenario import Scenario
+from rvsg.simulation.run import Outcome, Run, Trajectory
+from rvsg.simulation.seeds import stream
+from rvsg.world.world import World
+
+Floats = NDArray[np.float64]
+
+PERIOD_S = 0.05
+VERSION = 1
+
+
+class KinematicSimulator:
+    """Runs scenarios without physics. `robot_speed_m_s` while it drives; it stops for a human nearer than `stop_gap_m`
+    within 60 degrees of its heading."""
+
+    name = "kinematic"
+
+    def __init__(self, *, robot_speed_m_s: float = 0.5, stop_gap_m: float = 0.4) -> None:
+        if robot_speed_m_s <= 0:
+            raise ValueError("robot_speed_m_s must be positive")
+        self.robot_speed_m_s = robot_speed_m_s
+        self.stop_gap_m = stop_gap_m
+
+    @property
+    def options(self) -> dict[str, object]:
+        """The effective options."""
+        return {"version": VERSION, "robot_speed_m_s": self.robot_speed_m_s, "stop_gap_m": self.stop_gap_m}
+
+    def run(self, scenario: Scenario, world: World, *, seed: int) -> Run:
+        """Simulate one episode."""
+        route = scenario.mission.route
+        agents = decode(scenario.people, world.grid)
+        time = np.arange(0.0, route.time_limit_s + PERIOD_S / 2, PERIOD_S)
+        walks = [_walk(agent, time, stream(seed, f"human {agent.name}")) for agent in agents]
+        human_x = np.stack([walk[0] for walk in walks], axis=1)
+        human_y = np.stack([walk[1] for walk in walks], axis=1)
+        radii = np.array([agent.radius_m for agent in agents])
+        path = _robot_path(scenario, world)
+        outcome = Outcome.NO_PATH if path is None else Outcome.TIMED_OUT
+        if path is None:
+            path, time = np.array([[route.start.x, route.start.y]]), time[:1]
+        x, y, yaw, v, arrived = self._drive(path, route.start.yaw, time, human_x, human_y, radii)
+        n = len(x)
+        trajectory = Trajectory(
+            t=time[:n],
+            x=x,
+            y=y,
+            yaw=yaw,
+            v=v,
+            omega=_rate(np.unwrap(yaw), time[:n]),
+            acceleration=np.abs(_rate(v, time[:n])),
+            human_x=human_x[:n],
+            human_y=human_y[:n],
+            human_yaw=np.stack([walk[2] for walk in walks], axis=1)[:n],
+            human_speed=np.stack([walk[3] for walk in walks], axis=1)[:n],
+        )
+        return Run(
+            scenario_id=scenario.id,
+            simulator=self.name,
+            options=self.options,
+            seed=seed,
+            outcome=Outcome.REACHED if arrived else outcome,
+            trajectory=trajectory,
+            log=_every(trajectory, 10),
+            human_names=tuple(agent.name for agent in agents),
+            human_radius_m=tuple(agent.radius_m for agent in agents),
+            goal=(route.goal.x, route.goal.y, route.goal.yaw),
+            time_limit_s=route.time_limit_s,
+        )
+
+    def _drive(
+        self, path: Floats, yaw: float, time: Floats, human_x: Floats, human_y: Floats, radii: Floats
+    ) -> tuple[Floats, Floats, Floats, Floats, bool]:
+        """Follow `path` (K, 2); returns x, y, yaw, v up to arrival or the end of `time`, and whether it arrived."""
+        along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
+        rows: list[tuple[float, float, float, float]] = []
+        driven = 0.0
+        for k in range(len(time)):
+            x, y = np.interp(driven, along, path[:, 0]), np.interp(driven, along, path[:, 1])
+            ahead = min(driven + 0.2, along[-1])
+            dx, dy = np.interp(ahead, along, path[:, 0]) - x, np.interp(ahead, along, path[:, 1]) - y
+            yaw = float(np.arctan2(dy, dx)) if dx or dy else yaw
+            off_x, off_y = human_x[k] - x, human_y[k] - y
+            gap = np.hypot(off_x, off_y) - 0.35 - radii
+            facing = np.cos(np.arctan2(off_y, off_x) - yaw) > 0.5
+            arrived = driven >= along[-1] and len(path) > 1
+            blocked = bool(((gap < self.stop_gap_m) & facing).any())
+            speed = 0.0 if blocked or arrived else self.robot_speed_m_s
+            rows.append((float(x), float(y), yaw, speed))
+            if arrived:
+                break
+            driven = min(driven + speed * PERIOD_S, float(along[-1]))
+        x_, y_, yaw_, v_ = np.array(rows).T
+        return x_, y_, yaw_, v_, bool(arrived)
+
+
+def _robot_path(scenario: Scenario, world: World) -> Floats | None:
+    route, grid = scenario.mission.route, world.grid
+    stops = [route.start, *route.through, route.goal]
+    points: list[tuple[float, float]] = [(route.start.x, route.start.y)]
+    for a, b in pairwise(stops):
+        names = grid.shortest_path(grid.nearest(a.x, a.y), grid.nearest(b.x, b.y))
+        if names is None:
+            return None
+        points += [grid.position(name) for name in names[1:-1]]
+        points.append((b.x, b.y))
+    return np.array(points)
+
+
+def _walk(agent: HumanAgent, time: Floats, chance: np.random.Generator) -> tuple[Floats, Floats, Floats, Floats]:
+    """x, y, yaw, speed of a human at every time: its goals in a cycle, with pauses, after its delay."""
+    speed = agent.speed_m_s * float(chance.uniform(0.9, 1.1))
+    begin = agent.start_delay_s + float(chance.uniform(0.0, 0.5))
+    goals, pauses = _closed(agent.goals, agent.pauses_s)
+    times, places = [begin], [goals[0]]
+    while times[-1] < time[-1] and len(goals) > 1:
+        for goal, pause in zip(goals[1:], pauses[1:], strict=True):
+            step = float(np.hypot(goal[0] - places[-1][0], goal[1] - places[-1][1])) / speed
+            times.append(times[-1] + step)
+            places.append(goal)
+            if pause:
+                times.append(times[-1] + pause)
+                places.append(goal)
+    at = np.array(places)
+    x, y = np.interp(time, times, at[:, 0]), np.interp(time, times, at[:, 1])
+    vx, vy = _rate(x, time), _rate(y, time)
+    return x, y, np.arctan2(vy, vx), np.hypot(vx, vy)
+
+
+def _closed(
+    goals: Sequence[tuple[float, float]], pauses: Sequence[float]
+) -> tuple[list[tuple[float, float]], list[float]]:
+    """The goals with the first again at the end, so that a round ends where it began."""
+    if len(goals) == 1 or len({*goals}) == 1:
+        return [goals[0]], [0.0]
+    return [*goals, goals[0]], [*pauses, pauses[0]]
+
+
+def _rate(values: Floats, time: Floats) -> Floats:
+    """The change of values per second since the sample before; 0 at the first."""
+    step = np.diff(time, prepend=time[:1])
+    return np.divide(np.diff(values, prepend=values[:1]), step, out=np.zeros_like(values), where=step > 0)
+
+
+def _every(path: Trajectory, step: int) -> Trajectory:
+    """Every `step`-th sample and the last."""
+    rows = np.unique(np.append(np.arange(0, len(path), step), len(path) - 1))
+    return Trajectory(**{name: getattr(path, name)[rows] for name in Trajectory.__dataclass_fields__})

@@ -1,0 +1,183 @@
+"""What the tests of the loop are made of: the everyday simulator, a generator that walks people about, a judge."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+
+import numpy as np
+
+from rvsg.campaign.attempt import Attempt, Failure, Ledger, Measurement
+from rvsg.campaign.loop import Parts
+from rvsg.campaign.parallel import Simulations
+from rvsg.campaign.plan import Plan
+from rvsg.evaluation.verdict import Status, Verdict
+from rvsg.generation.generator import Proposal
+from rvsg.scenario.brief import Brief
+from rvsg.scenario.requirement import Requirement
+from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Scenario, Task
+from rvsg.simulation.kinematic import KinematicSimulator
+from rvsg.simulation.run import Run
+from rvsg.simulation.simulator import Simulator
+from rvsg.world.load import load_world
+from rvsg.world.world import World
+
+REQUIREMENT = Requirement(
+    name="R1", title="Distance", text="Keep away from people.", metric="dto", worse="smaller", limit=1.0, unit="m"
+)
+
+
+@cache
+def warehouse() -> World:
+    return load_world("warehouse")
+
+
+def plan(**changes: object) -> Plan:
+    world = warehouse()
+    given: dict[str, object] = {
+        "name": "test",
+        "mission": Mission(world=world.name, world_id=world.id, route=world.route("route_1")),
+        "requirement": REQUIREMENT,
+        "scenarios": 2,
+        "refinements": 2,
+        "repeats": 2,
+        "confirmations": 5,
+        "seed": 7,
+    }
+    return Plan(**{**given, **changes})
+
+
+class WalkGenerator:
+    """Everybody walks to and fro on a shortest path between two waypoints drawn from the brief's seed."""
+
+    name = "walk"
+
+    def __init__(self) -> None:
+        self.briefs: list[Brief] = []
+
+    def propose(self, brief: Brief, world: World) -> Proposal:
+        self.briefs.append(brief)
+        chance = np.random.default_rng(brief.seed)
+        names = sorted(world.grid.valid)
+        humans = []
+        for h in range(brief.humans):
+            path = None
+            while path is None or len(path) < 3:
+                a, b = chance.choice(names, size=2, replace=False)
+                path = world.grid.shortest_path(str(a), str(b))
+            there = Task(name=f"{path[0]} → {path[-1]}", path=path)
+            back = Task(name=f"{path[-1]} → {path[0]}", path=path[::-1])
+            humans.append(Human(name=f"human {h + 1}", tasks=(there, back)))
+        people = HumanConfiguration(humans=tuple(humans))
+        scenario = Scenario(mission=brief.mission, people=people, description=f"walk {brief.scenario_index}")
+        return Proposal(generator=self.name, scenario=scenario)
+
+
+def distance(run: Run) -> float:
+    path = run.trajectory
+    away = np.hypot(path.human_x - path.x[:, None], path.human_y - path.y[:, None]).min(axis=1)
+    return float(away.mean())
+
+
+def measure(run: Run) -> Measurement:
+    value = distance(run)
+    return Measurement(run_id=run.id, seed=run.seed, outcome=run.outcome.value, values={"dto": value}, objective=value)
+
+
+def judge(measurements: Sequence[Measurement]) -> Verdict:
+    values = tuple(m.objective for m in measurements if m.objective is not None)
+    violations = sum(REQUIREMENT.violated_by(value) for value in values)
+    mean = float(np.mean(values))
+    spread = float(np.std(values))
+    return Verdict(
+        requirement="R1",
+        status=Status.FAIL if violations == len(values) else Status.FLAKY if violations else Status.PASS,
+        objectives=values,
+        mean=mean,
+        interval=(mean - spread, mean + spread),
+        violations=violations,
+        runs=len(values),
+        violation_probability=violations / len(values),
+        violation_interval=(0.0, 1.0),
+    )
+
+
+class MemoryLedger:
+    """A ledger of lists."""
+
+    def __init__(self) -> None:
+        self.kept: list[Attempt] = []
+        self.runs: dict[str, Run] = {}
+        self._settings: dict[str, dict[str, object]] = {}
+
+    def begin(self, campaign: str, settings: dict[str, object]) -> None:
+        self._settings[campaign] = dict(settings)
+
+    def settings(self, campaign: str) -> dict[str, object] | None:
+        return self._settings.get(campaign)
+
+    def campaigns(self) -> tuple[str, ...]:
+        return tuple(self._settings)
+
+    def keep(self, run: Run) -> None:
+        self.runs.setdefault(run.id, run)
+
+    def append(self, attempt: Attempt, runs: Sequence[Run]) -> None:
+        for run in runs:
+            self.keep(run)
+        self.kept.append(attempt)
+
+    def attempts(self, campaign: str) -> list[Attempt]:
+        return [attempt for attempt in self.kept if attempt.campaign == campaign]
+
+    def run(self, run_id: str) -> Run:
+        return self.runs[run_id]
+
+    def find(self, run_id: str) -> Run | None:
+        return self.runs.get(run_id)
+
+
+class Watch:
+    """Counts what it is told."""
+
+    def __init__(self) -> None:
+        self.told: list[str] = []
+
+    def proposing(self, brief: Brief) -> None:
+        self.told.append("proposing")
+
+    def ran(self, run: Run | Failure) -> None:
+        self.told.append("ran")
+
+    def attempted(self, attempt: Attempt) -> None:
+        self.told.append("attempted")
+
+
+class Counted:
+    """A simulator that counts its runs."""
+
+    name = "kinematic"
+
+    def __init__(self, simulator: Simulator | None = None) -> None:
+        self.inner = simulator or KinematicSimulator()
+        self.runs = 0
+
+    @property
+    def options(self) -> object:
+        return self.inner.options
+
+    def run(self, scenario: Scenario, world: World, *, seed: int) -> Run:
+        self.runs += 1
+        return self.inner.run(scenario, world, seed=seed)
+
+
+def parts(ledger: Ledger | MemoryLedger, *, simulator: object = None, generator: object = None, jobs: int = 1) -> Parts:
+    simulations = Simulations(simulator or KinematicSimulator(), warehouse(), jobs=jobs, known=ledger.find)  # type: ignore[arg-type]
+    return Parts(
+        generator=generator or WalkGenerator(),  # type: ignore[arg-type]
+        simulations=simulations,
+        measure=measure,
+        judge=judge,
+        ledger=ledger,  # type: ignore[arg-type]
+        watch=Watch(),
+    )

@@ -1,0 +1,202 @@
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+from tests.campaign.parts import REQUIREMENT, Counted, MemoryLedger, WalkGenerator, parts, plan, warehouse
+
+from rvsg.campaign.loop import feedback_from, run_campaign
+from rvsg.campaign.ranking import best_attempt, ranking
+from rvsg.campaign.strategies import ClimbStrategy, RandomStrategy, StudyStrategy, UnguidedStrategy
+from rvsg.errors import BudgetSpent, SimulationError
+from rvsg.generation.generator import Proposal
+from rvsg.scenario.brief import Brief
+from rvsg.scenario.scenario import Scenario
+from rvsg.simulation.kinematic import KinematicSimulator
+from rvsg.simulation.run import Run
+from rvsg.store.sqlite import SqliteLedger
+from rvsg.world.world import World
+
+STRATEGIES = [StudyStrategy, ClimbStrategy, UnguidedStrategy, RandomStrategy]
+
+
+def run(ledger, the_plan=None, strategy=StudyStrategy, **how):
+    the_plan = the_plan or plan()
+    with (made := parts(ledger, **how)).simulations:
+        return run_campaign(the_plan, strategy(the_plan, feedback_from(ledger, the_plan, warehouse())), made)
+
+
+@pytest.mark.parametrize("strategy", STRATEGIES)
+def test_every_strategy_spends_the_same_number_of_runs(strategy: type) -> None:
+    attempts = run(MemoryLedger(), strategy=strategy)
+    search = [a for a in attempts if a.purpose == "search"]
+    assert len(search) == plan().attempts
+    assert sum(len(a.measurements) for a in search) == plan().attempts * plan().repeats
+    assert sum(len(a.measurements) for a in attempts) == plan().runs
+
+
+def test_the_study_refines_from_feedback_and_remembers_earlier_scenarios() -> None:
+    generator = WalkGenerator()
+    attempts = run(MemoryLedger(), generator=generator)
+    kinds = [brief.kind for brief in generator.briefs]
+    assert kinds == ["new", "refine", "refine", "new", "refine", "refine"]
+    second = generator.briefs[1]
+    assert second.feedback is not None
+    assert second.feedback.scenario == attempts[0].proposal.scenario
+    assert second.feedback.mean == attempts[0].mean
+    assert second.feedback.previous_mean is None
+    third = generator.briefs[2]
+    assert third.feedback is not None and third.feedback.previous_mean == attempts[0].mean
+    fourth = generator.briefs[3]
+    best = best_attempt(attempts[:3], REQUIREMENT)
+    assert best is not None
+    assert [m.scenario for m in fourth.memory] == [best.proposal.scenario]
+
+
+def test_climbing_refines_the_best_so_far() -> None:
+    generator = WalkGenerator()
+    attempts = run(MemoryLedger(), plan(scenarios=1, refinements=5), ClimbStrategy, generator=generator)
+    for index in range(1, 6):
+        feedback = generator.briefs[index].feedback
+        best = best_attempt(attempts[:index], REQUIREMENT)
+        assert feedback is not None and best is not None
+        assert feedback.mean == best.mean
+
+
+def test_an_unguided_brief_holds_no_requirement_feedback_or_memory() -> None:
+    generator = WalkGenerator()
+    run(MemoryLedger(), strategy=UnguidedStrategy, generator=generator)
+    for brief in generator.briefs:
+        assert (brief.requirement, brief.feedback, brief.memory) == (None, None, ())
+
+
+def test_the_confirmation_uses_seeds_that_took_no_part_in_the_selection() -> None:
+    attempts = run(MemoryLedger())
+    confirmation = attempts[-1]
+    assert confirmation.purpose == "confirmation"
+    selected = {m.seed for a in attempts[:-1] for m in a.measurements}
+    fresh = {m.seed for m in confirmation.measurements}
+    assert len(fresh) == 5
+    assert not fresh & selected
+    assert confirmation.confirms == ranking(attempts, REQUIREMENT)[0].index
+
+
+def test_a_confirmation_never_takes_part_in_the_ranking() -> None:
+    attempts = run(MemoryLedger())
+    assert all(a.purpose == "search" for a in ranking(attempts, REQUIREMENT))
+
+
+@pytest.mark.parametrize("strategy", [StudyStrategy, RandomStrategy])
+def test_records_do_not_depend_on_the_number_of_jobs(strategy: type) -> None:
+    one = run(MemoryLedger(), strategy=strategy, jobs=1)
+    two = run(MemoryLedger(), strategy=strategy, jobs=2)
+    assert [a.model_dump_json() for a in one] == [a.model_dump_json() for a in two]
+
+
+@pytest.mark.parametrize("strategy", STRATEGIES)
+@pytest.mark.parametrize("stop_after", [1, 11, 14])
+def test_a_stopped_campaign_resumes_to_the_same_records(strategy: type, stop_after: int) -> None:
+    whole = run(MemoryLedger(), strategy=strategy)
+
+    class Stopping(Counted):
+        def run(self, scenario: Scenario, world: World, *, seed: int) -> Run:
+            if self.runs == stop_after:
+                raise KeyboardInterrupt
+            return super().run(scenario, world, seed=seed)
+
+    ledger = MemoryLedger()
+    with pytest.raises(KeyboardInterrupt):
+        run(ledger, strategy=strategy, simulator=Stopping())
+    rest = Counted()
+    resumed = run(ledger, strategy=strategy, simulator=rest)
+    assert resumed == whole
+    assert rest.runs == plan().runs - stop_after  # not one finished run is made again
+
+
+def test_a_finished_campaign_is_not_run_again() -> None:
+    ledger = MemoryLedger()
+    first = run(ledger)
+    again = Counted()
+    assert run(ledger, simulator=again) == first
+    assert again.runs == 0
+
+
+def test_a_spent_budget_stops_the_campaign_and_what_was_proposed_is_kept() -> None:
+    class Poor(WalkGenerator):
+        def propose(self, brief: Brief, world: World) -> Proposal:
+            if len(self.briefs) == 3:
+                raise BudgetSpent("no money left")
+            return super().propose(brief, world)
+
+    ledger = MemoryLedger()
+    with pytest.raises(BudgetSpent):
+        run(ledger, strategy=RandomStrategy, generator=Poor(), jobs=2)
+    assert [a.index for a in ledger.kept] == [0, 1, 2]
+
+
+def test_an_invalid_proposal_is_kept_without_runs_and_the_scenario_is_asked_for_anew() -> None:
+    class Clumsy(WalkGenerator):
+        def propose(self, brief: Brief, world: World) -> Proposal:
+            proposal = super().propose(brief, world)
+            return proposal.replace(scenario=None) if len(self.briefs) == 1 else proposal
+
+    generator = Clumsy()
+    attempts = run(MemoryLedger(), generator=generator)
+    assert attempts[0].measurements == () and attempts[0].verdict is None
+    assert [b.kind for b in generator.briefs][:3] == ["new", "new", "refine"]
+
+
+def test_a_run_that_fails_is_recorded_and_the_others_count() -> None:
+    class Flaky(Counted):
+        def run(self, scenario: Scenario, world: World, *, seed: int) -> Run:
+            self.runs += 1
+            if self.runs == 2:
+                raise SimulationError("no luck")
+            return self.inner.run(scenario, world, seed=seed)
+
+    attempts = run(MemoryLedger(), simulator=Flaky())
+    assert [f.reason for f in attempts[0].failures] == ["no luck"]
+    assert len(attempts[0].measurements) == 1
+
+
+def test_a_simulator_that_makes_no_run_at_all_stops_the_campaign() -> None:
+    class Broken(Counted):
+        def run(self, scenario: Scenario, world: World, *, seed: int) -> Run:
+            raise SimulationError("no display")
+
+    ledger = MemoryLedger()
+    with pytest.raises(SimulationError, match="no display"):
+        run(ledger, simulator=Broken())
+    assert ledger.kept == []
+
+
+class Deadly(KinematicSimulator):
+    """Kills its process once for one seed; where `always`, every time."""
+
+    def __init__(self, mark: Path, seed: int, always: bool) -> None:
+        super().__init__()
+        self.mark, self.seed, self.always = mark, seed, always
+
+    def run(self, scenario: Scenario, world: World, *, seed: int) -> Run:
+        if seed == self.seed and (self.always or not self.mark.exists()):
+            self.mark.touch()
+            os._exit(13)
+        return super().run(scenario, world, seed=seed)
+
+
+@pytest.mark.filterwarnings("ignore:A worker stopped while some jobs were given to the executor")
+@pytest.mark.parametrize("always", [False, True])
+def test_a_worker_that_dies_hard_costs_at_most_its_own_run(tmp_path: Path, always: bool) -> None:
+    the_plan = plan(scenarios=1, refinements=0, repeats=4, confirmations=0)
+    calm = run(MemoryLedger(), the_plan)
+    seed = calm[0].measurements[2].seed
+    shaken = run(MemoryLedger(), the_plan, simulator=Deadly(tmp_path / "died", seed, always), jobs=2)
+    expected = [m for m in calm[0].measurements if not always or m.seed != seed]
+    assert list(shaken[0].measurements) == expected
+    assert [f.seed for f in shaken[0].failures] == ([seed] if always else [])
+
+
+def test_the_sqlite_ledger_gives_the_same_campaign_as_lists(tmp_path: Path) -> None:
+    with SqliteLedger(tmp_path / "ledger.sqlite") as ledger:
+        assert run(ledger) == run(MemoryLedger())

@@ -1,0 +1,135 @@
+from __future__ import annotations
+
+import sqlite3
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.campaign.parts import WalkGenerator, plan, warehouse
+
+from rvsg.campaign.attempt import Attempt
+from rvsg.errors import NewerStore, StoreError
+from rvsg.generation.generator import Proposal
+from rvsg.scenario.brief import Brief
+from rvsg.simulation.archive import arrays_of, run_from_json, run_to_json
+from rvsg.simulation.kinematic import KinematicSimulator
+from rvsg.simulation.run import Run
+from rvsg.store.migrations import MIGRATIONS
+from rvsg.store.sqlite import SqliteLedger
+
+
+def an_attempt(index: int = 0) -> tuple[Attempt, Run]:
+    the_plan = plan()
+    brief = Brief(mission=the_plan.mission, requirement=the_plan.requirement, seed=index)
+    proposal = WalkGenerator().propose(brief, warehouse())
+    assert proposal.scenario is not None
+    run = KinematicSimulator().run(proposal.scenario, warehouse(), seed=3)
+    return Attempt(campaign="test", index=index, strategy="study", brief=brief, proposal=proposal), run
+
+
+def same(a: Run, b: Run) -> bool:
+    mine, theirs = arrays_of(a), arrays_of(b)
+    return a.id == b.id and a.outcome is b.outcome and all(np.array_equal(mine[k], theirs[k]) for k in mine)
+
+
+def test_what_was_appended_comes_back_bit_for_bit(tmp_path: Path) -> None:
+    attempt, run = an_attempt()
+    with SqliteLedger(tmp_path / "a.sqlite") as ledger:
+        ledger.append(attempt, [run])
+    with SqliteLedger(tmp_path / "a.sqlite") as ledger:
+        assert list(ledger.attempts("test")) == [attempt]
+        assert same(ledger.run(run.id), run)
+
+
+def test_a_run_as_json_comes_back_bit_for_bit() -> None:
+    _, run = an_attempt()
+    assert same(run_from_json(run_to_json(run)), run)
+
+
+def test_an_attempt_is_kept_whole_or_not_at_all(tmp_path: Path) -> None:
+    attempt, run = an_attempt()
+    other, other_run = an_attempt(1)
+    with SqliteLedger(tmp_path / "a.sqlite") as ledger:
+        ledger.append(attempt, [run])
+        with pytest.raises(StoreError, match="is there already"):
+            ledger.append(other.replace(index=0), [other_run])
+        assert list(ledger.attempts("test")) == [attempt]
+        assert ledger.find(other_run.id) is None
+
+
+def test_attempts_come_in_the_order_of_their_index(tmp_path: Path) -> None:
+    with SqliteLedger(tmp_path / "a.sqlite") as ledger:
+        for index in (2, 0, 1):
+            ledger.append(an_attempt(index)[0], [])
+        assert [a.index for a in ledger.attempts("test")] == [0, 1, 2]
+
+
+def test_a_store_of_a_newer_version_is_refused_and_left_alone(tmp_path: Path) -> None:
+    path = tmp_path / "a.sqlite"
+    SqliteLedger(path).close()
+    with sqlite3.connect(path) as connection:
+        connection.execute(f"PRAGMA user_version={len(MIGRATIONS) + 1}")
+    connection.close()
+    before = path.read_bytes()
+    with pytest.raises(NewerStore, match="newer RVSG"):
+        SqliteLedger(path)
+    assert path.read_bytes() == before
+
+
+def test_a_database_of_another_program_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "other.sqlite"
+    connection = sqlite3.connect(path)
+    connection.execute("CREATE TABLE songs (name TEXT)")
+    connection.commit()
+    connection.close()
+    with pytest.raises(StoreError, match="another program"):
+        SqliteLedger(path)
+
+
+def test_a_file_that_is_no_database_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.sqlite"
+    path.write_text("this is not a database, and it is long enough to be looked at " * 20)
+    with pytest.raises(StoreError, match="not a database"):
+        SqliteLedger(path)
+
+
+def test_an_absent_store_is_not_made_where_it_is_only_read(tmp_path: Path) -> None:
+    with pytest.raises(StoreError, match="no store here"):
+        SqliteLedger(tmp_path / "a.sqlite", create=False)
+    assert not (tmp_path / "a.sqlite").exists()
+
+
+def test_an_altered_record_is_noticed(tmp_path: Path) -> None:
+    attempt, run = an_attempt()
+    path = tmp_path / "a.sqlite"
+    with SqliteLedger(path) as ledger:
+        ledger.append(attempt, [run])
+    connection = sqlite3.connect(path)
+    connection.execute("UPDATE attempts SET record = replace(record, 'walk 0', 'walk 9')")
+    connection.commit()
+    connection.close()
+    with SqliteLedger(path) as ledger, pytest.raises(StoreError, match="not what was stored"):
+        list(ledger.attempts("test"))
+
+
+def test_other_settings_under_the_same_name_are_refused(tmp_path: Path) -> None:
+    with SqliteLedger(tmp_path / "a.sqlite") as ledger:
+        ledger.begin("test", {"seed": 1})
+        ledger.begin("test", {"seed": 1})
+        with pytest.raises(StoreError, match="other settings"):
+            ledger.begin("test", {"seed": 2})
+        assert ledger.settings("test") == {"seed": 1}
+        assert ledger.campaigns() == ("test",)
+
+
+def test_a_missing_run_is_named(tmp_path: Path) -> None:
+    with SqliteLedger(tmp_path / "a.sqlite") as ledger, pytest.raises(StoreError, match="run-0"):
+        ledger.run("run-0")
+
+
+def test_a_proposal_without_a_scenario_is_kept(tmp_path: Path) -> None:
+    attempt, _ = an_attempt()
+    empty = attempt.replace(proposal=Proposal(generator="walk", scenario=None))
+    with SqliteLedger(tmp_path / "a.sqlite") as ledger:
+        ledger.append(empty, [])
+        assert list(ledger.attempts("test")) == [empty]
