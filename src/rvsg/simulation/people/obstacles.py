@@ -212,20 +212,8 @@ class Surfaces:
 
 
 def outlines_of(thing: SolidObject) -> tuple[Polygon, ...]:
-    """The outlines of a thing that a person cannot enter: its footprint, or the slices of a hollow thing (a wall
-    around a room), told by one slice lying within another's bounds."""
-    bounds = [_bounds(s) for s in thing.slices]
-    for i, a in enumerate(bounds):
-        for j, b in enumerate(bounds):
-            if i != j and a[0] < b[0] and a[1] < b[1] and a[2] > b[2] and a[3] > b[3]:
-                return thing.slices
-    return (thing.footprint,) if len(thing.footprint) >= 3 else thing.slices
-
-
-def _bounds(polygon: Polygon) -> tuple[float, float, float, float]:
-    xs = [p[0] for p in polygon]
-    ys = [p[1] for p in polygon]
-    return min(xs), min(ys), max(xs), max(ys)
+    """What a person cannot walk through, filled by the even-odd rule: the footprint with its holes."""
+    return (thing.footprint, *thing.holes)
 
 
 def _edges(outline: Polygon) -> Floats:
