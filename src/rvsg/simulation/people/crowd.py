@@ -43,9 +43,10 @@ class PeopleOptions(Record):
     """How people are simulated.
 
     `published_defects` replicates HuNavSim as the published study ran it (docs/explanation/people.md lists the
-    defects one by one). `factor_noise` scales the spread of drawn force factors (0: everybody has the mean),
+    defects one by one). `factor_noise` scales the spread of drawn force factors (0: everybody has the mean).
     `start_jitter_s` bounds the uniform time at which people may begin to walk, the same for all of them in one run,
-    measured from the run's first row; with the chance `early_start` they begin `EARLY_S` sooner. `leg_phase_noise` says whether people begin at a random point of their gait. A social force below
+    measured from the run's first row; with the chance `early_start` they begin `EARLY_S` sooner.
+    `leg_phase_noise` says whether people begin at a random point of their gait. A social force below
     `neglect_m_s2` per pair is left out; the published profile leaves out none.
     """
 
