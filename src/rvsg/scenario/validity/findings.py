@@ -1,4 +1,4 @@
-"""The rules that make a configuration valid, and the repair of what breaks them. The checker is the judge."""
+"""Findings, what the checker says, and Repairs, what the mending changed."""
 
 from __future__ import annotations
 
@@ -6,7 +6,10 @@ from rvsg.world.records import Record
 
 
 class Finding(Record):
-    """One reason why a configuration is not valid: who, which task, where in the path, why, and what would help."""
+    """One reason why a configuration is not valid: who, which task, where in the path, why, and what would help.
+
+    `rule` is a key of `RULES`; `position` counts from 0 in the task's path.
+    """
 
     rule: str
     human: str | None = None
@@ -29,10 +32,13 @@ class Finding(Record):
 
 
 class Repair(Record):
-    """What a repair changed, in words and as the path before and after."""
+    """What a repair changed, in words and as the path before and after (both empty where no path changed)."""
 
     human: str
     task: str
     what: str
     before: tuple[str, ...]
     after: tuple[str, ...]
+
+    def __str__(self) -> str:
+        return f"{self.human}{f', task {chr(34)}{self.task}{chr(34)}' if self.task else ''}: {self.what}"

@@ -1,0 +1,262 @@
+"""The checker: every rule of `RULES` applied to a configuration."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections import Counter
+from collections.abc import Iterator
+from itertools import pairwise
+
+from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Task
+from rvsg.scenario.validity.findings import Finding
+from rvsg.scenario.validity.rules import MAX_HUMANS, ROBOT_RADIUS_M, SPEED_RANGE_M_S
+from rvsg.scenario.validity.sides import Side, near_area, sides, spelled
+from rvsg.world.space import human_space, robot_space
+from rvsg.world.world import World
+
+
+def check(people: HumanConfiguration, mission: Mission, world: World) -> tuple[Finding, ...]:
+    """Everything that makes a configuration invalid for this mission in this world; empty where it is valid."""
+    return (
+        *_mission_findings(mission, world),
+        *_crowd_findings(people),
+        *(finding for human in people.humans for finding in human_findings(human, world)),
+        *spawn_findings(people, mission, world),
+    )
+
+
+def human_findings(human: Human, world: World) -> Iterator[Finding]:
+    """What is wrong with one person, apart from where the others and the robot are."""
+    for task in human.tasks:
+        for found in (*_path_findings(task, world), *_side_findings(task, world), *_pause_findings(task)):
+            yield found.model_copy(update={"human": human.name, "task": task.name})
+    yield from _chain_findings(human)
+    yield from _walk_findings(human)
+
+
+def waypoint_findings(name: str, world: World) -> Finding | None:
+    """What is wrong with the name of a waypoint, or None."""
+    grid = world.grid
+    if name in grid.valid:
+        return None
+    if name in grid.by_name:
+        near = grid.nearest(*grid.position(name))
+        return Finding(
+            rule="invalid-waypoint",
+            reason=f"{name} is not a place where a person can stand.",
+            suggestion=f"The nearest one that is: {near}.",
+        )
+    meant = spelled(name, world) or next(iter(difflib.get_close_matches(name, sorted(grid.valid), n=1)), None)
+    return Finding(
+        rule="unknown-waypoint",
+        reason=f'There is no waypoint "{name}".',
+        suggestion=f'Did you mean "{meant}"?' if meant else _grid_extent(world),
+    )
+
+
+def _grid_extent(world: World) -> str:
+    rows, columns = world.grid.rows, world.grid.columns
+    extent = f"a row {rows[0]} to {rows[-1]} and a column {columns[0]} to {columns[-1]}"
+    return f"Waypoints are {extent}, as in {min(world.grid.valid)}."
+
+
+def hop_finding(a: str, b: str, world: World) -> Finding | None:
+    """What is wrong with walking straight from one valid waypoint to another, or None."""
+    grid = world.grid
+    if b in grid.neighbours[a]:
+        return None
+    if a == b:
+        return Finding(
+            rule="repeated-waypoint", reason=f"{a} is named twice in a row.", suggestion="Say a stop as a pause."
+        )
+    first, second = grid.by_name[a], grid.by_name[b]
+    beside = abs(first.row - second.row) <= 1 and abs(first.column - second.column) <= 1
+    path = grid.shortest_path(a, b)
+    way = f"Walk {' '.join(path)}." if path else "There is no way from one to the other."
+    if beside:
+        return Finding(rule="leg-through-obstacle", reason=f"An obstacle lies between {a} and {b}.", suggestion=way)
+    return Finding(rule="not-neighbours", reason=f"{a} and {b} are not neighbours.", suggestion=way)
+
+
+def _path_findings(task: Task, world: World) -> Iterator[Finding]:
+    if not task.path:
+        yield Finding(rule="empty-path", reason="The path is empty.", suggestion="Name the waypoints in order.")
+    if len(task.path) == 1 and not task.pauses:
+        yield Finding(
+            rule="short-path",
+            reason=f"The path holds only {task.path[0]}.",
+            suggestion="Walk to another waypoint, or pause there.",
+        )
+    for position, name in enumerate(task.path):
+        if wrong := waypoint_findings(name, world):
+            yield wrong.model_copy(update={"position": position})
+    for position, (a, b) in enumerate(pairwise(task.path), start=1):
+        if a in world.grid.valid and b in world.grid.valid and (wrong := hop_finding(a, b, world)):
+            yield wrong.model_copy(update={"position": position})
+
+
+def _side_findings(task: Task, world: World) -> Iterator[Finding]:
+    ends = (
+        (side, word, place) for side, word, place in zip(sides(task, world), ("start", "end"), (0, -1), strict=True)
+    )
+    for side, word, place in ends:
+        if not side.known:
+            near = near_area(side.text, world)
+            known = ", ".join(area.name for area in world.areas)
+            yield Finding(
+                rule="unknown-area",
+                reason=f'The task\'s {word}, "{side.text}", is not a labelled area.',
+                suggestion=f'Did you mean "{near}"?' if near else f"Areas: {known}.",
+            )
+        elif task.path and (at := task.path[place]) in world.grid.valid and not side.allows(at):
+            yield _wrong_area(side, word, at, place % len(task.path))
+
+
+def _wrong_area(side: Side, word: str, at: str, position: int) -> Finding:
+    own = sorted(side.waypoints or ())
+    listed = ", ".join(own) if own else "none where a person can stand"
+    verb = "starts" if word == "start" else "ends"
+    return Finding(
+        rule="wrong-area",
+        position=position,
+        reason=f"The task {verb} at {at}, which is not a waypoint of {side.text}.",
+        suggestion=f"Waypoints of {side.text}: {listed}.",
+    )
+
+
+def _pause_findings(task: Task) -> Iterator[Finding]:
+    for pause in task.pauses:
+        if pause.at not in task.path:
+            yield Finding(
+                rule="pause-off-path",
+                reason=f"The pause at {pause.at} is not on the path.",
+                suggestion=f"Pause at one of {', '.join(task.path)}." if task.path else "Give the task a path.",
+            )
+
+
+def _chain_findings(human: Human) -> Iterator[Finding]:
+    for before, after in pairwise(human.tasks):
+        if before.path and after.path and before.path[-1] != after.path[0]:
+            yield Finding(
+                rule="broken-chain",
+                human=human.name,
+                task=after.name,
+                position=0,
+                reason=f'The task starts at {after.path[0]}, but "{before.name}" ended at {before.path[-1]}.',
+                suggestion=f"Start at {before.path[-1]}.",
+            )
+    first, last = human.tasks[0], human.tasks[-1]
+    if first.path and last.path and first.path[0] != last.path[-1]:
+        yield Finding(
+            rule="open-loop",
+            human=human.name,
+            task=last.name,
+            position=len(last.path) - 1,
+            reason=f"The last task ends at {last.path[-1]}, but the first one starts at {first.path[0]}.",
+            suggestion=f"Come back to {first.path[0]}.",
+        )
+
+
+def _walk_findings(human: Human) -> Iterator[Finding]:
+    visited = {name for task in human.tasks for name in task.path}
+    if len(visited) == 1:
+        yield Finding(
+            rule="never-moves",
+            human=human.name,
+            reason=f"All tasks are at {next(iter(visited))}.",
+            suggestion="Give the person somewhere to walk to.",
+        )
+    low, high = SPEED_RANGE_M_S
+    if not low <= human.speed_m_s <= high:
+        yield Finding(
+            rule="speed-out-of-range",
+            human=human.name,
+            reason=f"A walking speed of {human.speed_m_s:g} m/s is outside {low:g} to {high:g} m/s.",
+            suggestion=f"Take {min(max(human.speed_m_s, low), high):g} m/s.",
+        )
+
+
+def _crowd_findings(people: HumanConfiguration) -> Iterator[Finding]:
+    if len(people.humans) > MAX_HUMANS:
+        yield Finding(
+            rule="too-many-humans",
+            reason=f"There are {len(people.humans)} people; at most {MAX_HUMANS} are simulated.",
+            suggestion=f"Leave {len(people.humans) - MAX_HUMANS} out.",
+        )
+    for name, count in Counter(human.name for human in people.humans).items():
+        if count > 1:
+            yield Finding(
+                rule="same-name",
+                human=name,
+                reason=f"{count} people have this name.",
+                suggestion="Give each a name of their own.",
+            )
+    sizes = Counter(human.group for human in people.humans if human.group is not None)
+    for human in people.humans:
+        if human.group is not None and sizes[human.group] == 1:
+            yield Finding(
+                rule="group-of-one",
+                human=human.name,
+                reason=f"Nobody else is in group {human.group}.",
+                suggestion="Put somebody else into the group, or leave it out.",
+            )
+
+
+def spawn_findings(people: HumanConfiguration, mission: Mission, world: World) -> Iterator[Finding]:
+    """Who starts in an obstacle, on the robot or on somebody who is listed earlier."""
+    placed: list[tuple[Human, tuple[float, float]]] = []
+    for human in people.humans:
+        path = human.tasks[0].path
+        if not path or path[0] not in world.grid.valid:
+            continue
+        at = world.grid.position(path[0])
+        wrong = spawn_finding(human, at, placed, mission, world)
+        if wrong is not None:
+            yield wrong.model_copy(update={"human": human.name, "task": human.tasks[0].name, "position": 0})
+        placed.append((human, at))
+
+
+def spawn_finding(
+    human: Human,
+    at: tuple[float, float],
+    others: list[tuple[Human, tuple[float, float]]],
+    mission: Mission,
+    world: World,
+) -> Finding | None:
+    """What is wrong with a person starting at a point (metres, world frame), given those who are placed; or None."""
+    robot = mission.route.start
+    if math.dist(at, (robot.x, robot.y)) < ROBOT_RADIUS_M + human.radius_m:
+        return Finding(
+            rule="spawn-on-robot",
+            reason=f"The start is {math.dist(at, (robot.x, robot.y)):.2f} m from where the robot stands.",
+            suggestion=f"Start at least {ROBOT_RADIUS_M + human.radius_m:.2f} m away from ({robot.x:g}, {robot.y:g}).",
+        )
+    for other, where in others:
+        if math.dist(at, where) < human.radius_m + other.radius_m:
+            return Finding(
+                rule="spawn-on-human",
+                reason=f"The start is {math.dist(at, where):.2f} m from that of {other.name}.",
+                suggestion=f"Start at least {human.radius_m + other.radius_m:.2f} m apart.",
+            )
+    if not human_space(world).is_free(*at):
+        return Finding(
+            rule="spawn-in-obstacle", reason="The start lies in an obstacle.", suggestion="Start where it is free."
+        )
+    return None
+
+
+def _mission_findings(mission: Mission, world: World) -> Iterator[Finding]:
+    if mission.world_id != world.id:
+        yield Finding(
+            rule="wrong-world",
+            reason=f'The mission is in "{mission.world}" ({mission.world_id}), not in "{world.name}" ({world.id}).',
+            suggestion="Make the mission anew for this world, or give the world it was made for.",
+        )
+    start = mission.route.start
+    if not robot_space(world).is_free(start.x, start.y):
+        yield Finding(
+            rule="robot-start-blocked",
+            reason=f"The robot's start ({start.x:g}, {start.y:g}) of {mission.route.name} is not free in {world.name}.",
+            suggestion="Move the route's start into free space.",
+        )

@@ -1,0 +1,119 @@
+import pytest
+
+from rvsg.scenario.scenario import HumanConfiguration, Pause, Task
+from rvsg.scenario.validity import RULES, check
+from rvsg.scenario.validity.rules import rules_page
+from tests.scenario.small_world import GOOD, MISSION, WORLD, human, people, walk
+
+
+def rules_of(configuration: HumanConfiguration) -> list[str]:
+    return [finding.rule for finding in check(configuration, MISSION, WORLD)]
+
+
+def test_a_valid_configuration_has_no_finding() -> None:
+    assert check(people(human(*GOOD)), MISSION, WORLD) == ()
+
+
+@pytest.mark.parametrize(
+    ("rule", "tasks"),
+    [
+        ("unknown-waypoint", ("Dock → Store: A1 B1 C1 D1 Z9 E1", GOOD[1])),
+        ("invalid-waypoint", ("Dock → Dock: A1 B2 C3 B2 A1",)),
+        ("repeated-waypoint", ("Dock → Dock: A1 A2 A2 A1",)),
+        ("not-neighbours", ("Dock → Store: A1 B1 D1 E1", GOOD[1])),
+        ("leg-through-obstacle", ("Dock → Dock: A1 B1 C2 D2 D1 C1 B1 A1",)),
+        ("empty-path", ("Dock → Dock: ", "Dock → Dock: A1 A2 A1")),
+        ("short-path", ("Dock → Dock: A1", "Dock → Dock: A1 A2 A1")),
+        ("broken-chain", (GOOD[0], "Store → Dock: E2 D1 C1 B1 A1")),
+        ("open-loop", (GOOD[0],)),
+        ("unknown-area", ("Dokc → Store: A1 B1 C1 D1 E1", GOOD[1])),
+        ("wrong-area", ("Dock → Office: A1 B1 C1 D1 E1", GOOD[1])),
+        ("spawn-on-robot", ("walk about: B4 B5 B4",)),
+        ("never-moves", (Task(name="look", path=("A1",), pauses=(Pause(at="A1", duration_s=3),)),)),
+        ("pause-off-path", (Task(name="look", path=("A1", "A2", "A1"), pauses=(Pause(at="B7", duration_s=3),)),)),
+    ],
+)
+def test_each_rule_of_one_person_is_found_and_named(rule: str, tasks: tuple[str | Task, ...]) -> None:
+    findings = check(people(human(*tasks)), MISSION, WORLD)
+    assert [finding.rule for finding in findings] == [rule]
+    assert findings[0].human == "Ada"
+    assert findings[0].reason
+    assert findings[0].suggestion
+
+
+def test_a_finding_says_who_where_why_and_what_helps() -> None:
+    (finding,) = check(people(human("Dock → Store: A1 B1 D1 E1", GOOD[1])), MISSION, WORLD)
+    assert str(finding) == ('Ada, task "Dock → Store", waypoint 3: B1 and D1 are not neighbours. Walk B1 C1 D1.')
+
+
+def test_an_unknown_waypoint_comes_with_the_name_that_was_meant() -> None:
+    (finding,) = check(people(human("Dock → Dock: A1 a-2 A1")), MISSION, WORLD)
+    assert finding.suggestion == 'Did you mean "A2"?'
+
+
+def test_an_unknown_area_comes_with_the_name_that_was_meant() -> None:
+    (finding,) = check(people(human("Dokc → Store: A1 B1 C1 D1 E1", GOOD[1])), MISSION, WORLD)
+    assert finding.suggestion == 'Did you mean "Dock"?'
+
+
+@pytest.mark.parametrize(
+    "name", ["Dock -> Store", "dock → STORE", "Dock (A1) → Store (E1)", "Dock to Store", "A1 → E1"]
+)
+def test_a_task_name_is_read_however_its_arrow_and_case_are_written(name: str) -> None:
+    assert rules_of(people(human(f"{name}: A1 B1 C1 D1 E1", GOOD[1]))) == []
+    assert "wrong-area" in rules_of(people(human(f"{name}: A1 B1 C1 D1", "x: D1 C1 B1 A1")))
+
+
+def test_a_loop_closure_within_one_area_is_held_to_that_area() -> None:
+    assert rules_of(people(human("Dock (loop closure): A1 A2 A1"))) == []
+    assert rules_of(people(human("Dock (loop closure): A1 A2 A3", "back: A3 A2 A1"))) == ["wrong-area"]
+
+
+def test_explicit_areas_go_before_the_name_of_the_task() -> None:
+    task = Task(name="fetch boxes", path=("A1", "A2", "A3"), end_area="Dock")
+    assert rules_of(people(human(task, "back: A3 A2 A1"))) == ["wrong-area"]
+
+
+def test_two_people_may_not_start_in_the_same_place() -> None:
+    (finding,) = check(people(human(*GOOD), human(*GOOD, name="Bob")), MISSION, WORLD)
+    assert (finding.rule, finding.human) == ("spawn-on-human", "Bob")
+
+
+def test_a_running_person_and_a_creeping_one_are_refused() -> None:
+    assert rules_of(people(human(*GOOD, speed_m_s=2.6))) == ["speed-out-of-range"]
+    assert rules_of(people(human(*GOOD, speed_m_s=0.1))) == ["speed-out-of-range"]
+
+
+def test_a_group_needs_two_and_names_need_to_differ() -> None:
+    other = ("Bench → Bench: A6 A7 A6",)
+    assert rules_of(people(human(*GOOD, group=1), human(*other, name="Bob"))) == ["group-of-one"]
+    assert rules_of(people(human(*GOOD, group=1), human(*other, name="Bob", group=1))) == []
+    assert rules_of(people(human(*GOOD), human(*other))) == ["same-name"]
+
+
+def test_more_people_than_can_be_simulated_are_refused() -> None:
+    crowd = people(*(human(*GOOD, name=f"Human {i}") for i in range(101)))
+    assert rules_of(crowd)[0] == "too-many-humans"
+
+
+def test_a_mission_of_another_world_and_a_blocked_start_are_findings_of_nobody() -> None:
+    start = MISSION.route.start.model_copy(update={"x": 2.0, "y": 3.0})
+    route = MISSION.route.model_copy(update={"start": start})
+    mission = MISSION.model_copy(update={"world_id": "world-0", "route": route})
+    findings = check(people(human(*GOOD)), mission, WORLD)
+    assert [(f.rule, f.human) for f in findings] == [("wrong-world", None), ("robot-start-blocked", None)]
+
+
+def test_all_findings_are_listed_at_once() -> None:
+    found = rules_of(people(human("Dokc → Store: A1 Q7 D1 C4", speed_m_s=2.9)))
+    assert {"unknown-area", "unknown-waypoint", "invalid-waypoint", "open-loop", "speed-out-of-range"} <= set(found)
+
+
+def test_a_name_that_looks_like_a_number_or_markup_is_text_and_refused() -> None:
+    for name in ("", "<b>", "../A1", "A" * 500, "Ⓐ1", "𝟙"):
+        task = walk("Dock → Dock: A1 A2 A1").model_copy(update={"path": ("A1", "A2", name, "A2", "A1")})
+        assert "unknown-waypoint" in rules_of(people(human(task))), name
+
+
+def test_the_reference_page_lists_every_rule() -> None:
+    assert all(f"| `{name}` |" in rules_page() for name in RULES)

@@ -1,0 +1,109 @@
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rvsg.scenario.scenario import Human, HumanConfiguration, Pause, Task
+from rvsg.scenario.validity import check, repair
+from tests.scenario.small_world import GOOD, MISSION, WORLD, human, people
+
+UNMENDABLE = {"never-moves"}
+
+words = st.sampled_from([*WORLD.grid.by_name, "Z9", "e-1", "A 2", "", "Dock"])
+sides = st.sampled_from([*(area.name for area in WORLD.areas), "Dokc", "Corridor", "B2", "Dock (A1)"])
+names = st.one_of(
+    st.builds(lambda a, b: f"{a} → {b}", sides, sides), st.sampled_from(["walk", "Dock", "→", "a -> b -> c"])
+)
+pauses = st.lists(st.builds(Pause, at=words, duration_s=st.floats(0.5, 20)), max_size=2).map(tuple)
+tasks = st.builds(
+    Task,
+    name=names,
+    path=st.lists(words, max_size=6).map(tuple),
+    start_area=st.none() | sides,
+    end_area=st.none() | sides,
+    pauses=pauses,
+)
+humans = st.builds(
+    Human,
+    name=st.sampled_from(["Ada", "Bob", "Cem"]),
+    tasks=st.lists(tasks, min_size=1, max_size=4).map(tuple),
+    speed_m_s=st.floats(0.01, 3.0),
+    group=st.none() | st.integers(1, 2),
+)
+configurations = st.lists(humans, min_size=1, max_size=3).map(lambda hs: HumanConfiguration(humans=tuple(hs)))
+
+
+@settings(max_examples=300, deadline=None)
+@given(configurations)
+def test_what_is_repaired_is_valid_or_said_to_be_beyond_repair(configuration: HumanConfiguration) -> None:
+    mended, repairs = repair(configuration, MISSION, WORLD)
+    left = check(mended, MISSION, WORLD)
+    wholly_without_work = {
+        h.name for h in mended.humans if len({n for t in h.tasks for n in t.path if n in WORLD.grid.valid}) < 2
+    }
+    for finding in left:
+        assert finding.human in wholly_without_work, f"{finding}"
+    assert bool(repairs) or mended == configuration
+
+
+@settings(max_examples=200, deadline=None)
+@given(configurations)
+def test_repairing_twice_changes_nothing_more(configuration: HumanConfiguration) -> None:
+    once, _ = repair(configuration, MISSION, WORLD)
+    if not check(once, MISSION, WORLD):
+        assert repair(once, MISSION, WORLD) == (once, ())
+
+
+def test_a_valid_configuration_comes_back_as_it_is() -> None:
+    good = people(human(*GOOD))
+    assert repair(good, MISSION, WORLD) == (good, ())
+
+
+def test_a_long_hop_is_walked_by_the_shortest_path_and_said() -> None:
+    mended, (change,) = repair(people(human("Dock → Store: A1 E1", GOOD[1])), MISSION, WORLD)
+    assert mended.humans[0].tasks[0].path == ("A1", "B1", "C1", "D1", "E1")
+    assert (change.human, change.task, change.before) == ("Ada", "Dock → Store", ("A1", "E1"))
+
+
+def test_a_hop_through_the_shelf_goes_around_it() -> None:
+    mended, _ = repair(people(human("over: B2 C2 D2 C1 B2")), MISSION, WORLD)
+    path = mended.humans[0].tasks[0].path
+    assert path[:2] == ("B2", "C2") and path[-1] == "B2" and len(path) == 6
+    assert not check(mended, MISSION, WORLD)
+
+
+def test_a_task_between_two_that_are_not_joined_is_put_in() -> None:
+    mended, repairs = repair(people(human(GOOD[0], "Office → Dock: E6 D6 C6 B6 A5 A4 A3 A2 A1")), MISSION, WORLD)
+    assert [task.name for task in mended.humans[0].tasks] == ["Dock → Store", "Store → Office", "Office → Dock"]
+    assert "put in" in repairs[0].what
+
+
+def test_an_open_loop_is_closed_by_a_way_back() -> None:
+    mended, _ = repair(people(human(GOOD[0])), MISSION, WORLD)
+    assert [task.name for task in mended.humans[0].tasks] == ["Dock → Store", "Store → Dock"]
+
+
+def test_somebody_who_starts_on_the_robot_starts_beside_it_and_keeps_the_work() -> None:
+    mended, _ = repair(people(human("walk about: B4 B5 B6 B5 B4")), MISSION, WORLD)
+    (task,) = mended.humans[0].tasks
+    assert task.path[0] != "B4" and not check(mended, MISSION, WORLD)
+
+
+def test_somebody_whose_only_area_is_taken_starts_with_another_task() -> None:
+    mended, repairs = repair(
+        people(human("E1 → E2: E1 E2", "E2 → E1: E2 E1"), human("E1 → E2: E1 E2", "E2 → E1: E2 E1", name="Bob")),
+        MISSION,
+        WORLD,
+    )
+    assert mended.humans[1].tasks[0].name == "E2 → E1"
+    assert len(repairs) == 1
+
+
+def test_a_misspelt_waypoint_is_read_and_an_unknown_one_left_out_and_both_are_said() -> None:
+    mended, repairs = repair(people(human("Dock → Dock: A1 a-2 Q9 A1")), MISSION, WORLD)
+    assert mended.humans[0].tasks[0].path == ("A1", "A2", "A1")
+    assert [change.what for change in repairs] == ["a-2 read as A2", "Q9 left out: there is no such waypoint"]
+
+
+def test_who_cannot_be_given_work_stays_invalid() -> None:
+    lost = people(human("walk: Q1 Q2"))
+    mended, _ = repair(lost, MISSION, WORLD)
+    assert check(mended, MISSION, WORLD)
