@@ -1,9 +1,9 @@
 import pytest
+from tests.scenario.small_world import GOOD, MISSION, WORLD, human, people, walk
 
 from rvsg.scenario.scenario import HumanConfiguration, Pause, Task
 from rvsg.scenario.validity import RULES, check
 from rvsg.scenario.validity.rules import rules_page
-from tests.scenario.small_world import GOOD, MISSION, WORLD, human, people, walk
 
 
 def rules_of(configuration: HumanConfiguration) -> list[str]:

@@ -149,8 +149,10 @@ class _Mending:
                 continue
             if meant != name:
                 self.say(human, task.name, f"{name} read as {meant}", task.path, ())
-            if not kept or kept[-1] != meant:
-                kept.append(meant)
+            if kept and kept[-1] == meant:
+                self.say(human, task.name, f"the repetition of {meant} left out", task.path, ())
+                continue
+            kept.append(meant)
         return tuple(kept)
 
     def sides(self, task: Task, human: str) -> Task:
@@ -246,15 +248,15 @@ class _Mending:
         placed: Placed = []
         result: list[Human] = []
         for human in humans:
-            path = human.tasks[0].path
-            if path and path[0] in self.grid.valid:
+            if all(task.path and self.grid.valid.issuperset(task.path) for task in human.tasks):
                 human = self.start(human, placed, mission)
-                placed.append((human, self.grid.position(human.tasks[0].path[0])))
+            if (path := human.tasks[0].path) and path[0] in self.grid.valid:
+                placed.append((human, self.grid.position(path[0])))
             result.append(human)
         return tuple(result)
 
     def start(self, human: Human, placed: Placed, mission: Mission) -> Human:
-        """One person with a clear start: elsewhere in the same area, else with another task of the list."""
+        """One person with a clear start: elsewhere in the same area, with another task of the list, or a new one."""
 
         def clear(waypoint: str) -> bool:
             return spawn_finding(human, self.grid.position(waypoint), placed, mission, self.world) is None
@@ -264,14 +266,25 @@ class _Mending:
         if clear(old):
             return human
         begin, end = sides(tasks[0], self.world)[0], sides(tasks[-1], self.world)[1]
-        allowed = frozenset(n for n in self.grid.valid if begin.allows(n) and end.allows(n) and n != old and clear(n))
-        if (way := nearest_of(old, allowed, self.grid)) is not None:
-            return self._moved(human, way)
+        free = frozenset(name for name in self.grid.valid if name != old and clear(name))
+        inside = frozenset(name for name in free if begin.allows(name))
+        for allowed in (frozenset(name for name in inside if end.allows(name)), inside):
+            if (way := nearest_of(old, allowed, self.grid)) is not None:
+                return self._moved(human, way)
         for index, task in enumerate(tasks[1:], start=1):
-            if task.path and task.path[0] in self.grid.valid and clear(task.path[0]):
+            if clear(task.path[0]):
                 self.say(human.name, task.name, f"the list starts with this task: {old} was taken")
                 return human.model_copy(update={"tasks": (*tasks[index:], *tasks[:index])})
+        if (way := nearest_of(old, free, self.grid)) is not None:
+            return self._led_in(human, tuple(reversed(way)), begin)
         return human
+
+    def _led_in(self, human: Human, way: Path, begin: Side) -> Human:
+        """The person with a task put in before the first one, from a clear start."""
+        name = f"{way[0]} → {_area_text(begin, way[-1])}"
+        self.say(human.name, name, f"put in: {way[-1]} was taken at the start", (), way)
+        tasks = self.chain([Task(name=name, path=way), *human.tasks], human.name)
+        return human.model_copy(update={"tasks": tuple(tasks)})
 
     def _moved(self, human: Human, way: Path) -> Human:
         """The person starting at the end of a way that begins at the old start."""

@@ -95,19 +95,19 @@ _TABLE = (
         name="spawn-on-robot",
         demands="No person starts where the robot stands.",
         because="Two bodies in one place make a collision that nobody caused.",
-        repair="The person starts at another waypoint of the same area, else with another task of the list.",
+        repair="The person starts at another waypoint of the same area, else with another task, else with one put in.",
     ),
     Rule(
         name="spawn-on-human",
         demands="No two people start in the same place.",
         because="Two bodies in one place push each other apart with forces that no walk explains.",
-        repair="The later of the two starts at another waypoint of the same area, else with another task.",
+        repair="The later of the two starts at another waypoint of the same area, else with another task, else with one put in.",
     ),
     Rule(
         name="spawn-in-obstacle",
         demands="No person starts inside an obstacle.",
         because="The obstacle would throw the person out, or hold them for the whole run.",
-        repair="The person starts at another waypoint of the same area, else with another task of the list.",
+        repair="The person starts at another waypoint of the same area, else with another task, else with one put in.",
     ),
     Rule(
         name="never-moves",
