@@ -4,6 +4,7 @@ from tests.scenario.small_world import GOOD, MISSION, WORLD, human, people, walk
 from rvsg.scenario.scenario import HumanConfiguration, Pause, Task
 from rvsg.scenario.validity import RULES, check
 from rvsg.scenario.validity.rules import rules_page
+from rvsg.scenario.validity.sides import near_place
 
 
 def rules_of(configuration: HumanConfiguration) -> list[str]:
@@ -117,3 +118,10 @@ def test_a_name_that_looks_like_a_number_or_markup_is_text_and_refused() -> None
 
 def test_the_reference_page_lists_every_rule() -> None:
     assert all(f"| `{name}` |" in rules_page() for name in RULES)
+
+
+def test_a_place_that_only_surrounds_an_area_or_waypoint_means_that() -> None:
+    assert near_place("Dock entry", WORLD) == "Dock"
+    assert near_place("corridor at B4", WORLD) == "B4"
+    assert near_place("Dock/Store", WORLD) is None
+    assert near_place("nowhere at all", WORLD) is None

@@ -5,7 +5,6 @@ from tests.scenario.small_world import GOOD, MISSION, WORLD, human, people
 from rvsg.scenario.scenario import Human, HumanConfiguration, Pause, Task
 from rvsg.scenario.validity import check, repair
 
-
 words = st.sampled_from([*WORLD.grid.by_name, "Z9", "e-1", "A 2", "", "Dock"])
 sides = st.sampled_from([*(area.name for area in WORLD.areas), "Dokc", "Corridor", "B2", "Dock (A1)"])
 names = st.one_of(

@@ -11,7 +11,7 @@ from itertools import pairwise
 from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Task
 from rvsg.scenario.validity.findings import Finding
 from rvsg.scenario.validity.rules import MAX_HUMANS, ROBOT_RADIUS_M, SPEED_RANGE_M_S
-from rvsg.scenario.validity.sides import Side, near_area, sides, spelled
+from rvsg.scenario.validity.sides import Side, near_place, sides, spelled
 from rvsg.world.space import human_space, robot_space
 from rvsg.world.world import World
 
@@ -102,7 +102,7 @@ def _side_findings(task: Task, world: World) -> Iterator[Finding]:
     )
     for side, word, place in ends:
         if not side.known:
-            near = near_area(side.text, world)
+            near = near_place(side.text, world)
             known = ", ".join(area.name for area in world.areas)
             yield Finding(
                 rule="unknown-area",

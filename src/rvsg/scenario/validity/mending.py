@@ -16,7 +16,7 @@ from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Pause, Ta
 from rvsg.scenario.validity.checker import check, spawn_finding
 from rvsg.scenario.validity.findings import Repair
 from rvsg.scenario.validity.rules import MAX_HUMANS, SPEED_RANGE_M_S
-from rvsg.scenario.validity.sides import Side, near_area, parts_of, sides, spelled
+from rvsg.scenario.validity.sides import Side, near_place, parts_of, sides, spelled
 from rvsg.world.grid import Grid
 from rvsg.world.world import World
 
@@ -168,13 +168,13 @@ class _Mending:
             changes["start_area"] = first if first and task.start_area is not None else None
         if task.end_area is not None or not parts:
             changes["end_area"] = last if last and task.end_area is not None else None
-        self.say(human, task.name, f'renamed to "{name}": an area of that name is not on the map', task.path, task.path)
+        self.say(human, task.name, f'renamed to "{name}": its place is not on the map', task.path, task.path)
         return task.model_copy(update=changes)
 
     def _side_text(self, side: Side, path: Path, at: int) -> str:
         if side.known:
             return side.text or (path[at] if path else "")
-        return near_area(side.text, self.world, cutoff=0.8) or (path[at] if path else "")
+        return near_place(side.text, self.world, cutoff=0.8) or (path[at] if path else "")
 
     def led(self, path: Path, start: Side, end: Side, came_from: str | None) -> Path:
         """The path led from the start to the end the task promises, over valid hops."""

@@ -64,11 +64,21 @@ def sides(task: Task, world: World) -> tuple[Side, Side]:
     return (resolve(start, world) if start else ANYWHERE, resolve(end, world) if end else ANYWHERE)
 
 
-def near_area(text: str, world: World, cutoff: float = 0.6) -> str | None:
-    """The area with the most similar name, or None where none is similar."""
+def near_place(text: str, world: World, cutoff: float = 0.6) -> str | None:
+    """What an unknown place most likely means: the one area or waypoint its text holds ("Area 3 entry"), else the
+    area with the most similar name; None where two are held ("Shelf 2/Shelf 3") or none is similar."""
+    held = _held(text, [area.name for area in world.areas]) or _held(text, sorted(world.grid.valid))
+    if held:
+        return held[0] if len(held) == 1 else None
     bare = _NOTE.sub(" ", text).strip() or text
     near = difflib.get_close_matches(bare, [a.name for a in world.areas], n=1, cutoff=cutoff)
     return near[0] if near else None
+
+
+def _held(text: str, names: list[str]) -> list[str]:
+    """The names that stand in a text as whole words, without those that are part of a longer one found there."""
+    held = [name for name in names if re.search(rf"(?<!\w){re.escape(name)}(?!\w)", text, re.IGNORECASE)]
+    return [name for name in held if not any(name != other and name in other for other in held)]
 
 
 def spelled(name: str, world: World) -> str | None:
