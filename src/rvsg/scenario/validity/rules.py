@@ -101,7 +101,7 @@ _TABLE = (
         name="spawn-on-human",
         demands="No two people start in the same place.",
         because="Two bodies in one place push each other apart with forces that no walk explains.",
-        repair="The later one starts at another waypoint of the same area, else with another task, else with one put in.",
+        repair="The later one starts at another waypoint of the area, else with another task, else with one put in.",
     ),
     Rule(
         name="spawn-in-obstacle",
