@@ -140,7 +140,7 @@ def test_all_problems_of_a_header_are_told_at_once(tmp_path: Path) -> None:
     with pytest.raises(FileError) as caught:
         load_nav2_map(path)
     text = str(caught.value)
-    assert all(f"map.yaml:{line}" in text for line in (1, 2, 3, 4))
+    assert all(f"map.yaml:{line}" in text for line in (1, 2, 3, 4)), text
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from rvsg.errors import FileError, InputError, UnknownName
 from rvsg.world.build import build_world
 from rvsg.world.documents import Document, DocumentError, Model, Problem, read_document
 from rvsg.world.files import DerivedMap, LabelsFile, ObjectsFile, RouteEntry, RoutesFile, WorldFile
-from rvsg.world.nav2_map import load_nav2_map
+from rvsg.world.nav2_map import read_map
 from rvsg.world.occupancy import occupancy_from_objects
 from rvsg.world.records import Pose
 from rvsg.world.world import Area, OccupancyMap, Route, SolidObject, World
@@ -124,7 +124,9 @@ class _Parts:
             if isinstance(self.head.map, DerivedMap):
                 seeds = [(r.start.x, r.start.y) for r in routes if isinstance(r.start, Pose)]
                 return occupancy_from_objects(objects, resolution_m=self.head.map.resolution_m, seeds=seeds)
-            return load_nav2_map(_beside(self.folder, self.head.map)).occupancy
+            return read_map(_beside(self.folder, self.head.map))
+        except DocumentError as error:
+            self.problems.extend(error.problems)
         except FileError as error:
             self.problems.append(Problem(error.path, error.line, error.reason))
         except InputError as error:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import io
 import math
+import re
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
@@ -87,8 +88,11 @@ def cylinder(radius: float, length: float) -> Triangles:
 
 def turned_profile(profile: Floats) -> Triangles:
     """A body of revolution about z; `profile` (N, 2) holds radius and height from the lower to the upper pole."""
-    angles = np.arange(ROUND_SIDES) * math.tau / ROUND_SIDES
-    rings = [np.column_stack([r * np.cos(angles), r * np.sin(angles), np.full(ROUND_SIDES, z)]) for r, z in profile]
+    step = math.tau / ROUND_SIDES
+    fitted = math.sqrt(step / math.sin(step))  # the polygon's area is the circle's
+    angles = np.arange(ROUND_SIDES) * step
+    circle = fitted * np.column_stack([np.cos(angles), np.sin(angles)])
+    rings = [np.column_stack([r * circle, np.full(ROUND_SIDES, z)]) for r, z in profile]
     faces = []
     for ring in range(len(profile) - 1):
         low, high = ring * ROUND_SIDES, (ring + 1) * ROUND_SIDES
@@ -158,6 +162,40 @@ def load_mesh(path: Path, *, submesh: str | None = None, center: bool = False) -
         middle = (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2.0
         mesh = Triangles(vertices=mesh.vertices - middle, faces=mesh.faces)
     return mesh
+
+
+def rough_box(path: Path) -> Triangles | None:
+    """The box round whatever vertices can be made out in a mesh file that is broken; None where there are none."""
+    content = read_bytes(path)
+    kind = FORMATS.get(path.suffix.lower())
+    number = rb"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+    factor = 1.0
+    if kind == "dae":
+        arrays = re.findall(rb'<float_array[^>]*id="[^"]*pos[^"]*"[^>]*>([^<]*)', content, re.IGNORECASE)
+        values = [float(v) for array in arrays for v in re.findall(number, array)]
+        values = values[: len(values) // 3 * 3]
+        unit = re.search(rb'<unit[^>]*meter="(' + number + rb')"', content)
+        factor = float(unit[1]) if unit else 1.0
+    elif kind == "stl" and not content.lstrip().startswith(b"solid"):
+        count = max(0, (len(content) - 84) // 50)
+        records = np.frombuffer(content, np.uint8, count * 50, 84).reshape(count, 50) if count else np.empty((0, 50))
+        values = list(np.ascontiguousarray(records[:, 12:48], np.uint8).view("<f4").ravel().astype(float))
+    else:
+        word = rb"vertex" if kind == "stl" else rb"^v"
+        lines = re.findall(word + (rb"\s+(" + number + rb")") * 3, content, re.MULTILINE)
+        values = [float(v) for line in lines for v in line]
+    points = np.array(values, np.float64).reshape(-1, 3) * factor
+    points = points[np.isfinite(points).all(axis=1)]
+    if len(points) < 3:
+        return None
+    low, high = points.min(axis=0), points.max(axis=0)
+    return box(np.maximum(high - low, 1e-3)).moved(_shifted((low + high) / 2.0))
+
+
+def _shifted(by: Floats) -> Floats:
+    matrix = np.eye(4)
+    matrix[:3, 3] = by
+    return matrix
 
 
 def _parts(scene: Any, submesh: str | None) -> list[Triangles]:

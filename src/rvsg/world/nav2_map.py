@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
 from rvsg.errors import FileError, InputError
-from rvsg.world.marked_yaml import Marked, read_marked
+from rvsg.world.documents import Document, DocumentError, Problem, read_yaml
 from rvsg.world.records import Pose
 from rvsg.world.world import OccupancyMap
 
@@ -59,11 +59,11 @@ def load_nav2_map(
     FileError with everything that is wrong in the header at once, or with what is wrong with the image: missing,
     unreadable, 16 bits deep, absurdly large or small, without a single free cell.
     """
-    marked = read_marked(path)
-    header = _header(marked, free_thresh, occupied_thresh)
-    shade, opaque, notes = _shade(header.image, trinary=header.mode == "trinary", marked=marked)
+    document = read_yaml(Path(path))
+    header = _header(document, free_thresh, occupied_thresh)
+    shade, opaque, notes = _shade(header.image, trinary=header.mode == "trinary", document=document)
     rows, columns = shade.shape
-    _refuse_absurd_sides(marked, header, rows, columns)
+    _refuse_absurd_sides(document, header, rows, columns)
     cells = trinary(classify(shade, opaque, header))[::-1]
     notes = [*notes, *_grey_notes(shade, header)]
     counts = {value: int(np.count_nonzero(cells == value)) for value in (FREE, OCCUPIED, UNKNOWN)}
@@ -72,7 +72,7 @@ def load_nav2_map(
             header.image,
             f"the map has no free space: {counts[OCCUPIED]} of {cells.size} cells are occupied and "
             f"{counts[UNKNOWN]} unknown. Check negate ({int(header.negate)}), free_thresh ({header.free_thresh:g}) "
-            f"and mode ({header.mode}) in {marked.path.name}.",
+            f"and mode ({header.mode}) in {document.path.name}.",
         )
     if counts[OCCUPIED] == 0:
         notes.append("the map holds no obstacle at all: is this the right image?")
@@ -105,6 +105,11 @@ def trinary(values: NDArray[np.int16]) -> NDArray[np.uint8]:
     """Published values as free, occupied or unknown: below 100 is free, as Nav2's static layer takes it by default."""
     cells = np.where(values >= OCCUPIED, OCCUPIED, FREE)
     return np.where(values < 0, UNKNOWN, cells).astype(np.uint8)
+
+
+def read_map(path: str | Path) -> OccupancyMap:
+    """The map with its cells along the axes of the map frame; raises as `load_nav2_map` does."""
+    return upright(load_nav2_map(path).occupancy)
 
 
 def upright(occupancy: OccupancyMap) -> OccupancyMap:
@@ -154,44 +159,40 @@ def _with_origin(occupancy: OccupancyMap, x: float, y: float) -> OccupancyMap:
 # --- the header ---------------------------------------------------------------------------------------------------
 
 
-def _header(marked: Marked, free_thresh: float | None, occupied_thresh: float | None) -> _Header:
-    data = marked.value
+def _header(document: Document, free_thresh: float | None, occupied_thresh: float | None) -> _Header:
+    data = document.value
     if not isinstance(data, dict):
-        raise marked.error("expected the header of a Nav2 map (image, resolution, origin, negate, thresholds).")
-    problems: list[tuple[int, str]] = []
+        raise DocumentError([document.problem("expected a Nav2 map header: image, resolution, origin, negate, ...")])
+    problems: list[Problem] = []
 
     def number(key: str, low: float, high: float, hint: str) -> float:
         value = _as_float(data.get(key))
         if key not in data:
-            problems.append((1, f"{key} is missing; {hint}"))
+            problems.append(document.problem(f"{key} is missing; it is {hint}"))
         elif value is None or not low <= value <= high:
-            problems.append((marked.line(key), f"{key} must be {hint} Got: {data[key]!r}."))
+            problems.append(document.problem(f"{key} must be {hint}, got {data[key]!r}", key))
         else:
             return value
         return low
 
-    resolution = number("resolution", FINEST_M, COARSEST_M, f"metres per cell, from {FINEST_M} to {COARSEST_M:g}.")
-    occupied = number("occupied_thresh", 0.0, 1.0, "a share from 0 to 1, usually 0.65.")
-    free = number("free_thresh", 0.0, 1.0, "a share from 0 to 1, usually 0.196 or 0.25.")
+    resolution = number("resolution", FINEST_M, COARSEST_M, f"metres per cell, from {FINEST_M} to {COARSEST_M:g}")
+    occupied = number("occupied_thresh", 0.0, 1.0, "a share from 0 to 1, usually 0.65")
+    free = number("free_thresh", 0.0, 1.0, "a share from 0 to 1, usually 0.196 or 0.25")
     free = free if free_thresh is None else free_thresh
     occupied = occupied if occupied_thresh is None else occupied_thresh
     if not problems and not free < occupied:
-        line = marked.line("free_thresh")
-        problems.append((line, f"free_thresh ({free:g}) must be smaller than occupied_thresh ({occupied:g})."))
-    origin = _origin(marked, problems)
+        message = f"free_thresh ({free:g}) must be smaller than occupied_thresh ({occupied:g})"
+        problems.append(document.problem(message, "free_thresh"))
+    origin = _origin(document, problems)
     mode = str(data.get("mode", "trinary")).lower()
     if mode not in MODES:
-        problems.append((marked.line("mode"), f"mode must be one of {', '.join(MODES)}. Got: {data['mode']!r}."))
+        problems.append(document.problem(f"mode must be one of {', '.join(MODES)}, got {data['mode']!r}", "mode"))
     negate = data.get("negate")
-    if negate not in (0, 1, True, False):
-        where = marked.line("negate") if "negate" in data else 1
-        problems.append((where, f"negate must be 0 or 1, usually 0. Got: {negate!r}."))
-    image = _image_path(marked, problems)
+    if negate not in (0, 1):
+        problems.append(document.problem(f"negate must be 0 or 1, usually 0, got {negate!r}", "negate"))
+    image = _image_path(document, problems)
     if problems:
-        problems.sort()
-        first_line, first = problems[0]
-        more = "".join(f"\n{marked.path}:{line}: {text}" for line, text in problems[1:])
-        raise FileError(marked.path, first + more, line=first_line)
+        raise DocumentError(sorted(problems, key=lambda problem: problem.line or 0))
     return _Header(
         image=image,
         resolution=resolution,
@@ -205,67 +206,58 @@ def _header(marked: Marked, free_thresh: float | None, occupied_thresh: float | 
 
 def _as_float(value: Any) -> float | None:
     """A finite number; YAML 1.1 reads `5e-2` as text, Nav2's reader as a number, so text is tried too."""
-    if isinstance(value, bool) or not isinstance(value, (int, float, str)):
+    if isinstance(value, bool) or not isinstance(value, int | float | str):
         return None
     try:
         number = float(value)
-    except ValueError:
+    except (ValueError, OverflowError):
         return None
     return number if math.isfinite(number) else None
 
 
-def _origin(marked: Marked, problems: list[tuple[int, str]]) -> Pose:
-    given = marked.value.get("origin")
-    line = marked.line("origin")
+def _origin(document: Document, problems: list[Problem]) -> Pose:
+    given = document.value.get("origin")
     values = [_as_float(v) for v in given] if isinstance(given, list) else []
-    if len(values) != 3 or any(v is None for v in values):
-        problems.append(
-            (
-                line,
-                "origin must be three numbers, [x, y, yaw] of the image's lower left corner in metres "
-                f"and radians. Got: {given!r}.",
-            )
-        )
+    numbers = [v for v in values if v is not None]
+    if len(values) != 3 or len(numbers) != 3:
+        wanted = "[x, y, yaw] of the image's lower left corner, metres and radians"
+        problems.append(document.problem(f"origin must be three numbers, {wanted}, got {given!r}", "origin"))
         return Pose(x=0.0, y=0.0)
-    x, y, yaw = (float(v) for v in values if v is not None)
+    x, y, yaw = numbers
     if max(abs(x), abs(y)) > FARTHEST_ORIGIN_M:
-        problems.append(
-            (
-                line,
-                f"the origin ({x:g}, {y:g}) lies more than {FARTHEST_ORIGIN_M:g} m away: is it in "
-                "millimetres or a geographic coordinate? Expected metres in the map frame.",
-            )
+        message = (
+            f"the origin ({x:g}, {y:g}) lies more than {FARTHEST_ORIGIN_M:g} m away: is it in millimetres or a "
+            "geographic coordinate? Expected metres in the map frame"
         )
+        problems.append(document.problem(message, "origin"))
     if abs(yaw) > math.tau:
-        problems.append(
-            (
-                line,
-                f"the origin's yaw must be in radians, between -6.28 and 6.28. Got: {yaw:g}; "
-                f"if these are degrees, write {math.radians(yaw):.4f}.",
-            )
+        message = (
+            f"the origin's yaw must be in radians, between -6.28 and 6.28, got {yaw:g}; "
+            f"if these are degrees, write {math.radians(yaw):.4f}"
         )
-        yaw = 0.0
+        problems.append(document.problem(message, "origin"))
     return Pose(x=x, y=y, yaw=yaw)
 
 
-def _image_path(marked: Marked, problems: list[tuple[int, str]]) -> Path:
-    name = marked.value.get("image")
+def _image_path(document: Document, problems: list[Problem]) -> Path:
+    name = document.value.get("image")
     if not isinstance(name, str) or not name:
-        where = marked.line("image") if "image" in marked.value else 1
-        problems.append((where, f"image must name the map's picture, for example map.pgm. Got: {name!r}."))
-        return marked.path
-    image = marked.path.parent / name
+        problems.append(document.problem(f"image must name the map's picture, such as map.pgm, got {name!r}", "image"))
+        return document.path
+    image = document.path.parent / name
     if not image.is_file():
         there = sorted(p.name for p in image.parent.glob("*") if p.suffix.lower() in (".pgm", ".png", ".bmp"))
-        listed = f"Images there: {', '.join(there[:10])}." if there else "There is no pgm, png or bmp image there."
-        problems.append((marked.line("image"), f"the image {image} does not exist. {listed}"))
+        listed = f"Images there: {', '.join(there[:10])}" if there else "There is no pgm, png or bmp image there"
+        problems.append(document.problem(f"the image {image} does not exist. {listed}", "image"))
     return image
 
 
 # --- the image ----------------------------------------------------------------------------------------------------
 
 
-def _shade(path: Path, *, trinary: bool, marked: Marked) -> tuple[NDArray[np.float64], NDArray[np.bool_], list[str]]:
+def _shade(
+    path: Path, *, trinary: bool, document: Document
+) -> tuple[NDArray[np.float64], NDArray[np.bool_], list[str]]:
     """Brightness (rows, columns) from 0 to 1 as Nav2 averages it, whether opaque, and notes."""
     notes: list[str] = []
     try:
@@ -310,14 +302,15 @@ def _shade(path: Path, *, trinary: bool, marked: Marked) -> tuple[NDArray[np.flo
     return colour.sum(axis=-1) / 3.0 / 255.0, opaque, notes
 
 
-def _refuse_absurd_sides(marked: Marked, header: _Header, rows: int, columns: int) -> None:
+def _refuse_absurd_sides(document: Document, header: _Header, rows: int, columns: int) -> None:
     wide, high = columns * header.resolution, rows * header.resolution
     if max(wide, high) > LONGEST_SIDE_M:
-        raise marked.error(
+        problem = document.problem(
             f"the map would be {wide:g} x {high:g} m ({columns} x {rows} cells of {header.resolution:g} m); at most "
             f"{LONGEST_SIDE_M:g} m a side are supported. Is the resolution in metres?",
             "resolution",
         )
+        raise DocumentError([problem])
     if min(rows, columns) < 2:
         raise FileError(header.image, f"the image has {columns} x {rows} pixels: too few to be a map.")
 

@@ -85,7 +85,8 @@ def connected(surface: Triangles) -> list[Triangles]:
 
 def cut(bodies: Sequence[Triangles], height: float) -> Any:
     """The region (a shapely geometry) that the bodies fill at a height."""
-    solid, hollow = [], []
+    solid: list[Any] = []
+    hollow: list[Any] = []
     for body in bodies:
         region = _cut_one(body, height)
         if region is None:
@@ -105,11 +106,9 @@ def _cut_one(body: Triangles, height: float) -> Any | None:
         return None
     lines = shapely.union_all(shapely.linestrings(segments), grid_size=_GRID_M)
     faces, cuts, dangles, _ = shapely.polygonize_full(shapely.get_parts(lines))
-    pieces = shapely.get_parts(shapely.linestrings(segments))
     inside = [face for face in shapely.get_parts(faces) if _odd(face, shapely.get_parts(lines))]
     open_lines = [g for g in (cuts, dangles) if not g.is_empty]
     inside += [line.buffer(SHEET_M / 2, cap_style="flat") for line in open_lines]
-    del pieces
     return shapely.union_all(inside) if inside else None
 
 
@@ -126,7 +125,7 @@ def _odd(face: Any, lines: Any) -> bool:
     return crossings % 2 == 1
 
 
-def _segments(body: Triangles, height: float) -> Floats:
+def _segments(body: Triangles, height: float) -> Any:
     """Where the faces cross a height, as segments (K, 2, 2); a shared edge gives both its faces the same point."""
     z = body.vertices[:, 2]
     above = z[body.faces] > height
@@ -144,7 +143,8 @@ def _segments(body: Triangles, height: float) -> Floats:
         share = ((height - z[a]) / (z[b] - z[a]))[:, None]
         ends.append(body.vertices[a, :2] * (1.0 - share) + body.vertices[b, :2] * share)
     segments = np.stack(ends, axis=1)
-    return segments[np.abs(segments[:, 0] - segments[:, 1]).max(axis=1) > _GRID_M]
+    longer: NDArray[np.bool_] = np.abs(segments[:, 0] - segments[:, 1]).max(axis=1) > _GRID_M
+    return segments[longer]
 
 
 def _volume(body: Triangles) -> float:
@@ -184,7 +184,7 @@ def _standing_apart(footprint: Any) -> list[Any]:
 
 
 def _vertices_within(vertices: Floats, region: Any) -> Floats:
-    chosen = vertices[shapely.contains_xy(region, vertices[:, 0], vertices[:, 1])]
+    chosen: Floats = vertices[shapely.contains_xy(region, vertices[:, 0], vertices[:, 1])]
     if len(chosen):
         return chosen
     corners = shapely.get_coordinates(region)

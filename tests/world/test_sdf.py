@@ -1,0 +1,373 @@
+"""Gazebo worlds: what they reduce to, and every refusal of one that cannot be read."""
+
+from __future__ import annotations
+
+import math
+import os
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rvsg.errors import FileError
+from rvsg.world.sdf import SdfWorld, load_sdf
+from rvsg.world.world import Polygon
+
+BOX = "<collision name='c'>{pose}<geometry><box><size>{size}</size></box></geometry></collision>"
+
+
+def box(size: str = "1 2 1", pose: str = "") -> str:
+    return BOX.format(size=size, pose=f"<pose>{pose}</pose>" if pose else "")
+
+
+def shape(geometry: str, pose: str = "0 0 0.5 0 0 0") -> str:
+    return f"<collision name='c'><pose>{pose}</pose><geometry>{geometry}</geometry></collision>"
+
+
+def model(name: str, inside: str, pose: str = "0 0 0.5 0 0 0", **attributes: str) -> str:
+    given_attributes = "".join(f' {k}="{v}"' for k, v in attributes.items())
+    return f"<model name='{name}'{given_attributes}><pose>{pose}</pose><link name='l'>{inside}</link></model>"
+
+
+def write(folder: Path, inside: str, name: str = "a.world") -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / name
+    path.write_text(f"<?xml version='1.0'?>\n<sdf version='1.7'>\n<world name='w'>\n{inside}\n</world></sdf>")
+    return path
+
+
+def write_model(models: Path, name: str, inside: str) -> Path:
+    folder = models / name
+    folder.mkdir(parents=True)
+    (folder / "model.config").write_text("<model><sdf version='1.6'>model.sdf</sdf></model>")
+    (folder / "model.sdf").write_text(f"<sdf version='1.6'>\n{inside}\n</sdf>")
+    return folder
+
+
+def only(world: SdfWorld):
+    assert len(world.objects) == 1
+    return world.objects[0]
+
+
+def region(rings: tuple[Polygon, ...]) -> shapely.Polygon:
+    filled = shapely.Polygon()
+    for ring in rings:
+        filled = filled.symmetric_difference(shapely.Polygon(ring))
+    return filled
+
+
+def refusal(path: Path, **options) -> str:
+    with pytest.raises(FileError) as caught:
+        load_sdf(path, **options)
+    return str(caught.value)
+
+
+def test_a_box_keeps_its_pose_size_and_slice(tmp_path: Path) -> None:
+    thing = only(load_sdf(write(tmp_path, model("Crate_3", box("2 1 1"), pose="3 4 0.5 0 0 0.5"))))
+    assert (thing.name, thing.kind) == ("Crate_3", "Crate")
+    assert thing.box.center == pytest.approx((3, 4, 0.5))
+    assert thing.box.size == pytest.approx((2, 1, 1))
+    assert thing.box.yaw == pytest.approx(0.5)
+    assert thing.origin == pytest.approx((3, 4, 0.5))
+    assert region(thing.slices).area == pytest.approx(2.0, abs=1e-4)
+    assert shapely.Polygon(thing.footprint).area == pytest.approx(2.0, abs=1e-3)
+
+
+@given(x=st.floats(-20, 20), y=st.floats(-20, 20), yaw=st.floats(-3.1, 3.1), lx=st.floats(-3, 3), lyaw=st.floats(-3, 3))
+@settings(max_examples=20, deadline=None)
+def test_poses_of_model_link_and_collision_chain(
+    tmp_path_factory: pytest.TempPathFactory, x: float, y: float, yaw: float, lx: float, lyaw: float
+) -> None:
+    text = (
+        f"<model name='a'><pose>{x} {y} 0 0 0 {yaw}</pose><link name='l'><pose>{lx} 0 0 0 0 {lyaw}</pose>"
+        f"{box('1 1 1', '0 0.5 0.5 0 0 0')}</link></model>"
+    )
+    thing = only(load_sdf(write(tmp_path_factory.mktemp("w"), text)))
+    cx = x + math.cos(yaw) * lx - math.sin(yaw + lyaw) * 0.5
+    cy = y + math.sin(yaw) * lx + math.cos(yaw + lyaw) * 0.5
+    centre = region(thing.slices).centroid
+    assert (centre.x, centre.y) == pytest.approx((cx, cy), abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("geometry", "area"),
+    [
+        ("<cylinder><radius>0.5</radius><length>1</length></cylinder>", math.pi * 0.25),
+        ("<sphere><radius>0.5</radius></sphere>", math.pi * (0.25 - 0.29**2)),
+        ("<ellipsoid><radii>0.5 1 0.5</radii></ellipsoid>", 2 * math.pi * (0.25 - 0.29**2)),
+        ("<capsule><radius>0.2</radius><length>0.6</length></capsule>", math.pi * 0.04),
+        ("<cone><radius>1</radius><length>1</length></cone>", math.pi * 0.79**2),
+        ("<polyline><point>0 0</point><point>1 0</point><point>0 1</point><height>1</height></polyline>", 0.5),
+    ],
+)
+def test_a_primitive_is_cut_at_the_lidar_height(tmp_path: Path, geometry: str, area: float) -> None:
+    base = "0 0 0 0 0 0" if "polyline" in geometry else "0 0 0.5 0 0 0"
+    thing = only(load_sdf(write(tmp_path, model("a", shape(geometry, base), pose="0 0 0 0 0 0"))))
+    assert region(thing.slices).area == pytest.approx(area, rel=0.03)
+
+
+def test_a_table_shows_the_lidar_its_legs_and_people_its_top(tmp_path: Path) -> None:
+    legs = "".join(box("0.1 0.1 0.7", f"{x} {y} 0.35 0 0 0") for x in (-0.7, 0.7) for y in (-0.4, 0.4))
+    thing = only(
+        load_sdf(write(tmp_path, model("Table", legs + box("1.5 0.9 0.05", "0 0 0.725 0 0 0"), "0 0 0 0 0 0")))
+    )
+    assert len(thing.slices) == 4
+    assert region(thing.slices).area == pytest.approx(0.04)
+    assert shapely.Polygon(thing.footprint).area == pytest.approx(1.35, rel=0.01)
+
+
+def test_a_room_of_four_walls_keeps_its_floor_open(tmp_path: Path) -> None:
+    walls = "".join(
+        box(s, p)
+        for s, p in (
+            ("10 .2 3", "0 4 1.5 0 0 0"),
+            ("10 .2 3", "0 -4 1.5 0 0 0"),
+            (".2 8.2 3", "5 0 1.5 0 0 0"),
+            (".2 8.2 3", "-5 0 1.5 0 0 0"),
+        )
+    )
+    thing = only(load_sdf(write(tmp_path, model("Room", walls, "0 0 0 0 0 0"))))
+    assert len(thing.holes) == 1
+    assert not region((thing.footprint, *thing.holes)).contains(shapely.Point(0, 0))
+    assert region(thing.slices).contains(shapely.Point(5, 0))
+
+
+def test_walls_far_apart_in_one_model_become_objects_of_their_own(tmp_path: Path) -> None:
+    world = load_sdf(write(tmp_path, model("Walls", box("8 .2 3", "0 4 1 0 0 0") + box("8 .2 3", "0 -4 1 0 0 0"))))
+    assert [thing.name for thing in world.objects] == ["Walls 1", "Walls 2"]
+
+
+def test_floor_and_what_hangs_above_heads_is_left_out_and_told(tmp_path: Path) -> None:
+    text = model("Ground", shape("<plane><normal>0 0 1</normal><size>9 9</size></plane>"), "0 0 0 0 0 0")
+    text += model("Slab", box("20 20 1"), "0 0 -0.5 0 0 0") + model("Lamp", box("1 1 .2"), "0 0 3 0 0 0")
+    world = load_sdf(write(tmp_path, text + model("Crate", box())))
+    assert [thing.name for thing in world.objects] == ["Crate"]
+    assert any("Slab, Lamp" in note for note in world.notes)
+
+
+def test_includes_are_found_through_search_paths_and_posed_by_the_include(tmp_path: Path) -> None:
+    write_model(tmp_path / "elsewhere", "shelf", model("shelf", box()))
+    text = "<include><uri>model://shelf</uri><name>s_1</name><pose>5 0 0.5 0 0 0</pose></include>"
+    world = write(tmp_path / "w", text)
+    thing = only(load_sdf(world, model_paths=[tmp_path / "elsewhere"]))
+    assert (thing.name, thing.kind, thing.origin[0]) == ("s_1", "shelf", 5.0)
+    message = refusal(world)
+    assert '"model://shelf" was not found' in message
+    assert f"\n      {tmp_path / 'w' / 'models'}" in message
+    assert "a.world:4" in message
+
+
+def test_the_newest_sdf_of_a_model_folder_is_read(tmp_path: Path) -> None:
+    folder = write_model(tmp_path / "models", "m", model("m", box("1 1 1")))
+    (folder / "new.sdf").write_text(f"<sdf version='1.9'>{model('m', box('3 3 1'))}</sdf>")
+    (folder / "model.config").write_text(
+        "<model><sdf version='1.10'>new.sdf</sdf><sdf version='1.9'>model.sdf</sdf></model>"
+    )
+    assert only(load_sdf(write(tmp_path, "<include><uri>model://m</uri></include>"))).box.size[0] == pytest.approx(3)
+
+
+def test_frames_nested_models_and_placement_frames_are_resolved(tmp_path: Path) -> None:
+    inner = (
+        "<model name='in'><pose relative_to='f'>1 0 0 0 0 0</pose>"
+        + "<link name='l'>"
+        + box("1 1 1")
+        + "</link></model>"
+    )
+    frame = "<frame name='f'><pose>0 2 0 0 0 1.5707963</pose></frame>"
+    outer = f"<model name='out'><pose>10 0 0.5 0 0 0</pose>{frame}{inner}</model>"
+    placed = (
+        "<model name='p' placement_frame='l'><pose relative_to='out::f'>0 0 0 0 0 0</pose>"
+        "<link name='l'><pose>7 7 0 0 0 0</pose>" + box("1 1 1") + "</link></model>"
+    )
+    found = {t.name: t.box.center for t in load_sdf(write(tmp_path, outer + placed)).objects}
+    assert found["out"] == pytest.approx((10, 3, 0.5))
+    assert found["p"] == pytest.approx((10, 2, 0.5))
+
+
+def test_degrees_quaternions_and_saved_states_are_understood(tmp_path: Path) -> None:
+    text = "<model name='d'><pose degrees='true'>0 0 .5 0 0 90</pose><link name='l'>" + box() + "</link></model>"
+    text += (
+        "<model name='q'><pose rotation_format='quat_xyzw'>9 0 .5 0 0 0.70710678 0.70710678</pose>"
+        "<link name='l'>"
+        + box()
+        + "</link></model>"
+        + model("s", box())
+        + "<state world_name='w'><model name='s'><pose>0 -8 0.5 0 0 0</pose></model></state>"
+    )
+    found = {t.name: t for t in load_sdf(write(tmp_path, text)).objects}
+    assert found["d"].box.yaw == pytest.approx(math.pi / 2)
+    assert found["q"].box.yaw == pytest.approx(math.pi / 2)
+    assert found["s"].origin[1] == -8.0
+
+
+def test_models_can_be_left_out_and_the_floor_be_lifted(tmp_path: Path) -> None:
+    text = model("robot", box(), "3 0 10.5 0 0 0") + model("Crate", box(), "0 0 10.5 0 0 0")
+    assert only(load_sdf(write(tmp_path, text), without=["rob*"], floor_m=10.0)).box.center[2] == pytest.approx(0.5)
+
+
+# --- meshes ---
+
+
+def stl(triangles: np.ndarray) -> bytes:
+    records = b"".join(struct.pack("<12fH", 0, 0, 0, *t.ravel(), 0) for t in triangles)
+    return bytes(80) + struct.pack("<I", len(triangles)) + records
+
+
+CUBE = np.array([[(0, 0, 0), (0, 1, 0), (1, 1, 0)], [(0, 0, 0), (1, 1, 0), (1, 0, 0)],
+                 [(0, 0, 1), (1, 0, 1), (1, 1, 1)], [(0, 0, 1), (1, 1, 1), (0, 1, 1)],
+                 [(0, 0, 0), (1, 0, 0), (1, 0, 1)], [(0, 0, 0), (1, 0, 1), (0, 0, 1)],
+                 [(1, 0, 0), (1, 1, 0), (1, 1, 1)], [(1, 0, 0), (1, 1, 1), (1, 0, 1)],
+                 [(1, 1, 0), (0, 1, 0), (0, 1, 1)], [(1, 1, 0), (0, 1, 1), (1, 1, 1)],
+                 [(0, 1, 0), (0, 0, 0), (0, 0, 1)], [(0, 1, 0), (0, 0, 1), (0, 1, 1)]], float)  # fmt: skip
+
+
+def mesh_world(folder: Path, name: str, scale: str = "1 1 1") -> Path:
+    geometry = f"<mesh><uri>{name}</uri><scale>{scale}</scale></mesh>"
+    return write(folder, model("m", shape(geometry, "0 0 0 0 0 0"), "0 0 0 0 0 0"))
+
+
+def obj(folder: Path) -> None:
+    lines = [f"v {x} {y} {z}" for triangle in CUBE for x, y, z in triangle]
+    lines += [f"f {i} {i + 1} {i + 2}" for i in range(1, 37, 3)]
+    (folder / "m.obj").write_text("mtllib ../../none.mtl\n" + "\n".join(lines))
+
+
+@pytest.mark.parametrize("name", ["m.stl", "m.obj"])
+def test_stl_and_obj_meshes_are_scaled_and_sliced(tmp_path: Path, name: str) -> None:
+    pytest.importorskip("trimesh")
+    (tmp_path / "m.stl").write_bytes(stl(CUBE))
+    obj(tmp_path)
+    thing = only(load_sdf(mesh_world(tmp_path, name, "2 -1 1")))
+    assert thing.box.size == pytest.approx((2, 1, 1))
+    assert thing.box.center == pytest.approx((1, -0.5, 0.5))
+    assert region(thing.slices).area == pytest.approx(2.0, abs=1e-4)
+
+
+def test_an_unreadable_mesh_is_named_and_its_box_is_used_only_if_allowed(tmp_path: Path) -> None:
+    pytest.importorskip("trimesh")
+    (tmp_path / "m.stl").write_bytes(stl(CUBE)[:-20])
+    world = mesh_world(tmp_path, "m.stl")
+    assert "m.stl: the mesh" in refusal(world)
+    read = load_sdf(world, box_for_unreadable=True)
+    assert only(read).box.size == pytest.approx((1, 1, 1))
+    assert any("m.stl" in note and "bounding box" in note for note in read.notes)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "says"),
+    [
+        ("m.stl", b"", "the mesh"),
+        ("m.dae", b"<COLLADA>", "not well-formed XML"),
+        ("m.dae", b"<!DOCTYPE x [<!ENTITY a 'b'>]><COLLADA>&a;</COLLADA>", "document type or entity"),
+        ("m.dae", b"<COLLADA/>", "the mesh cannot be read"),
+        ("m.fbx", b"x", "mesh format .fbx is not supported"),
+        ("m.obj", b"v 0 0 0\n", "no triangles"),
+    ],
+)
+def test_bad_meshes_are_refused_by_name(tmp_path: Path, name: str, content: bytes, says: str) -> None:
+    pytest.importorskip("collada")
+    (tmp_path / name).write_bytes(content)
+    message = refusal(mesh_world(tmp_path, name), box_for_unreadable=True)
+    assert name in message
+    assert says in message
+
+
+# --- refusals ---
+
+
+def test_cyclic_includes_are_refused_with_the_circle(tmp_path: Path) -> None:
+    for one, other in (("a", "b"), ("b", "a")):
+        write_model(
+            tmp_path / "models", one, f"<model name='{one}'><include><uri>model://{other}</uri></include></model>"
+        )
+    message = refusal(write(tmp_path, "<include><uri>model://a</uri></include>"))
+    assert "circle" in message
+    assert "a → b → a" in message
+
+
+def test_frames_in_a_circle_are_refused(tmp_path: Path) -> None:
+    frames = "<frame name='f'><pose relative_to='g'/></frame><frame name='g'><pose relative_to='f'/></frame>"
+    text = f"<model name='m'>{frames}<link name='l'><pose relative_to='f'/>{box()}</link></model>"
+    assert "circle" in refusal(write(tmp_path, text))
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("<!DOCTYPE sdf [<!ENTITY a 'x'>]><sdf/>", "document type or entity"),
+        ("<!DOCTYPE sdf SYSTEM 'file:///etc/passwd'><sdf/>", "document type or entity"),
+        ("<sdf><world>", "not well-formed"),
+        ("", "not well-formed"),
+        ("<robot name='r'/>", "expected an SDF file (<sdf>), found <robot>"),
+        ("<sdf version='1.6'><world name='w'/></sdf>", "holds no model"),
+        ("<a>" * 300 + "</a>" * 300, "nested more than"),
+    ],
+)
+def test_a_file_that_is_no_world_is_refused(tmp_path: Path, text: str, says: str) -> None:
+    (tmp_path / "a.world").write_text(text)
+    assert says in refusal(tmp_path / "a.world")
+
+
+@pytest.mark.parametrize(
+    ("inside", "says"),
+    [
+        (model("a", box("1 2")), "<size> must be 3 finite numbers"),
+        (model("a", box("1 0 1")), "must be positive"),
+        (model("a", box("nan 1 1")), "finite"),
+        (model("a", box(), pose="1 2 3"), "<pose> must be 6 finite numbers"),
+        (model("a", shape("<mesh/>")), "the mesh has no <uri>"),
+        (model("a", shape("<box/>")), "has no <size>"),
+        (model("a", box("5000 5000 1")), "is the unit of its mesh right?"),
+        (model("a", box()) + model("a", box(), "5 5 0 0 0 0"), 'the model name "a" is used twice'),
+        ("<include/>", "the include has no <uri>"),
+        ("<include><uri>https://fuel.org/models/Table</uri></include>", "nothing is fetched from the network"),
+        ("<include><uri>model://../../../etc</uri></include>", "was not found"),
+        (
+            "<model name='a'><link name='l'><pose relative_to='nowhere'/>" + box() + "</link></model>",
+            'no frame "nowhere"',
+        ),
+        (model("Lamp", box(), "0 0 9 0 0 0"), "nothing is solid here"),
+    ],
+)
+def test_a_mistake_in_a_world_is_told_with_its_line(tmp_path: Path, inside: str, says: str) -> None:
+    message = refusal(write(tmp_path, inside))
+    assert says in message
+    assert "a.world:" in message
+
+
+def test_all_mistakes_are_told_at_once(tmp_path: Path) -> None:
+    message = refusal(write(tmp_path, model("a", box("1 2")) + "\n<include><uri>model://gone</uri></include>"))
+    assert "2 things are wrong" in message
+
+
+# --- the study's world ---
+
+
+def _data() -> Path | None:
+    told = os.environ.get("RVSG_PUBLISHED_DATA")
+    places = [Path(told)] if told else []
+    places += [parent / "shared" / "data" for parent in Path(__file__).resolve().parents]
+    return next((place for place in places if (place / "sdf").is_dir()), None)
+
+
+@pytest.mark.skipif(_data() is None, reason="the study's world is not here")
+def test_the_studys_world_reduces_to_its_published_objects() -> None:
+    pytest.importorskip("collada")
+    data = _data()
+    assert data is not None
+    read = load_sdf(data / "sdf" / "worlds" / "no_roof_small_warehouse.world")
+    published = {thing["name"]: thing for thing in yaml.safe_load((data / "warehouse" / "objects.yaml").read_text())}
+    assert {thing.name for thing in read.objects} == set(published)
+    for thing in read.objects:
+        expected = published[thing.name]
+        assert thing.kind == expected["kind"]
+        assert thing.box.center == pytest.approx(expected["box"]["center"], abs=1e-3)
+        assert thing.box.size == pytest.approx(expected["box"]["size"], abs=1e-3)
+        assert math.remainder(thing.box.yaw - expected["box"]["yaw"], math.tau) == pytest.approx(0, abs=1e-3)
+        ours, theirs = region(thing.slices), region(tuple(expected["slice_at_0_21_m"]))
+        assert ours.hausdorff_distance(theirs) < 2e-3, thing.name
