@@ -110,10 +110,9 @@ def sphere(radius: float) -> Triangles:
 
 def capsule(radius: float, length: float) -> Triangles:
     """An upright capsule: a cylinder of `length` with half spheres on both ends."""
-    angles = np.linspace(-math.pi / 2, math.pi / 2, ROUND_SIDES // 2 + 1)
-    profile = radius * np.column_stack([np.cos(angles).clip(0.0), np.sin(angles)])
-    profile[:, 1] += np.where(angles < 0, -length / 2, length / 2)
-    return turned_profile(profile)
+    angles = np.linspace(0.0, math.pi / 2, ROUND_SIDES // 4 + 1)
+    upper = radius * np.column_stack([np.cos(angles).clip(0.0), np.sin(angles)]) + (0.0, length / 2)
+    return turned_profile(np.concatenate([upper[::-1] * (1.0, -1.0), upper]))
 
 
 def cone(radius: float, length: float) -> Triangles:
