@@ -1,0 +1,160 @@
+"""Finds places for words so that none covers another word, a dot or a line that must be seen."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import ImageFont
+
+Floats = NDArray[np.float64]
+Box = tuple[float, float, float, float]
+
+_fonts: dict[int, ImageFont.FreeTypeFont | ImageFont.ImageFont] = {}
+
+
+def font(size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
+    """The font that comes with Pillow, in pixels."""
+    if size not in _fonts:
+        _fonts[size] = ImageFont.load_default(size)
+    return _fonts[size]
+
+
+@dataclass(frozen=True)
+class Word:
+    """A text placed on the page: `box` is left, top, right, bottom in pixels; turned text reads upwards."""
+
+    text: str
+    box: Box
+    size: int
+    turned: bool = False
+
+    @property
+    def centre(self) -> tuple[float, float]:
+        """The middle of the box."""
+        return ((self.box[0] + self.box[2]) / 2, (self.box[1] + self.box[3]) / 2)
+
+
+def text_size(text: str, size: int) -> tuple[int, int]:
+    """Width and height in pixels of a text of one or more lines."""
+    lines = text.split("\n")
+    width = max(font(size).getlength(line) for line in lines)
+    return (int(np.ceil(width)), round(len(lines) * size * 1.14))
+
+
+class Taken:
+    """The rectangles of the page that nothing may cover."""
+
+    def __init__(self) -> None:
+        self._boxes = np.empty((64, 4))
+        self._count = 0
+
+    def add(self, box: Box) -> None:
+        """Take a rectangle."""
+        if self._count == len(self._boxes):
+            self._boxes = np.concatenate([self._boxes, np.empty_like(self._boxes)])
+        self._boxes[self._count] = box
+        self._count += 1
+
+    def add_dot(self, x: float, y: float, radius: float) -> None:
+        """Take the square around a dot."""
+        self.add((x - radius, y - radius, x + radius, y + radius))
+
+    def add_line(self, points: Floats, half_width: float, step: float = 10.0) -> None:
+        """Take the surroundings of a line through the points (n, 2)."""
+        for a, b in pairwise(points):
+            count = max(1, int(np.hypot(*(b - a)) / step))
+            for share in np.linspace(0.0, 1.0, count + 1):
+                x, y = a + (b - a) * share
+                self.add_dot(x, y, half_width)
+
+    def free(self, box: Box, gap: float = 2.0) -> bool:
+        """Whether a rectangle covers nothing that is taken, with a gap in pixels around it."""
+        taken = self._boxes[: self._count]
+        left, top, right, bottom = box
+        return not bool(
+            np.any(
+                (taken[:, 0] < right + gap)
+                & (taken[:, 2] > left - gap)
+                & (taken[:, 1] < bottom + gap)
+                & (taken[:, 3] > top - gap)
+            )
+        )
+
+
+def wrapped(text: str) -> Iterator[str]:
+    """A name on one line, then on two lines of about equal length, then one word a line."""
+    yield text
+    words = text.split()
+    if len(words) > 2:
+        cuts = range(1, len(words))
+        best = min(cuts, key=lambda c: max(len(" ".join(words[:c])), len(" ".join(words[c:]))))
+        yield " ".join(words[:best]) + "\n" + " ".join(words[best:])
+    if len(words) > 1:
+        yield "\n".join(words)
+
+
+def place_inside(text: str, ring: Floats, taken: Taken, sizes: Iterable[int]) -> Word | None:
+    """The largest readable place of a name inside a polygon (n, 2) in pixels that covers nothing, or None."""
+    from shapely import Polygon, prepare
+    from shapely import box as rectangle
+
+    shape = Polygon(ring)
+    prepare(shape)
+    x0, y0, x1, y1 = shape.bounds
+    centre = shape.representative_point() if not shape.contains(shape.centroid) else shape.centroid
+    for size in sizes:
+        for turned in (False, True):
+            for lines in wrapped(text) if not turned else (text,):
+                width, height = text_size(lines, size)
+                if turned:
+                    width, height = height, width
+                if width + 4 > x1 - x0 or height + 4 > y1 - y0:
+                    continue
+                for x, y in _spots((x0, y0, x1, y1), (centre.x, centre.y), width, height):
+                    spot = (x - width / 2, y - height / 2, x + width / 2, y + height / 2)
+                    if taken.free(spot) and shape.contains(rectangle(*spot)):
+                        return Word(lines, spot, size, turned)
+    return None
+
+
+def _spots(bounds: Box, centre: tuple[float, float], width: float, height: float) -> list[tuple[float, float]]:
+    """Centres to try, nearest to the middle first."""
+    x0, y0, x1, y1 = bounds
+    xs = np.unique(np.concatenate([[centre[0]], np.linspace(x0 + width / 2 + 3, x1 - width / 2 - 3, 15)]))
+    ys = np.unique(np.concatenate([[centre[1]], np.linspace(y0 + height / 2 + 3, y1 - height / 2 - 3, 15)]))
+    found = [(float(x), float(y)) for x in xs for y in ys]
+    return sorted(found, key=lambda p: ((p[0] - centre[0]) ** 2 + (p[1] - centre[1]) ** 2, p))
+
+
+def place_beside(text: str, ring: Floats, taken: Taken, sizes: Iterable[int], page: Box) -> Word | None:
+    """A place near a polygon for a name that does not fit into it; None where all is taken."""
+    low, high = ring.min(axis=0), ring.max(axis=0)
+    middle = (low + high) / 2
+    for size in sizes:
+        for lines in wrapped(text):
+            width, height = text_size(lines, size)
+            for away in (3, 10, 20, 35, 55, 80):
+                for x, y in _around(low - away, high + away, middle, width, height):
+                    spot = (x - width / 2, y - height / 2, x + width / 2, y + height / 2)
+                    inside = spot[0] >= page[0] and spot[1] >= page[1] and spot[2] <= page[2] and spot[3] <= page[3]
+                    if inside and taken.free(spot):
+                        return Word(lines, spot, size)
+    return None
+
+
+def _around(low: Floats, high: Floats, middle: Floats, width: float, height: float) -> Iterator[tuple[float, float]]:
+    shares = (0.0, -0.35, 0.35, -0.7, 0.7, -1.0, 1.0)
+    for side_x, side_y in ((0, -1), (0, 1), (1, 0), (-1, 0)):
+        for share in shares:
+            reach = (high - low) / 2
+            if side_x:
+                x = middle[0] + side_x * (reach[0] + width / 2)
+                y = middle[1] + share * reach[1]
+            else:
+                x = middle[0] + share * reach[0]
+                y = middle[1] + side_y * (reach[1] + height / 2)
+            yield (float(x), float(y))

@@ -1,0 +1,92 @@
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+from rvsg.errors import InputError, UnknownName
+from rvsg.world.load import load_world, shipped_worlds
+from rvsg.world.picture import GRID, LABELLED, PALETTES, Picture, draw_plan, grid_picture, labelled_map, png_bytes
+
+
+def overlaps(picture: Picture) -> list[tuple[str, str]]:
+    found = []
+    for a, b in combinations(picture.words, 2):
+        if a.box[0] < b.box[2] and b.box[0] < a.box[2] and a.box[1] < b.box[3] and b.box[1] < a.box[3]:
+            found.append((a.text, b.text))
+    return found
+
+
+@pytest.mark.parametrize("name", shipped_worlds())
+@pytest.mark.parametrize("show", [LABELLED, GRID], ids=["labelled", "grid"])
+@pytest.mark.parametrize("with_route", [False, True], ids=["bare", "route"])
+def test_no_word_covers_another_in_any_shipped_world(name: str, show: frozenset[str], with_route: bool) -> None:
+    world = load_world(name)
+    for route in world.routes if with_route else (None,):
+        picture = draw_plan(world, show=show, route=route)
+        assert overlaps(picture) == []
+        width, height = picture.image.size
+        for word in picture.words:
+            assert word.box[0] >= 0 and word.box[1] >= 0 and word.box[2] <= width and word.box[3] <= height, word
+            assert word.size >= 10
+
+
+def test_every_area_and_every_valid_waypoint_of_the_warehouse_is_named() -> None:
+    world = load_world("warehouse")
+    words = {word.text.replace("\n", " ") for word in draw_plan(world, show=GRID).words}
+    assert {area.name for area in world.areas} <= words
+    assert world.grid.valid <= words
+    assert not {w.name for w in world.grid.waypoints if not w.human} & words
+
+
+def test_rows_read_from_top_to_bottom_and_columns_from_left_to_right() -> None:
+    for name in shipped_worlds():
+        world = load_world(name)
+        view = draw_plan(world, show=GRID).view
+        places = {w.name: view.pixels(np.array([w.x, w.y])) for w in world.grid.waypoints}
+        for w in world.grid.waypoints:
+            below, right = world.grid.rows[w.row + 1 : w.row + 2], world.grid.columns[w.column + 1 : w.column + 2]
+            if below:
+                assert places[below[0] + world.grid.columns[w.column]][1] > places[w.name][1]
+            if right:
+                assert places[world.grid.rows[w.row] + right[0]][0] > places[w.name][0]
+
+
+def test_the_same_world_gives_the_same_bytes() -> None:
+    world = load_world("warehouse")
+    assert png_bytes(grid_picture(world)) == png_bytes(grid_picture(world))
+
+
+def test_a_picture_is_as_wide_as_asked_for() -> None:
+    world = load_world("warehouse")
+    assert labelled_map(world).width == 1600
+    assert labelled_map(world, width_px=900).width == 900
+
+
+def test_a_dot_is_drawn_where_its_waypoint_is_and_none_where_nobody_can_stand() -> None:
+    world = load_world("warehouse")
+    picture = draw_plan(world, show=frozenset({"waypoints"}))
+    ink = np.array(PALETTES["light"].dot)
+    for waypoint in world.grid.waypoints:
+        x, y = picture.view.pixels(np.array([waypoint.x, waypoint.y]))
+        colour = np.array(picture.image.getpixel((round(x), round(y))))
+        dark = bool(np.abs(colour - ink).max() < 40)
+        assert dark == (waypoint.human and waypoint.robot) or not waypoint.human, waypoint
+
+
+def test_view_and_metres_are_inverse() -> None:
+    world = load_world("warehouse")
+    view = draw_plan(world, show=frozenset()).view
+    points = np.random.default_rng(1).uniform(-8, 8, (50, 2))
+    assert np.allclose(view.metres(view.pixels(points)), points)
+
+
+def test_bad_options_are_answered_with_one_message() -> None:
+    world = load_world("warehouse")
+    with pytest.raises(InputError, match="400 to 6000 pixels"):
+        labelled_map(world, width_px=20)
+    with pytest.raises(UnknownName, match='Did you mean "light"'):
+        labelled_map(world, colours="ligth")
+    with pytest.raises(UnknownName, match='Did you mean "areas"'):
+        labelled_map(world, show=frozenset({"aeras"}))
+    with pytest.raises(InputError, match="empty"):
+        labelled_map(world, window=(1, 1, 1, 3))
