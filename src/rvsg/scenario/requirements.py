@@ -22,7 +22,7 @@ from pydantic import ValidationError
 
 from rvsg.errors import FileError, UnknownName
 from rvsg.scenario.requirement import Requirement
-from rvsg.world.marked_yaml import Marked, read_marked
+from rvsg.world.documents import Document, DocumentError, Problem, read_yaml
 
 _FIELDS = sorted(set(Requirement.model_fields) - {"name"})
 
@@ -61,28 +61,30 @@ def load_requirement(name_or_path: str | Path) -> Requirement:
 
 def load_requirements(path: Path) -> dict[str, Requirement]:
     """All requirements of a file by name; a FileError lists every mistake with its line."""
-    marked = read_marked(path)
-    if not isinstance(marked.value, dict) or not marked.value:
+    document = read_yaml(path)
+    if not isinstance(document.value, dict) or not document.value:
         raise FileError(path, 'expected a mapping from names to requirements, e.g. "R1: {title: ..., metric: dto}"')
     found: dict[str, Requirement] = {}
-    mistakes: list[tuple[int, str]] = []
-    for name, fields in marked.value.items():
+    mistakes: list[Problem] = []
+    for name, fields in document.value.items():
         if not isinstance(fields, dict):
-            mistakes.append((marked.line(name), f"{name}: expected a mapping with the keys {', '.join(_FIELDS)}"))
+            message = f"{name}: expected a mapping with the keys {', '.join(_FIELDS)}"
+            mistakes.append(document.problem(message, str(name)))
             continue
         if "name" in fields:
-            mistakes.append((marked.line(name, "name"), f"{name}: the name is the key above; leave out `name`"))
+            message = f"{name}: the name is the key above; leave out `name`"
+            mistakes.append(document.problem(message, str(name), "name"))
             continue
         try:
             found[str(name)] = Requirement.model_validate({"name": str(name), **fields})
         except ValidationError as error:
-            mistakes += [_mistake(marked, str(name), detail["loc"], detail) for detail in error.errors()]
+            mistakes += [_mistake(document, str(name), detail["loc"], detail) for detail in error.errors()]
     if mistakes:
-        raise _all(path, mistakes)
+        raise DocumentError(sorted(mistakes, key=lambda mistake: mistake.line or 0))
     return found
 
 
-def _mistake(marked: Marked, name: str, loc: tuple[int | str, ...], detail: object) -> tuple[int, str]:
+def _mistake(document: Document, name: str, loc: tuple[int | str, ...], detail: object) -> Problem:
     assert isinstance(detail, dict)
     where = ".".join([name, *(str(part) for part in loc)])
     if detail["type"] == "extra_forbidden":
@@ -93,10 +95,4 @@ def _mistake(marked: Marked, name: str, loc: tuple[int | str, ...], detail: obje
         said = f"{where}: {detail['msg'].removeprefix('Value error, ')}"
         if loc:
             said += f", got {detail['input']!r}"
-    return marked.line(name, *loc), said
-
-
-def _all(path: Path, mistakes: list[tuple[int, str]]) -> FileError:
-    first, *rest = sorted(mistakes)
-    message = "\n".join([first[1], *(f"{path}:{line}: {said}" for line, said in rest)])
-    return FileError(path, message, line=first[0])
+    return document.problem(said, name, *loc)
