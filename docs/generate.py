@@ -38,16 +38,9 @@ def help_of(*verb: str) -> str:
 
 
 def subcommands(text: str) -> list[str]:
-    """The names listed in the Commands panel of a help text."""
-    names, inside = [], False
-    for line in text.splitlines():
-        if "Commands" in line and line.lstrip().startswith(("╭", "+", "┌")):
-            inside = True
-        elif inside and line.lstrip().startswith(("╰", "+", "└")):
-            inside = False
-        elif inside and (match := re.match(r"[│|] ([a-z][a-z0-9-]*) ", line)):
-            names.append(match[1])
-    return names
+    """The names listed under Commands in a help text."""
+    listed = re.search(r"^Commands:\n((?:  .*\n?)+)", text, flags=re.MULTILINE)
+    return re.findall(r"^  ([a-z][a-z0-9-]*)(?:\s|$)", listed[1], flags=re.MULTILINE) if listed else []
 
 
 def all_commands() -> Iterator[tuple[tuple[str, ...], str]]:

@@ -12,7 +12,9 @@ from collections.abc import Sequence
 
 from rvsg.app.cli.frame import Verb, command_line
 
-VERBS: dict[str, Verb] = {}
+VERBS: dict[str, Verb] = {
+    "run": Verb("run", "Find, confirm and report scenarios that make the robot violate a requirement"),
+}
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -1,0 +1,89 @@
+"""Progress of a campaign on standard error: a bar with an estimate on a terminal, a line per scenario elsewhere."""
+
+from __future__ import annotations
+
+import time
+from types import TracebackType
+from typing import Self
+
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from rvsg.app.cli.console import console, say
+from rvsg.campaign.attempt import Attempt, Failure
+from rvsg.campaign.plan import Plan
+from rvsg.report.summary import number
+from rvsg.scenario.brief import Brief
+from rvsg.simulation.run import Run
+
+
+class CampaignProgress:
+    """Watches a campaign and shows how far it is; `done` runs were made before."""
+
+    def __init__(self, plan: Plan, attempts: list[Attempt], *, quiet: bool = False) -> None:
+        self.plan = plan
+        self.worst: float | None = None
+        self.runs = sum(len(a.measurements) + len(a.failures) for a in attempts)
+        self.made = 0
+        self.begin = time.monotonic()
+        for attempt in attempts:
+            self._note(attempt)
+        live = console().is_terminal and not quiet
+        self.quiet = quiet
+        self.bar: Progress | None = None
+        if live:
+            self.bar = Progress(
+                TextColumn("{task.description}"),
+                BarColumn(),
+                MofNCompleteColumn(),
+                TextColumn("runs"),
+                TimeElapsedColumn(),
+                TextColumn("left"),
+                TimeRemainingColumn(),
+                console=console(),
+                transient=True,
+            )
+            self.task = self.bar.add_task("starting", total=plan.runs, completed=self.runs)
+
+    def __enter__(self) -> Self:
+        if self.bar:
+            self.bar.start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        if self.bar:
+            self.bar.stop()
+
+    def proposing(self, brief: Brief) -> None:
+        """Show which configuration is under way."""
+        if self.bar:
+            place = f"scenario {brief.scenario_index + 1}"
+            if self.plan.refinements:
+                place += f", configuration {brief.configuration_index + 1}"
+            worst = (
+                f" (worst so far {number(self.worst, self.plan.requirement.unit)})" if self.worst is not None else ""
+            )
+            self.bar.update(self.task, description=place + worst)
+
+    def ran(self, run: Run | Failure) -> None:
+        """One run more."""
+        self.runs += 1
+        self.made += 1
+        if self.bar:
+            self.bar.advance(self.task)
+
+    def attempted(self, attempt: Attempt) -> None:
+        """An attempt more; without a terminal a line at the end of every scenario, with an estimate."""
+        self._note(attempt)
+        last = (attempt.index + 1) % self.plan.configurations == 0
+        if self.bar or self.quiet or attempt.purpose == "confirmation" or not last:
+            return
+        spent = time.monotonic() - self.begin
+        left = spent / self.made * (self.plan.runs - self.runs) if self.made else 0.0
+        say(
+            f"{self.runs} of {self.plan.runs} runs; {self.plan.requirement.name} at worst "
+            f"{number(self.worst, self.plan.requirement.unit)}; about {left:.0f} s left"
+        )
+
+    def _note(self, attempt: Attempt) -> None:
+        if attempt.purpose == "search" and attempt.mean is not None:
+            self.worst = attempt.mean if self.worst is None else self.plan.requirement.worst(self.worst, attempt.mean)

@@ -1,0 +1,209 @@
+"""`rvsg run`: the main job."""
+
+from __future__ import annotations
+
+import signal
+import time
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from rvsg.app.cli.console import print_json, say
+from rvsg.app.cli.frame import verb
+
+if TYPE_CHECKING:
+    from rvsg.app.wiring import Wired
+    from rvsg.campaign.attempt import Attempt
+    from rvsg.report.summary import Summary
+
+app = verb()
+
+Text = Annotated[str | None, typer.Option()]
+
+
+@app.command()
+def run(
+    campaign: Annotated[Path | None, typer.Argument(help="A campaign file; every option is a key of it.")] = None,
+    world: Annotated[str | None, typer.Option(help="A shipped world or a world folder. [warehouse]")] = None,
+    route: Annotated[str | None, typer.Option(help="A route of the world. [route_1]")] = None,
+    requirement: Annotated[str | None, typer.Option(help="A shipped requirement, or FILE:NAME. [R1]")] = None,
+    generator: Annotated[str | None, typer.Option(help="Who writes scenarios: heuristic, random, vlm.")] = None,
+    strategy: Annotated[str | None, typer.Option(help="study, climb, unguided, random. [study]")] = None,
+    simulator: Annotated[str | None, typer.Option(help="embedded; kinematic: no physics. [embedded]")] = None,
+    humans: Annotated[int | None, typer.Option(min=1, max=100, help="People in a scenario. [2]")] = None,
+    scenarios: Annotated[int | None, typer.Option(min=1, help="Scenarios to find. [10]")] = None,
+    refinements: Annotated[int | None, typer.Option(min=0, help="Refinements of each scenario. [4]")] = None,
+    repeats: Annotated[int | None, typer.Option(min=1, help="Runs of each configuration. [3]")] = None,
+    confirmations: Annotated[int | None, typer.Option(min=0, help="Fresh runs that confirm the best. [30]")] = None,
+    memory: Annotated[int | None, typer.Option(min=0, help="Earlier scenarios a new one is told of. [10]")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="Everything random follows from it. [0]")] = None,
+    jobs: Annotated[int | None, typer.Option(min=1, help="Worker processes. [one per core]")] = None,
+    out: Annotated[str | None, typer.Option(help="Folder of the campaign; an existing one is resumed.")] = None,
+    model: Annotated[str | None, typer.Option(help="VLM, e.g. openai-chat:gpt-4.1.")] = None,
+    base_url: Annotated[str | None, typer.Option(help="Address of an OpenAI-compatible server.")] = None,
+    conversation: Annotated[str | None, typer.Option(help="compact or study. [compact]")] = None,
+    prompts: Annotated[str | None, typer.Option(help="Folder of prompt templates that replace ours.")] = None,
+    replay: Annotated[str | None, typer.Option(help="Answer from these recordings, without a model.")] = None,
+    budget_usd: Annotated[float | None, typer.Option(help="Stop before the model's calls cost more.")] = None,
+    budget_calls: Annotated[int | None, typer.Option(min=1, help="Stop before more calls of the model.")] = None,
+    budget_tokens: Annotated[int | None, typer.Option(min=1, help="Stop before more tokens.")] = None,
+    generator_option: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="For the generator.")] = None,
+    simulator_option: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="For the simulator.")] = None,
+    fail_on_violation: Annotated[
+        bool | None, typer.Option("--fail-on-violation", help="Exit code 1 if the requirement is violated.")
+    ] = None,
+    junit: Annotated[str | None, typer.Option(metavar="FILE", help="Write the verdicts as JUnit XML.")] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print the result as JSON on standard output.")] = False,
+) -> None:
+    """Find, confirm and report scenarios that make the robot violate a requirement.
+
+    Searches `scenarios` x (1 + `refinements`) configurations, each in `repeats` runs, ranks them, and confirms the
+    worst in fresh runs. Everything is kept in the folder --out; the same command on an existing folder resumes.
+    """
+    from rvsg.app.config import read_campaign_file
+
+    given = {k: v for k, v in locals().items() if v is not None and k not in ("campaign", "json", "read_campaign_file")}
+    for kind in ("generator", "simulator"):
+        pairs = given.pop(f"{kind}_option", None)
+        if pairs:
+            given[f"{kind}_options"] = dict(_pair(kind, pair) for pair in pairs)
+    from_file = read_campaign_file(campaign) if campaign else {}
+    raise typer.Exit(_campaign(from_file, given, as_json=json))
+
+
+def _campaign(from_file: dict[str, Any], given: dict[str, Any], *, as_json: bool) -> int:
+    """Run or resume, show and write what was found; returns the exit code."""
+    from rvsg.app.config import effective
+    from rvsg.app.folder import CONFIG, LEDGER, alone_in, make_folder, write_whole
+    from rvsg.app.wiring import wire
+    from rvsg.store.sqlite import SqliteLedger
+
+    begin = time.monotonic()
+    config = effective(None, from_file, given)
+    folder = config.folder
+    stored = _stored(folder / LEDGER)
+    if stored is not None:
+        config = effective(stored["config"], from_file, given)
+    wired = wire(config)
+    if stored is not None:
+        _same(stored, wired.settings, folder)
+    make_folder(folder)
+    with alone_in(folder), SqliteLedger(folder / LEDGER) as ledger:
+        ledger.begin(wired.plan.name, wired.settings)
+        write_whole(folder / CONFIG, config.to_yaml())
+        attempts = _work(wired, ledger, folder, resumed=stored is not None)
+        summary = _write(wired, ledger, attempts, folder)
+    _show(wired, summary, folder, time.monotonic() - begin, as_json=as_json)
+    return 1 if config.fail_on_violation and summary.violated else 0
+
+
+def _stored(ledger_file: Path) -> dict[str, Any] | None:
+    """The settings of the campaign kept there; None where there is none."""
+    from rvsg.store.sqlite import SqliteLedger
+
+    if not ledger_file.exists():
+        return None
+    with SqliteLedger(ledger_file) as ledger:
+        campaigns = ledger.campaigns()
+        return ledger.settings(campaigns[0]) if campaigns else None
+
+
+def _same(stored: dict[str, Any], asked: dict[str, Any], folder: Path) -> None:
+    """A resumed campaign keeps its settings: records of two settings must not mix."""
+    from rvsg.app.wiring import differences
+    from rvsg.errors import InputError
+
+    found = differences(stored, asked)
+    if found:
+        listed = "\n".join(f"  - {line}" for line in found)
+        raise InputError(
+            f"{folder}: this folder holds a campaign with other settings:\n{listed}\n"
+            "To resume it, leave these options away; for a new campaign choose another --out."
+        )
+
+
+def _work(wired: Wired, ledger: Any, folder: Path, *, resumed: bool) -> list[Attempt]:
+    """The campaign itself; an interruption says how to go on."""
+    from rvsg.app.cli.progress import CampaignProgress
+    from rvsg.campaign.loop import run_campaign
+    from rvsg.errors import BudgetSpent, Interrupted
+
+    known = list(ledger.attempts(wired.plan.name))
+    plan = wired.plan
+    say(
+        f"{plan.requirement.name} ({plan.requirement.title}) on {plan.mission.world}, {plan.mission.route.name}: "
+        f"{plan.scenarios} scenarios x {plan.configurations} configurations x {plan.repeats} runs, then "
+        f"{plan.confirmations} to confirm."
+    )
+    if resumed:
+        say(f"Resuming {folder}: {len(known)} attempts are there already.")
+    signal.signal(signal.SIGTERM, _as_interrupt)
+    how = f"Resume with: rvsg run --out {folder}"
+    try:
+        with CampaignProgress(plan, known) as progress, wired.simulations(ledger) as simulations:
+            return run_campaign(plan, wired.strategy(ledger), wired.parts(ledger, simulations, progress))
+    except KeyboardInterrupt:
+        kept = len(list(ledger.attempts(plan.name)))
+        raise Interrupted(f"Interrupted; {kept} finished attempts are kept. {how}") from None
+    except BudgetSpent as spent:
+        raise BudgetSpent(f"{spent} Everything so far is kept. {how} --budget-...") from None
+
+
+def _as_interrupt(number: int, frame: FrameType | None) -> None:
+    raise KeyboardInterrupt
+
+
+def _write(wired: Wired, ledger: Any, attempts: list[Attempt], folder: Path) -> Summary:
+    """The files beside the ledger: the best scenario, JUnit XML."""
+    from rvsg.app.folder import BEST, write_whole
+    from rvsg.campaign.ranking import best_attempt
+    from rvsg.report.junit import junit_xml
+    from rvsg.report.summary import summarise
+
+    summary = summarise(wired.plan, attempts)
+    best = best_attempt(attempts, wired.plan.requirement)
+    if best is not None and best.proposal.scenario is not None:
+        write_whole(folder / BEST, best.proposal.scenario.to_json())
+    if wired.config.junit:
+        write_whole(Path(wired.config.junit), junit_xml(wired.plan, summary))
+    return summary
+
+
+def _show(wired: Wired, summary: Summary, folder: Path, spent_s: float, *, as_json: bool) -> None:
+    """The ranked table, the confirmation, where the report is, and the command that repeats it."""
+    from rvsg.app.cli.tables import confirmation_line, ranked_table
+    from rvsg.app.folder import REPORT
+    from rvsg.app.wiring import command_for
+
+    command = command_for(wired.config)
+    if as_json:
+        print_json(
+            summary.model_dump(mode="json", exclude={"confirmed": {"brief", "proposal"}})
+            | {"out": str(folder), "report": str(folder / REPORT), "command": command}
+        )
+    say(ranked_table(wired.plan, summary))
+    say(confirmation_line(wired.plan, summary))
+    account = summary.accounting
+    say(
+        f"{account.search_runs} runs of search and {account.confirmation_runs} of confirmation in "
+        f"{spent_s:.0f} s; kept in {folder}"
+    )
+    say(f"Report: {folder / REPORT}")
+    say(f"Repeat it with: {command}")
+
+
+def _pair(kind: str, pair: str) -> tuple[str, Any]:
+    """`NAME=VALUE`, the value read as YAML."""
+    import yaml
+
+    from rvsg.errors import InputError
+
+    name, equals, value = pair.partition("=")
+    if not equals or not name:
+        raise InputError(f"--{kind}-option {pair!r}: expected NAME=VALUE")
+    try:
+        return name, yaml.safe_load(value)
+    except yaml.YAMLError as error:
+        raise InputError(f"--{kind}-option {pair!r}: the value cannot be read: {error}") from None

@@ -1,0 +1,63 @@
+"""What a campaign found, as people read it in a terminal."""
+
+from __future__ import annotations
+
+from rich.table import Table
+from rich.text import Text
+
+from rvsg.campaign.plan import Plan
+from rvsg.evaluation.verdict import Status
+from rvsg.report.summary import Summary, interval, number
+
+STYLES = {
+    Status.PASS: "green",
+    Status.FAIL: "bold red",
+    Status.FLAKY: "yellow",
+    Status.INCONCLUSIVE: "dim",
+    Status.UNJUDGED: "dim",
+}
+
+
+def ranked_table(plan: Plan, summary: Summary, *, rows: int = 10) -> Table:
+    """The scenarios, the one that is worst for the robot first."""
+    requirement = plan.requirement
+    worse = f"worse: {requirement.worse}"
+    limit = f", limit {number(requirement.limit, requirement.unit)}" if requirement.limit is not None else ""
+    measured = requirement.metric or "robustness"
+    table = Table(title=f"{requirement.name} {requirement.title}: {measured} ({worse}{limit})", title_justify="left")
+    table.add_column("#", justify="right")
+    table.add_column("scenario", ratio=1, overflow="ellipsis", no_wrap=True)
+    table.add_column("conf.", justify="right")
+    table.add_column(f"objective [{100 * 0.95:.0f} %]", justify="right", no_wrap=True)
+    table.add_column("violated", justify="right")
+    table.add_column("verdict", no_wrap=True)
+    for entry in summary.ranking[:rows]:
+        verdict = entry.verdict
+        table.add_row(
+            str(entry.rank),
+            Text(f"{entry.scenario + 1}. {' '.join(entry.description.split())}"),
+            f"{entry.configuration + 1}/{entry.configurations}",
+            Text(interval(verdict, requirement.unit)),
+            f"{verdict.violations}/{verdict.runs}" if requirement.threshold is not None else "–",
+            Text(verdict.status.value, style=STYLES[verdict.status]),
+        )
+    return table
+
+
+def confirmation_line(plan: Plan, summary: Summary) -> str:
+    """What the fresh runs said of the best scenario."""
+    if not summary.ranking:
+        return "No valid scenario was found."
+    confirmed = summary.confirmed
+    if confirmed is None or confirmed.verdict is None:
+        return "The best scenario was not confirmed in fresh runs."
+    verdict, unit = confirmed.verdict, plan.requirement.unit
+    selected = summary.ranking[0].verdict
+    said = (
+        f"Confirmation of scenario {confirmed.brief.scenario_index + 1} in {len(confirmed.measurements)} fresh runs: "
+        f"{verdict.status.value}; {interval(verdict, unit)}"
+    )
+    if verdict.violation_probability is not None and verdict.violation_interval is not None:
+        low, high = verdict.violation_interval
+        said += f"; violated with probability {verdict.violation_probability:.2f} [{low:.2f}, {high:.2f}]"
+    return f"{said}. (In the search it measured {number(selected.mean, unit)}.)"

@@ -1,0 +1,117 @@
+"""The campaign's configuration: defaults, then the campaign file, then the command line.
+
+Every key of the file is an option of `rvsg run` with `-` for `_`, and the other way round. Paths in the file are
+relative to the file.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import pydantic
+import yaml
+from pydantic import Field
+
+from rvsg.errors import FileError, InputError
+from rvsg.world.documents import Document, DocumentError, problems_of, read_yaml, validated
+from rvsg.world.records import Record
+
+Positive = Annotated[int, Field(ge=1, le=100_000)]
+NotNegative = Annotated[int, Field(ge=0)]
+
+PATHS = ("out", "prompts", "replay", "junit")
+"""Keys whose value is a path; `world` and `requirement` are one where such a thing exists beside the file."""
+BESIDE = ("jobs", "out", "fail_on_violation", "junit", "budget_usd", "budget_calls", "budget_tokens")
+"""Keys that do not decide the records: they may differ when a campaign is resumed."""
+
+
+class CampaignConfig(Record):
+    """Everything `rvsg run` can be told.
+
+    `generator` None is the heuristic, or chance for the strategy `random`. `jobs` None is one per core. `out` None is
+    a folder under `runs/` named for what is asked.
+    """
+
+    world: str = "warehouse"
+    route: str = "route_1"
+    requirement: str = "R1"
+    generator: str | None = None
+    generator_options: dict[str, Any] = Field(default_factory=dict)
+    strategy: str = "study"
+    simulator: str = "embedded"
+    simulator_options: dict[str, Any] = Field(default_factory=dict)
+    humans: Annotated[int, Field(ge=1, le=100)] = 2
+    scenarios: Positive = 10
+    refinements: Annotated[int, Field(ge=0, le=1000)] = 4
+    repeats: Positive = 3
+    confirmations: Annotated[int, Field(ge=0, le=100_000)] = 30
+    memory: Annotated[int, Field(ge=0, le=1000)] = 10
+    seed: NotNegative = 0
+    jobs: Annotated[int | None, Field(ge=1, le=1024)] = None
+    out: str | None = None
+    fail_on_violation: bool = False
+    junit: str | None = None
+    model: str | None = None
+    base_url: str | None = None
+    conversation: Literal["compact", "study"] = "compact"
+    prompts: str | None = None
+    replay: str | None = None
+    budget_usd: Annotated[float | None, Field(gt=0)] = None
+    budget_calls: Annotated[int | None, Field(ge=1)] = None
+    budget_tokens: Annotated[int | None, Field(ge=1)] = None
+
+    @property
+    def generator_name(self) -> str:
+        """The generator that is used."""
+        return self.generator or ("random" if self.strategy == "random" else "heuristic")
+
+    @property
+    def folder(self) -> Path:
+        """Where the campaign is kept."""
+        if self.out:
+            return Path(self.out)
+        world, requirement = Path(self.world).name, Path(self.requirement).stem
+        return Path("runs") / f"{world}-{self.route}-{requirement}-{self.generator_name}-{self.strategy}-{self.seed}"
+
+    def deciding(self) -> dict[str, Any]:
+        """The settings that decide the records, as data."""
+        return {key: value for key, value in self.model_dump(mode="json").items() if key not in BESIDE}
+
+    def to_yaml(self) -> str:
+        """The effective configuration as a campaign file."""
+        values = self.model_dump(mode="json", exclude={"out", "jobs", "junit", "fail_on_violation"})
+        head = "# The effective configuration of this campaign; `rvsg run THIS_FILE --out ELSEWHERE` repeats it.\n"
+        return head + yaml.safe_dump(values, sort_keys=False, allow_unicode=True)
+
+
+def read_campaign_file(path: Path) -> dict[str, Any]:
+    """The keys that a campaign file sets, checked, with paths made relative to the present folder.
+
+    DocumentError holds every mistake with its line; a misspelt key is answered with "did you mean".
+    """
+    document = read_yaml(path)
+    if document.value is None:
+        return {}
+    validated(document, CampaignConfig)
+    values = dict(document.value)
+    for key in PATHS:
+        if isinstance(values.get(key), str):
+            values[key] = str(path.parent / values[key])
+    for key in ("world", "requirement"):
+        if isinstance(values.get(key), str) and (path.parent / values[key]).exists():
+            values[key] = str(path.parent / values[key])
+    return values
+
+
+def effective(stored: dict[str, Any] | None, from_file: dict[str, Any], from_options: dict[str, Any]) -> CampaignConfig:
+    """The configuration: defaults or what the resumed campaign was begun with, then the file, then the options."""
+    values = {**(stored or {}), **from_file, **from_options}
+    try:
+        return CampaignConfig(**values)
+    except pydantic.ValidationError as error:
+        problems = problems_of(error, Document(path=Path("the options"), value=values, lines={}), CampaignConfig)
+        raise InputError("; ".join(problem.message for problem in problems)) from None
+
+
+__all__ = ["CampaignConfig", "DocumentError", "FileError", "effective", "read_campaign_file"]

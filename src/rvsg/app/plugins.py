@@ -1,0 +1,50 @@
+"""Finds plug-ins by name: the only place that reads entry points. Built-ins register as third-party ones do.
+
+A plug-in is loaded only when it is asked for; a name that does not exist is answered with "did you mean".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any
+
+from rvsg.errors import InputError, UnknownName
+
+KINDS = {
+    "generator": "rvsg.generators",
+    "simulator": "rvsg.simulators",
+    "strategy": "rvsg.strategies",
+    "store": "rvsg.stores",
+}
+
+
+def names(kind: str) -> tuple[str, ...]:
+    """The names of all plug-ins of a kind, e.g. `generator`."""
+    return tuple(sorted(_found(kind)))
+
+
+def find(kind: str, name: str) -> Any:
+    """The class registered under this name; UnknownName, or InputError where its module cannot be loaded."""
+    found = _found(kind)
+    if name not in found:
+        raise UnknownName(kind, name, found)
+    try:
+        return found[name].load()
+    except (ImportError, AttributeError) as error:
+        raise InputError(
+            f'The {kind} "{name}" ({found[name].value}) cannot be loaded: {error}. Is what it needs installed?'
+        ) from error
+
+
+def make(kind: str, name: str, options: Mapping[str, Any]) -> Any:
+    """An instance of a plug-in with these options; InputError says which option it does not take."""
+    plugin = find(kind, name)
+    try:
+        return plugin(**options)
+    except (TypeError, ValueError) as error:
+        raise InputError(f'The {kind} "{name}" cannot be made with {dict(options) or "no options"}: {error}') from error
+
+
+def _found(kind: str) -> dict[str, EntryPoint]:
+    return {point.name: point for point in entry_points(group=KINDS[kind])}

@@ -1,0 +1,171 @@
+"""From a configuration to the parts of a campaign. Everything is checked here, before anything is written."""
+
+from __future__ import annotations
+
+import os
+import shlex
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rvsg.app import plugins
+from rvsg.app.config import CampaignConfig
+from rvsg.campaign.loop import Parts, Watcher, feedback_from
+from rvsg.campaign.measuring import Measuring
+from rvsg.campaign.parallel import Simulations
+from rvsg.campaign.plan import Plan
+from rvsg.campaign.strategies import Strategy
+from rvsg.errors import InputError
+from rvsg.evaluation.metrics import metric
+from rvsg.generation.generator import Generator
+from rvsg.scenario.requirement import Requirement
+from rvsg.scenario.requirements import load_requirement
+from rvsg.scenario.scenario import Mission
+from rvsg.simulation.simulator import Simulator
+from rvsg.world.load import load_world
+from rvsg.world.records import content_id
+from rvsg.world.space import robot_space
+from rvsg.world.world import Route, World
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wired:
+    """A campaign that can begin: its plan and its parts, checked."""
+
+    config: CampaignConfig
+    plan: Plan
+    world: World
+    generator: Generator
+    simulator: Simulator
+    strategy_class: Any
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """What decides the records, as it is kept with the campaign."""
+        return {
+            "config": self.config.deciding(),
+            "plan": self.plan.model_dump(mode="json"),
+            "simulator": {"name": self.simulator.name, "options": dict(self.simulator.options)},
+        }
+
+    def strategy(self, ledger: Any) -> Strategy:
+        """A fresh strategy that reads its feedback from the ledger."""
+        made: Strategy = self.strategy_class(self.plan, feedback_from(ledger, self.plan, self.world))
+        return made
+
+    def simulations(self, ledger: Any = None) -> Simulations:
+        """What makes the runs; those the ledger knows are not made again."""
+        known = ledger.find if ledger is not None else None
+        return Simulations(self.simulator, self.world, jobs=jobs_of(self.config), known=known)
+
+    def parts(self, ledger: Any, simulations: Simulations, watch: Watcher) -> Parts:
+        """What the loop works with."""
+        measuring = Measuring(self.plan.requirement)
+        return Parts(
+            generator=self.generator,
+            simulations=simulations,
+            measure=measuring.measure,
+            judge=measuring.judge,
+            ledger=ledger,
+            watch=watch,
+        )
+
+
+def wire(config: CampaignConfig) -> Wired:
+    """Look everything up and make it; raises an InputError for the first thing that cannot be used."""
+    world = load_world(config.world)
+    route = world.route(config.route)
+    check_start(route, world)
+    requirement = requirement_of(config.requirement)
+    strategy_class = plugins.find("strategy", config.strategy)
+    simulator = plugins.make("simulator", config.simulator, config.simulator_options)
+    generator = plugins.make("generator", config.generator_name, generator_options(config))
+    plan = Plan(
+        name=f"{world.name}-{route.name}-{requirement.name}-{config.generator_name}-{config.strategy}-{config.seed}",
+        mission=Mission(world=config.world, world_id=world.id, route=route),
+        requirement=requirement,
+        humans=config.humans,
+        scenarios=config.scenarios,
+        refinements=config.refinements,
+        repeats=config.repeats,
+        confirmations=config.confirmations,
+        memory=config.memory,
+        seed=config.seed,
+    )
+    return Wired(
+        config=config,
+        plan=plan,
+        world=world,
+        generator=generator,
+        simulator=simulator,
+        strategy_class=strategy_class,
+    )
+
+
+def requirement_of(name_or_path: str) -> Requirement:
+    """A requirement by name, or from a file, whose metric exists."""
+    requirement = load_requirement(name_or_path)
+    if requirement.metric is not None:
+        metric(requirement.metric)
+    return requirement
+
+
+def check_start(route: Route, world: World) -> None:
+    """Refuse a route that begins or ends inside an obstacle."""
+    space = robot_space(world)
+    for what, pose in (("start", route.start), ("goal", route.goal)):
+        if not space.is_free(pose.x, pose.y):
+            raise InputError(
+                f"{world.name}, {route.name}: the {what} pose ({pose.x:g}, {pose.y:g}) lies inside an obstacle or "
+                "outside the map. Move it in routes.yaml; `rvsg world check` shows every such place."
+            )
+
+
+def generator_options(config: CampaignConfig) -> dict[str, Any]:
+    """What the generator is made with."""
+    return dict(config.generator_options)
+
+
+def jobs_of(config: CampaignConfig) -> int:
+    """Worker processes: as asked, or one per core that is ours."""
+    if config.jobs:
+        return config.jobs
+    try:
+        return len(os.sched_getaffinity(0))
+    except AttributeError:
+        return os.cpu_count() or 1
+
+
+def differences(known: dict[str, Any], asked: dict[str, Any], prefix: str = "") -> list[str]:
+    """Where the settings of a resumed campaign differ from those asked, as `key: known, now asked`."""
+    found = []
+    for key in sorted({*known, *asked}):
+        a, b = known.get(key), asked.get(key)
+        if isinstance(a, dict) and isinstance(b, dict):
+            found += differences(a, b, f"{prefix}{key}.")
+        elif a != b:
+            found.append(f"{prefix}{key}: {a!r}, now {b!r}")
+    return found
+
+
+def command_for(config: CampaignConfig, *, out: Path | None = None) -> str:
+    """The exact command that repeats a campaign: every option that is not the default, and always the seed."""
+    words = ["rvsg", "run"]
+    defaults = CampaignConfig()
+    for key, value in config.model_dump(mode="json").items():
+        if key in ("out", "jobs", "junit", "fail_on_violation", "seed", "generator_options", "simulator_options"):
+            continue
+        if value != getattr(defaults, key):
+            words += [f"--{key.replace('_', '-')}", str(value)]
+    for kind in ("generator", "simulator"):
+        for name, value in getattr(config, f"{kind}_options").items():
+            words += [f"--{kind}-option", f"{name}={value}"]
+    words += ["--seed", str(config.seed)]
+    if out is not None:
+        words += ["--out", str(out)]
+    return shlex.join(words)
+
+
+def short_id(settings: dict[str, Any]) -> str:
+    """A name for settings: equal settings, equal name."""
+    return content_id("campaign", settings)

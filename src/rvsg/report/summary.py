@@ -1,0 +1,124 @@
+"""What a campaign found, as plain data: for `--json`, the ranked table, JUnit and the page. One source for all."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from rvsg.campaign.attempt import Attempt
+from rvsg.campaign.plan import Plan
+from rvsg.campaign.ranking import ranking, search_attempts
+from rvsg.evaluation.verdict import Status, Verdict
+from rvsg.world.records import Record
+
+VIOLATED = (Status.FAIL, Status.FLAKY)
+
+
+class Ranked(Record):
+    """A scenario in its place: its best configuration and how that did. Indices count from 0."""
+
+    rank: int
+    scenario: int
+    configuration: int
+    configurations: int
+    attempt: int
+    scenario_id: str
+    description: str
+    verdict: Verdict
+
+
+class Accounting(Record):
+    """What the campaign spent. `cost_usd` is None where the price of a call is unknown."""
+
+    search_attempts: int
+    search_runs: int
+    confirmation_runs: int
+    failed_runs: int
+    invalid_proposals: int
+    repaired_proposals: int
+    calls: int
+    input_tokens: int
+    cached_tokens: int
+    output_tokens: int
+    cost_usd: float | None
+
+
+class Summary(Record):
+    """A campaign so far. `violated`: the confirmation says so, or without one any verdict of the search."""
+
+    campaign: str
+    complete: bool
+    ranking: tuple[Ranked, ...]
+    confirmed: Attempt | None
+    violated: bool
+    accounting: Accounting
+
+
+def summarise(plan: Plan, attempts: Sequence[Attempt]) -> Summary:
+    """Sum up the attempts of a campaign."""
+    confirmed = next((attempt for attempt in attempts if attempt.purpose == "confirmation"), None)
+    searched = search_attempts(attempts)
+    ranked = tuple(
+        _ranked(place, attempt, searched) for place, attempt in enumerate(ranking(attempts, plan.requirement))
+    )
+    decided = [confirmed.verdict] if confirmed and confirmed.verdict else [entry.verdict for entry in ranked]
+    return Summary(
+        campaign=plan.name,
+        complete=len(searched) >= plan.attempts and (confirmed is not None or not plan.confirmations or not ranked),
+        ranking=ranked,
+        confirmed=confirmed,
+        violated=any(verdict.status in VIOLATED for verdict in decided),
+        accounting=account(attempts),
+    )
+
+
+def account(attempts: Iterable[Attempt]) -> Accounting:
+    """What the attempts spent; the calls of a proposal count once, with the attempt of the search."""
+    attempts = list(attempts)
+    searched = search_attempts(attempts)
+    calls = [call for attempt in searched for call in attempt.proposal.calls]
+    costs = [call.cost_usd for call in calls]
+    return Accounting(
+        search_attempts=len(searched),
+        search_runs=sum(len(a.measurements) for a in searched),
+        confirmation_runs=sum(len(a.measurements) for a in attempts if a.purpose == "confirmation"),
+        failed_runs=sum(len(a.failures) for a in attempts),
+        invalid_proposals=sum(a.proposal.scenario is None for a in searched),
+        repaired_proposals=sum(bool(a.proposal.repairs) for a in searched),
+        calls=len(calls),
+        input_tokens=sum(call.input_tokens for call in calls),
+        cached_tokens=sum(call.cached_tokens for call in calls),
+        output_tokens=sum(call.output_tokens for call in calls),
+        cost_usd=sum(cost for cost in costs if cost is not None) if None not in costs else None,
+    )
+
+
+def number(value: float | None, unit: str = "") -> str:
+    """A value as people read it: three significant digits and its unit."""
+    if value is None:
+        return "–"
+    text = f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}"
+    return f"{text} {unit}".strip()
+
+
+def interval(verdict: Verdict, unit: str = "") -> str:
+    """The mean with its interval as people read it."""
+    if verdict.interval is None:
+        return number(verdict.mean, unit)
+    low, high = verdict.interval
+    return f"{number(verdict.mean)} [{number(low)}, {number(high)}] {unit}".strip()
+
+
+def _ranked(place: int, attempt: Attempt, searched: Sequence[Attempt]) -> Ranked:
+    scenario = attempt.proposal.scenario
+    assert scenario is not None and attempt.verdict is not None
+    tried = sum(other.brief.scenario_index == attempt.brief.scenario_index for other in searched)
+    return Ranked(
+        rank=place + 1,
+        scenario=attempt.brief.scenario_index,
+        configuration=attempt.brief.configuration_index,
+        configurations=tried,
+        attempt=attempt.index,
+        scenario_id=scenario.id,
+        description=scenario.description,
+        verdict=attempt.verdict,
+    )
