@@ -1,0 +1,52 @@
+"""From people to a Proposal: checked, repaired, checked again. Every generator's configuration goes through here."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from rvsg.generation.generator import Call, Proposal
+from rvsg.scenario.brief import Brief
+from rvsg.scenario.scenario import HumanConfiguration, Scenario
+from rvsg.scenario.validity import Finding, Repair, check, repair
+from rvsg.world.world import World
+
+
+def answer(
+    people: HumanConfiguration,
+    brief: Brief,
+    world: World,
+    *,
+    generator: str,
+    description: str,
+    reasoning: str = "",
+    repairs: Sequence[Repair] = (),
+    calls: Sequence[Call] = (),
+    extra: dict[str, object] | None = None,
+) -> Proposal:
+    """The proposal of a configuration: with a scenario where it is valid or can be repaired, else with problems.
+
+    `repairs` are what the generator has changed before. A refinement keeps the description of what it refines.
+    """
+    first = check(people, brief.mission, world)
+    mended, changes = repair(people, brief.mission, world) if first else (people, ())
+    left = check(mended, brief.mission, world) if first else ()
+    if brief.kind == "refine" and brief.feedback is not None and brief.feedback.scenario.description:
+        description = brief.feedback.scenario.description
+    scenario = None if left else Scenario(mission=brief.mission, people=mended, description=description)
+    return Proposal(
+        generator=generator,
+        scenario=scenario,
+        reasoning=reasoning,
+        first_findings=first,
+        problems=left,
+        repairs=(*repairs, *changes),
+        calls=tuple(calls),
+        extra=extra or {},
+    )
+
+
+def unanswered(*, generator: str, rule: str, reason: str, suggestion: str) -> Proposal:
+    """The proposal of a generator that finds nothing to propose in this world: one problem says why."""
+    return Proposal(
+        generator=generator, scenario=None, problems=(Finding(rule=rule, reason=reason, suggestion=suggestion),)
+    )

@@ -1,0 +1,128 @@
+"""The random generator: the study's random search. It knows the map and the rules, and nothing of the requirement.
+
+In the study's random configurations each person has between 2 and 20 tasks, every labelled area is drawn equally
+often, and people walk nearly straight between the areas. This one draws the number of tasks uniformly, then areas
+uniformly (never the same twice in a row), then a waypoint of the area uniformly, and walks the shortest valid path.
+Everything it draws is valid, so that random search loses no run to a configuration that could not be simulated.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from rvsg.generation.answer import answer, unanswered
+from rvsg.generation.generator import Proposal
+from rvsg.generation.places import Place, places_of
+from rvsg.generation.seeding import rng_of
+from rvsg.scenario.brief import Brief
+from rvsg.scenario.scenario import ForceFactors, Human, HumanConfiguration, Task
+from rvsg.scenario.validity.rules import ROBOT_RADIUS_M
+from rvsg.world.world import World
+
+HUMAN_RADIUS_M = 0.4
+
+
+class RandomGenerator:
+    """Random search: tasks between random areas. Refinements are drawn anew like everything else.
+
+    `tasks` is the smallest and largest number of tasks of a person. `individuals`: as in the study, everybody but
+    the first draws the weights of their forces anew at every launch; False gives everybody the default weights.
+    """
+
+    def __init__(self, *, tasks: tuple[int, int] = (2, 20), individuals: bool = True) -> None:
+        if not 2 <= tasks[0] <= tasks[1]:
+            raise ValueError(f"expected at least 2 tasks and the smaller number first, got {tasks}")
+        self.tasks = tasks
+        self.individuals = individuals
+
+    @property
+    def name(self) -> str:
+        """The name it is chosen by."""
+        return "random"
+
+    def propose(self, brief: Brief, world: World) -> Proposal:
+        """Draw a configuration from the brief's seed."""
+        places = places_of(world, reachable_from=brief.mission.route.start)
+        if len({name for place in places for name in place.waypoints}) < 2:
+            return unanswered(
+                generator=self.name,
+                rule="unknown-area",
+                reason=f"{world.name} has fewer than two waypoints between which people can walk.",
+                suggestion="Label areas with waypoints that are joined by free hops.",
+            )
+        rng = rng_of(brief, self.name)
+        humans: list[Human] = []
+        for index in range(brief.humans):
+            human = self._human(index, humans, places, brief, world, rng)
+            humans.append(human)
+        counts = ", ".join(f"{human.name} {len(human.tasks)}" for human in humans)
+        return answer(
+            HumanConfiguration(humans=tuple(humans)),
+            brief,
+            world,
+            generator=self.name,
+            description="",
+            reasoning=f"Drawn at random from {len(places)} places; tasks: {counts}. Nothing was aimed.",
+        )
+
+    def _human(
+        self,
+        index: int,
+        others: list[Human],
+        places: tuple[Place, ...],
+        brief: Brief,
+        world: World,
+        rng: np.random.Generator,
+    ) -> Human:
+        """One person: a cyclic list of tasks between random places, from a start that is clear of everybody else."""
+        number = int(rng.integers(self.tasks[0], self.tasks[1] + 1))
+        stops = [self._start(others, places, brief, world, rng)]
+        while len(stops) < number:
+            (before, at), (first, start) = stops[-1], stops[0]
+            # The last stop must differ from the first one too: from there the person goes back to the start.
+            barred = {before.name, first.name} if len(stops) == number - 1 and len(places) > 2 else {before.name}
+            stop = _draw(places, barred, {at, start}, rng)
+            if stop is None:  # a world of a few waypoints, all visited
+                break
+            stops.append(stop)
+        tasks = []
+        for (place, start), (goal, end) in zip(stops, [*stops[1:], stops[0]], strict=True):
+            path = world.grid.shortest_path(start, end)
+            assert path is not None
+            tasks.append(Task(name=f"{place.name} → {goal.name}", path=path))
+        return Human(
+            name=f"Human {index + 1}",
+            tasks=tuple(tasks),
+            radius_m=HUMAN_RADIUS_M,
+            factors="random_normal" if self.individuals and index else ForceFactors(),
+        )
+
+    @staticmethod
+    def _start(
+        others: list[Human], places: tuple[Place, ...], brief: Brief, world: World, rng: np.random.Generator
+    ) -> tuple[Place, str]:
+        """A random waypoint of a random place where nobody stands; after 100 draws the repair has the word."""
+        robot = brief.mission.route.start
+        taken = [((robot.x, robot.y), ROBOT_RADIUS_M + HUMAN_RADIUS_M)]
+        taken += [(world.grid.position(o.tasks[0].path[0]), o.radius_m + HUMAN_RADIUS_M) for o in others]
+        for _ in range(100):
+            drawn = _draw(places, set(), set(), rng)
+            assert drawn is not None
+            place, start = drawn
+            if all(math.dist(world.grid.position(start), at) >= apart for at, apart in taken):
+                break
+        return place, start
+
+
+def _draw(
+    places: tuple[Place, ...], barred: set[str], waypoints: set[str], rng: np.random.Generator
+) -> tuple[Place, str] | None:
+    """A place, and one of its waypoints, each uniformly among those that are not barred; None where all are."""
+    open_places = [p for p in places if p.name not in barred and set(p.waypoints) - waypoints]
+    if not open_places:
+        return None
+    place = open_places[int(rng.integers(len(open_places)))]
+    names = [name for name in place.waypoints if name not in waypoints]
+    return place, names[int(rng.integers(len(names)))]
