@@ -1,0 +1,118 @@
+"""The published study's runs as the fidelity benchmark reads them: configurations and logged metrics."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from rvsg.errors import InputError
+from rvsg.scenario.agents import HumanAgent
+from rvsg.scenario.study_format import read_study_configuration
+from rvsg.world.grid import Grid
+
+METHODS = ("distance", "jerk", "reach", "no_req", "random")
+COLUMNS = {
+    "dto": "avg_distance_to_closest_person",
+    "jerk": "avg_robot_jerk",
+    "trg": "time_to_reach_goal",
+    "rpc": "robot_on_person_collision",
+    "por": "person_on_robot_collision",
+    "chc": "cumulative_heading_changes",
+    "pl": "path_length",
+    "tnm": "time_not_moving",
+    "min_distance": "minimum_distance_to_people",
+}
+"""Metric ids and the columns of the study's log.csv that hold them."""
+FROZEN_M = 0.3
+
+Values = dict[str, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Configuration:
+    """One configuration with its published runs: `runs` holds the metrics of each, `completed` whether it arrived."""
+
+    key: str
+    method: str
+    route: str
+    agents: tuple[HumanAgent, ...]
+    runs: tuple[Values, ...]
+    completed: tuple[bool, ...]
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """A configuration that is not compared, and why."""
+
+    key: str
+    reason: str
+
+
+def routes_in(folder: Path) -> list[str]:
+    """The names of the routes that have a folder, in order."""
+    return sorted({path.name for path in folder.glob("*/route_*") if path.is_dir()} | _repeated_routes(folder))
+
+
+def _repeated_routes(folder: Path) -> set[str]:
+    return {path.name for path in folder.glob("*_scenario/*/route_*") if path.is_dir()}
+
+
+def repeated(folder: Path, routes: list[str], grid: Grid) -> Iterator[Configuration | LeftOut]:
+    """The best and the worst scenarios, which were run again and again; row 0 selected them and is dropped."""
+    for kind in ("best", "worst"):
+        for method in METHODS:
+            for route in routes:
+                place = folder / f"{kind}_scenario" / method / route / "0"
+                if (place / "log.csv").is_file():
+                    key = f"{kind}/{method}/{route}"
+                    yield _configuration(place, 0, key, method, route, grid, rows=slice(1, None))
+
+
+def singles(folder: Path, routes: list[str], grid: Grid) -> Iterator[Configuration | LeftOut]:
+    """All configurations that were run once."""
+    for method in METHODS:
+        for route in routes:
+            for place in sorted((folder / method / route).glob("*/"), key=lambda p: (len(p.name), p.name)):
+                if not (place / "log.csv").is_file():
+                    continue
+                for k in range(len(_rows(place / "log.csv"))):
+                    key = f"{method}/{route}/{place.name}/{k}"
+                    yield _configuration(place, k, key, method, route, grid, rows=slice(k, k + 1))
+
+
+def _configuration(
+    place: Path, k: int, key: str, method: str, route: str, grid: Grid, *, rows: slice
+) -> Configuration | LeftOut:
+    files = [path for path in sorted(place.glob(f"*_{k}.json")) if "_scenario_" not in path.name]
+    if len(files) != 1:
+        return LeftOut(key, f"expected one configuration file *_{k}.json, found {len(files)}")
+    try:
+        agents = read_study_configuration(files[0], grid).agents(grid)
+    except InputError as error:
+        return LeftOut(key, str(error).split(": ", 1)[-1])
+    found = _rows(place / "log.csv")[rows]
+    log = place / f"log_{k}.csv"
+    if rows.start == k and log.is_file() and _stood_still(log):
+        return LeftOut(key, f"human 2 was never more than {FROZEN_M} m from its start: held by forces it cannot leave")
+    return Configuration(
+        key=key,
+        method=method,
+        route=route,
+        agents=agents,
+        runs=tuple({metric: float(row[column]) for metric, column in COLUMNS.items()} for row in found),
+        completed=tuple(row["completed"] == "True" for row in found),
+    )
+
+
+def _rows(path: Path) -> list[dict[str, str]]:
+    with path.open(encoding="utf-8", newline="") as file:
+        return [row for row in csv.DictReader(file) if row.get("completed") in ("True", "False")]
+
+
+def _stood_still(log: Path) -> bool:
+    with log.open(encoding="utf-8", newline="") as file:
+        points = [(float(row["worker2_x"]), float(row["worker2_y"])) for row in csv.DictReader(file)]
+    return bool(points) and max(math.dist(points[0], point) for point in points) <= FROZEN_M
