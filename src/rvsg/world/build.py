@@ -49,7 +49,7 @@ def build_world(
     )
     moved = world_map(world)
     human, robot = human_space_of(world.objects, moved), robot_space_of(moved)
-    grid = build_grid(spec, human, robot)
+    grid = build_grid(spec, human, robot, seeds=[(route.start.x, route.start.y) for route in routes])
     filled = tuple(area if area.waypoints else _with_waypoints(area, grid, human) for area in areas)
     return replace(world, grid=grid, areas=filled)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import heapq
+import math
 from functools import cached_property
 from typing import Annotated, Literal, Self
 
@@ -24,8 +25,9 @@ class GridSpec(Record):
     `origin` (None: centred on the map). Explicitly: `rows` letter -> coordinate along the `up` axis, `columns`
     number -> coordinate along the other axis, `moved` name -> (x, y) of single waypoints that lie elsewhere.
     A person fits where no obstacle is nearer than `human_clearance_m`, unless `valid` lists the names that are; the
-    robot where its map shows nothing nearer than `robot_clearance_m`. A straight hop between adjacent waypoints
-    is free where no obstacle is nearer than `hop_clearance_m` (None: as for standing).
+    robot where its map shows nothing nearer than `robot_clearance_m`. Parts of the floor that are cut off from the
+    main one (where the routes start, or the largest) get valid waypoints only with `isolated_parts`. A straight hop
+    between adjacent waypoints is free where no obstacle is nearer than `hop_clearance_m` (None: as for standing).
     """
 
     up: Literal["x", "y"] = "y"
@@ -38,6 +40,12 @@ class GridSpec(Record):
     human_clearance_m: Radius = 0.3
     robot_clearance_m: Radius = 0.3
     hop_clearance_m: Radius | None = None
+    isolated_parts: bool = False
+
+    @property
+    def hop_radius_m(self) -> float:
+        """How far a straight hop keeps from obstacles."""
+        return self.human_clearance_m if self.hop_clearance_m is None else self.hop_clearance_m
 
     @model_validator(mode="after")
     def _even_or_explicit(self) -> Self:
@@ -90,6 +98,14 @@ class Grid(Record):
             if other.row != waypoint.row:
                 return "x" if abs(other.x - waypoint.x) > abs(other.y - waypoint.y) else "y"
         return "y"
+
+    @cached_property
+    def spacing_m(self) -> float:
+        """The distance in metres between the first two columns (or rows); 0 for a single waypoint."""
+        if len(self.waypoints) < 2:
+            return 0.0
+        first, other = self.waypoints[:2]
+        return round(math.hypot(other.x - first.x, other.y - first.y), 6)
 
     @cached_property
     def by_name(self) -> dict[str, Waypoint]:

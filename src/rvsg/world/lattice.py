@@ -32,8 +32,10 @@ def row_letters(index: int) -> str:
     return letters
 
 
-def build_grid(spec: GridSpec, human: Space, robot: Space) -> Grid:
+def build_grid(spec: GridSpec, human: Space, robot: Space, *, seeds: Sequence[tuple[float, float]] = ()) -> Grid:
     """The grid of a specification in a world whose free space for people and robot is given.
+
+    `seeds` are places (metres) on the main part of the floor, such as the starts of routes.
 
     Raises InputError where nobody fits on any waypoint or the grid has an absurd number of them.
     """
@@ -47,10 +49,7 @@ def build_grid(spec: GridSpec, human: Space, robot: Space) -> Grid:
     points = np.array(
         [spec.moved.get(f"{r}{c}") or _point(spec, u, v) for r, u in rows.items() for c, v in columns.items()]
     )
-    clear = human.clearances(points)
-    fits = (clear > 0) & (clear >= spec.human_clearance_m)
-    if spec.valid is not None:
-        fits = np.isin(names, spec.valid)
+    fits = _fitting(spec, human, points, seeds) if spec.valid is None else np.isin(names, spec.valid)
     if not fits.any():
         raise InputError(
             f"no waypoint of the grid is {spec.human_clearance_m:g} m clear of all obstacles: "
@@ -65,9 +64,19 @@ def build_grid(spec: GridSpec, human: Space, robot: Space) -> Grid:
         )
         for i, (name, (x, y), h, r) in enumerate(zip(names, points, fits, robot_fits, strict=True))
     )
-    radius = spec.human_clearance_m if spec.hop_clearance_m is None else spec.hop_clearance_m
-    hops = tuple((names[a], names[b]) for a, b in _hops(points, fits, shape, human, radius))
+    hops = tuple((names[a], names[b]) for a, b in _hops(points, fits, shape, human, spec.hop_radius_m))
     return Grid(rows=tuple(rows), columns=tuple(str(c) for c in columns), waypoints=waypoints, hops=hops)
+
+
+def _fitting(spec: GridSpec, human: Space, points: Floats, seeds: Sequence[tuple[float, float]]) -> NDArray[np.bool_]:
+    """Where a person fits, on the main part of the floor or on all parts."""
+    clear = human.clearances(points)
+    fits = (clear > 0) & (clear >= spec.human_clearance_m)
+    if not spec.isolated_parts:
+        parts = human.parts(min(spec.hop_radius_m, spec.human_clearance_m))
+        main = {int(part) for part in human.frame.looked_up(parts, np.array(seeds).reshape(-1, 2))} - {0} or {1}
+        fits &= np.isin(human.frame.looked_up(parts, points), sorted(main))
+    return fits
 
 
 def _point(spec: GridSpec, up: float, right: float) -> tuple[float, float]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +41,14 @@ class Frame:
             c, s = np.cos(self.origin.yaw), np.sin(self.origin.yaw)
             scaled = scaled @ np.array([[c, s], [-s, c]])
         return np.asarray(scaled + np.array([self.origin.x, self.origin.y]))
+
+    def looked_up(self, cells: NDArray[Any], points: Floats) -> NDArray[Any]:
+        """The values of the cells in which the points (..., 2) in metres lie; 0 off the raster."""
+        at = np.floor(self.to_cells(np.asarray(points, float)) + 1e-9).astype(int)
+        rows, columns = self.shape
+        on_map = (at[..., 0] >= 0) & (at[..., 0] < columns) & (at[..., 1] >= 0) & (at[..., 1] < rows)
+        values = cells[np.clip(at[..., 1], 0, rows - 1), np.clip(at[..., 0], 0, columns - 1)]
+        return np.asarray(np.where(on_map, values, np.zeros((), cells.dtype)))
 
     @property
     def corners(self) -> Floats:

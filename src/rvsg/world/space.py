@@ -33,11 +33,7 @@ class Space:
 
     def clearances(self, points: Floats) -> Floats:
         """Distance in metres from each of the points (..., 2) to the nearest obstacle; 0 in one or off the map."""
-        at = np.floor(self.frame.to_cells(np.asarray(points, float)) + 1e-9).astype(int)
-        rows, columns = self.frame.shape
-        on_map = (at[..., 0] >= 0) & (at[..., 0] < columns) & (at[..., 1] >= 0) & (at[..., 1] < rows)
-        column, row = np.clip(at[..., 0], 0, columns - 1), np.clip(at[..., 1], 0, rows - 1)
-        return np.where(on_map, self.field[row, column], 0.0).astype(float)
+        return self.frame.looked_up(self.field, points).astype(float)
 
     def clearance(self, x: float, y: float) -> float:
         """Distance in metres from a point to the nearest obstacle; 0 inside one or off the map."""
@@ -46,6 +42,19 @@ class Space:
     def is_free(self, x: float, y: float, radius: float = 0.0) -> bool:
         """Whether a disc of this radius (metres) fits here; radius 0 asks whether the point itself is free."""
         return self.clearance(x, y) > 0.0 and self.clearance(x, y) >= radius
+
+    def parts(self, radius: float) -> NDArray[np.int32]:
+        """Which connected part of the free space every cell belongs to for a disc of this radius; (rows, columns).
+
+        0 where the disc does not fit, else 1 and up, the larger part first.
+        """
+        from scipy.ndimage import label
+
+        parts, count = label((self.field > 0) & (self.field >= radius))
+        sizes = np.bincount(parts.ravel(), minlength=count + 1)[1:]
+        rank = np.zeros(count + 1, np.int32)
+        rank[1 + np.argsort(-sizes, kind="stable")] = np.arange(1, count + 1)
+        return np.asarray(rank[parts])
 
     def segments_free(self, starts: Floats, ends: Floats, radius: float = 0.0) -> Bools:
         """For n segments (n, 2) to (n, 2): whether a disc of this radius can move straight from end to end; (n,)."""

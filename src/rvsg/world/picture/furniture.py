@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
 
 import numpy as np
 
@@ -27,12 +28,16 @@ def draw_title(sheet: Sheet, title: str) -> None:
     sheet.write_at(text, left, 26 * sheet.unit, size, sheet.palette.ink, anchor="l", bold=True)
 
 
-def draw_rulers(sheet: Sheet, world: World) -> None:
-    """Letters of the rows at the left and right, numbers of the columns above and below, faint lines through them."""
+def draw_rulers(sheet: Sheet, world: World) -> tuple[list[float], list[float]]:
+    """Letters of the rows at the left and right, numbers of the columns above and below.
+
+    Returns where faint lines belong, in pixels: down the page for rows, across it for columns.
+    """
     view, ink = sheet.view, sheet.palette
     left, top, right, bottom = view.plan
     away = 20 * sheet.unit
     size = round(19 * sheet.unit)
+    guides: tuple[list[float], list[float]] = ([], [])
     rows: dict[int, list[Waypoint]] = {}
     columns: dict[int, list[Waypoint]] = {}
     for waypoint in world.grid.waypoints:
@@ -40,30 +45,31 @@ def draw_rulers(sheet: Sheet, world: World) -> None:
         columns.setdefault(waypoint.column, []).append(waypoint)
     for index, at in _readable(sheet, world.grid.rows, rows, axis=1, size=size):
         if top < at < bottom:
-            sheet.line(np.array([[left, at], [right, at]]), ink.guide, 1.0)
+            guides[0].append(at)
             for x in (left - away, right + away):
                 sheet.write_at(world.grid.rows[index], x, at, size, ink.ink, bold=True)
     for index, at in _readable(sheet, world.grid.columns, columns, axis=0, size=size):
         if left < at < right:
-            sheet.line(np.array([[at, top], [at, bottom]]), ink.guide, 1.0)
+            guides[1].append(at)
             for y in (top - away, bottom + away):
                 sheet.write_at(world.grid.columns[index], at, y, size, ink.ink, bold=True)
+    return guides
 
 
 def _readable(
     sheet: Sheet, names: tuple[str, ...], lines: dict[int, list[Waypoint]], *, axis: int, size: int
 ) -> list[tuple[int, float]]:
-    """The index of each row or column whose name fits beside the one before, with its place along the ruler."""
-    found: list[tuple[int, float]] = []
-    end = -np.inf
-    for index in sorted(lines):
-        places = sheet.view.pixels(np.array([[w.x, w.y] for w in lines[index]]))
-        at = float(np.median(places[:, axis]))
-        half = text_size(names[index], size)[axis] / 2
-        if at - half > end + 4:
-            found.append((index, at))
-            end = at + half
-    return found
+    """The index of each row or column that is named, with its place along the ruler: all, or every 2nd, 5th, .."""
+    places = [
+        float(np.median(sheet.view.pixels(np.array([[w.x, w.y] for w in lines[index]]))[:, axis]))
+        for index in range(len(names))
+    ]
+    halves = [text_size(name, size)[axis] / 2 for name in names]
+    for step in (1, 2, 5, 10, 20, 50, 100):
+        shown = range(0, len(names), step)
+        if all(places[b] - halves[b] > places[a] + halves[a] + 4 for a, b in pairwise(shown)):
+            break
+    return [(index, places[index]) for index in shown]
 
 
 def draw_footer(
@@ -90,8 +96,7 @@ def draw_footer(
         draw(x + 9 * unit, line)
         sheet.write_at(text, x + 24 * unit, line, size, sheet.palette.ink, anchor="l")
         x += width + 16 * unit
-    _sentence(sheet, world, show, left + 4 * unit, line + 32 * unit, size)
-    return line + 50 * unit
+    return _sentences(sheet, world, show, left + 4 * unit, line + 32 * unit, size) + 18 * unit
 
 
 def _scale_bar(sheet: Sheet, x: float, y: float) -> float:
@@ -158,14 +163,26 @@ def _legend(
     return entries
 
 
-def _sentence(sheet: Sheet, world: World, show: frozenset[str], x: float, y: float, size: int) -> None:
-    """How the plan lies and how the grid is numbered, in words, and what could not be shown."""
+def _sentences(sheet: Sheet, world: World, show: frozenset[str], x: float, y: float, size: int) -> float:
+    """How the plan lies, how the grid is numbered and what could not be shown; returns the last line's place."""
     x0, y0, x1, y1 = sheet.view.window
     towards = ("up", "left") if sheet.view.up == "x" else ("right", "up")
-    parts = [f"{x1 - x0:.0f} m along x ({towards[0]}), {y1 - y0:.0f} m along y ({towards[1]})."]
-    rows, columns = world.grid.rows, world.grid.columns
+    said = [f"{x1 - x0:.0f} m along x ({towards[0]}), {y1 - y0:.0f} m along y ({towards[1]})."]
+    rows, columns, spec = world.grid.rows, world.grid.columns, world.grid_spec
     if "rulers" in show and rows:
-        parts.append(f"Rows {rows[0]} to {rows[-1]} from top to bottom,")
-        parts.append(f"columns {columns[0]} to {columns[-1]} from left to right.")
-    parts += [note[0].upper() + note[1:] + "." for note in sheet.notes[:1]]
-    sheet.write_at(" ".join(parts), x, y, size, sheet.palette.faint_ink, anchor="l")
+        said.append(f"Rows {rows[0]} to {rows[-1]} from top to bottom,")
+        said.append(f"columns {columns[0]} to {columns[-1]} from left to right.")
+        if spec is not None and spec.rows is None and world.grid.spacing_m:
+            said.append(f"Waypoints {world.grid.spacing_m:g} m apart.")
+    said += [note[0].upper() + note[1:] + "." for note in sheet.notes[:2]]
+    lines = [""]
+    for word in " ".join(said).split():
+        longer = f"{lines[-1]} {word}".strip()
+        if text_size(longer, size)[0] > sheet.view.plan[2] - x:
+            lines.append(word)
+        else:
+            lines[-1] = longer
+    lines = lines[:5]
+    for i, line in enumerate(lines):
+        sheet.write_at(line, x, y + i * 1.4 * size, size, sheet.palette.faint_ink, anchor="l")
+    return y + (len(lines) - 1) * 1.4 * size

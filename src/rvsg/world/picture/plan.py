@@ -27,6 +27,7 @@ GRID = frozenset({"objects", "areas", "rulers", "waypoints", "names", "title", "
 
 
 SMALLEST_TEXT = 10
+THICK_WALL_M = 0.3  # what the map shows thicker than this is drawn as a thing with an edge
 
 
 @dataclass(frozen=True)
@@ -70,9 +71,8 @@ def draw_plan(
     bottom = rulers + (round(112 * unit) if "legend" in show else round(50 * unit))
     view = view_of(world, width_px=width_px, window=window, margins=(rulers, top, rulers, bottom))
     sheet = Sheet(view, ink)
-    _draw_floor(sheet, world, hidden="objects" in show)
-    if "rulers" in show:
-        draw_rulers(sheet, world)
+    guides = draw_rulers(sheet, world) if "rulers" in show else ([], [])
+    _draw_floor(sheet, world, guides, hidden="objects" in show)
     if "objects" in show:
         _draw_objects(sheet, world.objects)
     if "lidar" in show:
@@ -109,31 +109,43 @@ def _in_window(outline: tuple[tuple[float, float], ...], view: View) -> bool:
     return max(xs) > x0 and min(xs) < x1 and max(ys) > y0 and min(ys) < y1
 
 
-def _draw_floor(sheet: Sheet, world: World, *, hidden: bool) -> None:
-    """The occupancy map as coloured floor; what is unknown looks like outside. `hidden`: without the cells that
-    belong to objects, as these are drawn themselves."""
+def _draw_floor(sheet: Sheet, world: World, guides: tuple[list[float], list[float]], *, hidden: bool) -> None:
+    """The occupancy map as coloured floor with faint lines; what is unknown looks like outside.
+
+    `hidden`: without the cells that belong to objects, as these are drawn themselves.
+    """
+    from scipy.ndimage import binary_dilation, binary_erosion
+
     occupancy = world_map(world)
     frame = frame_of(occupancy)
-    colours = np.array([sheet.palette.outside, sheet.palette.floor, sheet.palette.wall], np.uint8)
+    ink = sheet.palette
+    colours = np.array([ink.outside, ink.floor, ink.wall, ink.guide, ink.thing], np.uint8)
     kind = np.zeros(frame.shape, np.uint8)
     kind[occupancy.cells == 0] = 1
     kind[occupancy.cells == 100] = 2
+    thick = max(1, round(THICK_WALL_M / 2 / frame.resolution))
+    kind[binary_erosion(kind == 2, iterations=thick)] = 4
     if hidden and world.objects:
-        from scipy.ndimage import binary_dilation
-
         kind[binary_dilation(solid_cells(world.objects, frame), np.ones((5, 5), bool)) & (kind == 2)] = 1
     left, top, right, bottom = sheet.view.plan
     across = left + (np.arange((right - left) * FINE) + 0.5) / FINE
-    rows, columns = frame.shape
+    all_down = top + (np.arange((bottom - top) * FINE) + 0.5) / FINE
+    on_row, on_column = _lines(all_down, guides[0]), _lines(across, guides[1])
     bands = []
-    for first in range(0, (bottom - top) * FINE, 256):  # in bands, so that a large page needs little memory
-        down = top + (np.arange(first, min(first + 256, (bottom - top) * FINE)) + 0.5) / FINE
-        pixels = np.stack(np.meshgrid(across, down), axis=-1)
-        cells = np.floor(frame.to_cells(sheet.view.metres(pixels))).astype(np.int32)
-        on_map = (cells[..., 0] >= 0) & (cells[..., 0] < columns) & (cells[..., 1] >= 0) & (cells[..., 1] < rows)
-        found = kind[np.clip(cells[..., 1], 0, rows - 1), np.clip(cells[..., 0], 0, columns - 1)]
-        bands.append(colours[np.where(on_map, found, 0)])
+    for first in range(0, len(all_down), 256):  # in bands, so that a large page needs little memory
+        down = all_down[first : first + 256]
+        found = frame.looked_up(kind, sheet.view.metres(np.stack(np.meshgrid(across, down), axis=-1)))
+        found[(found == 1) & (on_row[first : first + 256, None] | on_column)] = 3
+        bands.append(colours[found])
     sheet.paste(np.concatenate(bands), left, top)
+
+
+def _lines(pixels: Floats, at: list[float]) -> NDArray[np.bool_]:
+    """Which of the pixels along one side belong to lines one pixel wide."""
+    lines = np.zeros(len(pixels), bool)
+    for place in at:
+        lines |= np.abs(pixels - place) <= 0.5
+    return lines
 
 
 def is_wall(thing: SolidObject) -> bool:
@@ -155,30 +167,39 @@ def _draw_objects(sheet: Sheet, objects: tuple[SolidObject, ...]) -> None:
 
 def _write_areas(sheet: Sheet, areas: list[Area], kinds: dict[str, tuple[int, int, int]], *, largest: int) -> None:
     """The areas' names: inside where they fit, else beside with a line that leads there."""
-    sizes = [max(9, round(size * sheet.unit)) for size in range(largest, 11, -2)]
-    left, top, right, bottom = sheet.view.plan
-    page = (left + 2.0, top + 2.0, right - 2.0, bottom - 2.0)
-    missing = []
     rings = {area.name: sheet.view.pixels(np.array(area.outline)) for area in areas}
     order = sorted(areas, key=lambda a: (np.ptp(rings[a.name], axis=0).prod(), a.name))  # small ones have least choice
-    outside = []
-    for area in order:
-        word = place_inside(area.name, rings[area.name], sheet.taken, sizes)
-        if word is None:
-            outside.append(area)
-            continue
-        _write_name(sheet, word, kinds[area.kind])
-    for area in outside:
-        word = place_beside(area.name, rings[area.name], sheet.taken, sizes[len(sizes) // 2 :], page)
-        if word is None:
-            missing.append(area.name)
-            continue
-        middle = rings[area.name].mean(axis=0)
-        sheet.line(np.array([word.centre, middle]), kinds[area.kind], 1.0)
-        sheet.dot(float(middle[0]), float(middle[1]), 3 * sheet.unit, fill=kinds[area.kind])
-        _write_name(sheet, word, kinds[area.kind])
-    if missing:
-        sheet.notes.append(f"no room for the names of {len(missing)} areas: {', '.join(sorted(missing))}")
+    left, top, right, bottom = sheet.view.plan
+    page = (left + 2.0, top + 2.0, right - 2.0, bottom - 2.0)
+
+    def sizes(first: int, last: int) -> list[int]:
+        return [max(SMALLEST_TEXT, round(size * sheet.unit)) for size in range(first, last - 1, -2)]
+
+    def beside(text: str, ring: Floats) -> Word | None:
+        return place_beside(text, ring, sheet.taken, sizes(16, 14), page)
+
+    def small(text: str, ring: Floats) -> Word | None:
+        return place_inside(text, ring, sheet.taken, sizes(12, 12))
+
+    def large(text: str, ring: Floats) -> Word | None:
+        return place_inside(text, ring, sheet.taken, sizes(largest, 14))
+
+    for place in (large, beside, small):
+        missing = []
+        for area in order:
+            ring = rings[area.name]
+            word = place(area.name, ring)
+            if word is None:
+                missing.append(area)
+                continue
+            if place is beside:
+                middle = (ring.min(axis=0) + ring.max(axis=0)) / 2
+                sheet.line(np.array([word.centre, middle]), kinds[area.kind], 1.0)
+                sheet.dot(float(middle[0]), float(middle[1]), 3 * sheet.unit, fill=kinds[area.kind])
+            _write_name(sheet, word, kinds[area.kind])
+        order = missing
+    if order:
+        sheet.notes.append(f"no room for the names of {len(order)} areas: {', '.join(sorted(a.name for a in order))}")
 
 
 def _write_name(sheet: Sheet, word: Word, colour: tuple[int, int, int]) -> None:
@@ -196,8 +217,10 @@ def _draw_dots(sheet: Sheet, world: World) -> list[Dot]:
     seen = [(w, x, y) for w, x, y in seen if left < x < right and top < y < bottom]
     apart = _spacing(np.array([(x, y) for _, x, y in seen]).reshape(-1, 2))
     radius = float(np.clip(apart * 0.075, 1.6, 5.0 * sheet.unit))
+    dense = apart < text_size("A10", SMALLEST_TEXT)[0]  # names of areas may then cover some of so many dots
     for waypoint, x, y in seen:
-        sheet.taken.add_dot(x, y, radius)
+        if not dense:
+            sheet.taken.add_dot(x, y, radius)
         if waypoint.robot:
             sheet.dot(x, y, radius, fill=ink.dot)
         else:
