@@ -1,0 +1,71 @@
+"""How different a set of scenarios is: in what they say (sdd), ask for (htd) and lead to (ssd).
+
+Each is a mean over all unordered pairs, None where there are fewer than two members. Source: the RVSG study.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations, product
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rvsg.evaluation.sentences import embed
+from rvsg.simulation.run import Run
+
+TaskLists = Sequence[Sequence[str]]
+
+
+def description_diversity(descriptions: Sequence[str], model_dir: Path | None = None) -> float | None:
+    """sdd = 1 - mean over pairs of the cosine similarity of the embeddings (all-MiniLM-L6-v2)."""
+    if len(descriptions) < 2:
+        return None
+    vectors = embed(descriptions, model_dir).astype(np.float64)
+    similarity = vectors @ vectors.T
+    upper = np.triu_indices(len(vectors), 1)
+    return 1.0 - float(similarity[upper].mean())
+
+
+def task_diversity(scenarios: Sequence[TaskLists]) -> float | None:
+    """htd: mean over pairs (i, j) of the mean Levenshtein distance of human a's tasks in i to human b's in j.
+
+    A member is the task lists of its humans; a token is a whole task name. With two humans the inner mean is over
+    four distances.
+    """
+    from rapidfuzz.distance import Levenshtein
+
+    if len(scenarios) < 2:
+        return None
+    means = []
+    for first, second in combinations(scenarios, 2):
+        pairs = list(product(first, second))
+        means.append(sum(Levenshtein.distance(list(a), list(b)) for a, b in pairs) / len(pairs))
+    return float(np.mean(means))
+
+
+def positions(run: Run) -> NDArray[np.float64]:
+    """(N, 2 + 2 H): x, y of the robot, then of every human, over the logged rows (2 Hz)."""
+    log = run.log
+    columns = [log.x, log.y]
+    for human in range(log.human_x.shape[1]):
+        columns += [log.human_x[:, human], log.human_y[:, human]]
+    return np.ascontiguousarray(np.stack(columns, axis=1), dtype=np.float64)
+
+
+def warping_distance(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
+    """Dynamic time warping of two (N, D) series, exact.
+
+    The square root of the smallest sum of squared Euclidean distances along a warping path.
+    """
+    from dtaidistance import dtw_ndim
+
+    return float(dtw_ndim.distance(a, b, use_c=True))
+
+
+def simulation_diversity(series: Sequence[NDArray[np.float64]]) -> float | None:
+    """ssd: mean over pairs of the warping distance of their `positions`."""
+    if len(series) < 2:
+        return None
+    return float(np.mean([warping_distance(a, b) for a, b in combinations(series, 2)]))
