@@ -14,6 +14,8 @@ from rvsg.app.cli.frame import Verb, command_line
 
 VERBS: dict[str, Verb] = {
     "run": Verb("run", "Find, confirm and report scenarios that make the robot violate a requirement"),
+    "metrics": Verb("metrics", "List the metrics with formula and unit, or measure a run"),
+    "import-study": Verb("import_study", "Import results in the published study's layout into a store"),
 }
 
 
