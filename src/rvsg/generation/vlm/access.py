@@ -1,0 +1,367 @@
+"""One call of a vision language model, any provider: the only module that imports pydantic-ai.
+
+Foreign errors are translated here. What a service can recover from (a limit of calls, an overload, a broken
+connection, a reply that is not the protocol) is tried again a bounded number of times, as late as the service asks;
+what it cannot recover from (a wrong key, an unknown model) ends at once with what to do. No message carries a key:
+errors are raised outside the handler of the foreign one, so that nothing of it hangs on them.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+from urllib.parse import urlsplit
+
+from rvsg.errors import InputError, ModelUnavailable
+from rvsg.generation.vlm.messages import Answer, Request, Usage, estimated_input_tokens, estimated_tokens
+from rvsg.generation.vlm.secrets import hide_secrets
+
+KEY_VARIABLE = "RVSG_API_KEY"
+NO_KEY = "no-key-set"
+LOCAL_OLLAMA = "http://localhost:11434/v1"
+COMPATIBLE = ("openai-chat", "openai", "openai-responses", "ollama", "vllm")
+DETAIL_CHARACTERS = 600
+
+
+@dataclass(frozen=True, kw_only=True)
+class Limits:
+    """How patient one call is. Seconds; `tries` counts the first one too.
+
+    A wait between tries is `first_wait_s` doubled each time, at most `longest_wait_s`, or what the service's
+    Retry-After asks for; a service that asks for more than `longest_wait_s` ends the call.
+    """
+
+    timeout_s: float = 180.0
+    tries: int = 4
+    first_wait_s: float = 2.0
+    longest_wait_s: float = 90.0
+    max_output_tokens: int | None = 16_000
+
+
+class _Failure(Exception):
+    """A try that failed: what to tell, whether to try again, and when."""
+
+    def __init__(
+        self,
+        told: str,
+        *,
+        again: bool,
+        wait_s: float | None = None,
+        without_shape: bool = False,
+        setup: bool = False,
+    ) -> None:
+        super().__init__(told)
+        self.told = told
+        self.again = again
+        self.wait_s = wait_s
+        self.without_shape = without_shape
+        self.setup = setup
+
+
+class ModelAccess:
+    """A model by its name, e.g. `openai-chat:gpt-4.1`, `anthropic:claude-...`, `google:gemini-...`, `ollama:...`.
+
+    With `base_url` any server that speaks the OpenAI protocol; its key, if it needs one, is read from the
+    environment variable RVSG_API_KEY, so that no provider's key reaches another host. `prices` are dollars per
+    million input, cached input and output tokens, for models whose price is not known. `sleep` is how it waits.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        *,
+        base_url: str | None = None,
+        limits: Limits | None = None,
+        temperature: float | None = None,
+        structured: bool = True,
+        prices: tuple[float, float, float] | None = None,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
+        provider, _, model = name.partition(":")
+        if not model:
+            raise InputError(
+                f'"{name}" does not name a model. Expected PROVIDER:MODEL, for example openai-chat:gpt-4.1, '
+                "anthropic:claude-sonnet-4-5, google:gemini-2.5-pro or ollama:qwen2.5vl."
+            )
+        self._name, self._provider, self._model = name, provider, model
+        self._base_url = _checked_address(base_url, provider)
+        self._limits = limits or Limits()
+        self._temperature = temperature
+        self._structured = structured
+        self._prices = prices
+        self._sleep = sleep
+        self._of_thread = threading.local()
+
+    @property
+    def name(self) -> str:
+        """The name it was given."""
+        return self._name
+
+    def knows_price(self) -> bool:
+        """Whether the cost of a call can be told."""
+        return self._prices is not None or _listed_price(self._provider, self._model)
+
+    def ask(self, request: Request) -> Answer:
+        """Ask, patiently; raises ModelUnavailable with the reason and what to do."""
+        failure: _Failure | None = None
+        for number in range(1, self._limits.tries + 1):
+            begun = time.monotonic()
+            try:
+                answer = self._try(request)
+            except _Failure as caught:
+                failure = caught
+            else:
+                latency = round(time.monotonic() - begun, 3)
+                return answer.model_copy(
+                    update={"usage": answer.usage.model_copy(update={"latency_s": latency, "tries": number})}
+                )
+            if failure.without_shape:
+                self._structured = False
+            wait = self._wait(failure, number)
+            if wait is None:
+                break
+            if wait > 0:
+                self._sleep(wait)
+        assert failure is not None
+        told = hide_secrets(f"Model {self._name}{self._place()}: {failure.told}")
+        raise InputError(told) if failure.setup else ModelUnavailable(told)
+
+    def _wait(self, failure: _Failure, number: int) -> float | None:
+        """Seconds until the next try; None where there is no next one."""
+        if not failure.again or number >= self._limits.tries:
+            if failure.again and number > 1:
+                failure.told += f" Tried {number} times."
+            return None
+        if failure.without_shape:
+            return 0.0
+        if failure.wait_s is None:
+            return float(min(self._limits.longest_wait_s, self._limits.first_wait_s * 2 ** (number - 1)))
+        if failure.wait_s > self._limits.longest_wait_s:
+            failure.told += (
+                f" The service asks to wait {failure.wait_s:.0f} s, longer than the {self._limits.longest_wait_s:.0f} s "
+                "RVSG waits. Run the same command later: what is finished is kept."
+            )
+            return None
+        return failure.wait_s
+
+    def _place(self) -> str:
+        return f" at {self._base_url}" if self._base_url else ""
+
+    def _try(self, request: Request) -> Answer:
+        """One request over the wire; raises _Failure, never a foreign error."""
+        failure: _Failure | None = None
+        response: Any = None
+        try:
+            direct, messages, parameters, settings = self._foreign(request)
+            with warnings.catch_warnings():
+                # Prices of unknown models and settings a provider ignores are told in our own way.
+                warnings.simplefilter("ignore")
+                response = direct.model_request_sync(
+                    self._client(), messages, model_settings=settings, model_request_parameters=parameters
+                )
+        except Exception as foreign:
+            failure = self._translated(foreign, request)
+        if failure is not None:
+            raise failure
+        return self._answer(response, request)
+
+    def _foreign(self, request: Request) -> tuple[Any, list[Any], Any, Any]:
+        """The request in the words of pydantic-ai."""
+        from pydantic_ai import direct
+        from pydantic_ai.messages import (
+            BinaryContent,
+            CachePoint,
+            ModelRequest,
+            ModelResponse,
+            SystemPromptPart,
+            TextPart,
+            UserPromptPart,
+        )
+        from pydantic_ai.models import ModelRequestParameters
+        from pydantic_ai.output import OutputObjectDefinition
+
+        messages: list[Any] = []
+        parts: list[Any] = []
+        for message in request.messages:
+            if message.role == "assistant":
+                if parts:
+                    messages.append(ModelRequest(parts=parts))
+                    parts = []
+                messages.append(ModelResponse(parts=[TextPart(content=message.text)]))
+            elif message.role == "system":
+                parts.append(SystemPromptPart(content=message.text))
+            else:
+                content: list[Any] = [message.text]
+                for shown in message.pictures:
+                    data = request.pictures[shown.digest].png
+                    content += [f"Picture: {shown.name}", BinaryContent(data=data, media_type="image/png")]
+                if message.stable:
+                    content.append(CachePoint())
+                parts.append(UserPromptPart(content=content if len(content) > 1 else message.text))
+        if parts:
+            messages.append(ModelRequest(parts=parts))
+        parameters = ModelRequestParameters()
+        if request.shape is not None and self._structured:
+            shape = OutputObjectDefinition(json_schema=request.shape, name="reply", strict=False)
+            parameters = ModelRequestParameters(output_mode="native", output_object=shape)
+        settings: dict[str, Any] = {"max_retries": 0, "request_timeout": self._limits.timeout_s}
+        settings["timeout"] = self._limits.timeout_s
+        if self._limits.max_output_tokens is not None:
+            settings["max_tokens"] = self._limits.max_output_tokens
+        if self._temperature is not None:
+            settings["temperature"] = self._temperature
+        return direct, messages, parameters, settings
+
+    def _client(self) -> Any:
+        """pydantic-ai's model object: one for each thread, because its connections belong to a thread's event loop."""
+        if not hasattr(self._of_thread, "client"):
+            self._of_thread.client = _client_of(self._provider, self._model, self._base_url)
+        return self._of_thread.client
+
+    def _translated(self, error: Exception, request: Request) -> _Failure:
+        """What a foreign error means."""
+        if isinstance(error, ImportError):
+            return _Failure(_told_missing(self._provider, error), again=False, setup=True)
+        from pydantic_ai import exceptions as foreign
+
+        detail = hide_secrets(_one_line(str(error)))
+        wait = getattr(error, "retry_after", None)
+        if isinstance(error, foreign.UserError):
+            return _Failure(f"it cannot be used. {detail}", again=False, setup=True)
+        if isinstance(error, foreign.ModelAuthenticationError):
+            return _Failure(
+                f"the service refused the key (or found none). Set {_key_variable(self._provider, self._base_url)} "
+                f"in the environment. It said: {detail}",
+                again=False,
+            )
+        if isinstance(error, foreign.ModelNotFoundError):
+            return _Failure(
+                f'the service knows no model "{self._model}" (or the address is wrong). Check --model and '
+                f"--base-url. It said: {detail}",
+                again=False,
+            )
+        if isinstance(error, foreign.ModelQuotaExceededError):
+            return _Failure(f"the account's credit or quota is used up. It said: {detail}", again=False)
+        if isinstance(error, foreign.ModelRateLimitError):
+            return _Failure(f"too many calls (429). It said: {detail}", again=True, wait_s=wait)
+        if isinstance(error, foreign.ModelContextWindowExceededError):
+            return _Failure(f"the conversation is longer than the model can read. It said: {detail}", again=False)
+        if isinstance(error, foreign.ModelRequestRejectedError):
+            if request.shape is not None and self._structured:
+                # Many compatible servers know no structured output: the prompt alone asks for the JSON as well.
+                return _Failure(f"it refused the request. It said: {detail}", again=True, without_shape=True)
+            return _Failure(f"it refused the request. It said: {detail}", again=False)
+        if isinstance(error, (foreign.ModelTimeoutError, foreign.ModelRequestTimeout)):
+            return _Failure(f"no answer within {self._limits.timeout_s:g} s (--call-timeout).", again=True)
+        if isinstance(error, foreign.ModelConnectionError):
+            return _Failure(f"the connection failed or broke off. {detail}", again=True)
+        if isinstance(error, foreign.ModelAPIError):
+            return _Failure(f"the service failed. It said: {detail}", again=True, wait_s=wait)
+        kind = type(error).__name__
+        return _Failure(f"the service's reply is not what its protocol promises ({kind}: {detail})", again=True)
+
+    def _answer(self, response: Any, request: Request) -> Answer:
+        """pydantic-ai's response as ours."""
+        text = "".join(part.content for part in response.parts if part.part_kind == "text")
+        details = response.provider_details or {}
+        refusal = details.get("refusal")
+        reason = response.finish_reason
+        finish = "complete"
+        if refusal or reason == "content_filter":
+            finish, text = "refused", str(refusal or text)
+        elif not text.strip():
+            finish = "empty"
+        elif reason == "length":
+            finish = "truncated"
+        counted = response.usage
+        estimated = bool(counted.unmeasured_requests) or not counted.input_tokens
+        usage = Usage(
+            input_tokens=estimated_input_tokens(request) if estimated else counted.input_tokens,
+            cached_tokens=0 if estimated else counted.cache_read_tokens,
+            output_tokens=estimated_tokens(text) if estimated else counted.output_tokens,
+            estimated=estimated,
+        )
+        cost = float(counted.cost) if counted.cost is not None and not estimated else None
+        if self._prices is not None:
+            cost = _priced(usage, self._prices)
+        named = response.model_name or self._model
+        return Answer.model_validate(
+            {
+                "text": hide_secrets(text),
+                "model": named,
+                "finish": finish,
+                "usage": usage.model_copy(update={"cost_usd": cost}),
+            }
+        )
+
+
+def _priced(usage: Usage, prices: tuple[float, float, float]) -> float:
+    fresh = usage.input_tokens - usage.cached_tokens
+    return (fresh * prices[0] + usage.cached_tokens * prices[1] + usage.output_tokens * prices[2]) / 1e6
+
+
+def _listed_price(provider: str, model: str) -> bool:
+    try:
+        from genai_prices import Usage as Counted
+        from genai_prices import calc_price
+    except ImportError:
+        return False
+    listed = {"openai-chat": "openai", "openai-responses": "openai", "google-gla": "google"}.get(provider, provider)
+    try:
+        calc_price(Counted(input_tokens=1), model_ref=model, provider_id=listed)
+    except LookupError:
+        return False
+    return True
+
+
+def _checked_address(base_url: str | None, provider: str) -> str | None:
+    if base_url is None:
+        return LOCAL_OLLAMA if provider == "ollama" and not os.environ.get("OLLAMA_BASE_URL") else None
+    parts = urlsplit(base_url)
+    if parts.scheme not in ("http", "https") or not parts.hostname:
+        raise InputError(f"--base-url must be an http or https address, got {hide_secrets(base_url)!r}.")
+    if parts.username or parts.password:
+        raise InputError(f"--base-url must not hold a user or key; put the key into {KEY_VARIABLE}.")
+    if provider not in COMPATIBLE:
+        raise InputError(
+            f"--base-url is for servers that speak the OpenAI protocol: use a model name beginning with "
+            f"{', '.join(p + ':' for p in COMPATIBLE[:-1])} or {COMPATIBLE[-1]}:, not {provider}:."
+        )
+    return base_url
+
+
+def _key_variable(provider: str, base_url: str | None) -> str:
+    if base_url is not None:
+        return KEY_VARIABLE
+    named = {"openai": "OPENAI", "openai-chat": "OPENAI", "openai-responses": "OPENAI", "google": "GOOGLE"}
+    return f"{named.get(provider, provider.upper().replace('-', '_'))}_API_KEY"
+
+
+def _client_of(provider: str, model: str, base_url: str | None) -> Any:
+    if base_url is not None:
+        from pydantic_ai.models.openai import OpenAIChatModel, OpenAIResponsesModel
+        from pydantic_ai.providers.openai_compatible import OpenAICompatibleProvider
+
+        key = os.environ.get(KEY_VARIABLE) or NO_KEY
+        server = OpenAICompatibleProvider("openai-compatible", base_url=base_url, api_key=key)
+        if provider in ("openai", "openai-responses"):
+            return OpenAIResponsesModel(model, provider=server)
+        return OpenAIChatModel(model, provider=server)
+    from pydantic_ai.models import infer_model
+
+    return infer_model(f"{provider}:{model}")
+
+
+def _told_missing(provider: str, error: ImportError) -> str:
+    extra = {"anthropic": "anthropic", "google": "google", "google-gla": "google"}.get(provider, "vlm")
+    return f"it needs a package that is not installed: pip install 'rvsg[{extra}]'. ({_one_line(str(error))})"
+
+
+def _one_line(text: str) -> str:
+    line = " ".join(text.split())
+    return line if len(line) <= DETAIL_CHARACTERS else line[:DETAIL_CHARACTERS] + " ..."

@@ -1,0 +1,202 @@
+"""A folder in which every call is kept, and Recorded, the model that keeps them.
+
+The folder holds `calls.jsonl` (one line for each call: its place, its messages by content id, the answer, what it
+cost, or the error), `messages.jsonl` (every message and schema once) and `pictures/` (every picture once, named by
+its content). Lines are only ever appended; a last line that was cut off by a crash is left out when reading.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from rvsg.errors import FileError, ModelUnavailable, StoreError
+from rvsg.generation.vlm.budget import Spending
+from rvsg.generation.vlm.messages import Answer, Message, Request
+from rvsg.generation.vlm.model import Model
+from rvsg.world.records import Record, canonical_json, content_id
+
+CALLS, MESSAGES, PICTURES = "calls.jsonl", "messages.jsonl", "pictures"
+
+
+class RecordedCall(Record):
+    """One call as it is kept. `request` is the content id of all the model was given."""
+
+    key: str
+    session: str
+    number: int
+    purpose: str
+    model: str
+    request: str
+    messages: tuple[str, ...]
+    shape: str | None = None
+    answer: Answer | None = None
+    error: str | None = None
+
+
+class Recording:
+    """The calls kept in a folder; made when the first call is kept."""
+
+    def __init__(self, folder: str | Path) -> None:
+        self.folder = Path(folder)
+        self._lock = threading.Lock()
+        self._texts: dict[str, dict[str, Any]] = {}
+        self._calls: list[RecordedCall] = []
+        for line, value in _lines(self.folder / MESSAGES):
+            if not isinstance(value.get("id"), str):
+                raise FileError(self.folder / MESSAGES, "expected a message with an id", line=line)
+            self._texts[value["id"]] = value
+        for line, value in _lines(self.folder / CALLS):
+            try:
+                self._calls.append(RecordedCall.model_validate(value))
+            except ValidationError as error:
+                first = error.errors()[0]
+                place = ".".join(str(part) for part in first["loc"])
+                raise FileError(
+                    self.folder / CALLS, f"not a recorded call: {place}: {first['msg']}", line=line
+                ) from None
+
+    def __len__(self) -> int:
+        return len(self._calls)
+
+    def __iter__(self) -> Iterator[RecordedCall]:
+        return iter(self._calls)
+
+    def message(self, message_id: str) -> Message:
+        """A message of the record, by its id."""
+        try:
+            return Message.model_validate(self._texts[message_id]["message"])
+        except (KeyError, ValidationError):
+            raise StoreError(f"{self.folder / MESSAGES} holds no message {message_id}; the record is damaged.") from None
+
+    def answered(self, key: str, request_id: str) -> RecordedCall | None:
+        """The call that was answered at that place for that very request."""
+        found = (c for c in self._calls if c.key == key and c.request == request_id and c.answer is not None)
+        return next(found, None)
+
+    def spent(self) -> Spending:
+        """What all the answered calls of the record cost together."""
+        spent = Spending()
+        for call in self._calls:
+            if call.answer is not None:
+                spent = spent.plus(call.answer.usage)
+        return spent
+
+    def keep(self, request: Request, model: str, *, answer: Answer | None = None, error: str | None = None) -> None:
+        """Append a call with its messages and pictures; on return it is on the disk."""
+        with self._lock:
+            try:
+                self.folder.mkdir(parents=True, exist_ok=True)
+                for picture in request.pictures.values():
+                    self._keep_picture(picture.digest, picture.png)
+                ids = [self._keep_text("message", m.model_dump(mode="json")) for m in request.messages]
+                shape = self._keep_text("shape", request.shape) if request.shape is not None else None
+                call = RecordedCall(
+                    key=request.key,
+                    session=request.session,
+                    number=request.number,
+                    purpose=request.purpose,
+                    model=model,
+                    request=request.id,
+                    messages=tuple(ids),
+                    shape=shape,
+                    answer=answer,
+                    error=error,
+                )
+                _append(self.folder / CALLS, call.model_dump(mode="json"))
+            except OSError as failure:
+                raise StoreError(f"The call cannot be recorded in {self.folder}: {failure}") from None
+            self._calls.append(call)
+
+    def _keep_text(self, kind: str, value: Any) -> str:
+        text_id = content_id(kind, value)
+        if text_id not in self._texts:
+            line = {"id": text_id, kind: value}
+            _append(self.folder / MESSAGES, line)
+            self._texts[text_id] = line
+        return text_id
+
+    def _keep_picture(self, digest: str, png: bytes) -> None:
+        path = self.folder / PICTURES / f"{digest}.png"
+        if not path.exists():
+            path.parent.mkdir(exist_ok=True)
+            path.write_bytes(png)
+
+
+class Recorded:
+    """A model whose calls are kept, and whose answer is taken from the record where the very call is there already.
+
+    That makes a campaign that was stopped between two calls go on where it was, at no cost.
+    """
+
+    def __init__(self, model: Model, recording: Recording) -> None:
+        self._model = model
+        self.recording = recording
+
+    @property
+    def name(self) -> str:
+        """The name of the model."""
+        return self._model.name
+
+    def ask(self, request: Request) -> Answer:
+        """The recorded answer, or the model's, which is then kept. A failed call is kept too."""
+        known = self.recording.answered(request.key, request.id)
+        if known is not None and known.answer is not None:
+            return known.answer.model_copy(update={"source": "record"})
+        failure: ModelUnavailable | None = None
+        try:
+            answer = self._model.ask(request)
+        except ModelUnavailable as error:
+            failure = error
+        if failure is not None:
+            self.recording.keep(request, self._model.name, error=str(failure))
+            raise failure
+        self.recording.keep(request, self._model.name, answer=answer)
+        return answer
+
+
+def _append(path: Path, value: Any) -> None:
+    """Append one line in one write, and wait until it is on the disk."""
+    data = (canonical_json(value) + "\n").encode()
+    cut_off = path.exists() and path.stat().st_size > 0 and not _ends_line(path)
+    with path.open("ab") as file:
+        file.write(b"\n" + data if cut_off else data)
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def _ends_line(path: Path) -> bool:
+    with path.open("rb") as file:
+        file.seek(-1, os.SEEK_END)
+        return file.read(1) == b"\n"
+
+
+def _lines(path: Path) -> Iterator[tuple[int, dict[str, Any]]]:
+    """The JSON objects of a file with their line numbers; a line cut off by a crash is left out."""
+    if not path.exists():
+        return
+    try:
+        lines = path.read_text(encoding="utf-8", errors="replace").split("\n")
+    except OSError as error:
+        raise FileError(path, f"cannot be read: {error.strerror}") from None
+    whole = len(lines) - 1
+    for number, line in enumerate(lines, start=1):
+        if not line.strip():
+            continue
+        try:
+            value = json.loads(line)
+        except ValueError:
+            # Only a write that was cut off leaves a broken line: the last one, or one that was later continued
+            # on a line of its own. Anything shorter than a record is not worth more.
+            if number >= whole or len(line) < 2 or not line.endswith("}"):
+                continue
+            raise FileError(path, "not a line of JSON", line=number) from None
+        if not isinstance(value, dict):
+            raise FileError(path, "expected an object of JSON", line=number)
+        yield number, value

@@ -1,0 +1,284 @@
+"""Faults of a service, each from a real HTTP server."""
+
+from __future__ import annotations
+
+import json
+import traceback
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rvsg.errors import BudgetSpent, InputError, ModelUnavailable
+from rvsg.generation.vlm.access import Limits, ModelAccess
+from rvsg.generation.vlm.budget import Budget, Budgeted
+from rvsg.generation.vlm.messages import Message, Picture, Request
+from rvsg.generation.vlm.recording import Recorded, Recording
+from tests.generation.loopback import (
+    Behaviour,
+    completion,
+    drops_in_mid_reply,
+    echoes_headers_then_fails,
+    fails,
+    raw,
+    says,
+    serving,
+    sleeps,
+)
+
+KEY = "sk-very-secret-key-0123456789"
+DOT = bytes.fromhex(
+    "89504e470d0a1a0a0000000d4948445200000001000000010802000000907753de"
+    "0000000c49444154789c63f8ffff3f0005fe02fe0def46b80000000049454e44ae426082"
+)
+
+
+@pytest.fixture(autouse=True)
+def _key_in_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RVSG_API_KEY", KEY)
+
+
+class Waits(list[float]):
+    def __call__(self, seconds: float) -> None:
+        self.append(seconds)
+
+
+def request(number: int = 1, *, shape: dict[str, Any] | None = None, picture: bool = False) -> Request:
+    shown = Picture(name="map", png=DOT)
+    message = Message(role="user", text="Say something.", pictures=(shown.reference,) if picture else ())
+    return Request(
+        session="s000-c00",
+        number=number,
+        purpose="P1",
+        messages=(Message(role="system", text="Be brief."), message),
+        pictures={shown.digest: shown} if picture else {},
+        shape=shape,
+    )
+
+
+def access(url: str, *, tries: int = 3, timeout_s: float = 5.0, **more: Any) -> tuple[ModelAccess, Waits]:
+    waits = Waits()
+    limits = Limits(timeout_s=timeout_s, tries=tries, first_wait_s=2.0, longest_wait_s=30.0)
+    return ModelAccess("openai-chat:vision-1", base_url=url, limits=limits, sleep=waits, **more), waits
+
+
+def failing(*script: Behaviour, tries: int = 3, timeout_s: float = 5.0) -> tuple[str, list[float], int]:
+    """The message, the waits and the number of requests of an ask that must fail; no key anywhere."""
+    with serving(*script) as server:
+        model, waits = access(server.url, tries=tries, timeout_s=timeout_s)
+        with pytest.raises(ModelUnavailable) as caught:
+            model.ask(request())
+        seen = "".join(traceback.format_exception(caught.value)) + repr(caught.value.__context__)
+        assert KEY not in seen
+        assert caught.value.__context__ is None
+        return str(caught.value), list(waits), len(server.requests)
+
+
+def test_an_answer_carries_text_usage_and_cached_tokens() -> None:
+    with serving(says("hello")) as server:
+        model, _ = access(server.url, prices=(2.0, 0.5, 8.0))
+        answer = model.ask(request(picture=True))
+        sent = server.requests[0]
+    assert answer.text == "hello"
+    assert answer.finish == "complete"
+    assert (answer.usage.input_tokens, answer.usage.cached_tokens, answer.usage.output_tokens) == (1200, 1000, 34)
+    assert answer.usage.cost_usd == pytest.approx((200 * 2.0 + 1000 * 0.5 + 34 * 8.0) / 1e6)
+    assert not answer.usage.estimated
+    assert sent["messages"][0] == {"role": "system", "content": "Be brief."}
+    urls = [part["image_url"]["url"] for part in sent["messages"][1]["content"] if part["type"] == "image_url"]
+    assert len(urls) == 1
+    assert urls[0].startswith("data:image/png;base64,")
+
+
+def test_tokens_are_estimated_and_marked_where_the_service_does_not_count() -> None:
+    reply = completion("hello")
+    del reply["usage"]
+    with serving(raw(json.dumps(reply).encode())) as server:
+        usage = access(server.url)[0].ask(request(picture=True)).usage
+    assert usage.estimated
+    assert usage.input_tokens > 85
+    assert usage.cost_usd is None
+
+
+def test_a_refused_key_ends_at_once_and_says_which_variable_to_set() -> None:
+    told, waits, asked = failing(fails(401, "Incorrect API key provided: " + KEY))
+    assert "RVSG_API_KEY" in told
+    assert (waits, asked) == ([], 1)
+
+
+def test_a_service_that_repeats_the_key_in_its_error_does_not_leak_it() -> None:
+    told, _, _ = failing(echoes_headers_then_fails(403))
+    assert "refused" in told
+
+
+def test_an_unknown_model_ends_at_once_and_names_it() -> None:
+    told, waits, asked = failing(fails(404, "no such model", code="model_not_found"))
+    assert '"vision-1"' in told
+    assert (waits, asked) == ([], 1)
+
+
+def test_too_many_calls_waits_as_long_as_the_service_asks() -> None:
+    with serving(fails(429, "slow down", {"Retry-After": "7"}), says("ok")) as server:
+        model, waits = access(server.url)
+        answer = model.ask(request())
+    assert answer.text == "ok"
+    assert answer.usage.tries == 2
+    assert waits == [7.0]
+
+
+def test_too_many_calls_without_a_hint_backs_off_and_gives_up() -> None:
+    told, waits, asked = failing(fails(429, "slow down"))
+    assert waits == [2.0, 4.0]
+    assert asked == 3
+    assert "Tried 3 times" in told
+
+
+def test_a_wait_beyond_the_limit_ends_instead_of_hanging() -> None:
+    told, waits, asked = failing(fails(429, "tomorrow", {"Retry-After": "3600"}))
+    assert "3600 s" in told
+    assert (waits, asked) == ([], 1)
+
+
+def test_used_up_credit_ends_at_once() -> None:
+    told, _, asked = failing(fails(429, "You exceeded your current quota", code="insufficient_quota"))
+    assert "quota" in told
+    assert asked == 1
+
+
+def test_a_failing_service_is_asked_again_and_then_told() -> None:
+    with serving(fails(500, "oops"), says("recovered")) as server:
+        assert access(server.url)[0].ask(request()).text == "recovered"
+    told, waits, asked = failing(fails(500, "oops"))
+    assert asked == 3
+    assert "oops" in told
+
+
+def test_a_slow_reply_times_out_and_the_retry_may_succeed() -> None:
+    with serving(sleeps(1.5), says("quick")) as server:
+        assert access(server.url, timeout_s=0.3)[0].ask(request()).text == "quick"
+    told, _, _ = failing(sleeps(1.0), tries=1, timeout_s=0.2)
+    assert "0.2 s" in told
+
+
+def test_a_connection_dropped_in_mid_reply_is_tried_again() -> None:
+    with serving(drops_in_mid_reply, says("whole")) as server:
+        assert access(server.url)[0].ask(request()).text == "whole"
+    told, _, asked = failing(drops_in_mid_reply)
+    assert asked == 3
+
+
+def test_a_server_that_is_not_there_is_told() -> None:
+    with serving(says("x")) as server:
+        url = server.url
+    model, waits = access(url, tries=2)
+    with pytest.raises(ModelUnavailable, match="connection"):
+        model.ask(request())
+    assert len(waits) == 1
+
+
+@pytest.mark.parametrize("payload", [b"<html>gateway</html>", b'{"choices": [{', b"[]", b'{"object": "other"}'])
+def test_a_body_that_is_not_the_protocol_is_tried_again_and_then_told(payload: bytes) -> None:
+    _, _, asked = failing(raw(payload), tries=2)
+    assert asked == 2
+
+
+def test_empty_choices_are_told() -> None:
+    reply = completion("x") | {"choices": []}
+    _, _, asked = failing(raw(json.dumps(reply).encode()), tries=2)
+    assert asked == 2
+
+
+def test_a_reply_of_200_000_characters_arrives_whole() -> None:
+    with serving(says("x" * 200_000)) as server:
+        assert len(access(server.url)[0].ask(request()).text) == 200_000
+
+
+def test_a_refusal_an_empty_and_a_truncated_reply_are_answers() -> None:
+    with serving(
+        says(None, refusal="I cannot help with that."),  # type: ignore[arg-type]
+        says(""),
+        says('{"humans": [', finish_reason="length"),
+    ) as server:
+        model, _ = access(server.url)
+        answers = [model.ask(request(n)) for n in (1, 2, 3)]
+    assert [a.finish for a in answers] == ["refused", "empty", "truncated"]
+    assert "cannot help" in answers[0].text
+
+
+def test_a_server_without_structured_output_is_asked_again_in_plain_words() -> None:
+    shape = {"type": "object", "properties": {"a": {"type": "string"}}, "required": ["a"]}
+    with serving(fails(400, "response_format is not supported"), says('{"a": "b"}')) as server:
+        model, waits = access(server.url)
+        assert model.ask(request(shape=shape)).text == '{"a": "b"}'
+        assert model.ask(request(2, shape=shape)).finish == "complete"
+        formats = ["response_format" in sent for sent in server.requests]
+    assert formats == [True, False, False]
+    assert waits == []
+
+
+def test_nothing_recorded_is_lost_and_no_key_is_kept_when_the_service_fails_later(tmp_path: Path) -> None:
+    with serving(says(f"my key is {KEY}"), echoes_headers_then_fails(500)) as server:
+        model = Recorded(access(server.url)[0], Recording(tmp_path))
+        model.ask(request(1, picture=True))
+        with pytest.raises(ModelUnavailable):
+            model.ask(request(2))
+    kept = Recording(tmp_path)
+    assert [call.error is None for call in kept] == [True, False]
+    everything = b"".join(path.read_bytes() for path in tmp_path.rglob("*") if path.is_file())
+    assert KEY.encode() not in everything
+    assert (tmp_path / "pictures").is_dir()
+
+
+def test_a_budget_stops_before_the_call_that_would_pass_it_and_a_record_resumes_for_free(tmp_path: Path) -> None:
+    with serving(says("one"), says("two")) as server:
+        first = Recorded(Budgeted(access(server.url)[0], Budget(calls=1)), Recording(tmp_path))
+        first.ask(request(1))
+        with pytest.raises(BudgetSpent, match="1 of 1 calls"):
+            first.ask(request(2))
+        record = Recording(tmp_path)
+        second = Recorded(Budgeted(access(server.url)[0], Budget(calls=2), record.spent()), record)
+        again = second.ask(request(1))
+        assert (again.text, again.source) == ("one", "record")
+        assert second.ask(request(2)).text == "two"
+        assert len(server.requests) == 2
+
+
+def test_budgets_of_tokens_and_dollars_stop_too() -> None:
+    with serving(says("one")) as server:
+        tokens = Budgeted(access(server.url)[0], Budget(tokens=1300))
+        tokens.ask(request(1))
+        tokens.ask(request(2))
+        with pytest.raises(BudgetSpent, match="of 1300 tokens"):
+            tokens.ask(request(3))
+        dollars = Budgeted(access(server.url, prices=(2.0, 0.5, 8.0))[0], Budget(usd=0.002))
+        dollars.ask(request(1))
+        dollars.ask(request(2))
+        with pytest.raises(BudgetSpent, match="USD"):
+            dollars.ask(request(3))
+
+
+@pytest.mark.parametrize(
+    ("name", "url", "told"),
+    [
+        ("gpt-4.1", None, "PROVIDER:MODEL"),
+        ("openai-chat:x", "ftp://host", "http"),
+        ("openai-chat:x", "http://me:secret@host/v1", "RVSG_API_KEY"),
+        ("anthropic:x", "http://host/v1", "OpenAI protocol"),
+    ],
+)
+def test_a_model_that_cannot_be_meant_is_refused(name: str, url: str | None, told: str) -> None:
+    with pytest.raises(InputError, match=told):
+        ModelAccess(name, base_url=url)
+
+
+def test_a_missing_key_and_an_unknown_provider_are_input_errors(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("OPENAI_API_KEY", raising=False)
+    with pytest.raises(InputError, match="OPENAI_API_KEY"):
+        ModelAccess("openai-chat:gpt-4.1").ask(request())
+    with pytest.raises(InputError, match="nobody"):
+        ModelAccess("nobody:model").ask(request())
+
+
+def test_prices_are_known_for_known_models() -> None:
+    assert ModelAccess("openai-chat:gpt-4.1").knows_price()
+    assert not ModelAccess("openai-chat:vision-1").knows_price()
