@@ -14,7 +14,10 @@ from rvsg.world.world import World
 
 
 class Call(Record):
-    """One call of a model, as it is kept: what it was for, what it cost, and the key of its recording."""
+    """One call of a model, as it is kept: what it was for, what it cost, and the key of its recording.
+
+    that nothing was spent now.
+    """
 
     purpose: str
     model: str
@@ -25,6 +28,7 @@ class Call(Record):
     latency_s: float = 0.0
     recording: str | None = None
     error: str | None = None
+    estimated: bool = False
 
 
 class Proposal(Record):

@@ -2,7 +2,7 @@
 
 The folder holds `calls.jsonl` (one line for each call: its place, its messages by content id, the answer, what it
 cost, or the error), `messages.jsonl` (every message and schema once) and `pictures/` (every picture once, named by
-its content). Lines are only ever appended; a last line that was cut off by a crash is left out when reading.
+its content), and `histories.jsonl` (conversations to go on from, by a name the caller gives). Lines are only ever appended; a last line that was cut off by a crash is left out when reading.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import os
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,7 @@ from rvsg.generation.vlm.messages import Answer, Message, Request
 from rvsg.generation.vlm.model import Model
 from rvsg.world.records import Record, canonical_json, content_id
 
-CALLS, MESSAGES, PICTURES = "calls.jsonl", "messages.jsonl", "pictures"
+CALLS, MESSAGES, HISTORIES, PICTURES = "calls.jsonl", "messages.jsonl", "histories.jsonl", "pictures"
 
 
 class RecordedCall(Record):
@@ -61,6 +61,10 @@ class Recording:
                 raise FileError(
                     self.folder / CALLS, f"not a recorded call: {place}: {first['msg']}", line=line
                 ) from None
+
+        self._histories = {
+            str(value.get("name")): tuple(value.get("messages", ())) for _, value in _lines(self.folder / HISTORIES)
+        }
 
     def __len__(self) -> int:
         return len(self._calls)
@@ -113,6 +117,23 @@ class Recording:
             except OSError as failure:
                 raise StoreError(f"The call cannot be recorded in {self.folder}: {failure}") from None
             self._calls.append(call)
+
+    def history(self, name: str) -> tuple[Message, ...] | None:
+        """The conversation kept under a name, or None."""
+        ids = self._histories.get(name)
+        return tuple(self.message(message_id) for message_id in ids) if ids is not None else None
+
+    def keep_history(self, name: str, messages: Iterable[Message]) -> None:
+        """Keep a conversation to go on from."""
+        with self._lock:
+            try:
+                self.folder.mkdir(parents=True, exist_ok=True)
+                ids = tuple(self._keep_text("message", m.model_dump(mode="json")) for m in messages)
+                if self._histories.get(name) != ids:
+                    _append(self.folder / HISTORIES, {"name": name, "messages": list(ids)})
+            except OSError as failure:
+                raise StoreError(f"The conversation cannot be recorded in {self.folder}: {failure}") from None
+            self._histories[name] = ids
 
     def _keep_text(self, kind: str, value: Any) -> str:
         text_id = content_id(kind, value)

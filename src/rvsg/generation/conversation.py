@@ -1,0 +1,299 @@
+"""VlmGenerator: a conversation with a vision language model turns a Brief into a Proposal.
+
+Two conversations, one generator. `compact` (the default) asks for a whole configuration in one structured answer:
+one call, and one more for each round of corrections. `study` follows the published method turn by turn: P1 or P2,
+P3, P4, P6, P7 for a new scenario, P5, P6, P7 for each refinement, on one growing history. An unguided brief runs
+through the same code with requirement, feedback and memory left out.
+
+Our checker judges, not the model: findings go back at most `corrections` times, what is left is repaired, and what
+cannot be repaired is a Proposal with problems.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from rvsg.errors import InputError
+from rvsg.generation.dialogue import Dialogue
+from rvsg.generation.environment import description_of
+from rvsg.generation.facts import brief_facts, configuration_object, human_names, world_facts
+from rvsg.generation.generator import Proposal
+from rvsg.generation.prompts import Prompts
+from rvsg.generation.replies import Reply, read_configuration, read_description, read_path_lines
+from rvsg.generation.shape import configuration_shape
+from rvsg.generation.vlm.messages import Answer, Message, Picture
+from rvsg.generation.vlm.model import Model
+from rvsg.generation.wiring import Access, wired
+from rvsg.scenario.brief import Brief
+from rvsg.scenario.scenario import HumanConfiguration, Scenario
+from rvsg.scenario.validity import Finding, Repair, check, repair
+from rvsg.world.records import canonical_json
+from rvsg.world.world import Route, World
+
+Conversation = Literal["compact", "study"]
+PICTURE_WIDTH_PX = 1600
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Judged:
+    """An answer as the reader and the checker see it."""
+
+    answer: Answer
+    reply: Reply
+    findings: tuple[Finding, ...]
+
+
+class VlmGenerator:
+    """Answers briefs by a conversation with a vision language model.
+
+    `model` is a model's name (`openai-chat:gpt-4.1`) or anything with `ask`; None where `replay` names a folder of
+    recorded calls. `folder` is the campaign's: calls are recorded in `folder/vlm`, and templates in `folder/prompts`
+    stand in for the shipped ones. The other options are those of `wiring.Access`.
+    """
+
+    def __init__(
+        self,
+        model: str | Model | None = None,
+        *,
+        conversation: Conversation = "compact",
+        corrections: int = 2,
+        folder: str | Path | None = None,
+        prompts: str | Path | None = None,
+        **access: Any,
+    ) -> None:
+        if conversation not in ("compact", "study"):
+            raise InputError(f'There is no conversation "{conversation}". Choose compact or study.')
+        if not 0 <= corrections <= 10:
+            raise InputError(f"The rounds of corrections must be between 0 and 10, got {corrections}.")
+        self.conversation = conversation
+        self.corrections = corrections
+        self.prompts = Prompts(prompts if prompts is not None else Path(folder) / "prompts" if folder else None)
+        self.wiring = wired(model, Access.of(access, record=Path(folder) / "vlm" if folder else None))
+        self._pictures: dict[tuple[str, str], tuple[Picture, Picture]] = {}
+        self._histories: dict[str, tuple[Message, ...]] = {}
+
+    @property
+    def name(self) -> str:
+        """`vlm`."""
+        return "vlm"
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a user should be told at the end: where a replay diverged from its record."""
+        return self.wiring.notes()
+
+    def propose(self, brief: Brief, world: World) -> Proposal:
+        """Answer the brief; raises ModelUnavailable, BudgetSpent or ReplayDiverged where there is no answer."""
+        dialogue = self.opening(brief, world)
+        if self.conversation == "compact":
+            judged, description = self._compact(dialogue, brief, world)
+        else:
+            judged, description = self._study(dialogue, brief, world)
+        proposal = self._concluded(dialogue, brief, world, judged, description)
+        if proposal.scenario is not None and self.conversation == "study":
+            self._keep_history(proposal.scenario.id, dialogue.messages)
+        return proposal
+
+    def opening(self, brief: Brief, world: World) -> Dialogue:
+        """The dialogue before the first question: what every call of the campaign has in common."""
+        facts = world_facts(world, description_of(world)) | brief_facts(brief, world)
+        session = f"s{brief.scenario_index:03d}-c{brief.configuration_index:02d}-{brief.seed % 0xFFFFFFFF:08x}"
+        pictures = self._pictures_of(world, brief.mission.route)
+        dialogue = Dialogue(self.wiring.model, self.prompts, session, facts, pictures=pictures)
+        if self.conversation == "study":
+            history = self._history(brief)
+            if history is not None:
+                dialogue.messages = list(history)
+                return dialogue
+        dialogue.tell("system", role="system")
+        if self.conversation == "compact":
+            dialogue.tell("compact-context", shown=pictures, stable=True)
+        return dialogue
+
+    def first_prompts(self, brief: Brief, world: World) -> tuple[Message, ...]:
+        """The messages of the first call for a brief, without making it."""
+        dialogue = self.opening(brief, world)
+        if self.conversation == "compact":
+            self._before_compact(dialogue, brief)
+            template = "compact-refine" if brief.feedback else "compact-new"
+        elif brief.feedback is not None:
+            self._before_refinement(dialogue, brief, world)
+            template = "P5-refinement"
+        else:
+            template = _first_of_study(brief)
+        shown = dialogue.pictures.values() if template.startswith(("P1", "P2")) else ()
+        dialogue.tell(template, shown=shown)
+        return tuple(dialogue.messages)
+
+    # -- compact -----------------------------------------------------------------------------------------------------
+
+    def _compact(self, dialogue: Dialogue, brief: Brief, world: World) -> tuple[list[_Judged], str]:
+        """One structured answer, and corrections while there is something to correct."""
+        self._before_compact(dialogue, brief)
+        shape = configuration_shape(rich=True)
+        purpose, template = ("refine", "compact-refine") if brief.feedback else ("new", "compact-new")
+        judged = [self._judge(dialogue.ask(purpose, template, shape=shape), brief, world)]
+        while judged[-1].findings and len(judged) <= self.corrections:
+            answer = self._ask_again(dialogue, judged[-1], "compact-correction", "correct", shape)
+            judged.append(self._judge(answer, brief, world))
+        described = next((j.reply.description for j in reversed(judged) if j.reply.description), "")
+        return judged, brief.feedback.scenario.description if brief.feedback else described
+
+    def _before_compact(self, dialogue: Dialogue, brief: Brief) -> None:
+        """A refinement answers on top of the configuration that was simulated, in the form answers have."""
+        if brief.feedback is not None:
+            last = brief.feedback.scenario
+            dialogue.tell_text("assistant", canonical_json(configuration_object(last.people, last.description)))
+
+    def _ask_again(
+        self, dialogue: Dialogue, last: _Judged, template: str, purpose: str, shape: dict[str, Any] | None
+    ) -> Answer:
+        """Send the findings back; an answer nothing could be read from is told so instead."""
+        if last.reply.people is None:
+            return dialogue.ask(purpose, "reply-unreadable", shape=shape, problem=_told(last))
+        return dialogue.ask(purpose, template, shape=shape, findings=[str(f) for f in last.findings])
+
+    # -- study -------------------------------------------------------------------------------------------------------
+
+    def _study(self, dialogue: Dialogue, brief: Brief, world: World) -> tuple[list[_Judged], str]:
+        """The published sequence of prompts; the checker's findings go into P6."""
+        names = human_names(brief.humans)
+        if brief.feedback is not None:
+            self._before_refinement(dialogue, brief, world)
+            description = brief.feedback.scenario.description
+            paths = dialogue.ask("P5", "P5-refinement")
+        else:
+            template = _first_of_study(brief)
+            first = dialogue.ask(template[:2], template, shown=dialogue.pictures.values())
+            description = read_description(first.text) or " ".join(first.text.split())[-1500:]
+            dialogue.ask("P3", "P3-tasks")
+            paths = dialogue.ask("P4", "P4-paths")
+        known = self._findings_of_lines(paths.text, names, brief, world)
+        revised = dialogue.ask("P6", "P6-revision", findings=[str(finding) for finding in known])
+        judged = [self._configuration(dialogue, brief, world)]
+        while judged[-1].findings and len(judged) <= self.corrections:
+            last = judged[-1]
+            if last.reply.people is None:
+                answer = dialogue.ask("P7", "reply-unreadable", problem=_told(last))
+                judged.append(self._judge(answer, brief, world))
+                continue
+            dialogue.ask("P6", "P6-revision", findings=[str(finding) for finding in last.findings])
+            judged.append(self._configuration(dialogue, brief, world))
+        del revised
+        return judged, description
+
+    def _configuration(self, dialogue: Dialogue, brief: Brief, world: World) -> _Judged:
+        answer = dialogue.ask("P7", "P7-configuration", shape=configuration_shape(rich=False))
+        return self._judge(answer, brief, world)
+
+    def _findings_of_lines(
+        self, text: str, names: Sequence[str], brief: Brief, world: World
+    ) -> tuple[Finding, ...]:
+        """What the checker says of the paths in prose; one finding where the lines cannot be read."""
+        people = read_path_lines(text, names)
+        if people is None:
+            reason = f"the lines `human | task | waypoints` for {', '.join(names)} could not be found in your answer."
+            return (Finding(rule="unreadable-reply", reason=reason, suggestion="Give them in exactly that form."),)
+        return check(people, brief.mission, world)
+
+    def _before_refinement(self, dialogue: Dialogue, brief: Brief, world: World) -> None:
+        """Where the history of the scenario is not known any more, the shortest one that says the same."""
+        if brief.feedback is None or len(dialogue.messages) > 1:
+            return
+        last = brief.feedback.scenario
+        dialogue.tell("P1-scenario", shown=dialogue.pictures.values())
+        dialogue.tell_text("assistant", canonical_json({"scenario": last.description}))
+        dialogue.tell("P4-paths")
+        dialogue.tell_text("assistant", canonical_json(configuration_object(last.people, rich=False)))
+
+    def _history(self, brief: Brief) -> tuple[Message, ...] | None:
+        if brief.feedback is None:
+            return None
+        scenario_id = brief.feedback.scenario.id
+        if scenario_id in self._histories:
+            return self._histories[scenario_id]
+        recording = self.wiring.recording
+        return recording.history(scenario_id) if recording is not None else None
+
+    def _keep_history(self, scenario_id: str, messages: Iterable[Message]) -> None:
+        history = tuple(messages)
+        self._histories[scenario_id] = history
+        if self.wiring.recording is not None and not self.wiring.replaying:
+            self.wiring.recording.keep_history(scenario_id, history)
+
+    # -- judging -----------------------------------------------------------------------------------------------------
+
+    def _judge(self, answer: Answer, brief: Brief, world: World) -> _Judged:
+        """What the reader and the checker find in an answer."""
+        if answer.finish in ("refused", "empty"):
+            reason = "the model refused to answer." if answer.finish == "refused" else "the answer is empty."
+            finding = Finding(rule=f"{answer.finish}-reply", reason=reason)
+            return _Judged(answer=answer, reply=Reply(findings=(finding,), fatal=True), findings=(finding,))
+        reply = read_configuration(answer.text, human_names(brief.humans))
+        checked = check(reply.people, brief.mission, world) if reply.people is not None else ()
+        return _Judged(answer=answer, reply=reply, findings=(*reply.findings, *checked))
+
+    def _concluded(
+        self, dialogue: Dialogue, brief: Brief, world: World, judged: Sequence[_Judged], description: str
+    ) -> Proposal:
+        """The proposal: the last answer that can be used, repaired where it must be."""
+        usable = [j for j in judged if j.reply.people is not None and not j.reply.fatal]
+        last = usable[-1] if usable else judged[-1]
+        people, repairs, problems = last.reply.people, last.reply.repairs, last.findings
+        if usable and people is not None:
+            people, repairs, problems = self._repaired(people, last, brief, world)
+        valid = people if usable and not problems else None
+        return Proposal(
+            generator=self.name,
+            scenario=Scenario(mission=brief.mission, people=valid, description=description) if valid else None,
+            reasoning=last.reply.analysis,
+            first_findings=judged[0].findings,
+            problems=problems,
+            repairs=repairs if valid else (),
+            corrections=len(judged) - 1,
+            calls=tuple(dialogue.calls),
+            extra={
+                "conversation": self.conversation,
+                "pictures": [p.reference.model_dump(mode="json") for p in dialogue.pictures.values()],
+                "findings_by_answer": [len(j.findings) for j in judged],
+                "mended": list(last.reply.mended),
+            },
+        )
+
+    def _repaired(
+        self, people: HumanConfiguration, last: _Judged, brief: Brief, world: World
+    ) -> tuple[HumanConfiguration, tuple[Repair, ...], tuple[Finding, ...]]:
+        if not check(people, brief.mission, world):
+            return people, last.reply.repairs, ()
+        mended, repairs = repair(people, brief.mission, world)
+        return mended, (*last.reply.repairs, *repairs), check(mended, brief.mission, world)
+
+    def _pictures_of(self, world: World, route: Route) -> tuple[Picture, Picture]:
+        key = (world.id, route.id)
+        if key not in self._pictures:
+            self._pictures[key] = pictures_of(world, route)
+        return self._pictures[key]
+
+
+def pictures_of(world: World, route: Route | None = None) -> tuple[Picture, Picture]:
+    """The labelled map (with the route) and the grid picture, as the model is shown them."""
+    from rvsg.world.picture import grid_picture, labelled_map, png_bytes
+
+    labelled = png_bytes(labelled_map(world, width_px=PICTURE_WIDTH_PX, route=route))
+    grid = png_bytes(grid_picture(world, width_px=PICTURE_WIDTH_PX))
+    return (Picture(name="labelled map", png=labelled), Picture(name="grid of waypoints", png=grid))
+
+
+def _first_of_study(brief: Brief) -> str:
+    return "P2-diverse-scenario" if brief.memory else "P1-scenario"
+
+
+def _told(judged: _Judged) -> str:
+    if judged.answer.finish == "refused":
+        return (
+            "it was a refusal. This is a test in a simulator: nobody can come to harm, and the people do ordinary work."
+        )
+    return " ".join(finding.reason for finding in judged.findings)

@@ -1,0 +1,46 @@
+"""The JSON schema of a reply, for services that can hold a model to one."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rvsg.scenario.scenario import Behaviour
+
+
+def _object(properties: dict[str, Any], required: list[str] | None = None) -> dict[str, Any]:
+    return {
+        "type": "object",
+        "properties": properties,
+        "required": required if required is not None else list(properties),
+        "additionalProperties": False,
+    }
+
+
+TEXT = {"type": "string"}
+NUMBER = {"type": "number"}
+_PATH = {"type": "array", "items": TEXT, "minItems": 1}
+_PAUSES = {"type": "array", "items": _object({"at": TEXT, "duration_s": NUMBER})}
+
+
+def configuration_shape(*, rich: bool) -> dict[str, Any]:
+    """The schema of a configuration; `rich` with analysis, description, speeds, delays, pauses and behaviours."""
+    task = {"task": TEXT, "path": _PATH}
+    if not rich:
+        plain = _object({"name": TEXT, "tasks": {"type": "array", "items": _object(task)}})
+        return _object({"humans": {"type": "array", "items": plain}})
+    human = _object(
+        {
+            "name": TEXT,
+            "behaviour": {"type": "string", "enum": [b.value for b in Behaviour]},
+            "speed_m_s": NUMBER,
+            "start_delay_s": NUMBER,
+            "group": {"type": ["integer", "null"]},
+            "tasks": {"type": "array", "items": _object({**task, "pauses": _PAUSES})},
+        }
+    )
+    return _object({"analysis": TEXT, "description": TEXT, "humans": {"type": "array", "items": human}})
+
+
+def texts_shape(*keys: str) -> dict[str, Any]:
+    """The schema of an object of texts."""
+    return _object({key: TEXT for key in keys})

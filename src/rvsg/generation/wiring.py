@@ -1,0 +1,123 @@
+"""From the options of a user to a model that is paced, budgeted, recorded or replayed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Self
+
+from pydantic import Field, ValidationError
+
+from rvsg.errors import InputError, UnknownName
+from rvsg.generation.vlm.access import Limits, ModelAccess
+from rvsg.generation.vlm.budget import Budget, Budgeted
+from rvsg.generation.vlm.model import Model
+from rvsg.generation.vlm.pacing import Paced
+from rvsg.generation.vlm.recording import Recorded, Recording
+from rvsg.generation.vlm.replay import Replayed
+from rvsg.world.records import Record
+
+DIVERGENCES_TOLD = 5
+
+
+class Access(Record):
+    """How a model is reached, and within what bounds.
+
+    `prices` are dollars per million input, cached and output tokens, for models whose price is not listed.
+    `replay` is a folder of recorded calls to answer from; `strict` makes every divergence from it an error.
+    `record` is the folder that calls are kept in.
+    """
+
+    base_url: str | None = None
+    temperature: Annotated[float | None, Field(ge=0, le=2)] = None
+    call_timeout_s: Annotated[float, Field(gt=0, le=3600)] = 180.0
+    tries: Annotated[int, Field(ge=1, le=20)] = 4
+    at_once: Annotated[int, Field(ge=1, le=64)] = 2
+    calls_per_minute: Annotated[float | None, Field(gt=0)] = None
+    max_output_tokens: Annotated[int | None, Field(ge=256)] = 16_000
+    structured: bool = True
+    prices: tuple[float, float, float] | None = None
+    budget_calls: Annotated[int | None, Field(ge=0)] = None
+    budget_tokens: Annotated[int | None, Field(ge=0)] = None
+    budget_usd: Annotated[float | None, Field(ge=0)] = None
+    replay: Path | None = None
+    strict: bool = False
+    record: Path | None = None
+
+    @classmethod
+    def of(cls, options: Mapping[str, Any], *, record: Path | None = None) -> Self:
+        """The options of a user; InputError naming every one that is unknown or out of range."""
+        for name in options:
+            if name not in cls.model_fields:
+                known = [known for known in cls.model_fields if known != "record"]
+                raise UnknownName("option of the vlm generator", name, [*known, "conversation", "corrections", "model"])
+        try:
+            return cls.model_validate({"record": record, **options})
+        except ValidationError as error:
+            told = [f"{'.'.join(str(part) for part in e['loc'])}: {e['msg']}" for e in error.errors()]
+            raise InputError("The vlm generator cannot use its options: " + "; ".join(told)) from None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wiring:
+    """A model ready to be asked, the record it writes or reads, and its parts that can tell something."""
+
+    model: Model
+    recording: Recording | None = None
+    replayed: Replayed | None = None
+
+    @property
+    def replaying(self) -> bool:
+        """Whether answers come from a record only."""
+        return self.replayed is not None
+
+    def notes(self) -> tuple[str, ...]:
+        """Where a replay diverged from its record, the first few."""
+        found = self.replayed.divergences if self.replayed else []
+        told = [f"Replay: the present prompts differ from the recorded ones at {d}." for d in found[:DIVERGENCES_TOLD]]
+        more = len(found) - len(told)
+        return (*told, *([f"Replay: {more} more calls differ."] if more > 0 else []))
+
+
+def wired(model: str | Model | None, access: Access) -> Wiring:
+    """The model behind everything that guards it. InputError where neither a model nor a replay is named."""
+    if access.replay is not None:
+        recording = Recording(access.replay)
+        if not len(recording):
+            raise InputError(f"There are no recorded calls in {access.replay} (expected calls.jsonl there).")
+        replayed = Replayed(recording, strict=access.strict)
+        return Wiring(model=replayed, recording=recording, replayed=replayed)
+    if model is None:
+        raise InputError(
+            "The vlm generator needs a model: give --model PROVIDER:MODEL, for example openai-chat:gpt-4.1 "
+            "(with its key in the environment), or --replay FOLDER to answer from recorded calls."
+        )
+    recorded = Recording(access.record) if access.record is not None else None
+    reached = _reached(model, access) if isinstance(model, str) else model
+    paced = Paced(reached, at_once=access.at_once, per_minute=access.calls_per_minute)
+    budget = Budget(calls=access.budget_calls, tokens=access.budget_tokens, usd=access.budget_usd)
+    budgeted = Budgeted(paced, budget, recorded.spent() if recorded is not None else None)
+    if recorded is None:
+        return Wiring(model=budgeted)
+    return Wiring(model=Recorded(budgeted, recorded), recording=recorded)
+
+
+def _reached(name: str, access: Access) -> ModelAccess:
+    limits = Limits(
+        timeout_s=access.call_timeout_s, tries=access.tries, max_output_tokens=access.max_output_tokens
+    )
+    reached = ModelAccess(
+        name,
+        base_url=access.base_url,
+        limits=limits,
+        temperature=access.temperature,
+        structured=access.structured,
+        prices=access.prices,
+    )
+    if access.budget_usd is not None and not reached.knows_price():
+        raise InputError(
+            f"The price of {name} is not listed, so --budget-usd cannot be kept. Give --prices INPUT,CACHED,OUTPUT in "
+            "dollars per million tokens, or use --budget-tokens or --budget-calls."
+        )
+    return reached
