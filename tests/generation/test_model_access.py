@@ -8,12 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-
-from rvsg.errors import BudgetSpent, InputError, ModelUnavailable
-from rvsg.generation.vlm.access import Limits, ModelAccess
-from rvsg.generation.vlm.budget import Budget, Budgeted
-from rvsg.generation.vlm.messages import Message, Picture, Request
-from rvsg.generation.vlm.recording import Recorded, Recording
 from tests.generation.loopback import (
     Behaviour,
     completion,
@@ -25,6 +19,12 @@ from tests.generation.loopback import (
     serving,
     sleeps,
 )
+
+from rvsg.errors import BudgetSpent, InputError, ModelUnavailable
+from rvsg.generation.vlm.access import Limits, ModelAccess
+from rvsg.generation.vlm.budget import Budget, Budgeted
+from rvsg.generation.vlm.messages import Message, Picture, Request
+from rvsg.generation.vlm.recording import Recorded, Recording
 
 KEY = "sk-very-secret-key-0123456789"
 DOT = bytes.fromhex(
@@ -148,7 +148,7 @@ def test_used_up_credit_ends_at_once() -> None:
 def test_a_failing_service_is_asked_again_and_then_told() -> None:
     with serving(fails(500, "oops"), says("recovered")) as server:
         assert access(server.url)[0].ask(request()).text == "recovered"
-    told, waits, asked = failing(fails(500, "oops"))
+    told, _waits, asked = failing(fails(500, "oops"))
     assert asked == 3
     assert "oops" in told
 
@@ -163,7 +163,7 @@ def test_a_slow_reply_times_out_and_the_retry_may_succeed() -> None:
 def test_a_connection_dropped_in_mid_reply_is_tried_again() -> None:
     with serving(drops_in_mid_reply, says("whole")) as server:
         assert access(server.url)[0].ask(request()).text == "whole"
-    told, _, asked = failing(drops_in_mid_reply)
+    _told, _, asked = failing(drops_in_mid_reply)
     assert asked == 3
 
 

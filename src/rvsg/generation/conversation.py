@@ -189,9 +189,7 @@ class VlmGenerator:
         answer = dialogue.ask("P7", "P7-configuration", shape=configuration_shape(rich=False))
         return self._judge(answer, brief, world)
 
-    def _findings_of_lines(
-        self, text: str, names: Sequence[str], brief: Brief, world: World
-    ) -> tuple[Finding, ...]:
+    def _findings_of_lines(self, text: str, names: Sequence[str], brief: Brief, world: World) -> tuple[Finding, ...]:
         """What the checker says of the paths in prose; one finding where the lines cannot be read."""
         people = read_path_lines(text, names)
         if people is None:

@@ -72,9 +72,9 @@ class Dialogue:
 
     def _add(self, role: str, text: str, shown: Iterable[Picture] = (), stable: bool = False) -> None:
         references = tuple(picture.reference for picture in shown)
-        self.messages.append(Message.model_validate(
-            {"role": role, "text": text, "pictures": references, "stable": stable}
-        ))
+        self.messages.append(
+            Message.model_validate({"role": role, "text": text, "pictures": references, "stable": stable})
+        )
 
 
 def _call(request: Request, answer: Answer) -> Call:

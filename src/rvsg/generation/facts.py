@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterable
 from typing import Any
@@ -83,7 +84,7 @@ def route_facts(route: Route, grid: Grid) -> dict[str, Any]:
         "via": list(route.via),
         "description": route.description or "",
         "time_limit_s": route.time_limit_s,
-        "length_m": sum(math.dist(a, b) for a, b in zip(points, points[1:], strict=False)),
+        "length_m": sum(math.dist(a, b) for a, b in itertools.pairwise(points)),
     }
 
 
@@ -92,11 +93,17 @@ def requirement_facts(requirement: Requirement) -> dict[str, Any]:
     return {
         "title": requirement.title,
         "text": requirement.text,
-        "measure": requirement.metric or f"robustness of: {requirement.formula}",
+        "measure": _measured(requirement),
         "unit": requirement.unit,
         "worse": requirement.worse,
         "limit": requirement.threshold,
     }
+
+
+def _measured(requirement: Requirement) -> str:
+    if requirement.formula is not None and not requirement.measured_as:
+        return f"how far the drive is from breaking the rule: {requirement.formula} (below 0 it is broken)"
+    return requirement.measured_as or str(requirement.metric)
 
 
 def feedback_facts(feedback: Feedback, requirement: Requirement | None) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from rvsg.world.world import World
 class Call(Record):
     """One call of a model, as it is kept: what it was for, what it cost, and the key of its recording.
 
-    that nothing was spent now.
+    `estimated` where the service did not count the tokens itself.
     """
 
     purpose: str

@@ -173,11 +173,13 @@ class _Reader:
                 self.mend("a comma too many")
                 continue
             if not sign:
-                return self.cut_off(found)
+                self.cut_off()
+                return found
             key = self.key(sign)
             if self.peek() not in (":", "="):
                 if not self.peek():
-                    return self.cut_off(found)
+                    self.cut_off()
+                    return found
                 raise _NotJson("a key without a value")
             self.at += 1
             value = self.value(depth + 1)
@@ -186,7 +188,7 @@ class _Reader:
             if key in found:
                 self.mend(f'the key "{key}" twice')
             found[key] = value
-            if not self.separator("}", found):
+            if not self.separator("}"):
                 return found
 
     def key(self, sign: str) -> str:
@@ -216,16 +218,16 @@ class _Reader:
                 self.mend("an ellipsis was left out")
                 continue
             if not sign:
-                self.cut_off({})
+                self.cut_off()
                 return found
             value = self.value(depth + 1)
             if self.ended_early and value is None:
                 return found
             found.append(value)
-            if not self.separator("]", found):
+            if not self.separator("]"):
                 return found
 
-    def separator(self, closing: str, found: Any) -> bool:
+    def separator(self, closing: str) -> bool:
         """Step over what stands between two items; False where the container ends without its bracket."""
         if self.ended_early:
             return False
@@ -238,7 +240,7 @@ class _Reader:
         if sign == closing:
             return True
         if not sign:
-            self.cut_off(found)
+            self.cut_off()
             return False
         if sign in "]}":
             # The other bracket: this container was not closed. The one around it may be.
@@ -249,14 +251,13 @@ class _Reader:
             self.mend("a missing comma")
             return True
         if self.text.startswith("```", self.at):
-            self.cut_off(found)
+            self.cut_off()
             return False
         raise _NotJson(f"unexpected {sign!r} between items")
 
-    def cut_off(self, found: Any) -> Any:
+    def cut_off(self) -> None:
         self.ended_early = True
         self.mend("the text ended before the JSON did")
-        return found
 
 
 def _number(text: str) -> int | float | str:

@@ -39,7 +39,9 @@ _DELAY = ("start_delay_s", "start_delay", "delay", "delay_s")
 _DESCRIPTION = ("description", "scenario", "scenario_description")
 _ANALYSIS = ("analysis", "reasoning", "thoughts", "explanation")
 _KNOWN_HUMAN = {*_NAME, *_TASKS, *_SPEED, *_DELAY, "behaviour", "behavior", "group", "role", "start", "note"}
-_STUDY_KEY = re.compile(r"^\s*((?:worker|human|person|agent|pedestrian)\s*_?\s*\w+?)[\s_]*(?:tasks?)?\s*$", re.IGNORECASE)
+_STUDY_KEY = re.compile(
+    r"^\s*((?:worker|human|person|agent|pedestrian)\s*_?\s*\w+?)[\s_]*(?:tasks?)?\s*$", re.IGNORECASE
+)
 _BETWEEN = re.compile(r"\s*(?:→|⟶|➔|➜|⇒|-+>|=+>|,|;|\||\s)\s*")
 
 
@@ -65,7 +67,9 @@ class _Notes:
     findings: list[Finding] = field(default_factory=list)
     repairs: list[Repair] = field(default_factory=list)
 
-    def find(self, rule: str, reason: str, suggestion: str = "", human: str | None = None, task: str | None = None) -> None:
+    def find(
+        self, rule: str, reason: str, suggestion: str = "", human: str | None = None, task: str | None = None
+    ) -> None:
         self.findings.append(Finding(rule=rule, human=human, task=task, reason=reason, suggestion=suggestion))
 
     def repair(self, what: str, human: str = "", task: str = "") -> None:
@@ -148,7 +152,7 @@ def read_path_lines(text: str, names: Sequence[str]) -> HumanConfiguration | Non
     return HumanConfiguration(humans=tuple(Human(name=name, tasks=tuple(tasks[name][:MAX_TASKS])) for name in names))
 
 
-# -- finding the configuration -----------------------------------------------------------------------------------------
+# -- finding the configuration ---------------------------------------------------------------------
 
 _People = list[tuple[str | None, Any]]
 
@@ -207,7 +211,7 @@ def _keys_of(value: Any) -> str:
     return "a list"
 
 
-# -- one human -----------------------------------------------------------------------------------------------------------
+# -- one human -------------------------------------------------------------------------------------
 
 
 def _human(name: str | None, value: Any, notes: _Notes) -> Human | None:
@@ -248,13 +252,17 @@ def _counted(humans: list[Human], names: Sequence[str] | None, notes: _Notes) ->
         return humans, False
     asked = ", ".join(names)
     for extra in humans[len(names) :]:
-        notes.find("extra-human", f"only {len(names)} were asked for ({asked}).", "Leave this one out.", human=extra.name)
+        notes.find(
+            "extra-human", f"only {len(names)} were asked for ({asked}).", "Leave this one out.", human=extra.name
+        )
         notes.repair("left out: one more than were asked for", extra.name)
     kept = humans[: len(names)]
     if len(kept) < len(names):
         missing = ", ".join(names[len(kept) :])
         notes.find(
-            "missing-human", f"{len(names)} humans were asked for ({asked}), the answer has {len(kept)}.", f"Add {missing}."
+            "missing-human",
+            f"{len(names)} humans were asked for ({asked}), the answer has {len(kept)}.",
+            f"Add {missing}.",
         )
         return kept, True
     return [h if h.name == n else h.model_copy(update={"name": n}) for h, n in zip(kept, names, strict=True)], False
@@ -306,11 +314,15 @@ def _pauses(value: Any, human: str, task: str, notes: _Notes) -> tuple[Pause, ..
         at = _scalar(_get(item, ("at", "waypoint", "where"))) if isinstance(item, dict) else ""
         seconds = _number(_get(item, ("duration_s", "duration", "seconds", "s"))) if isinstance(item, dict) else None
         if not at or seconds is None:
-            notes.find("bad-pause", f"a pause needs a waypoint and seconds, got {_shown(item)}.", human=human, task=task)
+            notes.find(
+                "bad-pause", f"a pause needs a waypoint and seconds, got {_shown(item)}.", human=human, task=task
+            )
             notes.repair("a pause without place or duration was left out", human, task)
         elif seconds > 0:
             if seconds > LONGEST_S:
-                notes.find("long-pause", f"a pause of {seconds:g} s is longer than {LONGEST_S:g} s.", human=human, task=task)
+                notes.find(
+                    "long-pause", f"a pause of {seconds:g} s is longer than {LONGEST_S:g} s.", human=human, task=task
+                )
                 notes.repair(f"the pause at {at} was cut to {LONGEST_S:g} s", human, task)
             pauses.append(Pause(at=at[:40], duration_s=min(seconds, LONGEST_S)))
     return tuple(pauses)
@@ -357,7 +369,7 @@ def _group(value: Any, human: str, notes: _Notes) -> int | None:
     return int(number) if number >= 0 else None
 
 
-# -- small readers ---------------------------------------------------------------------------------------------------------
+# -- small readers ---------------------------------------------------------------------------------
 
 
 def _get(value: Any, keys: Sequence[str]) -> Any:

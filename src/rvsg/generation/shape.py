@@ -43,4 +43,4 @@ def configuration_shape(*, rich: bool) -> dict[str, Any]:
 
 def texts_shape(*keys: str) -> dict[str, Any]:
     """The schema of an object of texts."""
-    return _object({key: TEXT for key in keys})
+    return _object(dict.fromkeys(keys, TEXT))

@@ -104,9 +104,7 @@ def wired(model: str | Model | None, access: Access) -> Wiring:
 
 
 def _reached(name: str, access: Access) -> ModelAccess:
-    limits = Limits(
-        timeout_s=access.call_timeout_s, tries=access.tries, max_output_tokens=access.max_output_tokens
-    )
+    limits = Limits(timeout_s=access.call_timeout_s, tries=access.tries, max_output_tokens=access.max_output_tokens)
     reached = ModelAccess(
         name,
         base_url=access.base_url,

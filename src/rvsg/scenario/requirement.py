@@ -12,8 +12,9 @@ from rvsg.world.records import Record
 class Requirement(Record):
     """A requirement on the robot.
 
-    `text` is what the VLM and the report read. Exactly one of `metric` (the id of a metric) and `formula`
-    (signal temporal logic; its robustness is the objective, smaller is worse, violated below 0) is given.
+    `text` is what the VLM and the report read, `measured_as` how the objective is measured, in plain words.
+    Exactly one of `metric` (the id of a metric) and `formula` (signal temporal logic; its robustness is the
+    objective, smaller is worse, violated below 0) is given.
     `limit`: the requirement is violated where the objective is beyond it in the `worse` direction;
     without a limit scenarios are ranked but no run fails.
     """
@@ -26,6 +27,7 @@ class Requirement(Record):
     worse: Literal["smaller", "larger"] = "smaller"
     limit: float | None = None
     unit: str = ""
+    measured_as: str = ""
     source: str = ""
 
     @model_validator(mode="after")

@@ -16,7 +16,8 @@ from pathlib import Path
 from typing import Any
 
 from jinja2 import BaseLoader, Environment, StrictUndefined, TemplateNotFound, TemplateSyntaxError, UndefinedError, meta
-from jinja2.sandbox import SandboxedEnvironment, SecurityError
+from jinja2.exceptions import SecurityError
+from jinja2.sandbox import SandboxedEnvironment
 
 from rvsg.errors import FileError, UnknownName
 
@@ -65,7 +66,9 @@ class Prompts:
         try:
             text = self._environment.get_template(name).render({key: variables[key] for key in declared})
         except UndefinedError as error:
-            raise FileError(path, f"{error}. It declares {_listed(declared)}; RVSG gives {_listed(variables)}") from None
+            raise FileError(
+                path, f"{error}. It declares {_listed(declared)}; RVSG gives {_listed(variables)}"
+            ) from None
         except TemplateSyntaxError as error:
             raise FileError(error.filename or path, f"not a template: {error.message}", line=error.lineno) from None
         except (SecurityError, TemplateNotFound, TypeError, ValueError) as error:
@@ -102,7 +105,7 @@ def _environment(folder: Path | None) -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=False,
-        autoescape=False,  # noqa: S701
+        autoescape=False,
     )
     environment.filters |= {"quoted": quoted, "block": block, "num": number}
     return environment
@@ -159,9 +162,7 @@ def _declared(path: Path, text: str) -> frozenset[str]:
     """The declared variables, after checking that nothing else is used."""
     found = _DECLARES.match(text)
     if found is None:
-        raise FileError(
-            path, "the first line must declare the variables, as in {# declares: areas, route #}", line=1
-        )
+        raise FileError(path, "the first line must declare the variables, as in {# declares: areas, route #}", line=1)
     declared = frozenset(part.strip() for part in found.group(1).split(",") if part.strip())
     try:
         used = meta.find_undeclared_variables(_environment(None).parse(text))

@@ -141,10 +141,11 @@ class ModelAccess:
             return 0.0
         if failure.wait_s is None:
             return float(min(self._limits.longest_wait_s, self._limits.first_wait_s * 2 ** (number - 1)))
-        if failure.wait_s > self._limits.longest_wait_s:
+        longest = self._limits.longest_wait_s
+        if failure.wait_s > longest:
             failure.told += (
-                f" The service asks to wait {failure.wait_s:.0f} s, longer than the {self._limits.longest_wait_s:.0f} s "
-                "RVSG waits. Run the same command later: what is finished is kept."
+                f" The service asks to wait {failure.wait_s:.0f} s, longer than the {longest:.0f} s that RVSG "
+                "waits. Run the same command later: what is finished is kept."
             )
             return None
         return failure.wait_s

@@ -1,8 +1,9 @@
 """A folder in which every call is kept, and Recorded, the model that keeps them.
 
 The folder holds `calls.jsonl` (one line for each call: its place, its messages by content id, the answer, what it
-cost, or the error), `messages.jsonl` (every message and schema once) and `pictures/` (every picture once, named by
-its content), and `histories.jsonl` (conversations to go on from, by a name the caller gives). Lines are only ever appended; a last line that was cut off by a crash is left out when reading.
+cost, or the error), `messages.jsonl` (every message and schema once), `pictures/` (every picture once, named by its
+content) and `histories.jsonl` (conversations to go on from, by a name the caller gives). Lines are only ever
+appended; a last line that was cut off by a crash is left out when reading.
 """
 
 from __future__ import annotations
@@ -77,7 +78,9 @@ class Recording:
         try:
             return Message.model_validate(self._texts[message_id]["message"])
         except (KeyError, ValidationError):
-            raise StoreError(f"{self.folder / MESSAGES} holds no message {message_id}; the record is damaged.") from None
+            raise StoreError(
+                f"{self.folder / MESSAGES} holds no message {message_id}; the record is damaged."
+            ) from None
 
     def answered(self, key: str, request_id: str) -> RecordedCall | None:
         """The call that was answered at that place for that very request."""

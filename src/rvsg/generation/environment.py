@@ -1,0 +1,203 @@
+"""The environment in words: three turns with a model over the pictures, then a person's judgement.
+
+The description is made once per world. It is stored in the world's own `world.yaml` (key `description`), or, for a
+world that ships with RVSG, in the user's data folder under the world's content id.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+from typing import Any
+
+import yaml
+from pydantic import ValidationError
+
+from rvsg.errors import FileError, GenerationError, InputError
+from rvsg.generation.dialogue import Dialogue
+from rvsg.generation.facts import world_facts
+from rvsg.generation.generator import Call
+from rvsg.generation.prompts import Prompts
+from rvsg.generation.replies import read_object
+from rvsg.generation.shape import texts_shape
+from rvsg.generation.vlm.messages import Picture
+from rvsg.generation.vlm.model import Model
+from rvsg.world.load import SHIPPED, load_world
+from rvsg.world.world import Description, World
+
+KEYS = ("layout", "grid")
+DATA_VARIABLE = "RVSG_DATA_DIR"
+WIDE = 116
+LONGEST_CHARACTERS = 6000
+
+
+class EnvironmentDialogue:
+    """Describes a world in three turns, and corrects the description for a reason."""
+
+    def __init__(self, world: World, pictures: tuple[Picture, Picture], model: Model, prompts: Prompts) -> None:
+        self.world = world
+        labelled, grid = pictures
+        self._labelled, self._grid = labelled, grid
+        self._dialogue = Dialogue(
+            model, prompts, f"describe-{world.name}", {**world_facts(world), "humans": 2}, pictures=pictures
+        )
+
+    @property
+    def calls(self) -> tuple[Call, ...]:
+        """The calls made so far."""
+        return tuple(self._dialogue.calls)
+
+    def describe(self) -> Description:
+        """The three turns; raises GenerationError where the model gives no description even when asked again."""
+        dialogue = self._dialogue
+        dialogue.tell("system", role="system")
+        dialogue.ask("layout", "environment-1-layout", shown=(self._labelled,))
+        dialogue.ask("grid", "environment-2-grid", shown=(self._grid, self._labelled))
+        return self._read(dialogue.ask("summary", "environment-3-summary", shape=texts_shape(*KEYS)).text)
+
+    def revise(self, reason: str) -> Description:
+        """One more turn: the description corrected for a person's reason."""
+        answer = self._dialogue.ask("revision", "environment-revision", shape=texts_shape(*KEYS), reason=reason)
+        return self._read(answer.text)
+
+    def _read(self, text: str) -> Description:
+        texts = read_object(text, KEYS)
+        if texts is None:
+            problem = 'it holds no JSON object with a text under "layout" and one under "grid".'
+            again = self._dialogue.ask("summary", "reply-unreadable", shape=texts_shape(*KEYS), problem=problem)
+            texts = read_object(again.text, KEYS)
+        if texts is None:
+            raise GenerationError(
+                f"The model {self._dialogue.model.name} gave no description of {self.world.name} in two answers. "
+                "Try another model, or write the description into the world's world.yaml yourself."
+            )
+        return Description(layout=_clipped(texts["layout"]), grid=_clipped(texts["grid"]))
+
+
+def description_of(world: World) -> Description | None:
+    """The description of a world: its own, else the one stored in the user's data folder; None where there is none."""
+    if world.description is not None:
+        return world.description
+    path = stored_path(world)
+    return read_description_file(path) if path.is_file() else None
+
+
+def stored_path(world: World) -> Path:
+    """Where the description of a shipped world is stored."""
+    return data_folder() / "descriptions" / f"{world.name}-{world.id.removeprefix('world-')}.yaml"
+
+
+def data_folder() -> Path:
+    """The user's data folder: RVSG_DATA_DIR, else the place the system has for it."""
+    if chosen := os.environ.get(DATA_VARIABLE):
+        return Path(chosen)
+    base = os.environ.get("XDG_DATA_HOME")
+    return (Path(base) if base else Path.home() / ".local" / "share") / "rvsg"
+
+
+def store_description(world: World, description: Description, place: str | Path | None = None) -> Path:
+    """Store the description and return the file.
+
+    `place` is the world's folder (its world.yaml is changed, its other lines are kept), a file ending in .yaml to
+    write the description alone into, or None for the user's data folder.
+    """
+    path = Path(place) if place is not None else stored_path(world)
+    if path.suffix in (".yaml", ".yml") and path.name != "world.yaml":
+        _write(path, _text(description))
+        return path
+    if path.name == "world.yaml":
+        path = path.parent
+    if path.resolve().is_relative_to(SHIPPED.resolve()):
+        raise InputError("A shipped world is not changed; its description goes to the user's data folder or --out.")
+    _store_in_world(path / "world.yaml", description)
+    return path / "world.yaml"
+
+
+def read_description_file(path: Path) -> Description:
+    """A description from a file of its own; FileError where it cannot be used."""
+    try:
+        return Description.model_validate(yaml.safe_load(path.read_text(encoding="utf-8")))
+    except (OSError, UnicodeDecodeError) as error:
+        raise FileError(path, f"cannot be read: {error}") from None
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        line = mark.line + 1 if mark else None
+        raise FileError(path, f"is not YAML: {getattr(error, 'problem', error)}", line=line) from None
+    except ValidationError as error:
+        told = "; ".join(f"{'.'.join(str(p) for p in e['loc'])}: {e['msg']}" for e in error.errors())
+        raise FileError(path, f"is not a description (layout, grid, reviewed, reviewer, reviewed_on): {told}") from None
+
+
+def edited(description: Description, text: str) -> Description:
+    """The description as a person edited it (the YAML of `editable`); InputError where it cannot be read."""
+    try:
+        values = yaml.safe_load(text)
+        texts = {key: _clipped(str(values[key])) for key in KEYS}
+    except (yaml.YAMLError, KeyError, TypeError) as error:
+        raise InputError(f"The edited text must keep the keys layout and grid with their texts: {error}") from None
+    if not all(texts.values()):
+        raise InputError("The edited description is empty under layout or grid.")
+    return description.model_copy(update=texts)
+
+
+def editable(description: Description) -> str:
+    """The two texts of a description as YAML that is pleasant to edit."""
+    return "".join(f"{key}: |-\n{_indented(_folded(getattr(description, key)), '  ')}\n" for key in KEYS)
+
+
+def _text(description: Description) -> str:
+    values: dict[str, Any] = description.model_dump(mode="json")
+    lines = [f"{key}: >-\n{_indented(_folded(values[key]), '  ')}" for key in KEYS]
+    rest = {key: value for key, value in values.items() if key not in KEYS and value not in (None, False)}
+    tail = yaml.safe_dump(rest, sort_keys=False, allow_unicode=True) if rest else ""
+    return "\n".join(lines) + "\n" + tail
+
+
+def _store_in_world(path: Path, description: Description) -> None:
+    """Replace or add the `description` block of a world.yaml, and check that the world reads back with it."""
+    try:
+        before = path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise FileError(path, f"cannot be read: {error.strerror}") from None
+    lines, inside = [], False
+    for line in before.splitlines():
+        if re.match(r"\S", line) and not line.startswith("#"):
+            inside = line.startswith("description:")
+        if not inside:
+            lines.append(line)
+    block = "description:\n" + _indented(_text(description).rstrip("\n"), "  ")
+    _write(path, "\n".join(lines).rstrip("\n") + "\n\n" + block + "\n")
+    if load_world(path.parent).description != description:
+        _write(path, before)
+        raise FileError(path, "the description could not be stored there; the file is as it was")
+
+
+def _write(path: Path, text: str) -> None:
+    """Write a file whole or not at all."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        new = path.with_name(path.name + ".new")
+        new.write_text(text, encoding="utf-8")
+        new.replace(path)
+    except OSError as error:
+        raise FileError(path, f"cannot be written: {error.strerror}") from None
+
+
+def _clipped(text: str) -> str:
+    return " ".join(text.split())[:LONGEST_CHARACTERS]
+
+
+def _folded(text: str) -> str:
+    """The text broken into lines of bearable width at spaces, as YAML folds them back."""
+    lines = [""]
+    for word in text.split():
+        if lines[-1] and len(lines[-1]) + 1 + len(word) > WIDE - 4:
+            lines.append(word)
+        else:
+            lines[-1] += (" " if lines[-1] else "") + word
+    return "\n".join(lines)
+
+
+def _indented(text: str, by: str) -> str:
+    return "\n".join(by + line if line else line for line in text.splitlines())

@@ -1,0 +1,186 @@
+from __future__ import annotations
+
+import json
+import string
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rvsg.generation.lenient_json import MAX_DEPTH, find_json
+from rvsg.generation.replies import Reply, read_configuration, read_description, read_object, read_path_lines
+from rvsg.scenario.scenario import Behaviour
+
+NAMES = ("Human 1", "Human 2")
+TWO = {
+    "humans": [
+        {"name": "Human 1", "tasks": [{"task": "Area 2 → Area 3", "path": ["G10", "G11"]}]},
+        {"name": "Human 2", "tasks": [{"task": "Area 3 → Area 4", "path": ["G14", "G15"]}]},
+    ]
+}
+
+
+def rules(reply: Reply) -> list[str]:
+    return [finding.rule for finding in reply.findings]
+
+
+def paths(reply: Reply) -> list[list[tuple[str, ...]]]:
+    assert reply.people is not None
+    return [[task.path for task in human.tasks] for human in reply.people.humans]
+
+
+json_values = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False, allow_infinity=False) | st.text(),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=8), inner, max_size=4),
+    max_leaves=20,
+)
+
+
+@given(st.dictionaries(st.text(max_size=8), json_values, max_size=4), st.sampled_from(["", "Sure!\n\n", "```json\n"]))
+def test_proper_json_is_found_as_it_is_wherever_it_stands(value: dict[str, object], before: str) -> None:
+    found = find_json(f"{before}{json.dumps(value)}\n``` and more words")
+    assert [one.value for one in found] == [value]
+    assert found[0].mended == ()
+
+
+@given(st.text(alphabet=string.printable, max_size=400))
+def test_no_text_makes_the_reader_fail(text: str) -> None:
+    for one in find_json(text):
+        assert 0 <= one.start < one.end <= len(text)
+    read_configuration(text, NAMES)
+
+
+@given(st.integers(min_value=30, max_value=len(json.dumps(TWO)) - 1))
+@settings(max_examples=60)
+def test_a_cut_off_reply_is_read_as_far_as_it_goes_and_said_to_be_cut_off(length: int) -> None:
+    found = find_json(json.dumps(TWO)[:length])
+    assert len(found) == 1
+    assert "the text ended before the JSON did" in found[0].mended
+    names = [h["name"] for h in found[0].value.get("humans", []) if isinstance(h, dict) and "name" in h]
+    assert all("Human 1".startswith(n) or "Human 2".startswith(n) for n in names)
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("{'a': 'b',}", {"a": "b"}),
+        ('{"a": 1 // why\n, /* and */ b: True, # so\n c: None}', {"a": 1, "b": True, "c": None}),
+        ("{“a”: “b”}", {"a": "b"}),
+        ('{"a": "he said "no" to it", "b": 2}', {"a": 'he said "no" to it', "b": 2}),
+        ('{"a": [1, 2 "b": 3}', {"a": [1, 2, "b"]}),
+        ('{"path": ["A1", "A2"}]', {"path": ["A1", "A2"]}),
+        ('{"path": [G7, G8, ...]}', {"path": ["G7", "G8"]}),
+        ('{"a": 1 "b": 2}', {"a": 1, "b": 2}),
+        ('{"a": NaN, "b": 1e999}', {"a": "NaN", "b": "1e999"}),
+        ('{"a": "line\nbreak"}', {"a": "line\nbreak"}),
+    ],
+)
+def test_half_broken_json_is_mended_and_said_to_be(text: str, value: object) -> None:
+    found = find_json(f"Here: {text} Good luck.")
+    if value == {"a": [1, 2, "b"]}:
+        # A list that swallowed a key cannot be told apart from prose: nothing is better than a wrong value.
+        assert all(one.value.get("b") != 3 for one in found)
+        return
+    assert [one.value for one in found] == [value]
+    assert found[0].mended
+
+
+@pytest.mark.parametrize("text", ["{" * 200_000, "[" * 200_000, '{"' * 100_000, '{"a":[' * 30_000, "[{" * 100_000])
+def test_hostile_brackets_are_given_up_quickly(text: str) -> None:
+    assert find_json(text) == ()
+
+
+def test_nesting_is_bounded() -> None:
+    deep = '{"a":' * (MAX_DEPTH + 5) + "'x'" + "}" * (MAX_DEPTH + 5)
+    found = find_json("'" + deep)
+    assert all(not str(one.value).count("{") > MAX_DEPTH + 1 for one in found)
+
+
+def test_brackets_in_prose_are_not_data() -> None:
+    assert find_json("He walks [G7, G8, G9] and {then} rests, see [1].") == ()
+
+
+def test_our_form_the_studys_form_and_wrapped_forms_mean_the_same() -> None:
+    study = {
+        "Worker 1 Tasks": [{"Task": "Area 2 → Area 3", "Start": "G10", "End": "G11", "Path": ["G10", "G11"]}],
+        "Worker 2 Tasks": [{"Task": "Area 3 → Area 4", "Start": "G14", "End": "G15", "Path": ["G14", "G15"]}],
+    }
+    mapped = {"people": {human["name"]: {"tasks": human["tasks"]} for human in TWO["humans"]}}
+    texts = {"humans": [{"tasks": [{"task": "Area 2 → Area 3", "path": "G10 → G11"}]}, TWO["humans"][1]]}
+    for value in (TWO, study, {"configuration": TWO}, mapped, TWO["humans"], texts):
+        reply = read_configuration(f"As asked:\n```json\n{json.dumps(value)}\n```", NAMES)
+        assert paths(reply) == [[("G10", "G11")], [("G14", "G15")]], value
+        assert [h.name for h in reply.people.humans] == list(NAMES) if reply.people else False
+        assert not reply.findings
+        assert not reply.fatal
+
+
+def test_the_last_configuration_of_a_reply_counts() -> None:
+    first = json.dumps(TWO).replace("G10", "G9")
+    assert paths(read_configuration(f"{first} wait, better: {json.dumps(TWO)}", NAMES))[0] == [("G10", "G11")]
+
+
+def test_extra_humans_are_found_and_left_out_missing_ones_are_fatal() -> None:
+    one, two = TWO["humans"]
+    extra = read_configuration(json.dumps({"humans": [one, two, {**two, "name": "Boss"}]}), NAMES)
+    assert rules(extra) == ["extra-human"]
+    assert extra.people is not None
+    assert len(extra.people.humans) == 2
+    assert [r.human for r in extra.repairs] == ["Boss"]
+    missing = read_configuration(json.dumps({"humans": [one]}), NAMES)
+    assert rules(missing) == ["missing-human"]
+    assert missing.fatal
+
+
+def test_values_out_of_range_are_found_and_put_right() -> None:
+    one, two = TWO["humans"]
+    odd = {
+        **one,
+        "speed_m_s": 7,
+        "start_delay_s": "soon",
+        "behaviour": "Furious",
+        "group": "x",
+        "tasks": [{"task": "t", "path": ["G10", "G11"], "pauses": [{"at": "G10", "duration_s": 9000}, {"at": "G11"}]}],
+    }
+    reply = read_configuration(json.dumps({"humans": [odd, two]}), NAMES)
+    assert sorted(rules(reply)) == sorted(
+        ["speed-out-of-range", "not-a-number", "unknown-behaviour", "bad-group", "long-pause", "bad-pause"]
+    )
+    assert reply.people is not None
+    human = reply.people.humans[0]
+    assert (human.speed_m_s, human.start_delay_s, human.behaviour) == (2.0, 0.0, Behaviour.REGULAR)
+    assert [(p.at, p.duration_s) for p in human.tasks[0].pauses] == [("G10", 600.0)]
+    assert len(reply.repairs) == len(reply.findings)
+
+
+@pytest.mark.parametrize(
+    "text", ["", "   \n", "I cannot help with that.", '{"weather": "fine"}', "[1, 2]", '{"humans": []}']
+)
+def test_a_reply_without_a_configuration_says_so(text: str) -> None:
+    reply = read_configuration(text, NAMES)
+    assert reply.people is None
+    assert reply.fatal
+    assert reply.findings
+
+
+def test_descriptions_and_texts_are_read_from_the_last_object() -> None:
+    assert read_description('bla {"scenario": "first"} bla ```json\n{"scenario": " second "}\n```') == "second"
+    assert read_description("no object") == ""
+    assert read_object('{"layout": "a", "grid": "b"}', ("layout", "grid")) == {"layout": "a", "grid": "b"}
+    assert read_object('{"layout": "a"}', ("layout", "grid")) is None
+
+
+def test_path_lines_are_read_and_a_later_block_replaces_an_earlier() -> None:
+    text = """
+    Human 1 | Area 2 → Area 3 | G9, G10, G11
+    Human 2 | Area 3 → Area 4 | G14, G15
+    Better:
+    ```
+    | Human 1 | Area 2 → Area 3 | G10 → G11 |
+    Human 1 | Area 3 → Area 2 | G11 G10
+    ```
+    """
+    people = read_path_lines(text, NAMES)
+    assert people is not None
+    assert [[t.path for t in h.tasks] for h in people.humans] == [[("G10", "G11"), ("G11", "G10")], [("G14", "G15")]]
+    assert read_path_lines("Human 1 | a | G1, G2", NAMES) is None
