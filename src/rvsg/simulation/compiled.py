@@ -1,0 +1,62 @@
+"""How kernels are compiled: by numba, without Python, cached on disk under the hash of the simulator's sources.
+
+numba checks only a kernel's own file when it loads it from its cache; a kernel it calls may have changed since.
+The cache therefore lives in a folder named after the hash of *all* sources of this room.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tempfile
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import TypeVar, cast
+
+from numba import config, njit
+
+F = TypeVar("F", bound=Callable[..., object])
+
+
+@cache
+def sources_hash() -> str:
+    """16 hexadecimal digits over every source file of the simulation room: the version of the compiled code."""
+    folder = Path(__file__).parent
+    digest = hashlib.sha256()
+    for path in sorted(folder.rglob("*.py")):
+        digest.update(path.relative_to(folder).as_posix().encode())
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+@cache
+def cache_folder() -> Path:
+    """Where compiled kernels are kept: NUMBA_CACHE_DIR, XDG_CACHE_HOME, ~/.cache, or the system's temporary folder."""
+    choices = [
+        Path(os.environ["NUMBA_CACHE_DIR"]) if os.environ.get("NUMBA_CACHE_DIR") else None,
+        Path(os.environ["XDG_CACHE_HOME"]) / "rvsg" if os.environ.get("XDG_CACHE_HOME") else None,
+        Path("~/.cache/rvsg"),
+        Path(tempfile.gettempdir()) / f"rvsg-{os.getuid() if hasattr(os, 'getuid') else 'user'}",
+    ]
+    for choice in choices:
+        if choice is None:
+            continue
+        try:
+            folder = choice.expanduser() / f"kernels-{sources_hash()}"
+            folder.mkdir(parents=True, exist_ok=True)
+        except (OSError, RuntimeError):
+            continue
+        if os.access(folder, os.W_OK):
+            return folder
+    return Path(tempfile.mkdtemp(prefix="rvsg-kernels-"))
+
+
+def kernel(function: F) -> F:
+    """Compile `function` at its first call, or load it from the cache. IEEE arithmetic: NaN and ±inf keep meaning."""
+    before = config.CACHE_DIR
+    config.CACHE_DIR = str(cache_folder())
+    try:
+        return cast(F, njit(cache=True, error_model="numpy")(function))
+    finally:
+        config.CACHE_DIR = before

@@ -1,0 +1,321 @@
+"""Nav2's costmaps: obstacle layers that lidars mark and clear, and inflation.
+
+Grids are uint8 (rows along y, columns along x). A layer cell is UNKNOWN, FREE or LETHAL.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rvsg.simulation.compiled import kernel
+from rvsg.simulation.lidar import FAR, FIELD_OF_VIEW_RAD, MIN_RANGE_M, REACH_M
+from rvsg.simulation.robot import HALF_LENGTH_M, HALF_WIDTH_M
+
+Floats = NDArray[np.float64]
+Bytes = NDArray[np.uint8]
+
+FREE = 0
+INSCRIBED = 253
+LETHAL = 254
+UNKNOWN = 255
+OBSTACLE_RANGE_M = 2.5
+CLEARING_RANGE_M = 3.0
+INFLATION_RADIUS_M = 0.55
+INFLATION_SCALING = 3.0
+INSCRIBED_RADIUS_M = 0.25 - 2.3e-10
+"""The smaller half of the padded footprint, a hair less than 0.25 m as Nav2's arithmetic has it: a cell exactly
+five cells of 0.05 m away costs 251 and is not inscribed."""
+LOCAL_CELLS = 60
+LOCAL_RESOLUTION_M = 0.05
+"""The local costmap: 3 x 3 m."""
+VOXEL_SHORTENING_CELLS = 2.0
+
+
+def inflation_kernel(resolution_m: float) -> Bytes:
+    """Costs around a lethal cell, (2R+1, 2R+1): 254, 253 within the inscribed radius, then 252·exp(-3 (d - r))."""
+    reach = int(math.ceil(INFLATION_RADIUS_M / resolution_m - 1e-9))
+    offsets = np.arange(-reach, reach + 1, dtype=np.float64)
+    cells = np.hypot(offsets[:, None], offsets[None, :])
+    distance = cells * resolution_m
+    cost = np.floor(252.0 * np.exp(-INFLATION_SCALING * (distance - INSCRIBED_RADIUS_M)))
+    cost[distance <= INSCRIBED_RADIUS_M] = INSCRIBED
+    cost[cells > INFLATION_RADIUS_M / resolution_m + 1e-9] = 0
+    cost[reach, reach] = LETHAL
+    return cost.astype(np.uint8)
+
+
+@kernel
+def clear_line(grid: Bytes, x0: int, y0: int, x1: int, y1: int, longest: float) -> None:
+    """Free the cells of a Bresenham line between two cells, as far as `longest` cells; marks on it vanish."""
+    dx = x1 - x0
+    dy = y1 - y0
+    length = math.sqrt(float(dx * dx + dy * dy))
+    scale = min(1.0, longest / length) if length > 0.0 else 1.0
+    step_x = 1 if dx > 0 else -1
+    step_y = 1 if dy > 0 else -1
+    dx = abs(dx)
+    dy = abs(dy)
+    x = x0
+    y = y0
+    if dx >= dy:
+        error = dx // 2
+        for _ in range(int(scale * dx)):
+            grid[y, x] = FREE
+            x += step_x
+            error += dy
+            if error >= dx:
+                y += step_y
+                error -= dx
+    else:
+        error = dy // 2
+        for _ in range(int(scale * dy)):
+            grid[y, x] = FREE
+            y += step_y
+            error += dx
+            if error >= dy:
+                x += step_x
+                error -= dy
+    grid[y, x] = FREE
+
+
+@kernel
+def clip_to_grid(
+    sensor_x: float, sensor_y: float, x: float, y: float, columns: int, rows: int
+) -> tuple[float, float]:
+    """Pull the end of a ray back onto the grid; all in cells, the sensor's place is on the grid."""
+    share = 1.0
+    dx = x - sensor_x
+    dy = y - sensor_y
+    if x < 0.0:
+        share = min(share, -sensor_x / dx)
+    if y < 0.0:
+        share = min(share, -sensor_y / dy)
+    if x > columns:
+        share = min(share, (columns - sensor_x) / dx)
+    if y > rows:
+        share = min(share, (rows - sensor_y) / dy)
+    return sensor_x + share * dx, sensor_y + share * dy
+
+
+@kernel
+def observe(
+    grid: Bytes,
+    ranges: Floats,
+    directions: Floats,
+    sensor_x: float,
+    sensor_y: float,
+    bearing: float,
+    resolution: float,
+    shorten_cells: float,
+) -> None:
+    """Enter one scan into an obstacle layer: clear along every ray that returned, then mark what it hit.
+
+    `sensor_x`, `sensor_y`: the sensor in cells from the grid's lower left corner. Rays clear 3.0 m at most (the
+    voxel layer of the local map `shorten_cells` before the hit), hits nearer than 2.5 m are marked. Nothing happens
+    where the sensor is off the grid.
+    """
+    rows, columns = grid.shape
+    if not (0.0 <= sensor_x < columns and 0.0 <= sensor_y < rows):
+        return
+    cos = math.cos(bearing)
+    sin = math.sin(bearing)
+    start_x = int(sensor_x)
+    start_y = int(sensor_y)
+    longest = math.ceil(CLEARING_RANGE_M / resolution - 1e-9)
+    last_x = -1
+    last_y = -1
+    for k in range(ranges.size):
+        if ranges[k] < MIN_RANGE_M:
+            continue
+        cells = min(ranges[k], REACH_M) / resolution
+        if ranges[k] < FAR:
+            cells = max(0.0, cells - shorten_cells)
+        ux = cos * directions[k, 0] - sin * directions[k, 1]
+        uy = sin * directions[k, 0] + cos * directions[k, 1]
+        x, y = clip_to_grid(sensor_x, sensor_y, sensor_x + cells * ux, sensor_y + cells * uy, columns, rows)
+        end_x = min(columns - 1, max(0, int(x)))
+        end_y = min(rows - 1, max(0, int(y)))
+        if end_x != last_x or end_y != last_y:
+            clear_line(grid, start_x, start_y, end_x, end_y, longest)
+            last_x = end_x
+            last_y = end_y
+    for k in range(ranges.size):
+        if MIN_RANGE_M <= ranges[k] < OBSTACLE_RANGE_M:
+            cells = ranges[k] / resolution
+            x = sensor_x + cells * (cos * directions[k, 0] - sin * directions[k, 1])
+            y = sensor_y + cells * (sin * directions[k, 0] + cos * directions[k, 1])
+            if 0.0 <= x < columns and 0.0 <= y < rows:
+                grid[int(y), int(x)] = LETHAL
+
+
+@kernel
+def footprint_spans(
+    spans: NDArray[np.int64], x: float, y: float, yaw: float, resolution: float, columns: int, rows: int
+) -> tuple[int, int]:
+    """The cells under the padded footprint: per column its lowest and highest row into `spans` (columns, 2).
+
+    `x`, `y` in cells. Returns the first column and the one past the last; (0, 0) where a corner is off the grid.
+    The outline is drawn with Bresenham lines between the corners' cells, as Nav2 does.
+    """
+    cos = math.cos(yaw)
+    sin = math.sin(yaw)
+    first = columns
+    last = -1
+    px = 0
+    py = 0
+    for corner in range(5):
+        forward = (HALF_LENGTH_M if corner in (0, 3, 4) else -HALF_LENGTH_M) / resolution
+        left = (HALF_WIDTH_M if corner in (0, 1, 4) else -HALF_WIDTH_M) / resolution
+        fx = x + forward * cos - left * sin
+        fy = y + forward * sin + left * cos
+        if not (0.0 <= fx < columns and 0.0 <= fy < rows):
+            return 0, 0
+        cx = int(fx)
+        cy = int(fy)
+        if corner == 0:
+            for c in range(columns):
+                spans[c, 0] = rows
+                spans[c, 1] = -1
+        else:
+            steps = max(abs(cx - px), abs(cy - py))
+            for i in range(steps + 1):
+                share = i / steps if steps > 0 else 0.0
+                column = int(math.floor(px + share * (cx - px) + 0.5))
+                row = int(math.floor(py + share * (cy - py) + 0.5))
+                spans[column, 0] = min(spans[column, 0], row)
+                spans[column, 1] = max(spans[column, 1], row)
+                first = min(first, column)
+                last = max(last, column)
+        px = cx
+        py = cy
+    return first, last + 1
+
+
+@kernel
+def clear_footprint(
+    grid: Bytes, spans: NDArray[np.int64], x: float, y: float, yaw: float, resolution: float
+) -> None:
+    """Free the layer's cells under the robot's padded footprint; `x`, `y` in cells."""
+    rows, columns = grid.shape
+    first, end = footprint_spans(spans, x, y, yaw, resolution, columns, rows)
+    for column in range(first, end):
+        for row in range(spans[column, 0], spans[column, 1] + 1):
+            grid[row, column] = FREE
+
+
+@kernel
+def shift(grid: Bytes, columns: int, rows: int) -> None:
+    """Move the window by whole cells: what leaves is forgotten, what enters is FREE."""
+    if columns == 0 and rows == 0:
+        return
+    n, m = grid.shape
+    order = 1 if rows >= 0 else -1
+    for i in range(n):
+        row = i if order > 0 else n - 1 - i
+        source = row + rows
+        if 0 <= source < n:
+            if columns >= 0:
+                for c in range(m):
+                    grid[row, c] = grid[source, c + columns] if c + columns < m else FREE
+            else:
+                for c in range(m - 1, -1, -1):
+                    grid[row, c] = grid[source, c + columns] if c + columns >= 0 else FREE
+        else:
+            for c in range(m):
+                grid[row, c] = FREE
+
+
+@kernel
+def stamp(master: Bytes, costs: Bytes, row: int, column: int, top: int, left: int, bottom: int, right: int) -> None:
+    """Raise the cells around a lethal one to their inflated cost, within rows top..bottom and columns left..right."""
+    reach = costs.shape[0] // 2
+    for r in range(max(top, row - reach), min(bottom, row + reach + 1)):
+        first = max(left, column - reach)
+        source = costs[r - row + reach, first - column + reach :]
+        target = master[r, first : min(right, column + reach + 1)]
+        for c in range(target.size):
+            target[c] = max(target[c], source[c])
+
+
+@kernel
+def is_border(grid: Bytes, row: int, column: int) -> bool:
+    """Whether a lethal cell has a neighbour that is not lethal: only such cells are the nearest to any other."""
+    rows, columns = grid.shape
+    return (
+        (row == 0 or grid[row - 1, column] != LETHAL)
+        or (row == rows - 1 or grid[row + 1, column] != LETHAL)
+        or (column == 0 or grid[row, column - 1] != LETHAL)
+        or (column == columns - 1 or grid[row, column + 1] != LETHAL)
+    )
+
+
+@kernel
+def inflate_marks(master: Bytes, front: Bytes, rear: Bytes, costs: Bytes) -> None:
+    """The local master map: what either layer has marked, inflated."""
+    rows, columns = master.shape
+    master[:] = FREE
+    for r in range(rows):
+        for c in range(columns):
+            if front[r, c] == LETHAL or rear[r, c] == LETHAL:
+                if (front[r, c] == LETHAL and is_border(front, r, c)) or (
+                    front[r, c] != LETHAL and is_border(rear, r, c)
+                ):
+                    stamp(master, costs, r, c, 0, 0, rows, columns)
+                else:
+                    master[r, c] = LETHAL
+
+
+@kernel
+def merge_global(
+    master: Bytes,
+    static: Bytes,
+    inflated_static: Bytes,
+    front: Bytes,
+    rear: Bytes,
+    costs: Bytes,
+    row: int,
+    column: int,
+    half: int,
+) -> tuple[int, int, int, int]:
+    """Recompute the global master map where it can have changed: `half` cells around (row, column) and the inflation.
+
+    Static map, then both obstacle layers by maximum (a known cell replaces an unknown one), then inflation, which
+    overwrites an unknown cell only by 253 or more. Returns the rows and columns (top, left, bottom, right) redone.
+    """
+    rows, columns = master.shape
+    reach = costs.shape[0] // 2
+    top = max(0, row - half - reach)
+    bottom = min(rows, row + half + reach + 1)
+    left = max(0, column - half - reach)
+    right = min(columns, column + half + reach + 1)
+    for r in range(top, bottom):
+        for c in range(left, right):
+            master[r, c] = inflated_static[r, c]
+    for r in range(max(0, top - reach), min(rows, bottom + reach)):
+        for c in range(max(0, left - reach), min(columns, right + reach)):
+            if (front[r, c] == LETHAL or rear[r, c] == LETHAL) and static[r, c] != LETHAL:
+                stamp(master, costs, r, c, top, left, bottom, right)
+    for r in range(top, bottom):
+        for c in range(left, right):
+            if static[r, c] == UNKNOWN and front[r, c] == UNKNOWN and rear[r, c] == UNKNOWN:
+                if master[r, c] < INSCRIBED:
+                    master[r, c] = UNKNOWN
+    return top, left, bottom, right
+
+
+@kernel
+def inflate_static(static: Bytes, costs: Bytes) -> Bytes:
+    """Inflation of the static map alone, unknown cells taken as free: lethal cells spread their costs."""
+    inflated = np.zeros_like(static)
+    rows, columns = static.shape
+    for r in range(rows):
+        for c in range(columns):
+            if static[r, c] == LETHAL:
+                if is_border(static, r, c):
+                    stamp(inflated, costs, r, c, 0, 0, rows, columns)
+                else:
+                    inflated[r, c] = LETHAL
+    return inflated

@@ -1,0 +1,467 @@
+"""DWB, Nav2's local planner: 419 sampled velocities, rolled out and scored by seven critics.
+
+Values are those of the robot's configuration; rules those of nav2_dwb_controller (Humble).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rvsg.simulation.compiled import kernel
+from rvsg.simulation.costmap import INSCRIBED, LOCAL_CELLS, LOCAL_RESOLUTION_M
+from rvsg.simulation.robot import wrap
+
+Floats = NDArray[np.float64]
+Bytes = NDArray[np.uint8]
+Ints = NDArray[np.int64]
+Small = NDArray[np.int32]
+
+SIM_TIME_S = 1.7
+LINEAR_GRANULARITY_M = 0.05
+ANGULAR_GRANULARITY_RAD = 0.025
+MAX_V_M_S = 1.0
+MAX_W_RAD_S = 1.0
+ACCELERATION_V = 2.5
+ACCELERATION_W = 3.2
+V_SAMPLES = 20
+W_SAMPLES = 20
+PLAN_WINDOW_M = 1.5
+PRUNE_DISTANCE_M = 2.0
+FORWARD_POINT_M = 0.1
+XY_TOLERANCE_M = 0.25
+YAW_TOLERANCE_RAD = 0.25
+STOPPED_M_S = 0.25
+SLOWING_FACTOR = 5.0
+ROTATE_SCALE = 32.0
+OBSTACLE_SCALE = 0.02
+GOAL_SCALE = 24.0 * LOCAL_RESOLUTION_M / 2.0
+PATH_SCALE = 32.0 * LOCAL_RESOLUTION_M / 2.0
+OSCILLATION_V_M_S = 0.05
+OSCILLATION_RESET_M = 0.05
+OSCILLATION_RESET_RAD = 0.2
+MEMO_SIZE = 1024
+
+# Indices of the integer state of the controller.
+IN_WINDOW, ROTATING, XY_REACHED, BAN_LEFT, BAN_RIGHT, LAST_SIGN, PLAN_BEGIN, PLAN_END, SOURCES, STAMP = range(10)
+CONTROLLER_INTS = 10
+# Indices of its real state: where the robot was when a turn was banned.
+BAN_X, BAN_Y, BAN_YAW = range(3)
+CONTROLLER_REALS = 3
+
+
+class Samples(NamedTuple):
+    """The sampled velocities in DWB's order, their numbers of steps and lengths of step."""
+
+    v: Floats
+    w: Floats
+    steps: Ints
+    dt: Floats
+
+
+class Rollouts(NamedTuple):
+    """A memory of where every sample ends, by measured velocity: pure, so it may outlive an episode.
+
+    `v`, `w` (M,) are the measured velocities (NaN: empty), `ends` (M, 419, 3) end poses in the frame of the robot.
+    """
+
+    v: Floats
+    w: Floats
+    ends: Floats
+
+
+class LocalMaps(NamedTuple):
+    """What scoring needs of the local map in a tick.
+
+    `column`, `row` (K,) are the plan's cells; `distance` and `stamps` (60, 60) remember distances already worked out.
+    """
+
+    column: Small
+    row: Small
+    distance: Small
+    stamps: Ints
+    totals: Floats
+
+
+def samples() -> Samples:
+    """20 forward speeds 0..1 m/s; 20 yaw rates -1..1 rad/s and 0 between the innermost two; not both zero."""
+    rates = [-MAX_W_RAD_S + 2.0 * MAX_W_RAD_S * k / (W_SAMPLES - 1) for k in range(W_SAMPLES)]
+    rates.insert(W_SAMPLES // 2, 0.0)
+    pairs = [(MAX_V_M_S * k / (V_SAMPLES - 1), w) for k in range(V_SAMPLES) for w in rates]
+    pairs = [(v, w) for v, w in pairs if v != 0.0 or w != 0.0]
+    steps = [
+        max(1, math.ceil(max(v * SIM_TIME_S / LINEAR_GRANULARITY_M, abs(w) * SIM_TIME_S / ANGULAR_GRANULARITY_RAD)))
+        for v, w in pairs
+    ]
+    return Samples(
+        v=np.array([v for v, _ in pairs]),
+        w=np.array([w for _, w in pairs]),
+        steps=np.array(steps, np.int64),
+        dt=np.array([SIM_TIME_S / n for n in steps]),
+    )
+
+
+def rollouts(count: int) -> Rollouts:
+    """An empty memory for `count` samples."""
+    return Rollouts(
+        v=np.full(MEMO_SIZE, np.nan), w=np.full(MEMO_SIZE, np.nan), ends=np.zeros((MEMO_SIZE, count, 3), np.float64)
+    )
+
+
+def local_maps(count: int) -> LocalMaps:
+    """Scratch space for `count` samples."""
+    shape = (LOCAL_CELLS, LOCAL_CELLS)
+    return LocalMaps(
+        column=np.zeros(256, np.int32),
+        row=np.zeros(256, np.int32),
+        distance=np.zeros(shape, np.int32),
+        stamps=np.zeros(shape, np.int64),
+        totals=np.zeros(count),
+    )
+
+
+@kernel
+def towards(wanted: float, now: float, step: float) -> float:
+    """One step of at most `step` from `now` towards `wanted`."""
+    if now < wanted:
+        return min(wanted, now + step)
+    return max(wanted, now - step)
+
+
+@kernel
+def roll_out_ends(ends: Floats, v0: float, w0: float, samples: Samples) -> None:
+    """End poses (x, y, yaw) of all samples from the pose (0, 0, 0) with measured velocities v0, w0.
+
+    Per step: velocities approach the sample, the position advances along the old heading, then the heading turns.
+    """
+    for s in range(samples.v.size):
+        v = v0
+        w = w0
+        x = 0.0
+        y = 0.0
+        yaw = 0.0
+        dt = samples.dt[s]
+        for _ in range(samples.steps[s]):
+            v = towards(samples.v[s], v, ACCELERATION_V * dt)
+            w = towards(samples.w[s], w, ACCELERATION_W * dt)
+            x += v * math.cos(yaw) * dt
+            y += v * math.sin(yaw) * dt
+            yaw += w * dt
+        ends[s, 0] = x
+        ends[s, 1] = y
+        ends[s, 2] = yaw
+
+
+@kernel
+def ends_of(memo: Rollouts, v0: float, w0: float, samples: Samples) -> int:
+    """The row of the memory that holds the end poses for measured velocities v0, w0; works them out if need be."""
+    slot = int(abs(v0 * 7919.0 + w0 * 104729.0) * 1009.0) % MEMO_SIZE
+    if memo.v[slot] != v0 or memo.w[slot] != w0:
+        roll_out_ends(memo.ends[slot], v0, w0, samples)
+        memo.v[slot] = v0
+        memo.w[slot] = w0
+    return slot
+
+
+@kernel
+def is_free(
+    master: Bytes, column: float, row: float, yaw: float, v0: float, w0: float, v1: float, w1: float, steps: int, dt: float
+) -> bool:
+    """Whether every pose of a rollout has its centre on the map and off inscribed and lethal cells; in cells."""
+    rows, columns = master.shape
+    v = v0
+    w = w0
+    x = column
+    y = row
+    for i in range(steps + 1):
+        if not (0.0 <= x < columns and 0.0 <= y < rows) or master[int(y), int(x)] >= INSCRIBED:
+            return False
+        if i < steps:
+            v = towards(v1, v, ACCELERATION_V * dt)
+            w = towards(w1, w, ACCELERATION_W * dt)
+            x += v * math.cos(yaw) * dt / LOCAL_RESOLUTION_M
+            y += v * math.sin(yaw) * dt / LOCAL_RESOLUTION_M
+            yaw += w * dt
+    return True
+
+
+@kernel
+def prune(state: Ints, path: Floats, x: float, y: float) -> bool:
+    """Choose the part of the plan to follow: from the first pose within 1.5 m to before the next one farther off.
+
+    The first pose is looked for in the first 2.0 m of what remains; what lies before it is dropped for good. Sets
+    nothing but PLAN_BEGIN; the end is returned by `window_end`. False where no pose is near.
+    """
+    begin = state[PLAN_BEGIN]
+    end = state[PLAN_END]
+    length = 0.0
+    i = begin
+    while i < end:
+        dx = path[i, 0] - x
+        dy = path[i, 1] - y
+        if dx * dx + dy * dy < PLAN_WINDOW_M * PLAN_WINDOW_M:
+            state[PLAN_BEGIN] = i
+            return True
+        if i + 1 < end:
+            length += math.sqrt((path[i + 1, 0] - path[i, 0]) ** 2 + (path[i + 1, 1] - path[i, 1]) ** 2)
+        if length > PRUNE_DISTANCE_M:
+            break
+        i += 1
+    state[PLAN_BEGIN] = min(i + 1, end)
+    return False
+
+
+@kernel
+def window_end(state: Ints, path: Floats, x: float, y: float) -> int:
+    """The first pose after the begin that is farther than 1.5 m from the robot, or the plan's end."""
+    i = state[PLAN_BEGIN]
+    while i < state[PLAN_END]:
+        dx = path[i, 0] - x
+        dy = path[i, 1] - y
+        if dx * dx + dy * dy > PLAN_WINDOW_M * PLAN_WINDOW_M:
+            return i
+        i += 1
+    return i
+
+
+@kernel
+def take_sources(
+    maps: LocalMaps, state: Ints, path: Floats, begin: int, end: int, last_x: float, last_y: float, ox: int, oy: int
+) -> tuple[int, int]:
+    """Write the cells of the plan's poses from the first one on the map until it leaves the map.
+
+    The last pose is taken at (last_x, last_y). Sets SOURCES; returns the last cell (column, row), or (-1, -1) where
+    the plan does not touch the map.
+    """
+    count = 0
+    column = -1
+    row = -1
+    for i in range(begin, end):
+        px = last_x if i == end - 1 else path[i, 0]
+        py = last_y if i == end - 1 else path[i, 1]
+        c = int(math.floor(px / LOCAL_RESOLUTION_M - ox))
+        r = int(math.floor(py / LOCAL_RESOLUTION_M - oy))
+        if 0 <= c < LOCAL_CELLS and 0 <= r < LOCAL_CELLS:
+            if c != column or r != row:
+                if count < maps.column.size:
+                    maps.column[count] = c
+                    maps.row[count] = r
+                    count += 1
+                column = c
+                row = r
+        elif count > 0:
+            break
+    state[SOURCES] = count
+    return column, row
+
+
+@kernel
+def path_distance(maps: LocalMaps, state: Ints, column: int, row: int) -> int:
+    """|Δcolumn| + |Δrow| from a cell to the plan cell nearest by Euclid (the earlier one of equals), in cells."""
+    if maps.stamps[row, column] == state[STAMP]:
+        return maps.distance[row, column]
+    best = np.int32(1 << 30)
+    for i in range(state[SOURCES]):
+        dx = maps.column[i] - np.int32(column)
+        dy = maps.row[i] - np.int32(row)
+        best = min(best, np.int32((dx * dx + dy * dy) * 256 + i))
+    i = best & 255
+    distance = abs(maps.column[i] - column) + abs(maps.row[i] - row)
+    maps.distance[row, column] = distance
+    maps.stamps[row, column] = state[STAMP]
+    return distance
+
+
+@kernel
+def reset(state: Ints) -> None:
+    """A new path: every critic and the goal checker forget what they knew."""
+    state[IN_WINDOW] = 0
+    state[ROTATING] = 0
+    state[XY_REACHED] = 0
+    state[BAN_LEFT] = 0
+    state[BAN_RIGHT] = 0
+    state[LAST_SIGN] = 0
+
+
+@kernel
+def rotate_to_goal(state: Ints, v: float, yaw_error: float, measured_v: float) -> float:
+    """Raw score of RotateToGoal for a sample that ends `yaw_error` from the goal's yaw; -1 where it is illegal."""
+    if state[IN_WINDOW] == 0:
+        return 0.0
+    if state[ROTATING] == 0:
+        if v * v >= measured_v * measured_v:
+            return -1.0
+        return SLOWING_FACTOR * v * v + yaw_error
+    return -1.0 if v > 0.0 else yaw_error
+
+
+@kernel
+def remember_turn(state: Ints, reals: Floats, v: float, w: float, x: float, y: float, yaw: float) -> None:
+    """Oscillation critic after a command: a turn that reverses the last one at |v| <= 0.05 m/s bans the way back.
+
+    Signs and bans are forgotten once the robot is more than 0.05 m or 0.2 rad from where the ban began.
+    """
+    if abs(v) <= OSCILLATION_V_M_S and w != 0.0:
+        sign = 1 if w > 0.0 else -1
+        if state[LAST_SIGN] != 0 and sign != state[LAST_SIGN]:
+            state[BAN_RIGHT if sign > 0 else BAN_LEFT] = 1
+            reals[BAN_X] = x
+            reals[BAN_Y] = y
+            reals[BAN_YAW] = yaw
+        state[LAST_SIGN] = sign
+    if state[BAN_LEFT] != 0 or state[BAN_RIGHT] != 0:
+        square = (x - reals[BAN_X]) ** 2 + (y - reals[BAN_Y]) ** 2
+        if square > OSCILLATION_RESET_M**2 or abs(yaw - reals[BAN_YAW]) > OSCILLATION_RESET_RAD:
+            state[BAN_LEFT] = 0
+            state[BAN_RIGHT] = 0
+            state[LAST_SIGN] = 0
+
+
+@kernel
+def choose(
+    state: Ints,
+    reals: Floats,
+    maps: LocalMaps,
+    memo: Rollouts,
+    samples: Samples,
+    master: Bytes,
+    origin_column: int,
+    origin_row: int,
+    path: Floats,
+    goal_yaw: float,
+    x: float,
+    y: float,
+    yaw: float,
+    measured_v: float,
+    measured_w: float,
+) -> int:
+    """The index of the best legal sample, -1 where there is none.
+
+    `path` is in the local frame (metres), `origin_column`, `origin_row` the window's place in cells of 0.05 m, the
+    velocities are the measured ones. Totals of all end poses come first; only the best are rolled out to see
+    whether they are free, which selects the same sample as checking them all.
+    """
+    if not prune(state, path, x, y):
+        return -1
+    begin = state[PLAN_BEGIN]
+    end = window_end(state, path, x, y)
+    goal_x = path[state[PLAN_END] - 1, 0]
+    goal_y = path[state[PLAN_END] - 1, 1]
+    to_goal = math.sqrt((goal_x - x) ** 2 + (goal_y - y) ** 2)
+    if to_goal <= XY_TOLERANCE_M:
+        state[IN_WINDOW] = 1
+    if state[IN_WINDOW] == 1 and abs(measured_v) <= STOPPED_M_S:
+        state[ROTATING] = 1
+    last_x = path[end - 1, 0]
+    last_y = path[end - 1, 1]
+    bearing = math.atan2(goal_y - y, goal_x - x)
+    forward_x = last_x + FORWARD_POINT_M * math.cos(bearing)
+    forward_y = last_y + FORWARD_POINT_M * math.sin(bearing)
+    align_column, align_row = take_sources(
+        maps, state, path, begin, end, forward_x, forward_y, origin_column, origin_row
+    )
+    goal_column, goal_row = take_sources(maps, state, path, begin, end, last_x, last_y, origin_column, origin_row)
+    if goal_column < 0 or align_column < 0:
+        return -1
+    state[STAMP] += 1
+    ends = memo.ends[ends_of(memo, measured_v, measured_w, samples)]
+    column = x / LOCAL_RESOLUTION_M - origin_column
+    row = y / LOCAL_RESOLUTION_M - origin_row
+    score(
+        maps, state, samples, ends, master, column, row, yaw, goal_yaw, measured_v, goal_column, goal_row, align_column,
+        align_row, to_goal > FORWARD_POINT_M,
+    )  # fmt: skip
+    return best_free(maps.totals, samples, master, column, row, yaw, measured_v, measured_w)
+
+
+@kernel
+def score(
+    maps: LocalMaps,
+    state: Ints,
+    samples: Samples,
+    ends: Floats,
+    master: Bytes,
+    column: float,
+    row: float,
+    yaw: float,
+    goal_yaw: float,
+    measured_v: float,
+    goal_column: int,
+    goal_row: int,
+    align_column: int,
+    align_row: int,
+    align_path: bool,
+) -> None:
+    """Total score of every sample into `maps.totals`, infinite where a critic that needs only the end forbids it.
+
+    RotateToGoal 32, Oscillation, BaseObstacle 0.02, GoalAlign 0.6, PathAlign 0.8 (off near the goal), PathDist 0.8,
+    GoalDist 0.6.
+    """
+    cos = math.cos(yaw) / LOCAL_RESOLUTION_M
+    sin = math.sin(yaw) / LOCAL_RESOLUTION_M
+    for s in range(samples.v.size):
+        maps.totals[s] = math.inf
+        w = samples.w[s]
+        if (state[BAN_LEFT] != 0 and w > 0.0) or (state[BAN_RIGHT] != 0 and w < 0.0):
+            continue
+        turn = ends[s, 2]
+        rotate = rotate_to_goal(state, samples.v[s], abs(wrap(yaw + turn - goal_yaw)), measured_v)
+        if rotate < 0.0:
+            continue
+        x = column + cos * ends[s, 0] - sin * ends[s, 1]
+        y = row + sin * ends[s, 0] + cos * ends[s, 1]
+        ahead_x = x + FORWARD_POINT_M / LOCAL_RESOLUTION_M * math.cos(yaw + turn)
+        ahead_y = y + FORWARD_POINT_M / LOCAL_RESOLUTION_M * math.sin(yaw + turn)
+        if not (0.0 <= x < LOCAL_CELLS and 0.0 <= y < LOCAL_CELLS):
+            continue
+        if not (0.0 <= ahead_x < LOCAL_CELLS and 0.0 <= ahead_y < LOCAL_CELLS):
+            continue
+        end_column = int(x)
+        end_row = int(y)
+        ahead_column = int(ahead_x)
+        ahead_row = int(ahead_y)
+        cost = master[end_row, end_column]
+        if cost >= INSCRIBED:
+            continue
+        total = ROTATE_SCALE * rotate + OBSTACLE_SCALE * cost
+        total += GOAL_SCALE * (abs(ahead_column - align_column) + abs(ahead_row - align_row))
+        if align_path:
+            total += PATH_SCALE * path_distance(maps, state, ahead_column, ahead_row)
+        total += PATH_SCALE * path_distance(maps, state, end_column, end_row)
+        total += GOAL_SCALE * (abs(end_column - goal_column) + abs(end_row - goal_row))
+        maps.totals[s] = total
+
+
+@kernel
+def best_free(
+    totals: Floats,
+    samples: Samples,
+    master: Bytes,
+    column: float,
+    row: float,
+    yaw: float,
+    measured_v: float,
+    measured_w: float,
+) -> int:
+    """The first sample of least total whose whole rollout is free; -1 where there is none. Overwrites `totals`."""
+    rows, columns = master.shape
+    if not (0.0 <= column < columns and 0.0 <= row < rows) or master[int(row), int(column)] >= INSCRIBED:
+        return -1
+    while True:
+        best = -1
+        least = math.inf
+        for s in range(totals.size):
+            if totals[s] < least:
+                least = totals[s]
+                best = s
+        if best < 0:
+            return -1
+        if is_free(
+            master, column, row, yaw, measured_v, measured_w, samples.v[best], samples.w[best], samples.steps[best],
+            samples.dt[best],
+        ):  # fmt: skip
+            return best
+        totals[best] = math.inf

@@ -1,0 +1,379 @@
+"""NavFn, Nav2's global planner: Dijkstra's potential on the costmap and the path down its gradient.
+
+Re-implemented from its rules (NavFn by Kurt Konolige; nav2_navfn_planner): cost conversion, buffers with rising
+threshold, single precision, half-cell steps. Cells count from the lower left corner, index = row * columns + column.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rvsg.simulation.compiled import kernel
+from rvsg.simulation.costmap import INSCRIBED, UNKNOWN
+
+Floats = NDArray[np.float64]
+Singles = NDArray[np.float32]
+Bytes = NDArray[np.uint8]
+Ints = NDArray[np.int32]
+
+NEUTRAL = 50
+BLOCKED = 254
+HIGH = np.float32(1e10)
+FIRST_THRESHOLD = np.float32(254.0)
+THRESHOLD_STEP = np.float32(100.0)
+BUFFER = 10_000
+TOLERANCE_M = 0.5
+STEP_CELLS = np.float32(0.5)
+HALF_ROOT = 0.707106781
+
+
+def conversion() -> Bytes:
+    """NavFn's cost of every costmap value: 50 + 0.8 c up to 253; unknown 253; inscribed and lethal blocked."""
+    table = np.full(256, BLOCKED, np.uint8)
+    for value in range(INSCRIBED):
+        table[value] = min(int(NEUTRAL + 0.8 * value), BLOCKED - 1)
+    table[UNKNOWN] = BLOCKED - 1
+    return table
+
+
+@kernel
+def convert(costs: Bytes, master: Bytes, table: Bytes, top: int, left: int, bottom: int, right: int) -> None:
+    """Refresh NavFn's costs (a flat grid) from the master map within rows top..bottom and columns left..right.
+
+    The map's border is blocked.
+    """
+    rows, columns = master.shape
+    for r in range(top, bottom):
+        base = r * columns
+        for c in range(left, right):
+            costs[base + c] = table[master[r, c]]
+        if r == 0 or r == rows - 1:
+            for c in range(left, right):
+                costs[base + c] = BLOCKED
+        costs[base] = BLOCKED
+        costs[base + columns - 1] = BLOCKED
+
+
+@kernel
+def cell_potential(potential: Singles, costs: Bytes, n: int, columns: int) -> np.float32:
+    """The potential of a cell from its neighbours: a planar wave, interpolated by a quadratic."""
+    across = min(potential[n - 1], potential[n + 1])
+    along = min(potential[n - columns], potential[n + columns])
+    cost = np.float32(costs[n])
+    difference = across - along
+    base = along
+    if difference < np.float32(0.0):
+        difference = -difference
+        base = across
+    if difference >= cost:
+        return base + cost
+    q = difference / cost
+    factor = np.float32(-0.2301 * q * q + 0.5307 * q + 0.7040)
+    return base + cost * factor
+
+
+@kernel
+def push(buffer: Ints, filled: int, n: int, pending: Bytes, costs: Bytes) -> int:
+    """Add a cell to a buffer unless it is waiting already, blocked, or the buffer is full; the new fill."""
+    if pending[n] == 0 and costs[n] < BLOCKED and filled < BUFFER:
+        buffer[filled] = n
+        pending[n] = 1
+        return filled + 1
+    return filled
+
+
+@kernel
+def push_raised(
+    buffer: Ints, filled: int, n: int, columns: int, lowered: np.float32, potential: Singles, costs: Bytes, pending: Bytes
+) -> int:
+    """Add those of a cell's four neighbours whose potential its lowered one can lower."""
+    if potential[n - 1] > lowered + np.float32(HALF_ROOT * costs[n - 1]):
+        filled = push(buffer, filled, n - 1, pending, costs)
+    if potential[n + 1] > lowered + np.float32(HALF_ROOT * costs[n + 1]):
+        filled = push(buffer, filled, n + 1, pending, costs)
+    if potential[n - columns] > lowered + np.float32(HALF_ROOT * costs[n - columns]):
+        filled = push(buffer, filled, n - columns, pending, costs)
+    if potential[n + columns] > lowered + np.float32(HALF_ROOT * costs[n + columns]):
+        filled = push(buffer, filled, n + columns, pending, costs)
+    return filled
+
+
+@kernel
+def propagate(
+    potential: Singles,
+    costs: Bytes,
+    pending: Bytes,
+    buffers: Ints,
+    columns: int,
+    rows: int,
+    source: int,
+    target: int,
+) -> None:
+    """Spread the potential from `source` until `target` has one, all is done, or the rounds run out.
+
+    `buffers` is (3, 10000): the current, the next and the overflow buffer take turns.
+    """
+    potential[:] = HIGH
+    pending[:] = 0
+    current = 0
+    following = 1
+    overflow = 2
+    filled = 0
+    waiting = 0
+    potential[source] = np.float32(0.0)
+    for neighbour in (source + 1, source - 1, source - columns, source + columns):
+        filled = push(buffers[current], filled, neighbour, pending, costs)
+    threshold = FIRST_THRESHOLD
+    for _ in range(max(columns * rows // 20, columns + rows)):
+        if filled == 0:
+            return
+        buffer = buffers[current]
+        ahead = buffers[following]
+        later = buffers[overflow]
+        for i in range(filled):
+            pending[buffer[i]] = 0
+        new = 0
+        for i in range(filled):
+            n = buffer[i]
+            lowered = cell_potential(potential, costs, n, columns)
+            if lowered < potential[n]:
+                potential[n] = lowered
+                if lowered < threshold:
+                    new = push_raised(ahead, new, n, columns, lowered, potential, costs, pending)
+                else:
+                    waiting = push_raised(later, waiting, n, columns, lowered, potential, costs, pending)
+        filled = new
+        current, following = following, current
+        if filled == 0:
+            threshold += THRESHOLD_STEP
+            filled = waiting
+            waiting = 0
+            current, overflow = overflow, current
+        if potential[target] < HIGH:
+            return
+
+
+@kernel
+def gradient(potential: Singles, n: int, columns: int, cells: int) -> tuple[np.float32, np.float32]:
+    """The unit vector along which the potential falls at a cell (columns, rows); zero where it is flat."""
+    zero = np.float32(0.0)
+    if n < columns or n > cells - columns:
+        return zero, zero
+    here = potential[n]
+    dx = zero
+    dy = zero
+    if here >= HIGH:
+        if potential[n - 1] < HIGH:
+            dx = np.float32(-BLOCKED)
+        elif potential[n + 1] < HIGH:
+            dx = np.float32(BLOCKED)
+        if potential[n - columns] < HIGH:
+            dy = np.float32(-BLOCKED)
+        elif potential[n + columns] < HIGH:
+            dy = np.float32(BLOCKED)
+    else:
+        if potential[n - 1] < HIGH:
+            dx += potential[n - 1] - here
+        if potential[n + 1] < HIGH:
+            dx += here - potential[n + 1]
+        if potential[n - columns] < HIGH:
+            dy += potential[n - columns] - here
+        if potential[n + columns] < HIGH:
+            dy += here - potential[n + columns]
+    norm = np.float32(math.sqrt(dx * dx + dy * dy))
+    if norm > zero:
+        return dx / norm, dy / norm
+    return zero, zero
+
+
+@kernel
+def lowest_neighbour(potential: Singles, n: int, columns: int) -> int:
+    """The neighbour of least potential; values are compared with the best one cut to an integer, as NavFn does."""
+    lowest = n
+    least = int(potential[n])
+    for offset in (-columns - 1, -columns, -columns + 1, -1, 1, columns - 1, columns, columns + 1):
+        if potential[n + offset] < least:
+            least = int(potential[n + offset])
+            lowest = n + offset
+    return lowest
+
+
+@kernel
+def has_gap(potential: Singles, n: int, columns: int) -> bool:
+    """Whether one of the nine cells around has no potential."""
+    for row in (-columns, 0, columns):
+        for column in (-1, 0, 1):
+            if potential[n + row + column] >= HIGH:
+                return True
+    return False
+
+
+@kernel
+def rounded(value: np.float32) -> int:
+    """The nearest integer, halves away from zero (C's round)."""
+    return int(value + np.float32(0.5)) if value >= 0 else -int(np.float32(0.5) - value)
+
+
+@kernel
+def descend(
+    path_x: Singles, path_y: Singles, potential: Singles, columns: int, rows: int, source: int, target: int
+) -> int:
+    """Walk from the target's cell down to the source in half-cell steps; points in cells. Their number, 0 if lost."""
+    cells = columns * rows
+    n = target
+    dx = np.float32(0.0)
+    dy = np.float32(0.0)
+    one = np.float32(1.0)
+    count = 0
+    for _ in range(4 * max(columns, rows)):
+        nearest = min(cells - 1, max(0, n + rounded(dx) + columns * rounded(dy)))
+        if potential[nearest] < NEUTRAL:
+            path_x[count] = np.float32(source % columns)
+            path_y[count] = np.float32(source // columns)
+            return count + 1
+        if n < columns + 1 or n >= cells - columns - 1:
+            return 0
+        path_x[count] = np.float32(n % columns) + dx
+        path_y[count] = np.float32(n // columns) + dy
+        count += 1
+        stuck = count > 2 and path_x[count - 1] == path_x[count - 3] and path_y[count - 1] == path_y[count - 3]
+        if stuck or has_gap(potential, n, columns):
+            n = lowest_neighbour(potential, n, columns)
+            dx = np.float32(0.0)
+            dy = np.float32(0.0)
+            if potential[n] >= HIGH:
+                return 0
+            continue
+        ax, ay = gradient(potential, n, columns, cells)
+        bx, by = gradient(potential, n + 1, columns, cells)
+        cx, cy = gradient(potential, n + columns, columns, cells)
+        ex, ey = gradient(potential, n + columns + 1, columns, cells)
+        gx = (one - dy) * ((one - dx) * ax + dx * bx) + dy * ((one - dx) * cx + dx * ex)
+        gy = (one - dy) * ((one - dx) * ay + dx * by) + dy * ((one - dx) * cy + dx * ey)
+        if gx == np.float32(0.0) and gy == np.float32(0.0):
+            return 0
+        step = STEP_CELLS / np.float32(math.sqrt(gx * gx + gy * gy))
+        dx += gx * step
+        dy += gy * step
+        if dx > one:
+            n += 1
+            dx -= one
+        if dx < -one:
+            n -= 1
+            dx += one
+        if dy > one:
+            n += columns
+            dy -= one
+        if dy < -one:
+            n -= columns
+            dy += one
+    return 0
+
+
+@kernel
+def cell_of(x: float, y: float, origin_x: float, origin_y: float, resolution: float, columns: int, rows: int) -> int:
+    """NavFn's cell of a point: *rounded*, half a cell off the costmap's convention; -1 off the map or on its border."""
+    column = int(math.floor((x - origin_x) / resolution + 0.5))
+    row = int(math.floor((y - origin_y) / resolution + 0.5))
+    if column < 1 or row < 1 or column >= columns - 1 or row >= rows - 1:
+        return -1
+    return row * columns + column
+
+
+@kernel
+def reachable_goal(
+    potential: Singles,
+    goal_x: float,
+    goal_y: float,
+    origin_x: float,
+    origin_y: float,
+    resolution: float,
+    columns: int,
+    rows: int,
+) -> tuple[float, float, bool]:
+    """The goal if it has a potential, else the nearest point that has one among ±0.5 m around it in cell steps."""
+    n = cell_of(goal_x, goal_y, origin_x, origin_y, resolution, columns, rows)
+    if n >= 0 and potential[n] < HIGH:
+        return goal_x, goal_y, True
+    nearest = 1e300
+    found = False
+    best_x = goal_x
+    best_y = goal_y
+    y = goal_y - TOLERANCE_M
+    while y <= goal_y + TOLERANCE_M:
+        x = goal_x - TOLERANCE_M
+        while x <= goal_x + TOLERANCE_M:
+            n = cell_of(x, y, origin_x, origin_y, resolution, columns, rows)
+            square = (x - goal_x) * (x - goal_x) + (y - goal_y) * (y - goal_y)
+            if n >= 0 and potential[n] < HIGH and square < nearest:
+                nearest = square
+                best_x = x
+                best_y = y
+                found = True
+            x += resolution
+        y += resolution
+    return best_x, best_y, found
+
+
+@kernel
+def plan(
+    path: Floats,
+    begin: int,
+    start_x: float,
+    start_y: float,
+    goal_x: float,
+    goal_y: float,
+    master: Bytes,
+    costs: Bytes,
+    potential: Singles,
+    pending: Bytes,
+    buffers: Ints,
+    cells_x: Singles,
+    cells_y: Singles,
+    origin_x: float,
+    origin_y: float,
+    resolution: float,
+) -> int:
+    """Plan from start to goal (metres, map frame) and write the points to `path` (P, 2) from row `begin` on.
+
+    Returns the row past the last point, `begin` where there is no path. The start's cell becomes free in the master
+    map itself until its next update. The end is the goal, or the reachable point nearest to it within 0.5 m.
+    """
+    rows, columns = master.shape
+    source = cell_of(start_x, start_y, origin_x, origin_y, resolution, columns, rows)
+    if source < 0:
+        return begin
+    target = cell_of(goal_x, goal_y, origin_x, origin_y, resolution, columns, rows)
+    master[source // columns, source % columns] = 0
+    costs[source] = NEUTRAL
+    propagate(potential, costs, pending, buffers, columns, rows, source, max(target, 0))
+    end_x, end_y, found = reachable_goal(potential, goal_x, goal_y, origin_x, origin_y, resolution, columns, rows)
+    if not found:
+        return begin
+    target = cell_of(end_x, end_y, origin_x, origin_y, resolution, columns, rows)
+    count = descend(cells_x, cells_y, potential, columns, rows, source, target)
+    if count == 0 or begin + count + 1 > path.shape[0]:
+        return begin
+    for i in range(count):
+        path[begin + i, 0] = origin_x + cells_x[count - 1 - i] * resolution
+        path[begin + i, 1] = origin_y + cells_y[count - 1 - i] * resolution
+    return end_at_goal(path, begin, begin + count, end_x, end_y)
+
+
+@kernel
+def end_at_goal(path: Floats, begin: int, end: int, goal_x: float, goal_y: float) -> int:
+    """Let the path end at the goal: it replaces a last point that lies farther on, else it is appended."""
+    if end - begin >= 2:
+        sx = path[end - 2, 0]
+        sy = path[end - 2, 1]
+        last = (path[end - 1, 0] - sx) ** 2 + (path[end - 1, 1] - sy) ** 2
+        if last > (goal_x - sx) ** 2 + (goal_y - sy) ** 2:
+            path[end - 1, 0] = goal_x
+            path[end - 1, 1] = goal_y
+            return end
+    path[end, 0] = goal_x
+    path[end, 1] = goal_y
+    return end + 1

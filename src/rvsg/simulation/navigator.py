@@ -1,0 +1,304 @@
+"""Nav2's default behaviour tree (navigate to pose with replanning and recovery) and its controller server."""
+
+from __future__ import annotations
+
+import math
+
+from rvsg.simulation import dwb, robot
+from rvsg.simulation import robot_state as st
+from rvsg.simulation.compiled import kernel
+from rvsg.simulation.costmap import LETHAL, LOCAL_RESOLUTION_M, footprint_spans
+from rvsg.simulation.navfn import plan
+from rvsg.simulation.people import Crowd
+from rvsg.simulation.perception import clear_global, clear_local
+from rvsg.simulation.robot_state import Settings, State
+from rvsg.simulation.scene import Scene
+
+CONTROL_PERIOD_S = 0.05
+REPLAN_PERIOD_S = 1.01
+"""1 s after the last success, and the 10 ms tick of the behaviour tree in which planning happens."""
+PASSED_GOAL_M = 0.7
+PROGRESS_M = 0.5
+PROGRESS_TIME_S = 10.0
+PATIENCE_S = 0.3
+MAX_RECOVERIES = 6
+ACTIONS = 4
+SPIN_RAD = 1.57
+WAIT_S = 5.0
+BACK_UP_M = 0.30
+BACK_UP_M_S = 0.05
+ACTION_PERIOD_S = 0.1
+ACTION_TIME_S = 10.0
+LOOK_AHEAD_S = 2.0
+ODOMETRY_DEADBAND = 0.001
+
+
+@kernel
+def plan_route(scene: Scene, state: State, settings: Settings, t: float) -> bool:
+    """Plan from the robot through the poses that remain; the new path goes to the controller. False: no path.
+
+    A pose to drive through counts as passed within 0.7 m.
+    """
+    nav = state.nav
+    x = state.body[robot.X] - settings.offset_x
+    y = state.body[robot.Y] - settings.offset_y
+    last = state.goals.shape[0] - 1
+    while nav[st.GOAL] < last:
+        g = nav[st.GOAL]
+        if (state.goals[g, 0] - x) ** 2 + (state.goals[g, 1] - y) ** 2 > PASSED_GOAL_M**2:
+            break
+        nav[st.GOAL] += 1
+    count = 0
+    for g in range(nav[st.GOAL], last + 1):
+        end = plan(
+            state.path, count, x, y, state.goals[g, 0], state.goals[g, 1], state.global_master, state.costs,
+            state.potential, state.pending, state.buffers, state.cells_x, state.cells_y, scene.origin_x, scene.origin_y,
+            scene.resolution,
+        )  # fmt: skip
+        if end == count:
+            return False
+        count = end
+        x = state.goals[g, 0]
+        y = state.goals[g, 1]
+    for i in range(count):
+        state.path[i, 0] += settings.offset_x
+        state.path[i, 1] += settings.offset_y
+    state.control[dwb.PLAN_BEGIN] = 0
+    state.control[dwb.PLAN_END] = count
+    dwb.reset(state.control)
+    nav[st.PLANNED] = 1
+    nav[st.NEED_PLAN] = 0
+    state.times[st.PLAN_T] = t
+    return True
+
+
+@kernel
+def begin_following(state: State, t: float) -> None:
+    """A new goal for the controller: its loop, progress checker and patience start afresh."""
+    state.times[st.CONTROL_T] = t
+    state.times[st.PROGRESS_X] = state.body[robot.X]
+    state.times[st.PROGRESS_Y] = state.body[robot.Y]
+    state.times[st.PROGRESS_T] = t
+    state.times[st.VALID_T] = t
+
+
+@kernel
+def command(state: State, v: float, w: float, direct: bool, t: float) -> None:
+    """Publish a velocity, through the smoother or (recoveries) past it."""
+    state.body[robot.COMMAND_V] = v
+    state.body[robot.COMMAND_W] = w
+    state.body[robot.COMMAND_T] = t
+    state.body[robot.DIRECT] = 1.0 if direct else 0.0
+    if direct:
+        state.body[robot.SMOOTH_V] = 0.0
+        state.body[robot.SMOOTH_W] = 0.0
+
+
+@kernel
+def has_progress(state: State, t: float) -> bool:
+    """Progress checker: more than 0.5 m from the stored pose within 10 s."""
+    times = state.times
+    square = (state.body[robot.X] - times[st.PROGRESS_X]) ** 2 + (state.body[robot.Y] - times[st.PROGRESS_Y]) ** 2
+    if square > PROGRESS_M**2:
+        times[st.PROGRESS_X] = state.body[robot.X]
+        times[st.PROGRESS_Y] = state.body[robot.Y]
+        times[st.PROGRESS_T] = t
+    return t - times[st.PROGRESS_T] <= PROGRESS_TIME_S
+
+
+@kernel
+def at_goal(state: State) -> bool:
+    """Goal checker: within 0.25 m of the plan's end (latched until the next path) and 0.25 rad of the goal's yaw."""
+    control = state.control
+    end = control[dwb.PLAN_END] - 1
+    square = (state.path[end, 0] - state.body[robot.X]) ** 2 + (state.path[end, 1] - state.body[robot.Y]) ** 2
+    if square <= dwb.XY_TOLERANCE_M**2:
+        control[dwb.XY_REACHED] = 1
+    if control[dwb.XY_REACHED] == 0:
+        return False
+    yaw = state.goals[state.goals.shape[0] - 1, 2]
+    return abs(robot.wrap(state.body[robot.YAW] - yaw)) <= dwb.YAW_TOLERANCE_RAD
+
+
+@kernel
+def control_tick(state: State, t: float) -> bool:
+    """One turn of the controller loop. False where following the path has failed."""
+    body = state.body
+    if not has_progress(state, t):
+        return False
+    v = body[robot.V] if abs(body[robot.V]) > ODOMETRY_DEADBAND else 0.0
+    w = body[robot.W] if abs(body[robot.W]) > ODOMETRY_DEADBAND else 0.0
+    best = dwb.choose(
+        state.control, state.reals, state.maps, state.memo, state.samples, state.master, state.nav[st.WINDOW_COLUMN],
+        state.nav[st.WINDOW_ROW], state.path, state.goals[state.goals.shape[0] - 1, 2], body[robot.X], body[robot.Y],
+        body[robot.YAW], v, w,
+    )  # fmt: skip
+    if best < 0:
+        command(state, 0.0, 0.0, False, t)
+        if t - state.times[st.VALID_T] > PATIENCE_S:
+            return False
+    else:
+        state.times[st.VALID_T] = t
+        command(state, state.samples.v[best], state.samples.w[best], False, t)
+        dwb.remember_turn(
+            state.control, state.reals, state.samples.v[best], state.samples.w[best], body[robot.X], body[robot.Y],
+            body[robot.YAW],
+        )  # fmt: skip
+    if at_goal(state):
+        command(state, 0.0, 0.0, False, t)
+        state.nav[st.MODE] = st.DONE
+        state.nav[st.RESULT] = st.REACHED
+    return True
+
+
+@kernel
+def recover(scene: Scene, state: State, settings: Settings, crowd: Crowd, t: float) -> None:
+    """The outer recovery: the next of clearing both maps, spinning, waiting, backing up; at most six in a run."""
+    nav = state.nav
+    nav[st.RETRIED] = 0
+    nav[st.RECOVERIES] += 1
+    nav[st.FAILED_ACTIONS] = 0
+    command(state, 0.0, 0.0, False, t)
+    if nav[st.RECOVERIES] > MAX_RECOVERIES:
+        nav[st.RECOVERIES] = MAX_RECOVERIES
+        nav[st.MODE] = st.DONE
+        nav[st.RESULT] = st.ABORTED
+        return
+    begin_action(scene, state, settings, crowd, t)
+
+
+@kernel
+def begin_action(scene: Scene, state: State, settings: Settings, crowd: Crowd, t: float) -> None:
+    """Begin the recovery whose turn it is."""
+    nav = state.nav
+    action = nav[st.NEXT_ACTION]
+    nav[st.NEXT_ACTION] = (action + 1) % ACTIONS
+    times = state.times
+    times[st.ACTION_T] = t
+    times[st.ACTION_DUE] = t
+    times[st.ACTION_DONE] = 0.0
+    times[st.ACTION_X] = state.body[robot.X]
+    times[st.ACTION_Y] = state.body[robot.Y]
+    times[st.ACTION_YAW] = state.body[robot.YAW]
+    if action == 0:
+        clear_local(scene, state, settings, crowd)
+        clear_global(scene, state, settings, crowd)
+        end_action(state, t)
+    elif action == 1:
+        nav[st.MODE] = st.SPIN
+    elif action == 2:
+        nav[st.MODE] = st.WAIT
+    else:
+        nav[st.MODE] = st.BACK_UP
+
+
+@kernel
+def end_action(state: State, t: float) -> None:
+    """A recovery has succeeded: stop, plan at once, follow."""
+    command(state, 0.0, 0.0, False, t)
+    state.nav[st.MODE] = st.DRIVE
+    state.nav[st.NEED_PLAN] = 1
+    begin_following(state, t)
+
+
+@kernel
+def footprint_hits(state: State, x: float, y: float, yaw: float) -> bool:
+    """Whether the footprint at a pose covers a lethal cell of the local map; leaving the map counts too."""
+    master = state.master
+    rows, columns = master.shape
+    first, end = footprint_spans(
+        state.spans, x / LOCAL_RESOLUTION_M - state.nav[st.WINDOW_COLUMN], y / LOCAL_RESOLUTION_M - state.nav[st.WINDOW_ROW],
+        yaw, LOCAL_RESOLUTION_M, columns, rows,
+    )  # fmt: skip
+    if first == end:
+        return True
+    for column in range(first, end):
+        for row in range(state.spans[column, 0], state.spans[column, 1] + 1):
+            if master[row, column] == LETHAL:
+                return True
+    return False
+
+
+@kernel
+def is_blocked(state: State, v: float, w: float, settings: Settings) -> bool:
+    """Whether driving on at (v, w) for up to 2 s would hit something; looked at every action period."""
+    x = state.body[robot.X]
+    y = state.body[robot.Y]
+    yaw = state.body[robot.YAW]
+    ahead = 0.0
+    while ahead <= LOOK_AHEAD_S:
+        if footprint_hits(state, x + v * ahead * math.cos(yaw), y + v * ahead * math.sin(yaw), yaw + w * ahead):
+            return True
+        ahead += ACTION_PERIOD_S
+    return False
+
+
+@kernel
+def act(scene: Scene, state: State, settings: Settings, crowd: Crowd, t: float) -> None:
+    """Go on with the recovery under way (10 Hz); one that is blocked or takes over 10 s passes to the next."""
+    nav = state.nav
+    times = state.times
+    body = state.body
+    if t < times[st.ACTION_DUE] - 1e-9:
+        return
+    times[st.ACTION_DUE] += ACTION_PERIOD_S * settings.clock
+    elapsed = t - times[st.ACTION_T]
+    if nav[st.MODE] == st.WAIT:
+        if elapsed >= WAIT_S * settings.clock:
+            end_action(state, t)
+        return
+    v = 0.0
+    w = 0.0
+    if nav[st.MODE] == st.SPIN:
+        times[st.ACTION_DONE] += abs(robot.wrap(body[robot.YAW] - times[st.ACTION_YAW]))
+        times[st.ACTION_YAW] = body[robot.YAW]
+        left = SPIN_RAD - times[st.ACTION_DONE]
+        if left < 1e-6:
+            end_action(state, t)
+            return
+        w = min(1.0, max(0.4, math.sqrt(2.0 * 3.2 * left)))
+    else:
+        done = math.sqrt((body[robot.X] - times[st.ACTION_X]) ** 2 + (body[robot.Y] - times[st.ACTION_Y]) ** 2)
+        if done >= BACK_UP_M:
+            end_action(state, t)
+            return
+        v = -BACK_UP_M_S
+    if elapsed > ACTION_TIME_S or is_blocked(state, v, w, settings):
+        command(state, 0.0, 0.0, False, t)
+        nav[st.FAILED_ACTIONS] += 1
+        if nav[st.FAILED_ACTIONS] >= ACTIONS:
+            nav[st.MODE] = st.DONE
+            nav[st.RESULT] = st.ABORTED
+        else:
+            begin_action(scene, state, settings, crowd, t)
+        return
+    command(state, v, w, True, t)
+
+
+@kernel
+def navigate(scene: Scene, state: State, settings: Settings, crowd: Crowd, t: float) -> None:
+    """What the behaviour tree and the controller do at time t (called every 10 ms)."""
+    nav = state.nav
+    if nav[st.MODE] == st.DONE:
+        return
+    if nav[st.MODE] != st.DRIVE:
+        act(scene, state, settings, crowd, t)
+        return
+    if nav[st.NEED_PLAN] != 0 or t - state.times[st.PLAN_T] >= REPLAN_PERIOD_S * settings.clock - 1e-9:
+        if not plan_route(scene, state, settings, t):
+            clear_global(scene, state, settings, crowd)
+            if not plan_route(scene, state, settings, t):
+                recover(scene, state, settings, crowd, t)
+                return
+    if t < state.times[st.CONTROL_T] - 1e-9:
+        return
+    state.times[st.CONTROL_T] += CONTROL_PERIOD_S * settings.clock
+    if control_tick(state, t):
+        return
+    if nav[st.RETRIED] == 0:
+        nav[st.RETRIED] = 1
+        command(state, 0.0, 0.0, False, t)
+        clear_local(scene, state, settings, crowd)
+        begin_following(state, t)
+    else:
+        recover(scene, state, settings, crowd, t)

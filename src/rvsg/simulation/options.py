@@ -1,0 +1,88 @@
+"""What can be chosen of the embedded simulator, and the two named profiles."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, ValidationError
+
+from rvsg.errors import InputError, UnknownName
+from rvsg.world.records import Record
+
+Scale = Annotated[float, Field(ge=0, le=10)]
+
+
+class Noise(Record):
+    """Every source of randomness of a run by its name; each factor scales its spread, 0 switches it off.
+
+    Each source draws from a stream of its own, named like it, of the run's seed: switching one off leaves the
+    others as they were. `human_factors` concerns humans whose force factors are drawn, `clock` the ratio of
+    simulated to wall time, `localisation` the offset of the robot's map, `human_start` the delay between robot and
+    people, `phases` the timers of people, smoother and costmaps, `lidar` the ranges, `gait` the legs' phase,
+    `log_interval` the rows of the log, `result_delay` the time from reaching the goal to the last row.
+    """
+
+    human_factors: Scale = 1.0
+    clock: Scale = 1.0
+    localisation: Scale = 1.0
+    human_start: Scale = 1.0
+    phases: Scale = 1.0
+    lidar: Scale = 1.0
+    gait: Scale = 1.0
+    log_interval: Scale = 1.0
+    result_delay: Scale = 1.0
+
+
+class SimulatorOptions(Record):
+    """The simulator's options. The defaults are the profile `default`: how things should be.
+
+    `clock_ratio` and `clock_ratio_sd`: simulated over wall seconds of a run (the log and the time limit count wall
+    seconds). `yaw_gain`: true over commanded yaw rate. `goals_in_map_frame`: a route's goal is given in the frame
+    of the robot's map, not of the world. `localisation_sd_m`: spread of the map's offset per axis. `human_start_s`:
+    bounds of the delay between the robot's start and the people's. `lidar_rays` and `lidar_range_m` per lidar.
+    `result_delay_s`: bounds of the wall time from success to the last row of the log. `human_defects`: people
+    behave with the defects of HuNavSim as the study ran it.
+    """
+
+    profile: Literal["default", "published-study"] = "default"
+    clock_ratio: Annotated[float, Field(gt=0.2, le=2.0)] = 1.0
+    clock_ratio_sd: Annotated[float, Field(ge=0, le=0.1)] = 0.0
+    yaw_gain: Annotated[float, Field(gt=0.1, le=2.0)] = 1.0
+    goals_in_map_frame: bool = False
+    localisation_sd_m: Annotated[float, Field(ge=0, le=1.0)] = 0.04
+    human_start_s: tuple[float, float] = (-0.15, 0.1)
+    lidar_rays: Annotated[int, Field(ge=11, le=4000)] = 818
+    lidar_range_m: Annotated[float, Field(ge=3.5, le=100)] = 25.0
+    lidar_noise_m: Annotated[float, Field(ge=0, le=1.0)] = 0.01
+    result_delay_s: tuple[float, float] = (0.0, 0.05)
+    human_defects: bool = False
+    noise: Noise = Noise()
+
+
+_PUBLISHED: dict[str, Any] = {
+    "clock_ratio": 0.9816,
+    "clock_ratio_sd": 0.008,
+    "yaw_gain": 0.755,
+    "goals_in_map_frame": True,
+    "human_defects": True,
+}
+
+PROFILES: dict[str, dict[str, Any]] = {"default": {}, "published-study": _PUBLISHED}
+
+
+def profile(name: str = "default", **changes: Any) -> SimulatorOptions:
+    """The options of a named profile, with changes; `noise` may be a mapping of source to factor.
+
+    Raises UnknownName for an unknown profile, InputError naming every wrong option.
+    """
+    if name not in PROFILES:
+        raise UnknownName("simulator profile", name, PROFILES)
+    try:
+        return SimulatorOptions.model_validate({"profile": name, **PROFILES[name], **changes})
+    except ValidationError as error:
+        wrong = "; ".join(
+            f"{'.'.join(str(part) for part in finding['loc'])}: {finding['msg']}" for finding in error.errors()
+        )
+        raise InputError(
+            f"simulator options: {wrong}. Known options: {', '.join(SimulatorOptions.model_fields)}."
+        ) from None

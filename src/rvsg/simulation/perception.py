@@ -1,0 +1,128 @@
+"""What the robot's costmaps learn: scans of both lidars entered into the local and the global map."""
+
+from __future__ import annotations
+
+import math
+
+from rvsg.simulation import robot
+from rvsg.simulation.compiled import kernel
+from rvsg.simulation.costmap import (
+    CLEARING_RANGE_M,
+    FREE,
+    LOCAL_CELLS,
+    LOCAL_RESOLUTION_M,
+    UNKNOWN,
+    VOXEL_SHORTENING_CELLS,
+    clear_footprint,
+    inflate_marks,
+    merge_global,
+    observe,
+    shift,
+)
+from rvsg.simulation.lidar import FAR, FIELD_OF_VIEW_RAD, FRONT, REAR, place_legs, scan
+from rvsg.simulation.navfn import convert
+from rvsg.simulation.people import Crowd
+from rvsg.simulation.robot_state import NOISE_AT, WINDOW_COLUMN, WINDOW_ROW, Settings, State
+from rvsg.simulation.scene import TILE_M, Scene
+
+
+@kernel
+def sense(scene: Scene, state: State, settings: Settings, mount: tuple[float, float, float]) -> tuple[float, float, float]:
+    """One noisy scan of a lidar into `state.ranges`; its position (x, y) in the world and the first ray's bearing."""
+    yaw = state.body[robot.YAW]
+    x = state.body[robot.X] + mount[0] * math.cos(yaw) - mount[1] * math.sin(yaw)
+    y = state.body[robot.Y] + mount[0] * math.sin(yaw) + mount[1] * math.cos(yaw)
+    bearing = yaw + mount[2] - 0.5 * FIELD_OF_VIEW_RAD
+    tile = 0
+    if scene.tile_columns * scene.tile_rows > 1:
+        column = min(scene.tile_columns - 1, max(0, int((x - scene.tile_x) / TILE_M)))
+        row = min(scene.tile_rows - 1, max(0, int((y - scene.tile_y) / TILE_M)))
+        tile = row * scene.tile_columns + column
+    near = scene.tile_edges[scene.tile_start[tile] : scene.tile_start[tile + 1]]
+    scan(state.ranges, state.directions, x, y, bearing, scene.edges, near, state.legs, settings.closed)
+    at = state.nav[NOISE_AT]
+    for k in range(state.ranges.size):
+        if 0.0 < state.ranges[k] < FAR:
+            state.ranges[k] += settings.lidar_noise_m * state.noise[at % state.noise.size]
+            at += 1
+    state.nav[NOISE_AT] = at
+    return x, y, bearing
+
+
+@kernel
+def move_window(state: State) -> None:
+    """Let the local window follow the robot by whole cells, truncated towards zero, as Nav2 does.
+
+    The wanted corner lies (60 - 0.5) cells / 2 below the robot.
+    """
+    half = 0.5 * (LOCAL_CELLS - 0.5)
+    columns = int(state.body[robot.X] / LOCAL_RESOLUTION_M - half - state.nav[WINDOW_COLUMN])
+    rows = int(state.body[robot.Y] / LOCAL_RESOLUTION_M - half - state.nav[WINDOW_ROW])
+    shift(state.front, columns, rows)
+    shift(state.rear, columns, rows)
+    state.nav[WINDOW_COLUMN] += columns
+    state.nav[WINDOW_ROW] += rows
+
+
+@kernel
+def update_local(scene: Scene, state: State, settings: Settings, crowd: Crowd) -> None:
+    """Update of the local costmap: window, both voxel layers, footprint, inflation."""
+    place_legs(state.legs, crowd.x, crowd.y, crowd.yaw, crowd.walked)
+    move_window(state)
+    left = state.nav[WINDOW_COLUMN]
+    low = state.nav[WINDOW_ROW]
+    for side in range(2):
+        layer = state.front if side == 0 else state.rear
+        x, y, bearing = sense(scene, state, settings, FRONT if side == 0 else REAR)
+        observe(
+            layer, state.ranges, state.directions, x / LOCAL_RESOLUTION_M - left, y / LOCAL_RESOLUTION_M - low, bearing,
+            LOCAL_RESOLUTION_M, VOXEL_SHORTENING_CELLS,
+        )  # fmt: skip
+        clear_footprint(
+            layer, state.spans, state.body[robot.X] / LOCAL_RESOLUTION_M - left,
+            state.body[robot.Y] / LOCAL_RESOLUTION_M - low, state.body[robot.YAW], LOCAL_RESOLUTION_M,
+        )  # fmt: skip
+    inflate_marks(state.master, state.front, state.rear, scene.local_costs)
+
+
+@kernel
+def update_global(scene: Scene, state: State, settings: Settings, crowd: Crowd, everywhere: bool) -> None:
+    """Update of the global costmap around the robot (or everywhere, after it was cleared), in the map frame."""
+    place_legs(state.legs, crowd.x, crowd.y, crowd.yaw, crowd.walked)
+    x0 = scene.origin_x + settings.offset_x
+    y0 = scene.origin_y + settings.offset_y
+    column = (state.body[robot.X] - x0) / scene.resolution
+    row = (state.body[robot.Y] - y0) / scene.resolution
+    for side in range(2):
+        layer = state.global_front if side == 0 else state.global_rear
+        x, y, bearing = sense(scene, state, settings, FRONT if side == 0 else REAR)
+        observe(
+            layer, state.ranges, state.directions, (x - x0) / scene.resolution, (y - y0) / scene.resolution, bearing,
+            scene.resolution, 0.0,
+        )  # fmt: skip
+        clear_footprint(layer, state.spans, column, row, state.body[robot.YAW], scene.resolution)
+    rows, columns = state.global_master.shape
+    # Rays change cells up to their clearing range from a lidar, which sits 0.33 m from the centre; one metre spare
+    # covers what the robot moved since.
+    half = max(rows, columns) if everywhere else int((CLEARING_RANGE_M + 1.5) / scene.resolution)
+    top, left, bottom, right = merge_global(
+        state.global_master, scene.static, scene.inflated, state.global_front, state.global_rear, scene.global_costs,
+        int(row), int(column), half,
+    )  # fmt: skip
+    convert(state.costs, state.global_master, scene.table, top, left, bottom, right)
+
+
+@kernel
+def clear_local(scene: Scene, state: State, settings: Settings, crowd: Crowd) -> None:
+    """Nav2's clear-entirely service on the local map, and the update that users of it wait for."""
+    state.front[:] = FREE
+    state.rear[:] = FREE
+    update_local(scene, state, settings, crowd)
+
+
+@kernel
+def clear_global(scene: Scene, state: State, settings: Settings, crowd: Crowd) -> None:
+    """Nav2's clear-entirely service on the global map, and the update that users of it wait for."""
+    state.global_front[:] = UNKNOWN
+    state.global_rear[:] = UNKNOWN
+    update_global(scene, state, settings, crowd, True)

@@ -1,0 +1,229 @@
+"""A World as the arrays that the kernels read: the robot's static map and the outlines that its lidars cut."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from rvsg.errors import InputError
+from rvsg.simulation.compiled import kernel
+from rvsg.simulation.costmap import (
+    FREE,
+    LETHAL,
+    LOCAL_RESOLUTION_M,
+    UNKNOWN,
+    inflate_static,
+    inflation_kernel,
+)
+from rvsg.simulation.lidar import REACH_M
+from rvsg.simulation.navfn import conversion
+from rvsg.world.world import OccupancyMap, World
+
+Floats = NDArray[np.float64]
+Bytes = NDArray[np.uint8]
+
+TILE_M = 1.0
+RASTER_M = 0.1
+
+
+class Scene(NamedTuple):
+    """What does not change in a run.
+
+    `static`, `inflated` (rows, columns): the map as costs and its inflation, in the map frame with the lower left
+    corner `origin_x`, `origin_y`; `table` NavFn's costs; `local_costs`, `global_costs` inflation kernels. `edges`
+    (E, 4) are the lidar outlines in the world frame; tile t of the raster sees `tile_edges[tile_start[t] :
+    tile_start[t + 1]]`. `closed` (a raster of 0.1 m in the world frame) says from where every ray returns.
+    """
+
+    static: Bytes
+    inflated: Bytes
+    table: Bytes
+    local_costs: Bytes
+    global_costs: Bytes
+    origin_x: float
+    origin_y: float
+    resolution: float
+    edges: Floats
+    tile_start: NDArray[np.int64]
+    tile_edges: NDArray[np.int32]
+    tile_x: float
+    tile_y: float
+    tile_columns: int
+    tile_rows: int
+    tile_reach: float
+
+
+class Surroundings:
+    """A scene and what Python, not a kernel, asks of it."""
+
+    def __init__(self, world: World, lidar_range_m: float) -> None:
+        occupancy = world.occupancy
+        if occupancy.origin.yaw != 0.0:
+            raise InputError(
+                f"world {world.name}: the occupancy map is turned by {occupancy.origin.yaw} rad; "
+                "the simulator needs an upright one. Rotate the map image and set the origin's yaw to 0."
+            )
+        static = static_costs(occupancy)
+        self.edges, self.owner = lidar_edges(world)
+        self.x, self.y, rows, columns = _extent(world, self.edges)
+        self.closed = closed_region(self.edges, self.x, self.y, rows, columns, lidar_range_m)
+        global_costs = inflation_kernel(occupancy.resolution)
+        self.open_scene = _scene(self, static, global_costs, occupancy, lidar_range_m)
+        self.closed_scene = _scene(self, static, global_costs, occupancy, REACH_M) if self.closed.any() else None
+
+    def scene_at(self, x: float, y: float) -> tuple[Scene, bool]:
+        """The scene for a robot that starts at (x, y), and whether walls close off the place within lidar range."""
+        column = int((x - self.x) / RASTER_M)
+        row = int((y - self.y) / RASTER_M)
+        rows, columns = self.closed.shape
+        inside = 0 <= row < rows and 0 <= column < columns and bool(self.closed[row, column])
+        if inside and self.closed_scene is not None:
+            return self.closed_scene, True
+        return self.open_scene, False
+
+
+def static_costs(occupancy: OccupancyMap) -> Bytes:
+    """The static layer: 0 free, 254 occupied, 255 unknown."""
+    costs = np.full(occupancy.cells.shape, UNKNOWN, np.uint8)
+    costs[occupancy.cells == 0] = FREE
+    costs[occupancy.cells == 100] = LETHAL
+    return costs
+
+
+def lidar_edges(world: World) -> tuple[Floats, NDArray[np.int64]]:
+    """Edges (E, 4) of what the lidar plane cuts, world frame, and the number of the object each belongs to.
+
+    A world without objects shows the borders of its occupied cells, straight runs joined.
+    """
+    found: list[Floats] = []
+    owner: list[int] = []
+    for number, thing in enumerate(world.objects):
+        for outline in thing.slices:
+            points = np.asarray(outline, np.float64).reshape(-1, 2)
+            found.append(np.hstack([points, np.roll(points, -1, axis=0)]))
+            owner += [number] * len(points)
+    if world.objects:
+        edges = np.concatenate(found) if found else np.zeros((0, 4))
+        return np.ascontiguousarray(edges), np.array(owner, np.int64)
+    x = world.occupancy.origin.x + world.map_offset[0]
+    y = world.occupancy.origin.y + world.map_offset[1]
+    edges = cell_borders(world.occupancy.cells == 100, world.occupancy.resolution, x, y)
+    return edges, np.zeros(len(edges), np.int64)
+
+
+def cell_borders(occupied: NDArray[np.bool_], resolution: float, x: float, y: float) -> Floats:
+    """The borders between occupied and other cells as segments (S, 4), straight runs joined."""
+    found = []
+    for grid, turned in ((occupied, False), (occupied.T, True)):
+        padded = np.pad(grid.astype(np.int8), 1)
+        border = (padded[1:, 1:-1] != padded[:-1, 1:-1]).astype(np.int8)
+        change = np.diff(np.pad(border, ((0, 0), (1, 1))), axis=1)
+        line, first = np.nonzero(change == 1)
+        _, last = np.nonzero(change == -1)
+        a = np.column_stack([first, line]) * resolution
+        b = np.column_stack([last, line]) * resolution
+        if turned:
+            a, b = a[:, ::-1], b[:, ::-1]
+        found.append(np.hstack([a + (x, y), b + (x, y)]))
+    return np.ascontiguousarray(np.concatenate(found))
+
+
+def closed_region(edges: Floats, x: float, y: float, rows: int, columns: int, range_m: float) -> NDArray[np.bool_]:
+    """Where (a raster of 0.1 m) every lidar ray surely returns: places closed off by edges, smaller than the range."""
+    free = np.ones((rows, columns), bool)
+    for ax, ay, bx, by in edges:
+        n = int(np.hypot(bx - ax, by - ay) / (0.3 * RASTER_M)) + 2
+        share = np.linspace(0.0, 1.0, n)
+        c = ((ax + share * (bx - ax) - x) / RASTER_M).astype(int)
+        r = ((ay + share * (by - ay) - y) / RASTER_M).astype(int)
+        free[r, c] = False
+    regions, _ = ndimage.label(free)
+    closed = np.zeros_like(free)
+    outer = set(np.unique(np.concatenate([regions[0], regions[-1], regions[:, 0], regions[:, -1]])).tolist())
+    for number, box in enumerate(ndimage.find_objects(regions), start=1):
+        if number in outer or box is None:
+            continue
+        height = (box[0].stop - box[0].start) * RASTER_M
+        width = (box[1].stop - box[1].start) * RASTER_M
+        if np.hypot(height, width) < range_m:
+            closed |= regions == number
+    return closed
+
+
+def _extent(world: World, edges: Floats) -> tuple[float, float, int, int]:
+    """Lower left corner and cells (rows, columns) of a raster of 0.1 m around map and outlines, 1 m to spare."""
+    occupancy = world.occupancy
+    x = occupancy.origin.x + world.map_offset[0]
+    y = occupancy.origin.y + world.map_offset[1]
+    rows, columns = occupancy.cells.shape
+    xs = [x, x + columns * occupancy.resolution, *edges[:, 0], *edges[:, 2]]
+    ys = [y, y + rows * occupancy.resolution, *edges[:, 1], *edges[:, 3]]
+    return (
+        float(min(xs)) - 1.0,
+        float(min(ys)) - 1.0,
+        int((max(ys) - min(ys) + 2.0) / RASTER_M) + 1,
+        int((max(xs) - min(xs) + 2.0) / RASTER_M) + 1,
+    )
+
+
+def _scene(around: Surroundings, static: Bytes, costs: Bytes, occupancy: OccupancyMap, reach_m: float) -> Scene:
+    rows, columns = around.closed.shape
+    tile_columns = int(columns * RASTER_M / TILE_M) + 1
+    tile_rows = int(rows * RASTER_M / TILE_M) + 1
+    if reach_m > REACH_M:
+        tile_columns = tile_rows = 1
+        start = np.array([0, len(around.edges)], np.int64)
+        near = np.arange(len(around.edges), dtype=np.int32)
+    else:
+        start, near = edges_by_tile(around.edges, around.x, around.y, tile_columns, tile_rows, reach_m)
+    return Scene(
+        static=static,
+        inflated=inflate_static(static, costs),
+        table=conversion(),
+        local_costs=inflation_kernel(LOCAL_RESOLUTION_M),
+        global_costs=costs,
+        origin_x=float(occupancy.origin.x),
+        origin_y=float(occupancy.origin.y),
+        resolution=float(occupancy.resolution),
+        edges=around.edges,
+        tile_start=start,
+        tile_edges=near,
+        tile_x=around.x,
+        tile_y=around.y,
+        tile_columns=tile_columns,
+        tile_rows=tile_rows,
+        tile_reach=reach_m,
+    )
+
+
+@kernel
+def edges_by_tile(
+    edges: Floats, x: float, y: float, columns: int, rows: int, reach: float
+) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+    """For every tile of 1 m the edges within `reach` of some point of it: starts (tiles + 1,), edge numbers."""
+    far = reach + 0.7072 * TILE_M
+    start = np.zeros(rows * columns + 1, np.int64)
+    near = np.empty(16, np.int32)
+    count = 0
+    for tile in range(rows * columns):
+        cx = x + (tile % columns + 0.5) * TILE_M
+        cy = y + (tile // columns + 0.5) * TILE_M
+        for e in range(edges.shape[0]):
+            ax = edges[e, 0] - cx
+            ay = edges[e, 1] - cy
+            dx = edges[e, 2] - edges[e, 0]
+            dy = edges[e, 3] - edges[e, 1]
+            square = dx * dx + dy * dy
+            share = min(1.0, max(0.0, -(ax * dx + ay * dy) / square)) if square > 0.0 else 0.0
+            if (ax + share * dx) ** 2 + (ay + share * dy) ** 2 <= far * far:
+                if count == near.size:
+                    more = np.empty(2 * count, np.int32)
+                    more[:count] = near
+                    near = more
+                near[count] = e
+                count += 1
+        start[tile + 1] = count
+    return start, near[:count].copy()
