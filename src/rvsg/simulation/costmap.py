@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.simulation.compiled import kernel
-from rvsg.simulation.lidar import FAR, FIELD_OF_VIEW_RAD, MIN_RANGE_M, REACH_M
+from rvsg.simulation.lidar import FAR, MIN_RANGE_M, REACH_M
 from rvsg.simulation.robot import HALF_LENGTH_M, HALF_WIDTH_M
 
 Floats = NDArray[np.float64]
@@ -36,7 +36,7 @@ VOXEL_SHORTENING_CELLS = 2.0
 
 def inflation_kernel(resolution_m: float) -> Bytes:
     """Costs around a lethal cell, (2R+1, 2R+1): 254, 253 within the inscribed radius, then 252·exp(-3 (d - r))."""
-    reach = int(math.ceil(INFLATION_RADIUS_M / resolution_m - 1e-9))
+    reach = math.ceil(INFLATION_RADIUS_M / resolution_m - 1e-9)
     offsets = np.arange(-reach, reach + 1, dtype=np.float64)
     cells = np.hypot(offsets[:, None], offsets[None, :])
     distance = cells * resolution_m
@@ -82,9 +82,7 @@ def clear_line(grid: Bytes, x0: int, y0: int, x1: int, y1: int, longest: float) 
 
 
 @kernel
-def clip_to_grid(
-    sensor_x: float, sensor_y: float, x: float, y: float, columns: int, rows: int
-) -> tuple[float, float]:
+def clip_to_grid(sensor_x: float, sensor_y: float, x: float, y: float, columns: int, rows: int) -> tuple[float, float]:
     """Pull the end of a ray back onto the grid; all in cells, the sensor's place is on the grid."""
     share = 1.0
     dx = x - sensor_x
@@ -183,8 +181,8 @@ def footprint_spans(
             steps = max(abs(cx - px), abs(cy - py))
             for i in range(steps + 1):
                 share = i / steps if steps > 0 else 0.0
-                column = int(math.floor(px + share * (cx - px) + 0.5))
-                row = int(math.floor(py + share * (cy - py) + 0.5))
+                column = math.floor(px + share * (cx - px) + 0.5)
+                row = math.floor(py + share * (cy - py) + 0.5)
                 spans[column, 0] = min(spans[column, 0], row)
                 spans[column, 1] = max(spans[column, 1], row)
                 first = min(first, column)
@@ -195,9 +193,7 @@ def footprint_spans(
 
 
 @kernel
-def clear_footprint(
-    grid: Bytes, spans: NDArray[np.int64], x: float, y: float, yaw: float, resolution: float
-) -> None:
+def clear_footprint(grid: Bytes, spans: NDArray[np.int64], x: float, y: float, yaw: float, resolution: float) -> None:
     """Free the layer's cells under the robot's padded footprint; `x`, `y` in cells."""
     rows, columns = grid.shape
     first, end = footprint_spans(spans, x, y, yaw, resolution, columns, rows)
@@ -300,9 +296,9 @@ def merge_global(
                 stamp(master, costs, r, c, top, left, bottom, right)
     for r in range(top, bottom):
         for c in range(left, right):
-            if static[r, c] == UNKNOWN and front[r, c] == UNKNOWN and rear[r, c] == UNKNOWN:
-                if master[r, c] < INSCRIBED:
-                    master[r, c] = UNKNOWN
+            unknown = static[r, c] == UNKNOWN and front[r, c] == UNKNOWN and rear[r, c] == UNKNOWN
+            if unknown and master[r, c] < INSCRIBED:
+                master[r, c] = UNKNOWN
     return top, left, bottom, right
 
 

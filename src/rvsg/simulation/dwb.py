@@ -168,7 +168,16 @@ def ends_of(memo: Rollouts, v0: float, w0: float, samples: Samples) -> int:
 
 @kernel
 def is_free(
-    master: Bytes, column: float, row: float, yaw: float, v0: float, w0: float, v1: float, w1: float, steps: int, dt: float
+    master: Bytes,
+    column: float,
+    row: float,
+    yaw: float,
+    v0: float,
+    w0: float,
+    v1: float,
+    w1: float,
+    steps: int,
+    dt: float,
 ) -> bool:
     """Whether every pose of a rollout has its centre on the map and off inscribed and lethal cells; in cells."""
     rows, columns = master.shape
@@ -242,8 +251,8 @@ def take_sources(
     for i in range(begin, end):
         px = last_x if i == end - 1 else path[i, 0]
         py = last_y if i == end - 1 else path[i, 1]
-        c = int(math.floor(px / LOCAL_RESOLUTION_M - ox))
-        r = int(math.floor(py / LOCAL_RESOLUTION_M - oy))
+        c = math.floor(px / LOCAL_RESOLUTION_M - ox)
+        r = math.floor(py / LOCAL_RESOLUTION_M - oy)
         if 0 <= c < LOCAL_CELLS and 0 <= r < LOCAL_CELLS:
             if c != column or r != row:
                 if count < maps.column.size:
@@ -263,11 +272,11 @@ def path_distance(maps: LocalMaps, state: Ints, column: int, row: int) -> int:
     """|Δcolumn| + |Δrow| from a cell to the plan cell nearest by Euclid (the earlier one of equals), in cells."""
     if maps.stamps[row, column] == state[STAMP]:
         return maps.distance[row, column]
-    best = np.int32(1 << 30)
+    best = 1 << 30
     for i in range(state[SOURCES]):
-        dx = maps.column[i] - np.int32(column)
-        dy = maps.row[i] - np.int32(row)
-        best = min(best, np.int32((dx * dx + dy * dy) * 256 + i))
+        dx = maps.column[i] - column
+        dy = maps.row[i] - row
+        best = min(best, (dx * dx + dy * dy) * 256 + i)
     i = best & 255
     distance = abs(maps.column[i] - column) + abs(maps.row[i] - row)
     maps.distance[row, column] = distance

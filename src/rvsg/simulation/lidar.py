@@ -51,8 +51,8 @@ def cast_edge(ranges: Floats, directions: Floats, step: float, ax: float, ay: fl
     rays = ranges.size
     turn = 0.0
     while turn <= begin + extent:
-        first = max(0, int(math.ceil((begin - turn) / step)))
-        last = min(rays - 1, int(math.floor((begin + extent - turn) / step)))
+        first = max(0, math.ceil((begin - turn) / step))
+        last = min(rays - 1, math.floor((begin + extent - turn) / step))
         for k in range(first, last + 1):
             distance = cross / (directions[k, 0] * ey - directions[k, 1] * ex)
             if 0.0 < distance < ranges[k]:
@@ -73,8 +73,8 @@ def cast_disc(ranges: Floats, directions: Floats, step: float, x: float, y: floa
     rays = ranges.size
     turn = 0.0
     while turn <= begin + 2.0 * half:
-        first = max(0, int(math.ceil((begin - turn) / step)))
-        last = min(rays - 1, int(math.floor((begin + 2.0 * half - turn) / step)))
+        first = max(0, math.ceil((begin - turn) / step))
+        last = min(rays - 1, math.floor((begin + 2.0 * half - turn) / step))
         for k in range(first, last + 1):
             along = directions[k, 0] * x + directions[k, 1] * y
             distance = along - math.sqrt(max(0.0, along * along - outside))

@@ -87,7 +87,14 @@ def push(buffer: Ints, filled: int, n: int, pending: Bytes, costs: Bytes) -> int
 
 @kernel
 def push_raised(
-    buffer: Ints, filled: int, n: int, columns: int, lowered: np.float32, potential: Singles, costs: Bytes, pending: Bytes
+    buffer: Ints,
+    filled: int,
+    n: int,
+    columns: int,
+    lowered: np.float32,
+    potential: Singles,
+    costs: Bytes,
+    pending: Bytes,
 ) -> int:
     """Add those of a cell's four neighbours whose potential its lowered one can lower."""
     if potential[n - 1] > lowered + np.float32(HALF_ROOT * costs[n - 1]):
@@ -276,8 +283,8 @@ def descend(
 @kernel
 def cell_of(x: float, y: float, origin_x: float, origin_y: float, resolution: float, columns: int, rows: int) -> int:
     """NavFn's cell of a point: *rounded*, half a cell off the costmap's convention; -1 off the map or on its border."""
-    column = int(math.floor((x - origin_x) / resolution + 0.5))
-    row = int(math.floor((y - origin_y) / resolution + 0.5))
+    column = math.floor((x - origin_x) / resolution + 0.5)
+    row = math.floor((y - origin_y) / resolution + 0.5)
     if column < 1 or row < 1 or column >= columns - 1 or row >= rows - 1:
         return -1
     return row * columns + column

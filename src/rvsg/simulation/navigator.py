@@ -207,8 +207,8 @@ def footprint_hits(state: State, x: float, y: float, yaw: float) -> bool:
     master = state.master
     rows, columns = master.shape
     first, end = footprint_spans(
-        state.spans, x / LOCAL_RESOLUTION_M - state.nav[st.WINDOW_COLUMN], y / LOCAL_RESOLUTION_M - state.nav[st.WINDOW_ROW],
-        yaw, LOCAL_RESOLUTION_M, columns, rows,
+        state.spans, x / LOCAL_RESOLUTION_M - state.nav[st.WINDOW_COLUMN],
+        y / LOCAL_RESOLUTION_M - state.nav[st.WINDOW_ROW], yaw, LOCAL_RESOLUTION_M, columns, rows,
     )  # fmt: skip
     if first == end:
         return True
@@ -285,11 +285,13 @@ def navigate(scene: Scene, state: State, settings: Settings, crowd: Crowd, t: fl
         act(scene, state, settings, crowd, t)
         return
     if nav[st.NEED_PLAN] != 0 or t - state.times[st.PLAN_T] >= REPLAN_PERIOD_S * settings.clock - 1e-9:
-        if not plan_route(scene, state, settings, t):
+        planned = plan_route(scene, state, settings, t)
+        if not planned:
             clear_global(scene, state, settings, crowd)
-            if not plan_route(scene, state, settings, t):
-                recover(scene, state, settings, crowd, t)
-                return
+            planned = plan_route(scene, state, settings, t)
+        if not planned:
+            recover(scene, state, settings, crowd, t)
+            return
     if t < state.times[st.CONTROL_T] - 1e-9:
         return
     state.times[st.CONTROL_T] += CONTROL_PERIOD_S * settings.clock

@@ -27,7 +27,9 @@ from rvsg.simulation.scene import TILE_M, Scene
 
 
 @kernel
-def sense(scene: Scene, state: State, settings: Settings, mount: tuple[float, float, float]) -> tuple[float, float, float]:
+def sense(
+    scene: Scene, state: State, settings: Settings, mount: tuple[float, float, float]
+) -> tuple[float, float, float]:
     """One noisy scan of a lidar into `state.ranges`; its position (x, y) in the world and the first ray's bearing."""
     yaw = state.body[robot.YAW]
     x = state.body[robot.X] + mount[0] * math.cos(yaw) - mount[1] * math.sin(yaw)

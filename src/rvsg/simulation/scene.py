@@ -127,7 +127,7 @@ def cell_borders(occupied: NDArray[np.bool_], resolution: float, x: float, y: fl
         b = np.column_stack([last, line]) * resolution
         if turned:
             a, b = a[:, ::-1], b[:, ::-1]
-        found.append(np.hstack([a + (x, y), b + (x, y)]))
+        found.append(np.hstack([a + np.array([x, y]), b + np.array([x, y])]))
     return np.ascontiguousarray(np.concatenate(found))
 
 

@@ -1,0 +1,311 @@
+"""The embedded simulator: a Nav2-like robot among HuNavSim-like people, deterministic, hundreds of times real time."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import OrderedDict
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rvsg.errors import InputError, SimulationError
+from rvsg.scenario.agents import HumanAgent, decode
+from rvsg.scenario.scenario import Scenario
+from rvsg.simulation import robot
+from rvsg.simulation import robot_state as st
+from rvsg.simulation.compiled import cache_folder
+from rvsg.simulation.costmap import LETHAL
+from rvsg.simulation.episode import Recording, new_recording, run_episode
+from rvsg.simulation.options import SimulatorOptions, profile
+from rvsg.simulation.people import PeopleOptions, initial
+from rvsg.simulation.robot_state import NOISE_TABLE, Settings, new_state
+from rvsg.simulation.run import Outcome, Run, Trajectory
+from rvsg.simulation.scene import Surroundings
+from rvsg.simulation.seeds import stream
+from rvsg.world.records import Pose
+from rvsg.world.world import Route, World
+
+Floats = NDArray[np.float64]
+
+NAME = "embedded"
+VERSION = 1
+"""Raise it when equal options and seeds give other runs than before."""
+_KEPT = 8
+_SURROUNDINGS: OrderedDict[tuple[str, float], Surroundings] = OrderedDict()
+
+
+class EmbeddedSimulator:
+    """The in-process simulator behind the `Simulator` protocol.
+
+    `profile` is `default` (how things should be) or `published-study` (with the defects of the published runs);
+    further options are those of `SimulatorOptions`, e.g. `noise={"lidar": 0}`.
+    """
+
+    def __init__(self, profile: str = "default", **options: Any) -> None:
+        self._options = _profile(profile, **options)
+
+    @property
+    def name(self) -> str:
+        """The name it is chosen by."""
+        return NAME
+
+    @property
+    def options(self) -> dict[str, object]:
+        """The effective options, as they are stored with every run."""
+        return stored_options(self._options)
+
+    def run(self, scenario: Scenario, world: World, *, seed: int) -> Run:
+        """Simulate one episode; raises InputError where world or scenario cannot be simulated at all."""
+        agents = decode(scenario.people, world.grid)
+        return simulate_agents(
+            world, scenario.mission.route, agents, options=self._options, seed=seed, scenario_id=scenario.id
+        )
+
+
+_profile = profile
+
+
+def stored_options(options: SimulatorOptions) -> dict[str, object]:
+    """Options as plain data, with the version of the simulator's rules."""
+    return {"version": VERSION, **options.model_dump(mode="json")}
+
+
+def simulate_agents(
+    world: World,
+    route: Route,
+    agents: Sequence[HumanAgent],
+    *,
+    options: SimulatorOptions | None = None,
+    seed: int = 0,
+    scenario_id: str = "",
+) -> Run:
+    """Simulate one episode of a route among humans given in coordinates.
+
+    A robot that starts in an obstacle or off the map is an Outcome. Raises InputError for numbers that are not
+    finite, a time limit that is not positive and a map that is turned.
+    """
+    options = options or profile()
+    _check(route, seed)
+    around = surroundings(world, options.lidar_range_m)
+    settings, scene, offset = _settings(world, route, options, around, seed)
+    goals = _goals(route, offset, options.goals_in_map_frame)
+    crowd = initial(agents, world, options=_people_options(options), seed=seed)
+    record = new_recording(route.time_limit_s, settings.clock, len(agents))
+    blocked = is_blocked(around, scene.static, scene.origin_x, scene.origin_y, scene.resolution, route.start, offset)
+    state = new_state(scene, goals, len(agents), options.lidar_rays)
+    state.body[robot.X : robot.YAW + 1] = (route.start.x, route.start.y, robot.wrap(route.start.yaw))
+    if blocked:
+        _stand_still(record, route.start, crowd)
+        outcome = Outcome.BLOCKED_START
+    else:
+        state.noise[:] = stream(seed, "lidar").standard_normal(NOISE_TABLE)
+        run_episode(scene, state, settings, crowd, _phases(options, seed), _intervals(options, seed, route), record)
+        outcome = _outcome(state.nav)
+    end = goals[-1] + (offset[0], offset[1], 0.0)
+    return Run(
+        scenario_id=scenario_id,
+        simulator=NAME,
+        options=stored_options(options),
+        seed=seed,
+        outcome=outcome,
+        trajectory=_trajectory(record.track, record.track_humans, int(record.counts[0])),
+        log=_trajectory(record.log, record.log_humans, int(record.counts[1])),
+        imu=_finite(record.imu[: int(record.counts[2])].copy()),
+        clock_ratio=settings.clock,
+        human_names=tuple(agent.name for agent in agents),
+        human_radius_m=tuple(agent.radius_m for agent in agents),
+        goal=(float(end[0]), float(end[1]), float(end[2])),
+        time_limit_s=route.time_limit_s,
+        recoveries=int(state.nav[st.RECOVERIES]),
+        details={"map_offset": [settings.offset_x, settings.offset_y]},
+    )
+
+
+def surroundings(world: World, lidar_range_m: float) -> Surroundings:
+    """The arrays of a world, worked out once per process and kept for the last few worlds."""
+    key = (world.id, lidar_range_m)
+    if key not in _SURROUNDINGS:
+        _SURROUNDINGS[key] = Surroundings(world, lidar_range_m)
+        while len(_SURROUNDINGS) > _KEPT:
+            _SURROUNDINGS.popitem(last=False)
+    _SURROUNDINGS.move_to_end(key)
+    return _SURROUNDINGS[key]
+
+
+def _check(route: Route, seed: int) -> None:
+    numbers = [route.time_limit_s]
+    for pose in (route.start, *route.through, route.goal):
+        numbers += [pose.x, pose.y, pose.yaw]
+    if not all(math.isfinite(number) for number in numbers):
+        raise InputError(f"route {route.name}: every pose and the time limit must be finite numbers, got {numbers}")
+    if not 0.0 < route.time_limit_s <= 3600.0:
+        raise InputError(
+            f"route {route.name}: the time limit must be over 0 and at most 3600 s, not {route.time_limit_s}"
+        )
+    if seed < 0:
+        raise InputError(f"the seed must be 0 or more, not {seed}")
+
+
+def _people_options(options: SimulatorOptions) -> PeopleOptions:
+    low, high = options.human_start_s
+    middle, scale = 0.5 * (low + high), options.noise.human_start
+    return PeopleOptions(
+        published_defects=options.human_defects,
+        factor_noise=options.noise.human_factors,
+        start_jitter_s=(middle + scale * (low - middle), middle + scale * (high - middle)),
+        leg_phase_noise=options.noise.gait > 0.0,
+    )
+
+
+def _settings(
+    world: World, route: Route, options: SimulatorOptions, around: Surroundings, seed: int
+) -> tuple[Settings, Any, tuple[float, float]]:
+    """The drawn numbers of a run, the scene, and the offset between world and map."""
+    noise = options.noise
+    clock = options.clock_ratio + noise.clock * options.clock_ratio_sd * stream(seed, "clock").standard_normal()
+    shift = noise.localisation * options.localisation_sd_m * stream(seed, "localisation").standard_normal(2)
+    low, high = options.result_delay_s
+    delay = 0.5 * (low + high) + noise.result_delay * (high - low) * (stream(seed, "result").random() - 0.5)
+    scene, closed = around.scene_at(route.start.x, route.start.y)
+    offset = (world.map_offset[0] + float(shift[0]), world.map_offset[1] + float(shift[1]))
+    phase = 0.0
+    if noise.phases > 0.0:
+        phase = 0.01 * int(stream(seed, "phases/people").integers(0, 10))
+    settings = Settings(
+        clock=float(clock),
+        offset_x=offset[0],
+        offset_y=offset[1],
+        yaw_gain=float(options.yaw_gain),
+        time_limit_s=float(route.time_limit_s),
+        result_delay_s=float(max(0.0, delay)),
+        people_phase_s=float(phase),
+        lidar_noise_m=float(options.lidar_noise_m * noise.lidar),
+        closed=bool(closed),
+    )
+    return settings, scene, offset
+
+
+def _phases(options: SimulatorOptions, seed: int) -> Floats:
+    """Phases of smoother, local and global map in seconds."""
+    if options.noise.phases == 0.0:
+        return np.zeros(3)
+    return 0.01 * np.array(
+        [stream(seed, f"phases/{name}").integers(0, n) for name, n in (("smoother", 5), ("local", 20), ("global", 100))]
+    )
+
+
+def _intervals(options: SimulatorOptions, seed: int, route: Route) -> Floats:
+    """Wall seconds between rows of the log: the first feedback message, every 10 ms, after 0.5 s."""
+    rows = int(route.time_limit_s / 0.5) + 4
+    return 0.505 + options.noise.log_interval * 0.01 * (stream(seed, "log").random(rows) - 0.5)
+
+
+def _goals(route: Route, offset: tuple[float, float], in_map_frame: bool) -> Floats:
+    """Poses to drive through, the goal last, (G, 3) in the map frame."""
+    poses = np.array([[p.x, p.y, p.yaw] for p in (*route.through, route.goal)], np.float64)
+    if not in_map_frame:
+        poses[:, :2] -= offset
+    return poses
+
+
+def is_blocked(
+    around: Surroundings,
+    static: NDArray[np.uint8],
+    origin_x: float,
+    origin_y: float,
+    resolution: float,
+    start: Pose,
+    offset: tuple[float, float],
+) -> bool:
+    """Whether the robot's footprint at the start lies on an occupied cell, off the map, or on a lidar outline."""
+    cos, sin = math.cos(start.yaw), math.sin(start.yaw)
+    half_length, half_width = robot.HALF_LENGTH_M - 0.01, robot.HALF_WIDTH_M - 0.01
+    n = max(3, int(2 * half_length / (0.5 * resolution)))
+    forward, left = np.meshgrid(np.linspace(-half_length, half_length, n), np.linspace(-half_width, half_width, n))
+    x = start.x + forward * cos - left * sin
+    y = start.y + forward * sin + left * cos
+    columns = np.floor((x - offset[0] - origin_x) / resolution).astype(int)
+    rows = np.floor((y - offset[1] - origin_y) / resolution).astype(int)
+    if rows.min() < 0 or columns.min() < 0 or rows.max() >= static.shape[0] or columns.max() >= static.shape[1]:
+        return True
+    if (static[rows, columns] == LETHAL).any():
+        return True
+    return bool(_crosses(around.edges, start, half_length, half_width))
+
+
+def _crosses(edges: Floats, start: Pose, half_length: float, half_width: float) -> bool:
+    """Whether any edge meets the rectangle of the robot (clipping each edge to it, in the robot's frame)."""
+    cos, sin = math.cos(start.yaw), math.sin(start.yaw)
+    a = edges[:, :2] - (start.x, start.y)
+    d = edges[:, 2:] - edges[:, :2]
+    enter = np.zeros(len(edges))
+    leave = np.ones(len(edges))
+    for (ux, uy), half in (((cos, sin), half_length), ((-sin, cos), half_width)):
+        begin = a[:, 0] * ux + a[:, 1] * uy
+        step = d[:, 0] * ux + d[:, 1] * uy
+        still = np.abs(step) < 1e-12
+        safe = np.where(still, 1.0, step)
+        one, two = (-half - begin) / safe, (half - begin) / safe
+        enter = np.where(still, np.where(np.abs(begin) <= half, enter, 2.0), np.maximum(enter, np.minimum(one, two)))
+        leave = np.where(still, leave, np.minimum(leave, np.maximum(one, two)))
+    return bool((enter <= leave).any())
+
+
+def _stand_still(record: Recording, start: Pose, crowd: Any) -> None:
+    """The record of a run that ends where it begins."""
+    for rows, humans in ((record.track, record.track_humans), (record.log, record.log_humans)):
+        rows[0, 1:4] = (start.x, start.y, start.yaw)
+        humans[0, :, 0] = crowd.x
+        humans[0, :, 1] = crowd.y
+        humans[0, :, 2] = crowd.yaw
+    record.counts[:] = (1, 1, 0)
+
+
+def _outcome(nav: NDArray[np.int64]) -> Outcome:
+    if nav[st.RESULT] == st.REACHED:
+        return Outcome.REACHED
+    if nav[st.PLANNED] == 0:
+        return Outcome.NO_PATH
+    return Outcome.ABORTED if nav[st.RESULT] == st.ABORTED else Outcome.TIMED_OUT
+
+
+def _finite(values: Floats) -> Floats:
+    if not np.isfinite(values).all():
+        raise SimulationError("the simulation left the finite numbers; please report the scenario and the seed")
+    return values
+
+
+def _trajectory(rows: Floats, humans: Floats, count: int) -> Trajectory:
+    robot_rows = _finite(rows[:count].T.copy())
+    human_rows = _finite(np.moveaxis(humans[:count], 2, 0).copy())
+    return Trajectory(
+        t=robot_rows[0],
+        x=robot_rows[1],
+        y=robot_rows[2],
+        yaw=robot_rows[3],
+        v=robot_rows[4],
+        omega=robot_rows[5],
+        acceleration=robot_rows[6],
+        human_x=human_rows[0],
+        human_y=human_rows[1],
+        human_yaw=human_rows[2],
+        human_speed=human_rows[3],
+    )
+
+
+def warm_up(report: Callable[[str], None] | None = None) -> float:
+    """Load or compile every kernel; says so through `report` only if there is something to compile. Seconds taken."""
+    started = time.perf_counter()
+    fresh = not any(cache_folder().glob("**/episode.run_episode*.nbc"))
+    if fresh and report is not None:
+        report("compiling the simulator for this machine; this happens once and takes up to a minute")
+    from rvsg.simulation.rehearsal import rehearse
+
+    rehearse()
+    taken = time.perf_counter() - started
+    if fresh and report is not None:
+        report(f"compiled in {taken:.0f} s, kept in {cache_folder()}")
+    return taken
