@@ -29,14 +29,14 @@ from typing import Any
 
 import numpy as np
 from loky import get_reusable_executor
-from published_world import published_world
-from rvsg.simulation.embedded import simulate_agents
-from rvsg.simulation.options import profile
 from scipy import stats
 
 from published_runs import METHODS, Configuration, LeftOut, Values, repeated, routes_in, singles
+from published_world import published_world
 from rvsg.evaluation.metrics import measure
 from rvsg.evaluation.statistics import vargha_delaney
+from rvsg.simulation.embedded import simulate_agents
+from rvsg.simulation.options import profile
 from rvsg.world.world import World
 
 METRICS = ("dto", "por", "trg", "rpc", "chc", "pl", "jerk", "tnm", "min_distance")
