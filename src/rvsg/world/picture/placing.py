@@ -13,6 +13,8 @@ from PIL import ImageFont
 Floats = NDArray[np.float64]
 Box = tuple[float, float, float, float]
 
+SMALLEST_TEXT = 10  # pixels; smaller cannot be read
+
 _fonts: dict[int, ImageFont.FreeTypeFont | ImageFont.ImageFont] = {}
 
 
