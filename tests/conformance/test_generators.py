@@ -5,10 +5,11 @@ import pytest
 from rvsg.generation.chance import RandomGenerator
 from rvsg.generation.conformance import check_generator, odd_briefs
 from rvsg.generation.generator import Generator
+from rvsg.generation.heuristic import HeuristicGenerator
 from rvsg.scenario.scenario import Mission
 from rvsg.world.load import load_world, shipped_worlds
 
-GENERATORS = [RandomGenerator()]
+GENERATORS: list[Generator] = [RandomGenerator(), HeuristicGenerator(tries=15, changes=30)]
 
 
 @pytest.mark.parametrize("generator", GENERATORS, ids=lambda g: g.name)

@@ -1,0 +1,166 @@
+"""Small changes to what people do, from which a refinement chooses: times, speeds, pauses, ways and places."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from rvsg.generation.aims import Aim
+from rvsg.generation.places import Place
+from rvsg.generation.work import ROLES, Stop, Workforce
+from rvsg.scenario.brief import Feedback
+from rvsg.scenario.scenario import Human, Pause, Task
+
+Change = Callable[["Changing", Human], tuple[Human, str] | None]
+
+LONGEST_DELAY_S = 10.0
+SPEEDS_M_S = (0.45, 1.6)
+
+
+@dataclass
+class Changing:
+    """Changes people at random. `idle` are waypoints that never came near the robot, as the feedback says."""
+
+    work: Workforce
+    idle: frozenset[str] = frozenset()
+
+    @classmethod
+    def after(cls, work: Workforce, feedback: Feedback) -> Changing:
+        """Changes that know what the feedback says."""
+        return cls(work, frozenset(name for influence in feedback.influences for name in influence.idle_waypoints))
+
+    def once(self, human: Human) -> tuple[Human, str] | None:
+        """One random change and its words; None where it is not possible for this person."""
+        change, *_ = (self.work.pick(_CHANGES, [weight for _, weight in _CHANGES]),)
+        return change[0](self, human)
+
+    def place_of(self, waypoint: str) -> Place | None:
+        """The place a waypoint belongs to."""
+        return next((place for place in self.work.places if waypoint in place.waypoints), None)
+
+    def stops(self, human: Human) -> list[Stop] | None:
+        """Where a person's tasks start; None where one does not start at a place."""
+        by_name = {place.name: place for place in self.work.places}
+        stops = []
+        for task in human.tasks:
+            name = task.start_area or task.name.split("→")[0].strip()
+            place = by_name.get(name) or self.place_of(task.path[0])
+            if place is None or task.path[0] not in place.waypoints:
+                return None
+            stops.append(Stop(place, task.path[0]))
+        return stops
+
+    def rebuilt(self, human: Human, stops: list[Stop]) -> Human | None:
+        """The person going round these stops, with the pauses that still lie on the way."""
+        tasks = self.work.tasks(stops, along_route=self.work.aim is not Aim.NONE)
+        if not tasks:
+            return None
+        pauses = [pause for task in human.tasks for pause in task.pauses]
+        kept = tuple(
+            task.model_copy(update={"pauses": tuple(p for p in pauses if p.at in task.path[1:])}) for task in tasks
+        )
+        return human.model_copy(update={"tasks": kept})
+
+
+def _delay(changing: Changing, human: Human) -> tuple[Human, str]:
+    rng = changing.work.rng
+    delay = round(min(LONGEST_DELAY_S, max(0.0, human.start_delay_s + float(rng.normal(0.0, 2.0)))), 1)
+    return human.model_copy(update={"start_delay_s": delay}), f"sets off after {delay:g} s"
+
+
+def _speed(changing: Changing, human: Human) -> tuple[Human, str]:
+    low, high = SPEEDS_M_S
+    speed = round(min(high, max(low, human.speed_m_s * float(changing.work.rng.lognormal(0.0, 0.15)))), 2)
+    return human.model_copy(update={"speed_m_s": speed}), f"walks at {speed:g} m/s"
+
+
+def _pause(changing: Changing, human: Human) -> tuple[Human, str]:
+    rng = changing.work.rng
+    index = int(rng.integers(len(human.tasks)))
+    task = human.tasks[index]
+    if task.pauses and rng.random() < 0.4:
+        changed, words = task.model_copy(update={"pauses": ()}), f"no longer stops in {task.name}"
+    else:
+        at = changing.work.pick(task.path, [2.718 ** -changing.work.ground.along(n)[1] for n in task.path])
+        pause = Pause(at=at, duration_s=round(float(rng.uniform(1.5, 8.0)), 1))
+        changed = task.model_copy(update={"pauses": (pause,)})
+        words = f"stops at {at} for {pause.duration_s:g} s"
+    return _with_task(human, index, changed), words
+
+
+def _first(changing: Changing, human: Human) -> tuple[Human, str] | None:
+    if len(human.tasks) < 2:
+        return None
+    by = int(changing.work.rng.integers(1, len(human.tasks)))
+    tasks = (*human.tasks[by:], *human.tasks[:by])
+    return human.model_copy(update={"tasks": tasks}), f"begins with {tasks[0].name}"
+
+
+def _turned(changing: Changing, human: Human) -> tuple[Human, str] | None:
+    stops = changing.stops(human)
+    if stops is None:
+        return None
+    changed = changing.rebuilt(human, [stops[0], *reversed(stops[1:])] if len(stops) > 2 else stops[::-1])
+    return (changed, "goes round the other way") if changed else None
+
+
+def _moved(changing: Changing, human: Human) -> tuple[Human, str] | None:
+    stops = changing.stops(human)
+    if stops is None:
+        return None
+    index = int(changing.work.rng.integers(len(stops)))
+    others = {stops[index - 1].waypoint, stops[(index + 1) % len(stops)].waypoint, stops[index].waypoint}
+    stop = changing.work.at(stops[index].place, others)
+    if stop is None:
+        return None
+    changed = changing.rebuilt(human, [*stops[:index], stop, *stops[index + 1 :]])
+    return (changed, f"works {stop.place.name} from {stop.waypoint}") if changed else None
+
+
+def _replaced(changing: Changing, human: Human) -> tuple[Human, str] | None:
+    stops = changing.stops(human)
+    if stops is None:
+        return None
+    weights = [4.0 if stop.waypoint in changing.idle else 1.0 for stop in stops]
+    index = changing.work.pick(range(len(stops)), weights)
+    role = changing.work.pick(ROLES, [role.weights[changing.work.aim] for role in ROLES])
+    stop = changing.work.stop(stops[:index] or stops[-1:], role)
+    if stop is None:
+        return None
+    changed = changing.rebuilt(human, [*stops[:index], stop, *stops[index + 1 :]])
+    return (changed, f"works {stop.place.name} instead of {stops[index].place.name}") if changed else None
+
+
+def _shortened(changing: Changing, human: Human) -> tuple[Human, str] | None:
+    stops = changing.stops(human)
+    if stops is None or len(stops) < 3:
+        return None
+    weights = [4.0 if stop.waypoint in changing.idle else 1.0 for stop in stops]
+    index = changing.work.pick(range(len(stops)), weights)
+    changed = changing.rebuilt(human, stops[:index] + stops[index + 1 :])
+    return (changed, f"leaves {stops[index].place.name} out") if changed else None
+
+
+def _anew(changing: Changing, human: Human) -> tuple[Human, str] | None:
+    role = changing.work.role()
+    changed = changing.work.human(human.name, role)
+    if changed is None:
+        return None
+    return changed.model_copy(update={"factors": human.factors}), role.doing
+
+
+def _with_task(human: Human, index: int, task: Task) -> Human:
+    return human.model_copy(update={"tasks": (*human.tasks[:index], task, *human.tasks[index + 1 :])})
+
+
+_CHANGES: tuple[tuple[Change, float], ...] = (
+    (_delay, 3.0),
+    (_speed, 3.0),
+    (_pause, 2.0),
+    (_first, 1.5),
+    (_turned, 1.0),
+    (_moved, 2.0),
+    (_replaced, 1.0),
+    (_shortened, 1.0),
+    (_anew, 0.5),
+)

@@ -1,0 +1,95 @@
+"""The ground people walk on, made quick to ask: positions, valid hops with their lengths, and paths by preference."""
+
+from __future__ import annotations
+
+import heapq
+import math
+from itertools import pairwise
+
+from rvsg.world.world import Route, World
+
+Point = tuple[float, float]
+Path = tuple[str, ...]
+
+
+class Ground:
+    """Positions (metres) and free hops of a world's grid, with remembered paths. `corridor` are the waypoints the
+    robot's route passes: people who prefer them take the way the robot takes, as far as it leads where they go."""
+
+    def __init__(self, world: World, route: Route) -> None:
+        grid = world.grid
+        self.at: dict[str, Point] = {w.name: (w.x, w.y) for w in grid.waypoints}
+        self.hops = {
+            name: [(other, math.dist(self.at[name], self.at[other])) for other in others]
+            for name, others in grid.neighbours.items()
+        }
+        self._paths: dict[tuple[str, str, bool], Path | None] = {}
+        self.robot_path = _robot_path(world, route)
+        self.corridor = frozenset(
+            name for name in self.hops if min(math.dist(self.at[name], p) for p in self.robot_path) < 0.6
+        )
+
+    def path(self, start: str, end: str, *, along_route: bool = False) -> Path | None:
+        """The shortest valid path; `along_route` counts hops between waypoints of the robot's corridor at 0.6 of
+        their length, so that the way taken is at most 1.7 times the shortest. None where there is no way."""
+        key = (start, end, along_route)
+        if key not in self._paths:
+            self._paths[key] = self._search(start, end, 0.6 if along_route else 1.0)
+        return self._paths[key]
+
+    def _search(self, start: str, end: str, discount: float) -> Path | None:
+        best, came, queue = {start: 0.0}, {start: start}, [(0.0, start)]
+        while queue:
+            cost, name = heapq.heappop(queue)
+            if name == end:
+                path = [end]
+                while path[-1] != start:
+                    path.append(came[path[-1]])
+                return tuple(reversed(path))
+            if cost > best[name]:
+                continue
+            for other, length in self.hops[name]:
+                factor = discount if name in self.corridor and other in self.corridor else 1.0
+                further = cost + length * factor
+                if further < best.get(other, math.inf):
+                    best[other], came[other] = further, name
+                    heapq.heappush(queue, (further, other))
+        return None
+
+    def length(self, path: Path) -> float:
+        """Length of a path in metres."""
+        return sum(math.dist(self.at[a], self.at[b]) for a, b in pairwise(path))
+
+    def along(self, name: str) -> tuple[float, float]:
+        """Where a waypoint lies against the robot's route: metres along it to the nearest point, metres away."""
+        return nearest_on(self.robot_path, self.at[name])
+
+
+def _robot_path(world: World, route: Route) -> tuple[Point, ...]:
+    """The way the robot roughly takes: its start, the named waypoints or else the shortest walk, and its goal."""
+    grid = world.grid
+    start, goal = (route.start.x, route.start.y), (route.goal.x, route.goal.y)
+    names = [name for name in route.via if name in grid.by_name]
+    if not names and grid.valid:
+        stops = [start, *((p.x, p.y) for p in route.through), goal]
+        for a, b in pairwise(grid.nearest(*stop) for stop in stops):
+            names += grid.shortest_path(a, b) or (a, b)
+    points = [start, *(grid.position(name) for name in names), goal]
+    kept = [points[0]]
+    kept += [p for p in points[1:] if math.dist(p, kept[-1]) > 0.3 or p == goal]
+    return tuple(kept)
+
+
+def nearest_on(line: tuple[Point, ...], point: Point) -> tuple[float, float]:
+    """Metres along a line to its point nearest to another one, and metres between the two."""
+    best, walked = (0.0, math.dist(line[0], point)), 0.0
+    for (ax, ay), (bx, by) in pairwise(line):
+        length = math.dist((ax, ay), (bx, by))
+        if length > 0.0:
+            share = ((point[0] - ax) * (bx - ax) + (point[1] - ay) * (by - ay)) / length**2
+            share = min(1.0, max(0.0, share))
+            away = math.dist((ax + share * (bx - ax), ay + share * (by - ay)), point)
+            if away < best[1]:
+                best = (walked + share * length, away)
+        walked += length
+    return best

@@ -1,0 +1,245 @@
+"""The heuristic generator: the offline default. It plans people's work so that it meets the robot where it drives.
+
+It is not a model of language or vision. It knows the map, the labels, the route and the work of the place; it draws
+ways of working between labelled areas, forecasts roughly who will be where when, and keeps what promises most for
+the requirement. A refinement fits the forecast to what was measured and tries small changes; a new scenario avoids
+the places and the work that the memory holds. People work by their tasks: nobody follows or waits for the robot.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from rvsg.generation.aims import Aim, aim_of, promise
+from rvsg.generation.answer import answer, unanswered
+from rvsg.generation.changes import Changing
+from rvsg.generation.forecast import Floats, Forecast, Forecaster
+from rvsg.generation.generator import Proposal
+from rvsg.generation.ground import Ground
+from rvsg.generation.places import Place, places_of
+from rvsg.generation.seeding import rng_of
+from rvsg.generation.work import Workforce
+from rvsg.scenario.brief import Brief, Remembered
+from rvsg.scenario.scenario import Human, HumanConfiguration, Task
+from rvsg.scenario.validity.checker import spawn_finding
+from rvsg.scenario.validity.sides import parts_of
+from rvsg.world.world import World
+
+AIMED = 8
+"""So many people are aimed; in a larger crowd the others simply work."""
+
+
+class HeuristicGenerator:
+    """Plans people's work from the map, the route and what was measured. Deterministic: the brief's seed draws.
+
+    `tries` people are drawn for every one that is kept, `changes` variants for every refinement. `individuals`: as
+    in the study, everybody but the first draws the weights of their forces anew at every launch.
+    """
+
+    def __init__(self, *, tries: int = 60, changes: int = 120, individuals: bool = True) -> None:
+        if tries < 1 or changes < 1:
+            raise ValueError(f"expected at least one try and one change, got {tries} and {changes}")
+        self.tries, self.changes, self.individuals = tries, changes, individuals
+
+    @property
+    def name(self) -> str:
+        """The name it is chosen by."""
+        return "heuristic"
+
+    def propose(self, brief: Brief, world: World) -> Proposal:
+        """A new scenario, or a refinement of the one in the feedback."""
+        route = brief.mission.route
+        places = places_of(world, reachable_from=route.start)
+        if len({name for place in places for name in place.waypoints}) < 2:
+            return unanswered(
+                generator=self.name,
+                rule="unknown-area",
+                reason=f"{world.name} has fewer than two waypoints between which people can walk.",
+                suggestion="Label areas with waypoints that are joined by free hops.",
+            )
+        plan = _Plan(brief, world, places, rng_of(brief, self.name), self.individuals)
+        if brief.kind == "refine" and brief.feedback is not None:
+            humans, reasoning = plan.refined(self.changes)
+            description = brief.feedback.scenario.description
+        else:
+            humans, reasoning = plan.drafted(self.tries)
+            description = plan.description(humans)
+        return answer(
+            HumanConfiguration(humans=tuple(humans)),
+            brief,
+            world,
+            generator=self.name,
+            description=description,
+            reasoning=reasoning,
+            extra={"aim": plan.aim.name.lower()},
+        )
+
+
+@dataclass
+class _Plan:
+    brief: Brief
+    world: World
+    places: tuple[Place, ...]
+    rng: np.random.Generator
+    individuals: bool
+    roles: dict[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.aim = aim_of(self.brief.requirement)
+        self.ground = Ground(self.world, self.brief.mission.route)
+        self.uses = _uses(self.brief.memory, self.world)
+        self.work = Workforce(self.ground, self.places, self.aim, self.rng, self.uses)
+        self.forecaster = Forecaster(self.ground, self.brief.mission.route.time_limit_s)
+
+    # -- a new scenario ----------------------------------------------------------------------------------------
+
+    def drafted(self, tries: int) -> tuple[list[Human], str]:
+        """People one after another, each the most promising of many beside those before."""
+        humans: list[Human] = []
+        walks: list[Floats] = []
+        for index in range(self.brief.humans):
+            aimed = self.aim is not Aim.NONE and index < AIMED
+            human = self._best(index, humans, walks, tries if aimed else 1)
+            humans.append(human)
+            walks.append(self.forecaster.walk(human))
+        if self.aim is Aim.NONE:
+            return humans, "Unguided: people do the work of the place; nothing was aimed at the robot's route."
+        differs = f" Avoided what {len(self.brief.memory)} earlier scenarios worked at." if self.brief.memory else ""
+        return humans, (
+            f"Aim: {self.aim.value}. Of {tries} people drawn for each place in the team the most promising was kept."
+            f"{differs} {_expected(self.forecaster.expect(walks))}"
+        )
+
+    def _best(self, index: int, humans: list[Human], walks: list[Floats], tries: int) -> Human:
+        """The most promising of the people drawn; those who would start on somebody else are passed over."""
+        best: tuple[float, Human] | None = None
+        fallback: Human | None = None
+        attempts = 0
+        while best is None or attempts < tries:
+            attempts += 1
+            role = self.work.role()
+            human = self.work.human(f"Human {index + 1}", role)
+            if human is None or not self._clear(human, humans):
+                fallback = human or fallback
+                if attempts > 20 * tries + 100:
+                    break
+                continue
+            value = promise(self.aim, self.forecaster.expect([*walks, self.forecaster.walk(human)])) if tries > 1 else 0
+            if best is None or value > best[0]:
+                best = (value, human)
+                self.roles[human.name] = role.doing
+        chosen = best[1] if best else fallback or self._anybody(index)
+        self.roles.setdefault(chosen.name, "works")
+        return self._individual(chosen, index)
+
+    def _anybody(self, index: int) -> Human:
+        """Somebody between the first two joined waypoints, where no work could be drawn."""
+        names = [name for place in self.places for name in place.waypoints]
+        start = names[index % len(names)]
+        end = next((o for o in names if o != start and self.ground.path(start, o)), None)
+        path = self.ground.path(start, end) if end else (start,)
+        assert path is not None
+        tasks = (Task(name=f"{start} → {path[-1]}", path=path), Task(name=f"{path[-1]} → {start}", path=path[::-1]))
+        return Human(name=f"Human {index + 1}", tasks=tasks, speed_m_s=1.0)
+
+    def _individual(self, human: Human, index: int) -> Human:
+        return human.model_copy(update={"factors": "random_normal"}) if self.individuals and index else human
+
+    def _clear(self, human: Human, others: list[Human]) -> bool:
+        placed = [(other, self.ground.at[other.tasks[0].path[0]]) for other in others]
+        at = self.ground.at[human.tasks[0].path[0]]
+        return spawn_finding(human, at, placed, self.brief.mission, self.world) is None
+
+    def description(self, humans: list[Human]) -> str:
+        """What is going on, in a few sentences: from the world's list of work, the areas and the ways of working."""
+        parts = []
+        for human in humans[:6]:
+            stops = list(dict.fromkeys(parts_of(task.name, self.world)[0] for task in human.tasks))
+            where = f"{', '.join(stops[:-1])} and {stops[-1]}" if len(stops) > 1 else stops[0]
+            parts.append(f"{human.name} {self.roles[human.name]}: {where}")
+        more = f", and {len(humans) - 6} others work nearby" if len(humans) > 6 else ""
+        route = self.brief.mission.route
+        robot = f"The robot's task meanwhile: {route.purpose}." if route.purpose else "The robot drives meanwhile."
+        activity = self._activity(humans)
+        work = f"The work of the hour: {activity}. " if activity else ""
+        return f"{work}{'; '.join(parts)}{more}. {robot}"
+
+    def _activity(self, humans: list[Human]) -> str | None:
+        """The work of the place that names most of what the people visit and was told least in the memory."""
+        if not self.world.activities:
+            return None
+        stops = {part for human in humans for task in human.tasks for part in parts_of(task.name, self.world)}
+        kinds = {place.name: place.kind for place in self.places}
+        words = Counter(w for stop in stops for w in f"{stop} {kinds.get(stop, '')}".lower().split())
+        told = Counter(a for r in self.brief.memory for a in self.world.activities if a in r.description)
+        jitter = self.rng.random(len(self.world.activities))
+
+        def fit(index: int) -> float:
+            text = self.world.activities[index]
+            shared = sum(1 for word in set(text.lower().replace(",", "").split()) if words[word.rstrip("s")])
+            return shared - 3.0 * told[text] + float(jitter[index])
+
+        return self.world.activities[max(range(len(self.world.activities)), key=fit)]
+
+    # -- a refinement ------------------------------------------------------------------------------------------
+
+    def refined(self, variants: int) -> tuple[list[Human], str]:
+        """The most promising of many small changes, by a forecast that fits what was measured."""
+        feedback = self.brief.feedback
+        assert feedback is not None
+        base = list(feedback.scenario.people.humans)
+        while len(base) < self.brief.humans:
+            base.append(self._best(len(base), base, [], 1))
+        base = base[: self.brief.humans]
+        fitted = self.forecaster.fitted(feedback)
+        walks = [fitted.walk(human) for human in base]
+        before = fitted.expect(walks)
+        changing = Changing.after(self.work, feedback)
+        options: list[tuple[float, list[Human], list[str]]] = []
+        for _ in range(variants if self.aim is not Aim.NONE else 1):
+            humans, words = self._variant(base, changing)
+            if humans == base:
+                continue
+            new = [w if h is b else fitted.walk(h) for h, b, w in zip(humans, base, walks, strict=True)]
+            options.append((promise(self.aim, fitted.expect(new)), humans, words))
+        if not options:
+            return base, "No change was possible; the configuration is proposed again."
+        options.sort(key=lambda option: -option[0])
+        # The forecast is rough: one of the best few is as good a guess as the best, and differs from try to try.
+        _, humans, words = options[int(self.rng.integers(min(5, len(options))))]
+        change = f" after {feedback.previous_mean:.3g}" if feedback.previous_mean is not None else ""
+        return humans, (
+            f"Aim: {self.aim.value}. Measured {feedback.mean:.3g}{change}. Forecast fitted to it: "
+            f"{_expected(before)} Of {len(options)} variants one of the best: {'; '.join(words)}. "
+            f"{_expected(fitted(humans))}"
+        )
+
+    def _variant(self, base: list[Human], changing: Changing) -> tuple[list[Human], list[str]]:
+        """One to three small changes that leave everybody a clear start."""
+        humans, words = list(base), []
+        for _ in range(int(self.rng.integers(1, 4))):
+            index = int(self.rng.integers(len(humans)))
+            changed = changing.once(humans[index])
+            if changed is None or not self._clear(changed[0], humans[:index] + humans[index + 1 :]):
+                continue
+            humans[index] = changed[0]
+            words.append(f"{changed[0].name} {changed[1]}")
+        return humans, words
+
+
+def _uses(memory: tuple[Remembered, ...], world: World) -> dict[str, int]:
+    """In how many of the remembered scenarios each place was worked."""
+    counts: Counter[str] = Counter()
+    for remembered in memory:
+        counts.update({p for tasks in remembered.tasks.values() for task in tasks for p in parts_of(task, world)})
+    return dict(counts)
+
+
+def _expected(forecast: Forecast) -> str:
+    return (
+        f"Expected: mean gap {forecast.mean_gap_m:.2f} m, least {forecast.least_gap_m:.2f} m, "
+        f"way occupied for {forecast.blocked_s:.1f} s, arrival after {forecast.duration_s:.0f} s."
+    )

@@ -1,0 +1,167 @@
+"""How people work: a few ways of working, and people made from them between the places of a world.
+
+A way of working gives the reason for a speed, a pause and a way: somebody who pushes a loaded trolley is slow and
+takes the main aisle, somebody who checks labels stops. People keep to it whatever the robot does.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+
+from rvsg.generation.aims import Aim
+from rvsg.generation.ground import Ground
+from rvsg.generation.places import Place
+from rvsg.scenario.scenario import ForceFactors, Human, Pause, Task
+
+T = TypeVar("T")
+
+REACH_M = 2.0
+"""Places this far from the robot's route are drawn 1/e as often as those beside it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Role:
+    """A way of working. Speeds m/s, delays and pauses s. `far`: between places apart along the robot's route, not
+    side by side; `weights`: how often it is tried for an aim."""
+
+    name: str
+    doing: str
+    speeds: tuple[float, float]
+    delays: tuple[float, float] = (0.0, 4.0)
+    pauses: tuple[float, float] | None = None
+    far: bool = True
+    weights: dict[Aim, float]
+
+
+ROLES = (
+    Role(
+        name="trolley",
+        doing="pushes a loaded trolley at a slow walk",
+        speeds=(0.5, 0.75),
+        weights={Aim.SHARE: 4, Aim.MEET: 1, Aim.DISTURB: 1, Aim.DELAY: 3, Aim.NONE: 1},
+    ),
+    Role(
+        name="carrier",
+        doing="carries goods at a brisk walk",
+        speeds=(1.0, 1.5),
+        weights={Aim.SHARE: 3, Aim.MEET: 4, Aim.DISTURB: 3, Aim.DELAY: 2, Aim.NONE: 1},
+    ),
+    Role(
+        name="checker",
+        doing="checks goods on the way and stops to note what is missing",
+        speeds=(0.7, 1.2),
+        pauses=(2.0, 8.0),
+        weights={Aim.SHARE: 2, Aim.MEET: 1, Aim.DISTURB: 1, Aim.DELAY: 4, Aim.NONE: 1},
+    ),
+    Role(
+        name="sorter",
+        doing="sorts and tidies, going to and fro",
+        speeds=(0.8, 1.4),
+        far=False,
+        weights={Aim.SHARE: 2, Aim.MEET: 3, Aim.DISTURB: 4, Aim.DELAY: 1, Aim.NONE: 1},
+    ),
+)
+
+
+@dataclass(frozen=True)
+class Stop:
+    """A place with the waypoint at which it is worked."""
+
+    place: Place
+    waypoint: str
+
+
+class Workforce:
+    """Makes people. `uses` counts how often a place was worked in earlier scenarios: those are drawn less often."""
+
+    def __init__(
+        self, ground: Ground, places: Sequence[Place], aim: Aim, rng: np.random.Generator, uses: dict[str, int]
+    ) -> None:
+        self.ground, self.places, self.aim, self.rng = ground, places, aim, rng
+        self.near = {name: ground.along(name) for place in places for name in place.waypoints}
+        self.fresh = np.array([0.4 ** min(3, uses.get(place.name, 0)) for place in places])
+
+    def role(self) -> Role:
+        """A way of working, as often as it suits the aim."""
+        return self.pick(ROLES, [role.weights[self.aim] for role in ROLES])
+
+    def human(self, name: str, role: Role) -> Human | None:
+        """A person at work; None where the drawn places are not joined."""
+        stops = self.stops(role)
+        tasks = self.tasks(stops, along_route=role.far and self.aim is not Aim.NONE)
+        if not tasks:
+            return None
+        human = Human(
+            name=name,
+            tasks=tasks,
+            speed_m_s=round(float(self.rng.uniform(*role.speeds)), 2),
+            start_delay_s=round(float(max(0.0, self.rng.uniform(*role.delays) - 1.0)), 1),
+            factors=ForceFactors(),
+        )
+        return self.pausing(human, role.pauses) if role.pauses else human
+
+    def stops(self, role: Role) -> list[Stop]:
+        """Two to four places to go round."""
+        count = min(len(self.places), int(self.rng.choice([2, 2, 3, 4])))
+        chosen: list[Stop] = []
+        while len(chosen) < count:
+            stop = self.stop(chosen, role)
+            if stop is None:
+                break
+            chosen.append(stop)
+        return chosen
+
+    def stop(self, chosen: Sequence[Stop], role: Role) -> Stop | None:
+        """One more place: near the robot's route, seldom worked before, far from or near to the last by the role."""
+        last = chosen[-1].place.name if chosen else None
+        weights = []
+        for place, fresh in zip(self.places, self.fresh, strict=True):
+            along, away = min((self.near[name] for name in place.waypoints), key=lambda at: at[1])
+            weight = float(fresh) * (1.0 if self.aim is Aim.NONE else math.exp(-away / REACH_M))
+            if chosen and self.aim is not Aim.NONE:
+                apart = abs(along - self.near[chosen[-1].waypoint][0])
+                weight *= min(apart, 6.0) + 0.3 if role.far else math.exp(-apart / 2.0)
+            weights.append(0.0 if place.name == last else weight)
+        if not sum(weights):
+            return None
+        place = self.pick(self.places, weights)
+        return self.at(place, {stop.waypoint for stop in chosen[-1:]})
+
+    def at(self, place: Place, without: set[str]) -> Stop | None:
+        """A waypoint of a place, sooner near the robot's route."""
+        names = [name for name in place.waypoints if name not in without]
+        if not names:
+            return None
+        close = [1.0 if self.aim is Aim.NONE else math.exp(-self.near[name][1] / 1.0) for name in names]
+        return Stop(place, self.pick(names, close))
+
+    def tasks(self, stops: Sequence[Stop], *, along_route: bool) -> tuple[Task, ...]:
+        """The cyclic tasks from stop to stop; none where two are not joined or the same."""
+        tasks = []
+        for a, b in zip(stops, [*stops[1:], *stops[:1]], strict=True):
+            path = self.ground.path(a.waypoint, b.waypoint, along_route=along_route)
+            if path is None or len(path) < 2:
+                return ()
+            tasks.append(Task(name=f"{a.place.name} → {b.place.name}", path=path))
+        return tuple(tasks) if len(tasks) > 1 else ()
+
+    def pausing(self, human: Human, seconds: tuple[float, float]) -> Human:
+        """The person with a pause in one or two tasks, where the path comes near the robot's route."""
+        tasks = list(human.tasks)
+        for index in self.rng.choice(len(tasks), size=min(len(tasks), int(self.rng.integers(1, 3))), replace=False):
+            task = tasks[index]
+            inner = task.path[1:-1] or task.path
+            weights = [math.exp(-self.ground.along(name)[1]) for name in inner]
+            pause = Pause(at=self.pick(inner, weights), duration_s=round(float(self.rng.uniform(*seconds)), 1))
+            tasks[index] = task.model_copy(update={"pauses": (pause,)})
+        return human.model_copy(update={"tasks": tuple(tasks)})
+
+    def pick(self, options: Sequence[T], weights: Sequence[float]) -> T:
+        """One of the options, drawn by weight."""
+        shares = np.asarray(weights, float)
+        return options[int(self.rng.choice(len(options), p=shares / shares.sum()))]

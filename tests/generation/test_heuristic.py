@@ -1,0 +1,143 @@
+from collections import Counter
+
+import pytest
+from tests.scenario.small_world import MISSION as HALL_MISSION
+from tests.scenario.small_world import WORLD as HALL
+
+from rvsg.generation.aims import Aim, aim_of
+from rvsg.generation.chance import RandomGenerator
+from rvsg.generation.conformance import DISTANCE, SMOOTH, TIMELY, check_generator, odd_briefs
+from rvsg.generation.forecast import Forecaster
+from rvsg.generation.generator import Proposal
+from rvsg.generation.ground import Ground
+from rvsg.generation.heuristic import HeuristicGenerator
+from rvsg.scenario.brief import Brief, Feedback, Remembered
+from rvsg.scenario.requirement import Requirement
+from rvsg.scenario.scenario import Mission, Scenario
+from rvsg.scenario.validity.sides import parts_of, sides
+from rvsg.world.load import load_world
+
+WORLD = load_world("warehouse")
+MISSION = Mission(world="warehouse", world_id=WORLD.id, route=WORLD.route("route_1"))
+FORECAST = Forecaster(Ground(WORLD, MISSION.route), MISSION.route.time_limit_s)
+GENERATOR = HeuristicGenerator(tries=30, changes=60)
+
+
+def proposal(seed: int = 1, **more: object) -> Proposal:
+    brief = Brief(**{"mission": MISSION, "requirement": DISTANCE, "seed": seed, **more})  # type: ignore[arg-type]
+    return GENERATOR.propose(brief, WORLD)
+
+
+def scenario(seed: int = 1, **more: object) -> Scenario:
+    found = proposal(seed, **more).scenario
+    assert found is not None
+    return found
+
+
+def remembered(found: Scenario) -> Remembered:
+    tasks = {h.name: tuple(t.name for t in h.tasks) for h in found.people.humans}
+    return Remembered(description=found.description, tasks=tasks, mean=1.0, interval=(1.0, 1.0), scenario=found)
+
+
+def gap(found: Scenario) -> float:
+    return FORECAST(found.people.humans).mean_gap_m
+
+
+def test_people_are_expected_nearer_to_the_robot_than_by_chance() -> None:
+    aimed = [gap(scenario(seed)) for seed in range(10)]
+    by_chance = []
+    for seed in range(10):
+        found = RandomGenerator().propose(Brief(mission=MISSION, requirement=None, seed=seed), WORLD).scenario
+        assert found is not None
+        by_chance.append(gap(found))
+    assert max(aimed) < min(sum(by_chance) / 10, 1.0)
+
+
+def test_every_person_works_between_labelled_areas_and_never_runs() -> None:
+    for seed in range(10):
+        for human in scenario(seed).people.humans:
+            assert 0.4 <= human.speed_m_s <= 1.6
+            for task in human.tasks:
+                start, end = sides(task, WORLD)
+                assert start.known and end.known and start.text and end.text
+
+
+def test_the_description_tells_the_work_the_people_and_the_robots_task() -> None:
+    found = scenario()
+    assert any(activity in found.description for activity in WORLD.activities)
+    for human in found.people.humans:
+        assert human.name in found.description
+    assert MISSION.route.purpose in found.description
+
+
+def test_a_refinement_keeps_the_description_and_changes_the_people() -> None:
+    first = scenario()
+    feedback = Feedback(scenario=first, objectives=(1.0,), mean=1.0, interval=(1.0, 1.0))
+    for index in range(1, 6):
+        later = scenario(kind="refine", feedback=feedback, configuration_index=index)
+        assert later.description == first.description
+        assert later.people != first.people
+        assert gap(later) < gap(first) + 0.3
+
+
+def test_refinements_of_one_configuration_differ_from_each_other() -> None:
+    feedback = Feedback(scenario=scenario(), objectives=(1.0,), mean=1.0, interval=(1.0, 1.0))
+    ids = {scenario(kind="refine", feedback=feedback, configuration_index=i).id for i in range(1, 6)}
+    assert len(ids) >= 4
+
+
+def places(found: Scenario) -> set[str]:
+    return {part for h in found.people.humans for t in h.tasks for part in parts_of(t.name, WORLD)}
+
+
+def test_memory_makes_new_scenarios_work_elsewhere() -> None:
+    with_memory, without = Counter[bool](), Counter[bool]()
+    for seed in range(15):
+        known = scenario(seed)
+        memory = (remembered(known), remembered(known), remembered(known))
+        new, blind = scenario(seed + 100, memory=memory), scenario(seed + 100)
+        with_memory.update(place in places(known) for place in places(new))
+        without.update(place in places(known) for place in places(blind))
+        assert new.description.split(". ")[0] != known.description.split(". ")[0]
+    assert with_memory[True] / with_memory.total() < without[True] / without.total() - 0.1
+
+
+def test_an_unguided_brief_is_not_aimed() -> None:
+    assert "Unguided" in proposal(requirement=None).reasoning
+    blind = [gap(scenario(seed, requirement=None)) for seed in range(10)]
+    aimed = [gap(scenario(seed)) for seed in range(10)]
+    assert sum(blind) > 2 * sum(aimed)
+
+
+def test_the_reasoning_says_what_was_done_and_expected() -> None:
+    text = proposal().reasoning
+    assert "Of 30 people drawn" in text and "Expected: mean gap" in text
+
+
+@pytest.mark.parametrize(
+    ("metric", "formula", "aim"),
+    [
+        ("dto", None, Aim.SHARE),
+        ("jerk", None, Aim.DISTURB),
+        ("trg", None, Aim.DELAY),
+        ("min_distance", None, Aim.MEET),
+        ("contacts", None, Aim.MEET),
+        (None, "always (gap > 0.2)", Aim.SHARE),
+        ("something_else", None, Aim.SHARE),
+    ],
+)
+def test_the_aim_follows_the_requirement(metric: str | None, formula: str | None, aim: Aim) -> None:
+    requirement = Requirement(name="X", title="X", text="X", metric=metric, formula=formula)
+    assert aim_of(requirement) is aim
+
+
+def test_other_requirements_bring_about_other_work() -> None:
+    blocked = [FORECAST(scenario(s, requirement=TIMELY).people.humans).blocked_s for s in range(6)]
+    met = [FORECAST(scenario(s, requirement=SMOOTH).people.humans).meetings for s in range(6)]
+    near = [FORECAST(scenario(s).people.humans) for s in range(6)]
+    assert sum(blocked) > sum(f.blocked_s for f in near)
+    assert sum(met) > sum(f.meetings for f in near)
+
+
+def test_it_works_in_any_world_with_labels() -> None:
+    check_generator(GENERATOR, odd_briefs(GENERATOR, HALL_MISSION, HALL), HALL)
