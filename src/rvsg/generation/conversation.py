@@ -72,7 +72,6 @@ class VlmGenerator:
         self.corrections = corrections
         self.prompts = Prompts(prompts if prompts is not None else Path(folder) / "prompts" if folder else None)
         self.wiring = wired(model, Access.of(access, record=Path(folder) / "vlm" if folder else None))
-        self._pictures: dict[tuple[str, str], tuple[Picture, Picture]] = {}
         self._histories: dict[str, tuple[Message, ...]] = {}
 
     @property
@@ -101,7 +100,7 @@ class VlmGenerator:
         """The dialogue before the first question: what every call of the campaign has in common."""
         facts = world_facts(world, description_of(world)) | brief_facts(brief, world)
         session = f"s{brief.scenario_index:03d}-c{brief.configuration_index:02d}-{brief.seed % 0xFFFFFFFF:08x}"
-        pictures = self._pictures_of(world, brief.mission.route)
+        pictures = pictures_of(world, brief.mission.route)
         dialogue = Dialogue(self.wiring.model, self.prompts, session, facts, pictures=pictures)
         if self.conversation == "study":
             history = self._history(brief)
@@ -172,7 +171,7 @@ class VlmGenerator:
             dialogue.ask("P3", "P3-tasks")
             paths = dialogue.ask("P4", "P4-paths")
         known = self._findings_of_lines(paths.text, names, brief, world)
-        revised = dialogue.ask("P6", "P6-revision", findings=[str(finding) for finding in known])
+        dialogue.ask("P6", "P6-revision", findings=[str(finding) for finding in known])
         judged = [self._configuration(dialogue, brief, world)]
         while judged[-1].findings and len(judged) <= self.corrections:
             last = judged[-1]
@@ -182,7 +181,6 @@ class VlmGenerator:
                 continue
             dialogue.ask("P6", "P6-revision", findings=[str(finding) for finding in last.findings])
             judged.append(self._configuration(dialogue, brief, world))
-        del revised
         return judged, description
 
     def _configuration(self, dialogue: Dialogue, brief: Brief, world: World) -> _Judged:
@@ -269,20 +267,23 @@ class VlmGenerator:
         mended, repairs = repair(people, brief.mission, world)
         return mended, (*last.reply.repairs, *repairs), check(mended, brief.mission, world)
 
-    def _pictures_of(self, world: World, route: Route) -> tuple[Picture, Picture]:
-        key = (world.id, route.id)
-        if key not in self._pictures:
-            self._pictures[key] = pictures_of(world, route)
-        return self._pictures[key]
+
+_DRAWN: dict[tuple[str, str, str], tuple[Picture, Picture]] = {}
+_MOST_DRAWN = 8
 
 
 def pictures_of(world: World, route: Route | None = None) -> tuple[Picture, Picture]:
-    """The labelled map (with the route) and the grid picture, as the model is shown them."""
-    from rvsg.world.picture import grid_picture, labelled_map, png_bytes
+    """The labelled map (with the route) and the grid picture, as the model is shown them; the last few are kept."""
+    key = (world.id, world.title, route.id if route else "")
+    if key not in _DRAWN:
+        from rvsg.world.picture import grid_picture, labelled_map, png_bytes
 
-    labelled = png_bytes(labelled_map(world, width_px=PICTURE_WIDTH_PX, route=route))
-    grid = png_bytes(grid_picture(world, width_px=PICTURE_WIDTH_PX))
-    return (Picture(name="labelled map", png=labelled), Picture(name="grid of waypoints", png=grid))
+        labelled = png_bytes(labelled_map(world, width_px=PICTURE_WIDTH_PX, route=route))
+        grid = png_bytes(grid_picture(world, width_px=PICTURE_WIDTH_PX))
+        while len(_DRAWN) >= _MOST_DRAWN:
+            _DRAWN.pop(next(iter(_DRAWN)))
+        _DRAWN[key] = (Picture(name="labelled map", png=labelled), Picture(name="grid of waypoints", png=grid))
+    return _DRAWN[key]
 
 
 def _first_of_study(brief: Brief) -> str:

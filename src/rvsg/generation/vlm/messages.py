@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+import re
 import struct
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -13,7 +14,9 @@ from typing import Any, Literal
 from rvsg.world.records import Record, canonical_json, content_id
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
-CHARACTERS_PER_TOKEN = 4.0
+_PIECES = re.compile(r" ?[^\W\d_]+|\d{1,3}|\n+| ?[^\w\s]+|_|[ \t]+")
+_WHOLE_WORD = 8
+_PART_OF_WORD = 5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,8 +115,18 @@ class Answer(Record):
 
 
 def estimated_tokens(text: str) -> int:
-    """Tokens of a text by the usual rule of thumb, four characters each."""
-    return math.ceil(len(text) / CHARACTERS_PER_TOKEN)
+    """Tokens of a text, estimated where no tokenizer of the model is at hand.
+
+    The text is cut where the tokenizers of the GPT-4 family cut before they merge (words with the space before them,
+    up to three digits, runs of marks, line breaks); each piece counts one token, a longer word one for every begun
+    five letters. That is nearer than the usual four characters per token for lists of waypoints, which it would
+    count at little more than half.
+    """
+    total = 0
+    for piece in _PIECES.finditer(text):
+        length = piece.end() - piece.start()
+        total += 1 if length <= _WHOLE_WORD else math.ceil(length / _PART_OF_WORD)
+    return total
 
 
 def picture_tokens(width: int, height: int) -> int:

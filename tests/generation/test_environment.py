@@ -1,0 +1,107 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from rvsg.errors import FileError, GenerationError, InputError
+from rvsg.generation.conversation import VlmGenerator, pictures_of
+from rvsg.generation.environment import (
+    EnvironmentDialogue,
+    description_of,
+    editable,
+    edited,
+    read_description_file,
+    store_description,
+    stored_path,
+)
+from rvsg.generation.prompts import Prompts
+from rvsg.generation.vlm.model import Scripted
+from rvsg.scenario.brief import Brief
+from rvsg.world.load import SHIPPED, load_world
+from rvsg.world.save import save_world
+from rvsg.world.world import Description, World
+
+TEXTS = {"layout": "Shelves in the north: six of them.\nBoxes # left.", "grid": "Row E is the main way: E1 to E22."}
+CLEAN = {key: " ".join(text.split()) for key, text in TEXTS.items()}
+
+
+def describing(world: World, model: Scripted) -> EnvironmentDialogue:
+    return EnvironmentDialogue(world, pictures_of(world), model, Prompts())
+
+
+def test_three_turns_show_the_map_then_grid_and_map_then_sum_up(warehouse: World) -> None:
+    model = Scripted(["layout analysis", "grid analysis", json.dumps(TEXTS)])
+    dialogue = describing(warehouse, model)
+    description = dialogue.describe()
+    assert (description.layout, description.grid) == (CLEAN["layout"], CLEAN["grid"])
+    assert not description.reviewed
+    assert [call.purpose for call in dialogue.calls] == ["layout", "grid", "summary"]
+    shown = [[p.name for p in m.pictures] for m in model.asked[2].messages if m.role == "user"]
+    assert shown == [["labelled map"], ["grid of waypoints", "labelled map"], []]
+
+
+def test_a_reason_goes_into_one_more_turn(warehouse: World) -> None:
+    model = Scripted(["a", "b", json.dumps(TEXTS), json.dumps({**TEXTS, "grid": "Corrected."})])
+    dialogue = describing(warehouse, model)
+    dialogue.describe()
+    assert dialogue.revise("There is no door at E1.").grid == "Corrected."
+    assert "There is no door at E1." in model.asked[3].messages[-1].text
+
+
+def test_an_unreadable_summary_is_asked_for_again_and_then_an_error(warehouse: World) -> None:
+    assert describing(warehouse, Scripted(["a", "b", "prose", json.dumps(TEXTS)])).describe().grid == CLEAN["grid"]
+    with pytest.raises(GenerationError, match="two answers"):
+        describing(warehouse, Scripted(["a", "b", "prose", "prose"])).describe()
+
+
+def test_a_description_is_stored_in_the_worlds_own_file_and_the_rest_of_it_kept(
+    warehouse: World, tmp_path: Path
+) -> None:
+    save_world(warehouse, tmp_path)
+    file = tmp_path / "world.yaml"
+    file.write_text(file.read_text() + "# a comment of mine\n")
+    first = Description(**CLEAN)
+    assert store_description(warehouse, first, tmp_path) == file
+    second = first.model_copy(update={"reviewed": True, "reviewer": "Ada: L.", "reviewed_on": "2026-01-02"})
+    store_description(warehouse, second, tmp_path)
+    again = load_world(tmp_path)
+    assert again.description == second
+    assert file.read_text().count("description:") == 1
+    assert again.routes == warehouse.routes
+    assert "map:" in file.read_text()
+
+
+def test_the_description_of_a_shipped_world_goes_to_the_users_folder_and_into_the_prompts(
+    brief: Brief, warehouse: World
+) -> None:
+    from dataclasses import replace
+
+    bare = replace(warehouse, description=None)
+    assert description_of(bare) is None
+    written = store_description(bare, Description(**CLEAN))
+    assert written == stored_path(bare)
+    assert description_of(bare) == Description(**CLEAN)
+    assert CLEAN["grid"] in VlmGenerator(Scripted([])).first_prompts(brief, bare)[1].text
+    with pytest.raises(InputError, match="shipped"):
+        store_description(bare, Description(**CLEAN), SHIPPED / "warehouse")
+
+
+def test_a_description_file_that_cannot_be_used_is_told_with_its_line(tmp_path: Path) -> None:
+    path = tmp_path / "d.yaml"
+    for text, told in (("layout: [", "YAML"), ("layout: a\n", "grid"), ("layout: a\ngrid: b\nextra: c\n", "extra")):
+        path.write_text(text)
+        with pytest.raises(FileError, match=told):
+            read_description_file(path)
+
+
+def test_an_edit_changes_the_texts_and_must_keep_them() -> None:
+    description = Description(**CLEAN)
+    assert edited(description, editable(description)) == description
+    assert (
+        edited(description, editable(description).replace("main", "only")).grid == "Row E is the only way: E1 to E22."
+    )
+    for text in ("", "layout: a", "layout: a\ngrid: ''", ": ["):
+        with pytest.raises(InputError):
+            edited(description, text)
