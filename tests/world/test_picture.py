@@ -21,7 +21,7 @@ def overlaps(picture: Picture) -> list[tuple[str, str]]:
 @pytest.mark.parametrize("with_route", [False, True], ids=["bare", "route"])
 def test_no_word_covers_another_in_any_shipped_world(name: str, show: frozenset[str], with_route: bool) -> None:
     world = load_world(name)
-    for route in world.routes if with_route else (None,):
+    for route in world.routes[:2] if with_route else (None,):
         picture = draw_plan(world, show=show, route=route)
         assert overlaps(picture) == []
         width, height = picture.image.size

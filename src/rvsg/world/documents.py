@@ -14,7 +14,7 @@ from pydantic import BaseModel, ValidationError
 from rvsg.errors import FileError
 
 LARGEST_FILE = 20_000_000
-MOST_NODES = 2_000_000
+MOST_NODES = 400_000
 
 Key = tuple[str | int, ...]
 Model = TypeVar("Model", bound=BaseModel)
@@ -143,10 +143,12 @@ def validated(document: Document, model: type[Model]) -> Model:
 
 def problems_of(error: ValidationError, document: Document, model: type[BaseModel]) -> list[Problem]:
     """Every error of a validation as a problem with its line, in the order of the file."""
-    found = [
-        document.problem(_message(dict(detail), model), *_file_key(detail["loc"], document))
-        for detail in error.errors(include_url=False)
-    ]
+    details: list[dict[str, Any]] = [dict(detail) for detail in error.errors(include_url=False)]
+    found = []
+    for detail in details:
+        key = _file_key(detail["loc"], document)
+        if not _is_other_branch(detail, key, details):
+            found.append(document.problem(_message(detail, key, model), *key))
     return sorted(set(found), key=lambda problem: (problem.line or 0, problem.message))
 
 
@@ -161,21 +163,61 @@ def _file_key(loc: Key, document: Document) -> Key:
     return key
 
 
-def _message(detail: dict[str, Any], model: type[BaseModel]) -> str:
-    loc: Key = detail["loc"]
-    place = ".".join(str(part) for part in loc)
-    if detail["type"] == "extra_forbidden":
-        return _misspelt(str(loc[-1]), ".".join(str(p) for p in loc[:-1]), _model_at(model, loc[:-1]))
-    if detail["type"] == "missing":
-        return f'"{place}" is missing'
-    message = detail["msg"].removeprefix("Value error, ")
-    if detail["type"] == "value_error":
-        return f"{place}: {message}" if place else message
-    return f"{place}: {message[:1].lower()}{message[1:]}, got {_shown(detail['input'])}"
+def _is_other_branch(detail: dict[str, Any], key: Key, details: list[dict[str, Any]]) -> bool:
+    """Whether an error is only of the form the author did not choose, where a name or a mapping may stand.
+
+    Pydantic then complains of both forms: of a mapping that it is not text, and of text that it is not a mapping.
+    """
+    others = [d for d in details if d is not detail and d["loc"][: len(key)] == detail["loc"][: len(key)]]
+    if detail["type"] == "string_type" and isinstance(detail["input"], dict):
+        return bool(others)
+    return detail["type"] in ("model_type", "model_attributes_type") and any(d["type"] == "string_type" for d in others)
+
+
+_SAID = {
+    "string_type": "expected text",
+    "float_type": "expected a number",
+    "float_parsing": "expected a number",
+    "int_type": "expected a whole number",
+    "int_parsing": "expected a whole number",
+    "finite_number": "expected a finite number",
+    "bool_parsing": "expected true or false",
+    "bool_type": "expected true or false",
+    "tuple_type": "expected a list",
+    "list_type": "expected a list",
+    "dict_type": "expected keys and values",
+    "model_type": "expected keys and values",
+    "model_attributes_type": "expected keys and values",
+}
+
+
+def _message(detail: dict[str, Any], key: Key, model: type[BaseModel]) -> str:
+    kind, loc = detail["type"], detail["loc"]
+    place = _place(key)
+    if kind == "extra_forbidden":
+        return _misspelt(str(loc[-1]), _place(key[:-1]), _model_at(model, loc[:-1]))
+    if kind == "missing":
+        if isinstance(loc[-1], int):
+            return f"{place}: expected more values than {_shown(detail['input'])}"
+        return f'{place + ": " if place else ""}"{loc[-1]}" is missing'
+    said = _SAID.get(kind, detail["msg"].removeprefix("Value error, "))
+    if kind == "value_error":
+        return f"{place}: {said}" if place else said
+    said = said.replace("Input should be greater", "expected a value greater")
+    said = said.replace("Input should be less", "expected a value less").replace("Input should be", "expected")
+    return f"{place}: {said}, got {_shown(detail['input'])}"
+
+
+def _place(key: Key) -> str:
+    """A path of keys as people write it: `areas[0].name`."""
+    text = ""
+    for part in key:
+        text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else str(part)
+    return text
 
 
 def _misspelt(key: str, place: str, model: type[BaseModel] | None) -> str:
-    known = list(model.model_fields) if model is not None else []
+    known = [field.alias or name for name, field in model.model_fields.items()] if model is not None else []
     near = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
     where = f" in {place}" if place else ""
     asked = f' Did you mean "{near[0]}"?' if near else ""

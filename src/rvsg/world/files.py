@@ -183,7 +183,7 @@ class RoutesFile(Record):
 class DerivedMap(Record):
     """`map: {from: objects}`: the occupancy map is drawn from the objects' slices, as a lidar would see them."""
 
-    source: Annotated[Literal["objects"], Field(alias="from")] = "objects"
+    source: Annotated[Literal["objects"], Field(alias="from")]
     resolution_m: Annotated[float, Field(ge=0.01, le=1.0)] = 0.05
 
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
 from rvsg.errors import FileError, InputError, UnknownName
 from rvsg.world.build import build_world
-from rvsg.world.documents import Document, DocumentError, Model, Problem, read_document
+from rvsg.world.documents import Document, DocumentError, Model, Problem, read_document, read_yaml, validated
 from rvsg.world.files import DerivedMap, LabelsFile, ObjectsFile, RouteEntry, RoutesFile, WorldFile
 from rvsg.world.nav2_map import read_map
 from rvsg.world.occupancy import occupancy_from_objects
@@ -49,8 +50,13 @@ def _shipped(name: str) -> World:
 
 def read_world(folder: Path) -> World:
     """Read the world in a folder."""
-    head, head_document = read_document(folder / "world.yaml", WorldFile)
-    parts = _Parts(folder, head)
+    head_document = read_yaml(folder / "world.yaml")
+    mistakes: tuple[Problem, ...] = ()
+    try:
+        head = validated(head_document, WorldFile)
+    except DocumentError as error:  # read on with what can be read, so that every mistake is told at once
+        head, mistakes = _readable_head(head_document), error.problems
+    parts = _Parts(folder, head, mistakes)
     objects = parts.objects()
     areas, area_document = parts.areas()
     routes, route_document = parts.routes()
@@ -77,13 +83,20 @@ def read_world(folder: Path) -> World:
     return _checked(world, routes, area_document, route_document)
 
 
+def _readable_head(document: Document) -> WorldFile:
+    """What a faulty world.yaml still says of the files beside it; nothing else of it is used."""
+    said = document.value if isinstance(document.value, dict) else {}
+    names = {key: said[key] for key in ("objects", "labels", "routes", "map") if isinstance(said.get(key), str)}
+    return WorldFile.model_validate({"name": "unreadable", "map": {"from": "objects"}, **names})
+
+
 class _Parts:
     """The files beside a world.yaml; gathers what is wrong in any of them."""
 
-    def __init__(self, folder: Path, head: WorldFile) -> None:
+    def __init__(self, folder: Path, head: WorldFile, problems: Iterable[Problem]) -> None:
         self.folder = folder
         self.head = head
-        self.problems: list[Problem] = []
+        self.problems = list(problems)
 
     def _read(self, name: str, model: type[Model]) -> tuple[Model, Document] | None:
         try:
@@ -122,6 +135,8 @@ class _Parts:
     ) -> OccupancyMap | None:
         try:
             if isinstance(self.head.map, DerivedMap):
+                if self.problems:  # what the map would be drawn from is not all known
+                    return None
                 seeds = [(r.start.x, r.start.y) for r in routes if isinstance(r.start, Pose)]
                 return occupancy_from_objects(objects, resolution_m=self.head.map.resolution_m, seeds=seeds)
             return read_map(_beside(self.folder, self.head.map))
@@ -168,8 +183,6 @@ def _draft(entry: RouteEntry) -> Route:
 
 def _checked(world: World, entries: tuple[RouteEntry, ...], areas: Document | None, routes: Document | None) -> World:
     """The world with its routes' waypoint names looked up; raises DocumentError naming every unknown waypoint."""
-    from dataclasses import replace
-
     problems: list[Problem] = []
     if areas is not None:
         for i, area in enumerate(world.areas):

@@ -1,0 +1,143 @@
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from rvsg.errors import FileError, RvsgError, UnknownName
+from rvsg.world.documents import DocumentError
+from rvsg.world.load import load_world, shipped_worlds
+from rvsg.world.save import save_world
+
+WORLD = """\
+name: room
+title: A room
+map: {from: objects}
+objects: objects.yaml
+grid: {spacing_m: 1.0}
+"""
+OBJECTS = """\
+objects:
+  - {name: wall, footprint: [[0, 0], [6, 0], [6, 5], [0, 5]], height: 2.5,
+     holes: [[[0.1, 0.1], [5.9, 0.1], [5.9, 4.9], [0.1, 4.9]]]}
+  - {name: table, box: {center: [3, 2.5, 0.7], size: [1.4, 0.8, 0.1]}}
+"""
+LABELS = """\
+areas:
+  - {name: Table, kind: desk, rectangle: [2.2, 2, 3.8, 3]}
+  - {name: Corner, kind: floor, rectangle: [0.2, 0.2, 2.2, 1.8]}
+"""
+ROUTES = """\
+routes:
+  - {name: across, start: A1, goal: {x: 5, y: 0.7}, time_limit_s: 30, via: [A1, B1]}
+"""
+
+
+@pytest.fixture
+def room(tmp_path: Path) -> Path:
+    for name, text in (("world", WORLD), ("objects", OBJECTS), ("labels", LABELS), ("routes", ROUTES)):
+        (tmp_path / f"{name}.yaml").write_text(text)
+    return tmp_path
+
+
+def edited(file: str, old: str, new: str) -> Callable[[Path], None]:
+    def edit(folder: Path) -> None:
+        text = (folder / file).read_text()
+        assert old in text
+        (folder / file).write_text(text.replace(old, new, 1))
+
+    return edit
+
+
+def test_a_folder_written_by_hand_becomes_a_world(room: Path) -> None:
+    world = load_world(room)
+    assert world.title == "A room"
+    assert world.grid.spacing_m == 1.0
+    assert world.route("across").start.x == world.grid.position("A1")[0]
+    assert load_world(room / "world.yaml").id == world.id
+
+
+def test_a_table_above_the_lidar_plane_stops_a_person_but_is_not_on_the_map(room: Path) -> None:
+    world = load_world(room)
+    table = next(thing for thing in world.objects if thing.name == "table")
+    assert table.slices == ()
+    assert all(not (2.3 < w.x < 3.7 and 2.1 < w.y < 2.9) for w in world.grid.waypoints if w.human)
+    assert any(w.robot and not w.human for w in world.grid.waypoints)
+
+
+def test_areas_without_waypoints_get_those_within_reach_or_inside(room: Path) -> None:
+    world = load_world(room)
+    for name in world.area("Corner").waypoints:
+        x, y = world.grid.position(name)
+        assert 0.2 <= x <= 2.2 and 0.2 <= y <= 1.8
+    assert world.area("Table").waypoints
+    for name in world.area("Table").waypoints:
+        x, y = world.grid.position(name)
+        outside = max(2.2 - x, x - 3.8, 2 - y, y - 3)
+        assert outside <= 1.0
+
+
+@pytest.mark.parametrize(
+    ("edit", "expected"),
+    [
+        (edited("world.yaml", "title", "tilte"), r'world.yaml:2: there is no key "tilte".* Did you mean "title"'),
+        (edited("world.yaml", "1.0", "-1.0"), r"world.yaml:5: grid.spacing_m: expected a value greater"),
+        (edited("world.yaml", "{from: objects}", "map.yaml"), r"map.yaml.*does not exist"),
+        (edited("world.yaml", "{from: objects}", "../map.yaml"), "outside the world folder"),
+        (edited("world.yaml", "spacing_m: 1.0", "human_clearance_m: 4.9"), "world.yaml:5: the map has no place"),
+        (edited("objects.yaml", "height: 2.5,", ""), r"objects.yaml:2: objects\[0\]: give a box, or a footprint"),
+        (edited("objects.yaml", "name: table", "name: wall"), 'objects.yaml:4: the name "wall" is already .* line 2'),
+        (edited("labels.yaml", "Corner", "Table"), 'labels.yaml:3: the name "Table" is already given in line 2'),
+        (edited("labels.yaml", "rectangle: [2.2,", "outline: [2.2,"), r"labels.yaml:2: areas\[0\].outline\[0\]"),
+        (edited("labels.yaml", "3]}", "3], waypoints: [A1, ZZ9]}"), 'labels.yaml:2: there is no waypoint "ZZ9"'),
+        (edited("routes.yaml", "start: A1", "start: A11"), 'routes.yaml:2: there is no waypoint "A11". Did you mean'),
+        (edited("routes.yaml", "30", "0"), r"routes.yaml:2: routes\[0\].time_limit_s: expected a value greater"),
+    ],
+)
+def test_a_mistake_is_told_with_file_line_and_reason(room: Path, edit: Callable[[Path], None], expected: str) -> None:
+    edit(room)
+    with pytest.raises(DocumentError, match=expected):
+        load_world(room)
+
+
+def test_mistakes_in_several_files_are_told_together(room: Path) -> None:
+    edited("world.yaml", "title", "tilte")(room)
+    edited("labels.yaml", "rectangle", "rectangel")(room)
+    (room / "routes.yaml").unlink()
+    with pytest.raises(DocumentError) as caught:
+        load_world(room)
+    text = str(caught.value)
+    assert "world.yaml:2" in text and "labels.yaml:2" in text and "routes.yaml: the file does not exist" in text
+
+
+def test_a_place_where_no_world_is_says_what_is_missing(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match=r"holds no world.yaml"):
+        load_world(tmp_path)
+    with pytest.raises(UnknownName, match="Or give the folder"):
+        load_world(tmp_path / "nowhere")
+
+
+@pytest.mark.parametrize("name", shipped_worlds())
+def test_a_saved_world_reads_back_equal(name: str, tmp_path: Path) -> None:
+    world = load_world(name)
+    save_world(world, tmp_path / "copy")
+    copy = load_world(tmp_path / "copy")
+    assert copy.id == world.id
+    assert (copy.title, copy.activities, copy.description) == (world.title, world.activities, world.description)
+    assert copy.objects == world.objects
+
+
+def test_a_description_of_several_paragraphs_survives_saving(room: Path) -> None:
+    from dataclasses import replace
+
+    from rvsg.world.world import Description
+
+    words = Description(layout='Shelves: "six" of them.\n\nAnd a # sign, äöü.', grid="Rows: A to D.", reviewed=True)
+    world = replace(load_world(room), description=words)
+    save_world(world, room / "copy")
+    assert load_world(room / "copy").description == words
+
+
+def test_a_folder_that_cannot_be_written_is_one_clear_message(room: Path) -> None:
+    (room / "blocked").write_text("a file, not a folder")
+    with pytest.raises(RvsgError, match="cannot be written"):
+        save_world(load_world(room), room / "blocked")
