@@ -76,8 +76,9 @@ def run(
 def _campaign(from_file: dict[str, Any], given: dict[str, Any], *, as_json: bool) -> int:
     """Run or resume, show and write what was found; returns the exit code."""
     from rvsg.app.config import effective
-    from rvsg.app.folder import CONFIG, LEDGER, alone_in, make_folder, write_whole
+    from rvsg.app.folder import CONFIG, LEDGER, alone_in, make_folder
     from rvsg.app.wiring import wire
+    from rvsg.report.files import write_whole
     from rvsg.store.sqlite import SqliteLedger
 
     begin = time.monotonic()
@@ -156,13 +157,25 @@ def _as_interrupt(number: int, frame: FrameType | None) -> None:
 
 
 def _write(wired: Wired, ledger: Any, attempts: list[Attempt], folder: Path) -> Summary:
-    """The files beside the ledger: the best scenario, JUnit XML."""
-    from rvsg.app.folder import BEST, write_whole
+    """The files beside the ledger: the report, the best scenario, JUnit XML."""
+    from rvsg.app.folder import BEST, REPORT
+    from rvsg.app.wiring import command_for
     from rvsg.campaign.ranking import best_attempt
+    from rvsg.report.files import write_whole
     from rvsg.report.junit import junit_xml
+    from rvsg.report.page import write_page
     from rvsg.report.summary import summarise
 
     summary = summarise(wired.plan, attempts)
+    write_page(
+        folder / REPORT,
+        wired.plan,
+        attempts,
+        world=wired.world,
+        run_of=ledger.run,
+        command=command_for(wired.config),
+        simulator=wired.simulator.name,
+    )
     best = best_attempt(attempts, wired.plan.requirement)
     if best is not None and best.proposal.scenario is not None:
         write_whole(folder / BEST, best.proposal.scenario.to_json())
