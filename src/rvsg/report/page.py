@@ -14,6 +14,7 @@ from typing import Any
 import jinja2
 import numpy as np
 from markupsafe import Markup
+from numpy.typing import NDArray
 
 import rvsg
 from rvsg.campaign.attempt import Attempt
@@ -23,13 +24,17 @@ from rvsg.campaign.ranking import best_attempt
 from rvsg.evaluation.verdict import Status, Verdict
 from rvsg.report.charts import confirmation_chart, search_chart
 from rvsg.report.files import write_whole
-from rvsg.report.plan_svg import floor_plan, view_box
 from rvsg.report.summary import VIOLATED, Summary, interval, number, summarise
 from rvsg.scenario.scenario import Human
 from rvsg.simulation.run import Run
+from rvsg.world.records import Pose
+from rvsg.world.svg import floor_plan
 from rvsg.world.world import World
 
+Floats = NDArray[np.float64]
+
 REPLAY_PERIOD_S = 0.1
+SHOWN_TASKS = 4
 
 ROW = ("rank", "scenario", "configuration", "configurations", "description")
 
@@ -52,6 +57,7 @@ def render_page(
     summary = summarise(plan, attempts)
     best = best_attempt(attempts, plan.requirement)
     shown = _shown_runs(plan, summary.confirmed or best, run_of) if best else []
+    plan_of_floor = floor_plan(world)
     template = _environment().get_template("page.html")
     return template.render(
         version=rvsg.__version__,
@@ -64,17 +70,18 @@ def render_page(
         headline=_headline(plan, summary),
         best=best,
         scenario=best.proposal.scenario if best else None,
+        shown_tasks=SHOWN_TASKS,
         tasks=[_tasks(human) for human in best.proposal.scenario.people.humans]
         if best and best.proposal.scenario
         else [],
         rows=_rows(plan, summary, attempts),
         tiles=_tiles(plan, summary),
         curse=_curse(plan, summary),
-        box=view_box(world, [run for _, run in shown]) if shown else (0, 0, 1, 1),
-        floor=Markup(floor_plan(world)),  # noqa: S704 - made by us, its names escaped
+        box=plan_of_floor.view_box,
+        floor=Markup(plan_of_floor.shapes),  # noqa: S704 - made by us, its names escaped
         confirmation_svg=_confirmation_svg(plan, best, summary.confirmed),
         search_svg=Markup(search_chart(plan, attempts)),  # noqa: S704
-        replay=_script_safe(_replay(plan, shown)),
+        replay=_script_safe(_replay(plan, shown, _Turn(plan_of_floor.matrix))),
         command=command,
         simulator=simulator,
         colours=HUMAN_COLOURS,
@@ -246,21 +253,39 @@ def _shown_runs(plan: Plan, attempt: Attempt | None, run_of: Callable[[str], Run
     ]
 
 
-def _replay(plan: Plan, shown: Sequence[tuple[str, Run]]) -> dict[str, Any]:
-    """What the page's script needs to draw the runs: positions and gaps ten times a second."""
+class _Turn:
+    """World coordinates (m, rad) into those of the floor plan, by the plan's `matrix(a b c d e f)`."""
+
+    def __init__(self, matrix: str) -> None:
+        self.a, self.b, self.c, self.d, self.e, self.f = (float(v) for v in matrix[7:-1].replace(",", " ").split())
+
+    def points(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
+        """The plan's coordinates of world points."""
+        return self.a * x + self.c * y + self.e, self.b * x + self.d * y + self.f
+
+    def degrees(self, yaw: Floats) -> Floats:
+        """The plan's angle, clockwise as SVG turns, of a world heading."""
+        x, y = np.cos(yaw), np.sin(yaw)
+        return np.degrees(np.arctan2(self.b * x + self.d * y, self.a * x + self.c * y))
+
+
+def _replay(plan: Plan, shown: Sequence[tuple[str, Run]], turn: _Turn) -> dict[str, Any]:
+    """What the page's script needs to draw the runs: positions in the plan and gaps, ten times a second."""
+    route = plan.mission.route
     return {
-        "measure": "gap to the robot, m",
         "colours": HUMAN_COLOURS,
-        "route": {"start": _pose(plan.mission.route.start), "goal": _pose(plan.mission.route.goal)},
-        "runs": [_replay_run(label, run) for label, run in shown],
+        "route": {"start": _place(route.start, turn), "goal": _place(route.goal, turn)},
+        "runs": [_replay_run(label, run, turn) for label, run in shown],
     }
 
 
-def _replay_run(label: str, run: Run) -> dict[str, Any]:
+def _replay_run(label: str, run: Run, turn: _Turn) -> dict[str, Any]:
     path = run.trajectory
     wanted = np.arange(0.0, float(path.t[-1]) + REPLAY_PERIOD_S / 2, REPLAY_PERIOD_S)
     rows = np.clip(np.searchsorted(path.t, wanted - 1e-9), 0, len(path) - 1)
     gap = gaps(run)[rows]
+    x, y = turn.points(path.x[rows], path.y[rows])
+    human_x, human_y = turn.points(path.human_x[rows], path.human_y[rows])
     return {
         "label": label,
         "outcome": run.outcome.value,
@@ -268,21 +293,22 @@ def _replay_run(label: str, run: Run) -> dict[str, Any]:
         "names": list(run.human_names),
         "radii": list(run.human_radius_m),
         "t": _list(path.t[rows], 2),
-        "x": _list(path.x[rows]),
-        "y": _list(path.y[rows]),
-        "yaw": _list(path.yaw[rows]),
+        "x": _list(x),
+        "y": _list(y),
+        "angle": _list(turn.degrees(path.yaw[rows]), 1),
         "v": _list(path.v[rows], 2),
-        "hx": [_list(path.human_x[rows, h]) for h in range(gap.shape[1])],
-        "hy": [_list(path.human_y[rows, h]) for h in range(gap.shape[1])],
+        "hx": [_list(human_x[:, h]) for h in range(gap.shape[1])],
+        "hy": [_list(human_y[:, h]) for h in range(gap.shape[1])],
         "gap": [_list(gap[:, h]) for h in range(gap.shape[1])],
     }
 
 
-def _pose(pose: Any) -> list[float]:
-    return [round(pose.x, 3), round(pose.y, 3), round(pose.yaw, 3)]
+def _place(pose: Pose, turn: _Turn) -> list[float]:
+    x, y = turn.points(np.array([pose.x]), np.array([pose.y]))
+    return [round(float(x[0]), 3), round(float(y[0]), 3)]
 
 
-def _list(values: Any, digits: int = 3) -> list[float]:
+def _list(values: Floats, digits: int = 3) -> list[float]:
     return [round(float(value), digits) for value in values]
 
 

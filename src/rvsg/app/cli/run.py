@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rvsg.app.cli.console import print_json, say
+from rvsg.app.cli.console import console, print_json, say
 from rvsg.app.cli.frame import verb
 
 if TYPE_CHECKING:
@@ -141,6 +141,8 @@ def _work(wired: Wired, ledger: Any, folder: Path, *, resumed: bool) -> list[Att
     if resumed:
         say(f"Resuming {folder}: {len(known)} attempts are there already.")
     signal.signal(signal.SIGTERM, _as_interrupt)
+    if len(known) < plan.attempts or not any(a.purpose == "confirmation" for a in known):
+        wired.warm_up(say)
     how = f"Resume with: rvsg run --out {folder}"
     try:
         with CampaignProgress(plan, known) as progress, wired.simulations(ledger) as simulations:
@@ -196,7 +198,7 @@ def _show(wired: Wired, summary: Summary, folder: Path, spent_s: float, *, as_js
             summary.model_dump(mode="json", exclude={"confirmed": {"brief", "proposal"}})
             | {"out": str(folder), "report": str(folder / REPORT), "command": command}
         )
-    say(ranked_table(wired.plan, summary))
+    say(ranked_table(wired.plan, summary, width=console().width))
     say(confirmation_line(wired.plan, summary))
     account = summary.accounting
     say(
