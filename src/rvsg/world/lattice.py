@@ -163,7 +163,7 @@ def area_waypoints(
         return ()
     away = distance(shape, points([(w.x, w.y) for w in valid]))
     inside = away == 0.0
-    if _open_share(outline, human) > 0.5 and inside.any():
+    if open_share(outline, human) > 0.5 and inside.any():
         return tuple(w.name for w, chosen in zip(valid, inside, strict=True) if chosen)
     near = away <= reach_m
     if not near.any() and away.min() <= 3 * reach_m:
@@ -171,7 +171,7 @@ def area_waypoints(
     return tuple(w.name for w, chosen in zip(valid, near, strict=True) if chosen)
 
 
-def _open_share(outline: Sequence[tuple[float, float]], space: Space) -> float:
+def open_share(outline: Sequence[tuple[float, float]], space: Space) -> float:
     """The share of an area's cells that is free of obstacles."""
     frame: Frame = space.frame
     cells = inside_cells([outline], frame)

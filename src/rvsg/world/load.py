@@ -48,8 +48,11 @@ def _shipped(name: str) -> World:
     return read_world(SHIPPED / name)
 
 
-def read_world(folder: Path) -> World:
-    """Read the world in a folder."""
+def read_world(folder: Path, problems: list[Problem] | None = None) -> World:
+    """Read the world in a folder.
+
+    With a list for `problems`, names of waypoints that do not exist are noted there and left out instead of raised.
+    """
     head_document = read_yaml(folder / "world.yaml")
     mistakes: tuple[Problem, ...] = ()
     try:
@@ -80,7 +83,7 @@ def read_world(folder: Path) -> World:
         )
     except InputError as error:
         raise DocumentError([head_document.problem(str(error), "grid")]) from None
-    return _checked(world, routes, area_document, route_document)
+    return _checked(world, routes, area_document, route_document, problems)
 
 
 def _readable_head(document: Document) -> WorldFile:
@@ -181,7 +184,13 @@ def _draft(entry: RouteEntry) -> Route:
     return Route(name=entry.name, start=start, goal=goal, time_limit_s=entry.time_limit_s)
 
 
-def _checked(world: World, entries: tuple[RouteEntry, ...], areas: Document | None, routes: Document | None) -> World:
+def _checked(
+    world: World,
+    entries: tuple[RouteEntry, ...],
+    areas: Document | None,
+    routes: Document | None,
+    noted: list[Problem] | None,
+) -> World:
     """The world with its routes' waypoint names looked up; raises DocumentError naming every unknown waypoint."""
     problems: list[Problem] = []
     if areas is not None:
@@ -198,8 +207,15 @@ def _checked(world: World, entries: tuple[RouteEntry, ...], areas: Document | No
         problems += found
         if not found:
             finished.append(_route(entry, world))
-    if problems:
+    if problems and noted is None:
         raise DocumentError(problems)
+    if noted is not None and problems:
+        noted += problems
+        standable = set(world.grid.valid)
+        kept = tuple(
+            a.model_copy(update={"waypoints": tuple(w for w in a.waypoints if w in standable)}) for a in world.areas
+        )
+        world = replace(world, areas=kept)
     return replace(world, routes=tuple(finished))
 
 

@@ -110,6 +110,11 @@ def robot_space_of(occupancy: OccupancyMap) -> Space:
     return space_of(occupancy.cells != FREE, frame_of(occupancy))
 
 
+def main_floor(space: Space, clearance_m: float = 0.3) -> Bools:
+    """The largest connected part of the floor on which a person has `clearance_m`; (rows, columns)."""
+    return np.asarray(space.parts(clearance_m) == 1)
+
+
 _human_spaces: WeakKeyDictionary[World, Space] = WeakKeyDictionary()
 _robot_spaces: WeakKeyDictionary[World, Space] = WeakKeyDictionary()
 

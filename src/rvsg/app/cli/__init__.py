@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from rvsg.app.cli.frame import Verb, command_line
 
 VERBS: dict[str, Verb] = {
+    "world": Verb("world", "Make a world from a map, check it, draw it, show it"),
     "run": Verb("run", "Find, confirm and report scenarios that make the robot violate a requirement"),
     "metrics": Verb("metrics", "List the metrics with formula and unit, or measure a run"),
     "import-study": Verb("import_study", "Import results in the published study's layout into a store"),

@@ -19,9 +19,8 @@ def print_json(value: Any) -> None:
 
 def say(*what: Any, **how: Any) -> None:
     """Print for people on standard error: text as it stands (no markup), or anything rich can draw."""
-    console().print(
-        *what, **{"markup": False, "highlight": False, "soft_wrap": all(isinstance(w, str) for w in what)} | how
-    )
+    plain = {"markup": False, "emoji": False, "highlight": False}
+    console().print(*what, **plain | {"soft_wrap": all(isinstance(w, str) for w in what)} | how)
 
 
 @cache

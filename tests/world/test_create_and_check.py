@@ -1,0 +1,224 @@
+"""A world folder made from a map, and everything that `rvsg world check` finds in one."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from rvsg.errors import FileError
+from rvsg.world.check import Remark, check_world
+from rvsg.world.create import Created, propose_routes, world_from_map, world_from_objects, world_from_sdf
+from rvsg.world.grid import GridSpec
+from rvsg.world.load import load_world
+from rvsg.world.readme import write_readme
+from rvsg.world.save import save_world
+
+
+def hall() -> np.ndarray:
+    """20 x 12 m at 0.05 m: walls, two shelves with an aisle of 1.1 m between them, a pillar."""
+    pixels = np.full((240, 400), 254, np.uint8)
+    pixels[:3] = pixels[-3:] = 0
+    pixels[:, :3] = pixels[:, -3:] = 0
+    pixels[60:80, 60:160] = 0
+    pixels[102:122, 60:160] = 0
+    pixels[180:190, 300:310] = 0
+    return pixels
+
+
+def write_map(folder: Path, pixels: np.ndarray, origin: str = "[-3, 1, 0]") -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    Image.fromarray(pixels).save(folder / "hall.pgm")
+    (folder / "hall.yaml").write_text(
+        f"image: hall.pgm\nresolution: 0.05\norigin: {origin}\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    )
+    return folder / "hall.yaml"
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Created]:
+    folder = tmp_path_factory.mktemp("made")
+    created = world_from_map(write_map(folder, hall()), name="hall")
+    save_world(created.world, folder / "hall")
+    write_readme(created, folder / "hall", ["warning: x"])
+    return folder / "hall", created
+
+
+@pytest.fixture
+def folder(made: tuple[Path, Created], tmp_path: Path) -> Path:
+    return Path(shutil.copytree(made[0], tmp_path / "hall"))
+
+
+def edit(path: Path, old: str, new: str) -> None:
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+
+
+def replace_labels(folder: Path, *areas: str) -> None:
+    (folder / "labels.yaml").write_text("areas:\n" + "".join(f"  - {{{area}}}\n" for area in areas))
+
+
+def replace_routes(folder: Path, *routes: str) -> None:
+    (folder / "routes.yaml").write_text("routes:\n" + "".join(f"  - {{{route}}}\n" for route in routes))
+
+
+def found(remarks: tuple[Remark, ...], text: str) -> Remark:
+    matching = [remark for remark in remarks if text in remark.problem.message]
+    assert matching, [str(remark) for remark in remarks]
+    return matching[0]
+
+
+def test_a_map_becomes_a_folder_that_reads_back_and_has_nothing_wrong(made: tuple[Path, Created]) -> None:
+    folder, created = made
+    world = load_world(folder)
+    assert world.id == created.world.id
+    assert len(world.areas) >= 4
+    assert len(world.routes) == 3
+    assert not [str(r) for r in check_world(folder) if r.serious]
+    text = (folder / "README.md").read_text()
+    assert "labels.yaml" in text
+    assert (folder / "labels.yaml").read_text().startswith("# PROPOSED")
+
+
+def test_proposed_routes_join_different_places_on_ways_the_robot_can_drive(made: tuple[Path, Created]) -> None:
+    world = made[1].world
+    assert len({(r.start.x, r.start.y) for r in world.routes}) == 3
+    for route in propose_routes(world):
+        assert all(world.grid.by_name[name].robot for name in route.via)
+        assert set(zip(route.via, route.via[1:], strict=False)) <= {
+            h for a, b in world.grid.hops for h in ((a, b), (b, a))
+        }
+
+
+def test_a_turned_map_is_laid_straight_and_says_so(tmp_path: Path) -> None:
+    created = world_from_map(write_map(tmp_path, hall(), "[-3, 1, 0.3]"), name="hall")
+    assert created.world.occupancy.origin.yaw == 0.0
+    assert any("turned" in note for note in created.notes)
+
+
+def test_a_map_on_which_nobody_fits_is_refused_by_name(tmp_path: Path) -> None:
+    pixels = np.zeros((40, 40), np.uint8)
+    pixels[18:22] = 254
+    with pytest.raises(FileError, match=r"hall\.yaml.*no place that is 0\.3 m clear"):
+        world_from_map(write_map(tmp_path, pixels), name="hall")
+
+
+def test_our_own_objects_and_a_gazebo_world_become_worlds_too(tmp_path: Path) -> None:
+    text = "".join(
+        f"  - {{name: {n}, kind: {k}, box: {{center: [{x}, {y}, 1], size: [{w}, {h}, 2]}}}}\n"
+        for n, k, x, y, w, h in (
+            ("n", "wall", 0, 5, 12, 0.2), ("s", "wall", 0, -5, 12, 0.2), ("e", "wall", 6, 0, 0.2, 10.2),
+            ("w", "wall", -6, 0, 0.2, 10.2), ("r", "rack", 0, 0, 4, 1))
+    )  # fmt: skip
+    (tmp_path / "o.yaml").write_text("objects:\n" + text)
+    world = world_from_objects(tmp_path / "o.yaml", name="w").world
+    assert {"Rack"} <= {a.name for a in world.areas}
+    links = "".join(
+        f"<model name='{n}'><pose>{x} {y} 1 0 0 0</pose><link name='l'><collision name='c'><geometry><box>"
+        f"<size>{w} {h} 2</size></box></geometry></collision></link></model>"
+        for n, x, y, w, h in (("wall_1", 0, 5, 12, 0.2), ("wall_2", 0, -5, 12, 0.2), ("wall_3", 6, 0, 0.2, 10.2),
+                              ("wall_4", -6, 0, 0.2, 10.2), ("rack", 0, 0, 4, 1))
+    )  # fmt: skip
+    (tmp_path / "w.sdf").write_text(f"<sdf version='1.7'><world name='w'>{links}</world></sdf>")
+    other = world_from_sdf(tmp_path / "w.sdf", name="w").world
+    assert (other.occupancy.cells == world.occupancy.cells).all()
+    assert "Rack" in {a.name for a in other.areas}
+
+
+def test_a_label_outside_the_map_is_told_with_its_line(folder: Path) -> None:
+    replace_labels(folder, "name: In, rectangle: [0, 5, 2, 7]", "name: Out, rectangle: [50, 50, 60, 60]")
+    remark = found(check_world(folder), '"Out" lies outside the map')
+    assert remark.serious
+    assert (remark.problem.path.name, remark.problem.line) == ("labels.yaml", 3)
+
+
+def test_an_area_no_waypoint_reaches_is_told(folder: Path) -> None:
+    edit(folder / "world.yaml", "spacing_m: 1.0", "spacing_m: 8.0")
+    replace_labels(folder, "name: Lonely, rectangle: [16.6, 12.6, 16.8, 12.8]")
+    assert found(check_world(folder), 'no waypoint reaches "Lonely"').serious
+
+
+def test_labels_that_are_easily_confused_or_equal_are_told(folder: Path) -> None:
+    replace_labels(folder, "name: Shelf, rectangle: [0, 5, 2, 7]", "name: shelf, rectangle: [0, 5, 2, 7]")
+    remarks = check_world(folder)
+    found(remarks, "easily taken for")
+    found(remarks, "cover the same place")
+
+
+def test_duplicated_names_unknown_waypoints_and_crossing_outlines_are_all_told_at_once(folder: Path) -> None:
+    replace_labels(
+        folder,
+        "name: A, rectangle: [0, 5, 2, 7], waypoints: [Z99]",
+        "name: Bow, outline: [[0, 5], [2, 7], [2, 5], [0, 7]]",
+    )
+    remarks = check_world(folder)
+    found(remarks, 'no waypoint "Z99"')
+    found(remarks, "crosses itself")
+    replace_labels(folder, "name: A, rectangle: [0, 5, 2, 7]", "name: A, rectangle: [3, 5, 4, 7]")
+    found(check_world(folder), 'the name "A" is already given')
+
+
+@pytest.mark.parametrize(
+    ("start", "goal", "says"),
+    [
+        ("{x: 0.5, y: 9.5}", "{x: 8, y: 3}", "the start of r (0.5, 9.5) lies in an obstacle"),
+        ("{x: -9, y: 9}", "{x: 8, y: 3}", "lies outside the map"),
+        ("{x: 8, y: 5}", "{x: 8, y: 1.3}", "the goal of r (8, 1.3) is only"),
+        ("{x: 8, y: 5}", "{x: 8, y: 5.1}", "ends where it starts"),
+    ],
+)
+def test_a_route_that_cannot_be_driven_is_told_with_its_line(folder: Path, start: str, goal: str, says: str) -> None:
+    replace_routes(folder, f"name: r, start: {start}, goal: {goal}, time_limit_s: 60")
+    assert found(check_world(folder), says).problem.path.name == "routes.yaml"
+
+
+def test_a_goal_behind_a_wall_cannot_be_planned(tmp_path: Path) -> None:
+    pixels = hall()
+    pixels[:, 200:204] = 0
+    created = world_from_map(write_map(tmp_path, pixels), name="hall", grid_spec=GridSpec(spacing_m=1.0))
+    save_world(created.world, tmp_path / "w")
+    replace_routes(tmp_path / "w", "name: r, start: {x: 0, y: 3}, goal: {x: 12, y: 3}, time_limit_s: 60")
+    assert found(check_world(tmp_path / "w"), "cannot drive r").serious
+
+
+def test_an_impossible_time_limit_is_suspicious(folder: Path) -> None:
+    replace_routes(folder, "name: r, start: {x: -1, y: 3}, goal: {x: 15, y: 3}, time_limit_s: 4")
+    assert not found(check_world(folder), "m/s on average").serious
+
+
+def test_an_aisle_the_grid_misses_is_named(folder: Path) -> None:
+    replace_labels(folder, "name: Rack 1, rectangle: [0, 9, 5, 10]", "name: Rack 2, rectangle: [0, 6.9, 5, 7.9]")
+    text = (folder / "world.yaml").read_text()
+    kept = [line for line in text.splitlines() if not line.strip().startswith(("spacing_m", "origin"))]
+    at = next(i for i, line in enumerate(kept) if line.startswith("grid:"))
+    kept.insert(at + 1, "  origin: [0.0, 3.0]\n  spacing_m: 2.0")
+    (folder / "world.yaml").write_text("\n".join(kept) + "\n")
+    remark = found(check_world(folder), "aisle between Rack 1 and Rack 2 (1.1 m wide)")
+    assert remark.problem.path.name == "world.yaml"
+
+
+def test_isolated_parts_and_unknown_space_are_told(tmp_path: Path) -> None:
+    pixels = hall()
+    pixels[:, 200:204] = 0
+    pixels[5:235, 210:390] = 205
+    pixels[100:160, 260:320] = 254
+    created = world_from_map(write_map(tmp_path, pixels), name="hall", grid_spec=GridSpec(isolated_parts=True))
+    save_world(created.world, tmp_path / "w")
+    remarks = check_world(tmp_path / "w")
+    found(remarks, "are cut off from the rest")
+    found(remarks, "cannot be walked to from the other")
+    found(remarks, "is unknown")
+
+
+def test_a_folder_without_world_and_a_broken_one_are_told(tmp_path: Path, folder: Path) -> None:
+    with pytest.raises(FileError, match="holds no world"):
+        check_world(tmp_path / "nothing")
+    (folder / "labels.yaml").write_text("areas: [")
+    (folder / "routes.yaml").write_text("route: []")
+    remarks = check_world(folder)
+    assert {r.problem.path.name for r in remarks} == {"labels.yaml", "routes.yaml"}
+    assert all(r.serious for r in remarks)

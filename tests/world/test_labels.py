@@ -1,0 +1,106 @@
+"""The first proposal of labels, from models and from bare maps."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rvsg.world.files import ObjectEntry
+from rvsg.world.labels import areas_of_floor, areas_of_objects, largest_rectangle, propose_areas, readable_kind
+from rvsg.world.records import Pose
+from rvsg.world.space import human_space_of
+from rvsg.world.world import OccupancyMap, OrientedBox, SolidObject
+
+
+def thing(name: str, kind: str, x: float, y: float, size: tuple[float, float] = (4.0, 1.0)) -> SolidObject:
+    box = OrientedBox(center=(x, y, 1.0), size=(*size, 2.0))
+    return ObjectEntry(name=name, kind=kind, box=box).solid(0.21)
+
+
+def room(rows: int = 200, columns: int = 300) -> np.ndarray:
+    cells = np.zeros((rows, columns), np.uint8)
+    cells[:2] = cells[-2:] = 100
+    cells[:, :2] = cells[:, -2:] = 100
+    return cells
+
+
+def occupancy(cells: np.ndarray) -> OccupancyMap:
+    return OccupancyMap(cells=cells, resolution=0.05, origin=Pose(x=-1.0, y=2.0))
+
+
+@pytest.mark.parametrize(
+    ("kind", "words"),
+    [("ShelfD_01", "Shelf"), ("PalletJackB_01", "Pallet Jack"), ("table", "Table"), ("TV_stand_2", "TV Stand"),
+     ("a1", "A"), ("42", "42"), ("", "Object")],
+)  # fmt: skip
+def test_a_models_name_becomes_readable_words(kind: str, words: str) -> None:
+    assert readable_kind(kind) == words
+
+
+def test_neighbours_of_a_kind_are_one_area_numbered_from_the_top_left() -> None:
+    shelves = [thing(f"s{i}", "ShelfD_01", 0.0, -3.0 * i) for i in range(3)]
+    shelves.append(thing("s4", "ShelfE_01", 3.2, 0.0, (2.0, 1.0)))  # 0.2 m beside the first: worked as one with it
+    areas = areas_of_objects(shelves)
+    assert [a.name for a in areas] == ["Shelf 1", "Shelf 2", "Shelf 3"]
+    assert areas[0].outline[1][0] == pytest.approx(4.2)
+    assert {a.region for a in areas} == {"Shelves"}
+
+
+def test_a_much_larger_namesake_is_called_large_and_a_long_one_is_cut_in_parts() -> None:
+    areas = areas_of_objects([thing("a", "ShelfD", 0, 0), thing("b", "ShelfF", 20, 0, (2.1, 18.0))])
+    assert [a.name for a in areas] == ["Shelf", *(f"Large Shelf {i}" for i in (1, 2, 3, 4))]
+
+
+def test_walls_floor_and_small_things_are_not_labelled() -> None:
+    things = [thing("w", "WallB_01", 0, 0), thing("p", "Lamp", 5, 0), thing("c", "Cup", 9, 0, (0.1, 0.1))]
+    assert areas_of_objects(things) == ()
+
+
+def test_a_bare_maps_obstacles_and_floor_are_labelled_and_its_walls_are_not() -> None:
+    cells = room()
+    cells[80:100, 60:100] = 100  # a table of 2 x 1 m
+    for corner in ((140, 200), (140, 208), (148, 200), (148, 208)):  # four legs: one thing
+        cells[corner[0] : corner[0] + 2, corner[1] : corner[1] + 2] = 100
+    cells[2:60, 150:152] = 100  # a thin inner wall
+    areas = propose_areas((), occupancy(cells))
+    obstacles = [a for a in areas if a.kind == "obstacle"]
+    assert [a.name for a in obstacles] == ["Obstacle 1", "Obstacle 2"]
+    assert obstacles[1].outline[0] == pytest.approx((2.0, 6.0))
+    assert any(a.kind == "floor" for a in areas)
+
+
+def test_floor_areas_lie_on_open_floor_and_do_not_overlap() -> None:
+    cells = room()
+    cells[90:110, 100:200] = 100
+    space = human_space_of((), occupancy(cells))
+    areas = areas_of_floor(space)
+    taken = np.zeros(cells.shape, int)
+    for area in areas:
+        (x0, y0), (x1, y1) = area.outline[0], area.outline[2]
+        r0, c0 = round((y0 - 2.0) / 0.05), round((x0 + 1.0) / 0.05)
+        r1, c1 = round((y1 - 2.0) / 0.05), round((x1 + 1.0) / 0.05)
+        assert (cells[r0:r1, c0:c1] == 0).all()
+        taken[r0:r1, c0:c1] += 1
+    assert taken.max() == 1
+
+
+def test_a_long_narrow_floor_is_a_corridor() -> None:
+    assert [a.name for a in areas_of_floor(human_space_of((), occupancy(room(50, 260))))] == ["Corridor"]
+
+
+@given(st.lists(st.lists(st.booleans(), min_size=1, max_size=7), min_size=1, max_size=7).filter(
+    lambda rows: len({len(r) for r in rows}) == 1))  # fmt: skip
+@settings(deadline=None)
+def test_the_largest_rectangle_is_the_largest(rows: list[list[bool]]) -> None:
+    cells = np.array(rows)
+    top, left, high, wide = largest_rectangle(cells)
+    assert cells[top : top + high, left : left + wide].all()
+    best = max(
+        (h * w for r in range(cells.shape[0]) for c in range(cells.shape[1])
+         for h in range(1, cells.shape[0] - r + 1) for w in range(1, cells.shape[1] - c + 1)
+         if cells[r : r + h, c : c + w].all()),
+        default=0,
+    )  # fmt: skip
+    assert high * wide == best
