@@ -45,8 +45,20 @@ def embed(texts: Sequence[str], model_dir: Path | None = None) -> Floats32:
     folder = model_dir or model_folder()
     if folder is None:
         raise InputError(f"The package {PACKAGE.replace('_', '-')} is not installed. {HOW_TO}")
+    try:
+        from threadpoolctl import threadpool_limits
+    except ImportError as error:
+        raise InputError(f"The package {error.name} is not installed. {HOW_TO}") from None
+    # The matrices are small: on a busy machine threads that wait for one another made this 30 times slower.
+    with threadpool_limits(1, "blas"):
+        return np.stack([_embed_text(text, folder) for text in texts])
+
+
+@lru_cache(maxsize=4096)
+def _embed_text(text: str, folder: Path) -> Floats32:
+    """One embedding; kept, because a text of 200 tokens takes about 0.1 s and tables ask for the same ones again."""
     weights, tokenizer = _load(folder)
-    return np.stack([_embed_one(tokenizer.encode(text).ids, weights) for text in texts])
+    return _embed_one(tokenizer.encode(text).ids, weights)
 
 
 @lru_cache(maxsize=2)

@@ -11,7 +11,6 @@ from PIL import Image
 
 from rvsg.world.picture.palette import PALETTES, Palette
 from rvsg.world.picture.plan import GRID, LABELLED, LAYERS, Picture, draw_plan
-from rvsg.world.picture.tiles import Tile, tiles
 from rvsg.world.picture.view import Window
 from rvsg.world.world import Route, World
 
@@ -21,12 +20,10 @@ __all__ = [
     "LAYERS",
     "PALETTES",
     "Picture",
-    "Tile",
     "draw_plan",
     "grid_picture",
     "labelled_map",
     "png_bytes",
-    "tiles",
 ]
 
 
