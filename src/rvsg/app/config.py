@@ -29,8 +29,8 @@ BESIDE = ("jobs", "out", "fail_on_violation", "junit", "budget_usd", "budget_cal
 class CampaignConfig(Record):
     """Everything `rvsg run` can be told.
 
-    `generator` None is the heuristic, or chance for the strategy `random`. `jobs` None is one per core. `out` None is
-    a folder under `runs/` named for what is asked.
+    `generator` None is chance for the strategy `random`, the VLM where a model or a replay is named, else the
+    heuristic. `jobs` None is one per core. `out` None is a folder under `runs/` named for what is asked.
     """
 
     world: str = "warehouse"
@@ -64,7 +64,11 @@ class CampaignConfig(Record):
     @property
     def generator_name(self) -> str:
         """The generator that is used."""
-        return self.generator or ("random" if self.strategy == "random" else "heuristic")
+        if self.generator:
+            return self.generator
+        if self.strategy == "random":
+            return "random"
+        return "vlm" if self.model or self.replay else "heuristic"
 
     @property
     def folder(self) -> Path:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shlex
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,9 +24,13 @@ from rvsg.scenario.requirements import load_requirement
 from rvsg.scenario.scenario import Mission
 from rvsg.simulation.simulator import Simulator
 from rvsg.world.load import load_world
-from rvsg.world.records import content_id
 from rvsg.world.space import robot_space
 from rvsg.world.world import Route, World
+
+VLM_OPTIONS = (
+    *("model", "base_url", "conversation", "prompts", "replay"),
+    *("budget_usd", "budget_calls", "budget_tokens"),
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,6 +57,12 @@ class Wired:
         """A fresh strategy that reads its feedback from the ledger."""
         made: Strategy = self.strategy_class(self.plan, feedback_from(ledger, self.plan, self.world))
         return made
+
+    def warm_up(self, tell: Callable[[str], None]) -> None:
+        """Let the simulator compile or load what it needs, if it has such a step, before workers and clocks start."""
+        prepare = getattr(self.simulator, "prepare", None)
+        if prepare is not None:
+            prepare(tell)
 
     def simulations(self, ledger: Any = None) -> Simulations:
         """What makes the runs; those the ledger knows are not made again."""
@@ -122,8 +133,11 @@ def check_start(route: Route, world: World) -> None:
 
 
 def generator_options(config: CampaignConfig) -> dict[str, Any]:
-    """What the generator is made with."""
-    return dict(config.generator_options)
+    """What the generator is made with: its own options, and for a VLM how it is reached and kept within bounds."""
+    if config.generator_name != "vlm":
+        return dict(config.generator_options)
+    reached = {name: getattr(config, name) for name in VLM_OPTIONS if getattr(config, name) is not None}
+    return {"folder": str(config.folder), **reached, **config.generator_options}
 
 
 def jobs_of(config: CampaignConfig) -> int:
@@ -164,8 +178,3 @@ def command_for(config: CampaignConfig, *, out: Path | None = None) -> str:
     if out is not None:
         words += ["--out", str(out)]
     return shlex.join(words)
-
-
-def short_id(settings: dict[str, Any]) -> str:
-    """A name for settings: equal settings, equal name."""
-    return content_id("campaign", settings)

@@ -8,6 +8,7 @@ from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.plan import Plan
 from rvsg.campaign.ranking import ranking, search_attempts
 from rvsg.evaluation.verdict import Status, Verdict
+from rvsg.scenario.scenario import Scenario
 from rvsg.world.records import Record
 
 VIOLATED = (Status.FAIL, Status.FLAKY)
@@ -92,6 +93,11 @@ def account(attempts: Iterable[Attempt]) -> Accounting:
     )
 
 
+def in_short(scenario: Scenario) -> str:
+    """What everybody does first, for a scenario that nobody described."""
+    return "; ".join(f"{human.name}: {human.tasks[0].name}" for human in scenario.people.humans)
+
+
 def number(value: float | None, unit: str = "") -> str:
     """A value as people read it: three significant digits and its unit."""
     if value is None:
@@ -119,6 +125,6 @@ def _ranked(place: int, attempt: Attempt, searched: Sequence[Attempt]) -> Ranked
         configurations=tried,
         attempt=attempt.index,
         scenario_id=scenario.id,
-        description=scenario.description,
+        description=scenario.description or in_short(scenario),
         verdict=attempt.verdict,
     )

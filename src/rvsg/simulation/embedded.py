@@ -57,6 +57,10 @@ class EmbeddedSimulator:
         """The effective options, as they are stored with every run."""
         return stored_options(self._options)
 
+    def prepare(self, tell: Callable[[str], None]) -> None:
+        """Compile or load the kernels before the first run; `tell` hears of it only where they must be compiled."""
+        warm_up(tell)
+
     def run(self, scenario: Scenario, world: World, *, seed: int) -> Run:
         """Simulate one episode; raises InputError where world or scenario cannot be simulated at all."""
         agents = decode(scenario.people, world.grid)

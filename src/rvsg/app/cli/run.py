@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rvsg.app.cli.console import print_json, say
+from rvsg.app.cli.console import console, print_json, say
 from rvsg.app.cli.frame import verb
 
 if TYPE_CHECKING:
@@ -76,8 +76,9 @@ def run(
 def _campaign(from_file: dict[str, Any], given: dict[str, Any], *, as_json: bool) -> int:
     """Run or resume, show and write what was found; returns the exit code."""
     from rvsg.app.config import effective
-    from rvsg.app.folder import CONFIG, LEDGER, alone_in, make_folder, write_whole
+    from rvsg.app.folder import CONFIG, LEDGER, alone_in, make_folder
     from rvsg.app.wiring import wire
+    from rvsg.report.files import write_whole
     from rvsg.store.sqlite import SqliteLedger
 
     begin = time.monotonic()
@@ -140,6 +141,8 @@ def _work(wired: Wired, ledger: Any, folder: Path, *, resumed: bool) -> list[Att
     if resumed:
         say(f"Resuming {folder}: {len(known)} attempts are there already.")
     signal.signal(signal.SIGTERM, _as_interrupt)
+    if len(known) < plan.attempts or not any(a.purpose == "confirmation" for a in known):
+        wired.warm_up(say)
     how = f"Resume with: rvsg run --out {folder}"
     try:
         with CampaignProgress(plan, known) as progress, wired.simulations(ledger) as simulations:
@@ -156,13 +159,25 @@ def _as_interrupt(number: int, frame: FrameType | None) -> None:
 
 
 def _write(wired: Wired, ledger: Any, attempts: list[Attempt], folder: Path) -> Summary:
-    """The files beside the ledger: the best scenario, JUnit XML."""
-    from rvsg.app.folder import BEST, write_whole
+    """The files beside the ledger: the report, the best scenario, JUnit XML."""
+    from rvsg.app.folder import BEST, REPORT
+    from rvsg.app.wiring import command_for
     from rvsg.campaign.ranking import best_attempt
+    from rvsg.report.files import write_whole
     from rvsg.report.junit import junit_xml
+    from rvsg.report.page import write_page
     from rvsg.report.summary import summarise
 
     summary = summarise(wired.plan, attempts)
+    write_page(
+        folder / REPORT,
+        wired.plan,
+        attempts,
+        world=wired.world,
+        run_of=ledger.run,
+        command=command_for(wired.config),
+        simulator=wired.simulator.name,
+    )
     best = best_attempt(attempts, wired.plan.requirement)
     if best is not None and best.proposal.scenario is not None:
         write_whole(folder / BEST, best.proposal.scenario.to_json())
@@ -183,7 +198,7 @@ def _show(wired: Wired, summary: Summary, folder: Path, spent_s: float, *, as_js
             summary.model_dump(mode="json", exclude={"confirmed": {"brief", "proposal"}})
             | {"out": str(folder), "report": str(folder / REPORT), "command": command}
         )
-    say(ranked_table(wired.plan, summary))
+    say(ranked_table(wired.plan, summary, width=console().width))
     say(confirmation_line(wired.plan, summary))
     account = summary.accounting
     say(

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from rich.box import SIMPLE_HEAD
 from rich.table import Table
 from rich.text import Text
 
 from rvsg.campaign.plan import Plan
 from rvsg.evaluation.verdict import Status
 from rvsg.report.summary import Summary, interval, number
+
+WITHOUT_SCENARIO = 66
+"""Characters of a row without the scenario's description."""
 
 STYLES = {
     Status.PASS: "green",
@@ -18,18 +22,20 @@ STYLES = {
 }
 
 
-def ranked_table(plan: Plan, summary: Summary, *, rows: int = 10) -> Table:
-    """The scenarios, the one that is worst for the robot first."""
+def ranked_table(plan: Plan, summary: Summary, *, width: int = 80, rows: int = 10) -> Table:
+    """The scenarios, the one that is worst for the robot first, in `width` characters."""
     requirement = plan.requirement
     worse = f"worse: {requirement.worse}"
     limit = f", limit {number(requirement.limit, requirement.unit)}" if requirement.limit is not None else ""
     measured = requirement.metric or "robustness"
-    table = Table(title=f"{requirement.name} {requirement.title}: {measured} ({worse}{limit})", title_justify="left")
-    table.add_column("#", justify="right")
-    table.add_column("scenario", ratio=1, overflow="ellipsis", no_wrap=True)
-    table.add_column("conf.", justify="right")
-    table.add_column(f"objective [{100 * 0.95:.0f} %]", justify="right", no_wrap=True)
-    table.add_column("violated", justify="right")
+    title = f"{requirement.name} {requirement.title}: {measured} ({worse}{limit})"
+    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
+    table.add_column("#", justify="right", no_wrap=True)
+    room = max(16, width - WITHOUT_SCENARIO)
+    table.add_column("scenario", overflow="ellipsis", no_wrap=True, max_width=room)
+    table.add_column("conf.", justify="right", no_wrap=True)
+    table.add_column("objective [95 %]", justify="right", no_wrap=True)
+    table.add_column("violated", justify="right", no_wrap=True)
     table.add_column("verdict", no_wrap=True)
     for entry in summary.ranking[:rows]:
         verdict = entry.verdict

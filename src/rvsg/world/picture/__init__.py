@@ -11,6 +11,7 @@ from PIL import Image
 
 from rvsg.world.picture.palette import PALETTES, Palette
 from rvsg.world.picture.plan import GRID, LABELLED, LAYERS, Picture, draw_plan
+from rvsg.world.picture.tiles import Tile, tiles
 from rvsg.world.picture.view import Window
 from rvsg.world.world import Route, World
 
@@ -20,10 +21,12 @@ __all__ = [
     "LAYERS",
     "PALETTES",
     "Picture",
+    "Tile",
     "draw_plan",
     "grid_picture",
     "labelled_map",
     "png_bytes",
+    "tiles",
 ]
 
 

@@ -43,7 +43,7 @@ def area_words(world: World, view: View) -> tuple[Word, ...]:
 
 def write_areas(sheet: Sheet, areas: list[Area], kinds: dict[str, Colour], *, largest: int) -> None:
     """The areas' names: inside where they fit, else beside with a line that leads there."""
-    rings = {area.name: sheet.view.pixels(np.array(area.outline)) for area in areas}
+    rings = {area.name: _clipped(sheet.view.pixels(np.array(area.outline)), sheet.view) for area in areas}
     order = sorted(areas, key=lambda a: (np.ptp(rings[a.name], axis=0).prod(), a.name))  # small ones have least choice
     left, top, right, bottom = sheet.view.plan
     page = (left + 2.0, top + 2.0, right - 2.0, bottom - 2.0)
@@ -76,6 +76,18 @@ def write_areas(sheet: Sheet, areas: list[Area], kinds: dict[str, Colour], *, la
         order = missing
     if order:
         sheet.notes.append(f"no room for the names of {len(order)} areas: {', '.join(sorted(a.name for a in order))}")
+
+
+def _clipped(ring: Floats, view: View) -> Floats:
+    """The part of a polygon in pixels that lies on the plan: its largest piece, or the polygon where none does."""
+    left, top, right, bottom = view.plan
+    if (ring >= (left, top)).all() and (ring <= (right, bottom)).all():
+        return ring
+    from shapely import Polygon, box
+
+    seen = Polygon(ring).buffer(0).intersection(box(left, top, right, bottom))
+    pieces = [piece for piece in getattr(seen, "geoms", [seen]) if isinstance(piece, Polygon) and not piece.is_empty]
+    return np.array(max(pieces, key=lambda piece: piece.area).exterior.coords) if pieces else ring
 
 
 def _write_name(sheet: Sheet, word: Word, colour: Colour) -> None:

@@ -77,6 +77,7 @@ def draw_plan(
     if "names" in show:
         write_waypoints(sheet, dots)
     write_areas(sheet, areas, kinds, largest=26 if "waypoints" not in show else 19)
+    sheet.clear_margins()
     if "title" in show:
         draw_title(sheet, title or world.title)
     end = draw_footer(sheet, world, show, kinds if areas else {}, route)

@@ -79,6 +79,13 @@ class Sheet:
         box = [(x - radius) * FINE, (y - radius) * FINE, (x + radius) * FINE, (y + radius) * FINE]
         self._draw.ellipse(box, fill=fill, outline=edge, width=self._width(width) if edge else 0)
 
+    def clear_margins(self) -> None:
+        """Paint over what was drawn beyond the plan."""
+        left, top, right, bottom = (v * FINE for v in self.view.plan)
+        width, height = self._image.size
+        for box in ((0, 0, width, top), (0, bottom, width, height), (0, 0, left, height), (right, 0, width, height)):
+            self._image.paste(self.palette.page, box)
+
     def write(self, word: Word, colour: Colour, *, halo: Colour | None = None, bold: bool = False) -> None:
         """Write a placed word and take its place."""
         self.words.append(word)

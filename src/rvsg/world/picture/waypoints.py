@@ -33,7 +33,7 @@ def draw_dots(sheet: Sheet, world: World) -> list[Dot]:
     places = view.pixels(np.array([[w.x, w.y] for w in valid]))
     seen = [(w, float(x), float(y)) for w, (x, y) in zip(valid, places, strict=True)]
     seen = [(w, x, y) for w, x, y in seen if left < x < right and top < y < bottom]
-    apart = _spacing(np.array([(x, y) for _, x, y in seen]).reshape(-1, 2))
+    apart = usual_spacing(np.array([(x, y) for _, x, y in seen]).reshape(-1, 2))
     radius = float(np.clip(apart * 0.075, 1.6, 5.0 * sheet.unit))
     dense = apart < text_size("A10", SMALLEST_TEXT)[0]  # names of areas may then cover some of so many dots
     for waypoint, x, y in seen:
@@ -83,8 +83,8 @@ def _write_waypoint(sheet: Sheet, dot: Dot, size: int) -> None:
     sheet.notes.append(f"no room for the name of waypoint {dot.name}")
 
 
-def _spacing(places: Floats) -> float:
-    """The usual distance in pixels from a waypoint to its nearest other, a low quantile: names must fit nearly all."""
+def usual_spacing(places: Floats) -> float:
+    """The usual distance from a waypoint (n, 2) to its nearest other, a low quantile: names must fit nearly all."""
     if len(places) < 2:
         return 100.0
     from scipy.spatial import cKDTree

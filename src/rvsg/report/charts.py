@@ -1,0 +1,152 @@
+"""The still charts of the report as SVG text: objectives of search and confirmation, and the course of the search.
+
+They take their colours from the page (classes `axis`, `grid`, `limit`, `old`, `new`, `line`) and speak through
+`title` elements; sizes are in pixels of the view box.
+"""
+
+from __future__ import annotations
+
+import html
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from rvsg.campaign.attempt import Attempt
+from rvsg.campaign.plan import Plan
+from rvsg.campaign.ranking import search_attempts
+from rvsg.report.summary import number
+
+
+@dataclass(frozen=True)
+class Scale:
+    """A linear scale from values to pixels."""
+
+    low: float
+    high: float
+    start: float
+    end: float
+
+    def __call__(self, value: float) -> float:
+        """The pixel of a value."""
+        return self.start + (value - self.low) / (self.high - self.low) * (self.end - self.start)
+
+
+def ticks(low: float, high: float, most: int = 6) -> list[float]:
+    """Round values between low and high, at most `most` and a few."""
+    step = 10.0 ** math.floor(math.log10((high - low) / most))
+    step = next(step * k for k in (1, 2, 5, 10) if (high - low) / (step * k) <= most)
+    first = math.ceil(low / step - 1e-9)
+    return [round(k * step, 10) for k in range(first, math.floor(high / step + 1e-9) + 1)]
+
+
+def span(values: Sequence[float]) -> tuple[float, float]:
+    """The least and the greatest value with some air around them."""
+    low, high = min(values), max(values)
+    air = 0.08 * (high - low) or 0.1 * abs(high) or 1.0
+    return low - air, high + air
+
+
+def confirmation_chart(plan: Plan, selected: Attempt, confirmed: Attempt) -> str:
+    """Every objective by which the scenario was selected and every fresh one, as dots with mean and interval."""
+    old, new = selected.verdict, confirmed.verdict
+    assert old is not None and new is not None
+    limit = plan.requirement.threshold
+    values = [*old.objectives, *new.objectives, *(old.interval or ()), *([limit] if limit is not None else [])]
+    width, height = 640, 176
+    x = Scale(*span(values), 116, width - 16)
+    unit = plan.requirement.unit
+    parts = [_frame(width, height, f"Objective values of the selecting and of the fresh runs, {unit}")]
+    for tick in ticks(x.low, x.high):
+        parts.append(f'<line class="grid" x1="{x(tick):.1f}" x2="{x(tick):.1f}" y1="14" y2="138"/>')
+        parts.append(f'<text class="axis" x="{x(tick):.1f}" y="154" text-anchor="middle">{number(tick)}</text>')
+    axis = f"{plan.requirement.metric or 'robustness'}, {unit}" if unit else (plan.requirement.metric or "robustness")
+    parts.append(f'<text class="axis" x="{(116 + width - 16) / 2}" y="171" text-anchor="middle">{_e(axis)}</text>')
+    if limit is not None:
+        parts.append(_limit(x(limit), limit, unit, 10, 138))
+    for y, name, verdict, kind in ((48, "in the search", old, "old"), (104, "fresh runs", new, "new")):
+        parts.append(f'<text class="axis" x="104" y="{y + 4}" text-anchor="end">{name}</text>')
+        for place, value in enumerate(verdict.objectives):
+            up = y + 9 * math.sin(place * 2.4)
+            parts.append(
+                f'<circle class="{kind}" cx="{x(value):.1f}" cy="{up:.1f}" r="4.5">'
+                f"<title>{number(value, unit)}</title></circle>"
+            )
+        if verdict.mean is not None:
+            low, high = verdict.interval or (verdict.mean, verdict.mean)
+            parts.append(f'<line class="{kind} bar" x1="{x(low):.1f}" x2="{x(high):.1f}" y1="{y + 22}" y2="{y + 22}"/>')
+            parts.append(
+                f'<path class="{kind} mark" d="M{x(verdict.mean):.1f} {y + 16}v12"><title>mean '
+                f"{number(verdict.mean, unit)}</title></path>"
+            )
+    return "".join([*parts, "</svg>"])
+
+
+def search_chart(plan: Plan, attempts: Sequence[Attempt]) -> str:
+    """The mean objective of every attempt with its interval, joined within a scenario, in the order of the search."""
+    done = [a for a in search_attempts(attempts) if a.verdict is not None and a.verdict.mean is not None]
+    if not done:
+        return ""
+    limit, unit = plan.requirement.threshold, plan.requirement.unit
+    values = [v for a in done if a.verdict for v in (a.verdict.mean, *(a.verdict.interval or ())) if v is not None]
+    width, height = 960, 280
+    y = Scale(*span([*values, *([limit] if limit is not None else [])]), height - 44, 14)
+    x = Scale(-0.5, max(a.index for a in done) + 0.5, 58, width - 12)
+    parts = [_frame(width, height, f"Mean objective of every attempt in the order of the search, {unit}")]
+    for tick in ticks(y.low, y.high):
+        parts.append(f'<line class="grid" x1="58" x2="{width - 12}" y1="{y(tick):.1f}" y2="{y(tick):.1f}"/>')
+        parts.append(f'<text class="axis" x="50" y="{y(tick) + 4:.1f}" text-anchor="end">{number(tick)}</text>')
+    if limit is not None:
+        parts.append(
+            f'<line class="limit" x1="58" x2="{width - 12}" y1="{y(limit):.1f}" y2="{y(limit):.1f}"/>'
+            f'<text class="limit" x="{width - 14}" y="{y(limit) - 5:.1f}" text-anchor="end">'
+            f"limit {number(limit, unit)}</text>"
+        )
+    groups: dict[int, list[Attempt]] = {}
+    for attempt in done:
+        groups.setdefault(attempt.brief.scenario_index, []).append(attempt)
+    for place, (scenario, group) in enumerate(groups.items()):
+        parts.append(_course(scenario, group, x, y, unit, few=len(groups) <= 25, shaded=place % 2 == 0))
+    parts.append(f'<text class="axis" x="{width / 2}" y="{height - 6}" text-anchor="middle">scenario</text>')
+    return "".join([*parts, "</svg>"])
+
+
+def _course(scenario: int, group: Sequence[Attempt], x: Scale, y: Scale, unit: str, *, few: bool, shaded: bool) -> str:
+    """One scenario's attempts, in the order of its configurations."""
+    first, last = x(group[0].index - 0.5), x(group[-1].index + 0.5)
+    parts = [
+        f'<rect class="band" x="{first:.1f}" y="14" width="{last - first:.1f}" height="{y.start - 14:.1f}"/>'
+    ] * shaded
+    points = " ".join(f"{x(a.index):.1f},{y(a.mean):.1f}" for a in group if a.mean is not None)
+    parts.append(f'<polyline class="line" points="{points}"/>')
+    for attempt in group:
+        verdict = attempt.verdict
+        assert verdict is not None and verdict.mean is not None
+        at = x(attempt.index)
+        if verdict.interval:
+            low, high = verdict.interval
+            parts.append(f'<line class="spread" x1="{at:.1f}" x2="{at:.1f}" y1="{y(low):.1f}" y2="{y(high):.1f}"/>')
+        parts.append(
+            f'<circle class="new" cx="{at:.1f}" cy="{y(verdict.mean):.1f}" r="3.5"><title>scenario {scenario + 1}, '
+            f"configuration {attempt.brief.configuration_index + 1}: {number(verdict.mean, unit)}</title></circle>"
+        )
+    if few:
+        middle = (first + last) / 2
+        parts.append(
+            f'<text class="axis" x="{middle:.1f}" y="{y.start + 16:.1f}" text-anchor="middle">{scenario + 1}</text>'
+        )
+    return "".join(parts)
+
+
+def _frame(width: int, height: int, title: str) -> str:
+    return f'<svg class="chart" viewBox="0 0 {width} {height}" role="img" aria-label="{_e(title)}">'
+
+
+def _limit(x: float, limit: float, unit: str, top: float, bottom: float) -> str:
+    return (
+        f'<line class="limit" x1="{x:.1f}" x2="{x:.1f}" y1="{top}" y2="{bottom}"/>'
+        f'<text class="limit" x="{x + 5:.1f}" y="{top + 8}">limit {number(limit, unit)}</text>'
+    )
+
+
+def _e(text: str) -> str:
+    return html.escape(text, quote=True)

@@ -1,0 +1,146 @@
+from __future__ import annotations
+
+import html.parser
+import json
+import re
+import xml.etree.ElementTree as ET
+
+import pytest
+from tests.campaign.parts import MemoryLedger, WalkGenerator, parts, plan, warehouse
+
+from rvsg.campaign.attempt import Attempt
+from rvsg.campaign.loop import feedback_from, run_campaign
+from rvsg.campaign.strategies import RandomStrategy, StudyStrategy
+from rvsg.generation.generator import Proposal
+from rvsg.report.junit import junit_xml
+from rvsg.report.page import render_page
+from rvsg.report.summary import summarise
+from rvsg.scenario.brief import Brief
+from rvsg.world.world import World
+
+NASTY = "</script><script>alert(1)</script><img src=x onerror=alert(2)> & \"quoted\" 'single' \u2028"
+
+
+class NastyGenerator(WalkGenerator):
+    def propose(self, brief: Brief, world: World) -> Proposal:
+        proposal = super().propose(brief, world)
+        scenario = proposal.scenario
+        assert scenario is not None
+        people = scenario.people.replace(
+            humans=tuple(
+                human.replace(name=f"{NASTY[:60]} {k}", tasks=(human.tasks[0].replace(name=NASTY), *human.tasks[1:]))
+                for k, human in enumerate(scenario.people.humans)
+            )
+        )
+        return proposal.replace(scenario=scenario.replace(description=NASTY, people=people))
+
+
+def campaign(ledger: MemoryLedger, generator: object = None, strategy: type = StudyStrategy, **changes: object):
+    the_plan = plan(**changes)
+    with (made := parts(ledger, generator=generator)).simulations:
+        attempts = run_campaign(the_plan, strategy(the_plan, feedback_from(ledger, the_plan, warehouse())), made)
+    return the_plan, attempts
+
+
+def page(the_plan, attempts: list[Attempt], ledger: MemoryLedger) -> str:
+    return render_page(the_plan, attempts, world=warehouse(), run_of=ledger.run, command="rvsg run --seed 7")
+
+
+class Reader(html.parser.HTMLParser):
+    """Notes tags, what they refer to, and whether all are closed."""
+
+    VOID = frozenset({"meta", "br", "input", "link", "img", "hr"})
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.tags: list[str] = []
+        self.refers: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self.refers += [value or "" for name, value in attrs if name in ("src", "href", "onerror", "onload")]
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self.refers += [value or "" for name, value in attrs if name in ("src", "href", "onerror", "onload")]
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+
+@pytest.mark.parametrize("strategy", [StudyStrategy, RandomStrategy])
+def test_the_page_is_whole_and_refers_to_nothing_outside(strategy: type) -> None:
+    ledger = MemoryLedger()
+    text = page(*campaign(ledger, strategy=strategy), ledger)
+    reader = Reader()
+    reader.feed(text)
+    assert reader.open == []
+    assert reader.refers == []
+    assert not re.search(r"(?:https?:)?//(?!www\.w3\.org/2000/svg)[a-z]", text)
+
+
+def test_words_of_a_model_stay_words() -> None:
+    ledger = MemoryLedger()
+    text = page(*campaign(ledger, NastyGenerator()), ledger)
+    reader = Reader()
+    reader.feed(text)
+    assert reader.tags.count("script") == 2
+    assert "img" not in reader.tags
+    data = re.search(r'id="data">(.*?)</script>', text, flags=re.DOTALL)
+    assert data is not None
+    assert json.loads(data[1])["runs"][0]["names"][0].startswith("</script>")
+
+
+def test_the_page_says_what_the_confirmation_measured() -> None:
+    ledger = MemoryLedger()
+    the_plan, attempts = campaign(ledger)
+    verdict = attempts[-1].verdict
+    assert verdict is not None
+    text = page(the_plan, attempts, ledger)
+    assert f"{verdict.violations} of {verdict.runs}" in text or "in any of 5 fresh runs" in text
+    assert "seeds took no part in the choice" in text
+    assert "rvsg run --seed 7" in text
+
+
+def test_equal_campaigns_give_equal_pages() -> None:
+    one, two = MemoryLedger(), MemoryLedger()
+    assert page(*campaign(one), one) == page(*campaign(two), two)
+
+
+def test_an_unfinished_or_empty_campaign_has_a_page_too() -> None:
+    ledger = MemoryLedger()
+    the_plan, attempts = campaign(ledger)
+    assert "not confirmed" in page(the_plan, attempts[:2], ledger)
+    assert "no result" in page(the_plan, [], ledger)
+
+
+def test_the_replay_shows_every_run_whole() -> None:
+    ledger = MemoryLedger()
+    the_plan, attempts = campaign(ledger)
+    data = re.search(r'id="data">(.*?)</script>', page(the_plan, attempts, ledger), flags=re.DOTALL)
+    assert data is not None
+    shown = json.loads(data[1])["runs"]
+    assert len(shown) == 3
+    values = [float(run["label"].split(": ")[1].split(" ")[0]) for run in shown]
+    assert values == sorted(values)  # R1 is worse when smaller: worst, middle, mildest
+    for run in shown:
+        assert len(run["t"]) == len(run["x"]) == len(run["hx"][0]) == len(run["gap"][1])
+
+
+def test_the_accounting_counts_every_run_once() -> None:
+    the_plan, attempts = campaign(MemoryLedger())
+    account = summarise(the_plan, attempts).accounting
+    assert account.search_runs == the_plan.attempts * the_plan.repeats
+    assert account.confirmation_runs == the_plan.confirmations
+
+
+def test_junit_has_a_case_per_scenario_and_the_confirmation() -> None:
+    ledger = MemoryLedger()
+    the_plan, attempts = campaign(ledger, NastyGenerator())
+    suite = ET.fromstring(junit_xml(the_plan, summarise(the_plan, attempts)))[0]
+    assert len(suite) == the_plan.scenarios + 1 == int(suite.attrib["tests"])
+    assert len(suite.findall(".//failure")) == int(suite.attrib["failures"])
+    assert "confirmation" in suite[-1].attrib["name"]
