@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from rvsg.errors import InputError
 from rvsg.world.raster import Frame, covering, inside_cells, outline_cells
-from rvsg.world.world import OccupancyMap, SolidObject
+from rvsg.world.world import FREE, OCCUPIED, UNKNOWN, OccupancyMap, SolidObject
 
-FREE, OCCUPIED, UNKNOWN = 0, 100, 255
 MOST_CELLS = 60_000_000
 
 

@@ -14,12 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.world.raster import Frame, inside_cells, outline_cells
-from rvsg.world.world import OccupancyMap, SolidObject, World
+from rvsg.world.world import FREE, OccupancyMap, SolidObject, World
 
 Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
-
-FREE, OCCUPIED, UNKNOWN = 0, 100, 255
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +39,8 @@ class Space:
 
     def is_free(self, x: float, y: float, radius: float = 0.0) -> bool:
         """Whether a disc of this radius (metres) fits here; radius 0 asks whether the point itself is free."""
-        return self.clearance(x, y) > 0.0 and self.clearance(x, y) >= radius
+        clear = self.clearance(x, y)
+        return clear > 0.0 and clear >= radius
 
     def parts(self, radius: float) -> NDArray[np.int32]:
         """Which connected part of the free space every cell belongs to for a disc of this radius; (rows, columns).

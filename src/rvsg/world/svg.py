@@ -23,7 +23,7 @@ from rvsg.world.picture.palette import Colour, Palette, palette
 from rvsg.world.picture.placing import Word
 from rvsg.world.picture.view import View, Window, view_of
 from rvsg.world.space import frame_of, solid_cells, world_map
-from rvsg.world.world import World
+from rvsg.world.world import FREE, OCCUPIED, World
 
 Floats = NDArray[np.float64]
 LAYOUT_PX = 1600
@@ -125,12 +125,12 @@ def _cells(world: World) -> list[str]:
     """The free floor, and what the map shows occupied without an object standing there, as merged rectangles."""
     occupancy = world_map(world)
     frame = frame_of(occupancy)
-    occupied = occupancy.cells == 100
+    occupied = occupancy.cells == OCCUPIED
     if world.objects:
         from scipy.ndimage import binary_dilation
 
         occupied &= ~binary_dilation(solid_cells(world.objects, frame), np.ones((5, 5), bool))
-    floor = (occupancy.cells == 0) | ((occupancy.cells == 100) & ~occupied)
+    floor = (occupancy.cells == FREE) | ((occupancy.cells == OCCUPIED) & ~occupied)
     paths = []
     for kind, cells in (("floor", floor | occupied), ("wall", occupied)):
         rings = []

@@ -12,6 +12,8 @@ from rvsg.errors import UnknownName
 from rvsg.world.grid import Grid, GridSpec
 from rvsg.world.records import Pose, Record, content_id
 
+FREE, OCCUPIED, UNKNOWN = 0, 100, 255  # the values of an occupancy map's cells
+
 Point = tuple[float, float]
 Polygon = tuple[Point, ...]
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from rvsg.world.picture.sheet import FINE, Sheet
 from rvsg.world.space import frame_of, solid_cells, world_map
-from rvsg.world.world import SolidObject, World
+from rvsg.world.world import FREE, OCCUPIED, SolidObject, World
 
 Floats = NDArray[np.float64]
 
@@ -26,8 +26,8 @@ def draw_floor(sheet: Sheet, world: World, guides: tuple[list[float], list[float
     ink = sheet.palette
     colours = np.array([ink.outside, ink.floor, ink.wall, ink.guide, ink.thing], np.uint8)
     kind = np.zeros(frame.shape, np.uint8)
-    kind[occupancy.cells == 0] = 1
-    kind[occupancy.cells == 100] = 2
+    kind[occupancy.cells == FREE] = 1
+    kind[occupancy.cells == OCCUPIED] = 2
     thick = max(1, round(THICK_WALL_M / 2 / frame.resolution))
     kind[binary_erosion(kind == 2, iterations=thick)] = 4
     if hidden and world.objects:

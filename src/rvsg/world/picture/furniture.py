@@ -9,7 +9,7 @@ import numpy as np
 
 from rvsg.world.grid import Waypoint
 from rvsg.world.picture.palette import Colour
-from rvsg.world.picture.placing import text_size
+from rvsg.world.picture.placing import SMALLEST_TEXT, text_size
 from rvsg.world.picture.sheet import Sheet
 from rvsg.world.world import Route, World
 
@@ -86,7 +86,7 @@ def draw_footer(
     x = _compass(sheet, x + 50 * unit, first)
     if "legend" not in show:
         return first + 24 * unit
-    size = round(17 * unit)
+    size = max(SMALLEST_TEXT + 1, round(17 * unit))
     x += 40 * unit
     line = first
     for draw, text in _legend(sheet, world, show, kinds, route):
@@ -154,7 +154,7 @@ def _legend(
                     "waypoint too narrow for the robot",
                 )
             )
-    if len(kinds) <= 8:
+    if len(kinds) <= 8 and len(set(kinds.values())) == len(kinds):
         entries += [(swatch(colour), kind) for kind, colour in kinds.items()]
     if route is not None:
         entries.append(

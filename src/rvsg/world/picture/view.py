@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rvsg.errors import InputError
 from rvsg.world.space import frame_of, world_map
-from rvsg.world.world import World
+from rvsg.world.world import UNKNOWN, World
 
 Floats = NDArray[np.float64]
 Window = tuple[float, float, float, float]
@@ -82,7 +82,7 @@ def view_of(world: World, *, width_px: int, window: Window | None, margins: tupl
 def known_window(world: World, margin_m: float = 0.15) -> Window:
     """The part of the world of which something is known: free or occupied cells, objects, areas and waypoints."""
     occupancy = world_map(world)
-    known = np.argwhere(occupancy.cells != 255)
+    known = np.argwhere(occupancy.cells != UNKNOWN)
     parts = [np.array([[w.x, w.y] for w in world.grid.waypoints if w.human]).reshape(-1, 2)]
     if len(known):
         (r0, c0), (r1, c1) = known.min(axis=0), known.max(axis=0) + 1
