@@ -18,9 +18,8 @@ from PIL import Image, UnidentifiedImageError
 from rvsg.errors import FileError, InputError
 from rvsg.world.documents import Document, DocumentError, Problem, read_yaml
 from rvsg.world.records import Pose
-from rvsg.world.world import OccupancyMap
+from rvsg.world.world import FREE, OCCUPIED, UNKNOWN, OccupancyMap
 
-FREE, OCCUPIED, UNKNOWN = 0, 100, 255
 MODES = ("trinary", "scale", "raw")
 MOST_CELLS = 64_000_000
 LONGEST_SIDE_M = 1000.0

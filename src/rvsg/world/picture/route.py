@@ -11,6 +11,7 @@ from rvsg.errors import InputError
 from rvsg.world.picture.placing import place_beside
 from rvsg.world.picture.sheet import Sheet
 from rvsg.world.records import Pose
+from rvsg.world.route_words import line_of
 from rvsg.world.world import Route, World
 
 Floats = NDArray[np.float64]
@@ -19,10 +20,9 @@ Floats = NDArray[np.float64]
 def draw_route(sheet: Sheet, world: World, route: Route) -> None:
     """The way the robot roughly takes: through its waypoints, with arrows, from START to GOAL."""
     ink, unit = sheet.palette, sheet.unit
-    named = [world.grid.position(name) for name in route.via if name in world.grid.by_name]
-    passed = named or [(pose.x, pose.y) for pose in route.through]
-    points = [(route.start.x, route.start.y), *passed, (route.goal.x, route.goal.y)]
-    line = sheet.view.pixels(np.array([p for i, p in enumerate(points) if i == 0 or p != points[i - 1]]))
+    points = line_of(world, route)
+    moved = np.append(True, np.any(np.diff(points, axis=0) != 0, axis=1))
+    line = sheet.view.pixels(points[moved])
     if len(line) < 2:
         raise InputError(f'the route "{route.name}" ends where it starts')
     sheet.line(line, ink.floor, 8.0)
