@@ -160,6 +160,7 @@ def _people_options(options: SimulatorOptions) -> PeopleOptions:
         published_defects=options.human_defects,
         factor_noise=options.noise.human_factors,
         start_jitter_s=(middle + scale * (low - middle), middle + scale * (high - middle)),
+        early_start=min(1.0, scale) * options.human_early_start,
         leg_phase_noise=options.noise.gait > 0.0,
     )
 
@@ -173,6 +174,8 @@ def _settings(
     shift = noise.localisation * options.localisation_sd_m * stream(seed, "localisation").standard_normal(2)
     low, high = options.result_delay_s
     delay = 0.5 * (low + high) + noise.result_delay * (high - low) * (stream(seed, "result").random() - 0.5)
+    low, high = options.robot_start_s
+    start = 0.5 * (low + high) + noise.robot_start * (high - low) * (stream(seed, "robot/start").random() - 0.5)
     scene, closed = around.scene_at(route.start.x, route.start.y)
     offset = (world.map_offset[0] + float(shift[0]), world.map_offset[1] + float(shift[1]))
     phase = 0.0
@@ -186,6 +189,7 @@ def _settings(
         time_limit_s=float(route.time_limit_s),
         result_delay_s=float(max(0.0, delay)),
         people_phase_s=float(phase),
+        robot_start_s=float(start),
         lidar_noise_m=float(options.lidar_noise_m * noise.lidar),
         closed=bool(closed),
     )

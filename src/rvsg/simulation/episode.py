@@ -113,7 +113,7 @@ def prepare(scene: Scene, state: State, settings: Settings, crowd: Crowd, phases
     state.times[st.LOCAL_T] = begin + phases[1]
     state.times[st.GLOBAL_T] = begin + phases[2]
     clear_global(scene, state, settings, crowd)
-    begin_following(state, 0.0)
+    begin_following(state, settings.robot_start_s)
 
 
 @kernel
@@ -154,7 +154,7 @@ def run_episode(
         if t >= people_t - 1e-9:
             people_t += PERIOD_S
             tick(crowd, t, PERIOD_S, body[robot.X], body[robot.Y], body[robot.YAW], body[robot.V])
-        if k >= 0:
+        if t >= settings.robot_start_s:
             navigate(scene, state, settings, crowd, t)
             if running and state.nav[st.MODE] == st.DONE:
                 running = False

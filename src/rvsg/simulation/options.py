@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, ValidationError
 
 from rvsg.errors import InputError, UnknownName
+from rvsg.simulation.people.crowd import PUBLISHED_EARLY_START, PUBLISHED_START_S
 from rvsg.world.records import Record
 
 Scale = Annotated[float, Field(ge=0, le=10)]
@@ -17,8 +18,8 @@ class Noise(Record):
 
     Each source draws from a stream of its own, named like it, of the run's seed: switching one off leaves the
     others as they were. `human_factors` concerns humans whose force factors are drawn, `clock` the ratio of
-    simulated to wall time, `localisation` the offset of the robot's map, `human_start` the delay between robot and
-    people, `phases` the timers of people, smoother and costmaps, `lidar` the ranges, `gait` the legs' phase,
+    simulated to wall time, `localisation` the offset of the robot's map, `human_start` when people and `robot_start` when
+    the robot begin to move, `phases` the timers of people, smoother and costmaps, `lidar` the ranges, `gait` the legs' phase,
     `log_interval` the rows of the log, `result_delay` the time from reaching the goal to the last row.
     """
 
@@ -26,6 +27,7 @@ class Noise(Record):
     clock: Scale = 1.0
     localisation: Scale = 1.0
     human_start: Scale = 1.0
+    robot_start: Scale = 1.0
     phases: Scale = 1.0
     lidar: Scale = 1.0
     gait: Scale = 1.0
@@ -50,7 +52,9 @@ class SimulatorOptions(Record):
     yaw_gain: Annotated[float, Field(gt=0.1, le=2.0)] = 1.0
     goals_in_map_frame: bool = False
     localisation_sd_m: Annotated[float, Field(ge=0, le=1.0)] = 0.04
-    human_start_s: tuple[float, float] = (-0.15, 0.1)
+    human_start_s: tuple[float, float] = (0.0, 0.1)
+    human_early_start: Annotated[float, Field(ge=0, le=1)] = 0.0
+    robot_start_s: tuple[float, float] = (0.0, 0.05)
     lidar_rays: Annotated[int, Field(ge=11, le=4000)] = 818
     lidar_range_m: Annotated[float, Field(ge=3.5, le=100)] = 25.0
     lidar_noise_m: Annotated[float, Field(ge=0, le=1.0)] = 0.01
@@ -65,6 +69,9 @@ _PUBLISHED: dict[str, Any] = {
     "yaw_gain": 0.755,
     "goals_in_map_frame": True,
     "human_defects": True,
+    "human_start_s": PUBLISHED_START_S,
+    "human_early_start": PUBLISHED_EARLY_START,
+    "robot_start_s": (-0.045, 0.02),
 }
 
 PROFILES: dict[str, dict[str, Any]] = {"default": {}, "published-study": _PUBLISHED}

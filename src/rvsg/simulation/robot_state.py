@@ -47,6 +47,7 @@ class Settings(NamedTuple):
     time_limit_s: float
     result_delay_s: float
     people_phase_s: float
+    robot_start_s: float
     lidar_noise_m: float
     closed: bool
 
