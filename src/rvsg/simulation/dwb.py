@@ -53,72 +53,60 @@ BAN_X, BAN_Y, BAN_YAW = range(3)
 CONTROLLER_REALS = 3
 
 
-class Samples(NamedTuple):
-    """The sampled velocities in DWB's order, their numbers of steps and lengths of step."""
-
-    v: Floats
-    w: Floats
-    steps: Ints
-    dt: Floats
+# Columns of the table of samples.
+SAMPLE_V, SAMPLE_W, SAMPLE_STEPS, SAMPLE_DT = range(4)
 
 
 class Rollouts(NamedTuple):
     """A memory of where every sample ends, by measured velocity: pure, so it may outlive an episode.
 
-    `v`, `w` (M,) are the measured velocities (NaN: empty), `ends` (M, 419, 3) end poses in the frame of the robot.
+    `keys` (M, 2) are the measured v and omega (NaN: empty), `ends` (M, S, 3) end poses in the frame of the robot.
     """
 
-    v: Floats
-    w: Floats
+    keys: Floats
     ends: Floats
 
 
-class LocalMaps(NamedTuple):
-    """What scoring needs of the local map in a tick.
+class Scratch(NamedTuple):
+    """Scratch space of a tick.
 
-    `column`, `row` (K,) are the plan's cells; `distance` and `stamps` (60, 60) remember distances already worked out.
+    `sources` (2, K) are columns and rows of the plan's cells; `distances` (2, 60, 60) remember distances already
+    worked out and in which tick; `totals` (S,) the scores.
     """
 
-    column: Small
-    row: Small
-    distance: Small
-    stamps: Ints
+    sources: Small
+    distances: Ints
     totals: Floats
 
 
-def samples() -> Samples:
-    """20 forward speeds 0..1 m/s; 20 yaw rates -1..1 rad/s and 0 between the innermost two; not both zero."""
+def samples() -> Floats:
+    """(S, 4): v, omega, number of steps and length of a step of every sample, in DWB's order.
+
+    20 forward speeds 0..1 m/s; 20 yaw rates -1..1 rad/s and 0 between the innermost two; not both zero.
+    """
     rates = [-MAX_W_RAD_S + 2.0 * MAX_W_RAD_S * k / (W_SAMPLES - 1) for k in range(W_SAMPLES)]
     rates.insert(W_SAMPLES // 2, 0.0)
-    pairs = [(MAX_V_M_S * k / (V_SAMPLES - 1), w) for k in range(V_SAMPLES) for w in rates]
-    pairs = [(v, w) for v, w in pairs if v != 0.0 or w != 0.0]
-    steps = [
-        max(1, math.ceil(max(v * SIM_TIME_S / LINEAR_GRANULARITY_M, abs(w) * SIM_TIME_S / ANGULAR_GRANULARITY_RAD)))
-        for v, w in pairs
-    ]
-    return Samples(
-        v=np.array([v for v, _ in pairs]),
-        w=np.array([w for _, w in pairs]),
-        steps=np.array(steps, np.int64),
-        dt=np.array([SIM_TIME_S / n for n in steps]),
-    )
+    rows = []
+    for k in range(V_SAMPLES):
+        v = MAX_V_M_S * k / (V_SAMPLES - 1)
+        for w in rates:
+            far = max(v * SIM_TIME_S / LINEAR_GRANULARITY_M, abs(w) * SIM_TIME_S / ANGULAR_GRANULARITY_RAD)
+            steps = max(1, math.ceil(far))
+            if v != 0.0 or w != 0.0:
+                rows.append((v, w, steps, SIM_TIME_S / steps))
+    return np.array(rows, np.float64)
 
 
 def rollouts(count: int) -> Rollouts:
     """An empty memory for `count` samples."""
-    return Rollouts(
-        v=np.full(MEMO_SIZE, np.nan), w=np.full(MEMO_SIZE, np.nan), ends=np.zeros((MEMO_SIZE, count, 3), np.float64)
-    )
+    return Rollouts(keys=np.full((MEMO_SIZE, 2), np.nan), ends=np.zeros((MEMO_SIZE, count, 3)))
 
 
-def local_maps(count: int) -> LocalMaps:
+def scratch(count: int) -> Scratch:
     """Scratch space for `count` samples."""
-    shape = (LOCAL_CELLS, LOCAL_CELLS)
-    return LocalMaps(
-        column=np.zeros(256, np.int32),
-        row=np.zeros(256, np.int32),
-        distance=np.zeros(shape, np.int32),
-        stamps=np.zeros(shape, np.int64),
+    return Scratch(
+        sources=np.zeros((2, 256), np.int32),
+        distances=np.zeros((2, LOCAL_CELLS, LOCAL_CELLS), np.int64),
         totals=np.zeros(count),
     )
 
@@ -132,21 +120,21 @@ def towards(wanted: float, now: float, step: float) -> float:
 
 
 @kernel
-def roll_out_ends(ends: Floats, v0: float, w0: float, samples: Samples) -> None:
+def roll_out_ends(ends: Floats, v0: float, w0: float, samples: Floats) -> None:
     """End poses (x, y, yaw) of all samples from the pose (0, 0, 0) with measured velocities v0, w0.
 
     Per step: velocities approach the sample, the position advances along the old heading, then the heading turns.
     """
-    for s in range(samples.v.size):
+    for s in range(samples.shape[0]):
         v = v0
         w = w0
         x = 0.0
         y = 0.0
         yaw = 0.0
-        dt = samples.dt[s]
-        for _ in range(samples.steps[s]):
-            v = towards(samples.v[s], v, ACCELERATION_V * dt)
-            w = towards(samples.w[s], w, ACCELERATION_W * dt)
+        dt = samples[s, SAMPLE_DT]
+        for _ in range(int(samples[s, SAMPLE_STEPS])):
+            v = towards(samples[s, SAMPLE_V], v, ACCELERATION_V * dt)
+            w = towards(samples[s, SAMPLE_W], w, ACCELERATION_W * dt)
             x += v * math.cos(yaw) * dt
             y += v * math.sin(yaw) * dt
             yaw += w * dt
@@ -156,13 +144,13 @@ def roll_out_ends(ends: Floats, v0: float, w0: float, samples: Samples) -> None:
 
 
 @kernel
-def ends_of(memo: Rollouts, v0: float, w0: float, samples: Samples) -> int:
+def ends_of(memo: Rollouts, v0: float, w0: float, samples: Floats) -> int:
     """The row of the memory that holds the end poses for measured velocities v0, w0; works them out if need be."""
     slot = int(abs(v0 * 7919.0 + w0 * 104729.0) * 1009.0) % MEMO_SIZE
-    if memo.v[slot] != v0 or memo.w[slot] != w0:
+    if memo.keys[slot, 0] != v0 or memo.keys[slot, 1] != w0:
         roll_out_ends(memo.ends[slot], v0, w0, samples)
-        memo.v[slot] = v0
-        memo.w[slot] = w0
+        memo.keys[slot, 0] = v0
+        memo.keys[slot, 1] = w0
     return slot
 
 
@@ -238,7 +226,7 @@ def window_end(state: Ints, path: Floats, x: float, y: float) -> int:
 
 @kernel
 def take_sources(
-    maps: LocalMaps, state: Ints, path: Floats, begin: int, end: int, last_x: float, last_y: float, ox: int, oy: int
+    maps: Scratch, state: Ints, path: Floats, begin: int, end: int, last_x: float, last_y: float, ox: int, oy: int
 ) -> tuple[int, int]:
     """Write the cells of the plan's poses from the first one on the map until it leaves the map.
 
@@ -255,9 +243,9 @@ def take_sources(
         r = math.floor(py / LOCAL_RESOLUTION_M - oy)
         if 0 <= c < LOCAL_CELLS and 0 <= r < LOCAL_CELLS:
             if c != column or r != row:
-                if count < maps.column.size:
-                    maps.column[count] = c
-                    maps.row[count] = r
+                if count < maps.sources.shape[1]:
+                    maps.sources[0, count] = c
+                    maps.sources[1, count] = r
                     count += 1
                 column = c
                 row = r
@@ -268,19 +256,19 @@ def take_sources(
 
 
 @kernel
-def path_distance(maps: LocalMaps, state: Ints, column: int, row: int) -> int:
+def path_distance(maps: Scratch, state: Ints, column: int, row: int) -> int:
     """|Δcolumn| + |Δrow| from a cell to the plan cell nearest by Euclid (the earlier one of equals), in cells."""
-    if maps.stamps[row, column] == state[STAMP]:
-        return maps.distance[row, column]
+    if maps.distances[1, row, column] == state[STAMP]:
+        return maps.distances[0, row, column]
     best = 1 << 30
     for i in range(state[SOURCES]):
-        dx = maps.column[i] - column
-        dy = maps.row[i] - row
+        dx = maps.sources[0, i] - column
+        dy = maps.sources[1, i] - row
         best = min(best, (dx * dx + dy * dy) * 256 + i)
     i = best & 255
-    distance = abs(maps.column[i] - column) + abs(maps.row[i] - row)
-    maps.distance[row, column] = distance
-    maps.stamps[row, column] = state[STAMP]
+    distance = abs(maps.sources[0, i] - column) + abs(maps.sources[1, i] - row)
+    maps.distances[0, row, column] = distance
+    maps.distances[1, row, column] = state[STAMP]
     return distance
 
 
@@ -333,9 +321,9 @@ def remember_turn(state: Ints, reals: Floats, v: float, w: float, x: float, y: f
 def choose(
     state: Ints,
     reals: Floats,
-    maps: LocalMaps,
+    maps: Scratch,
     memo: Rollouts,
-    samples: Samples,
+    samples: Floats,
     master: Bytes,
     origin_column: int,
     origin_row: int,
@@ -388,9 +376,9 @@ def choose(
 
 @kernel
 def score(
-    maps: LocalMaps,
+    maps: Scratch,
     state: Ints,
-    samples: Samples,
+    samples: Floats,
     ends: Floats,
     master: Bytes,
     column: float,
@@ -411,13 +399,13 @@ def score(
     """
     cos = math.cos(yaw) / LOCAL_RESOLUTION_M
     sin = math.sin(yaw) / LOCAL_RESOLUTION_M
-    for s in range(samples.v.size):
+    for s in range(samples.shape[0]):
         maps.totals[s] = math.inf
-        w = samples.w[s]
+        w = samples[s, SAMPLE_W]
         if (state[BAN_LEFT] != 0 and w > 0.0) or (state[BAN_RIGHT] != 0 and w < 0.0):
             continue
         turn = ends[s, 2]
-        rotate = rotate_to_goal(state, samples.v[s], abs(wrap(yaw + turn - goal_yaw)), measured_v)
+        rotate = rotate_to_goal(state, samples[s, SAMPLE_V], abs(wrap(yaw + turn - goal_yaw)), measured_v)
         if rotate < 0.0:
             continue
         x = column + cos * ends[s, 0] - sin * ends[s, 1]
@@ -447,7 +435,7 @@ def score(
 @kernel
 def best_free(
     totals: Floats,
-    samples: Samples,
+    samples: Floats,
     master: Bytes,
     column: float,
     row: float,
@@ -469,8 +457,8 @@ def best_free(
         if best < 0:
             return -1
         if is_free(
-            master, column, row, yaw, measured_v, measured_w, samples.v[best], samples.w[best], samples.steps[best],
-            samples.dt[best],
+            master, column, row, yaw, measured_v, measured_w, samples[best, SAMPLE_V], samples[best, SAMPLE_W],
+            int(samples[best, SAMPLE_STEPS]), samples[best, SAMPLE_DT],
         ):  # fmt: skip
             return best
         totals[best] = math.inf

@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from rvsg.simulation import robot
 from rvsg.simulation import robot_state as st
-from rvsg.simulation.compiled import kernel
+from rvsg.simulation.compiled import inner, kernel
 from rvsg.simulation.costmap import LOCAL_CELLS, LOCAL_RESOLUTION_M
+from rvsg.simulation.lidar import place_legs
 from rvsg.simulation.navigator import begin_following, navigate
 from rvsg.simulation.people import PERIOD_S, Crowd, tick
-from rvsg.simulation.perception import clear_global, update_global, update_local
+from rvsg.simulation.perception import update_global, update_local
 from rvsg.simulation.robot_state import Settings, State
 from rvsg.simulation.scene import Scene
 
@@ -58,7 +59,7 @@ def new_recording(time_limit_s: float, clock: float, humans: int) -> Recording:
     )
 
 
-@kernel
+@inner
 def write_robot(row: Floats, t: float, body: Floats, acceleration: float) -> None:
     """One row of a record: time, pose, velocities, acceleration."""
     row[0] = t
@@ -70,7 +71,7 @@ def write_robot(row: Floats, t: float, body: Floats, acceleration: float) -> Non
     row[6] = acceleration
 
 
-@kernel
+@inner
 def write_track(record: Recording, t: float, body: Floats, acceleration: float, crowd: Crowd) -> None:
     """A row of the trajectory: everything where it is now."""
     n = record.counts[0]
@@ -85,7 +86,7 @@ def write_track(record: Recording, t: float, body: Floats, acceleration: float, 
     record.counts[0] = n + 1
 
 
-@kernel
+@inner
 def write_log(record: Recording, wall_s: float, body: Floats, acceleration: float, crowd: Crowd) -> None:
     """A row as the study's client writes it: people as last published, one tick old."""
     n = record.counts[1]
@@ -100,20 +101,39 @@ def write_log(record: Recording, wall_s: float, body: Floats, acceleration: floa
     record.counts[1] = n + 1
 
 
-@kernel
-def prepare(scene: Scene, state: State, settings: Settings, crowd: Crowd, phases: Floats) -> None:
-    """Set the timers and the maps as they are 2 s before the start; `phases` of smoother, local and global map."""
+@inner
+def prepare(state: State, settings: Settings, phases: Floats) -> None:
+    """Set the timers as they are 2 s before the start; `phases` (s) of smoother, local and global map."""
     state.body[robot.COMMAND_T] = -1e9
     half = 0.5 * (LOCAL_CELLS - 0.5)
     state.nav[st.WINDOW_COLUMN] = int(state.body[robot.X] / LOCAL_RESOLUTION_M - half)
     state.nav[st.WINDOW_ROW] = int(state.body[robot.Y] / LOCAL_RESOLUTION_M - half)
     state.nav[st.NEED_PLAN] = 1
+    state.nav[st.CLEAR_GLOBAL] = 1
     begin = -LEAD_TICKS * robot.STEP_S
     state.times[st.SMOOTH_T] = begin + phases[0]
     state.times[st.LOCAL_T] = begin + phases[1]
     state.times[st.GLOBAL_T] = begin + phases[2]
-    clear_global(scene, state, settings, crowd)
     begin_following(state, settings.robot_start_s)
+
+
+@inner
+def update_maps(scene: Scene, state: State, settings: Settings, crowd: Crowd, t: float) -> None:
+    """Update each costmap that is due or to be cleared."""
+    do_local = state.nav[st.CLEAR_LOCAL] != 0
+    do_global = state.nav[st.CLEAR_GLOBAL] != 0
+    if t >= state.times[st.LOCAL_T] - 1e-9:
+        state.times[st.LOCAL_T] += LOCAL_PERIOD_S * settings.clock
+        do_local = True
+    if t >= state.times[st.GLOBAL_T] - 1e-9:
+        state.times[st.GLOBAL_T] += GLOBAL_PERIOD_S * settings.clock
+        do_global = True
+    if do_local or do_global:
+        place_legs(state.legs, crowd.x, crowd.y, crowd.yaw, crowd.walked)
+    if do_local:
+        update_local(scene, state, settings)
+    if do_global:
+        update_global(scene, state, settings)
 
 
 @kernel
@@ -131,7 +151,7 @@ def run_episode(
     `intervals`: wall seconds between the log's rows. The state must be as `new_state` makes it, with the robot's pose
     set; it is changed in place.
     """
-    prepare(scene, state, settings, crowd, phases)
+    prepare(state, settings, phases)
     times = state.times
     body = state.body
     end = settings.time_limit_s * settings.clock
@@ -145,17 +165,12 @@ def run_episode(
     k = -LEAD_TICKS
     while True:
         t = k * robot.STEP_S
-        if t >= times[st.LOCAL_T] - 1e-9:
-            times[st.LOCAL_T] += LOCAL_PERIOD_S * settings.clock
-            update_local(scene, state, settings, crowd)
-        if t >= times[st.GLOBAL_T] - 1e-9:
-            times[st.GLOBAL_T] += GLOBAL_PERIOD_S * settings.clock
-            update_global(scene, state, settings, crowd, False)
+        update_maps(scene, state, settings, crowd, t)
         if t >= people_t - 1e-9:
             people_t += PERIOD_S
             tick(crowd, t, PERIOD_S, body[robot.X], body[robot.Y], body[robot.YAW], body[robot.V])
         if t >= settings.robot_start_s:
-            navigate(scene, state, settings, crowd, t)
+            navigate(scene, state, settings, t)
             if running and state.nav[st.MODE] == st.DONE:
                 running = False
                 end = min(end, t + settings.result_delay_s * settings.clock)

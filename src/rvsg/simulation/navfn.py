@@ -225,10 +225,11 @@ def rounded(value: np.float32) -> int:
 
 
 @kernel
-def descend(
-    path_x: Singles, path_y: Singles, potential: Singles, columns: int, rows: int, source: int, target: int
-) -> int:
-    """Walk from the target's cell down to the source in half-cell steps; points in cells. Their number, 0 if lost."""
+def descend(path: Singles, potential: Singles, columns: int, rows: int, source: int, target: int) -> int:
+    """Walk from the target's cell down to the source in half-cell steps.
+
+    Writes points into `path` (2, P), in cells; returns their number, 0 where the way is lost.
+    """
     cells = columns * rows
     n = target
     dx = np.float32(0.0)
@@ -238,15 +239,15 @@ def descend(
     for _ in range(4 * max(columns, rows)):
         nearest = min(cells - 1, max(0, n + rounded(dx) + columns * rounded(dy)))
         if potential[nearest] < NEUTRAL:
-            path_x[count] = np.float32(source % columns)
-            path_y[count] = np.float32(source // columns)
+            path[0, count] = np.float32(source % columns)
+            path[1, count] = np.float32(source // columns)
             return count + 1
         if n < columns + 1 or n >= cells - columns - 1:
             return 0
-        path_x[count] = np.float32(n % columns) + dx
-        path_y[count] = np.float32(n // columns) + dy
+        path[0, count] = np.float32(n % columns) + dx
+        path[1, count] = np.float32(n // columns) + dy
         count += 1
-        stuck = count > 2 and path_x[count - 1] == path_x[count - 3] and path_y[count - 1] == path_y[count - 3]
+        stuck = count > 2 and path[0, count - 1] == path[0, count - 3] and path[1, count - 1] == path[1, count - 3]
         if stuck or has_gap(potential, n, columns):
             n = lowest_neighbour(potential, n, columns)
             dx = np.float32(0.0)
@@ -338,8 +339,7 @@ def plan(
     potential: Singles,
     pending: Bytes,
     buffers: Ints,
-    cells_x: Singles,
-    cells_y: Singles,
+    cells: Singles,
     origin_x: float,
     origin_y: float,
     resolution: float,
@@ -361,12 +361,12 @@ def plan(
     if not found:
         return begin
     target = cell_of(end_x, end_y, origin_x, origin_y, resolution, columns, rows)
-    count = descend(cells_x, cells_y, potential, columns, rows, source, target)
+    count = descend(cells, potential, columns, rows, source, target)
     if count == 0 or begin + count + 1 > path.shape[0]:
         return begin
     for i in range(count):
-        path[begin + i, 0] = origin_x + cells_x[count - 1 - i] * resolution
-        path[begin + i, 1] = origin_y + cells_y[count - 1 - i] * resolution
+        path[begin + i, 0] = origin_x + cells[0, count - 1 - i] * resolution
+        path[begin + i, 1] = origin_y + cells[1, count - 1 - i] * resolution
     return end_at_goal(path, begin, begin + count, end_x, end_y)
 
 

@@ -6,11 +6,9 @@ import math
 
 from rvsg.simulation import dwb, robot
 from rvsg.simulation import robot_state as st
-from rvsg.simulation.compiled import kernel
+from rvsg.simulation.compiled import inner
 from rvsg.simulation.costmap import LETHAL, LOCAL_RESOLUTION_M, footprint_spans
 from rvsg.simulation.navfn import plan
-from rvsg.simulation.people import Crowd
-from rvsg.simulation.perception import clear_global, clear_local
 from rvsg.simulation.robot_state import Settings, State
 from rvsg.simulation.scene import Scene
 
@@ -33,7 +31,7 @@ LOOK_AHEAD_S = 2.0
 ODOMETRY_DEADBAND = 0.001
 
 
-@kernel
+@inner
 def plan_route(scene: Scene, state: State, settings: Settings, t: float) -> bool:
     """Plan from the robot through the poses that remain; the new path goes to the controller. False: no path.
 
@@ -52,7 +50,7 @@ def plan_route(scene: Scene, state: State, settings: Settings, t: float) -> bool
     for g in range(nav[st.GOAL], last + 1):
         end = plan(
             state.path, count, x, y, state.goals[g, 0], state.goals[g, 1], state.global_master, state.costs,
-            state.potential, state.pending, state.buffers, state.cells_x, state.cells_y, scene.origin_x, scene.origin_y,
+            state.potential, state.pending, state.buffers, state.cells, scene.origin_x, scene.origin_y,
             scene.resolution,
         )  # fmt: skip
         if end == count:
@@ -63,16 +61,16 @@ def plan_route(scene: Scene, state: State, settings: Settings, t: float) -> bool
     for i in range(count):
         state.path[i, 0] += settings.offset_x
         state.path[i, 1] += settings.offset_y
-    state.control[dwb.PLAN_BEGIN] = 0
-    state.control[dwb.PLAN_END] = count
-    dwb.reset(state.control)
+    state.nav[dwb.PLAN_BEGIN] = 0
+    state.nav[dwb.PLAN_END] = count
+    dwb.reset(state.nav)
     nav[st.PLANNED] = 1
     nav[st.NEED_PLAN] = 0
     state.times[st.PLAN_T] = t
     return True
 
 
-@kernel
+@inner
 def begin_following(state: State, t: float) -> None:
     """A new goal for the controller: its loop, progress checker and patience start afresh."""
     state.times[st.CONTROL_T] = t
@@ -82,7 +80,7 @@ def begin_following(state: State, t: float) -> None:
     state.times[st.VALID_T] = t
 
 
-@kernel
+@inner
 def command(state: State, v: float, w: float, direct: bool, t: float) -> None:
     """Publish a velocity, through the smoother or (recoveries) past it."""
     state.body[robot.COMMAND_V] = v
@@ -94,7 +92,7 @@ def command(state: State, v: float, w: float, direct: bool, t: float) -> None:
         state.body[robot.SMOOTH_W] = 0.0
 
 
-@kernel
+@inner
 def has_progress(state: State, t: float) -> bool:
     """Progress checker: more than 0.5 m from the stored pose within 10 s."""
     times = state.times
@@ -106,21 +104,22 @@ def has_progress(state: State, t: float) -> bool:
     return t - times[st.PROGRESS_T] <= PROGRESS_TIME_S
 
 
-@kernel
+@inner
 def at_goal(state: State) -> bool:
     """Goal checker: within 0.25 m of the plan's end (latched until the next path) and 0.25 rad of the goal's yaw."""
-    control = state.control
-    end = control[dwb.PLAN_END] - 1
-    square = (state.path[end, 0] - state.body[robot.X]) ** 2 + (state.path[end, 1] - state.body[robot.Y]) ** 2
+    end = state.nav[dwb.PLAN_END] - 1
+    dx = state.path[end, 0] - state.body[robot.X]
+    dy = state.path[end, 1] - state.body[robot.Y]
+    square = dx * dx + dy * dy
     if square <= dwb.XY_TOLERANCE_M**2:
-        control[dwb.XY_REACHED] = 1
-    if control[dwb.XY_REACHED] == 0:
+        state.nav[dwb.XY_REACHED] = 1
+    if state.nav[dwb.XY_REACHED] == 0:
         return False
     yaw = state.goals[state.goals.shape[0] - 1, 2]
     return abs(robot.wrap(state.body[robot.YAW] - yaw)) <= dwb.YAW_TOLERANCE_RAD
 
 
-@kernel
+@inner
 def control_tick(state: State, t: float) -> bool:
     """One turn of the controller loop. False where following the path has failed."""
     body = state.body
@@ -129,8 +128,8 @@ def control_tick(state: State, t: float) -> bool:
     v = body[robot.V] if abs(body[robot.V]) > ODOMETRY_DEADBAND else 0.0
     w = body[robot.W] if abs(body[robot.W]) > ODOMETRY_DEADBAND else 0.0
     best = dwb.choose(
-        state.control, state.reals, state.maps, state.memo, state.samples, state.master, state.nav[st.WINDOW_COLUMN],
-        state.nav[st.WINDOW_ROW], state.path, state.goals[state.goals.shape[0] - 1, 2], body[robot.X], body[robot.Y],
+        state.nav, state.times, state.scratch, state.memo, state.samples, state.local[st.MASTER],
+        state.nav[st.WINDOW_COLUMN], state.nav[st.WINDOW_ROW], state.path, state.goals[state.goals.shape[0] - 1, 2], body[robot.X], body[robot.Y],
         body[robot.YAW], v, w,
     )  # fmt: skip
     if best < 0:
@@ -138,12 +137,11 @@ def control_tick(state: State, t: float) -> bool:
         if t - state.times[st.VALID_T] > PATIENCE_S:
             return False
     else:
+        wanted_v = state.samples[best, dwb.SAMPLE_V]
+        wanted_w = state.samples[best, dwb.SAMPLE_W]
         state.times[st.VALID_T] = t
-        command(state, state.samples.v[best], state.samples.w[best], False, t)
-        dwb.remember_turn(
-            state.control, state.reals, state.samples.v[best], state.samples.w[best], body[robot.X], body[robot.Y],
-            body[robot.YAW],
-        )  # fmt: skip
+        command(state, wanted_v, wanted_w, False, t)
+        dwb.remember_turn(state.nav, state.times, wanted_v, wanted_w, body[robot.X], body[robot.Y], body[robot.YAW])
     if at_goal(state):
         command(state, 0.0, 0.0, False, t)
         state.nav[st.MODE] = st.DONE
@@ -151,11 +149,11 @@ def control_tick(state: State, t: float) -> bool:
     return True
 
 
-@kernel
-def recover(scene: Scene, state: State, settings: Settings, crowd: Crowd, t: float) -> None:
+@inner
+def recover(state: State, settings: Settings, t: float) -> None:
     """The outer recovery: the next of clearing both maps, spinning, waiting, backing up; at most six in a run."""
     nav = state.nav
-    nav[st.RETRIED] = 0
+    nav[st.FOLLOW_RETRIED] = 0
     nav[st.RECOVERIES] += 1
     nav[st.FAILED_ACTIONS] = 0
     command(state, 0.0, 0.0, False, t)
@@ -164,11 +162,11 @@ def recover(scene: Scene, state: State, settings: Settings, crowd: Crowd, t: flo
         nav[st.MODE] = st.DONE
         nav[st.RESULT] = st.ABORTED
         return
-    begin_action(scene, state, settings, crowd, t)
+    begin_action(state, settings, t)
 
 
-@kernel
-def begin_action(scene: Scene, state: State, settings: Settings, crowd: Crowd, t: float) -> None:
+@inner
+def begin_action(state: State, settings: Settings, t: float) -> None:
     """Begin the recovery whose turn it is."""
     nav = state.nav
     action = nav[st.NEXT_ACTION]
@@ -181,8 +179,8 @@ def begin_action(scene: Scene, state: State, settings: Settings, crowd: Crowd, t
     times[st.ACTION_Y] = state.body[robot.Y]
     times[st.ACTION_YAW] = state.body[robot.YAW]
     if action == 0:
-        clear_local(scene, state, settings, crowd)
-        clear_global(scene, state, settings, crowd)
+        nav[st.CLEAR_LOCAL] = 1
+        nav[st.CLEAR_GLOBAL] = 1
         end_action(state, t)
     elif action == 1:
         nav[st.MODE] = st.SPIN
@@ -192,7 +190,7 @@ def begin_action(scene: Scene, state: State, settings: Settings, crowd: Crowd, t
         nav[st.MODE] = st.BACK_UP
 
 
-@kernel
+@inner
 def end_action(state: State, t: float) -> None:
     """A recovery has succeeded: stop, plan at once, follow."""
     command(state, 0.0, 0.0, False, t)
@@ -201,10 +199,10 @@ def end_action(state: State, t: float) -> None:
     begin_following(state, t)
 
 
-@kernel
+@inner
 def footprint_hits(state: State, x: float, y: float, yaw: float) -> bool:
     """Whether the footprint at a pose covers a lethal cell of the local map; leaving the map counts too."""
-    master = state.master
+    master = state.local[st.MASTER]
     rows, columns = master.shape
     first, end = footprint_spans(
         state.spans, x / LOCAL_RESOLUTION_M - state.nav[st.WINDOW_COLUMN],
@@ -219,7 +217,7 @@ def footprint_hits(state: State, x: float, y: float, yaw: float) -> bool:
     return False
 
 
-@kernel
+@inner
 def is_blocked(state: State, v: float, w: float, settings: Settings) -> bool:
     """Whether driving on at (v, w) for up to 2 s would hit something; looked at every action period."""
     x = state.body[robot.X]
@@ -233,8 +231,8 @@ def is_blocked(state: State, v: float, w: float, settings: Settings) -> bool:
     return False
 
 
-@kernel
-def act(scene: Scene, state: State, settings: Settings, crowd: Crowd, t: float) -> None:
+@inner
+def act(state: State, settings: Settings, t: float) -> None:
     """Go on with the recovery under way (10 Hz); one that is blocked or takes over 10 s passes to the next."""
     nav = state.nav
     times = state.times
@@ -270,37 +268,45 @@ def act(scene: Scene, state: State, settings: Settings, crowd: Crowd, t: float) 
             nav[st.MODE] = st.DONE
             nav[st.RESULT] = st.ABORTED
         else:
-            begin_action(scene, state, settings, crowd, t)
+            begin_action(state, settings, t)
         return
     command(state, v, w, True, t)
 
 
-@kernel
-def navigate(scene: Scene, state: State, settings: Settings, crowd: Crowd, t: float) -> None:
-    """What the behaviour tree and the controller do at time t (called every 10 ms)."""
+@inner
+def navigate(scene: Scene, state: State, settings: Settings, t: float) -> None:
+    """What the behaviour tree and the controller do at time t (called every 10 ms).
+
+    A map that is to be cleared is cleared before the next call; who needs it waits for that, as in Nav2.
+    """
     nav = state.nav
     if nav[st.MODE] == st.DONE:
         return
     if nav[st.MODE] != st.DRIVE:
-        act(scene, state, settings, crowd, t)
+        act(state, settings, t)
         return
     if nav[st.NEED_PLAN] != 0 or t - state.times[st.PLAN_T] >= REPLAN_PERIOD_S * settings.clock - 1e-9:
-        planned = plan_route(scene, state, settings, t)
-        if not planned:
-            clear_global(scene, state, settings, crowd)
-            planned = plan_route(scene, state, settings, t)
-        if not planned:
-            recover(scene, state, settings, crowd, t)
+        if nav[st.CLEAR_GLOBAL] != 0:
             return
-    if t < state.times[st.CONTROL_T] - 1e-9:
+        if plan_route(scene, state, settings, t):
+            nav[st.PLAN_RETRIED] = 0
+        elif nav[st.PLAN_RETRIED] == 0:
+            nav[st.PLAN_RETRIED] = 1
+            nav[st.CLEAR_GLOBAL] = 1
+            return
+        else:
+            nav[st.PLAN_RETRIED] = 0
+            recover(state, settings, t)
+            return
+    if t < state.times[st.CONTROL_T] - 1e-9 or nav[st.CLEAR_LOCAL] != 0:
         return
     state.times[st.CONTROL_T] += CONTROL_PERIOD_S * settings.clock
     if control_tick(state, t):
         return
-    if nav[st.RETRIED] == 0:
-        nav[st.RETRIED] = 1
+    if nav[st.FOLLOW_RETRIED] == 0:
+        nav[st.FOLLOW_RETRIED] = 1
         command(state, 0.0, 0.0, False, t)
-        clear_local(scene, state, settings, crowd)
+        nav[st.CLEAR_LOCAL] = 1
         begin_following(state, t)
     else:
-        recover(scene, state, settings, crowd, t)
+        recover(state, settings, t)

@@ -18,8 +18,8 @@ class Noise(Record):
 
     Each source draws from a stream of its own, named like it, of the run's seed: switching one off leaves the
     others as they were. `human_factors` concerns humans whose force factors are drawn, `clock` the ratio of
-    simulated to wall time, `localisation` the offset of the robot's map, `human_start` when people and `robot_start` when
-    the robot begin to move, `phases` the timers of people, smoother and costmaps, `lidar` the ranges, `gait` the legs' phase,
+    simulated to wall time, `localisation` the offset of the robot's map, `human_start` and `robot_start` when they
+    begin to move, `phases` the timers of people, smoother and costmaps, `lidar` the ranges, `gait` the legs' phase,
     `log_interval` the rows of the log, `result_delay` the time from reaching the goal to the last row.
     """
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 
 from rvsg.simulation import robot
-from rvsg.simulation.compiled import kernel
+from rvsg.simulation import robot_state as st
+from rvsg.simulation.compiled import inner
 from rvsg.simulation.costmap import (
     CLEARING_RANGE_M,
     FREE,
@@ -19,14 +20,13 @@ from rvsg.simulation.costmap import (
     observe,
     shift,
 )
-from rvsg.simulation.lidar import FAR, FIELD_OF_VIEW_RAD, FRONT, REAR, place_legs, scan
+from rvsg.simulation.lidar import FAR, FIELD_OF_VIEW_RAD, FRONT, REAR, scan
 from rvsg.simulation.navfn import convert
-from rvsg.simulation.people import Crowd
 from rvsg.simulation.robot_state import NOISE_AT, WINDOW_COLUMN, WINDOW_ROW, Settings, State
 from rvsg.simulation.scene import TILE_M, Scene
 
 
-@kernel
+@inner
 def sense(
     scene: Scene, state: State, settings: Settings, mount: tuple[float, float, float]
 ) -> tuple[float, float, float]:
@@ -51,7 +51,7 @@ def sense(
     return x, y, bearing
 
 
-@kernel
+@inner
 def move_window(state: State) -> None:
     """Let the local window follow the robot by whole cells, truncated towards zero, as Nav2 does.
 
@@ -60,21 +60,23 @@ def move_window(state: State) -> None:
     half = 0.5 * (LOCAL_CELLS - 0.5)
     columns = int(state.body[robot.X] / LOCAL_RESOLUTION_M - half - state.nav[WINDOW_COLUMN])
     rows = int(state.body[robot.Y] / LOCAL_RESOLUTION_M - half - state.nav[WINDOW_ROW])
-    shift(state.front, columns, rows)
-    shift(state.rear, columns, rows)
+    shift(state.local[st.FRONT], columns, rows)
+    shift(state.local[st.REAR], columns, rows)
     state.nav[WINDOW_COLUMN] += columns
     state.nav[WINDOW_ROW] += rows
 
 
-@kernel
-def update_local(scene: Scene, state: State, settings: Settings, crowd: Crowd) -> None:
-    """Update of the local costmap: window, both voxel layers, footprint, inflation."""
-    place_legs(state.legs, crowd.x, crowd.y, crowd.yaw, crowd.walked)
+@inner
+def update_local(scene: Scene, state: State, settings: Settings) -> None:
+    """Update of the local costmap: window, both voxel layers, footprint, inflation; first clear all if asked to."""
+    if state.nav[st.CLEAR_LOCAL] != 0:
+        state.nav[st.CLEAR_LOCAL] = 0
+        state.local[:] = FREE
     move_window(state)
     left = state.nav[WINDOW_COLUMN]
     low = state.nav[WINDOW_ROW]
     for side in range(2):
-        layer = state.front if side == 0 else state.rear
+        layer = state.local[side]
         x, y, bearing = sense(scene, state, settings, FRONT if side == 0 else REAR)
         observe(
             layer, state.ranges, state.directions, x / LOCAL_RESOLUTION_M - left, y / LOCAL_RESOLUTION_M - low, bearing,
@@ -84,19 +86,22 @@ def update_local(scene: Scene, state: State, settings: Settings, crowd: Crowd) -
             layer, state.spans, state.body[robot.X] / LOCAL_RESOLUTION_M - left,
             state.body[robot.Y] / LOCAL_RESOLUTION_M - low, state.body[robot.YAW], LOCAL_RESOLUTION_M,
         )  # fmt: skip
-    inflate_marks(state.master, state.front, state.rear, scene.local_costs)
+    inflate_marks(state.local[st.MASTER], state.local[st.FRONT], state.local[st.REAR], scene.local_costs)
 
 
-@kernel
-def update_global(scene: Scene, state: State, settings: Settings, crowd: Crowd, everywhere: bool) -> None:
-    """Update of the global costmap around the robot (or everywhere, after it was cleared), in the map frame."""
-    place_legs(state.legs, crowd.x, crowd.y, crowd.yaw, crowd.walked)
+@inner
+def update_global(scene: Scene, state: State, settings: Settings) -> None:
+    """Update of the global costmap around the robot, or everywhere where it is to be cleared first; map frame."""
+    everywhere = state.nav[st.CLEAR_GLOBAL] != 0
+    if everywhere:
+        state.nav[st.CLEAR_GLOBAL] = 0
+        state.layers[:] = UNKNOWN
     x0 = scene.origin_x + settings.offset_x
     y0 = scene.origin_y + settings.offset_y
     column = (state.body[robot.X] - x0) / scene.resolution
     row = (state.body[robot.Y] - y0) / scene.resolution
     for side in range(2):
-        layer = state.global_front if side == 0 else state.global_rear
+        layer = state.layers[side]
         x, y, bearing = sense(scene, state, settings, FRONT if side == 0 else REAR)
         observe(
             layer, state.ranges, state.directions, (x - x0) / scene.resolution, (y - y0) / scene.resolution, bearing,
@@ -108,23 +113,7 @@ def update_global(scene: Scene, state: State, settings: Settings, crowd: Crowd, 
     # covers what the robot moved since.
     half = max(rows, columns) if everywhere else int((CLEARING_RANGE_M + 1.5) / scene.resolution)
     top, left, bottom, right = merge_global(
-        state.global_master, scene.static, scene.inflated, state.global_front, state.global_rear, scene.global_costs,
+        state.global_master, scene.static, scene.inflated, state.layers[0], state.layers[1], scene.global_costs,
         int(row), int(column), half,
     )  # fmt: skip
     convert(state.costs, state.global_master, scene.table, top, left, bottom, right)
-
-
-@kernel
-def clear_local(scene: Scene, state: State, settings: Settings, crowd: Crowd) -> None:
-    """Nav2's clear-entirely service on the local map, and the update that users of it wait for."""
-    state.front[:] = FREE
-    state.rear[:] = FREE
-    update_local(scene, state, settings, crowd)
-
-
-@kernel
-def clear_global(scene: Scene, state: State, settings: Settings, crowd: Crowd) -> None:
-    """Nav2's clear-entirely service on the global map, and the update that users of it wait for."""
-    state.global_front[:] = UNKNOWN
-    state.global_rear[:] = UNKNOWN
-    update_global(scene, state, settings, crowd, True)

@@ -24,14 +24,17 @@ NOISE_TABLE = 32_768
 DRIVE, SPIN, WAIT, BACK_UP, DONE = range(5)
 # How it ended (0: it has not).
 RUNNING, REACHED, ABORTED = range(3)
-# Indices of the navigator's integers.
-(MODE, RESULT, RECOVERIES, NEXT_ACTION, FAILED_ACTIONS, RETRIED, GOAL, PLANNED, NEED_PLAN, WINDOW_COLUMN, WINDOW_ROW,
- NOISE_AT) = range(12)  # fmt: skip
-NAVIGATOR_INTS = 12
-# ... and of its reals: times in s, places in m.
+# Layers of the local maps.
+FRONT, REAR, MASTER = range(3)
+# Indices of the integers, behind those of the controller.
+(MODE, RESULT, RECOVERIES, NEXT_ACTION, FAILED_ACTIONS, FOLLOW_RETRIED, PLAN_RETRIED, GOAL, PLANNED, NEED_PLAN,
+ CLEAR_LOCAL, CLEAR_GLOBAL, WINDOW_COLUMN, WINDOW_ROW, NOISE_AT) = range(
+    dwb.CONTROLLER_INTS, dwb.CONTROLLER_INTS + 15)  # fmt: skip
+INTS = dwb.CONTROLLER_INTS + 15
+# ... and of the reals: times in s, places in m.
 (PLAN_T, CONTROL_T, PROGRESS_X, PROGRESS_Y, PROGRESS_T, VALID_T, ACTION_T, ACTION_DONE, ACTION_X, ACTION_Y, ACTION_YAW,
- ACTION_DUE, LOCAL_T, GLOBAL_T, SMOOTH_T) = range(15)  # fmt: skip
-NAVIGATOR_REALS = 15
+ ACTION_DUE, LOCAL_T, GLOBAL_T, SMOOTH_T) = range(dwb.CONTROLLER_REALS, dwb.CONTROLLER_REALS + 15)  # fmt: skip
+REALS = dwb.CONTROLLER_REALS + 15
 
 
 class Settings(NamedTuple):
@@ -53,74 +56,63 @@ class Settings(NamedTuple):
 
 
 class State(NamedTuple):
-    """The robot's side of a run. Local grids are (60, 60), global ones as the map.
+    """The robot's side of a run.
 
-    `goals` (G, 3) poses to drive through in the map frame, the last one the goal; `path` (P, 2) the plan, first in
-    the map frame, then in the local one.
+    `body`, `nav`, `times`: vectors indexed by the names above (and those of `robot` and `dwb`). `goals` (G, 3) poses to
+    drive through in the map frame, the last one the goal; `path` (P, 2) the plan in the local frame. `local`
+    (3, 60, 60) both voxel layers and the master map; `layers` (2, rows, columns) the global obstacle layers and
+    `global_master` their merger with the static map; `costs`, `potential`, `pending` flat grids and `buffers`, `cells`
+    scratch space of NavFn. `legs` (2N, 2) what the lidars see of people.
     """
 
     body: Floats
     nav: Ints
     times: Floats
-    control: Ints
-    reals: Floats
     goals: Floats
     path: Floats
-    front: Bytes
-    rear: Bytes
-    master: Bytes
-    global_front: Bytes
-    global_rear: Bytes
+    local: Bytes
+    layers: Bytes
     global_master: Bytes
     costs: Bytes
     potential: NDArray[np.float32]
     pending: Bytes
     buffers: NDArray[np.int32]
-    cells_x: NDArray[np.float32]
-    cells_y: NDArray[np.float32]
+    cells: NDArray[np.float32]
     spans: Ints
     ranges: Floats
     directions: Floats
     legs: Floats
     noise: Floats
-    samples: dwb.Samples
+    samples: Floats
     memo: dwb.Rollouts
-    maps: dwb.LocalMaps
+    scratch: dwb.Scratch
 
 
-def new_state(scene: Scene, goals: Floats, humans: int, rays: int) -> State:
-    """All arrays of a run, before it is `reset` by the episode."""
+def new_state(scene: Scene, goals: Floats, humans: int, rays: int, memo: dwb.Rollouts | None = None) -> State:
+    """All arrays of a run, as the episode expects them; a memory of rollouts may serve one run after another."""
     rows, columns = scene.static.shape
     longest = 4 * max(rows, columns) + 2
     samples = dwb.samples()
-    count = len(samples.v)
-    span = max(columns, LOCAL_CELLS)
     return State(
         body=np.zeros(BODY_SIZE),
-        nav=np.zeros(NAVIGATOR_INTS, np.int64),
-        times=np.zeros(NAVIGATOR_REALS),
-        control=np.zeros(dwb.CONTROLLER_INTS, np.int64),
-        reals=np.zeros(dwb.CONTROLLER_REALS),
+        nav=np.zeros(INTS, np.int64),
+        times=np.zeros(REALS),
         goals=goals,
         path=np.zeros((longest * len(goals), 2)),
-        front=np.full((LOCAL_CELLS, LOCAL_CELLS), FREE, np.uint8),
-        rear=np.full((LOCAL_CELLS, LOCAL_CELLS), FREE, np.uint8),
-        master=np.full((LOCAL_CELLS, LOCAL_CELLS), FREE, np.uint8),
-        global_front=np.full((rows, columns), UNKNOWN, np.uint8),
-        global_rear=np.full((rows, columns), UNKNOWN, np.uint8),
+        local=np.full((3, LOCAL_CELLS, LOCAL_CELLS), FREE, np.uint8),
+        layers=np.full((2, rows, columns), UNKNOWN, np.uint8),
         global_master=np.zeros((rows, columns), np.uint8),
         costs=np.zeros(rows * columns, np.uint8),
         potential=np.zeros(rows * columns, np.float32),
         pending=np.zeros(rows * columns, np.uint8),
         buffers=np.zeros((3, BUFFER), np.int32),
-        cells_x=np.zeros(longest, np.float32),
-        cells_y=np.zeros(longest, np.float32),
-        spans=np.zeros((span, 2), np.int64),
+        cells=np.zeros((2, longest), np.float32),
+        spans=np.zeros((max(columns, LOCAL_CELLS), 2), np.int64),
         ranges=np.zeros(rays),
         directions=ray_directions(rays),
         legs=np.zeros((2 * humans, 2)),
         noise=np.zeros(NOISE_TABLE),
         samples=samples,
-        memo=dwb.rollouts(count),
-        maps=dwb.local_maps(count),
+        memo=memo if memo is not None else dwb.rollouts(len(samples)),
+        scratch=dwb.scratch(len(samples)),
     )

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from rvsg.errors import InputError
-from rvsg.simulation.compiled import kernel
+from rvsg.simulation.compiled import inner, kernel
 from rvsg.simulation.costmap import (
     FREE,
     LETHAL,
@@ -204,26 +204,33 @@ def edges_by_tile(
     edges: Floats, x: float, y: float, columns: int, rows: int, reach: float
 ) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
     """For every tile of 1 m the edges within `reach` of some point of it: starts (tiles + 1,), edge numbers."""
-    far = reach + 0.7072 * TILE_M
     start = np.zeros(rows * columns + 1, np.int64)
-    near = np.empty(16, np.int32)
-    count = 0
     for tile in range(rows * columns):
-        cx = x + (tile % columns + 0.5) * TILE_M
-        cy = y + (tile // columns + 0.5) * TILE_M
+        count = 0
         for e in range(edges.shape[0]):
-            ax = edges[e, 0] - cx
-            ay = edges[e, 1] - cy
-            dx = edges[e, 2] - edges[e, 0]
-            dy = edges[e, 3] - edges[e, 1]
-            square = dx * dx + dy * dy
-            share = min(1.0, max(0.0, -(ax * dx + ay * dy) / square)) if square > 0.0 else 0.0
-            if (ax + share * dx) ** 2 + (ay + share * dy) ** 2 <= far * far:
-                if count == near.size:
-                    more = np.empty(2 * count, np.int32)
-                    more[:count] = near
-                    near = more
-                near[count] = e
+            if is_near_tile(edges[e], x, y, columns, tile, reach):
                 count += 1
-        start[tile + 1] = count
-    return start, near[:count].copy()
+        start[tile + 1] = start[tile] + count
+    near = np.zeros(start[-1], np.int32)
+    at = 0
+    for tile in range(rows * columns):
+        for e in range(edges.shape[0]):
+            if is_near_tile(edges[e], x, y, columns, tile, reach):
+                near[at] = e
+                at += 1
+    return start, near
+
+
+@inner
+def is_near_tile(edge: Floats, x: float, y: float, columns: int, tile: int, reach: float) -> bool:
+    """Whether an edge may be within `reach` of some point of a tile."""
+    cx = x + (tile % columns + 0.5) * TILE_M
+    cy = y + (tile // columns + 0.5) * TILE_M
+    ax = edge[0] - cx
+    ay = edge[1] - cy
+    dx = edge[2] - edge[0]
+    dy = edge[3] - edge[1]
+    square = dx * dx + dy * dy
+    share = min(1.0, max(0.0, -(ax * dx + ay * dy) / square)) if square > 0.0 else 0.0
+    far = reach + 0.7072 * TILE_M
+    return (ax + share * dx) ** 2 + (ay + share * dy) ** 2 <= far * far
