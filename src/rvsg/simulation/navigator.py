@@ -129,8 +129,8 @@ def control_tick(state: State, t: float) -> bool:
     w = body[robot.W] if abs(body[robot.W]) > ODOMETRY_DEADBAND else 0.0
     best = dwb.choose(
         state.nav, state.times, state.scratch, state.memo, state.samples, state.local[st.MASTER],
-        state.nav[st.WINDOW_COLUMN], state.nav[st.WINDOW_ROW], state.path, state.goals[state.goals.shape[0] - 1, 2], body[robot.X], body[robot.Y],
-        body[robot.YAW], v, w,
+        state.nav[st.WINDOW_COLUMN], state.nav[st.WINDOW_ROW], state.path,
+        state.goals[state.goals.shape[0] - 1, 2], body[robot.X], body[robot.Y], body[robot.YAW], v, w,
     )  # fmt: skip
     if best < 0:
         command(state, 0.0, 0.0, False, t)
