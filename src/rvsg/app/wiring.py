@@ -16,12 +16,13 @@ from rvsg.campaign.measuring import Measuring
 from rvsg.campaign.parallel import Simulations
 from rvsg.campaign.plan import Plan
 from rvsg.campaign.strategies import Strategy
-from rvsg.errors import InputError
+from rvsg.errors import InputError, InvalidScenario
 from rvsg.evaluation.metrics import metric
 from rvsg.generation.generator import Generator
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.requirements import load_requirement
-from rvsg.scenario.scenario import Mission
+from rvsg.scenario.scenario import Mission, Scenario
+from rvsg.scenario.validity import check
 from rvsg.simulation.simulator import Simulator
 from rvsg.world.load import load_world
 from rvsg.world.space import robot_space
@@ -130,6 +131,26 @@ def check_start(route: Route, world: World) -> None:
                 f"{world.name}, {route.name}: the {what} pose ({pose.x:g}, {pose.y:g}) lies inside an obstacle or "
                 "outside the map. Move it in routes.yaml; `rvsg world check` shows every such place."
             )
+
+
+def world_of(scenario: Scenario, instead: str | None) -> World:
+    """The world a scenario was made for, or another; InputError where it is not the same world any more."""
+    world = load_world(instead or scenario.mission.world)
+    if world.id != scenario.mission.world_id:
+        raise InputError(
+            f"The scenario was made for {scenario.mission.world} ({scenario.mission.world_id}), but that world is now "
+            f"{world.id}: its map, objects, grid or routes have changed. Propose a new scenario, or give the world it "
+            "was made for with --world."
+        )
+    return world
+
+
+def check_scenario(scenario: Scenario, world: World) -> None:
+    """Refuse a scenario that breaks a rule, with every finding: nothing invalid reaches a simulator."""
+    check_start(scenario.mission.route, world)
+    findings = check(scenario.people, scenario.mission, world)
+    if findings:
+        raise InvalidScenario("The scenario is not valid:", [str(finding) for finding in findings])
 
 
 def generator_options(config: CampaignConfig) -> dict[str, Any]:

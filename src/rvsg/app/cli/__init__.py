@@ -15,6 +15,10 @@ from rvsg.app.cli.frame import Verb, command_line
 VERBS: dict[str, Verb] = {
     "world": Verb("world", "Make a world from a map, check it, draw it, show it"),
     "run": Verb("run", "Find, confirm and report scenarios that make the robot violate a requirement"),
+    "propose": Verb("propose", "Ask a generator for one scenario, and show what the checker said"),
+    "simulate": Verb("simulate", "Simulate a scenario and write its runs"),
+    "evaluate": Verb("evaluate", "Measure runs of a scenario, and judge them by a requirement"),
+    "report": Verb("report", "Write the page of a stored campaign, and print its ranked scenarios"),
     "metrics": Verb("metrics", "List the metrics with formula and unit, or measure a run"),
     "import-study": Verb("import_study", "Import results in the published study's layout into a store"),
 }

@@ -62,13 +62,13 @@ def run(
     Searches `scenarios` x (1 + `refinements`) configurations, each in `repeats` runs, ranks them, and confirms the
     worst in fresh runs. Everything is kept in the folder --out; the same command on an existing folder resumes.
     """
+    given = {k: v for k, v in locals().items() if v is not None and k not in ("campaign", "json")}
+    from rvsg.app.cli.options import pairs
     from rvsg.app.config import read_campaign_file
 
-    given = {k: v for k, v in locals().items() if v is not None and k not in ("campaign", "json", "read_campaign_file")}
     for kind in ("generator", "simulator"):
-        pairs = given.pop(f"{kind}_option", None)
-        if pairs:
-            given[f"{kind}_options"] = dict(_pair(kind, pair) for pair in pairs)
+        if options := given.pop(f"{kind}_option", None):
+            given[f"{kind}_options"] = pairs(kind, options)
     from_file = read_campaign_file(campaign) if campaign else {}
     raise typer.Exit(_campaign(from_file, given, as_json=json))
 
@@ -207,18 +207,3 @@ def _show(wired: Wired, summary: Summary, folder: Path, spent_s: float, *, as_js
     )
     say(f"Report: {folder / REPORT}")
     say(f"Repeat it with: {command}")
-
-
-def _pair(kind: str, pair: str) -> tuple[str, Any]:
-    """`NAME=VALUE`, the value read as YAML."""
-    import yaml
-
-    from rvsg.errors import InputError
-
-    name, equals, value = pair.partition("=")
-    if not equals or not name:
-        raise InputError(f"--{kind}-option {pair!r}: expected NAME=VALUE")
-    try:
-        return name, yaml.safe_load(value)
-    except yaml.YAMLError as error:
-        raise InputError(f"--{kind}-option {pair!r}: the value cannot be read: {error}") from None

@@ -1,0 +1,24 @@
+"""Options that several verbs share, from text to values."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rvsg.errors import InputError
+
+
+def pairs(kind: str, given: list[str] | None) -> dict[str, Any]:
+    """`NAME=VALUE` options of a plug-in of a kind, the values read as YAML."""
+    return dict(_pair(kind, pair) for pair in given or [])
+
+
+def _pair(kind: str, pair: str) -> tuple[str, Any]:
+    import yaml
+
+    name, equals, value = pair.partition("=")
+    if not equals or not name:
+        raise InputError(f"--{kind}-option {pair!r}: expected NAME=VALUE")
+    try:
+        return name, yaml.safe_load(value)
+    except yaml.YAMLError as error:
+        raise InputError(f"--{kind}-option {pair!r}: the value cannot be read: {error}") from None

@@ -1,0 +1,91 @@
+"""`rvsg propose`: one proposal from a generator, as a file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rvsg.app.cli.console import say
+from rvsg.app.cli.frame import verb
+
+app = verb()
+
+
+@app.command()
+def propose(
+    world: Annotated[str, typer.Option(help="A shipped world or a world folder.")] = "warehouse",
+    route: Annotated[str, typer.Option(help="A route of the world.")] = "route_1",
+    requirement: Annotated[str, typer.Option(help="A shipped requirement, or FILE:NAME.")] = "R1",
+    generator: Annotated[str | None, typer.Option(help="heuristic, random, vlm. [heuristic]")] = None,
+    humans: Annotated[int, typer.Option(min=1, max=100, help="People in the scenario.")] = 2,
+    seed: Annotated[int, typer.Option(min=0, help="Everything random follows from it.")] = 0,
+    feedback: Annotated[
+        Path | None, typer.Option(help="Refine from this feedback, as `rvsg evaluate --feedback` writes it.")
+    ] = None,
+    unguided: Annotated[bool, typer.Option("--unguided", help="Tell the generator of no requirement.")] = False,
+    model: Annotated[str | None, typer.Option(help="VLM, e.g. openai-chat:gpt-4.1.")] = None,
+    base_url: Annotated[str | None, typer.Option(help="Address of an OpenAI-compatible server.")] = None,
+    conversation: Annotated[str, typer.Option(help="compact or study.")] = "compact",
+    prompts: Annotated[str | None, typer.Option(help="Folder of prompt templates that replace ours.")] = None,
+    replay: Annotated[str | None, typer.Option(help="Answer from these recordings, without a model.")] = None,
+    record: Annotated[str | None, typer.Option(help="Folder in which calls of the model are recorded.")] = None,
+    generator_option: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="For the generator.")] = None,
+    out: Annotated[Path, typer.Option(help="Where the proposal is written; - is standard output.")] = Path("-"),
+) -> None:
+    """Ask a generator for one scenario, and show what the checker said.
+
+    Writes the proposal as JSON; `rvsg simulate` reads it. With --feedback the proposal refines an earlier scenario.
+    """
+    from rvsg.app.cli.options import pairs
+    from rvsg.app.config import effective
+    from rvsg.app.records import read_record, write_text
+    from rvsg.app.wiring import wire
+    from rvsg.scenario.brief import Brief, Feedback
+
+    given = {
+        "world": world,
+        "route": route,
+        "requirement": requirement,
+        "generator": generator,
+        "humans": humans,
+        "seed": seed,
+        "model": model,
+        "base_url": base_url,
+        "conversation": conversation,
+        "prompts": prompts,
+        "replay": replay,
+        "out": record,
+        "generator_options": pairs("generator", generator_option),
+    }
+    wired = wire(effective(None, {}, given))
+    told = read_record(feedback, Feedback) if feedback else None
+    brief = Brief(
+        mission=wired.plan.mission,
+        requirement=None if unguided else wired.plan.requirement,
+        kind="refine" if told else "new",
+        humans=humans,
+        seed=seed,
+        configuration_index=1 if told else 0,
+        feedback=told,
+    )
+    proposal = wired.generator.propose(brief, wired.world)
+    write_text(out, proposal.to_json())
+    if proposal.scenario is not None:
+        say(proposal.scenario.description or "(no description)")
+    say(f"{proposal.generator}: {_checked(len(proposal.first_findings), proposal.corrections)}")
+    for finding in proposal.first_findings:
+        say(f"  found: {finding}")
+    for repair in proposal.repairs:
+        say(f"  repaired: {repair.human}, {repair.task}: {repair.what}")
+    for problem in proposal.problems:
+        say(f"  left: {problem}")
+    if proposal.calls:
+        say(f"{len(proposal.calls)} calls of the model, {sum(c.input_tokens for c in proposal.calls)} input tokens")
+
+
+def _checked(findings: int, corrections: int) -> str:
+    if not findings:
+        return "valid as first answered"
+    return f"{findings} findings in the first answer, {corrections} corrections asked for"

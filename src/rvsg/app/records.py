@@ -1,0 +1,99 @@
+"""Records as files: what a stage writes, the next one reads. `-` is standard input or output.
+
+A scenario is read from its own JSON, or from that of a proposal or an attempt that holds one. Runs are one JSON
+object per line, so one run is a JSON document and many are JSON lines.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TypeVar
+
+import pydantic
+
+from rvsg.errors import FileError, InputError
+from rvsg.report.files import write_whole
+from rvsg.scenario.scenario import Scenario
+from rvsg.simulation.archive import run_from_json, run_to_json
+from rvsg.simulation.run import Run
+from rvsg.world.records import Record
+
+Kept = TypeVar("Kept", bound=Record)
+MOST_TOLD = 12
+
+
+def read_text(path: Path) -> str:
+    """The text of a file or of standard input."""
+    if str(path) == "-":
+        return sys.stdin.read()
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
+        raise FileError(path, f"the file cannot be read: {reason}.") from None
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a file whole, or standard output."""
+    if str(path) == "-":
+        sys.stdout.write(text)
+        sys.stdout.flush()
+    else:
+        write_whole(path, text)
+
+
+def read_record(path: Path, kind: type[Kept]) -> Kept:
+    """A record from a JSON file; FileError with everything that is wrong, and the line of what is not JSON."""
+    return _validated(path, _json(path, read_text(path)), kind)
+
+
+def read_scenario(path: Path) -> Scenario:
+    """A scenario, on its own or inside a proposal or an attempt."""
+    value = _json(path, read_text(path))
+    for key in ("proposal", "scenario"):
+        if isinstance(value, dict) and key in value and "people" not in value:
+            value = value[key]
+    if value is None:
+        raise FileError(path, "this proposal holds no valid scenario; its `problems` say why.")
+    return _validated(path, value, Scenario)
+
+
+def read_runs(paths: Iterable[Path]) -> list[Run]:
+    """All runs of the files, in order; FileError names the line of what is not a run."""
+    runs = []
+    for path in paths:
+        for number, line in enumerate(read_text(path).splitlines(), 1):
+            if not line.strip():
+                continue
+            try:
+                runs.append(run_from_json(line))
+            except InputError as error:
+                raise FileError(path, f"{error}.", line=number) from None
+    if not runs:
+        raise InputError("There is no run in the files given; `rvsg simulate SCENARIO --out RUNS` makes some.")
+    return runs
+
+
+def runs_text(runs: Iterable[Run]) -> str:
+    """Runs as JSON lines."""
+    return "".join(run_to_json(run) for run in runs)
+
+
+def _json(path: Path, text: str) -> object:
+    try:
+        return json.loads(text)
+    except json.JSONDecodeError as error:
+        raise FileError(path, f"this is not JSON: {error.msg}.", line=error.lineno) from None
+
+
+def _validated(path: Path, value: object, kind: type[Kept]) -> Kept:
+    try:
+        return kind.model_validate_json(json.dumps(value))
+    except pydantic.ValidationError as error:
+        wrong = [f"{'.'.join(map(str, e['loc'])) or 'it'}: {e['msg'].lower()}" for e in error.errors(include_url=False)]
+        more = [f"and {len(wrong) - MOST_TOLD} more"] if len(wrong) > MOST_TOLD else []
+        listed = "; ".join([*wrong[:MOST_TOLD], *more])
+        raise FileError(path, f"this is not a {kind.__name__.lower()}: {listed}.") from None
