@@ -14,7 +14,7 @@ import yaml
 from pydantic import Field
 
 from rvsg.errors import FileError, InputError
-from rvsg.world.documents import Document, DocumentError, problems_of, read_yaml, validated
+from rvsg.world.documents import DocumentError, read_yaml, validated
 from rvsg.world.records import Record
 
 Positive = Annotated[int, Field(ge=1, le=100_000)]
@@ -103,7 +103,7 @@ def read_campaign_file(path: Path) -> dict[str, Any]:
         if isinstance(values.get(key), str):
             values[key] = str(path.parent / values[key])
     for key in ("world", "requirement"):
-        if isinstance(values.get(key), str) and (path.parent / values[key]).exists():
+        if isinstance(values.get(key), str) and (path.parent / values[key].partition("#")[0]).exists():
             values[key] = str(path.parent / values[key])
     return values
 
@@ -114,8 +114,9 @@ def effective(stored: dict[str, Any] | None, from_file: dict[str, Any], from_opt
     try:
         return CampaignConfig(**values)
     except pydantic.ValidationError as error:
-        problems = problems_of(error, Document(path=Path("the options"), value=values, lines={}), CampaignConfig)
-        raise InputError("; ".join(problem.message for problem in problems)) from None
+        wrong = error.errors(include_url=False)
+        told = [f"{'.'.join(map(str, e['loc']))}: {e['msg'].lower()}, got {e['input']!r}" for e in wrong]
+        raise InputError("; ".join(told)) from None
 
 
 __all__ = ["CampaignConfig", "DocumentError", "FileError", "effective", "read_campaign_file"]

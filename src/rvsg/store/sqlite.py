@@ -67,8 +67,12 @@ class SqliteLedger:
             sa.URL.create("sqlite", database=str(self.path)), connect_args={"timeout": 30.0}
         )
         sa.event.listen(self._engine, "connect", _configure)
-        with self._translated(), self._engine.connect() as connection:
-            _migrate(connection, self.path)
+        try:
+            with self._translated(), self._engine.connect() as connection:
+                _migrate(connection, self.path)
+        except StoreError:
+            self.close()
+            raise
 
     def __enter__(self) -> Self:
         return self

@@ -16,7 +16,7 @@ app = verb()
 @app.command()
 def evaluate(
     runs: Annotated[list[Path], typer.Argument(help="Files of runs, as `rvsg simulate` writes them; - is stdin.")],
-    requirement: Annotated[str, typer.Option(help="A shipped requirement, or FILE:NAME.")] = "R1",
+    requirement: Annotated[str, typer.Option(help="A shipped requirement, or FILE.yaml#NAME.")] = "R1",
     scenario: Annotated[Path | None, typer.Option(help="The scenario of the runs; --feedback needs it.")] = None,
     feedback: Annotated[
         Path | None, typer.Option(help="Write what a generator should be told, for `rvsg propose --feedback`.")

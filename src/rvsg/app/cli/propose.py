@@ -17,7 +17,7 @@ app = verb()
 def propose(
     world: Annotated[str, typer.Option(help="A shipped world or a world folder.")] = "warehouse",
     route: Annotated[str, typer.Option(help="A route of the world.")] = "route_1",
-    requirement: Annotated[str, typer.Option(help="A shipped requirement, or FILE:NAME.")] = "R1",
+    requirement: Annotated[str, typer.Option(help="A shipped requirement, or FILE.yaml#NAME.")] = "R1",
     generator: Annotated[str | None, typer.Option(help="heuristic, random, vlm. [heuristic]")] = None,
     humans: Annotated[int, typer.Option(min=1, max=100, help="People in the scenario.")] = 2,
     seed: Annotated[int, typer.Option(min=0, help="Everything random follows from it.")] = 0,

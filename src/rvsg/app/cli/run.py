@@ -28,7 +28,7 @@ def run(
     campaign: Annotated[Path | None, typer.Argument(help="A campaign file; every option is a key of it.")] = None,
     world: Annotated[str | None, typer.Option(help="A shipped world or a world folder. [warehouse]")] = None,
     route: Annotated[str | None, typer.Option(help="A route of the world. [route_1]")] = None,
-    requirement: Annotated[str | None, typer.Option(help="A shipped requirement, or FILE:NAME. [R1]")] = None,
+    requirement: Annotated[str | None, typer.Option(help="A shipped requirement, or FILE.yaml#NAME. [R1]")] = None,
     generator: Annotated[str | None, typer.Option(help="Who writes scenarios: heuristic, random, vlm.")] = None,
     strategy: Annotated[str | None, typer.Option(help="study, climb, unguided, random. [study]")] = None,
     simulator: Annotated[str | None, typer.Option(help="embedded; kinematic: no physics. [embedded]")] = None,

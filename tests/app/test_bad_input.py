@@ -1,0 +1,186 @@
+"""Bad input: exit code 2, one clear message on standard error, nothing on standard output, nothing written half."""
+
+from __future__ import annotations
+
+import json
+import re
+import sqlite3
+from pathlib import Path
+
+import pytest
+
+from rvsg.app.cli import main
+from rvsg.app.folder import LEDGER
+from rvsg.store.sqlite import SqliteLedger
+
+SMALL = ["--simulator", "kinematic", "--strategy", "random", "--scenarios", "1", "--refinements", "0", "--jobs", "1"]
+
+
+@pytest.fixture
+def refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    """Run a command in an empty folder that it must leave as it was; returns the message."""
+
+    def run(*arguments: str) -> str:
+        monkeypatch.chdir(tmp_path)
+        before = _content(tmp_path)
+        assert main(list(arguments)) == 2
+        captured = capsys.readouterr()
+        assert captured.out == ""
+        assert "Traceback" not in captured.err
+        assert captured.err.strip()
+        assert _content(tmp_path) == before
+        return captured.err
+
+    return run
+
+
+def _content(folder: Path) -> dict[str, bytes]:
+    return {str(path): path.read_bytes() if path.is_file() else b"" for path in folder.rglob("*")}
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "meant"),
+    [
+        ("--world", "warehous", "warehouse"),
+        ("--route", "route1", "route_1"),
+        ("--requirement", "r1", "R1"),
+        ("--generator", "heuristics", "heuristic"),
+        ("--strategy", "studdy", "study"),
+        ("--simulator", "embeded", "embedded"),
+    ],
+)
+def test_an_unknown_name_is_answered_with_the_nearest(refused, option: str, value: str, meant: str) -> None:
+    assert re.search(rf'Did you mean "{meant}"', refused("run", *SMALL, option, value))
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [
+        ("--scenarios", "0"),
+        ("--scenarios", "-3"),
+        ("--repeats", "0"),
+        ("--refinements", "-1"),
+        ("--humans", "0"),
+        ("--humans", "101"),
+        ("--jobs", "0"),
+        ("--seed", "-1"),
+        ("--confirmations", "-1"),
+        ("--scenarios", "many"),
+        ("--budget-usd", "-1"),
+        ("--conversation", "chat"),
+    ],
+)
+def test_a_number_or_word_that_makes_no_sense_is_refused(refused, option: str, value: str) -> None:
+    told = refused("run", *SMALL, option, value)
+    assert option in told or option.removeprefix("--").replace("-", "_") in told
+
+
+def test_a_misspelt_key_of_the_campaign_file_is_found_at_its_line(refused, tmp_path: Path) -> None:
+    (tmp_path / "c.yaml").write_text("world: warehouse\nroute: route_1\nscenarois: 3\n")
+    told = refused("run", "c.yaml")
+    assert "c.yaml:3:" in told and 'Did you mean "scenarios"' in told
+
+
+def test_every_mistake_of_the_campaign_file_is_told_at_once(refused, tmp_path: Path) -> None:
+    (tmp_path / "c.yaml").write_text("scenarios: 0\nrepeats: many\nsed: 3\n")
+    told = refused("run", "c.yaml")
+    assert all(f"c.yaml:{line}:" in told for line in (1, 2, 3))
+
+
+@pytest.mark.parametrize("text", ["- a list\n", "world: [unclosed\n", "world: a\nworld: b\n", "\x00"])
+def test_a_campaign_file_that_is_none_is_refused_with_its_name(refused, tmp_path: Path, text: str) -> None:
+    (tmp_path / "c.yaml").write_text(text)
+    assert "c.yaml" in refused("run", "c.yaml")
+
+
+def test_a_campaign_file_that_is_absent_is_named(refused) -> None:
+    assert "nowhere.yaml" in refused("run", "nowhere.yaml")
+
+
+def test_an_output_folder_that_cannot_be_written_is_named(refused, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("in the way")
+    told = refused("run", *SMALL, "--out", "file/below")
+    assert "file/below" in told and "--out" in told
+
+
+def test_an_option_a_plug_in_does_not_take_is_named(refused) -> None:
+    assert "warp" in refused("run", *SMALL, "--simulator-option", "warp=9")
+    assert "NAME=VALUE" in refused("run", *SMALL, "--simulator-option", "warp")
+
+
+def test_a_vlm_without_a_model_says_what_to_give(refused) -> None:
+    assert "--model" in refused("run", "--generator", "vlm")
+
+
+def test_a_store_of_a_newer_version_is_left_alone(refused, tmp_path: Path) -> None:
+    (tmp_path / "old").mkdir()
+    SqliteLedger(tmp_path / "old" / LEDGER).close()
+    connection = sqlite3.connect(tmp_path / "old" / LEDGER)
+    connection.execute("PRAGMA user_version=99")
+    connection.commit()
+    connection.close()
+    assert "newer RVSG" in refused("run", *SMALL, "--out", "old")
+    assert "newer RVSG" in refused("report", "old")
+
+
+def test_a_report_of_nothing_says_so(refused) -> None:
+    assert "no store here" in refused("report", "nowhere")
+
+
+@pytest.fixture
+def scenario(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> dict:
+    assert main(["propose", "--generator", "random", "--seed", "1"]) == 0
+    found = json.loads(capsys.readouterr().out)["scenario"]
+    assert isinstance(found, dict)
+    return found
+
+
+def simulate(refused, tmp_path: Path, scenario: dict) -> str:
+    (tmp_path / "s.json").write_text(json.dumps(scenario))
+    return refused("simulate", "s.json", "--out", "runs.jsonl")
+
+
+def test_a_waypoint_that_does_not_exist_is_refused(refused, tmp_path: Path, scenario: dict) -> None:
+    scenario["people"]["humans"][0]["tasks"][0]["path"][1] = "Z99"
+    told = simulate(refused, tmp_path, scenario)
+    assert "Z99" in told and "waypoint 2" in told
+
+
+def test_a_path_through_an_obstacle_is_refused(refused, tmp_path: Path, scenario: dict) -> None:
+    path = scenario["people"]["humans"][0]["tasks"][0]["path"]
+    scenario["people"]["humans"][0]["tasks"][0]["path"] = [path[0], path[-1]]
+    assert scenario["people"]["humans"][0]["name"] in simulate(refused, tmp_path, scenario)
+
+
+def test_a_start_pose_inside_an_obstacle_is_refused(refused, tmp_path: Path, scenario: dict) -> None:
+    scenario["mission"]["route"]["start"] = {"x": -5.79, "y": -0.96, "yaw": 0.0}
+    assert "start pose (-5.79, -0.96) lies inside an obstacle" in simulate(refused, tmp_path, scenario)
+
+
+def test_a_number_that_is_none_is_refused(refused, tmp_path: Path, scenario: dict) -> None:
+    scenario["people"]["humans"][0]["speed_m_s"] = float("nan")
+    assert "speed_m_s" in simulate(refused, tmp_path, scenario)
+
+
+def test_a_scenario_of_another_world_is_refused(refused, tmp_path: Path, scenario: dict) -> None:
+    scenario["mission"]["world_id"] = "world-0000000000000000"
+    assert "world-0000000000000000" in simulate(refused, tmp_path, scenario)
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", "{}", "null", '{"people": 3}'])
+def test_a_file_that_holds_no_scenario_is_named(refused, tmp_path: Path, text: str) -> None:
+    (tmp_path / "s.json").write_text(text)
+    assert "s.json" in refused("simulate", "s.json")
+
+
+def test_a_truncated_run_is_found_at_its_line(
+    refused, tmp_path: Path, scenario: dict, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "s.json").write_text(json.dumps(scenario))
+    runs = tmp_path / "runs.jsonl"
+    asked = ["simulate", str(tmp_path / "s.json"), "--simulator", "kinematic", "--repeats", "2", "--out", str(runs)]
+    assert main(asked) == 0
+    assert main(["evaluate", str(runs), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["verdict"]["runs"] == 2
+    runs.write_text(runs.read_text()[:-500])
+    assert "runs.jsonl:2:" in refused("evaluate", "runs.jsonl")

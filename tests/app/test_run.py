@@ -1,0 +1,152 @@
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import pytest
+
+from rvsg.app.cli import main
+from rvsg.app.folder import LEDGER
+from rvsg.store.sqlite import SqliteLedger
+
+SMALL = [
+    *("--simulator", "kinematic", "--strategy", "random", "--scenarios", "3", "--refinements", "1"),
+    *("--repeats", "2", "--confirmations", "4", "--jobs", "1"),
+]
+
+
+def records(folder: Path) -> list[str]:
+    """Everything a campaign keeps: its attempts and its runs, as text."""
+    with SqliteLedger(folder / LEDGER, create=False) as ledger:
+        (name,) = ledger.campaigns()
+        attempts = list(ledger.attempts(name))
+        runs = [ledger.run(m.run_id).trajectory.x.tobytes().hex() for a in attempts for m in a.measurements]
+    return [attempt.to_json() for attempt in attempts] + runs
+
+
+def test_a_campaign_leaves_its_ledger_its_page_its_best_scenario_and_its_configuration(tmp_path: Path) -> None:
+    out = tmp_path / "one"
+    assert main(["run", *SMALL, "--out", str(out), "--junit", str(tmp_path / "junit.xml")]) == 0
+    left = {path.name for path in out.iterdir()}
+    assert {"ledger.sqlite", "report.html", "best_scenario.json", "campaign.yaml"} <= left
+    assert not [name for name in left if name.endswith(("-wal", "-shm"))]
+    assert len(ET.parse(tmp_path / "junit.xml").getroot()[0]) == 7
+
+
+def test_standard_output_holds_the_json_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", *SMALL, "--out", str(tmp_path / "one"), "--json"]) == 0
+    captured = capsys.readouterr()
+    told = json.loads(captured.out)
+    assert told["complete"] and len(told["ranking"]) == 6
+    assert told["accounting"]["search_runs"] == 12
+    assert told["confirmed"]["verdict"]["runs"] == 4
+    assert "Repeat it with: rvsg run" in captured.err
+
+
+def test_without_json_standard_output_is_empty(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", *SMALL, "--out", str(tmp_path / "one")]) == 0
+    assert capsys.readouterr().out == ""
+
+
+def test_the_command_that_is_printed_repeats_the_campaign(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    main(["run", *SMALL, "--seed", "7", "--out", str(tmp_path / "one"), "--json"])
+    command = json.loads(capsys.readouterr().out)["command"].split()
+    assert command[:2] == ["rvsg", "run"] and command[-2:] == ["--seed", "7"]
+    main([*command[1:], "--out", str(tmp_path / "two")])
+    assert records(tmp_path / "one") == records(tmp_path / "two")
+
+
+def test_the_stored_configuration_repeats_the_campaign(tmp_path: Path) -> None:
+    main(["run", *SMALL, "--seed", "7", "--out", str(tmp_path / "one")])
+    assert main(["run", str(tmp_path / "one" / "campaign.yaml"), "--out", str(tmp_path / "two")]) == 0
+    assert records(tmp_path / "one") == records(tmp_path / "two")
+
+
+def test_one_job_and_two_end_with_identical_records(tmp_path: Path) -> None:
+    main(["run", *SMALL, "--seed", "7", "--out", str(tmp_path / "one")])
+    main(["run", *SMALL, "--seed", "7", "--out", str(tmp_path / "two"), "--jobs", "2"])
+    assert records(tmp_path / "one") == records(tmp_path / "two")
+
+
+LONG = [*SMALL, "--scenarios", "8", "--repeats", "3", "--seed", "7"]
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    """The records of an uninterrupted campaign."""
+    folder = tmp_path_factory.mktemp("whole")
+    main(["run", *LONG, "--out", str(folder)])
+    return records(folder)
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
+def test_a_killed_campaign_resumes_to_identical_records(tmp_path: Path, whole: list[str], how: signal.Signals) -> None:
+    folder = tmp_path / "killed"
+    command = [sys.executable, "-m", "rvsg", "run", *LONG, "--out", str(folder)]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 60
+    while _runs_kept(folder) < 5:
+        assert process.poll() is None and time.monotonic() < deadline
+        time.sleep(0.005)
+    os.kill(process.pid, how)
+    _, told = process.communicate(timeout=30)
+    kept = _runs_kept(folder)
+    assert 5 <= kept < 52
+    if how is not signal.SIGKILL:
+        assert process.returncode == 3
+        assert f"Resume with: rvsg run --out {folder}" in told
+        assert "Traceback" not in told
+    assert main(["run", "--out", str(folder)]) == 0
+    assert records(folder) == whole
+
+
+def _runs_kept(folder: Path) -> int:
+    if not (folder / LEDGER).exists():
+        return 0
+    connection = sqlite3.connect(folder / LEDGER)
+    try:
+        return int(connection.execute("SELECT count(*) FROM runs").fetchone()[0])
+    except sqlite3.OperationalError:  # the table is not there yet
+        return 0
+    finally:
+        connection.close()
+
+
+def test_resuming_with_other_settings_is_refused_and_names_them(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    main(["run", *SMALL, "--out", str(tmp_path / "one")])
+    before = records(tmp_path / "one")
+    assert main(["run", "--out", str(tmp_path / "one"), "--seed", "8"]) == 2
+    assert "config.seed: 0, now 8" in capsys.readouterr().err
+    assert records(tmp_path / "one") == before
+
+
+def test_two_processes_do_not_share_a_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from rvsg.app.folder import alone_in, make_folder
+
+    folder = tmp_path / "one"
+    make_folder(folder)
+    with alone_in(folder):
+        assert main(["run", *SMALL, "--out", str(folder)]) == 2
+    assert "another `rvsg run` works in this folder" in capsys.readouterr().err
+    assert not (folder / LEDGER).exists()
+
+
+def test_a_violation_is_told_by_the_exit_code_only_where_asked(tmp_path: Path) -> None:
+    strict = tmp_path / "strict.yaml"
+    strict.write_text(
+        "far:\n  title: Far away\n  text: Nobody is nearer than 100 m.\n  metric: dto\n  worse: smaller\n"
+        "  limit: 100.0\n  unit: m\n  source: a test\n"
+    )
+    asked = ["run", *SMALL, "--requirement", f"{strict}#far", "--confirmations", "16"]
+    assert main([*asked, "--out", str(tmp_path / "one")]) == 0
+    assert main([*asked, "--out", str(tmp_path / "one"), "--fail-on-violation"]) == 1
+    assert main(["report", str(tmp_path / "one"), "--fail-on-violation"]) == 1
