@@ -181,9 +181,11 @@ def _written(
     if route is not None:
         line = view.project(np.column_stack([line_of(world, route), np.full(len(line_of(world, route)), 0.02)]))[:, :2]
         sheet.line(line, ink.route, 4.0)
+        sheet.taken.add_line(line, 3 * unit)
         for word, pose, colour in (("START", route.start, ink.start), ("GOAL", route.goal, ink.goal)):
             x, y, _ = view.project(np.array([pose.x, pose.y, 0.02]))
             sheet.dot(float(x), float(y), 9 * unit, fill=colour, edge=ink.page)
+            sheet.taken.add_dot(float(x), float(y), 11 * unit)
             sheet.write_at(word, float(x), float(y) + 22 * unit, round(18 * unit), colour, bold=True)
     sheet.write_at(f"{world.title} from above", 20 * unit, 28 * unit, round(26 * unit), ink.ink, anchor="l", bold=True)
     _write_areas(sheet, world, view, kinds, unit)

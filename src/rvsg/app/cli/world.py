@@ -109,7 +109,9 @@ def check(
     from rvsg.world.check import check_world
     from rvsg.world.load import SHIPPED, shipped_worlds
 
-    place = SHIPPED / str(folder) if str(folder) in shipped_worlds() and not folder.is_dir() else folder
+    place = (
+        SHIPPED / str(folder) if str(folder) in shipped_worlds() and not (folder / "world.yaml").is_file() else folder
+    )
     remarks = check_world(place)
     _show_remarks(remarks)
     if json:

@@ -130,7 +130,8 @@ def _plane(seen: Floats) -> tuple[float, float, float] | None:
     """Nearness as an affine function of the pixel; None for a face seen edge on."""
     middle = seen.mean(axis=0)
     rest = seen - middle
-    area = np.abs(np.cross(rest[:-1, :2], rest[1:, :2]) if len(rest) > 1 else np.zeros(1)).max(initial=0.0)
+    across, down = rest[:, 0], rest[:, 1]
+    area = float(np.abs(across[:-1] * down[1:] - across[1:] * down[:-1]).max(initial=0.0))
     if area < 0.5:
         return None
     (a, b), *_ = np.linalg.lstsq(rest[:, :2], rest[:, 2], rcond=None)
