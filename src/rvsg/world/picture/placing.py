@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -13,6 +13,8 @@ from PIL import ImageFont
 Floats = NDArray[np.float64]
 Box = tuple[float, float, float, float]
 
+WORTH_TURNING = 0.65  # text is turned where level text would be smaller than this share of it
+SPOTS = 41  # places tried along each side of a polygon
 SMALLEST_TEXT = 10  # pixels; smaller cannot be read
 
 _fonts: dict[int, ImageFont.FreeTypeFont | ImageFont.ImageFont] = {}
@@ -75,16 +77,17 @@ class Taken:
 
     def free(self, box: Box, gap: float = 2.0) -> bool:
         """Whether a rectangle covers nothing that is taken, with a gap in pixels around it."""
+        return bool(self.which_free(np.array([box]), gap)[0])
+
+    def which_free(self, boxes: Floats, gap: float = 2.0) -> NDArray[np.bool_]:
+        """Which of the rectangles (n, 4) cover nothing that is taken, with a gap in pixels around them; (n,)."""
         taken = self._boxes[: self._count]
-        left, top, right, bottom = box
-        return not bool(
-            np.any(
-                (taken[:, 0] < right + gap)
-                & (taken[:, 2] > left - gap)
-                & (taken[:, 1] < bottom + gap)
-                & (taken[:, 3] > top - gap)
-            )
-        )
+        low, high = boxes[:, :2].min(axis=0) - gap, boxes[:, 2:].max(axis=0) + gap
+        taken = taken[((taken[:, :2] < high) & (taken[:, 2:] > low)).all(axis=1)]
+        left, top, right, bottom = (boxes[:, i, None] for i in range(4))
+        covered = (taken[:, 0] < right + gap) & (taken[:, 2] > left - gap)
+        covered &= (taken[:, 1] < bottom + gap) & (taken[:, 3] > top - gap)
+        return np.asarray(~covered.any(axis=1))
 
 
 def wrapped(text: str) -> Iterator[str]:
@@ -99,37 +102,51 @@ def wrapped(text: str) -> Iterator[str]:
         yield "\n".join(words)
 
 
-def place_inside(text: str, ring: Floats, taken: Taken, sizes: Iterable[int]) -> Word | None:
-    """The largest readable place of a name inside a polygon (n, 2) in pixels that covers nothing, or None."""
-    from shapely import Polygon, prepare
-    from shapely import box as rectangle
+def place_inside(text: str, ring: Floats, taken: Taken, sizes: Sequence[int]) -> Word | None:
+    """The largest readable place of a name inside a polygon (n, 2) in pixels that covers nothing, or None.
 
-    shape = Polygon(ring)
-    prepare(shape)
-    x0, y0, x1, y1 = shape.bounds
-    centre = shape.representative_point() if not shape.contains(shape.centroid) else shape.centroid
-    for size in sizes:
-        for turned in (False, True):
-            for lines in wrapped(text) if not turned else (text,):
-                width, height = text_size(lines, size)
-                if turned:
-                    width, height = height, width
-                if width + 4 > x1 - x0 or height + 4 > y1 - y0:
-                    continue
-                for x, y in _spots((x0, y0, x1, y1), (centre.x, centre.y), width, height):
-                    spot = (x - width / 2, y - height / 2, x + width / 2, y + height / 2)
-                    if taken.free(spot) and shape.contains(rectangle(*spot)):
-                        return Word(lines, spot, size, turned)
+    Level text is preferred to turned text unless it would be much smaller.
+    """
+    room = _Room(ring)
+    level = next((word for size in sizes for word in [_inside(text, size, False, room, taken)] if word), None)
+    worth_turning = [size for size in sizes if level is None or level.size < WORTH_TURNING * size]
+    turned = (_inside(text, size, True, room, taken) for size in worth_turning)
+    return next((word for word in turned if word), level)
+
+
+class _Room:
+    """A polygon that is asked many times whether a rectangle lies in it."""
+
+    def __init__(self, ring: Floats) -> None:
+        from shapely import Polygon, prepare
+
+        self.shape = Polygon(ring).buffer(0)
+        prepare(self.shape)
+        self.bounds: Box = self.shape.bounds
+        at = self.shape.centroid if self.shape.contains(self.shape.centroid) else self.shape.representative_point()
+        self.centre = np.array([at.x, at.y])
+
+
+def _inside(text: str, size: int, turned: bool, room: _Room, taken: Taken) -> Word | None:
+    """The place nearest to the middle where the name fits in this size, on one line if it can."""
+    import shapely
+
+    x0, y0, x1, y1 = room.bounds
+    for lines in (text,) if turned else wrapped(text):
+        half = np.array(text_size(lines, size)[:: -1 if turned else 1]) / 2
+        if 2 * half[0] + 4 > x1 - x0 or 2 * half[1] + 4 > y1 - y0:
+            continue
+        xs = np.unique(np.append(np.linspace(x0 + half[0] + 2, x1 - half[0] - 2, SPOTS), room.centre[0]))
+        ys = np.unique(np.append(np.linspace(y0 + half[1] + 2, y1 - half[1] - 2, SPOTS), room.centre[1]))
+        centres = np.stack(np.meshgrid(xs, ys), axis=-1).reshape(-1, 2)
+        boxes = np.concatenate([centres - half, centres + half], axis=1)
+        good = taken.which_free(boxes)
+        good[good] = shapely.contains(room.shape, shapely.box(*boxes[good].T))
+        if good.any():
+            away = np.hypot(*(centres - room.centre).T)
+            left, top, right, bottom = boxes[np.flatnonzero(good)[np.argmin(away[good])]].tolist()
+            return Word(lines, (left, top, right, bottom), size, turned)
     return None
-
-
-def _spots(bounds: Box, centre: tuple[float, float], width: float, height: float) -> list[tuple[float, float]]:
-    """Centres to try, nearest to the middle first."""
-    x0, y0, x1, y1 = bounds
-    xs = np.unique(np.concatenate([[centre[0]], np.linspace(x0 + width / 2 + 3, x1 - width / 2 - 3, 15)]))
-    ys = np.unique(np.concatenate([[centre[1]], np.linspace(y0 + height / 2 + 3, y1 - height / 2 - 3, 15)]))
-    found = [(float(x), float(y)) for x in xs for y in ys]
-    return sorted(found, key=lambda p: ((p[0] - centre[0]) ** 2 + (p[1] - centre[1]) ** 2, p))
 
 
 def place_beside(text: str, ring: Floats, taken: Taken, sizes: Iterable[int], page: Box) -> Word | None:
