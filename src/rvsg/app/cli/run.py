@@ -205,5 +205,13 @@ def _show(wired: Wired, summary: Summary, folder: Path, spent_s: float, *, as_js
         f"{account.search_runs} runs of search and {account.confirmation_runs} of confirmation in "
         f"{spent_s:.0f} s; kept in {folder}"
     )
+    if account.calls:
+        say(
+            f"The model was asked {account.calls} times: {account.input_tokens} input tokens "
+            f"({account.cached_tokens} cached), {account.output_tokens} output tokens"
+            + (f", {account.cost_usd:.4f} USD." if account.cost_usd is not None else ", cost unknown.")
+        )
+    for note in getattr(wired.generator, "notes", ()):
+        say(note)
     say(f"Report: {folder / REPORT}")
     say(f"Repeat it with: {command}")
