@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Self
 
-from pydantic import Field, ValidationError
+from pydantic import Field, ValidationError, field_validator
 
 from rvsg.errors import InputError, UnknownName
 from rvsg.generation.vlm.access import Limits, ModelAccess
@@ -44,6 +44,15 @@ class Access(Record):
     replay: Path | None = None
     strict: bool = False
     record: Path | None = None
+
+    @field_validator("prices", mode="before")
+    @classmethod
+    def _listed(cls, value: Any) -> Any:
+        """`2.0,0.5,8.0` is three prices, `2.0,8.0` two: input and output, the cached ones as the input."""
+        parts = value.split(",") if isinstance(value, str) else value
+        if isinstance(parts, (list, tuple)) and len(parts) == 2:
+            parts = (parts[0], parts[0], parts[1])
+        return parts
 
     @classmethod
     def of(cls, options: Mapping[str, Any], *, record: Path | None = None) -> Self:

@@ -19,6 +19,7 @@ VERBS: dict[str, Verb] = {
     "simulate": Verb("simulate", "Simulate a scenario and write its runs"),
     "evaluate": Verb("evaluate", "Measure runs of a scenario, and judge them by a requirement"),
     "report": Verb("report", "Write the page of a stored campaign, and print its ranked scenarios"),
+    "describe": Verb("describe", "Describe a world in words, by a vision language model that looks at it"),
     "metrics": Verb("metrics", "List the metrics with formula and unit, or measure a run"),
     "import-study": Verb("import_study", "Import results in the published study's layout into a store"),
 }
