@@ -20,6 +20,7 @@ VERBS: dict[str, Verb] = {
     "evaluate": Verb("evaluate", "Measure runs of a scenario, and judge them by a requirement"),
     "report": Verb("report", "Write the page of a stored campaign, and print its ranked scenarios"),
     "describe": Verb("describe", "Describe a world in words, by a vision language model that looks at it"),
+    "prompt": Verb("prompt", "Print what a model would be asked next in a campaign, without asking it"),
     "metrics": Verb("metrics", "List the metrics with formula and unit, or measure a run"),
     "import-study": Verb("import_study", "Import results in the published study's layout into a store"),
 }

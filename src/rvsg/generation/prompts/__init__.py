@@ -41,6 +41,14 @@ def declared_variables(name: str, folder: Path | None = None) -> frozenset[str]:
     return _declared(path, _read(path))
 
 
+def template_text(name: str) -> str:
+    """The source of a shipped template, parts included; UnknownName where there is none."""
+    path = _path(name, None)
+    if path is None:
+        raise UnknownName("prompt", name, shipped_prompts())
+    return _read(path)
+
+
 class Prompts:
     """Renders templates: those of `folder` where it has one of the name, else the shipped ones."""
 

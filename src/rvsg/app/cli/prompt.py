@@ -1,0 +1,152 @@
+"""`rvsg prompt`: what a model would be asked, without asking it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from rvsg.app.cli.console import print_json, say
+from rvsg.app.cli.frame import verb
+
+if TYPE_CHECKING:
+    from rvsg.app.config import CampaignConfig
+    from rvsg.scenario.brief import Brief
+    from rvsg.world.world import World
+
+app = verb()
+
+
+@app.command()
+def prompt(
+    campaign: Annotated[Path | None, typer.Argument(help="A campaign file, or the folder of a campaign.")] = None,
+    world: Annotated[str | None, typer.Option(help="A shipped world or a world folder. [warehouse]")] = None,
+    route: Annotated[str | None, typer.Option(help="A route of the world. [route_1]")] = None,
+    requirement: Annotated[str | None, typer.Option(help="A shipped requirement, or FILE:NAME. [R1]")] = None,
+    strategy: Annotated[str | None, typer.Option(help="study, climb, unguided. [study]")] = None,
+    humans: Annotated[int | None, typer.Option(min=1, max=100, help="People in a scenario. [2]")] = None,
+    conversation: Annotated[str | None, typer.Option(help="compact or study. [compact]")] = None,
+    prompts: Annotated[Path | None, typer.Option(help="Folder of prompt templates that replace ours.")] = None,
+    listed: Annotated[bool, typer.Option("--list", help="List the templates and their variables.")] = False,
+    copy: Annotated[str | None, typer.Option(metavar="NAME", help="Copy a template, to change it, into --to.")] = None,
+    to: Annotated[Path | None, typer.Option(help="Folder for --copy. [the campaign folder's prompts]")] = None,
+    pictures: Annotated[
+        Path | None, typer.Option(help="Also write the pictures that are shown into this folder.")
+    ] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print the messages as JSON.")] = False,
+) -> None:
+    """Print the messages of the next call of a campaign, without calling a model.
+
+    For a campaign folder that is the attempt the campaign would ask for next, with its memory and feedback; else the
+    first one. The text goes to standard output.
+    """
+    from rvsg.generation.conversation import VlmGenerator, pictures_of
+    from rvsg.generation.vlm.messages import estimated_tokens, picture_tokens
+    from rvsg.generation.vlm.model import Scripted
+
+    if listed:
+        _list(as_json=json)
+        return
+    given: dict[str, Any] = {
+        "world": world,
+        "route": route,
+        "requirement": requirement,
+        "strategy": strategy,
+        "humans": humans,
+        "conversation": conversation,
+    }
+    config = _config(campaign, {key: value for key, value in given.items() if value is not None})
+    folder = prompts or (Path(config.prompts) if config.prompts else config.folder / "prompts")
+    if copy is not None:
+        say(f"Copied to {_copied(copy, to or folder)}")
+        return
+    brief, loaded = _next_brief(config)
+    generator = VlmGenerator(Scripted([]), conversation=config.conversation, prompts=folder)
+    messages = generator.first_prompts(brief, loaded)
+    shown = [picture for message in messages for picture in message.pictures]
+    if pictures is not None:
+        _write_pictures(pictures, pictures_of(loaded, brief.mission.route))
+    if json:
+        print_json([message.model_dump(mode="json") for message in messages])
+    else:
+        for message in messages:
+            names = f" [{', '.join(p.name for p in message.pictures)}]" if message.pictures else ""
+            typer.echo(f"----- {message.role}{names}\n{message.text}")
+    tokens = sum(estimated_tokens(m.text) for m in messages) + sum(picture_tokens(p.width, p.height) for p in shown)
+    own = generator.prompts.overridden()
+    say(f"About {tokens} input tokens, {len(shown)} pictures." + (f" Own templates: {', '.join(own)}." if own else ""))
+
+
+def _config(campaign: Path | None, given: dict[str, Any]) -> CampaignConfig:
+    """The configuration: of a campaign file, or of the folder of a campaign, with the options on top."""
+    from rvsg.app.config import effective, read_campaign_file
+    from rvsg.app.folder import CONFIG
+
+    if campaign is None:
+        return effective(None, {}, given)
+    file = campaign / CONFIG if campaign.is_dir() else campaign
+    out = {"out": str(campaign)} if campaign.is_dir() else {}
+    return effective(None, {**read_campaign_file(file), **out}, given)
+
+
+def _next_brief(config: CampaignConfig) -> tuple[Brief, World]:
+    """What the campaign would ask for next: from its ledger where it has one, else the first attempt."""
+    from rvsg.app.folder import LEDGER
+    from rvsg.app.wiring import wire
+    from rvsg.campaign.ranking import search_attempts
+    from rvsg.errors import InputError
+    from rvsg.store.sqlite import SqliteLedger
+
+    asking_nobody = {"generator": "heuristic", "model": None, "base_url": None, "prompts": None, "replay": None}
+    wired = wire(config.model_copy(update={**asking_nobody, "generator_options": {}, **_NO_BUDGET}))
+    file = config.folder / LEDGER
+    if not file.exists():
+        return wired.strategy(None).ask()[0], wired.world
+    with SqliteLedger(file) as ledger:
+        strategy = wired.strategy(ledger)
+        known = ledger.campaigns()
+        for attempt in search_attempts(list(ledger.attempts(known[0] if known else wired.plan.name))):
+            strategy.tell(attempt)
+        briefs = strategy.ask()
+    if not briefs:
+        raise InputError(f"{config.folder}: the campaign is finished; it asks for nothing more.")
+    return briefs[0], wired.world
+
+
+_NO_BUDGET: dict[str, Any] = {"budget_usd": None, "budget_calls": None, "budget_tokens": None}
+
+
+def _list(*, as_json: bool) -> None:
+    from rvsg.generation.prompts import declared_variables, shipped_prompts
+
+    declared = {name: sorted(declared_variables(name)) for name in shipped_prompts()}
+    if as_json:
+        print_json(declared)
+        return
+    for name, variables in declared.items():
+        typer.echo(f"{name}: {', '.join(variables)}")
+
+
+def _copied(name: str, folder: Path) -> Path:
+    from rvsg.app.folder import make_folder, write_whole
+    from rvsg.errors import InputError
+    from rvsg.generation.prompts import template_text
+
+    path = folder / f"{name}.md.j2"
+    if path.exists():
+        raise InputError(f"{path} is there already; it is not overwritten.")
+    text = template_text(name)
+    make_folder(folder)
+    write_whole(path, text)
+    return path
+
+
+def _write_pictures(folder: Path, pictures: Any) -> None:
+    from rvsg.app.folder import make_folder
+
+    make_folder(folder)
+    for picture in pictures:
+        path = folder / f"{picture.name.replace(' ', '_')}.png"
+        path.write_bytes(picture.png)
+        say(f"Wrote {path}")
