@@ -129,9 +129,10 @@ def _list(*, as_json: bool) -> None:
 
 
 def _copied(name: str, folder: Path) -> Path:
-    from rvsg.app.folder import make_folder, write_whole
+    from rvsg.app.folder import make_folder
     from rvsg.errors import InputError
     from rvsg.generation.prompts import template_text
+    from rvsg.report.files import write_whole
 
     path = folder / f"{name}.md.j2"
     if path.exists():
