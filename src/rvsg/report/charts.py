@@ -91,7 +91,11 @@ def search_chart(plan: Plan, attempts: Sequence[Attempt]) -> str:
     width, height = 960, 280
     y = Scale(*span([*values, *([limit] if limit is not None else [])]), height - 44, 14)
     x = Scale(-0.5, max(a.index for a in done) + 0.5, 58, width - 12)
+    groups: dict[int, list[Attempt]] = {}
+    for attempt in done:
+        groups.setdefault(attempt.brief.scenario_index, []).append(attempt)
     parts = [_frame(width, height, f"Mean objective of every attempt in the order of the search, {unit}")]
+    parts += [_band(group, x, y) for group in list(groups.values())[::2]]
     for tick in ticks(y.low, y.high):
         parts.append(f'<line class="grid" x1="58" x2="{width - 12}" y1="{y(tick):.1f}" y2="{y(tick):.1f}"/>')
         parts.append(f'<text class="axis" x="50" y="{y(tick) + 4:.1f}" text-anchor="end">{number(tick)}</text>')
@@ -101,21 +105,14 @@ def search_chart(plan: Plan, attempts: Sequence[Attempt]) -> str:
             f'<text class="limit" x="{width - 14}" y="{y(limit) - 5:.1f}" text-anchor="end">'
             f"limit {number(limit, unit)}</text>"
         )
-    groups: dict[int, list[Attempt]] = {}
-    for attempt in done:
-        groups.setdefault(attempt.brief.scenario_index, []).append(attempt)
-    for place, (scenario, group) in enumerate(groups.items()):
-        parts.append(_course(scenario, group, x, y, unit, few=len(groups) <= 25, shaded=place % 2 == 0))
+    parts += [_course(scenario, group, x, y, unit, few=len(groups) <= 25) for scenario, group in groups.items()]
     parts.append(f'<text class="axis" x="{width / 2}" y="{height - 6}" text-anchor="middle">scenario</text>')
     return "".join([*parts, "</svg>"])
 
 
-def _course(scenario: int, group: Sequence[Attempt], x: Scale, y: Scale, unit: str, *, few: bool, shaded: bool) -> str:
+def _course(scenario: int, group: Sequence[Attempt], x: Scale, y: Scale, unit: str, *, few: bool) -> str:
     """One scenario's attempts, in the order of its configurations."""
-    first, last = x(group[0].index - 0.5), x(group[-1].index + 0.5)
-    parts = [
-        f'<rect class="band" x="{first:.1f}" y="14" width="{last - first:.1f}" height="{y.start - 14:.1f}"/>'
-    ] * shaded
+    parts = []
     points = " ".join(f"{x(a.index):.1f},{y(a.mean):.1f}" for a in group if a.mean is not None)
     parts.append(f'<polyline class="line" points="{points}"/>')
     for attempt in group:
@@ -130,11 +127,18 @@ def _course(scenario: int, group: Sequence[Attempt], x: Scale, y: Scale, unit: s
             f"configuration {attempt.brief.configuration_index + 1}: {number(verdict.mean, unit)}</title></circle>"
         )
     if few:
-        middle = (first + last) / 2
+        middle = x((group[0].index + group[-1].index) / 2)
         parts.append(
             f'<text class="axis" x="{middle:.1f}" y="{y.start + 16:.1f}" text-anchor="middle">{scenario + 1}</text>'
         )
     return "".join(parts)
+
+
+def _band(group: Sequence[Attempt], x: Scale, y: Scale) -> str:
+    """The ground under the attempts of a scenario, which tells it from its neighbours."""
+    first, last = x(group[0].index - 0.5), x(group[-1].index + 0.5)
+    top = y.end
+    return f'<rect class="band" x="{first:.1f}" y="{top}" width="{last - first:.1f}" height="{y.start - top:.1f}"/>'
 
 
 def _frame(width: int, height: int, title: str) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import takewhile
+
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 from rich.text import Text
@@ -10,7 +12,7 @@ from rvsg.campaign.plan import Plan
 from rvsg.evaluation.verdict import Status
 from rvsg.report.summary import Summary, interval, number
 
-WITHOUT_SCENARIO = 66
+WITHOUT_SCENARIO = 56
 """Characters of a row without the scenario's description."""
 
 STYLES = {
@@ -33,21 +35,29 @@ def ranked_table(plan: Plan, summary: Summary, *, width: int = 80, rows: int = 1
     table.add_column("#", justify="right", no_wrap=True)
     room = max(16, width - WITHOUT_SCENARIO)
     table.add_column("scenario", overflow="ellipsis", no_wrap=True, max_width=room)
-    table.add_column("conf.", justify="right", no_wrap=True)
     table.add_column("objective [95 %]", justify="right", no_wrap=True)
-    table.add_column("violated", justify="right", no_wrap=True)
-    table.add_column("verdict", no_wrap=True)
-    for entry in summary.ranking[:rows]:
+    table.add_column("verdict, violated runs", no_wrap=True)
+    names = without_common_beginning([" ".join(entry.description.split()) for entry in summary.ranking[:rows]])
+    for entry, name in zip(summary.ranking[:rows], names, strict=True):
         verdict = entry.verdict
+        counted = f" {verdict.violations}/{verdict.runs}" if requirement.threshold is not None else ""
         table.add_row(
             str(entry.rank),
-            Text(f"{entry.scenario + 1}. {' '.join(entry.description.split())}"),
-            f"{entry.configuration + 1}/{entry.configurations}",
+            Text(f"{entry.scenario + 1}. {name}"),
             Text(interval(verdict, requirement.unit)),
-            f"{verdict.violations}/{verdict.runs}" if requirement.threshold is not None else "–",
-            Text(verdict.status.value, style=STYLES[verdict.status]),
+            Text(verdict.status.value + counted, style=STYLES[verdict.status]),
         )
     return table
+
+
+def without_common_beginning(texts: list[str]) -> list[str]:
+    """The texts without the words that all of them begin with, where there are two or more."""
+    words = [text.split(" ") for text in texts]
+    same = 0
+    if len(words) > 1:
+        columns = takewhile(lambda column: len(set(column)) == 1, zip(*words, strict=False))
+        same = min(len(list(columns)), min(len(each) for each in words) - 1)
+    return [" ".join(each[same:]) for each in words]
 
 
 def confirmation_line(plan: Plan, summary: Summary) -> str:
