@@ -11,9 +11,16 @@ from rvsg.world.build import build_world
 from rvsg.world.grid import GridSpec
 from rvsg.world.nav2_map import load_nav2_map
 from rvsg.world.occupancy import write_map
-from rvsg.world.picture import GRID, LABELLED, draw_plan, png_bytes, tiles
+from rvsg.world.picture import GRID, LABELLED, Picture, draw_plan, png_bytes, tiles
 from rvsg.world.records import Pose
 from rvsg.world.world import Area, OccupancyMap
+
+
+def overlaps(picture: Picture) -> list[tuple[str, str]]:
+    boxes = np.array([word.box for word in picture.words])
+    a, b = np.triu_indices(len(boxes), 1)
+    hit = (boxes[a, :2] < boxes[b, 2:]).all(axis=1) & (boxes[b, :2] < boxes[a, 2:]).all(axis=1)
+    return [(picture.words[i].text, picture.words[j].text) for i, j in zip(a[hit], b[hit], strict=True)]
 
 
 @pytest.fixture(scope="module")
@@ -47,17 +54,20 @@ def test_a_map_of_2000_by_2000_cells_is_read_gridded_and_drawn_in_5_seconds(
     assert any("Waypoints 4 m apart." in word.text for word in pictures[1].words)
 
 
-def test_a_fine_grid_of_a_large_world_is_drawn_in_tiles_that_name_every_waypoint(
+def test_a_grid_too_fine_for_one_picture_is_drawn_in_tiles_that_name_every_waypoint(
     hall: tuple[OccupancyMap, list[Area]],
 ) -> None:
-    world = build_world(name="hall", occupancy=hall[0], areas=hall[1], grid_spec=GridSpec(spacing_m=1.5))
-    whole = draw_plan(world, show=GRID)
+    corner = OccupancyMap(cells=hall[0].cells[:400, :400], resolution=0.05, origin=Pose(x=0, y=0))
+    areas = [area for area in hall[1] if max(max(point) for point in area.outline) < 19]
+    world = build_world(name="hall", occupancy=corner, areas=areas, grid_spec=GridSpec(spacing_m=0.5))
+    whole = draw_plan(world, show=GRID, width_px=900)
     assert any("too dense" in note for note in whole.notes)
     assert any("too dense" in word.text for word in whole.words)
-    parts = tiles(world)
+    parts = tiles(world, width_px=900)
     assert len(parts) == 4
     named = {word.text for tile in parts for word in tile.picture.words}
     assert world.grid.valid <= named
+    assert overlaps(parts[0].picture) == []
 
 
 def test_tiles_without_end_are_refused(hall: tuple[OccupancyMap, list[Area]]) -> None:

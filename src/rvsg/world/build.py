@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from rvsg.world.grid import Grid, GridSpec
 from rvsg.world.lattice import area_waypoints, build_grid
-from rvsg.world.space import Space, human_space_of, robot_space_of, world_map
+from rvsg.world.space import Space, human_space, in_same_space, robot_space
 from rvsg.world.world import Area, Description, OccupancyMap, Point, Route, SolidObject, World
 
 LIDAR_HEIGHT_M = 0.21
@@ -47,11 +47,10 @@ def build_world(
         map_offset=map_offset,
         grid_spec=spec,
     )
-    moved = world_map(world)
-    human, robot = human_space_of(world.objects, moved), robot_space_of(moved)
+    human, robot = human_space(world), robot_space(world)
     grid = build_grid(spec, human, robot, seeds=[(route.start.x, route.start.y) for route in routes])
     filled = tuple(area if area.waypoints else _with_waypoints(area, grid, human) for area in areas)
-    return replace(world, grid=grid, areas=filled)
+    return in_same_space(replace(world, grid=grid, areas=filled), world)
 
 
 def _with_waypoints(area: Area, grid: Grid, human: Space) -> Area:

@@ -87,13 +87,16 @@ def _coordinates(spec: GridSpec, space: Space) -> tuple[dict[str, float], dict[i
     """Rows with their coordinate along the up axis (descending), columns along the other axis."""
     if spec.rows is not None and spec.columns is not None:
         return spec.rows, spec.columns
-    free = np.argwhere(space.field >= spec.human_clearance_m) if (space.field > 0).any() else np.empty((0, 2))
-    if len(free) == 0:
+    free = (space.field > 0) & (space.field >= spec.human_clearance_m)
+    if not free.any():
         raise InputError(
             f"the map has no place that is {spec.human_clearance_m:g} m clear of obstacles: is it inverted (negate) or "
             "all unknown? Else use a smaller human_clearance_m"
         )
-    points = space.frame.to_metres(free[:, ::-1].astype(float) + 0.5)
+    rows = np.flatnonzero(free.any(axis=1))  # the first and last free cell of every row hold the extremes
+    first, last = free[rows].argmax(axis=1), free.shape[1] - 1 - free[rows, ::-1].argmax(axis=1)
+    ends = np.concatenate([np.stack([first, rows], axis=1), np.stack([last, rows], axis=1)])
+    points = space.frame.to_metres(ends + 0.5)
     low, high = points.min(axis=0), points.max(axis=0)
     up, right = (0, 1) if spec.up == "x" else (1, 0)
     spacing = spec.spacing_m or fitting_spacing(float(high[up] - low[up]), float(high[right] - low[right]))

@@ -15,6 +15,7 @@ from rvsg.world.files import DerivedMap, LabelsFile, ObjectsFile, RouteEntry, Ro
 from rvsg.world.nav2_map import read_map
 from rvsg.world.occupancy import occupancy_from_objects
 from rvsg.world.records import Pose
+from rvsg.world.space import in_same_space
 from rvsg.world.world import Area, OccupancyMap, Route, SolidObject, World
 
 SHIPPED = Path(__file__).parent / "worlds"
@@ -216,7 +217,7 @@ def _checked(
             a.model_copy(update={"waypoints": tuple(w for w in a.waypoints if w in standable)}) for a in world.areas
         )
         world = replace(world, areas=kept)
-    return replace(world, routes=tuple(finished))
+    return in_same_space(replace(world, routes=tuple(finished)), world)
 
 
 def _waypoint_problems(world: World, name: str, document: Document | None, key: tuple[str | int, ...]) -> list[Problem]:

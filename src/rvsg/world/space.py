@@ -128,8 +128,17 @@ def human_space(world: World) -> Space:
 def robot_space(world: World) -> Space:
     """Where the robot can be in this world as far as its map tells, in the world frame; computed once per world."""
     if world not in _robot_spaces:
-        _robot_spaces[world] = robot_space_of(world_map(world))
+        bare = not world.objects  # then people and robot go by the same map
+        _robot_spaces[world] = human_space(world) if bare else robot_space_of(world_map(world))
     return _robot_spaces[world]
+
+
+def in_same_space(changed: World, world: World) -> World:
+    """The changed copy of a world whose map and objects are the same: what is computed of its space is kept."""
+    for spaces in (_human_spaces, _robot_spaces):
+        if world in spaces:
+            spaces[changed] = spaces[world]
+    return changed
 
 
 def world_map(world: World) -> OccupancyMap:
