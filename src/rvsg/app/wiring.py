@@ -17,7 +17,7 @@ from rvsg.campaign.parallel import Simulations
 from rvsg.campaign.plan import Plan
 from rvsg.campaign.strategies import Strategy
 from rvsg.errors import InputError, InvalidScenario
-from rvsg.evaluation.metrics import metric
+from rvsg.evaluation.judge import check_requirement
 from rvsg.generation.generator import Generator
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.requirements import load_requirement
@@ -72,7 +72,7 @@ class Wired:
 
     def parts(self, ledger: Any, simulations: Simulations, watch: Watcher) -> Parts:
         """What the loop works with."""
-        measuring = Measuring(self.plan.requirement)
+        measuring = Measuring(self.plan.requirement, self.world)
         return Parts(
             generator=self.generator,
             simulations=simulations,
@@ -115,10 +115,9 @@ def wire(config: CampaignConfig) -> Wired:
 
 
 def requirement_of(name_or_path: str) -> Requirement:
-    """A requirement by name, or from a file, whose metric exists."""
+    """A requirement by name, or from a file, whose metric or formula can be measured."""
     requirement = load_requirement(name_or_path)
-    if requirement.metric is not None:
-        metric(requirement.metric)
+    check_requirement(requirement)
     return requirement
 
 

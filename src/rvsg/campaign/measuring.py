@@ -10,13 +10,15 @@ from rvsg.evaluation.metrics import measure
 from rvsg.evaluation.verdict import Verdict
 from rvsg.scenario.requirement import Requirement
 from rvsg.simulation.run import Run
+from rvsg.world.world import World
 
 
 class Measuring:
-    """Measures runs with every metric, and judges them by `requirement`."""
+    """Measures runs with every metric, and judges them by `requirement`; `world` is where the runs took place."""
 
-    def __init__(self, requirement: Requirement) -> None:
+    def __init__(self, requirement: Requirement, world: World | None = None) -> None:
         self.requirement = requirement
+        self.world = world
 
     def measure(self, run: Run) -> Measurement:
         """Every metric of one run, and the requirement's objective."""
@@ -24,8 +26,8 @@ class Measuring:
             run_id=run.id,
             seed=run.seed,
             outcome=run.outcome.value,
-            values=measure(run),
-            objective=objective(run, self.requirement),
+            values=measure(run, world=self.world),
+            objective=objective(run, self.requirement, world=self.world),
         )
 
     def judge(self, measurements: Sequence[Measurement]) -> Verdict:

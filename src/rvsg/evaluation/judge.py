@@ -28,13 +28,14 @@ from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
-from rvsg.errors import InputError
-from rvsg.evaluation.metrics import measure
+from rvsg.evaluation.metrics import measure, metric
+from rvsg.evaluation.signals import formula, robustness
 from rvsg.evaluation.statistics import clopper_pearson, mean_interval
 from rvsg.evaluation.verdict import Status, Verdict
 from rvsg.scenario.requirement import Requirement
 from rvsg.simulation.run import Run
 from rvsg.world.records import Record
+from rvsg.world.world import World
 
 
 class Procedure(Record):
@@ -83,12 +84,23 @@ class Procedure(Record):
 DEFAULT = Procedure()
 
 
-def objective(run: Run, requirement: Requirement) -> float | None:
-    """The value of the requirement's metric, or the robustness of its formula, for one run; None: no judgement."""
+def objective(run: Run, requirement: Requirement, *, world: World | None = None) -> float | None:
+    """The value of the requirement's metric, or the robustness of its formula, for one run; None: no judgement.
+
+    What concerns obstacles that stand still needs the `world` of the run.
+    """
     if requirement.formula is not None:
-        raise InputError("temporal formulas are not evaluated yet")
+        return robustness(run, requirement.formula, world=world)
     assert requirement.metric is not None
-    return measure(run, [requirement.metric])[requirement.metric]
+    return measure(run, [requirement.metric], world=world)[requirement.metric]
+
+
+def check_requirement(requirement: Requirement) -> None:
+    """Raise UnknownName or FormulaError where the requirement's metric or formula cannot be measured."""
+    if requirement.formula is not None:
+        formula(requirement.formula)
+    elif requirement.metric is not None:
+        metric(requirement.metric)
 
 
 def judge(requirement: Requirement, objectives: Sequence[float | None], *, procedure: Procedure = DEFAULT) -> Verdict:

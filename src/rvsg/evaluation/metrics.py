@@ -16,6 +16,7 @@ from rvsg.evaluation import formulas as f
 from rvsg.evaluation import safety
 from rvsg.evaluation.sampled import Sampled
 from rvsg.simulation.run import Run
+from rvsg.world.world import World
 
 Worse = Literal["smaller", "larger", "neither"]
 Series = Literal["trajectory", "log"]
@@ -41,9 +42,9 @@ class MetricInfo:
         """The formula in words, from the docstring of the function."""
         return " ".join((self.of.__doc__ or "").split())
 
-    def measure(self, run: Run) -> float | None:
+    def measure(self, run: Run, world: World | None = None) -> float | None:
         """This metric of one run, or None where the run holds no judgement."""
-        return self.of(Sampled(run, run.log if self.series == "log" else run.trajectory))
+        return self.of(Sampled(run, run.log if self.series == "log" else run.trajectory, world))
 
 
 STUDY = "RVSG study"
@@ -114,6 +115,7 @@ _SAFETY = [
     *_one("intimate_space", "Intimate space intrusion", "%", "larger", safety.intimate_space, HUNAV),
     *_one("personal_space", "Personal space intrusion", "%", "larger", safety.personal_space, HUNAV),
     *_one("social_space", "Social space intrusion", "%", "larger", safety.social_space, HUNAV),
+    *_one("obstacle_distance", "Minimum distance to obstacles", "m", "smaller", safety.obstacle_distance, SAFETY),
     *_one("acceleration_peak", "Peak acceleration", "m/s²", "larger", safety.acceleration_peak, SAFETY),
     *_one("emergency_stops", "Emergency stops", "events", "larger", safety.emergency_stops, SAFETY),
     *_one("standstill", "Longest standstill", "s", "larger", safety.longest_standstill, SAFETY),
@@ -134,11 +136,12 @@ def metric(name: str) -> MetricInfo:
         raise UnknownName("metric", name, METRICS, hint="`rvsg metrics` lists them with their formulas.") from None
 
 
-def measure(run: Run, names: Iterable[str] | None = None) -> dict[str, float | None]:
+def measure(run: Run, names: Iterable[str] | None = None, *, world: World | None = None) -> dict[str, float | None]:
     """The metrics of those ids (all where None) of one run; None where the run holds no judgement.
 
-    Raises UnknownName. Signals that metrics share are computed once.
+    Distances to things that stand still need the `world` of the run and are None without. Raises UnknownName.
+    Signals that metrics share are computed once.
     """
-    seen = {"trajectory": Sampled(run, run.trajectory), "log": Sampled(run, run.log)}
+    seen = {"trajectory": Sampled(run, run.trajectory, world), "log": Sampled(run, run.log, world)}
     infos = list(METRICS.values()) if names is None else [metric(name) for name in names]
     return {info.id: info.of(seen[info.series]) for info in infos}

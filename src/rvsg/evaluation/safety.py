@@ -104,6 +104,11 @@ def social_space(s: Sampled) -> float | None:
     return _share_between(s, PERSONAL_M, SOCIAL_M)
 
 
+def obstacle_distance(s: Sampled) -> float | None:
+    """Smallest distance from the robot's centre to an obstacle of its map; None where the world is not given."""
+    return float(s.obstacle_distance.min()) if s.obstacle_distance is not None and len(s) else None
+
+
 def acceleration_peak(s: Sampled) -> float | None:
     """Largest magnitude of the robot's acceleration (mean of each interval, along and across)."""
     return float(np.hypot(*s.acceleration).max()) if len(s) > 1 else None

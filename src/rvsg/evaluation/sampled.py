@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.simulation.run import Run, Trajectory
+from rvsg.world.space import robot_space
+from rvsg.world.world import World
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -31,10 +33,14 @@ def wrap(angle: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class Sampled:
-    """One series of one run: N samples, H humans. Everything below is in SI units and the world frame."""
+    """One series of one run: N samples, H humans. Everything below is in SI units and the world frame.
+
+    Without its `world` nothing is known of distances to what stands still.
+    """
 
     run: Run
     series: Trajectory
+    world: World | None = None
 
     def __len__(self) -> int:
         return len(self.series)
@@ -157,6 +163,13 @@ class Sampled:
         """
         s = self.series
         return np.diff(s.v) / self.dt, (s.v[1:] + s.v[:-1]) / 2 * self.turns / self.dt
+
+    @cached_property
+    def obstacle_distance(self) -> Floats | None:
+        """(N,) metres from the robot's centre to the nearest obstacle of its map; None where the world is unknown."""
+        if self.world is None:
+            return None
+        return robot_space(self.world).clearances(np.stack([self.series.x, self.series.y], axis=1))
 
     @cached_property
     def goal_distance(self) -> Floats:

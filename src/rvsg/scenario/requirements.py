@@ -39,24 +39,34 @@ def shipped_requirements() -> dict[str, Requirement]:
 
 
 def load_requirement(name_or_path: str | Path) -> Requirement:
-    """A shipped requirement by its name, or one of a user's file as `file.yaml` or `file.yaml#name`.
+    """A shipped requirement by its name, or one of a user's file as `file.yaml` or `file.yaml:name`.
 
     `file.yaml` alone must hold exactly one. Raises UnknownName, or FileError with the line of every mistake.
     """
     text = str(name_or_path)
     if text in _shipped():
         return _shipped()[text]
-    file, _, wanted = text.partition("#")
+    file, wanted = _file_and_name(text)
     if not (file.endswith((".yaml", ".yml")) or Path(file).exists()):
-        raise UnknownName("requirement", text, _shipped(), hint="Or give a file: my.yaml or my.yaml#name.")
+        raise UnknownName("requirement", text, _shipped(), hint="Or give a file: my.yaml or my.yaml:name.")
     found = load_requirements(Path(file))
     if wanted:
         if wanted not in found:
             raise UnknownName("requirement", wanted, found, hint=f"File: {file}.")
         return found[wanted]
     if len(found) > 1:
-        raise FileError(file, f"holds {len(found)} requirements; say which: {file}#{next(iter(found))}")
+        raise FileError(file, f"holds {len(found)} requirements; say which: {file}:{next(iter(found))}")
     return next(iter(found.values()))
+
+
+def _file_and_name(text: str) -> tuple[str, str]:
+    """The file and the name in `file.yaml:name` (or `#name`); no name where none is given."""
+    for ending in (".yaml", ".yml"):
+        for mark in ":#":
+            file, found, wanted = text.rpartition(f"{ending}{mark}")
+            if found:
+                return f"{file}{ending}", wanted
+    return text, ""
 
 
 def load_requirements(path: Path) -> dict[str, Requirement]:

@@ -1,0 +1,216 @@
+"""Signal temporal logic over sampled signals, with exact quantitative robustness.
+
+A formula is read as a value per sample: how far the run is from breaking it (positive) or how badly it breaks it
+(negative), in the unit of the compared signal (Donze and Maler 2010). Over samples at t_0 < t_1 < ... < t_n:
+
+    a > b, a >= b            a - b                    a < b, a <= b            b - a
+    not f                    -f                       f implies g              max(-f, g)
+    f and g                  min(f, g)                f or g                   max(f, g)
+    always[p,q] f            the smallest f(t) with t in [t_k + p, t_k + q]
+    eventually[p,q] f        the largest f(t) there
+    f until[p,q] g           the largest over t' in [t_k + p, t_k + q] of min(g(t'), the smallest f from t_k to
+                             before t')
+
+Without an interval it is [0, inf]. Samples after the end of the run do not exist: `always` over none of them holds
+(+inf), `eventually` and `until` over none of them fail (-inf). Bounds take in samples within a nanosecond.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+TOLERANCE_S = 1e-9
+
+
+class Node(Protocol):
+    """A part of a formula: its value at every sample."""
+
+    def values(self, time: Floats, signals: Mapping[str, Floats]) -> Floats:
+        """(N,) the value at each of the N samples."""
+        ...
+
+
+@dataclass(frozen=True)
+class Interval:
+    """Seconds from now, both ends included; `high` may be infinite."""
+
+    low: float = 0.0
+    high: float = float("inf")
+
+    @property
+    def is_everything(self) -> bool:
+        """Whether it reaches from now to the end."""
+        return self.low == 0.0 and self.high == float("inf")
+
+    def samples(self, time: Floats) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """For each sample the first index inside the interval, and the first one after it."""
+        first = np.searchsorted(time, time + self.low - TOLERANCE_S, side="left")
+        after = np.searchsorted(time, time + self.high + TOLERANCE_S, side="right")
+        return first, np.maximum(first, after)
+
+
+@dataclass(frozen=True)
+class Number:
+    """A constant."""
+
+    value: float
+
+    def values(self, time: Floats, signals: Mapping[str, Floats]) -> Floats:
+        """The constant at every sample."""
+        return np.full(len(time), self.value)
+
+
+@dataclass(frozen=True)
+class Signal:
+    """A named signal."""
+
+    name: str
+
+    def values(self, time: Floats, signals: Mapping[str, Floats]) -> Floats:
+        """The signal."""
+        return np.asarray(signals[self.name], dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class Arithmetic:
+    """Two numbers joined: + - * / min max; or the negative or absolute value of one (`right` None)."""
+
+    kind: Literal["+", "-", "*", "/", "min", "max", "negative", "abs"]
+    left: Node
+    right: Node | None = None
+
+    def values(self, time: Floats, signals: Mapping[str, Floats]) -> Floats:
+        """The result at every sample; division by zero gives an infinity of the dividend's sign, 0 / 0 zero."""
+        a = self.left.values(time, signals)
+        if self.right is None:
+            return np.abs(a) if self.kind == "abs" else -a
+        b = self.right.values(time, signals)
+        if self.kind == "/":
+            with np.errstate(divide="ignore", invalid="ignore"):
+                return np.nan_to_num(a / b, nan=0.0, posinf=np.inf, neginf=-np.inf)
+        joined: Floats = {"+": np.add, "-": np.subtract, "*": np.multiply, "min": np.minimum, "max": np.maximum}[
+            self.kind
+        ](a, b)
+        return joined
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """`greater` minus `smaller`: how much room is left."""
+
+    greater: Node
+    smaller: Node
+
+    def values(self, time: Floats, signals: Mapping[str, Floats]) -> Floats:
+        """The room at every sample."""
+        return self.greater.values(time, signals) - self.smaller.values(time, signals)
+
+
+@dataclass(frozen=True)
+class Not:
+    """Holds where the formula does not."""
+
+    part: Node
+
+    def values(self, time: Floats, signals: Mapping[str, Floats]) -> Floats:
+        """The negative."""
+        return -self.part.values(time, signals)
+
+
+@dataclass(frozen=True)
+class Joined:
+    """`and` or `or`."""
+
+    kind: Literal["and", "or"]
+    left: Node
+    right: Node
+
+    def values(self, time: Floats, signals: Mapping[str, Floats]) -> Floats:
+        """The smaller, or the larger."""
+        a, b = self.left.values(time, signals), self.right.values(time, signals)
+        return np.minimum(a, b) if self.kind == "and" else np.maximum(a, b)
+
+
+@dataclass(frozen=True)
+class Always:
+    """Holds at every sample of the interval."""
+
+    part: Node
+    interval: Interval = Interval()
+
+    def values(self, time: Floats, signals: Mapping[str, Floats]) -> Floats:
+        """The smallest value over the interval from each sample on."""
+        return _smallest(self.part.values(time, signals), self.interval, time)
+
+
+@dataclass(frozen=True)
+class Eventually:
+    """Holds at some sample of the interval."""
+
+    part: Node
+    interval: Interval = Interval()
+
+    def values(self, time: Floats, signals: Mapping[str, Floats]) -> Floats:
+        """The largest value over the interval from each sample on."""
+        return -_smallest(-self.part.values(time, signals), self.interval, time)
+
+
+@dataclass(frozen=True)
+class Until:
+    """`left` holds until `right` does, which is within the interval."""
+
+    left: Node
+    right: Node
+    interval: Interval = Interval()
+
+    def values(self, time: Floats, signals: Mapping[str, Floats]) -> Floats:
+        """The best moment for `right` to take over."""
+        holds, takes = self.left.values(time, signals), self.right.values(time, signals)
+        if self.interval.is_everything:
+            return _until_the_end(holds, takes)
+        result = np.full(len(time), -np.inf)
+        first, after = self.interval.samples(time)
+        for k in range(len(time)):
+            if first[k] >= after[k]:
+                continue
+            so_far = np.concatenate([[np.inf], np.minimum.accumulate(holds[k : after[k] - 1])])
+            result[k] = np.minimum(takes[first[k] : after[k]], so_far[first[k] - k :]).max()
+        return result
+
+
+def _until_the_end(holds: Floats, takes: Floats) -> Floats:
+    result = takes.copy()
+    for k in range(len(result) - 2, -1, -1):
+        result[k] = max(takes[k], min(holds[k], result[k + 1]))
+    return result
+
+
+def _smallest(values: Floats, interval: Interval, time: Floats) -> Floats:
+    """The smallest of the values within the interval from each sample on; +inf where it holds no sample."""
+    if interval.is_everything:
+        running: Floats = np.minimum.accumulate(values[::-1])[::-1]
+        return running
+    first, after = interval.samples(time)
+    return _range_minimum(values, first, after)
+
+
+def _range_minimum(values: Floats, first: NDArray[np.intp], after: NDArray[np.intp]) -> Floats:
+    """min(values[first:after]) for every pair, by a table of minima over stretches of 1, 2, 4, ... samples."""
+    result = np.full(len(first), np.inf)
+    width = after - first
+    table, stretch = values, 1
+    while stretch <= len(values):
+        here = (width >= stretch) & (width < 2 * stretch)
+        if here.any():
+            result[here] = np.minimum(table[first[here]], table[after[here] - stretch])
+        if len(table) <= stretch:
+            break
+        table = np.minimum(table[:-stretch], table[stretch:])
+        stretch *= 2
+    return result

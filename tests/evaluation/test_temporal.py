@@ -1,0 +1,195 @@
+import importlib.util
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from tests.evaluation.runs import run_of, trajectory
+
+from rvsg.evaluation.judge import check_requirement, objective
+from rvsg.evaluation.signals import SIGNALS, robustness
+from rvsg.evaluation.temporal_syntax import FormulaError, parse
+from rvsg.scenario.requirement import Requirement
+from rvsg.world.load import load_world
+
+NAMES = ("a", "b")
+BOUNDS = st.tuples(st.integers(0, 4), st.integers(0, 4)).map(sorted)
+
+
+def interval():
+    return st.one_of(st.just(""), BOUNDS.map(lambda b: f"[{b[0]},{b[1]}]"))
+
+
+ATOM = st.tuples(st.sampled_from(NAMES), st.sampled_from(["<", ">"]), st.integers(-2, 2)).map(
+    lambda p: f"({p[0]} {p[1]} {p[2]})"
+)
+
+
+def grow(part):
+    return st.one_of(
+        st.tuples(st.sampled_from(["and", "or", "implies"]), part, part).map(lambda p: f"({p[1]} {p[0]} {p[2]})"),
+        st.tuples(st.sampled_from(["always", "eventually"]), interval(), part).map(lambda p: f"({p[0]}{p[1]} {p[2]})"),
+        st.tuples(part, interval(), part).map(lambda p: f"({p[0]} until{p[1]} {p[2]})"),
+        part.map(lambda p: f"(not {p})"),
+    )
+
+
+FORMULAS = st.recursive(ATOM, grow, max_leaves=4)
+SERIES = st.lists(st.tuples(st.integers(-3, 3), st.integers(-3, 3)), min_size=1, max_size=7)
+
+
+def by_definition(node, k, time, signals):
+    """Robustness straight from the definition, one sample at a time."""
+    kind = type(node).__name__
+    if kind == "Comparison":
+        return float(node.values(time, signals)[k])
+    if kind == "Not":
+        return -by_definition(node.part, k, time, signals)
+    if kind == "Joined":
+        pair = (by_definition(part, k, time, signals) for part in (node.left, node.right))
+        return min(pair) if node.kind == "and" else max(pair)
+    low, high = node.interval.low, node.interval.high
+    inside = [j for j in range(k, len(time)) if low <= time[j] - time[k] <= high]
+    if kind == "Always":
+        return min((by_definition(node.part, j, time, signals) for j in inside), default=math.inf)
+    if kind == "Eventually":
+        return max((by_definition(node.part, j, time, signals) for j in inside), default=-math.inf)
+    return max(
+        (
+            min(
+                by_definition(node.right, j, time, signals),
+                min((by_definition(node.left, i, time, signals) for i in range(k, j)), default=math.inf),
+            )
+            for j in inside
+        ),
+        default=-math.inf,
+    )
+
+
+@settings(max_examples=150, deadline=None)
+@given(FORMULAS, SERIES, st.integers(0, 10**6))
+def test_values_are_those_of_the_definition_on_uneven_samples_too(text, series, seed):
+    rng = np.random.default_rng(seed)
+    time = np.cumsum(rng.choice([0.25, 0.5, 1.0, 2.0], size=len(series)))
+    signals = {name: np.array([float(s[i]) for s in series]) for i, name in enumerate(NAMES)}
+    node = parse(text, NAMES)
+    expected = [by_definition(node, k, time, signals) for k in range(len(time))]
+    assert node.values(time, signals).tolist() == expected
+
+
+@pytest.mark.skipif(importlib.util.find_spec("rtamt") is None, reason="rtamt is not installed (development only)")
+@pytest.mark.filterwarnings("ignore")
+@settings(max_examples=40, deadline=None)
+@given(FORMULAS, SERIES.filter(lambda series: len(series) > 1))  # rtamt fails on a single sample
+def test_values_are_those_of_an_established_monitor(text, series):
+    import rtamt
+
+    time = np.arange(len(series), dtype=float)
+    signals = {name: np.array([float(s[i]) for s in series]) for i, name in enumerate(NAMES)}
+    monitor = rtamt.StlDiscreteTimeSpecification()
+    for name in NAMES:
+        monitor.declare_var(name, "float")
+    monitor.spec = text
+    monitor.set_sampling_period(1, "s", 0.1)
+    monitor.parse()
+    data = {"time": list(range(len(series)))} | {name: values.tolist() for name, values in signals.items()}
+    theirs = [value for _, value in monitor.evaluate(data)]
+    assert parse(text, NAMES).values(time, signals).tolist() == pytest.approx(theirs)
+
+
+def value(text, **signals):
+    arrays = {name: np.asarray(values, float) for name, values in signals.items()}
+    time = np.arange(len(next(iter(arrays.values()))), dtype=float)
+    return parse(text, tuple(arrays)).values(time, arrays)[0]
+
+
+@pytest.mark.parametrize(
+    ("loose", "strict"),
+    [
+        ("a > 0 and b > 0 or a > 1", "((a > 0) and (b > 0)) or (a > 1)"),
+        ("a > 0 implies b > 0 implies a > 1", "(a > 0) implies ((b > 0) implies (a > 1))"),
+        ("always a > 0 and b > 0", "(always (a > 0)) and (b > 0)"),
+        ("not a > 0 or b > 0", "(not (a > 0)) or (b > 0)"),
+        ("a > 0 until b > 0 and a > 1", "((a > 0) until (b > 0)) and (a > 1)"),
+        ("a + 2 * b > -a", "(a + (2 * b)) > (-a)"),
+        ("a > 0 -> b > 0 || !(a > 1)", "(a > 0) implies ((b > 0) or (not (a > 1)))"),
+    ],
+)
+def test_precedence_is_as_documented(loose, strict):
+    assert parse(loose, NAMES) == parse(strict, NAMES)
+
+
+def test_arithmetic_and_functions():
+    assert value("abs(a) - 1 < max(a, 2)", a=[-3]) == 0
+    assert value("always[0, 1 s] (a + 1) / 2 > 0", a=[1, 3, -9]) == 1
+    assert value("min(a, 1) > 0", a=[5]) == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "position", "said"),
+    [
+        ("always (distance_to_preson > 0.5)", 9, 'Did you mean "distance_to_person"?'),
+        ("always (speed > 0.5", 20, 'expected ")" to close the "(" at character 8'),
+        ("speed", 1, "the formula is a number"),
+        ("always speed", 8, "this is a number: compare it"),
+        ("speed > 0.1 speed", 13, "the formula is complete before"),
+        ("speed == 0.1", 7, "never exactly equal"),
+        ("0 < speed < 1", 11, "one comparison at a time"),
+        ("always[5, 2] speed > 0", 7, "ends (2 s) before it begins (5 s)"),
+        ("always[-1, 2] speed > 0", 8, "expected seconds from now"),
+        ("speed > ", 8, "ends where a signal"),
+        ("", 1, "ends where a signal"),
+        ("speed > 0 and", 14, "ends where a signal"),
+        ("(speed > 0) + 1 > 2", 1, 'works on numbers'),
+        ("speed # 1", 7, 'has no meaning here'),
+        ("__import__(1) > 1", 1, "there is no signal"),
+        ("abs(speed, 1) > 1", 1, "abs takes 1 value"),
+        ("(" * 100 + "speed > 0" + ")" * 100, 42, "nested deeper"),
+    ],
+)  # fmt: skip
+def test_a_formula_that_cannot_be_read_says_where_and_why(text, position, said):
+    with pytest.raises(FormulaError) as caught:
+        parse(text, tuple(SIGNALS))
+    assert said in str(caught.value)
+    assert caught.value.position == position
+    assert str(caught.value).endswith(" " * (position - 1) + "^")
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.text(alphabet="ab()[]<>=!&|+-*/,. 0123456789 andorutilnwyse", max_size=40))
+def test_no_text_does_anything_but_parse_or_say_why_not(text):
+    try:
+        node = parse(text, NAMES)
+    except FormulaError:
+        return
+    with np.errstate(all="ignore"):
+        assert len(node.values(np.arange(3.0), {"a": np.ones(3), "b": np.zeros(3)})) == 3
+
+
+def test_the_robustness_of_a_run_is_the_room_left_at_its_worst_moment():
+    run = run_of(trajectory([0, 1, 2], 0, v=[0.5, 0.5, 0.05], humans=[(np.array([3.0, 1.5, 1.0]), 0)]))
+    assert robustness(run, "always (distance_to_person > 0.5 or speed < 0.1)") == pytest.approx(0.05)
+    assert robustness(run, "always distance_to_person > 0.5") == pytest.approx(-0.25)
+    assert robustness(run, "eventually[0, 5] distance_to_person < 0.5") == pytest.approx(0.25)
+
+
+def test_a_run_with_nobody_or_an_interval_beyond_its_end_holds_no_judgement():
+    alone = run_of(trajectory([0, 1], 0))
+    assert robustness(alone, "always distance_to_person > 0.5") is None
+    assert robustness(alone, "always[10, 20] speed < 0.5") is None
+    assert robustness(alone, "always speed < 0.5") == 0.5
+
+
+def test_clearance_needs_the_world_and_then_knows_shelves():
+    world = load_world("warehouse")
+    start = world.route("route_1").start
+    run = run_of(trajectory([0, 1], start.x, start.y, humans=[(50.0, 50.0)]))
+    requirement = Requirement(name="c", title="c", text="c", formula="always clearance > 0")
+    assert objective(run, requirement) is None
+    assert 0.0 < objective(run, requirement, world=world) < 5.0
+
+
+def test_a_requirement_whose_formula_cannot_be_read_is_refused_before_anything_runs():
+    with pytest.raises(FormulaError, match="at character 8"):
+        check_requirement(Requirement(name="c", title="c", text="c", formula="always sped > 0"))
