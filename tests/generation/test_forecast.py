@@ -4,7 +4,16 @@ import numpy as np
 import pytest
 from tests.scenario.small_world import MISSION, WORLD, human
 
-from rvsg.generation.forecast import BODIES_M, STOPS_AT_M, Forecaster, pace, walk
+from rvsg.generation.forecast import (
+    BODIES_M,
+    ROBOT_SPEED_M_S,
+    STARTS_AFTER_S,
+    STOPS_AT_M,
+    TURNS_FOR_S,
+    Forecaster,
+    pace,
+    walk,
+)
 from rvsg.generation.ground import Ground, nearest_on
 from rvsg.scenario.brief import Feedback, Sample
 from rvsg.scenario.scenario import HumanConfiguration, Pause, Scenario, Task
@@ -35,7 +44,7 @@ def test_a_robot_without_people_arrives_after_its_way_at_its_usual_speed() -> No
     far = human("E1 → E2: E1 E2", "E2 → E1: E2 E1")
     forecast = Forecaster(GROUND, 40.0)([far])
     length = sum(np.hypot(*np.subtract(a, b)) for a, b in pairwise(GROUND.robot_path))
-    assert forecast.duration_s == pytest.approx(length / 0.45, abs=0.3)
+    assert forecast.duration_s == pytest.approx(STARTS_AFTER_S + length / ROBOT_SPEED_M_S + TURNS_FOR_S, abs=0.5)
     assert forecast.blocked_s == 0.0
 
 

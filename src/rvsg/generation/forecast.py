@@ -22,8 +22,8 @@ from rvsg.scenario.scenario import Human
 Floats = NDArray[np.float64]
 
 STEP_S = 0.25
-ROBOT_SPEED_M_S = 0.45
-"""Mean speed of an undisturbed run: 0.5 m/s less the start, the turns and the last metre."""
+ROBOT_SPEED_M_S, STARTS_AFTER_S, TURNS_FOR_S = 0.49, 0.5, 1.5
+"""An undisturbed run of the study's robot: 0.5 m/s along the way, less the start, and a turn at the goal."""
 BODIES_M = 0.75
 """Radius of the robot (0.35 m) and of a person (0.40 m): what lies between centre distance and gap."""
 STOPS_AT_M, SLOWS_AT_M, FRONT = 0.95, 1.35, math.radians(40.0)
@@ -109,7 +109,7 @@ class Forecaster:
         """The robot's speed while it moved: metres along its way over the time in which it advanced."""
         moving = [(t1 - t0, s1 - s0) for (t0, s0), (t1, s1) in pairwise(robot) if s1 > s0 + 0.05]
         spent, driven = sum(t for t, _ in moving), sum(s for _, s in moving)
-        return min(0.5, max(0.3, 0.9 * driven / spent)) if spent > 3.0 else self.robot_speed
+        return min(0.5, max(0.3, driven / spent)) if spent > 3.0 else self.robot_speed
 
 
 def walk(human: Human, at: dict[str, Point], times: Floats, factor: float = 1.0) -> Floats:
@@ -178,10 +178,11 @@ class _Drive:
         self.blocked, self.meetings = 0, 0.0
         self._before: list[float] = []
         self._close: set[int] = set()
+        self._turned = 0.0
 
     @property
     def arrived(self) -> bool:
-        return self.s >= self.line.length
+        return self.s >= self.line.length and self._turned >= TURNS_FOR_S
 
     def meet(self, people: Sequence[Sequence[float]]) -> None:
         """One step among people at these points."""
@@ -203,7 +204,10 @@ class _Drive:
         self._before = distances
         self.gaps.append(max(0.0, nearest - BODIES_M) if people else 0.0)
         self.blocked += factor < 1.0
-        self.s += self.speed * STEP_S * factor
+        if self.s >= self.line.length:
+            self._turned += STEP_S
+        elif self.steps * STEP_S >= STARTS_AFTER_S:
+            self.s += self.speed * STEP_S * factor
         self.steps += 1
 
     def forecast(self) -> Forecast:

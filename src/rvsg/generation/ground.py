@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import heapq
 import math
+from collections.abc import Sequence
 from itertools import pairwise
 
+from rvsg.world.space import robot_space
 from rvsg.world.world import Route, World
 
 Point = tuple[float, float]
 Path = tuple[str, ...]
+
+PLANNER_CLEARANCE_M = 0.5
+"""Planners keep about this far from obstacles where there is room (inflation radius of the study's robot: 0.55 m)."""
 
 
 class Ground:
@@ -25,9 +30,7 @@ class Ground:
         }
         self._paths: dict[tuple[str, str, bool], Path | None] = {}
         self.robot_path = _robot_path(world, route)
-        self.corridor = frozenset(
-            name for name in self.hops if min(math.dist(self.at[name], p) for p in self.robot_path) < 0.6
-        )
+        self.corridor = frozenset(name for name in self.hops if self.along(name)[1] < 0.7)
 
     def path(self, start: str, end: str, *, along_route: bool = False) -> Path | None:
         """The shortest valid path; `along_route` counts hops between waypoints of the robot's corridor at 0.6 of
@@ -66,18 +69,41 @@ class Ground:
 
 
 def _robot_path(world: World, route: Route) -> tuple[Point, ...]:
-    """The way the robot roughly takes: its start, the named waypoints or else the shortest walk, and its goal."""
+    """The way the robot is expected to take: along the named waypoints or else the shortest walk from its start to
+    its goal, pulled straight wherever the map leaves it room, as a planner does."""
     grid = world.grid
     start, goal = (route.start.x, route.start.y), (route.goal.x, route.goal.y)
+    through = [(pose.x, pose.y) for pose in route.through]
     names = [name for name in route.via if name in grid.by_name]
     if not names and grid.valid:
-        stops = [start, *((p.x, p.y) for p in route.through), goal]
-        for a, b in pairwise(grid.nearest(*stop) for stop in stops):
+        for a, b in pairwise(grid.nearest(*stop) for stop in (start, *through, goal)):
             names += grid.shortest_path(a, b) or (a, b)
     points = [start, *(grid.position(name) for name in names), goal]
-    kept = [points[0]]
-    kept += [p for p in points[1:] if math.dist(p, kept[-1]) > 0.3 or p == goal]
-    return tuple(kept)
+    kept = [points[0], *(q for p, q in pairwise(points) if math.dist(p, q) > 0.1)]
+    if len(kept) == 1:
+        return (start, goal)
+    return _pulled(_pulled(_dense(kept), world, fixed=set(through)), world, fixed=set(through))
+
+
+def _dense(line: list[Point], step_m: float = 0.5) -> list[Point]:
+    """The line with points at most half a metre apart."""
+    result = [line[0]]
+    for (ax, ay), (bx, by) in pairwise(line):
+        count = max(1, math.ceil(math.dist((ax, ay), (bx, by)) / step_m))
+        result += [(ax + (bx - ax) * k / count, ay + (by - ay) * k / count) for k in range(1, count + 1)]
+    return result
+
+
+def _pulled(line: Sequence[Point], world: World, fixed: set[Point]) -> tuple[Point, ...]:
+    """The line with detours cut off where the robot fits straight through; points that must be passed stay."""
+    space = robot_space(world)
+    result, at = [line[0]], 0
+    while at < len(line) - 1:
+        reach = next((k for k in range(at + 1, len(line)) if line[k] in fixed), len(line) - 1)
+        candidates = range(reach, at + 1, -1)
+        at = next((k for k in candidates if space.segment_free(line[at], line[k], PLANNER_CLEARANCE_M)), at + 1)
+        result.append(line[at])
+    return tuple(result)
 
 
 def nearest_on(line: tuple[Point, ...], point: Point) -> tuple[float, float]:
