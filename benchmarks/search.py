@@ -1,0 +1,149 @@
+"""Compares ways of searching at an equal number of simulated runs: `python benchmarks/search.py --help`.
+
+Every method gets the same plan (scenarios x configurations x repeats) and the same campaign seeds. What it found is
+confirmed by fresh runs that took no part in the search: the confirmed mean is compared, not the selected one.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections import defaultdict
+from pathlib import Path
+
+import numpy as np
+
+from rvsg.app import plugins
+from rvsg.app.wiring import Measuring
+from rvsg.campaign.attempt import Attempt
+from rvsg.campaign.loop import Parts, feedback_from, run_campaign
+from rvsg.campaign.parallel import Simulations
+from rvsg.campaign.plan import Plan
+from rvsg.scenario.brief import Brief
+from rvsg.scenario.requirements import load_requirement
+from rvsg.scenario.scenario import Mission
+from rvsg.simulation.run import Run
+from rvsg.world.load import load_world
+
+
+class Lists:
+    """A ledger that forgets everything in the end."""
+
+    def __init__(self) -> None:
+        self.kept: list[Attempt] = []
+        self.runs: dict[str, Run] = {}
+
+    def keep(self, run: Run) -> None:
+        self.runs.setdefault(run.id, run)
+
+    def append(self, attempt: Attempt, runs: object) -> None:
+        self.kept.append(attempt)
+
+    def attempts(self, campaign: str) -> list[Attempt]:
+        return list(self.kept)
+
+    def run(self, run_id: str) -> Run:
+        return self.runs[run_id]
+
+    def find(self, run_id: str) -> Run | None:
+        return self.runs.get(run_id)
+
+
+class Silent:
+    def proposing(self, brief: Brief) -> None: ...
+
+    def ran(self, run: object) -> None: ...
+
+    def attempted(self, attempt: Attempt) -> None: ...
+
+
+def campaign(generator: str, strategy: str, args: argparse.Namespace, seed: int, jobs: int) -> list[Attempt]:
+    """All attempts of one campaign."""
+    world = load_world(args.world)
+    route = world.route(args.route)
+    plan = Plan(
+        name="benchmark",
+        mission=Mission(world=args.world, world_id=world.id, route=route),
+        requirement=load_requirement(args.requirement),
+        humans=args.humans,
+        scenarios=args.scenarios,
+        refinements=args.refinements,
+        repeats=args.repeats,
+        confirmations=args.confirmations,
+        seed=seed,
+    )
+    ledger = Lists()
+    measuring = Measuring(plan.requirement)
+    simulator = plugins.make("simulator", "embedded", {})
+    with Simulations(simulator, world, jobs=jobs, known=ledger.find) as simulations:
+        parts = Parts(
+            generator=plugins.make("generator", generator, {}),
+            simulations=simulations,
+            measure=measuring.measure,
+            judge=measuring.judge,
+            ledger=ledger,  # type: ignore[arg-type]
+            watch=Silent(),
+        )
+        chosen = plugins.find("strategy", strategy)(plan, feedback_from(ledger, plan, world))  # type: ignore[arg-type]
+        return run_campaign(plan, chosen, parts)
+
+
+def summary(attempts: list[Attempt], worse: str) -> dict[str, object]:
+    """What one campaign found: best of the search, its confirmation, and the mean by configuration index."""
+    sign = 1.0 if worse == "smaller" else -1.0
+    search = [a for a in attempts if a.purpose == "search" and a.mean is not None]
+    best = min(search, key=lambda a: sign * (a.mean or 0.0))
+    confirmed = next((a for a in attempts if a.purpose == "confirmation"), None)
+    steps: dict[int, list[float]] = defaultdict(list)
+    for a in search:
+        assert a.mean is not None
+        steps[a.brief.configuration_index].append(a.mean)
+    best_so_far: dict[int, list[float]] = defaultdict(list)
+    for scenario in {a.brief.scenario_index for a in search}:
+        values = [a.mean for a in search if a.brief.scenario_index == scenario and a.mean is not None]
+        for k in range(len(values)):
+            best_so_far[k].append(sign * min(sign * v for v in values[: k + 1]))
+    return {
+        "best": best.mean,
+        "confirmed": confirmed.mean if confirmed else None,
+        "mean": float(np.mean([a.mean for a in search if a.mean is not None])),
+        "by_step": [float(np.mean(v)) for _, v in sorted(steps.items())],
+        "best_by_step": [float(np.mean(v)) for _, v in sorted(best_so_far.items())],
+        "violation": confirmed.verdict.violation_probability if confirmed and confirmed.verdict else None,
+    }
+
+
+def main() -> None:
+    """Run the methods named on the command line, e.g. `random:random heuristic:study heuristic:climb`."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("methods", nargs="*", default=["random:random", "heuristic:unguided", "heuristic:study"])
+    parser.add_argument("--world", default="warehouse")
+    parser.add_argument("--route", default="route_1")
+    parser.add_argument("--requirement", default="R1")
+    parser.add_argument("--humans", type=int, default=2)
+    parser.add_argument("--scenarios", type=int, default=10)
+    parser.add_argument("--refinements", type=int, default=4)
+    parser.add_argument("--repeats", type=int, default=2)
+    parser.add_argument("--confirmations", type=int, default=20)
+    parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--first-seed", type=int, default=0)
+    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--json", type=Path)
+    args = parser.parse_args()
+    worse = load_requirement(args.requirement).worse
+    rows = []
+    for method in args.methods:
+        generator, _, strategy = method.partition(":")
+        for seed in range(args.first_seed, args.first_seed + args.seeds):
+            began = time.perf_counter()
+            row = summary(campaign(generator, strategy or "study", args, seed, args.jobs), worse)
+            rows.append({"method": method, "seed": seed, **row})
+            numbers = {k: np.round(v, 3).tolist() if v is not None else None for k, v in row.items()}
+            print(method, seed, numbers, f"{time.perf_counter() - began:.0f} s", flush=True)
+    if args.json:
+        args.json.write_text(json.dumps(rows, indent=1), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
