@@ -35,27 +35,37 @@ class Lists:
         self.runs: dict[str, Run] = {}
 
     def keep(self, run: Run) -> None:
+        """Keep a run."""
         self.runs.setdefault(run.id, run)
 
     def append(self, attempt: Attempt, runs: object) -> None:
+        """Keep an attempt."""
         self.kept.append(attempt)
 
     def attempts(self, campaign: str) -> list[Attempt]:
+        """All attempts."""
         return list(self.kept)
 
     def run(self, run_id: str) -> Run:
+        """A run."""
         return self.runs[run_id]
 
     def find(self, run_id: str) -> Run | None:
+        """A run, or None."""
         return self.runs.get(run_id)
 
 
 class Silent:
-    def proposing(self, brief: Brief) -> None: ...
+    """A watcher that says nothing."""
 
-    def ran(self, run: object) -> None: ...
+    def proposing(self, brief: Brief) -> None:
+        """Nothing."""
 
-    def attempted(self, attempt: Attempt) -> None: ...
+    def ran(self, run: object) -> None:
+        """Nothing."""
+
+    def attempted(self, attempt: Attempt) -> None:
+        """Nothing."""
 
 
 def campaign(generator: str, strategy: str, args: argparse.Namespace, seed: int, jobs: int) -> list[Attempt]:

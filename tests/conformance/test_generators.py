@@ -16,6 +16,6 @@ GENERATORS: list[Generator] = [RandomGenerator(), HeuristicGenerator(tries=15, c
 @pytest.mark.parametrize("world_name", shipped_worlds())
 def test_a_generator_keeps_its_promises(generator: Generator, world_name: str) -> None:
     world = load_world(world_name)
-    for route in world.routes:
+    for route in world.routes[:2]:
         mission = Mission(world=world.name, world_id=world.id, route=route)
         check_generator(generator, odd_briefs(generator, mission, world), world)

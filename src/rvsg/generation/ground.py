@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import heapq
 import math
+from collections import OrderedDict
 from collections.abc import Sequence
 from itertools import pairwise
 
@@ -28,36 +29,38 @@ class Ground:
             name: [(other, math.dist(self.at[name], self.at[other])) for other in others]
             for name, others in grid.neighbours.items()
         }
-        self._paths: dict[tuple[str, str, bool], Path | None] = {}
+        self._came: dict[tuple[str, bool], dict[str, str]] = {}
         self.robot_path = _robot_path(world, route)
         self.corridor = frozenset(name for name in self.hops if self.along(name)[1] < 0.7)
 
     def path(self, start: str, end: str, *, along_route: bool = False) -> Path | None:
         """The shortest valid path; `along_route` counts hops between waypoints of the robot's corridor at 0.6 of
         their length, so that the way taken is at most 1.7 times the shortest. None where there is no way."""
-        key = (start, end, along_route)
-        if key not in self._paths:
-            self._paths[key] = self._search(start, end, 0.6 if along_route else 1.0)
-        return self._paths[key]
+        key = (start, along_route)
+        if key not in self._came:
+            self._came[key] = self._search(start, 0.6 if along_route else 1.0)
+        came = self._came[key]
+        if end not in came:
+            return None
+        path = [end]
+        while path[-1] != start:
+            path.append(came[path[-1]])
+        return tuple(reversed(path))
 
-    def _search(self, start: str, end: str, discount: float) -> Path | None:
+    def _search(self, start: str, discount: float) -> dict[str, str]:
+        """For every waypoint that can be reached, the one before it on the cheapest way from `start`."""
         best, came, queue = {start: 0.0}, {start: start}, [(0.0, start)]
         while queue:
             cost, name = heapq.heappop(queue)
-            if name == end:
-                path = [end]
-                while path[-1] != start:
-                    path.append(came[path[-1]])
-                return tuple(reversed(path))
             if cost > best[name]:
                 continue
+            liked = name in self.corridor
             for other, length in self.hops[name]:
-                factor = discount if name in self.corridor and other in self.corridor else 1.0
-                further = cost + length * factor
+                further = cost + length * (discount if liked and other in self.corridor else 1.0)
                 if further < best.get(other, math.inf):
                     best[other], came[other] = further, name
                     heapq.heappush(queue, (further, other))
-        return None
+        return came
 
     def length(self, path: Path) -> float:
         """Length of a path in metres."""
@@ -66,6 +69,21 @@ class Ground:
     def along(self, name: str) -> tuple[float, float]:
         """Where a waypoint lies against the robot's route: metres along it to the nearest point, metres away."""
         return nearest_on(self.robot_path, self.at[name])
+
+
+_KEPT = 8
+_GROUNDS: OrderedDict[tuple[str, str], Ground] = OrderedDict()
+
+
+def ground_of(world: World, route: Route) -> Ground:
+    """The ground of a world and a route; that of the last few is kept, for its paths are asked for again and again."""
+    key = (world.id, route.id)
+    if key not in _GROUNDS:
+        _GROUNDS[key] = Ground(world, route)
+        while len(_GROUNDS) > _KEPT:
+            _GROUNDS.popitem(last=False)
+    _GROUNDS.move_to_end(key)
+    return _GROUNDS[key]
 
 
 def _robot_path(world: World, route: Route) -> tuple[Point, ...]:

@@ -16,12 +16,12 @@ import numpy as np
 from rvsg.generation.aims import Aim, aim_of, promise
 from rvsg.generation.answer import answer, unanswered
 from rvsg.generation.changes import Changing
-from rvsg.generation.forecast import Floats, Forecast, Forecaster
+from rvsg.generation.forecast import Forecast, Forecaster
 from rvsg.generation.generator import Proposal
-from rvsg.generation.ground import Ground
+from rvsg.generation.ground import ground_of
 from rvsg.generation.places import Place, places_of
 from rvsg.generation.seeding import rng_of
-from rvsg.generation.work import Workforce
+from rvsg.generation.work import Role, Workforce
 from rvsg.scenario.brief import Brief, Remembered
 from rvsg.scenario.scenario import Human, HumanConfiguration, Task
 from rvsg.scenario.validity.checker import spawn_finding
@@ -89,7 +89,7 @@ class _Plan:
 
     def __post_init__(self) -> None:
         self.aim = aim_of(self.brief.requirement)
-        self.ground = Ground(self.world, self.brief.mission.route)
+        self.ground = ground_of(self.world, self.brief.mission.route)
         self.uses = _uses(self.brief.memory, self.world)
         self.work = Workforce(self.ground, self.places, self.aim, self.rng, self.uses)
         self.forecaster = Forecaster(self.ground, self.brief.mission.route.time_limit_s)
@@ -99,40 +99,37 @@ class _Plan:
     def drafted(self, tries: int) -> tuple[list[Human], str]:
         """People one after another, each the most promising of many beside those before."""
         humans: list[Human] = []
-        walks: list[Floats] = []
         for index in range(self.brief.humans):
             aimed = self.aim is not Aim.NONE and index < AIMED
-            human = self._best(index, humans, walks, tries if aimed else 1)
-            humans.append(human)
-            walks.append(self.forecaster.walk(human))
+            humans.append(self._best(index, humans, tries if aimed else 1))
         if self.aim is Aim.NONE:
             return humans, "Unguided: people do the work of the place; nothing was aimed at the robot's route."
         differs = f" Avoided what {len(self.brief.memory)} earlier scenarios worked at." if self.brief.memory else ""
         return humans, (
             f"Aim: {self.aim.value}. Of {tries} people drawn for each place in the team the most promising was kept."
-            f"{differs} {_expected(self.forecaster.expect(walks))}"
+            f"{differs} {_expected(self.forecaster(humans[:AIMED]))}"
         )
 
-    def _best(self, index: int, humans: list[Human], walks: list[Floats], tries: int) -> Human:
-        """The most promising of the people drawn; those who would start on somebody else are passed over."""
-        best: tuple[float, Human] | None = None
-        fallback: Human | None = None
-        attempts = 0
-        while best is None or attempts < tries:
-            attempts += 1
+    def _best(self, index: int, humans: list[Human], tries: int) -> Human:
+        """The most promising of the people drawn beside those before; nobody who would start on somebody else."""
+        drawn: list[tuple[Human, Role]] = []
+        unclear: Human | None = None
+        for _ in range(20 * tries + 100):
             role = self.work.role()
             human = self.work.human(f"Human {index + 1}", role)
-            if human is None or not self._clear(human, humans):
-                fallback = human or fallback
-                if attempts > 20 * tries + 100:
+            if human is not None and self._clear(human, humans):
+                drawn.append((human, role))
+                if len(drawn) == tries:
                     break
-                continue
-            value = promise(self.aim, self.forecaster.expect([*walks, self.forecaster.walk(human)])) if tries > 1 else 0
-            if best is None or value > best[0]:
-                best = (value, human)
-                self.roles[human.name] = role.doing
-        chosen = best[1] if best else fallback or self._anybody(index)
-        self.roles.setdefault(chosen.name, "works")
+            else:
+                unclear = human or unclear
+        if len(drawn) > 1:
+            forecasts = self.forecaster.compare([[*humans, human] for human, _ in drawn])
+            best = max(range(len(drawn)), key=lambda k: promise(self.aim, forecasts[k]))
+            chosen, doing = drawn[best][0], drawn[best][1].doing
+        else:
+            chosen, doing = (drawn[0][0], drawn[0][1].doing) if drawn else (unclear or self._anybody(index), "works")
+        self.roles[chosen.name] = doing
         return self._individual(chosen, index)
 
     def _anybody(self, index: int) -> Human:
@@ -192,29 +189,25 @@ class _Plan:
         assert feedback is not None
         base = list(feedback.scenario.people.humans)
         while len(base) < self.brief.humans:
-            base.append(self._best(len(base), base, [], 1))
+            base.append(self._best(len(base), base, 1))
         base = base[: self.brief.humans]
-        fitted = self.forecaster.fitted(feedback)
-        walks = [fitted.walk(human) for human in base]
-        before = fitted.expect(walks)
+        aimed = slice(AIMED)
+        fitted = self.forecaster.fitted(feedback) if len(base) <= AIMED else self.forecaster
         changing = Changing.after(self.work, feedback)
-        options: list[tuple[float, list[Human], list[str]]] = []
-        for _ in range(variants if self.aim is not Aim.NONE else 1):
-            humans, words = self._variant(base, changing)
-            if humans == base:
-                continue
-            new = [w if h is b else fitted.walk(h) for h, b, w in zip(humans, base, walks, strict=True)]
-            options.append((promise(self.aim, fitted.expect(new)), humans, words))
+        drawn = (self._variant(base, changing) for _ in range(1 if self.aim is Aim.NONE else variants))
+        options = [(humans, words) for humans, words in drawn if humans != base]
         if not options:
             return base, "No change was possible; the configuration is proposed again."
-        options.sort(key=lambda option: -option[0])
+        forecasts = fitted.compare([base[aimed], *(humans[aimed] for humans, _ in options)])
+        order = sorted(range(len(options)), key=lambda k: -promise(self.aim, forecasts[k + 1]))
         # The forecast is rough: one of the best few is as good a guess as the best, and differs from try to try.
-        _, humans, words = options[int(self.rng.integers(min(5, len(options))))]
+        chosen = order[int(self.rng.integers(min(5, len(order))))]
+        humans, words = options[chosen]
         change = f" after {feedback.previous_mean:.3g}" if feedback.previous_mean is not None else ""
         return humans, (
             f"Aim: {self.aim.value}. Measured {feedback.mean:.3g}{change}. Forecast fitted to it: "
-            f"{_expected(before)} Of {len(options)} variants one of the best: {'; '.join(words)}. "
-            f"{_expected(fitted(humans))}"
+            f"{_expected(forecasts[0])} Of {len(options)} variants one of the best: {'; '.join(words)}. "
+            f"{_expected(forecasts[chosen + 1])}"
         )
 
     def _variant(self, base: list[Human], changing: Changing) -> tuple[list[Human], list[str]]:

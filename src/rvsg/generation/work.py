@@ -84,6 +84,7 @@ class Workforce:
     ) -> None:
         self.ground, self.places, self.aim, self.rng = ground, places, aim, rng
         self.near = {name: ground.along(name) for place in places for name in place.waypoints}
+        self.closest = [min((self.near[name] for name in p.waypoints), key=lambda at: at[1]) for p in places]
         self.fresh = np.array([0.4 ** min(3, uses.get(place.name, 0)) for place in places])
 
     def role(self) -> Role:
@@ -120,8 +121,7 @@ class Workforce:
         """One more place: near the robot's route, seldom worked before, far from or near to the last by the role."""
         last = chosen[-1].place.name if chosen else None
         weights = []
-        for place, fresh in zip(self.places, self.fresh, strict=True):
-            along, away = min((self.near[name] for name in place.waypoints), key=lambda at: at[1])
+        for place, fresh, (along, away) in zip(self.places, self.fresh, self.closest, strict=True):
             weight = float(fresh) * (1.0 if self.aim is Aim.NONE else math.exp(-away / REACH_M))
             if chosen and self.aim is not Aim.NONE:
                 apart = abs(along - self.near[chosen[-1].waypoint][0])
