@@ -60,7 +60,7 @@ SAMPLE_V, SAMPLE_W, SAMPLE_STEPS, SAMPLE_DT = range(4)
 class Rollouts(NamedTuple):
     """A memory of where every sample ends, by measured velocity: pure, so it may outlive an episode.
 
-    `keys` (M, 2) are the measured v and omega (NaN: empty), `ends` (M, S, 3) end poses in the frame of the robot.
+    `keys` (M, 2) are the measured v and omega (NaN: empty), `ends` (M, S, 5) in the frame of the robot: end pose, and the point 0.1 m ahead of it.
     """
 
     keys: Floats
@@ -99,7 +99,7 @@ def samples() -> Floats:
 
 def rollouts(count: int) -> Rollouts:
     """An empty memory for `count` samples."""
-    return Rollouts(keys=np.full((MEMO_SIZE, 2), np.nan), ends=np.zeros((MEMO_SIZE, count, 3)))
+    return Rollouts(keys=np.full((MEMO_SIZE, 2), np.nan), ends=np.zeros((MEMO_SIZE, count, 5)))
 
 
 def scratch(count: int) -> Scratch:
@@ -121,7 +121,7 @@ def towards(wanted: float, now: float, step: float) -> float:
 
 @kernel
 def roll_out_ends(ends: Floats, v0: float, w0: float, samples: Floats) -> None:
-    """End poses (x, y, yaw) of all samples from the pose (0, 0, 0) with measured velocities v0, w0.
+    """End poses (x, y, yaw) of all samples, and the points 0.1 m ahead of them, from the pose (0, 0, 0) with measured velocities v0, w0.
 
     Per step: velocities approach the sample, the position advances along the old heading, then the heading turns.
     """
@@ -141,6 +141,8 @@ def roll_out_ends(ends: Floats, v0: float, w0: float, samples: Floats) -> None:
         ends[s, 0] = x
         ends[s, 1] = y
         ends[s, 2] = yaw
+        ends[s, 3] = x + FORWARD_POINT_M * math.cos(yaw)
+        ends[s, 4] = y + FORWARD_POINT_M * math.sin(yaw)
 
 
 @kernel
@@ -404,14 +406,15 @@ def score(
         w = samples[s, SAMPLE_W]
         if (state[BAN_LEFT] != 0 and w > 0.0) or (state[BAN_RIGHT] != 0 and w < 0.0):
             continue
-        turn = ends[s, 2]
-        rotate = rotate_to_goal(state, samples[s, SAMPLE_V], abs(wrap(yaw + turn - goal_yaw)), measured_v)
-        if rotate < 0.0:
-            continue
+        rotate = 0.0
+        if state[IN_WINDOW] != 0:
+            rotate = rotate_to_goal(state, samples[s, SAMPLE_V], abs(wrap(yaw + ends[s, 2] - goal_yaw)), measured_v)
+            if rotate < 0.0:
+                continue
         x = column + cos * ends[s, 0] - sin * ends[s, 1]
         y = row + sin * ends[s, 0] + cos * ends[s, 1]
-        ahead_x = x + FORWARD_POINT_M / LOCAL_RESOLUTION_M * math.cos(yaw + turn)
-        ahead_y = y + FORWARD_POINT_M / LOCAL_RESOLUTION_M * math.sin(yaw + turn)
+        ahead_x = column + cos * ends[s, 3] - sin * ends[s, 4]
+        ahead_y = row + sin * ends[s, 3] + cos * ends[s, 4]
         if not (0.0 <= x < LOCAL_CELLS and 0.0 <= y < LOCAL_CELLS):
             continue
         if not (0.0 <= ahead_x < LOCAL_CELLS and 0.0 <= ahead_y < LOCAL_CELLS):

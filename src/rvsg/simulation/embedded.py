@@ -6,6 +6,7 @@ import math
 import time
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,8 @@ from rvsg.simulation import robot
 from rvsg.simulation import robot_state as st
 from rvsg.simulation.compiled import cache_folder
 from rvsg.simulation.costmap import LETHAL
+from rvsg.simulation.dwb import Rollouts, samples
+from rvsg.simulation.dwb import rollouts as new_rollouts
 from rvsg.simulation.episode import Recording, new_recording, run_episode
 from rvsg.simulation.options import SimulatorOptions, profile
 from rvsg.simulation.people import PeopleOptions, initial
@@ -99,7 +102,7 @@ def simulate_agents(
     crowd = initial(agents, world, options=_people_options(options), seed=seed)
     record = new_recording(route.time_limit_s, settings.clock, len(agents))
     blocked = is_blocked(around, scene.static, scene.origin_x, scene.origin_y, scene.resolution, route.start, offset)
-    state = new_state(scene, goals, len(agents), options.lidar_rays)
+    state = new_state(scene, goals, len(agents), options.lidar_rays, rollouts())
     state.body[robot.X : robot.YAW + 1] = (route.start.x, route.start.y, robot.wrap(route.start.yaw))
     if blocked:
         _stand_still(record, route.start, crowd)
@@ -137,6 +140,12 @@ def surroundings(world: World, lidar_range_m: float) -> Surroundings:
             _SURROUNDINGS.popitem(last=False)
     _SURROUNDINGS.move_to_end(key)
     return _SURROUNDINGS[key]
+
+
+@cache
+def rollouts() -> Rollouts:
+    """The process's memory of rollouts: pure, so runs may share it one after another."""
+    return new_rollouts(len(samples()))
 
 
 def _check(route: Route, seed: int) -> None:

@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.simulation.compiled import kernel
+from rvsg.simulation.compiled import inner, kernel
 from rvsg.simulation.costmap import INSCRIBED, UNKNOWN
 
 Floats = NDArray[np.float64]
@@ -28,6 +28,11 @@ BUFFER = 10_000
 TOLERANCE_M = 0.5
 STEP_CELLS = np.float32(0.5)
 HALF_ROOT = 0.707106781
+
+
+def reaches() -> Singles:
+    """0.7071 times every cost of a cell: how much lower a potential must be to lower the next cell's."""
+    return (HALF_ROOT * np.arange(256)).astype(np.float32)
 
 
 def conversion() -> Bytes:
@@ -57,62 +62,76 @@ def convert(costs: Bytes, master: Bytes, table: Bytes, top: int, left: int, bott
         costs[base + columns - 1] = BLOCKED
 
 
-@kernel
-def cell_potential(potential: Singles, costs: Bytes, n: int, columns: int) -> np.float32:
-    """The potential of a cell from its neighbours: a planar wave, interpolated by a quadratic."""
-    across = min(potential[n - 1], potential[n + 1])
-    along = min(potential[n - columns], potential[n + columns])
-    cost = np.float32(costs[n])
-    difference = across - along
-    base = along
-    if difference < np.float32(0.0):
-        difference = -difference
-        base = across
+@inner
+def planar_wave(across: np.float32, along: np.float32, cost: np.float32) -> np.float32:
+    """The potential of a cell of that cost from the least of its neighbours in either direction.
+
+    A quadratic stands for the exact planar wave; a direction that is more than the cell's cost behind has no part.
+    """
+    base = min(across, along)
+    difference = max(across, along) - base
     if difference >= cost:
         return base + cost
     q = difference / cost
-    factor = np.float32(-0.2301 * q * q + 0.5307 * q + 0.7040)
-    return base + cost * factor
+    return base + cost * np.float32(-0.2301 * q * q + 0.5307 * q + 0.7040)
 
 
-@kernel
-def push(buffer: Ints, filled: int, n: int, pending: Bytes, costs: Bytes) -> int:
-    """Add a cell to a buffer unless it is waiting already, blocked, or the buffer is full; the new fill."""
-    if pending[n] == 0 and costs[n] < BLOCKED and filled < BUFFER:
+@inner
+def push(buffer: Ints, filled: int, n: np.uintp, waiting: Bytes) -> int:
+    """Add a cell to a buffer unless it waits already (blocked cells seem to, always) or it is full; the new fill."""
+    if waiting[n] == 0 and filled < BUFFER:
         buffer[filled] = n
-        pending[n] = 1
+        waiting[n] = 1
         return filled + 1
     return filled
 
 
-@kernel
-def push_raised(
-    buffer: Ints,
-    filled: int,
-    n: int,
-    columns: int,
-    lowered: np.float32,
-    potential: Singles,
-    costs: Bytes,
-    pending: Bytes,
-) -> int:
-    """Add those of a cell's four neighbours whose potential its lowered one can lower."""
-    if potential[n - 1] > lowered + np.float32(HALF_ROOT * costs[n - 1]):
-        filled = push(buffer, filled, n - 1, pending, costs)
-    if potential[n + 1] > lowered + np.float32(HALF_ROOT * costs[n + 1]):
-        filled = push(buffer, filled, n + 1, pending, costs)
-    if potential[n - columns] > lowered + np.float32(HALF_ROOT * costs[n - columns]):
-        filled = push(buffer, filled, n - columns, pending, costs)
-    if potential[n + columns] > lowered + np.float32(HALF_ROOT * costs[n + columns]):
-        filled = push(buffer, filled, n + columns, pending, costs)
-    return filled
+@inner
+def update_cell(
+    potential: Singles, costs: Bytes, reach: Singles, waiting: Bytes, n: np.uintp, width: np.uintp,
+    threshold: np.float32, ahead: Ints, new: int, later: Ints, left: int,
+) -> tuple[int, int]:  # fmt: skip
+    """Lower the potential of a cell if its neighbours allow; add to a buffer those neighbours it may lower in turn.
+
+    `reach` is 0.7071 times every cost. The buffer is `ahead` for a potential below the threshold, else `later`.
+    Returns their fills.
+    """
+    one = np.uintp(1)
+    west = potential[n - one]
+    east = potential[n + one]
+    south = potential[n - width]
+    north = potential[n + width]
+    value = planar_wave(min(west, east), min(south, north), np.float32(costs[n]))
+    if not value < potential[n]:
+        return new, left
+    potential[n] = value
+    if value < threshold:
+        if west > value + reach[costs[n - one]]:
+            new = push(ahead, new, n - one, waiting)
+        if east > value + reach[costs[n + one]]:
+            new = push(ahead, new, n + one, waiting)
+        if south > value + reach[costs[n - width]]:
+            new = push(ahead, new, n - width, waiting)
+        if north > value + reach[costs[n + width]]:
+            new = push(ahead, new, n + width, waiting)
+    else:
+        if west > value + reach[costs[n - one]]:
+            left = push(later, left, n - one, waiting)
+        if east > value + reach[costs[n + one]]:
+            left = push(later, left, n + one, waiting)
+        if south > value + reach[costs[n - width]]:
+            left = push(later, left, n - width, waiting)
+        if north > value + reach[costs[n + width]]:
+            left = push(later, left, n + width, waiting)
+    return new, left
 
 
 @kernel
 def propagate(
     potential: Singles,
     costs: Bytes,
-    pending: Bytes,
+    reach: Singles,
+    waiting: Bytes,
     buffers: Ints,
     columns: int,
     rows: int,
@@ -123,16 +142,19 @@ def propagate(
 
     `buffers` is (3, 10000): the current, the next and the overflow buffer take turns.
     """
-    potential[:] = HIGH
-    pending[:] = 0
+    for n in range(potential.size):
+        potential[n] = HIGH
+        waiting[n] = 1 if costs[n] >= BLOCKED else 0
     current = 0
     following = 1
     overflow = 2
-    filled = 0
-    waiting = 0
+    width = np.uintp(columns)
     potential[source] = np.float32(0.0)
-    for neighbour in (source + 1, source - 1, source - columns, source + columns):
-        filled = push(buffers[current], filled, neighbour, pending, costs)
+    filled = push(buffers[current], 0, np.uintp(source + 1), waiting)
+    filled = push(buffers[current], filled, np.uintp(source - 1), waiting)
+    filled = push(buffers[current], filled, np.uintp(source - columns), waiting)
+    filled = push(buffers[current], filled, np.uintp(source + columns), waiting)
+    left = 0
     threshold = FIRST_THRESHOLD
     for _ in range(max(columns * rows // 20, columns + rows)):
         if filled == 0:
@@ -141,23 +163,18 @@ def propagate(
         ahead = buffers[following]
         later = buffers[overflow]
         for i in range(filled):
-            pending[buffer[i]] = 0
+            waiting[np.uintp(buffer[i])] = 0
         new = 0
         for i in range(filled):
-            n = buffer[i]
-            lowered = cell_potential(potential, costs, n, columns)
-            if lowered < potential[n]:
-                potential[n] = lowered
-                if lowered < threshold:
-                    new = push_raised(ahead, new, n, columns, lowered, potential, costs, pending)
-                else:
-                    waiting = push_raised(later, waiting, n, columns, lowered, potential, costs, pending)
+            new, left = update_cell(
+                potential, costs, reach, waiting, np.uintp(buffer[i]), width, threshold, ahead, new, later, left
+            )
         filled = new
         current, following = following, current
         if filled == 0:
             threshold += THRESHOLD_STEP
-            filled = waiting
-            waiting = 0
+            filled = left
+            left = 0
             current, overflow = overflow, current
         if potential[target] < HIGH:
             return
@@ -336,8 +353,9 @@ def plan(
     goal_y: float,
     master: Bytes,
     costs: Bytes,
+    reach: Singles,
     potential: Singles,
-    pending: Bytes,
+    waiting: Bytes,
     buffers: Ints,
     cells: Singles,
     origin_x: float,
@@ -356,7 +374,7 @@ def plan(
     target = cell_of(goal_x, goal_y, origin_x, origin_y, resolution, columns, rows)
     master[source // columns, source % columns] = 0
     costs[source] = NEUTRAL
-    propagate(potential, costs, pending, buffers, columns, rows, source, max(target, 0))
+    propagate(potential, costs, reach, waiting, buffers, columns, rows, source, max(target, 0))
     end_x, end_y, found = reachable_goal(potential, goal_x, goal_y, origin_x, origin_y, resolution, columns, rows)
     if not found:
         return begin

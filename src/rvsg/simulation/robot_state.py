@@ -61,7 +61,7 @@ class State(NamedTuple):
     `body`, `nav`, `times`: vectors indexed by the names above (and those of `robot` and `dwb`). `goals` (G, 3) poses to
     drive through in the map frame, the last one the goal; `path` (P, 2) the plan in the local frame. `local`
     (3, 60, 60) both voxel layers and the master map; `layers` (2, rows, columns) the global obstacle layers and
-    `global_master` their merger with the static map; `costs`, `potential`, `pending` flat grids and `buffers`, `cells`
+    `global_master` their merger with the static map; `costs`, `potential`, `waiting` flat grids and `buffers`, `cells`
     scratch space of NavFn. `legs` (2N, 2) what the lidars see of people.
     """
 
@@ -75,7 +75,7 @@ class State(NamedTuple):
     global_master: Bytes
     costs: Bytes
     potential: NDArray[np.float32]
-    pending: Bytes
+    waiting: Bytes
     buffers: NDArray[np.int32]
     cells: NDArray[np.float32]
     spans: Ints
@@ -104,7 +104,7 @@ def new_state(scene: Scene, goals: Floats, humans: int, rays: int, memo: dwb.Rol
         global_master=np.zeros((rows, columns), np.uint8),
         costs=np.zeros(rows * columns, np.uint8),
         potential=np.zeros(rows * columns, np.float32),
-        pending=np.zeros(rows * columns, np.uint8),
+        waiting=np.zeros(rows * columns, np.uint8),
         buffers=np.zeros((3, BUFFER), np.int32),
         cells=np.zeros((2, longest), np.float32),
         spans=np.zeros((max(columns, LOCAL_CELLS), 2), np.int64),

@@ -19,7 +19,7 @@ from rvsg.simulation.costmap import (
     inflation_kernel,
 )
 from rvsg.simulation.lidar import REACH_M
-from rvsg.simulation.navfn import conversion
+from rvsg.simulation.navfn import conversion, reaches
 from rvsg.world.world import OccupancyMap, World
 
 Floats = NDArray[np.float64]
@@ -33,7 +33,7 @@ class Scene(NamedTuple):
     """What does not change in a run.
 
     `static`, `inflated` (rows, columns): the map as costs and its inflation, in the map frame with the lower left
-    corner `origin_x`, `origin_y`; `table` NavFn's costs; `local_costs`, `global_costs` inflation kernels. `edges`
+    corner `origin_x`, `origin_y`; `table`, `reach` NavFn's costs; `local_costs`, `global_costs` inflation kernels. `edges`
     (E, 4) are the lidar outlines in the world frame; tile t of the raster sees `tile_edges[tile_start[t] :
     tile_start[t + 1]]`. `closed` (a raster of 0.1 m in the world frame) says from where every ray returns.
     """
@@ -41,6 +41,7 @@ class Scene(NamedTuple):
     static: Bytes
     inflated: Bytes
     table: Bytes
+    reach: NDArray[np.float32]
     local_costs: Bytes
     global_costs: Bytes
     origin_x: float
@@ -183,6 +184,7 @@ def _scene(around: Surroundings, static: Bytes, costs: Bytes, occupancy: Occupan
         static=static,
         inflated=inflate_static(static, costs),
         table=conversion(),
+        reach=reaches(),
         local_costs=inflation_kernel(LOCAL_RESOLUTION_M),
         global_costs=costs,
         origin_x=float(occupancy.origin.x),
