@@ -60,7 +60,8 @@ SAMPLE_V, SAMPLE_W, SAMPLE_STEPS, SAMPLE_DT = range(4)
 class Rollouts(NamedTuple):
     """A memory of where every sample ends, by measured velocity: pure, so it may outlive an episode.
 
-    `keys` (M, 2) are the measured v and omega (NaN: empty), `ends` (M, S, 5) in the frame of the robot: end pose, and the point 0.1 m ahead of it.
+    `keys` (M, 2) are the measured v and omega (NaN: empty), `ends` (M, S, 5) in the frame of the robot: the end pose,
+    and the point 0.1 m ahead of it.
     """
 
     keys: Floats
@@ -121,7 +122,7 @@ def towards(wanted: float, now: float, step: float) -> float:
 
 @kernel
 def roll_out_ends(ends: Floats, v0: float, w0: float, samples: Floats) -> None:
-    """End poses (x, y, yaw) of all samples, and the points 0.1 m ahead of them, from the pose (0, 0, 0) with measured velocities v0, w0.
+    """End poses (x, y, yaw) of all samples, and the points 0.1 m ahead, from pose (0, 0, 0) and velocities v0, w0.
 
     Per step: velocities approach the sample, the position advances along the old heading, then the heading turns.
     """

@@ -102,7 +102,7 @@ def simulate_agents(
     crowd = initial(agents, world, options=_people_options(options), seed=seed)
     record = new_recording(route.time_limit_s, settings.clock, len(agents))
     blocked = is_blocked(around, scene.static, scene.origin_x, scene.origin_y, scene.resolution, route.start, offset)
-    state = new_state(scene, goals, len(agents), options.lidar_rays, rollouts())
+    state = new_state(scene, goals, len(agents), options.lidar_rays, rollouts(), around.rest_of_way(scene, goals))
     state.body[robot.X : robot.YAW + 1] = (route.start.x, route.start.y, robot.wrap(route.start.yaw))
     if blocked:
         _stand_still(record, route.start, crowd)

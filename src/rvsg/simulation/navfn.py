@@ -25,6 +25,8 @@ HIGH = np.float32(1e10)
 FIRST_THRESHOLD = np.float32(254.0)
 THRESHOLD_STEP = np.float32(100.0)
 BUFFER = 10_000
+SPARE = np.float32(1500.0)
+"""Six cells of the highest cost: more than the neighbours of a path can cost beyond the path itself."""
 TOLERANCE_M = 0.5
 STEP_CELLS = np.float32(0.5)
 HALF_ROOT = 0.707106781
@@ -89,12 +91,13 @@ def push(buffer: Ints, filled: int, n: np.uintp, waiting: Bytes) -> int:
 @inner
 def update_cell(
     potential: Singles, costs: Bytes, reach: Singles, waiting: Bytes, n: np.uintp, width: np.uintp,
-    threshold: np.float32, ahead: Ints, new: int, later: Ints, left: int,
+    threshold: np.float32, ahead: Ints, new: int, later: Ints, left: int, rest: Singles, bound: np.float32,
 ) -> tuple[int, int]:  # fmt: skip
     """Lower the potential of a cell if its neighbours allow; add to a buffer those neighbours it may lower in turn.
 
     `reach` is 0.7071 times every cost. The buffer is `ahead` for a potential below the threshold, else `later`.
-    Returns their fills.
+    Returns their fills. A cell that leads to the target only by more than `bound` in all is not followed; `rest` is the
+    least cost from every cell to the target.
     """
     one = np.uintp(1)
     west = potential[n - one]
@@ -105,6 +108,8 @@ def update_cell(
     if not value < potential[n]:
         return new, left
     potential[n] = value
+    if value + rest[n] > bound:
+        return new, left
     if value < threshold:
         if west > value + reach[costs[n - one]]:
             new = push(ahead, new, n - one, waiting)
@@ -137,10 +142,13 @@ def propagate(
     rows: int,
     source: int,
     target: int,
+    rest: Singles,
+    bound: np.float32,
 ) -> None:
     """Spread the potential from `source` until `target` has one, all is done, or the rounds run out.
 
-    `buffers` is (3, 10000): the current, the next and the overflow buffer take turns.
+    Cells off every way to the target of at most `bound` are left out (see `update_cell`). `buffers` is (3, 10000): the
+    current, the next and the overflow buffer take turns.
     """
     for n in range(potential.size):
         potential[n] = HIGH
@@ -167,7 +175,19 @@ def propagate(
         new = 0
         for i in range(filled):
             new, left = update_cell(
-                potential, costs, reach, waiting, np.uintp(buffer[i]), width, threshold, ahead, new, later, left
+                potential,
+                costs,
+                reach,
+                waiting,
+                np.uintp(buffer[i]),
+                width,
+                threshold,
+                ahead,
+                new,
+                later,
+                left,
+                rest,
+                bound,
             )
         filled = new
         current, following = following, current
@@ -178,6 +198,41 @@ def propagate(
             current, overflow = overflow, current
         if potential[target] < HIGH:
             return
+
+
+@inner
+def propagate_near(
+    potential: Singles, costs: Bytes, reach: Singles, waiting: Bytes, buffers: Ints, columns: int, rows: int,
+    source: int, target: int, rest: Singles,
+) -> None:  # fmt: skip
+    """`propagate`, first only where a way to the target can be near to the best one, then everywhere if need be.
+
+    `rest` holds the cost from every cell to the target on the static map: people can only add to it. Where the target's
+    potential turns out at least SPARE below the bound, no cell that was left out can have had a part in the potentials
+    along the path, nor in those around it from which its gradient is taken.
+    """
+    if rest[source] < HIGH:
+        bound = np.float32(1.02) * rest[source] + np.float32(2.0) * SPARE
+        propagate(potential, costs, reach, waiting, buffers, columns, rows, source, target, rest, bound)
+        if potential[target] + SPARE < bound:
+            return
+    propagate(potential, costs, reach, waiting, buffers, columns, rows, source, target, rest, np.float32(math.inf))
+
+
+@kernel
+def rest_of_way(static: Bytes, reach: Singles, table: Bytes, column: int, row: int) -> Singles:
+    """NavFn's potential from the goal's cell on the inflated static map, unknown cells taken as free."""
+    rows, columns = static.shape
+    costs = np.zeros(rows * columns, np.uint8)
+    convert(costs, static, table, 0, 0, rows, columns)
+    potential = np.zeros(rows * columns, np.float32)
+    waiting = np.zeros(rows * columns, np.uint8)
+    buffers = np.zeros((3, BUFFER), np.int32)
+    propagate(
+        potential, costs, reach, waiting, buffers, columns, rows, row * columns + column, 0, potential,
+        np.float32(math.inf),
+    )  # fmt: skip
+    return potential
 
 
 @kernel
@@ -354,6 +409,7 @@ def plan(
     master: Bytes,
     costs: Bytes,
     reach: Singles,
+    rest: Singles,
     potential: Singles,
     waiting: Bytes,
     buffers: Ints,
@@ -374,7 +430,7 @@ def plan(
     target = cell_of(goal_x, goal_y, origin_x, origin_y, resolution, columns, rows)
     master[source // columns, source % columns] = 0
     costs[source] = NEUTRAL
-    propagate(potential, costs, reach, waiting, buffers, columns, rows, source, max(target, 0))
+    propagate_near(potential, costs, reach, waiting, buffers, columns, rows, source, max(target, 0), rest)
     end_x, end_y, found = reachable_goal(potential, goal_x, goal_y, origin_x, origin_y, resolution, columns, rows)
     if not found:
         return begin

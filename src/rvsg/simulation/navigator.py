@@ -50,8 +50,8 @@ def plan_route(scene: Scene, state: State, settings: Settings, t: float) -> bool
     for g in range(nav[st.GOAL], last + 1):
         end = plan(
             state.path, count, x, y, state.goals[g, 0], state.goals[g, 1], state.global_master, state.costs,
-            scene.reach, state.potential, state.waiting, state.buffers, state.cells, scene.origin_x, scene.origin_y,
-            scene.resolution,
+            scene.reach, state.rest, state.potential, state.waiting, state.buffers, state.cells, scene.origin_x,
+            scene.origin_y, scene.resolution,
         )  # fmt: skip
         if end == count:
             return False

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rvsg.simulation import dwb
 from rvsg.simulation.costmap import FREE, LOCAL_CELLS, UNKNOWN
 from rvsg.simulation.lidar import ray_directions
-from rvsg.simulation.navfn import BUFFER
+from rvsg.simulation.navfn import BUFFER, HIGH
 from rvsg.simulation.robot import BODY_SIZE
 from rvsg.simulation.scene import Scene
 
@@ -62,7 +62,8 @@ class State(NamedTuple):
     drive through in the map frame, the last one the goal; `path` (P, 2) the plan in the local frame. `local`
     (3, 60, 60) both voxel layers and the master map; `layers` (2, rows, columns) the global obstacle layers and
     `global_master` their merger with the static map; `costs`, `potential`, `waiting` flat grids and `buffers`, `cells`
-    scratch space of NavFn. `legs` (2N, 2) what the lidars see of people.
+    scratch space of NavFn; `rest` its least cost from every cell to the goal, 1e10 where that is not known.
+    `legs` (2N, 2) what the lidars see of people.
     """
 
     body: Floats
@@ -74,6 +75,7 @@ class State(NamedTuple):
     layers: Bytes
     global_master: Bytes
     costs: Bytes
+    rest: NDArray[np.float32]
     potential: NDArray[np.float32]
     waiting: Bytes
     buffers: NDArray[np.int32]
@@ -88,7 +90,14 @@ class State(NamedTuple):
     scratch: dwb.Scratch
 
 
-def new_state(scene: Scene, goals: Floats, humans: int, rays: int, memo: dwb.Rollouts | None = None) -> State:
+def new_state(
+    scene: Scene,
+    goals: Floats,
+    humans: int,
+    rays: int,
+    memo: dwb.Rollouts | None = None,
+    rest: NDArray[np.float32] | None = None,
+) -> State:
     """All arrays of a run, as the episode expects them; a memory of rollouts may serve one run after another."""
     rows, columns = scene.static.shape
     longest = 4 * max(rows, columns) + 2
@@ -103,6 +112,7 @@ def new_state(scene: Scene, goals: Floats, humans: int, rays: int, memo: dwb.Rol
         layers=np.full((2, rows, columns), UNKNOWN, np.uint8),
         global_master=np.zeros((rows, columns), np.uint8),
         costs=np.zeros(rows * columns, np.uint8),
+        rest=rest if rest is not None else np.full(rows * columns, HIGH, np.float32),
         potential=np.zeros(rows * columns, np.float32),
         waiting=np.zeros(rows * columns, np.uint8),
         buffers=np.zeros((3, BUFFER), np.int32),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +13,7 @@ from rvsg.errors import InputError
 from rvsg.simulation.compiled import inner, kernel
 from rvsg.simulation.costmap import (
     FREE,
+    INSCRIBED,
     LETHAL,
     LOCAL_RESOLUTION_M,
     UNKNOWN,
@@ -19,7 +21,7 @@ from rvsg.simulation.costmap import (
     inflation_kernel,
 )
 from rvsg.simulation.lidar import REACH_M
-from rvsg.simulation.navfn import conversion, reaches
+from rvsg.simulation.navfn import conversion, reaches, rest_of_way
 from rvsg.world.world import OccupancyMap, World
 
 Floats = NDArray[np.float64]
@@ -27,13 +29,14 @@ Bytes = NDArray[np.uint8]
 
 TILE_M = 1.0
 RASTER_M = 0.1
+KEPT_GOALS = 32
 
 
 class Scene(NamedTuple):
     """What does not change in a run.
 
-    `static`, `inflated` (rows, columns): the map as costs and its inflation, in the map frame with the lower left
-    corner `origin_x`, `origin_y`; `table`, `reach` NavFn's costs; `local_costs`, `global_costs` inflation kernels. `edges`
+    `static`, `inflated` (rows, columns): the map as costs and its inflation, in the map frame, lower left corner at
+    `origin_x`, `origin_y`; `table`, `reach` NavFn's costs; `local_costs`, `global_costs` inflation kernels. `edges`
     (E, 4) are the lidar outlines in the world frame; tile t of the raster sees `tile_edges[tile_start[t] :
     tile_start[t + 1]]`. `closed` (a raster of 0.1 m in the world frame) says from where every ray returns.
     """
@@ -71,9 +74,29 @@ class Surroundings:
         self.edges, self.owner = lidar_edges(world)
         self.x, self.y, rows, columns = _extent(world, self.edges)
         self.closed = closed_region(self.edges, self.x, self.y, rows, columns, lidar_range_m)
+        self.rests: OrderedDict[tuple[int, int], NDArray[np.float32]] = OrderedDict()
         global_costs = inflation_kernel(occupancy.resolution)
         self.open_scene = _scene(self, static, global_costs, occupancy, lidar_range_m)
         self.closed_scene = _scene(self, static, global_costs, occupancy, REACH_M) if self.closed.any() else None
+
+    def rest_of_way(self, scene: Scene, goals: Floats) -> NDArray[np.float32] | None:
+        """The least cost from every cell to the goal, kept for the last few goals; None where it is not known.
+
+        It is not for routes that lead through several poses, and for a goal in an obstacle or off the map.
+        """
+        column = int((goals[-1, 0] - scene.origin_x) / scene.resolution + 0.5)
+        row = int((goals[-1, 1] - scene.origin_y) / scene.resolution + 0.5)
+        rows, columns = scene.static.shape
+        if len(goals) > 1 or not (0 < row < rows - 1 and 0 < column < columns - 1):
+            return None
+        if scene.inflated[row, column] >= INSCRIBED:
+            return None
+        if (row, column) not in self.rests:
+            self.rests[row, column] = rest_of_way(scene.inflated, scene.reach, scene.table, column, row)
+            while len(self.rests) > KEPT_GOALS:
+                self.rests.popitem(last=False)
+        self.rests.move_to_end((row, column))
+        return self.rests[row, column]
 
     def scene_at(self, x: float, y: float) -> tuple[Scene, bool]:
         """The scene for a robot that starts at (x, y), and whether walls close off the place within lidar range."""
