@@ -105,12 +105,10 @@ def decisive_moments(run: Run, grid: Grid, *, at_most: int = 4) -> tuple[Moment,
         return ()
     gap = gaps(run)
     nearest = gap.min(axis=1)
-    found: list[tuple[int, str]] = []
-    for index in np.argsort(nearest, kind="stable"):
-        if len(found) >= max(1, at_most - 2) or nearest[index] > 2 * MEETING_M:
-            break
-        if all(abs(path.t[index] - path.t[other]) >= APART_S for other, _ in found):
-            found.append((int(index), "contact" if nearest[index] <= 0.02 else "closest approach"))
+    found = [
+        (index, "contact" if nearest[index] <= 0.02 else "closest approach")
+        for index in _approaches(path.t, nearest)[: max(1, at_most - 2)]
+    ]
     braking = _hardest_braking(path)
     if braking is not None:
         found.append((braking[0], f"hardest braking, {braking[1]:.1f} m/s2"))
@@ -202,6 +200,19 @@ class _Places:
         """One name for each of the points x (K,), y (K,)."""
         squared = (self.at[None, :, 0] - x[:, None]) ** 2 + (self.at[None, :, 1] - y[:, None]) ** 2
         return [self.names[i] for i in squared.argmin(axis=1)]
+
+
+def _approaches(t: Floats, nearest: Floats) -> list[int]:
+    """Samples at which somebody is nearer than during the seconds before and after, the nearest first."""
+    found: list[int] = []
+    for index in np.argsort(nearest, kind="stable"):
+        if nearest[index] > 2 * MEETING_M:
+            break
+        first, end = np.searchsorted(t, [t[index] - APART_S, t[index] + APART_S])
+        alone = all(abs(t[index] - t[other]) >= APART_S for other in found)
+        if alone and nearest[index] <= nearest[first:end].min():
+            found.append(int(index))
+    return found
 
 
 def _moment(run: Run, gap: Floats, index: int, note: str, names: _Places) -> Moment:

@@ -1,0 +1,159 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tests.campaign.parts import REQUIREMENT, KinematicSimulator, WalkGenerator, measure, plan, warehouse
+
+from rvsg.campaign.attempt import Attempt
+from rvsg.campaign.feedback import decisive_moments, feedback_of, gaps, separable, worst_run
+from rvsg.evaluation.judge import judge
+from rvsg.evaluation.verdict import Verdict
+from rvsg.generation.generator import Proposal
+from rvsg.scenario.brief import Brief
+from rvsg.simulation.run import Outcome, Run, Trajectory
+
+
+def verdict(*values: float) -> Verdict:
+    return judge(REQUIREMENT, values)
+
+
+def attempt_of(seed: int, runs: int = 3) -> tuple[Attempt, list[Run]]:
+    brief = Brief(mission=plan().mission, requirement=REQUIREMENT, seed=seed)
+    proposal = WalkGenerator().propose(brief, warehouse())
+    assert proposal.scenario is not None
+    made = [KinematicSimulator().run(proposal.scenario, warehouse(), seed=k) for k in range(runs)]
+    measurements = tuple(measure(run) for run in made)
+    values = [m.objective for m in measurements]
+    attempt = Attempt(
+        campaign="test",
+        index=0,
+        strategy="study",
+        brief=brief,
+        proposal=proposal,
+        measurements=measurements,
+        verdict=judge(REQUIREMENT, values),
+    )
+    return attempt, made
+
+
+def a_run(gap: np.ndarray, v: np.ndarray | None = None) -> Run:
+    """One human straight ahead of a robot at the origin, `gap` metres away edge to edge, at 10 Hz."""
+    n = len(gap)
+    zeros, column = np.zeros(n), np.zeros((n, 1))
+    path = Trajectory(
+        t=np.arange(n) / 10,
+        x=zeros,
+        y=zeros,
+        yaw=zeros,
+        v=np.full(n, 0.5) if v is None else v,
+        omega=zeros,
+        acceleration=zeros,
+        human_x=(gap + 0.75)[:, None],
+        human_y=column,
+        human_yaw=column,
+        human_speed=column,
+    )
+    return Run(
+        scenario_id="s",
+        simulator="test",
+        options={},
+        seed=0,
+        outcome=Outcome.REACHED,
+        trajectory=path,
+        log=path,
+        human_names=("Ann",),
+        human_radius_m=(0.4,),
+        goal=(0.0, 0.0, 0.0),
+        time_limit_s=60.0,
+    )
+
+
+def test_the_feedback_tells_every_value_the_mean_and_the_share_of_violations() -> None:
+    attempt, runs = attempt_of(1)
+    told = feedback_of(attempt, runs, requirement=REQUIREMENT, grid=warehouse().grid)
+    values = [m.objective for m in attempt.measurements]
+    assert told.objectives == tuple(values)
+    assert told.mean == pytest.approx(np.mean(values))
+    assert told.violation_share == sum(v < 1.0 for v in values) / 3
+    assert told.previous_mean is None and told.separable is None
+
+
+def test_a_single_run_has_no_interval_and_is_never_separable() -> None:
+    attempt, runs = attempt_of(1, runs=1)
+    before, _ = attempt_of(2, runs=1)
+    told = feedback_of(attempt, runs, requirement=REQUIREMENT, grid=warehouse().grid, previous=before)
+    assert told.interval == (told.mean, told.mean)
+    assert told.previous_mean == before.mean and told.separable is False
+
+
+def test_separable_is_welchs_t_test_at_five_percent() -> None:
+    from scipy.stats import ttest_ind
+
+    chance = np.random.default_rng(5)
+    seen = set()
+    for shift in np.linspace(0, 3, 40):
+        a, b = chance.normal(size=4), chance.normal(shift, 1.5, size=6)
+        expected = bool(ttest_ind(a, b, equal_var=False).pvalue < 0.05)
+        assert separable(verdict(*a), verdict(*b)) is expected
+        seen.add(expected)
+    assert seen == {True, False}
+    assert separable(verdict(1.0, 1.0), verdict(2.0, 2.0)) is True
+    assert separable(verdict(1.0, 1.0), verdict(1.0, 1.0)) is False
+
+
+def test_the_closest_approach_is_a_decisive_moment_with_its_place_and_human() -> None:
+    gap = 3.0 - 2.9 * np.exp(-(((np.arange(200) - 120) / 20) ** 2))
+    moments = decisive_moments(a_run(gap), warehouse().grid)
+    closest = next(m for m in moments if "closest approach" in m.note)
+    assert closest.time_s == 12.0
+    assert closest.closest_human == "Ann"
+    assert closest.gap_m == pytest.approx(0.1)
+    assert closest.robot_at == warehouse().grid.nearest(0.0, 0.0)
+    assert [m.time_s for m in moments] == sorted(m.time_s for m in moments)
+
+
+def test_a_stop_and_hard_braking_are_decisive_moments() -> None:
+    v = np.full(200, 0.5)
+    v[80:120] = 0.0
+    moments = decisive_moments(a_run(np.full(200, 5.0), v), warehouse().grid)
+    notes = {note: m.time_s for m in moments for note in m.note.split("; ")}
+    assert notes["stands still for 3.9 s from here"] == 8.0
+    assert any(note.startswith("hardest braking") and 7.4 <= t <= 8.0 for note, t in notes.items())
+
+
+def test_the_series_is_of_the_worst_run_and_names_everybodys_place_every_second() -> None:
+    attempt, runs = attempt_of(3)
+    told = feedback_of(attempt, runs, requirement=REQUIREMENT, grid=warehouse().grid)
+    worst = worst_run(attempt, runs, REQUIREMENT)
+    assert min(m.objective for m in attempt.measurements) == measure(worst).objective
+    path = worst.trajectory
+    for sample in told.series[:: max(1, len(told.series) // 7)]:
+        k = int(np.argmin(np.abs(path.t - sample.time_s)))
+        assert sample.robot_at == warehouse().grid.nearest(path.x[k], path.y[k])
+        assert sample.value == pytest.approx(gaps(worst)[k].min(), abs=1e-3)
+    assert len(told.series) == int(path.t[-1]) + 1
+
+
+def test_a_waypoint_that_never_met_the_robot_is_idle_and_one_that_did_is_not() -> None:
+    for seed in range(6):
+        attempt, runs = attempt_of(seed)
+        told = feedback_of(attempt, runs, requirement=REQUIREMENT, grid=warehouse().grid)
+        for h, influence in enumerate(told.influences):
+            assert influence.closest_gap_m == pytest.approx(min(gaps(run)[:, h].min() for run in runs))
+            assert 0.0 <= influence.share_within_2_m <= 1.0
+            if influence.closest_gap_m > 3.1:
+                path = {w for t in attempt.proposal.scenario.people.humans[h].tasks for w in t.path}
+                assert set(influence.idle_waypoints) == path
+            if influence.closest_gap_m < 2.5:
+                run, k = min(((r, int(gaps(r)[:, h].argmin())) for r in runs), key=lambda x: gaps(x[0])[x[1], h])
+                at = warehouse().grid.nearest(run.trajectory.human_x[k, h], run.trajectory.human_y[k, h])
+                assert at not in influence.idle_waypoints
+
+
+def test_an_attempt_without_an_objective_has_no_feedback() -> None:
+    brief = Brief(mission=plan().mission, requirement=REQUIREMENT, seed=0)
+    empty = Attempt(
+        campaign="test", index=0, strategy="study", brief=brief, proposal=Proposal(generator="walk", scenario=None)
+    )
+    with pytest.raises(ValueError, match="no feedback"):
+        feedback_of(empty, [], requirement=REQUIREMENT, grid=warehouse().grid)

@@ -1,0 +1,93 @@
+"""Every registered strategy, store and simulator passes the exam that plug-in writers are given."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+from tests.campaign.parts import WalkGenerator, plan, warehouse
+
+from rvsg.app import plugins
+from rvsg.campaign.attempt import Attempt
+from rvsg.campaign.conformance import check_ledger, check_strategy
+from rvsg.campaign.strategies import StudyStrategy
+from rvsg.generation.generator import Proposal
+from rvsg.scenario.brief import Brief
+from rvsg.scenario.scenario import Scenario
+from rvsg.simulation.conformance import check_simulator
+from rvsg.simulation.kinematic import KinematicSimulator
+from rvsg.simulation.run import Run
+from rvsg.store.sqlite import SqliteLedger
+from rvsg.world.world import World
+
+
+def answered(seed: int = 3) -> tuple[Brief, Proposal, Scenario]:
+    brief = Brief(mission=plan().mission, requirement=plan().requirement, seed=seed)
+    proposal = WalkGenerator().propose(brief, warehouse())
+    assert proposal.scenario is not None
+    return brief, proposal, proposal.scenario
+
+
+@pytest.mark.parametrize("name", plugins.names("strategy"))
+def test_a_strategy_keeps_its_promises(name: str) -> None:
+    check_strategy(plugins.find("strategy", name), plan(), answered()[2])
+
+
+@pytest.mark.parametrize("name", plugins.names("simulator"))
+def test_a_simulator_keeps_its_promises(name: str) -> None:
+    check_simulator(plugins.make("simulator", name, {}), answered()[2], warehouse())
+
+
+@pytest.mark.parametrize("name", plugins.names("store"))
+def test_a_ledger_keeps_its_promises(name: str, tmp_path: Path) -> None:
+    brief, proposal, scenario = answered()
+    attempt = Attempt(campaign="exam", index=0, strategy="study", brief=brief, proposal=proposal)
+    run = KinematicSimulator().run(scenario, warehouse(), seed=1)
+    check_ledger(lambda: plugins.find("store", name)(tmp_path / "store"), attempt, run)
+
+
+class Greedy(StudyStrategy):
+    def ask(self) -> tuple[Brief, ...]:
+        briefs = super().ask()
+        return briefs if briefs or len(self.told) > self.plan.attempts else (self._brief(len(self.told)),)
+
+
+class Forgetful(StudyStrategy):
+    def tell(self, attempt: Attempt) -> None:
+        self.told = [*self.told[1:], attempt] if len(self.told) == 4 else [*self.told, attempt]
+
+
+@pytest.mark.parametrize("bad", [Greedy, Forgetful])
+def test_the_exam_fails_a_strategy_that_asks_too_much_or_forgets(bad: type) -> None:
+    with pytest.raises(AssertionError):
+        check_strategy(bad, plan(), answered()[2])
+
+
+class Drifting(KinematicSimulator):
+    calls = 0
+
+    def run(self, scenario: Scenario, world: World, *, seed: int) -> Run:
+        Drifting.calls += 1
+        run = super().run(scenario, world, seed=seed)
+        run.trajectory.x[:] += 1e-12 * Drifting.calls
+        return run
+
+
+def test_the_exam_fails_a_simulator_that_is_not_repeatable() -> None:
+    with pytest.raises(AssertionError, match="equal seeds"):
+        check_simulator(Drifting(), answered()[2], warehouse())
+
+
+class Lenient(SqliteLedger):
+    def append(self, attempt: Attempt, runs: Sequence[Run]) -> None:
+        if attempt.index not in [known.index for known in self.attempts(attempt.campaign)]:
+            super().append(attempt, runs)
+
+
+def test_the_exam_fails_a_ledger_that_drops_in_silence(tmp_path: Path) -> None:
+    brief, proposal, scenario = answered()
+    attempt = Attempt(campaign="exam", index=0, strategy="study", brief=brief, proposal=proposal)
+    run = KinematicSimulator().run(scenario, warehouse(), seed=1)
+    with pytest.raises(AssertionError, match="index that is taken"):
+        check_ledger(lambda: Lenient(tmp_path / "store"), attempt, run)
