@@ -46,7 +46,7 @@ def birdseye(
     points = np.concatenate([corners, np.array(tops).reshape(-1, 3)])
     view, height = Oblique(world.grid.up).fitted(points, width_px, margins)
     fine = Oblique(view.up, view.scale * FINE, view.left * FINE, view.top * FINE)
-    pixels = _floor(world, ink, fine, width_px * FINE, height * FINE)
+    pixels, solid = _floor(world, ink, fine, width_px * FINE, height * FINE)
     kinds = ink.kind_colours(area.kind for area in world.areas)
     _tint_areas(pixels, world, fine, ink, kinds)
     canvas = Canvas(fine, pixels)
@@ -54,7 +54,7 @@ def birdseye(
         for thing in world.objects:
             _draw_object(canvas, thing, ink, _colour_of(thing, world.areas, kinds, ink))
     else:
-        pixels = _raise_map(world, ink, fine, pixels)
+        _raise_map(pixels, solid, ink, fine)
     page = Image.fromarray(pixels).reduce(FINE)
     return _written(page, world, view, ink, kinds, route, unit)
 
@@ -64,8 +64,10 @@ def _top(thing: SolidObject) -> float:
     return min(top, WALL_CUT_M if is_wall(thing) else TALLEST_M)
 
 
-def _floor(world: World, ink: Palette, view: Oblique, width: int, height: int) -> NDArray[np.uint8]:
-    """The floor of the map under every pixel: page colour outside, floor where free, a little darker where unknown."""
+def _floor(
+    world: World, ink: Palette, view: Oblique, width: int, height: int
+) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+    """The floor of the map under every pixel (page colour outside, floor where free), and where it is occupied."""
     occupancy = world_map(world)
     frame = frame_of(occupancy)
     rows, columns = frame.shape
@@ -75,6 +77,7 @@ def _floor(world: World, ink: Palette, view: Oblique, width: int, height: int) -
     kind[occupancy.cells == 100] = 2 if world.objects else 3
     x0, y0, x1, y1 = known_window(world, 0.3)
     bands = []
+    solid = []
     for first in range(0, height, 256):
         down = np.arange(first, min(first + 256, height)) + 0.5
         metres = view.floor_at(np.stack(np.meshgrid(np.arange(width) + 0.5, down), axis=-1))
@@ -83,7 +86,8 @@ def _floor(world: World, ink: Palette, view: Oblique, width: int, height: int) -
         shown = (metres[..., 0] > x0) & (metres[..., 0] < x1) & (metres[..., 1] > y0) & (metres[..., 1] < y1)
         found = kind[np.clip(cells[..., 1], 0, rows - 1), np.clip(cells[..., 0], 0, columns - 1)]
         bands.append(colours[np.where(shown, np.where(inside, found, 1), 0)])
-    return np.concatenate(bands)
+        solid.append(shown & inside & (found == 3))
+    return np.concatenate(bands), np.concatenate(solid)
 
 
 def _tint_areas(pixels: NDArray[np.uint8], world: World, view: Oblique, ink: Palette, kinds: dict[str, Colour]) -> None:
@@ -93,10 +97,13 @@ def _tint_areas(pixels: NDArray[np.uint8], world: World, view: Oblique, ink: Pal
     image = Image.fromarray(pixels)
     for area in world.areas:
         ring = view.project(_raised(area.outline, 0.0))[:, :2]
-        mask = Image.new("L", image.size)
         corners = [(float(x), float(y)) for x, y in ring]
-        ImageDraw.Draw(mask).polygon(corners, fill=round(255 * ink.tint * 1.3))
-        image.paste(kinds[area.kind], (0, 0), mask)
+        left, top = np.floor(ring.min(axis=0)).astype(int).clip(0)
+        right, bottom = np.ceil(ring.max(axis=0)).astype(int) + 1
+        mask = Image.new("L", (max(1, int(right - left)), max(1, int(bottom - top))))
+        shifted = [(x - left, y - top) for x, y in corners]
+        ImageDraw.Draw(mask).polygon(shifted, fill=round(255 * ink.tint * 1.3))
+        image.paste(kinds[area.kind], (int(left), int(top)), mask)
         ImageDraw.Draw(image).line([*corners, corners[0]], fill=kinds[area.kind], width=3)
     pixels[:] = np.asarray(image)
 
@@ -143,26 +150,20 @@ def _anticlockwise(ring: Floats) -> Floats:
     return ring if float(np.dot(x, np.roll(y, -1)) - np.dot(np.roll(x, -1), y)) > 0 else ring[::-1]
 
 
-def _raise_map(world: World, ink: Palette, view: Oblique, pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Raise the occupied cells: what lies higher at a pixel lies nearer to the viewer, so layers go on bottom up."""
-    occupancy = world_map(world)
-    frame = frame_of(occupancy)
-    rows, columns = frame.shape
-    high, wide = pixels.shape[:2]
-    solid = np.zeros((high, wide), np.bool_)
-    for first in range(0, high, 256):
-        down = np.arange(first, min(first + 256, high)) + 0.5
-        metres = view.floor_at(np.stack(np.meshgrid(np.arange(wide) + 0.5, down), axis=-1))
-        cells = np.floor(frame.to_cells(metres)).astype(np.int32)
-        inside = (cells[..., 0] >= 0) & (cells[..., 0] < columns) & (cells[..., 1] >= 0) & (cells[..., 1] < rows)
-        found = occupancy.cells[np.clip(cells[..., 1], 0, rows - 1), np.clip(cells[..., 0], 0, columns - 1)]
-        solid[first : first + 256] = inside & (found == 100)
+def _raise_map(pixels: NDArray[np.uint8], solid: NDArray[np.bool_], ink: Palette, view: Oblique) -> None:
+    """Raise the floor where it is solid: what is higher at a pixel is nearer to the viewer, so layers go on bottom up.
+
+    A run of layers in one colour is drawn in steps that double, each shifting what is there already.
+    """
     lift = max(2, round(float(view.project(np.zeros(3))[1] - view.project(np.array([0.0, 0.0, MAP_HEIGHT_M]))[1])))
-    side, lid = ink.tinted(ink.wall, share=0.75), ink.tinted(ink.wall, share=0.5)
-    for up in range(lift):
-        pixels[: high - up][solid[up:]] = side
-    pixels[: high - lift][solid[lift:]] = lid
-    return pixels
+    body = solid.copy()
+    done = 1
+    while done < lift:
+        step = min(done, lift - done)
+        body[:-step] |= body[step:]
+        done += step
+    pixels[body] = ink.tinted(ink.wall, share=0.75)
+    pixels[:-lift][solid[lift:]] = ink.tinted(ink.wall, share=0.5)
 
 
 def _written(

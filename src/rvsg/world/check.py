@@ -17,6 +17,7 @@ from rvsg.world.create import spacing_m
 from rvsg.world.documents import Document, DocumentError, Problem, read_yaml
 from rvsg.world.grid import GridSpec
 from rvsg.world.load import read_world
+from rvsg.world.raster import outermost
 from rvsg.world.records import Pose
 from rvsg.world.route_words import length_m, line_of, nearest_area
 from rvsg.world.space import Space, frame_of, human_space, main_floor, robot_space, world_map
@@ -346,9 +347,9 @@ class _Checker:
 
     def _check_unknown(self) -> None:
         cells = world_map(self.world).cells
-        free = np.argwhere(cells == 0)
-        low, high = free.min(axis=0), free.max(axis=0) + 1
-        within = cells[low[0] : high[0], low[1] : high[1]]
+        free = outermost(cells == 0)
+        (left, low), (right, high) = free.min(axis=0), free.max(axis=0) + 1
+        within = cells[low:high, left:right]
         unknown = float((within == 255).mean())
         if unknown > 0.3:
             message = (

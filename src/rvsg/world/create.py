@@ -22,8 +22,8 @@ from rvsg.world.nav2_map import load_nav2_map, upright
 from rvsg.world.occupancy import occupancy_from_objects
 from rvsg.world.records import Pose
 from rvsg.world.sdf import load_sdf
-from rvsg.world.space import Space, human_space_of, main_floor
-from rvsg.world.world import OccupancyMap, Route, SolidObject, World
+from rvsg.world.space import Space, human_space_of, main_floor, robot_space
+from rvsg.world.world import Area, OccupancyMap, Route, SolidObject, World
 
 ROUTES = 3
 LONGEST_ROUTE_M = 25.0
@@ -32,6 +32,7 @@ SECONDS_PER_M = 2.0  # the study gives its robot 2 to 2.5 s for a metre
 SPARE_S = 5.0
 MOST_LINES = 40  # more rows or columns are hard to read on one picture
 CONNECTED = 0.97
+TURNING_M = 0.45  # room in which a robot of 0.7 x 0.5 m turns on the spot
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -153,8 +154,9 @@ def _created(
     main = largest_part(world.grid)
     reached = tuple(area for area in world.areas if main & set(area.waypoints))
     if len(reached) < len(world.areas):
-        left = [area.name for area in world.areas if area not in reached]
-        notes.append(f"people cannot walk to {', '.join(left)}: not proposed as labels. A finer grid may reach them.")
+        left = [area for area in world.areas if area not in reached]
+        notes.append(f"people cannot walk to {len(left)} places found: not labelled. A finer grid may reach them.")
+        reached = renumbered(reached)
     world = replace(world, areas=reached)
     if grid_is_coarse(world.grid):
         notes.append(f"the map is large, so the grid is {spacing_m(world.grid):g} m wide; --spacing makes it finer.")
@@ -242,6 +244,19 @@ def grid_is_coarse(grid: Grid) -> bool:
     return spacing_m(grid) > 1.0
 
 
+def renumbered(areas: Sequence[Area]) -> tuple[Area, ...]:
+    """The areas with the numbers at the end of their names closed up: "Area 2", "Area 5" become "Area 1", "Area 2"."""
+    count: dict[str, int] = {}
+    named = []
+    for area in areas:
+        word, _, number = area.name.rpartition(" ")
+        if word and number.isdigit():
+            count[word] = count.get(word, 0) + 1
+            area = area.model_copy(update={"name": f"{word} {count[word]}"})
+        named.append(area)
+    return tuple(named)
+
+
 # --- routes -------------------------------------------------------------------------------------------------------
 
 
@@ -276,13 +291,18 @@ def propose_routes(world: World, count: int = ROUTES) -> tuple[Route, ...]:
 
 
 def _ends(world: World) -> list[tuple[str, str]]:
-    """For every area the waypoint it is best driven to, with the area's name; at most twenty."""
+    """For every area the waypoint it is best driven to, with the area's name; at most twenty.
+
+    Best is where the robot can turn, then what is nearest to the middle of the area.
+    """
+    space = robot_space(world)
     ends: list[tuple[str, str]] = []
     for area in world.areas:
         middle = np.mean(np.array(area.outline), axis=0)
         fit = [world.grid.by_name[name] for name in area.waypoints if world.grid.by_name[name].robot]
         if fit:
-            best = min(fit, key=lambda w: ((w.x - middle[0]) ** 2 + (w.y - middle[1]) ** 2, w.name))
+            tight = {w.name: space.clearance(w.x, w.y) < TURNING_M for w in fit}
+            best = min(fit, key=lambda w: (tight[w.name], math.dist((w.x, w.y), middle), w.name))
             if best.name not in {name for name, _ in ends}:
                 ends.append((best.name, area.name))
     step = max(1, math.ceil(len(ends) / 20))

@@ -172,14 +172,15 @@ def areas_of_obstacles(occupancy: OccupancyMap, space: Space) -> tuple[Area, ...
     Occupied cells less than a person's passage apart are one obstacle; walls (thin, or with
     floor inside) are not labelled.
     """
-    from scipy.ndimage import distance_transform_edt, find_objects, label
+    from scipy.ndimage import find_objects, label, maximum_filter1d
 
     size = occupancy.resolution
     occupied = occupancy.cells == 100
     floor = main_floor(space)
     if not floor.any() or not occupied.any():
         return ()
-    grown = distance_transform_edt(~occupied) * size <= GAP_M / 2
+    reach = 2 * max(1, round(0.75 * GAP_M / 2 / size)) + 1  # a square of this reach is about a disc of GAP_M / 2
+    grown = maximum_filter1d(maximum_filter1d(occupied, reach, axis=0), reach, axis=1)
     labels, _ = label(grown, np.ones((3, 3)))
     found: list[tuple[float, Rectangle]] = []
     for number, window in enumerate(find_objects(labels), start=1):

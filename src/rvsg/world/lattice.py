@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rvsg.errors import InputError
 from rvsg.world.grid import Grid, GridSpec, Waypoint
-from rvsg.world.raster import Frame, inside_cells
+from rvsg.world.raster import Frame, inside_cells, outermost
 from rvsg.world.space import Space
 
 Floats = NDArray[np.float64]
@@ -87,16 +87,13 @@ def _coordinates(spec: GridSpec, space: Space) -> tuple[dict[str, float], dict[i
     """Rows with their coordinate along the up axis (descending), columns along the other axis."""
     if spec.rows is not None and spec.columns is not None:
         return spec.rows, spec.columns
-    free = (space.field > 0) & (space.field >= spec.human_clearance_m)
-    if not free.any():
+    free = outermost((space.field >= spec.human_clearance_m) & (space.field > 0))
+    if len(free) == 0:
         raise InputError(
             f"the map has no place that is {spec.human_clearance_m:g} m clear of obstacles: is it inverted (negate) or "
             "all unknown? Else use a smaller human_clearance_m"
         )
-    rows = np.flatnonzero(free.any(axis=1))  # the first and last free cell of every row hold the extremes
-    first, last = free[rows].argmax(axis=1), free.shape[1] - 1 - free[rows, ::-1].argmax(axis=1)
-    ends = np.concatenate([np.stack([first, rows], axis=1), np.stack([last, rows], axis=1)])
-    points = space.frame.to_metres(ends + 0.5)
+    points = space.frame.to_metres(free.astype(float) + 0.5)
     low, high = points.min(axis=0), points.max(axis=0)
     up, right = (0, 1) if spec.up == "x" else (1, 0)
     spacing = spec.spacing_m or fitting_spacing(float(high[up] - low[up]), float(high[right] - low[right]))

@@ -66,6 +66,17 @@ def covering(points: Floats, resolution: float, margin: float = 0.0) -> Frame:
     return Frame(Pose(x=x, y=y), resolution, (rows, columns))
 
 
+def outermost(cells: Bools) -> NDArray[np.int_]:
+    """The first and last marked cell of every row that has one, as (n, 2) of column and row.
+
+    Whatever way one looks, the farthest marked cells are among them.
+    """
+    rows = np.flatnonzero(cells.any(axis=1))
+    first = cells[rows].argmax(axis=1)
+    last = cells.shape[1] - 1 - cells[rows, ::-1].argmax(axis=1)
+    return np.column_stack([np.concatenate([first, last]), np.concatenate([rows, rows])])
+
+
 def outline_cells(polygons: Iterable[Sequence[tuple[float, float]]], frame: Frame) -> Bools:
     """Every cell that an edge of a closed polygon crosses; (rows, columns)."""
     cells = np.zeros(frame.shape, bool)

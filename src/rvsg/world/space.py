@@ -100,13 +100,20 @@ def solid_cells(objects: Sequence[SolidObject], frame: Frame) -> Bools:
 
 def human_space_of(objects: Sequence[SolidObject], occupancy: OccupancyMap) -> Space:
     """Where a person can be: clear of every footprint and of all that the map does not show free."""
+    if not objects:
+        return robot_space_of(occupancy)
     frame = frame_of(occupancy)
     return space_of((occupancy.cells != FREE) | solid_cells(objects, frame), frame)
 
 
 def robot_space_of(occupancy: OccupancyMap) -> Space:
-    """Where the robot can be as far as its own map tells."""
-    return space_of(occupancy.cells != FREE, frame_of(occupancy))
+    """Where the robot can be as far as its own map tells; computed once per map."""
+    if occupancy not in _map_spaces:
+        _map_spaces[occupancy] = space_of(occupancy.cells != FREE, frame_of(occupancy))
+    return _map_spaces[occupancy]
+
+
+_map_spaces: WeakKeyDictionary[OccupancyMap, Space] = WeakKeyDictionary()
 
 
 def main_floor(space: Space, clearance_m: float = 0.3) -> Bools:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.errors import InputError
+from rvsg.world.raster import outermost
 from rvsg.world.space import frame_of, world_map
 from rvsg.world.world import UNKNOWN, World
 
@@ -82,10 +83,10 @@ def view_of(world: World, *, width_px: int, window: Window | None, margins: tupl
 def known_window(world: World, margin_m: float = 0.15) -> Window:
     """The part of the world of which something is known: free or occupied cells, objects, areas and waypoints."""
     occupancy = world_map(world)
-    known = np.argwhere(occupancy.cells != UNKNOWN)
+    known = outermost(occupancy.cells != UNKNOWN)
     parts = [np.array([[w.x, w.y] for w in world.grid.waypoints if w.human]).reshape(-1, 2)]
     if len(known):
-        (r0, c0), (r1, c1) = known.min(axis=0), known.max(axis=0) + 1
+        (c0, r0), (c1, r1) = known.min(axis=0), known.max(axis=0) + 1
         parts.append(frame_of(occupancy).to_metres(np.array([[c0, r0], [c1, r0], [c1, r1], [c0, r1]], float)))
     parts += [np.array(thing.footprint) for thing in world.objects]
     points = np.concatenate(parts)
