@@ -18,7 +18,7 @@ from rvsg.generation.vlm.recording import Recorded, Recording
 from rvsg.generation.vlm.replay import Replayed
 from rvsg.world.records import Record
 
-DIVERGENCES_TOLD = 5
+DIVERGENCES_TOLD = 3
 
 
 class Access(Record):
@@ -82,11 +82,17 @@ class Wiring:
         return self.replayed is not None
 
     def notes(self) -> tuple[str, ...]:
-        """Where a replay diverged from its record, the first few."""
-        found = self.replayed.divergences if self.replayed else []
-        told = [f"Replay: the present prompts differ from the recorded ones at {d}." for d in found[:DIVERGENCES_TOLD]]
-        more = len(found) - len(told)
-        return (*told, *([f"Replay: {more} more calls differ."] if more > 0 else []))
+        """Where a replay diverged from its record: each kind of difference once, with the first call that has it."""
+        kinds: dict[str, list[str]] = {}
+        for divergence in self.replayed.divergences if self.replayed else []:
+            kinds.setdefault(divergence.what, []).append(divergence.key)
+        told = [
+            f"Replay: the present prompts differ from the recorded ones at call {keys[0]}"
+            f"{f' (and {len(keys) - 1} more)' if len(keys) > 1 else ''}: {what}."
+            for what, keys in kinds.items()
+        ]
+        more = len(told) - DIVERGENCES_TOLD
+        return (*told[:DIVERGENCES_TOLD], *([f"Replay: {more} more kinds of differences."] if more > 0 else []))
 
 
 def wired(model: str | Model | None, access: Access) -> Wiring:

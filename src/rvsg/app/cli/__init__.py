@@ -19,6 +19,7 @@ VERBS: dict[str, Verb] = {
     "simulate": Verb("simulate", "Simulate a scenario and write its runs"),
     "evaluate": Verb("evaluate", "Measure runs of a scenario, and judge them by a requirement"),
     "report": Verb("report", "Write the page of a stored campaign, and print its ranked scenarios"),
+    "demo": Verb("demo", "Run a recorded campaign again, whose scenarios a vision language model wrote"),
     "describe": Verb("describe", "Describe a world in words, by a vision language model that looks at it"),
     "prompt": Verb("prompt", "Print what a model would be asked next in a campaign, without asking it"),
     "metrics": Verb("metrics", "List the metrics with formula and unit, or measure a run"),

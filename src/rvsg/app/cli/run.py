@@ -70,11 +70,11 @@ def run(
         if options := given.pop(f"{kind}_option", None):
             given[f"{kind}_options"] = pairs(kind, options)
     from_file = read_campaign_file(campaign) if campaign else {}
-    raise typer.Exit(_campaign(from_file, given, as_json=json))
+    raise typer.Exit(run_campaign_of(from_file, given, as_json=json))
 
 
-def _campaign(from_file: dict[str, Any], given: dict[str, Any], *, as_json: bool) -> int:
-    """Run or resume, show and write what was found; returns the exit code."""
+def run_campaign_of(from_file: dict[str, Any], given: dict[str, Any], *, as_json: bool) -> int:
+    """Run or resume the campaign of a file's keys and of options; show and write what was found; the exit code."""
     from rvsg.app.config import effective
     from rvsg.app.folder import CONFIG, LEDGER, alone_in, make_folder
     from rvsg.app.wiring import wire
@@ -206,10 +206,11 @@ def _show(wired: Wired, summary: Summary, folder: Path, spent_s: float, *, as_js
         f"{spent_s:.0f} s; kept in {folder}"
     )
     if account.calls:
+        asked = "In the record the model" if wired.config.replay else "The model"
+        cost = f"{account.cost_usd:.4f} USD" if account.cost_usd is not None else "cost unknown"
         say(
-            f"The model was asked {account.calls} times: {account.input_tokens} input tokens "
-            f"({account.cached_tokens} cached), {account.output_tokens} output tokens"
-            + (f", {account.cost_usd:.4f} USD." if account.cost_usd is not None else ", cost unknown.")
+            f"{asked} was asked {account.calls} times: {account.input_tokens} input tokens "
+            f"({account.cached_tokens} cached), {account.output_tokens} output tokens, {cost}."
         )
     for note in getattr(wired.generator, "notes", ()):
         say(note)
