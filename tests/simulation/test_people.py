@@ -13,7 +13,14 @@ from rvsg.errors import InputError
 from rvsg.scenario.agents import HumanAgent, reaction_of
 from rvsg.scenario.scenario import Behaviour
 from rvsg.simulation.people import Crowd, PeopleOptions, initial, tick
-from rvsg.simulation.people.forces import coherence_force, desired_force, gaze_force, obstacle_force, social_force
+from rvsg.simulation.people.forces import (
+    coherence_force,
+    desired_force,
+    gaze_force,
+    obstacle_force,
+    reach_of,
+    social_force,
+)
 from rvsg.simulation.people.obstacles import boxes_of, entry_point, point_towards_origin
 from rvsg.world.grid import Grid
 from rvsg.world.records import Pose
@@ -101,7 +108,7 @@ class TestCheckValues:
     def test_another_one_pushes(
         self, other: tuple[float, float], velocity: tuple[float, float], force: tuple[float, float]
     ) -> None:
-        assert social_force(*other, *velocity, 5.0, 0.0) == pytest.approx(force, abs=1e-6)
+        assert social_force(*other, *velocity, 5.0, math.inf) == pytest.approx(force, abs=1e-6)
 
     def test_an_obstacle_pushes(self) -> None:
         assert obstacle_force(-0.6, -0.2, 0.4, 10.0) == pytest.approx((-2.967225, -0.989075), abs=1e-6)
@@ -385,8 +392,8 @@ class TestRandomness:
         bound = CORRECT.neglect_m_s2
         skipped = 0
         for dx, dy, dvx, dvy in rng.uniform(-6, 6, (3000, 4)):
-            exact = social_force(dx, dy, dvx, dvy, 5.0, 0.0)
-            quick = social_force(dx, dy, dvx, dvy, 5.0, bound)
+            exact = social_force(dx, dy, dvx, dvy, 5.0, math.inf)
+            quick = social_force(dx, dy, dvx, dvy, 5.0, reach_of(5.0, bound))
             skipped += quick == (0.0, 0.0)
             assert math.hypot(exact[0] - quick[0], exact[1] - quick[1]) <= bound
         assert skipped > 300

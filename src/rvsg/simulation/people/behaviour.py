@@ -13,6 +13,7 @@ from rvsg.simulation.people.forces import (
     gaze_force,
     obstacle_force,
     or_zero,
+    reach_of,
     social_force,
     wrap,
 )
@@ -139,6 +140,7 @@ def _total_force(
     desired_x, desired_y = desired_force(goal_x - x, goal_y - y, goal_radius, vx, vy, speed, crowd.factor_goal[i])
     desired_x, desired_y = or_zero(desired_x, desired_y)
 
+    reach = reach_of(crowd.factor_social[i], crowd.neglect)
     social_x = 0.0
     social_y = 0.0
     group = crowd.group[i]
@@ -152,7 +154,7 @@ def _total_force(
             continue
         dx = xs[j] - x
         dy = ys[j] - y
-        fx, fy = social_force(dx, dy, vx - vxs[j], vy - vys[j], crowd.factor_social[i], crowd.neglect)
+        fx, fy = social_force(dx, dy, vx - vxs[j], vy - vys[j], crowd.factor_social[i], reach)
         if not crowd.published:
             fx, fy = or_zero(fx, fy)
         social_x += fx
@@ -161,9 +163,7 @@ def _total_force(
             near_x -= dx
             near_y -= dy
     if robot_in_social:
-        fx, fy = social_force(
-            robot_x - x, robot_y - y, vx - robot_vx, vy - robot_vy, crowd.factor_social[i], crowd.neglect
-        )
+        fx, fy = social_force(robot_x - x, robot_y - y, vx - robot_vx, vy - robot_vy, crowd.factor_social[i], reach)
         if not crowd.published:
             fx, fy = or_zero(fx, fy)
         social_x += fx

@@ -55,13 +55,13 @@ def obstacle_force(dx: float, dy: float, radius: float, factor: float) -> tuple[
 
 
 @njit(cache=True, error_model="numpy")
-def social_force(dx: float, dy: float, dvx: float, dvy: float, factor: float, neglect: float) -> tuple[float, float]:
+def social_force(dx: float, dy: float, dvx: float, dvy: float, factor: float, reach: float) -> tuple[float, float]:
     """Push of one other at (dx, dy) from here; (dvx, dvy) is own velocity less the other's.
 
     With ê the direction to the other, I = 2 (v - v_j) + ê, B = 0.35 |I| and θ the angle from I to ê:
     -exp(-D/B - (3Bθ)²) along I and -sign(θ) exp(-D/B - (2Bθ)²) across it.
-    A force surely smaller than `neglect` (m/s²; 0 for none) is taken as zero: its size is at most
-    √2·factor·exp(-D/B - (2B sin θ)²), as |θ| >= |sin θ|.
+    `reach` bounds the exponent (infinity: no bound): a pair beyond it is surely weaker than √2·factor·exp(-reach)
+    and counts as zero, for |θ| >= |sin θ| makes that size with D/B + (2B sin θ)² a bound.
     """
     distance = math.sqrt(dx * dx + dy * dy)
     ex = dx / distance
@@ -73,10 +73,9 @@ def social_force(dx: float, dy: float, dvx: float, dvy: float, factor: float, ne
     tx = ix / length
     ty = iy / length
     decay = distance / b
-    if neglect > 0.0:
-        sine = 2.0 * b * (tx * ey - ty * ex)
-        if decay + sine * sine > math.log(1.41421356237 * factor / neglect):
-            return 0.0, 0.0
+    sine = N_ANGLE * b * (tx * ey - ty * ex)
+    if decay + sine * sine > reach:
+        return 0.0, 0.0
     theta = math.atan2(tx * ey - ty * ex, tx * ex + ty * ey)
     speed_angle = N_SPEED * b * theta
     turn_angle = N_ANGLE * b * theta
@@ -87,6 +86,12 @@ def social_force(dx: float, dy: float, dvx: float, dvy: float, factor: float, ne
     elif theta == 0.0:
         across = 0.0
     return factor * (along * tx - across * ty), factor * (along * ty + across * tx)
+
+
+@njit(cache=True, error_model="numpy")
+def reach_of(factor: float, neglect: float) -> float:
+    """The exponent beyond which a pair's force is below `neglect` (m/s²); infinity where nothing is neglected."""
+    return math.log(math.sqrt(2.0) * factor / neglect) if neglect > 0.0 and factor > 0.0 else math.inf
 
 
 @njit(cache=True, error_model="numpy")
