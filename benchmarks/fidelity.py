@@ -17,78 +17,25 @@ published sampled one.
 from __future__ import annotations
 
 import argparse
-import hashlib
 import json
 import math
 import sys
 import time
 from collections.abc import Iterable, Sequence
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from loky import get_reusable_executor
 from scipy import stats
 
-from published_runs import METHODS, Configuration, LeftOut, Values, repeated, routes_in, singles
-from published_world import published_world
-from rvsg.evaluation.metrics import measure
+from fidelity_runs import METRICS, Results, simulate_all, world_of
+from published_runs import METHODS, Configuration, LeftOut, repeated, routes_in, singles
 from rvsg.evaluation.statistics import vargha_delaney
-from rvsg.simulation.embedded import simulate_agents
-from rvsg.simulation.options import profile
-from rvsg.world.world import World
 
-METRICS = ("dto", "por", "trg", "rpc", "chc", "pl", "jerk", "tnm", "min_distance")
 QUICK_STEP = 3
 QUICK_REPEATS = 8
 QUICK_SEEDS = 2
 ACCEPTED = Path(__file__).parent / "fidelity_accepted.json"
-
-Results = dict[str, list[Values]]
-
-
-@lru_cache(maxsize=2)
-def _world(data: Path) -> World:
-    return published_world(data)
-
-
-def seed_of(key: str, index: int) -> int:
-    """The seed of one repeat of one configuration: a hash, so that no two configurations share their noise."""
-    return int.from_bytes(hashlib.sha256(f"{key}#{index}".encode()).digest()[:4], "little")
-
-
-def simulate(data: Path, configuration: Configuration, repeats: Sequence[int]) -> list[Values]:
-    """Metrics of fresh runs of one configuration, as the study's client would have logged them."""
-    world = _world(data)
-    route = world.route(configuration.route)
-    found = []
-    for index in repeats:
-        run = simulate_agents(
-            world,
-            route,
-            configuration.agents,
-            options=profile("published-study"),
-            seed=seed_of(configuration.key, index),
-            scenario_id=configuration.key,
-        )
-        values = measure(run, [*(f"{name}_logged" for name in METRICS), "expected_jerk"])
-        known = {name.removesuffix("_logged"): math.nan if v is None else v for name, v in values.items()}
-        found.append({**known, "completed": float(run.completed)})
-    return found
-
-
-def simulate_all(data: Path, configurations: Sequence[Configuration], repeats: int, jobs: int) -> Results:
-    """`simulate` for many, in parallel; the results do not depend on `jobs`."""
-    if jobs <= 1:
-        return {c.key: simulate(data, c, range(repeats)) for c in configurations}
-    executor = get_reusable_executor(max_workers=jobs, timeout=300)
-    chunks = [(c, range(at, min(at + 8, repeats))) for c in configurations for at in range(0, repeats, 8)]
-    futures = [executor.submit(simulate, data, c, chunk) for c, chunk in chunks]
-    results: Results = {c.key: [] for c in configurations}
-    for (configuration, _), future in zip(chunks, futures, strict=True):
-        results[configuration.key] += future.result()
-    return results
 
 
 def spearman(a: Sequence[float], b: Sequence[float]) -> float | None:
@@ -189,7 +136,7 @@ def benchmark(folder: Path, routes: list[str], *, seeds: int, repeats: int, jobs
     """Run both parts and gather the figures. `step` > 1 takes only every step-th single-run configuration."""
     began = time.perf_counter()
     data = folder.resolve().parent
-    grid = _world(data).grid
+    grid = world_of(data).grid
     read_a = list(repeated(folder, routes, grid))
     read_b = list(singles(folder, routes, grid))
     left_out = [entry for entry in read_a + read_b if isinstance(entry, LeftOut)]

@@ -1,0 +1,66 @@
+"""Runs the published configurations in the embedded simulator, in parallel."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Sequence
+from functools import lru_cache
+from pathlib import Path
+
+from loky import get_reusable_executor
+from published_world import published_world
+from rvsg.simulation.embedded import simulate_agents
+from rvsg.simulation.options import profile
+
+from published_runs import Configuration, Values
+from rvsg.evaluation.metrics import measure
+from rvsg.world.world import World
+
+METRICS = ("dto", "por", "trg", "rpc", "chc", "pl", "jerk", "tnm", "min_distance")
+
+Results = dict[str, list[Values]]
+
+
+@lru_cache(maxsize=2)
+def world_of(data: Path) -> World:
+    """The study's world, loaded once per process."""
+    return published_world(data)
+
+
+def seed_of(key: str, index: int) -> int:
+    """The seed of one repeat of one configuration: a hash, so that no two configurations share their noise."""
+    return int.from_bytes(hashlib.sha256(f"{key}#{index}".encode()).digest()[:4], "little")
+
+
+def simulate(data: Path, configuration: Configuration, repeats: Sequence[int]) -> list[Values]:
+    """Metrics of fresh runs of one configuration, as the study's client would have logged them."""
+    world = world_of(data)
+    route = world.route(configuration.route)
+    found = []
+    for index in repeats:
+        run = simulate_agents(
+            world,
+            route,
+            configuration.agents,
+            options=profile("published-study"),
+            seed=seed_of(configuration.key, index),
+            scenario_id=configuration.key,
+        )
+        values = measure(run, [*(f"{name}_logged" for name in METRICS), "expected_jerk"])
+        known = {name.removesuffix("_logged"): math.nan if v is None else v for name, v in values.items()}
+        found.append({**known, "completed": float(run.completed)})
+    return found
+
+
+def simulate_all(data: Path, configurations: Sequence[Configuration], repeats: int, jobs: int) -> Results:
+    """`simulate` for many, in parallel; the results do not depend on `jobs`."""
+    if jobs <= 1:
+        return {c.key: simulate(data, c, range(repeats)) for c in configurations}
+    executor = get_reusable_executor(max_workers=jobs, timeout=300)
+    chunks = [(c, range(at, min(at + 8, repeats))) for c in configurations for at in range(0, repeats, 8)]
+    futures = [executor.submit(simulate, data, c, chunk) for c, chunk in chunks]
+    results: Results = {c.key: [] for c in configurations}
+    for (configuration, _), future in zip(chunks, futures, strict=True):
+        results[configuration.key] += future.result()
+    return results
