@@ -9,12 +9,12 @@ from functools import lru_cache
 from pathlib import Path
 
 from loky import get_reusable_executor
-from published_world import published_world
-from rvsg.simulation.embedded import simulate_agents
-from rvsg.simulation.options import profile
 
 from published_runs import Configuration, Values
+from published_world import published_world
 from rvsg.evaluation.metrics import measure
+from rvsg.simulation.embedded import simulate_agents
+from rvsg.simulation.options import profile
 from rvsg.world.world import World
 
 METRICS = ("dto", "por", "trg", "rpc", "chc", "pl", "jerk", "tnm", "min_distance")

@@ -22,6 +22,7 @@ from rvsg.simulation.costmap import LETHAL
 from rvsg.simulation.dwb import Rollouts, samples
 from rvsg.simulation.dwb import rollouts as new_rollouts
 from rvsg.simulation.episode import Recording, new_recording, run_episode
+from rvsg.simulation.localisation import Localisation, known_offset, particle_filter
 from rvsg.simulation.options import SimulatorOptions, profile
 from rvsg.simulation.people import PeopleOptions, initial
 from rvsg.simulation.robot_state import NOISE_TABLE, Settings, new_state
@@ -102,7 +103,9 @@ def simulate_agents(
     crowd = initial(agents, world, options=_people_options(options), seed=seed)
     record = new_recording(route.time_limit_s, settings.clock, len(agents))
     blocked = is_blocked(around, scene.static, scene.origin_x, scene.origin_y, scene.resolution, route.start, offset)
-    state = new_state(scene, goals, len(agents), options.lidar_rays, rollouts(), around.rest_of_way(scene, goals))
+    own = _localisation(world, route, options, around, offset, seed)
+    rest = around.rest_of_way(scene, goals)
+    state = new_state(scene, goals, len(agents), options.lidar_rays, own, rollouts(), rest)
     state.body[robot.X : robot.YAW + 1] = (route.start.x, route.start.y, robot.wrap(route.start.yaw))
     if blocked:
         _stand_still(record, route.start, crowd)
@@ -127,7 +130,7 @@ def simulate_agents(
         goal=(float(end[0]), float(end[1]), float(end[2])),
         time_limit_s=route.time_limit_s,
         recoveries=int(state.nav[st.RECOVERIES]),
-        details={"map_offset": [settings.offset_x, settings.offset_y]},
+        details={"map_from_world": [float(number) for number in own.frame[:3]]},
     )
 
 
@@ -180,7 +183,8 @@ def _settings(
     """The drawn numbers of a run, the scene, and the offset between world and map."""
     noise = options.noise
     clock = options.clock_ratio + noise.clock * options.clock_ratio_sd * stream(seed, "clock").standard_normal()
-    shift = noise.localisation * options.localisation_sd_m * stream(seed, "localisation").standard_normal(2)
+    spread = 0.0 if options.localisation == "amcl" else noise.localisation * options.localisation_sd_m
+    shift = spread * stream(seed, "localisation").standard_normal(2)
     low, high = options.result_delay_s
     delay = 0.5 * (low + high) + noise.result_delay * (high - low) * (stream(seed, "result").random() - 0.5)
     low, high = options.robot_start_s
@@ -192,8 +196,6 @@ def _settings(
         phase = 0.01 * int(stream(seed, "phases/people").integers(0, 10))
     settings = Settings(
         clock=float(clock),
-        offset_x=offset[0],
-        offset_y=offset[1],
         yaw_gain=float(options.yaw_gain),
         time_limit_s=float(route.time_limit_s),
         result_delay_s=float(max(0.0, delay)),
@@ -203,6 +205,27 @@ def _settings(
         closed=bool(closed),
     )
     return settings, scene, offset
+
+
+def _localisation(
+    world: World,
+    route: Route,
+    options: SimulatorOptions,
+    around: Surroundings,
+    offset: tuple[float, float],
+    seed: int,
+) -> Localisation:
+    """What the robot knows of its place at the start."""
+    if options.localisation == "known":
+        return known_offset(*offset)
+    return particle_filter(
+        around.beam_scores,
+        world.occupancy,
+        options.lidar_rays,
+        (route.start.x, route.start.y, float(robot.wrap(route.start.yaw))),
+        options.lidar_noise_m * options.noise.lidar,
+        stream(seed if options.noise.localisation > 0.0 else 0, "localisation"),
+    )
 
 
 def _phases(options: SimulatorOptions, seed: int) -> Floats:

@@ -13,7 +13,8 @@ from rvsg.simulation import robot_state as st
 from rvsg.simulation.compiled import inner, kernel
 from rvsg.simulation.costmap import LOCAL_CELLS, LOCAL_RESOLUTION_M
 from rvsg.simulation.lidar import place_legs
-from rvsg.simulation.navigator import begin_following, navigate
+from rvsg.simulation.localisation import ACTIVE, localise
+from rvsg.simulation.navigator import begin_following, navigate, place_path
 from rvsg.simulation.people import PERIOD_S, Crowd, tick
 from rvsg.simulation.perception import update_global, update_local
 from rvsg.simulation.robot_state import Settings, State
@@ -26,6 +27,8 @@ LEAD_TICKS = 200
 """The costmaps run 2 s before the robot gets its goal, with everybody standing at their starts."""
 LOCAL_PERIOD_S = 0.2
 GLOBAL_PERIOD_S = 1.0
+SCAN_TICKS = 10
+"""The lidars, and with them the robot's localisation, run at 10 Hz."""
 TRACK_TICKS = 5
 """Trajectories are recorded every 50 ms of simulated time."""
 
@@ -136,6 +139,15 @@ def update_maps(scene: Scene, state: State, settings: Settings, crowd: Crowd, t:
         update_global(scene, state, settings)
 
 
+@inner
+def localise_robot(scene: Scene, state: State, crowd: Crowd) -> None:
+    """Let the robot find out where it is; a plan it follows moves with its belief."""
+    place_legs(state.legs, crowd.x, crowd.y, crowd.yaw, crowd.walked)
+    body = state.body
+    if localise(state.own, body[robot.X], body[robot.Y], body[robot.YAW], scene.edges, state.legs):
+        place_path(state)
+
+
 @kernel
 def run_episode(
     scene: Scene,
@@ -169,6 +181,8 @@ def run_episode(
         if t >= people_t - 1e-9:
             people_t += PERIOD_S
             tick(crowd, t, PERIOD_S, body[robot.X], body[robot.Y], body[robot.YAW], body[robot.V])
+        if state.own.counts[ACTIVE] != 0 and k % SCAN_TICKS == 0:
+            localise_robot(scene, state, crowd)
         if t >= settings.robot_start_s:
             navigate(scene, state, settings, t)
             if running and state.nav[st.MODE] == st.DONE:

@@ -8,6 +8,7 @@ from rvsg.simulation import dwb, robot
 from rvsg.simulation import robot_state as st
 from rvsg.simulation.compiled import inner
 from rvsg.simulation.costmap import LETHAL, LOCAL_RESOLUTION_M, footprint_spans
+from rvsg.simulation.localisation import MAP_YAW, to_map, to_world
 from rvsg.simulation.navfn import plan
 from rvsg.simulation.robot_state import Settings, State
 from rvsg.simulation.scene import Scene
@@ -32,14 +33,13 @@ ODOMETRY_DEADBAND = 0.001
 
 
 @inner
-def plan_route(scene: Scene, state: State, settings: Settings, t: float) -> bool:
+def plan_route(scene: Scene, state: State, t: float) -> bool:
     """Plan from the robot through the poses that remain; the new path goes to the controller. False: no path.
 
     A pose to drive through counts as passed within 0.7 m.
     """
     nav = state.nav
-    x = state.body[robot.X] - settings.offset_x
-    y = state.body[robot.Y] - settings.offset_y
+    x, y = to_map(state.own.frame, state.body[robot.X], state.body[robot.Y])
     last = state.goals.shape[0] - 1
     while nav[st.GOAL] < last:
         g = nav[st.GOAL]
@@ -49,7 +49,7 @@ def plan_route(scene: Scene, state: State, settings: Settings, t: float) -> bool
     count = 0
     for g in range(nav[st.GOAL], last + 1):
         end = plan(
-            state.path, count, x, y, state.goals[g, 0], state.goals[g, 1], state.global_master, state.costs,
+            state.path[0], count, x, y, state.goals[g, 0], state.goals[g, 1], state.global_master, state.costs,
             scene.reach, state.rest, state.potential, state.waiting, state.buffers, state.cells, scene.origin_x,
             scene.origin_y, scene.resolution,
         )  # fmt: skip
@@ -58,16 +58,27 @@ def plan_route(scene: Scene, state: State, settings: Settings, t: float) -> bool
         count = end
         x = state.goals[g, 0]
         y = state.goals[g, 1]
-    for i in range(count):
-        state.path[i, 0] += settings.offset_x
-        state.path[i, 1] += settings.offset_y
     state.nav[dwb.PLAN_BEGIN] = 0
     state.nav[dwb.PLAN_END] = count
+    place_path(state)
     dwb.reset(state.nav)
     nav[st.PLANNED] = 1
     nav[st.NEED_PLAN] = 0
     state.times[st.PLAN_T] = t
     return True
+
+
+@inner
+def place_path(state: State) -> None:
+    """Put the plan, which was made in the map, into the world where the robot believes the map to lie."""
+    for i in range(state.nav[dwb.PLAN_BEGIN], state.nav[dwb.PLAN_END]):
+        state.path[1, i, 0], state.path[1, i, 1] = to_world(state.own.frame, state.path[0, i, 0], state.path[0, i, 1])
+
+
+@inner
+def goal_yaw(state: State) -> float:
+    """The goal's yaw in the world, as the robot believes it."""
+    return float(state.goals[state.goals.shape[0] - 1, 2] - state.own.frame[MAP_YAW])
 
 
 @inner
@@ -108,14 +119,14 @@ def has_progress(state: State, t: float) -> bool:
 def at_goal(state: State) -> bool:
     """Goal checker: within 0.25 m of the plan's end (latched until the next path) and 0.25 rad of the goal's yaw."""
     end = state.nav[dwb.PLAN_END] - 1
-    dx = state.path[end, 0] - state.body[robot.X]
-    dy = state.path[end, 1] - state.body[robot.Y]
+    dx = state.path[1, end, 0] - state.body[robot.X]
+    dy = state.path[1, end, 1] - state.body[robot.Y]
     square = dx * dx + dy * dy
     if square <= dwb.XY_TOLERANCE_M**2:
         state.nav[dwb.XY_REACHED] = 1
     if state.nav[dwb.XY_REACHED] == 0:
         return False
-    yaw = state.goals[state.goals.shape[0] - 1, 2]
+    yaw = goal_yaw(state)
     return abs(robot.wrap(state.body[robot.YAW] - yaw)) <= dwb.YAW_TOLERANCE_RAD
 
 
@@ -129,8 +140,8 @@ def control_tick(state: State, t: float) -> bool:
     w = body[robot.W] if abs(body[robot.W]) > ODOMETRY_DEADBAND else 0.0
     best = dwb.choose(
         state.nav, state.times, state.scratch, state.memo, state.samples, state.local[st.MASTER],
-        state.nav[st.WINDOW_COLUMN], state.nav[st.WINDOW_ROW], state.path,
-        state.goals[state.goals.shape[0] - 1, 2], body[robot.X], body[robot.Y], body[robot.YAW], v, w,
+        state.nav[st.WINDOW_COLUMN], state.nav[st.WINDOW_ROW], state.path[1],
+        goal_yaw(state), body[robot.X], body[robot.Y], body[robot.YAW], v, w,
     )  # fmt: skip
     if best < 0:
         command(state, 0.0, 0.0, False, t)
@@ -288,7 +299,7 @@ def navigate(scene: Scene, state: State, settings: Settings, t: float) -> None:
     if nav[st.NEED_PLAN] != 0 or t - state.times[st.PLAN_T] >= REPLAN_PERIOD_S * settings.clock - 1e-9:
         if nav[st.CLEAR_GLOBAL] != 0:
             return
-        if plan_route(scene, state, settings, t):
+        if plan_route(scene, state, t):
             nav[st.PLAN_RETRIED] = 0
         elif nav[st.PLAN_RETRIED] == 0:
             nav[st.PLAN_RETRIED] = 1

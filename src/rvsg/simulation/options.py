@@ -18,7 +18,8 @@ class Noise(Record):
 
     Each source draws from a stream of its own, named like it, of the run's seed: switching one off leaves the
     others as they were. `human_factors` concerns humans whose force factors are drawn, `clock` the ratio of
-    simulated to wall time, `localisation` the offset of the robot's map, `human_start` and `robot_start` when they
+    simulated to wall time, `localisation` the offset of the robot's map
+    (AMCL draws equal numbers in every run where it is 0), `human_start` and `robot_start` when they
     begin to move, `phases` the timers of people, smoother and costmaps, `lidar` the ranges, `gait` the legs' phase,
     `log_interval` the rows of the log, `result_delay` the time from reaching the goal to the last row.
     """
@@ -40,7 +41,9 @@ class SimulatorOptions(Record):
 
     `clock_ratio` and `clock_ratio_sd`: simulated over wall seconds of a run (the log and the time limit count wall
     seconds). `yaw_gain`: true over commanded yaw rate. `goals_in_map_frame`: a route's goal is given in the frame
-    of the robot's map, not of the world. `localisation_sd_m`: spread of the map's offset per axis. `human_start_s`:
+    of the robot's map, not of the world. `localisation`: the robot knows where its map lies, up to an offset that is
+    constant in a run and spreads by `localisation_sd_m` per axis, or it finds out by AMCL, beginning with its start
+    taken as a pose in the map. `human_start_s`:
     bounds of the delay between the robot's start and the people's. `lidar_rays` and `lidar_range_m` per lidar.
     `result_delay_s`: bounds of the wall time from success to the last row of the log. `human_defects`: people
     behave with the defects of HuNavSim as the study ran it.
@@ -51,6 +54,7 @@ class SimulatorOptions(Record):
     clock_ratio_sd: Annotated[float, Field(ge=0, le=0.1)] = 0.0
     yaw_gain: Annotated[float, Field(gt=0.1, le=2.0)] = 1.0
     goals_in_map_frame: bool = False
+    localisation: Literal["known", "amcl"] = "known"
     localisation_sd_m: Annotated[float, Field(ge=0, le=1.0)] = 0.04
     human_start_s: tuple[float, float] = (0.0, 0.1)
     human_early_start: Annotated[float, Field(ge=0, le=1)] = 0.0
@@ -68,6 +72,7 @@ _PUBLISHED: dict[str, Any] = {
     "clock_ratio_sd": 0.008,
     "yaw_gain": 0.755,
     "goals_in_map_frame": True,
+    "localisation": "amcl",
     "human_defects": True,
     "human_start_s": PUBLISHED_START_S,
     "human_early_start": PUBLISHED_EARLY_START,

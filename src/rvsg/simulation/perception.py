@@ -21,6 +21,7 @@ from rvsg.simulation.costmap import (
     shift,
 )
 from rvsg.simulation.lidar import FAR, FIELD_OF_VIEW_RAD, FRONT, REAR, scan
+from rvsg.simulation.localisation import MAP_YAW, to_map
 from rvsg.simulation.navfn import convert
 from rvsg.simulation.robot_state import NOISE_AT, WINDOW_COLUMN, WINDOW_ROW, Settings, State
 from rvsg.simulation.scene import TILE_M, Scene
@@ -96,18 +97,19 @@ def update_global(scene: Scene, state: State, settings: Settings) -> None:
     if everywhere:
         state.nav[st.CLEAR_GLOBAL] = 0
         state.layers[:] = UNKNOWN
-    x0 = scene.origin_x + settings.offset_x
-    y0 = scene.origin_y + settings.offset_y
-    column = (state.body[robot.X] - x0) / scene.resolution
-    row = (state.body[robot.Y] - y0) / scene.resolution
+    turn = state.own.frame[MAP_YAW]
+    x, y = to_map(state.own.frame, state.body[robot.X], state.body[robot.Y])
+    column = (x - scene.origin_x) / scene.resolution
+    row = (y - scene.origin_y) / scene.resolution
     for side in range(2):
         layer = state.layers[side]
         x, y, bearing = sense(scene, state, settings, FRONT if side == 0 else REAR)
+        x, y = to_map(state.own.frame, x, y)
         observe(
-            layer, state.ranges, state.directions, (x - x0) / scene.resolution, (y - y0) / scene.resolution, bearing,
-            scene.resolution, 0.0,
+            layer, state.ranges, state.directions, (x - scene.origin_x) / scene.resolution,
+            (y - scene.origin_y) / scene.resolution, bearing + turn, scene.resolution, 0.0,
         )  # fmt: skip
-        clear_footprint(layer, state.spans, column, row, state.body[robot.YAW], scene.resolution)
+        clear_footprint(layer, state.spans, column, row, state.body[robot.YAW] + turn, scene.resolution)
     rows, columns = state.global_master.shape
     # Rays change cells up to their clearing range from a lidar, which sits 0.33 m from the centre; one metre spare
     # covers what the robot moved since.

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from rvsg.simulation import dwb
 from rvsg.simulation.costmap import FREE, LOCAL_CELLS, UNKNOWN
 from rvsg.simulation.lidar import ray_directions
+from rvsg.simulation.localisation import Localisation
 from rvsg.simulation.navfn import BUFFER, HIGH
 from rvsg.simulation.robot import BODY_SIZE
 from rvsg.simulation.scene import Scene
@@ -40,12 +41,10 @@ REALS = dwb.CONTROLLER_REALS + 15
 class Settings(NamedTuple):
     """The numbers of one run: drawn noise and options. Seconds of simulated time, metres, radians.
 
-    `clock`: simulated over wall seconds; `offset_x`, `offset_y`: world - map; `closed`: every lidar ray returns.
+    `clock`: simulated over wall seconds; `closed`: every lidar ray returns.
     """
 
     clock: float
-    offset_x: float
-    offset_y: float
     yaw_gain: float
     time_limit_s: float
     result_delay_s: float
@@ -59,7 +58,8 @@ class State(NamedTuple):
     """The robot's side of a run.
 
     `body`, `nav`, `times`: vectors indexed by the names above (and those of `robot` and `dwb`). `goals` (G, 3) poses to
-    drive through in the map frame, the last one the goal; `path` (P, 2) the plan in the local frame. `local`
+    drive through in the map frame, the last one the goal; `path` (2, P, 2) the plan in the map and in the world,
+    where `own` localises the robot. `local`
     (3, 60, 60) both voxel layers and the master map; `layers` (2, rows, columns) the global obstacle layers and
     `global_master` their merger with the static map; `costs`, `potential`, `waiting` flat grids and `buffers`, `cells`
     scratch space of NavFn; `rest` its least cost from every cell to the goal, 1e10 where that is not known.
@@ -88,6 +88,7 @@ class State(NamedTuple):
     samples: Floats
     memo: dwb.Rollouts
     scratch: dwb.Scratch
+    own: Localisation
 
 
 def new_state(
@@ -95,6 +96,7 @@ def new_state(
     goals: Floats,
     humans: int,
     rays: int,
+    own: Localisation,
     memo: dwb.Rollouts | None = None,
     rest: NDArray[np.float32] | None = None,
 ) -> State:
@@ -107,7 +109,7 @@ def new_state(
         nav=np.zeros(INTS, np.int64),
         times=np.zeros(REALS),
         goals=goals,
-        path=np.zeros((longest * len(goals), 2)),
+        path=np.zeros((2, longest * len(goals), 2)),
         local=np.full((3, LOCAL_CELLS, LOCAL_CELLS), FREE, np.uint8),
         layers=np.full((2, rows, columns), UNKNOWN, np.uint8),
         global_master=np.zeros((rows, columns), np.uint8),
@@ -125,4 +127,5 @@ def new_state(
         samples=samples,
         memo=memo if memo is not None else dwb.rollouts(len(samples)),
         scratch=dwb.scratch(len(samples)),
+        own=own,
     )

@@ -21,6 +21,7 @@ from rvsg.simulation.costmap import (
     inflation_kernel,
 )
 from rvsg.simulation.lidar import REACH_M
+from rvsg.simulation.localisation import beam_scores
 from rvsg.simulation.navfn import conversion, reaches, rest_of_way
 from rvsg.world.world import OccupancyMap, World
 
@@ -72,6 +73,7 @@ class Surroundings:
             )
         static = static_costs(occupancy)
         self.edges, self.owner = lidar_edges(world)
+        self.beam_scores = beam_scores(occupancy)
         self.x, self.y, rows, columns = _extent(world, self.edges)
         self.closed = closed_region(self.edges, self.x, self.y, rows, columns, lidar_range_m)
         self.rests: OrderedDict[tuple[int, int], NDArray[np.float32]] = OrderedDict()

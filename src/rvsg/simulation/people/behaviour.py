@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
+from rvsg.simulation.compiled import kernel
 from rvsg.simulation.people.crowd import Crowd
 from rvsg.simulation.people.forces import (
     coherence_force,
@@ -37,7 +36,7 @@ WALL_GAP_M = 0.05
 WAITED_S = 15.0
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def tick(
     crowd: Crowd, t_s: float, dt_s: float, robot_x: float, robot_y: float, robot_yaw: float, robot_v: float
 ) -> None:
@@ -73,7 +72,7 @@ def tick(
             _walk(crowd, i, dt_s, robot_x, robot_y, robot_yaw, robot_vx, robot_vy)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _sum_groups(crowd: Crowd) -> None:
     """Sum of positions and number of members of every group."""
     crowd.group_sum[:] = 0.0
@@ -85,7 +84,7 @@ def _sum_groups(crowd: Crowd) -> None:
             crowd.group_sum[g, 2] += 1.0
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _find_obstacle(crowd: Crowd, i: int, robot_x: float, robot_y: float, robot_yaw: float) -> None:
     """The obstacle point of a human, by the rule of the profile."""
     x = crowd.x[i]
@@ -112,7 +111,7 @@ def _find_obstacle(crowd: Crowd, i: int, robot_x: float, robot_y: float, robot_y
     crowd.obstacle_near[i] = -1 if crowd.inside[row, column] else 1
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _total_force(
     crowd: Crowd,
     i: int,
@@ -190,7 +189,7 @@ def _total_force(
     return desired_x + social_x + solid_x + group_x, desired_y + social_y + solid_y + group_y
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _obstacle_forces(crowd: Crowd, i: int, robot_x: float, robot_y: float, robot_yaw: float) -> tuple[float, float]:
     """The push of the human's obstacle point; in the default profile also of the robot's body."""
     x = crowd.old_x[i]
@@ -212,7 +211,7 @@ def _obstacle_forces(crowd: Crowd, i: int, robot_x: float, robot_y: float, robot
     return fx, fy
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _walk(
     crowd: Crowd,
     i: int,
@@ -248,7 +247,7 @@ def _walk(
         _next_goal(crowd, i)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _next_goal(crowd: Crowd, i: int) -> None:
     """Begin the pause of the goal that is reached and head for the next one."""
     g = crowd.goal_index[i]
@@ -256,12 +255,12 @@ def _next_goal(crowd: Crowd, i: int) -> None:
     crowd.goal_index[i] = (g + 1) % crowd.goal_count[i]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _distance(crowd: Crowd, i: int, x: float, y: float) -> float:
     return math.sqrt((crowd.x[i] - x) ** 2 + (crowd.y[i] - y) ** 2)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _step(crowd: Crowd, i: int, dt: float, fx: float, fy: float, cap: float) -> None:
     """One semi-implicit Euler step with the speed capped; then the yaw follows the direction of motion."""
     vx = crowd.old_vx[i] + fx * dt
@@ -289,7 +288,7 @@ def _step(crowd: Crowd, i: int, dt: float, fx: float, fy: float, cap: float) -> 
     crowd.vy[i] = vy
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _turn_published(crowd: Crowd, i: int, target: float) -> None:
     """The plugin shows at most half of a turn of more than 10° per tick."""
     turn = wrap(target - crowd.yaw[i])
@@ -298,7 +297,7 @@ def _turn_published(crowd: Crowd, i: int, target: float) -> None:
     crowd.yaw[i] = wrap(crowd.yaw[i] + turn)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _keep_out_of_walls(crowd: Crowd, i: int, dt: float, vx: float, vy: float) -> tuple[float, float]:
     """The velocity without the part that would carry the human's centre into the nearest surface."""
     near = crowd.obstacle_near[i]
@@ -323,7 +322,7 @@ def _keep_out_of_walls(crowd: Crowd, i: int, dt: float, vx: float, vy: float) ->
     return vx, vy
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _in_sight(crowd: Crowd, i: int, robot_x: float, robot_y: float) -> bool:
     """Whether a human with a reaction sees the robot: within its range and 99.7° of its yaw. Walls do not hide it."""
     kind = crowd.behaviour[i]
@@ -341,7 +340,7 @@ def _in_sight(crowd: Crowd, i: int, robot_x: float, robot_y: float) -> bool:
     return abs(wrap(bearing - crowd.yaw[i])) <= HALF_VIEW_RAD
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _react(crowd: Crowd, i: int, dt: float, robot_x: float, robot_y: float, robot_yaw: float) -> bool:
     """React to the robot if it is in sight and time is left; says whether this was the human's tick.
 
@@ -370,13 +369,13 @@ def _react(crowd: Crowd, i: int, dt: float, robot_x: float, robot_y: float, robo
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _stand(crowd: Crowd, i: int) -> None:
     crowd.vx[i] = 0.0
     crowd.vy[i] = 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _be_surprised(crowd: Crowd, i: int, dt: float, robot_x: float, robot_y: float) -> None:
     """Stop and turn towards the robot at 18°/s."""
     _stand(crowd, i)
@@ -391,7 +390,7 @@ def _be_surprised(crowd: Crowd, i: int, dt: float, robot_x: float, robot_y: floa
     crowd.yaw[i] = wrap(crowd.yaw[i] + max(-step, min(step, error)))
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _be_scared(crowd: Crowd, i: int, dt: float, robot_x: float, robot_y: float, robot_yaw: float) -> None:
     """Keep to the goal more slowly, pushed away from the robot by force·0.2 m/gap."""
     g = crowd.goal_index[i]
@@ -424,7 +423,7 @@ def _be_scared(crowd: Crowd, i: int, dt: float, robot_x: float, robot_y: float, 
         _next_goal(crowd, i)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _be_curious(crowd: Crowd, i: int, dt: float, robot_x: float, robot_y: float, robot_yaw: float) -> None:
     """Approach the robot, slower the nearer it is, stop at a distance and look at it."""
     distance = _distance(crowd, i, robot_x, robot_y)
@@ -439,7 +438,7 @@ def _be_curious(crowd: Crowd, i: int, dt: float, robot_x: float, robot_y: float,
     _step(crowd, i, dt, fx, fy, speed)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _be_threatening(crowd: Crowd, i: int, dt: float, robot_x: float, robot_y: float, robot_yaw: float) -> None:
     """Hurry to a point in front of the robot and block it."""
     ahead_x = math.cos(robot_yaw)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
+from rvsg.simulation.compiled import kernel
 
 LAMBDA = 2.0
 GAMMA = 0.35
@@ -22,7 +22,7 @@ COHERENCE = 2.0
 REPULSION = 1.0
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def wrap(angle: float) -> float:
     """The angle in (-π, π]."""
     while angle <= -math.pi:
@@ -32,7 +32,7 @@ def wrap(angle: float) -> float:
     return angle
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def desired_force(
     dx: float, dy: float, goal_radius: float, vx: float, vy: float, speed: float, factor: float
 ) -> tuple[float, float]:
@@ -46,7 +46,7 @@ def desired_force(
     return -vx / RELAXATION_S, -vy / RELAXATION_S
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def obstacle_force(dx: float, dy: float, radius: float, factor: float) -> tuple[float, float]:
     """Push away from an obstacle point; (dx, dy) points from it to the human. factor·exp(-(d - radius)/0.2 m)."""
     distance = math.sqrt(dx * dx + dy * dy)
@@ -54,7 +54,7 @@ def obstacle_force(dx: float, dy: float, radius: float, factor: float) -> tuple[
     return size * dx / distance, size * dy / distance
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def social_force(dx: float, dy: float, dvx: float, dvy: float, factor: float, reach: float) -> tuple[float, float]:
     """Push of one other at (dx, dy) from here; (dvx, dvy) is own velocity less the other's.
 
@@ -88,13 +88,13 @@ def social_force(dx: float, dy: float, dvx: float, dvy: float, factor: float, re
     return factor * (along * tx - across * ty), factor * (along * ty + across * tx)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def reach_of(factor: float, neglect: float) -> float:
     """The exponent beyond which a pair's force is below `neglect` (m/s²); infinity where nothing is neglected."""
     return math.log(math.sqrt(2.0) * factor / neglect) if neglect > 0.0 and factor > 0.0 else math.inf
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def gaze_force(ex: float, ey: float, cx: float, cy: float) -> tuple[float, float]:
     """Pull back towards the other members (centre at (cx, cy) from here) where they are out of sight behind."""
     along = ex * cx + ey * cy
@@ -103,7 +103,7 @@ def gaze_force(ex: float, ey: float, cx: float, cy: float) -> tuple[float, float
     return GAZE * along * ex, GAZE * along * ey
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def coherence_force(cx: float, cy: float, members: int) -> tuple[float, float]:
     """Pull towards the centre of the whole group at (cx, cy) from here, growing beyond (members - 1)/2 metres."""
     distance = math.sqrt(cx * cx + cy * cy)
@@ -111,7 +111,7 @@ def coherence_force(cx: float, cy: float, members: int) -> tuple[float, float]:
     return size * cx, size * cy
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def or_zero(fx: float, fy: float) -> tuple[float, float]:
     """The force, or none where it is undefined (two at the very same spot)."""
     if math.isfinite(fx) and math.isfinite(fy):

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from rvsg.simulation.compiled import kernel
 from rvsg.world.world import Polygon, SolidObject, World
 
 Floats = NDArray[np.float64]
@@ -22,7 +22,7 @@ ROBOT_HEIGHT_M = 0.308
 """The body of the TIAGo OMNI base, 0.717 x 0.497 x 0.308 m (its collision box in the URDF)."""
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def entry_point(
     x: float, y: float, z: float, ox: float, oy: float, oz: float, box: Floats
 ) -> tuple[float, float, float]:
@@ -52,7 +52,7 @@ def entry_point(
     return x + near * step[0], y + near * step[1], near * length
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def point_towards_origin(
     x: float, y: float, z: float, boxes: Floats, origins: Floats, robot_x: float, robot_y: float, robot_yaw: float
 ) -> tuple[float, float, bool]:
@@ -86,7 +86,7 @@ def point_towards_origin(
     return px, py, found
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _entry_into_robot(x: float, y: float, z: float, half_x: float, half_y: float) -> tuple[float, float, float]:
     """`entry_point` into the box ±half_x, ±half_y, 0..height, towards its origin."""
     near = 0.0
@@ -99,7 +99,7 @@ def _entry_into_robot(x: float, y: float, z: float, half_x: float, half_y: float
     return x - near * x, y - near * y, near * math.sqrt(x * x + y * y + z * z)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def robot_surface(x: float, y: float, robot_x: float, robot_y: float, robot_yaw: float) -> tuple[float, float]:
     """The point of the robot's body nearest to (x, y); its centre where (x, y) lies within."""
     cos = math.cos(robot_yaw)
@@ -113,7 +113,7 @@ def robot_surface(x: float, y: float, robot_x: float, robot_y: float, robot_yaw:
     return robot_x + on_x * cos - on_y * sin, robot_y + on_x * sin + on_y * cos
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def on_segment(x: float, y: float, ax: float, ay: float, bx: float, by: float) -> tuple[float, float]:
     """The point of the segment a-b nearest to (x, y)."""
     dx = bx - ax
@@ -125,7 +125,7 @@ def on_segment(x: float, y: float, ax: float, ay: float, bx: float, by: float) -
     return ax + share * dx, ay + share * dy
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def cell_of(x: float, y: float, raster_x: float, raster_y: float, rows: int, columns: int) -> tuple[int, int]:
     """Row and column of the raster cell at (x, y), or (-1, -1) outside."""
     if not (math.isfinite(x) and math.isfinite(y)):
@@ -137,7 +137,7 @@ def cell_of(x: float, y: float, raster_x: float, raster_y: float, rows: int, col
     return row, column
 
 
-@njit(cache=True)
+@kernel
 def _nearest_segments(segments: Floats, raster_x: float, raster_y: float, rows: int, columns: int) -> NDArray[np.int32]:
     """For every raster cell the index of the segment nearest to its middle, -1 where none is within reach."""
     nearest = np.full((rows, columns), -1, np.int32)
@@ -161,7 +161,7 @@ def _nearest_segments(segments: Floats, raster_x: float, raster_y: float, rows: 
     return nearest
 
 
-@njit(cache=True)
+@kernel
 def _flip_inside(inside: NDArray[np.uint8], segments: Floats, raster_x: float, raster_y: float) -> None:
     """Even-odd fill of one closed outline, added modulo two to `inside` (a cell counts by its middle)."""
     for r in range(inside.shape[0]):

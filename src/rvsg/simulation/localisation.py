@@ -1,0 +1,345 @@
+"""Where the robot believes it is: Nav2's AMCL, a particle filter on the front lidar.
+
+The published robot did not drive where its map says. That map is shifted and slightly bent against the world, and AMCL
+began each run at the spawn pose taken as map coordinates and found the shift only while driving, so the difference
+between map and world changed all along a route. Algorithm and order of the steps are those of nav2_amcl (Humble), the
+parameters those of PAL's public simulation of this family of robots, which are Nav2's defaults: likelihood field,
+60 beams, 500 to 2000 particles by KLD sampling, an update after 0.25 m (per axis) or 0.2 rad. One difference: the
+estimate is the mean of all particles, not of their heaviest cluster.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from rvsg.simulation.compiled import inner
+from rvsg.simulation.lidar import FIELD_OF_VIEW_RAD, FRONT, LEG_RADIUS_M, cast_disc, cast_edge
+from rvsg.simulation.robot import wrap
+from rvsg.world.world import OccupancyMap
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+MAX_PARTICLES = 2000
+MIN_PARTICLES = 500
+MAX_BEAMS = 60
+SIGMA_HIT_M = 0.2
+Z_HIT = 0.5
+Z_RAND = 0.5
+RANGE_MAX_M = 25.0
+DISTANCE_MAX_M = 2.0
+ALPHA = 0.2
+"""Odometry noise alpha1 to alpha4."""
+UPDATE_M = 0.25
+UPDATE_RAD = 0.2
+POPULATION_ERROR = 0.05
+POPULATION_Z = 0.99
+BIN_M = 0.5
+BIN_RAD = math.radians(10.0)
+NORMALS = 65_536
+UNIFORMS = 16_384
+
+MAP_X, MAP_Y, MAP_YAW, LAST_X, LAST_Y, LAST_YAW = range(6)
+PARTICLES, NORMAL_AT, UNIFORM_AT, UPDATES, ACTIVE = range(5)
+
+
+class Localisation(NamedTuple):
+    """The map's place in the world as the robot believes it, and the particle filter that finds it.
+
+    `frame` (6,): map from world as x, y, yaw (metres, radians), then the robot's pose in the world at the last update.
+    `particles` (2, 2000, 3): poses in the map, and scratch space; `sums` (2000,) running sums of their weights;
+    `counts` (5,): number of particles, places in the tables `normals` and `uniforms`, updates, whether it is active.
+    `scores` (rows, columns): what a beam that ends in a cell adds to a weight; `outside` the same off the map.
+    """
+
+    frame: Floats
+    particles: Floats
+    sums: Floats
+    counts: Ints
+    normals: Floats
+    uniforms: Floats
+    bins: Ints
+    ranges: Floats
+    directions: Floats
+    scores: NDArray[np.float32]
+    origin_x: float
+    origin_y: float
+    resolution: float
+    outside: float
+    lidar_noise_m: float
+
+
+def known_offset(x: float, y: float) -> Localisation:
+    """A robot that knows its place: the map lies at the constant offset world - map = (x, y)."""
+    none = np.zeros((2, 0, 3))
+    return Localisation(
+        frame=np.array([-x, -y, 0.0, 0.0, 0.0, 0.0]),
+        particles=none,
+        sums=np.zeros(0),
+        counts=np.zeros(5, np.int64),
+        normals=np.zeros(1),
+        uniforms=np.zeros(1),
+        bins=np.zeros(1, np.int64),
+        ranges=np.zeros(0),
+        directions=np.zeros((0, 2)),
+        scores=np.zeros((1, 1), np.float32),
+        origin_x=0.0,
+        origin_y=0.0,
+        resolution=1.0,
+        outside=0.0,
+        lidar_noise_m=0.0,
+    )
+
+
+def particle_filter(
+    scores: NDArray[np.float32],
+    occupancy: OccupancyMap,
+    rays: int,
+    start: tuple[float, float, float],
+    lidar_noise_m: float,
+    rng: np.random.Generator,
+) -> Localisation:
+    """AMCL at its start: every particle at `start` (x, y, yaw), the robot's pose in the world taken as one in the map.
+
+    Of the lidar's `rays` it uses every n-th, n = (rays - 1) // 59, as Nav2 does.
+    """
+    skip = max(1, (rays - 1) // (MAX_BEAMS - 1))
+    angles = np.arange(0, rays, skip) * (FIELD_OF_VIEW_RAD / (rays - 1))
+    counts = np.zeros(5, np.int64)
+    counts[PARTICLES] = MAX_PARTICLES
+    counts[ACTIVE] = 1
+    return Localisation(
+        frame=np.array([0.0, 0.0, 0.0, *start]),
+        particles=np.tile(np.array(start), (2, MAX_PARTICLES, 1)),
+        sums=np.zeros(MAX_PARTICLES),
+        counts=counts,
+        normals=rng.standard_normal(NORMALS),
+        uniforms=rng.random(UNIFORMS),
+        bins=np.zeros(MAX_PARTICLES, np.int64),
+        ranges=np.zeros(len(angles)),
+        directions=np.column_stack([np.cos(angles), np.sin(angles)]),
+        scores=scores,
+        origin_x=float(occupancy.origin.x),
+        origin_y=float(occupancy.origin.y),
+        resolution=float(occupancy.resolution),
+        outside=float(beam_score(np.array(DISTANCE_MAX_M))),
+        lidar_noise_m=lidar_noise_m,
+    )
+
+
+def beam_score(distance: Floats) -> Floats:
+    """(0.5 exp(-d²/2σ²) + 0.5/25)³ of a beam that ends at distance d from the nearest occupied cell."""
+    hit = Z_HIT * np.exp(-(distance**2) / (2.0 * SIGMA_HIT_M**2))
+    score: Floats = (hit + Z_RAND / RANGE_MAX_M) ** 3
+    return score
+
+
+def beam_scores(occupancy: OccupancyMap) -> NDArray[np.float32]:
+    """`beam_score` of every cell of the map; distances count up to 2 m."""
+    occupied = occupancy.cells == 100
+    distance = np.full(occupied.shape, DISTANCE_MAX_M)
+    if occupied.any():
+        distance = np.minimum(ndimage.distance_transform_edt(~occupied) * occupancy.resolution, DISTANCE_MAX_M)
+    return beam_score(distance).astype(np.float32)
+
+
+@inner
+def to_map(frame: Floats, x: float, y: float) -> tuple[float, float]:
+    """A point of the world in the map, as the robot believes it."""
+    cos = math.cos(frame[MAP_YAW])
+    sin = math.sin(frame[MAP_YAW])
+    return cos * x - sin * y + frame[MAP_X], sin * x + cos * y + frame[MAP_Y]
+
+
+@inner
+def to_world(frame: Floats, x: float, y: float) -> tuple[float, float]:
+    """A point of the map in the world, as the robot believes it."""
+    cos = math.cos(frame[MAP_YAW])
+    sin = math.sin(frame[MAP_YAW])
+    dx = x - frame[MAP_X]
+    dy = y - frame[MAP_Y]
+    return cos * dx + sin * dy, cos * dy - sin * dx
+
+
+@inner
+def localise(own: Localisation, x: float, y: float, yaw: float, edges: Floats, legs: Floats) -> bool:
+    """Take in a front scan at the pose (x, y, yaw) if the robot moved enough since the last one; says if it did.
+
+    `edges` (E, 4) and `legs` (L, 2) are what the lidar sees, in the world.
+    """
+    dx = x - own.frame[LAST_X]
+    dy = y - own.frame[LAST_Y]
+    turn = wrap(yaw - own.frame[LAST_YAW])
+    if abs(dx) <= UPDATE_M and abs(dy) <= UPDATE_M and abs(turn) <= UPDATE_RAD:
+        return False
+    _move(own, dx, dy, turn)
+    own.frame[LAST_X] = x
+    own.frame[LAST_Y] = y
+    own.frame[LAST_YAW] = yaw
+    _look(own, x, y, yaw, edges, legs)
+    _weigh(own)
+    _resample(own)
+    _estimate(own, x, y, yaw)
+    own.counts[UPDATES] += 1
+    return True
+
+
+@inner
+def _normal(own: Localisation) -> float:
+    """The next number of the table of normals."""
+    at = own.counts[NORMAL_AT]
+    own.counts[NORMAL_AT] = (at + 1) % own.normals.size
+    return float(own.normals[at])
+
+
+@inner
+def _move(own: Localisation, dx: float, dy: float, turn: float) -> None:
+    """Differential motion model: turn, drive and turn again, each with noise, for every particle."""
+    particles = own.particles[0]
+    drive = math.sqrt(dx * dx + dy * dy)
+    first = wrap(math.atan2(dy, dx) - own.frame[LAST_YAW]) if drive >= 0.01 else 0.0
+    second = wrap(turn - first)
+    # Driving backwards is not a turn by 180°.
+    first_size = min(abs(first), abs(wrap(first - math.pi)))
+    second_size = min(abs(second), abs(wrap(second - math.pi)))
+    first_sd = math.sqrt(ALPHA * (first_size**2 + drive**2))
+    second_sd = math.sqrt(ALPHA * (second_size**2 + drive**2))
+    drive_sd = math.sqrt(ALPHA * (drive**2 + first_size**2 + second_size**2))
+    for i in range(own.counts[PARTICLES]):
+        begin = particles[i, 2] + first - first_sd * _normal(own)
+        way = drive - drive_sd * _normal(own)
+        particles[i, 0] += way * math.cos(begin)
+        particles[i, 1] += way * math.sin(begin)
+        particles[i, 2] = wrap(begin + second - second_sd * _normal(own))
+
+
+@inner
+def _look(own: Localisation, x: float, y: float, yaw: float, edges: Floats, legs: Floats) -> None:
+    """Cast the filter's beams of the front lidar into `ranges`."""
+    step = math.atan2(own.directions[1, 1], own.directions[1, 0])
+    bearing = yaw + FRONT[2] - 0.5 * FIELD_OF_VIEW_RAD
+    cos = math.cos(bearing)
+    sin = math.sin(bearing)
+    from_x = x + FRONT[0] * math.cos(yaw) - FRONT[1] * math.sin(yaw)
+    from_y = y + FRONT[0] * math.sin(yaw) + FRONT[1] * math.cos(yaw)
+    own.ranges[:] = math.inf
+    for e in range(edges.shape[0]):
+        ax = edges[e, 0] - from_x
+        ay = edges[e, 1] - from_y
+        bx = edges[e, 2] - from_x
+        by = edges[e, 3] - from_y
+        cast_edge(
+            own.ranges, own.directions, step, cos * ax + sin * ay, cos * ay - sin * ax, cos * bx + sin * by,
+            cos * by - sin * bx,
+        )  # fmt: skip
+    for i in range(legs.shape[0]):
+        dx = legs[i, 0] - from_x
+        dy = legs[i, 1] - from_y
+        cast_disc(own.ranges, own.directions, step, cos * dx + sin * dy, cos * dy - sin * dx, LEG_RADIUS_M)
+    for k in range(own.ranges.size):
+        own.ranges[k] += own.lidar_noise_m * _normal(own)
+
+
+@inner
+def _weigh(own: Localisation) -> None:
+    """Running sums of the particles' weights, 1 + the score of every beam with a return (likelihood field)."""
+    rows, columns = own.scores.shape
+    scale = 1.0 / own.resolution
+    bearing = FRONT[2] - 0.5 * FIELD_OF_VIEW_RAD
+    total = 0.0
+    for i in range(own.counts[PARTICLES]):
+        particle = own.particles[0, i]
+        cos = math.cos(particle[2])
+        sin = math.sin(particle[2])
+        x = (particle[0] - own.origin_x + FRONT[0] * cos - FRONT[1] * sin) * scale
+        y = (particle[1] - own.origin_y + FRONT[0] * sin + FRONT[1] * cos) * scale
+        cos = math.cos(particle[2] + bearing) * scale
+        sin = math.sin(particle[2] + bearing) * scale
+        weight = 1.0
+        for k in range(own.ranges.size):
+            reach = own.ranges[k]
+            if reach >= RANGE_MAX_M:
+                continue
+            column = x + reach * (own.directions[k, 0] * cos - own.directions[k, 1] * sin)
+            row = y + reach * (own.directions[k, 0] * sin + own.directions[k, 1] * cos)
+            if column >= 0.0 and row >= 0.0 and column < columns and row < rows:
+                weight += own.scores[int(row), int(column)]
+            else:
+                weight += own.outside
+        total += weight
+        own.sums[i] = total
+
+
+@inner
+def _enough(kinds: int) -> int:
+    """KLD sampling (Fox 2003): how many particles so many occupied bins need."""
+    if kinds <= 1:
+        return MAX_PARTICLES
+    b = 2.0 / (9.0 * (kinds - 1))
+    x = 1.0 - b + math.sqrt(b) * POPULATION_Z
+    needed = math.ceil((kinds - 1) / (2.0 * POPULATION_ERROR) * x * x * x)
+    return min(MAX_PARTICLES, max(MIN_PARTICLES, needed))
+
+
+@inner
+def _resample(own: Localisation) -> None:
+    """Draw particles by weight until there are enough for the bins (0.5 m, 0.5 m, 10°) that they occupy."""
+    last = own.counts[PARTICLES] - 1
+    kinds = 0
+    made = 0
+    while made < MAX_PARTICLES:
+        at = own.counts[UNIFORM_AT]
+        own.counts[UNIFORM_AT] = (at + 1) % own.uniforms.size
+        wanted = own.uniforms[at] * own.sums[last]
+        low = 0
+        high = last
+        while low < high:
+            middle = (low + high) // 2
+            if own.sums[middle] > wanted:
+                high = middle
+            else:
+                low = middle + 1
+        drawn = own.particles[0, low]
+        for j in range(3):
+            own.particles[1, made, j] = drawn[j]
+        made += 1
+        cell = math.floor(drawn[0] / BIN_M) * 4096 + math.floor(drawn[1] / BIN_M)
+        kind = cell * 64 + math.floor(drawn[2] / BIN_RAD)
+        known = False
+        for k in range(kinds):
+            if own.bins[k] == kind:
+                known = True
+                break
+        if not known:
+            own.bins[kinds] = kind
+            kinds += 1
+        if made > _enough(kinds):
+            break
+    for i in range(made):
+        for j in range(3):
+            own.particles[0, i, j] = own.particles[1, i, j]
+    own.counts[PARTICLES] = made
+
+
+@inner
+def _estimate(own: Localisation, x: float, y: float, yaw: float) -> None:
+    """The map's place in the world: the particles' mean pose against the robot's pose (x, y, yaw) in the world."""
+    n = own.counts[PARTICLES]
+    mean_x = 0.0
+    mean_y = 0.0
+    cos = 0.0
+    sin = 0.0
+    for i in range(n):
+        mean_x += own.particles[0, i, 0]
+        mean_y += own.particles[0, i, 1]
+        cos += math.cos(own.particles[0, i, 2])
+        sin += math.sin(own.particles[0, i, 2])
+    turn = wrap(math.atan2(sin, cos) - yaw)
+    own.frame[MAP_X] = mean_x / n - (x * math.cos(turn) - y * math.sin(turn))
+    own.frame[MAP_Y] = mean_y / n - (x * math.sin(turn) + y * math.cos(turn))
+    own.frame[MAP_YAW] = turn
