@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -123,7 +124,7 @@ def check(
 def draw(
     world: WorldName,
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Where to. [pictures in the world folder]")] = None,
-    what: Annotated[Literal["all", "labels", "grid", "birdseye"], typer.Option(help="Which picture.")] = "all",
+    what: Annotated[Literal["all", "labels", "grid", "birdseye", "svg"], typer.Option(help="Which picture.")] = "all",
     route: Annotated[str | None, typer.Option(help="Draw this route of the world on them.")] = None,
     width: Annotated[int, typer.Option(help="Width in pixels, 400 to 6000.")] = 1600,
     colours: Annotated[str, typer.Option(help="Palette: light, grey or dark.")] = "light",
@@ -132,7 +133,10 @@ def draw(
     ] = None,
     json: AsJson = False,
 ) -> None:
-    """Draw the pictures that people and VLMs see: labelled map, grid of waypoints, bird's-eye view."""
+    """Draw the pictures that people and VLMs see: labelled map, grid of waypoints, bird's-eye view; or an SVG plan.
+
+    Where the names of the waypoints are too many for one picture of the grid, it is also drawn in parts.
+    """
     from rvsg.world.load import load_world
 
     loaded = load_world(world)
@@ -219,35 +223,47 @@ def _window(text: str | None) -> tuple[float, float, float, float] | None:
 def _draw(
     world: World, folder: Path, what: str, route: Any, width: int, colours: str, window: Any
 ) -> list[tuple[Path, tuple[str, ...]]]:
+    """Draw and write; the paths with what each picture could not show."""
     from rvsg.errors import FileError
-    from rvsg.world.birdseye import birdseye
-    from rvsg.world.picture import GRID, LABELLED, draw_plan, png_bytes
+    from rvsg.world.picture import png_bytes
+    from rvsg.world.svg import floor_plan_svg
 
-    made: dict[str, tuple[Any, tuple[str, ...]]] = {}
-    for name, layers, said in (("labels", LABELLED, "labelled areas"), ("grid", GRID, "grid of waypoints")):
-        if what in ("all", name):
-            picture = draw_plan(
-                world,
-                show=layers,
-                width_px=width,
-                route=route,
-                colours=colours,
-                window=window,
-                title=f"{world.title}: {said}" + (f" and {route.name}" if route else ""),
-            )
-            made[name] = (picture.image, picture.notes)
-    if what in ("all", "birdseye"):
-        made["birdseye"] = (birdseye(world, width_px=width, colours=colours, route=route), ())
+    made: list[tuple[str, bytes, tuple[str, ...]]] = []
+    if what == "svg":
+        made.append(("plan.svg", floor_plan_svg(world, colours=colours).encode(), ()))
+    for name, image, notes in _pictures(world, what, route, width, colours, window):
+        made.append((f"{name}_{route.name}.png" if route else f"{name}.png", png_bytes(image), notes))
     written = []
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for name, (image, notes) in made.items():
-            path = folder / (f"{name}_{route.name}.png" if route else f"{name}.png")
-            path.write_bytes(png_bytes(image))
-            written.append((path, notes))
+        for file, content, notes in made:
+            (folder / file).write_bytes(content)
+            written.append((folder / file, notes))
     except OSError as error:
         raise FileError(folder, f"the pictures cannot be written here: {error.strerror}") from None
     return written
+
+
+def _pictures(
+    world: World, what: str, route: Any, width: int, colours: str, window: Any
+) -> Iterator[tuple[str, Any, tuple[str, ...]]]:
+    """Name, image and notes of every picture that is asked for."""
+    from rvsg.world.birdseye import birdseye
+    from rvsg.world.picture import GRID, LABELLED, draw_plan, tiles
+
+    for name, layers, said in (("labels", LABELLED, "labelled areas"), ("grid", GRID, "grid of waypoints")):
+        if what in ("all", name):
+            title = f"{world.title}: {said}" + (f" and {route.name}" if route else "")
+            plan = draw_plan(
+                world, show=layers, width_px=width, route=route, colours=colours, window=window, title=title
+            )
+            yield name, plan.image, plan.notes
+    if what in ("all", "grid") and window is None:
+        parts = tiles(world, width_px=width, route=route, colours=colours)
+        for part in parts if len(parts) > 1 else ():
+            yield f"grid_part_{part.row + 1}_{part.column + 1}", part.picture.image, part.picture.notes
+    if what in ("all", "birdseye"):
+        yield "birdseye", birdseye(world, width_px=width, colours=colours, route=route), ()
 
 
 def _size_m(world: World) -> tuple[float, float]:
