@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime
 import difflib
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -116,12 +117,15 @@ def _note_lines(root: yaml.Node, path: Path, lines: dict[Key, int]) -> None:
             seen: set[str] = set()
             for name, item in node.value:
                 line = name.start_mark.line + 1
+                if not isinstance(name, yaml.ScalarNode):
+                    raise FileError(
+                        path, "not valid YAML: a key is a list or a mapping; is a bracket misplaced?", line=line
+                    )
                 if name.value in seen:
                     raise FileError(path, f'the key "{name.value}" stands here twice', line=line)
-                if isinstance(name.value, str):
-                    seen.add(name.value)
-                    lines[(*key, name.value)] = line
-                    stack.append(((*key, name.value), item))
+                seen.add(name.value)
+                lines[(*key, name.value)] = line
+                stack.append(((*key, name.value), item))
 
 
 def read_document(path: Path, model: type[Model]) -> tuple[Model, Document]:
@@ -176,6 +180,7 @@ def _is_other_branch(detail: dict[str, Any], key: Key, details: list[dict[str, A
 
 _SAID = {
     "string_type": "expected text",
+    "invalid_key": "expected a word as key",
     "float_type": "expected a number",
     "float_parsing": "expected a number",
     "int_type": "expected a whole number",
@@ -205,6 +210,8 @@ def _message(detail: dict[str, Any], key: Key, model: type[BaseModel]) -> str:
         return f"{place}: {said}" if place else said
     said = said.replace("Input should be greater", "expected a value greater")
     said = said.replace("Input should be less", "expected a value less").replace("Input should be", "expected")
+    if kind == "string_type" and isinstance(detail["input"], bool | int | float | datetime.date):
+        said += " (put it in quotes)"
     return f"{place}: {said}, got {_shown(detail['input'])}"
 
 

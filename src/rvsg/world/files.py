@@ -5,14 +5,15 @@ from __future__ import annotations
 import math
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from rvsg.world.grid import GridSpec
 from rvsg.world.records import Pose, Record
 from rvsg.world.world import Area, Description, OrientedBox, Point, Polygon, Route, SolidObject
 
 Name = Annotated[str, Field(min_length=1, max_length=120)]
-Metres = Annotated[float, Field(ge=-100_000, le=100_000)]
+FARTHEST_M, LARGEST_M = 100_000.0, 10_000.0
+Metres = Annotated[float, Field(ge=-FARTHEST_M, le=FARTHEST_M)]
 Ring = Annotated[tuple[tuple[Metres, Metres], ...], Field(min_length=3)]
 
 
@@ -36,6 +37,10 @@ class ObjectEntry(Record):
     def _has_a_shape(self) -> Self:
         if self.box is None and (self.footprint is None or self.height is None):
             raise ValueError("give a box, or a footprint with a height")
+        if self.box is not None and not (
+            _near(self.box.center) and all(0 < size <= LARGEST_M for size in self.box.size)
+        ):
+            raise ValueError(f"the box's sizes must be over 0 and at most {LARGEST_M:g} m, its centre within 100 km")
         if self.box is not None and self.height is not None:
             raise ValueError("the box already has a height; leave height out")
         return self
@@ -70,6 +75,10 @@ class ObjectEntry(Record):
             holes=thing.holes,
             slices=thing.slices,
         )
+
+
+def _near(point: tuple[float, ...]) -> bool:
+    return all(abs(value) <= FARTHEST_M for value in point)
 
 
 def box_corners(box: OrientedBox) -> Polygon:
@@ -167,6 +176,14 @@ class RouteEntry(Record):
     through: tuple[Pose | str, ...] = ()
     purpose: str = ""
     description: str | None = None
+
+    @field_validator("start", "goal", "through", mode="after")
+    @classmethod
+    def _within_reach(cls, places: Pose | str | tuple[Pose | str, ...]) -> Pose | str | tuple[Pose | str, ...]:
+        for place in places if isinstance(places, tuple) else (places,):
+            if isinstance(place, Pose) and not (_near((place.x, place.y)) and abs(place.yaw) <= 100):
+                raise ValueError(f"the pose ({place.x:g}, {place.y:g}, {place.yaw:g}) is not in metres and radians")
+        return places
 
     @classmethod
     def of(cls, route: Route) -> Self:

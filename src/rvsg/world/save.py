@@ -10,7 +10,7 @@ from typing import Any
 
 import yaml
 
-from rvsg.errors import FileError
+from rvsg.errors import FileError, InputError
 from rvsg.world.files import AreaEntry, ObjectEntry, RouteEntry
 from rvsg.world.occupancy import write_map
 from rvsg.world.records import Record
@@ -23,8 +23,10 @@ def save_world(world: World, folder: str | Path) -> None:
     """Write world.yaml, map.yaml with map.png, objects.yaml, labels.yaml and routes.yaml into a folder.
 
     The folder is made where it does not exist; files of these names in it are replaced, each whole or not at all.
-    Raises FileError where it cannot be written.
+    Raises FileError where it cannot be written, InputError for a world without the specification of its grid.
     """
+    if world.grid_spec is None:
+        raise InputError(f'the world "{world.name}" does not hold the specification of its grid, so it cannot be saved')
     folder = Path(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -117,7 +117,7 @@ class World:
 
     @cached_property
     def id(self) -> str:
-        """Content id over everything that can change a run or a prompt."""
+        """Content id over everything that can change a run (not title, activities and description: they are words)."""
         return content_id(
             "world",
             {

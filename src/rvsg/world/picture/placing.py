@@ -14,6 +14,7 @@ Floats = NDArray[np.float64]
 Box = tuple[float, float, float, float]
 
 WORTH_TURNING = 0.65  # text is turned where level text would be smaller than this share of it
+MOST_STEPS = 1000
 SPOTS = 41  # places tried along each side of a polygon
 SMALLEST_TEXT = 10  # pixels; smaller cannot be read
 
@@ -70,7 +71,7 @@ class Taken:
     def add_line(self, points: Floats, half_width: float, step: float = 10.0) -> None:
         """Take the surroundings of a line through the points (n, 2)."""
         for a, b in pairwise(points):
-            count = max(1, int(np.hypot(*(b - a)) / step))
+            count = min(MOST_STEPS, max(1, int(np.hypot(*(b - a)) / step)))  # a line may lead far off the page
             for share in np.linspace(0.0, 1.0, count + 1):
                 x, y = a + (b - a) * share
                 self.add_dot(x, y, half_width)

@@ -17,6 +17,8 @@ Floats = NDArray[np.float64]
 Window = tuple[float, float, float, float]
 
 NARROWEST_PX, WIDEST_PX = 400, 6000
+LONGEST = 60
+BESIDE_MAP_M = 1.0  # objects are shown as far as this beyond the map
 TALLEST = 1.3  # a page is at most this many times as tall as it may be wide
 
 
@@ -72,6 +74,11 @@ def view_of(world: World, *, width_px: int, window: Window | None, margins: tupl
     if not (x1 > x0 and y1 > y0):
         raise InputError(f"the window [x_min, y_min, x_max, y_max] is empty: {list(shown)}")
     across, down = (x1 - x0, y1 - y0) if world.grid.up == "y" else (y1 - y0, x1 - x0)
+    if max(across, down) > LONGEST * min(across, down):
+        raise InputError(
+            f"a part of {across:.1f} x {down:.1f} m is too long and narrow for one picture "
+            f"(at most {LONGEST} times as long as wide): draw windows of it"
+        )
     left, top, right, bottom = margins
     scale = min((width_px - left - right) / across, (TALLEST * width_px - top - bottom) / down)
     width = max(round(across * scale) + left + right, min(width_px, 900))
@@ -81,14 +88,19 @@ def view_of(world: World, *, width_px: int, window: Window | None, margins: tupl
 
 
 def known_window(world: World, margin_m: float = 0.15) -> Window:
-    """The part of the world of which something is known: free or occupied cells, objects, areas and waypoints."""
+    """The part of the world of which something is known: free or occupied cells, waypoints, objects by the map."""
     occupancy = world_map(world)
+    frame = frame_of(occupancy)
     known = outermost(occupancy.cells != UNKNOWN)
     parts = [np.array([[w.x, w.y] for w in world.grid.waypoints if w.human]).reshape(-1, 2)]
     if len(known):
         (c0, r0), (c1, r1) = known.min(axis=0), known.max(axis=0) + 1
-        parts.append(frame_of(occupancy).to_metres(np.array([[c0, r0], [c1, r0], [c1, r1], [c0, r1]], float)))
-    parts += [np.array(thing.footprint) for thing in world.objects]
+        parts.append(frame.to_metres(np.array([[c0, r0], [c1, r0], [c1, r1], [c0, r1]], float)))
+    low, high = frame.corners.min(axis=0) - BESIDE_MAP_M, frame.corners.max(axis=0) + BESIDE_MAP_M
+    for thing in world.objects:
+        corners = np.array(thing.footprint)
+        if (corners.max(axis=0) > low).all() and (corners.min(axis=0) < high).all():
+            parts.append(np.clip(corners, low, high))
     points = np.concatenate(parts)
     (x0, y0), (x1, y1) = points.min(axis=0) - margin_m, points.max(axis=0) + margin_m
     return (float(x0), float(y0), float(x1), float(y1))
