@@ -70,8 +70,8 @@ def planar_wave(across: np.float32, along: np.float32, cost: np.float32) -> np.f
 
     A quadratic stands for the exact planar wave; a direction that is more than the cell's cost behind has no part.
     """
-    base = min(across, along)
-    difference = max(across, along) - base
+    base = across if across < along else along
+    difference = (along if across < along else across) - base
     if difference >= cost:
         return base + cost
     q = difference / cost
@@ -79,55 +79,56 @@ def planar_wave(across: np.float32, along: np.float32, cost: np.float32) -> np.f
 
 
 @inner
-def push(buffer: Ints, filled: int, n: np.uintp, waiting: Bytes) -> int:
-    """Add a cell to a buffer unless it waits already (blocked cells seem to, always) or it is full; the new fill."""
-    if waiting[n] == 0 and filled < BUFFER:
-        buffer[filled] = n
-        waiting[n] = 1
-        return filled + 1
-    return filled
-
-
-@inner
-def update_cell(
-    potential: Singles, costs: Bytes, reach: Singles, waiting: Bytes, n: np.uintp, width: np.uintp,
-    threshold: np.float32, ahead: Ints, new: int, later: Ints, left: int, rest: Singles, bound: np.float32,
+def sweep(
+    potential: Singles, costs: Bytes, reach: Singles, waiting: Bytes, buffer: Ints, filled: int, ahead: Ints,
+    later: Ints, left: int, width: np.uintp, threshold: np.float32, rest: Singles, bound: np.float32,
 ) -> tuple[int, int]:  # fmt: skip
-    """Lower the potential of a cell if its neighbours allow; add to a buffer those neighbours it may lower in turn.
+    """Update every cell of a buffer: lower its potential if its neighbours allow, and pass the wave on.
 
-    `reach` is 0.7071 times every cost. The buffer is `ahead` for a potential below the threshold, else `later`.
-    Returns their fills. A cell that leads to the target only by more than `bound` in all is not followed; `rest` is the
-    least cost from every cell to the target.
+    Neighbours that a lowered cell may lower in turn join a buffer: `ahead` for a potential below the threshold, else
+    `later`, which already holds `left`; none joins twice (`waiting`; blocked cells always seem to wait) or joins a full
+    one. `reach` is 0.7071 times every cost. A cell that leads to the target only by more than `bound` in all is not
+    followed; `rest` is the least cost from every cell to the target. Returns the fills of both buffers.
     """
     one = np.uintp(1)
-    west = potential[n - one]
-    east = potential[n + one]
-    south = potential[n - width]
-    north = potential[n + width]
-    value = planar_wave(min(west, east), min(south, north), np.float32(costs[n]))
-    if not value < potential[n]:
-        return new, left
-    potential[n] = value
-    if value + rest[n] > bound:
-        return new, left
-    if value < threshold:
-        if west > value + reach[costs[n - one]]:
-            new = push(ahead, new, n - one, waiting)
-        if east > value + reach[costs[n + one]]:
-            new = push(ahead, new, n + one, waiting)
-        if south > value + reach[costs[n - width]]:
-            new = push(ahead, new, n - width, waiting)
-        if north > value + reach[costs[n + width]]:
-            new = push(ahead, new, n + width, waiting)
-    else:
-        if west > value + reach[costs[n - one]]:
-            left = push(later, left, n - one, waiting)
-        if east > value + reach[costs[n + one]]:
-            left = push(later, left, n + one, waiting)
-        if south > value + reach[costs[n - width]]:
-            left = push(later, left, n - width, waiting)
-        if north > value + reach[costs[n + width]]:
-            left = push(later, left, n + width, waiting)
+    new = 0
+    for i in range(filled):
+        n = np.uintp(buffer[i])
+        west = potential[n - one]
+        east = potential[n + one]
+        south = potential[n - width]
+        north = potential[n + width]
+        across = west if west < east else east
+        along = south if south < north else north
+        value = planar_wave(across, along, np.float32(costs[n]))
+        if not value < potential[n]:
+            continue
+        potential[n] = value
+        if value + rest[n] > bound:
+            continue
+        low = value < threshold
+        target = ahead if low else later
+        fill = new if low else left
+        if waiting[n - one] == 0 and west > value + reach[costs[n - one]] and fill < BUFFER:
+            target[fill] = n - one
+            waiting[n - one] = 1
+            fill += 1
+        if waiting[n + one] == 0 and east > value + reach[costs[n + one]] and fill < BUFFER:
+            target[fill] = n + one
+            waiting[n + one] = 1
+            fill += 1
+        if waiting[n - width] == 0 and south > value + reach[costs[n - width]] and fill < BUFFER:
+            target[fill] = n - width
+            waiting[n - width] = 1
+            fill += 1
+        if waiting[n + width] == 0 and north > value + reach[costs[n + width]] and fill < BUFFER:
+            target[fill] = n + width
+            waiting[n + width] = 1
+            fill += 1
+        if low:
+            new = fill
+        else:
+            left = fill
     return new, left
 
 
@@ -147,7 +148,7 @@ def propagate(
 ) -> None:
     """Spread the potential from `source` until `target` has one, all is done, or the rounds run out.
 
-    Cells off every way to the target of at most `bound` are left out (see `update_cell`). `buffers` is (3, 10000): the
+    Cells off every way to the target of at most `bound` are left out (see `sweep`). `buffers` is (3, 10000): the
     current, the next and the overflow buffer take turns.
     """
     for n in range(potential.size):
@@ -158,38 +159,24 @@ def propagate(
     overflow = 2
     width = np.uintp(columns)
     potential[source] = np.float32(0.0)
-    filled = push(buffers[current], 0, np.uintp(source + 1), waiting)
-    filled = push(buffers[current], filled, np.uintp(source - 1), waiting)
-    filled = push(buffers[current], filled, np.uintp(source - columns), waiting)
-    filled = push(buffers[current], filled, np.uintp(source + columns), waiting)
+    filled = 0
+    for n in (source + 1, source - 1, source - columns, source + columns):
+        if waiting[n] == 0:
+            buffers[current, filled] = n
+            waiting[n] = 1
+            filled += 1
     left = 0
     threshold = FIRST_THRESHOLD
     for _ in range(max(columns * rows // 20, columns + rows)):
         if filled == 0:
             return
         buffer = buffers[current]
-        ahead = buffers[following]
-        later = buffers[overflow]
         for i in range(filled):
             waiting[np.uintp(buffer[i])] = 0
-        new = 0
-        for i in range(filled):
-            new, left = update_cell(
-                potential,
-                costs,
-                reach,
-                waiting,
-                np.uintp(buffer[i]),
-                width,
-                threshold,
-                ahead,
-                new,
-                later,
-                left,
-                rest,
-                bound,
-            )
-        filled = new
+        filled, left = sweep(
+            potential, costs, reach, waiting, buffer, filled, buffers[following], buffers[overflow], left, width,
+            threshold, rest, bound,
+        )  # fmt: skip
         current, following = following, current
         if filled == 0:
             threshold += THRESHOLD_STEP
