@@ -102,24 +102,30 @@ def wrong_examples(commands: dict[tuple[str, ...], str]) -> Iterator[str]:
             if line.startswith("```"):
                 inside = not inside and line.strip() in ("```console", "```sh", "```bash", "```shell")
                 continue
-            shown = re.search(r"(?:^|[\s/$])rvsg (.+)", line) if inside else None
-            if not shown or not line.lstrip().startswith(("$", "rvsg", ".venv/bin/rvsg")):
+            if not inside or not line.lstrip().startswith(("$", "rvsg", ".venv/bin/rvsg")):
                 continue
-            try:
-                words = shlex.split(shown[1].rstrip("\\"), comments=True)
-            except ValueError:
-                continue
-            verb: tuple[str, ...] = ()
-            for word in words:
-                if (*verb, word) not in commands:
-                    break
-                verb = (*verb, word)
-            if not verb and words and not words[0].startswith("-"):
-                yield f"{page.relative_to(ROOT)}:{number}: there is no command `rvsg {words[0]}`"
-            for word in words:
-                option = word.split("=")[0]
-                if option.startswith("--") and not re.search(rf"{re.escape(option)}\b", commands[verb]):
-                    yield f"{page.relative_to(ROOT)}:{number}: `rvsg {' '.join(verb)}` has no option {option}"
+            for shown in re.findall(r"(?:^|[\s/$])rvsg ([^|>]+)", line):
+                for problem in wrong_words(shown, commands):
+                    yield f"{page.relative_to(ROOT)}:{number}: {problem}"
+
+
+def wrong_words(shown: str, commands: dict[tuple[str, ...], str]) -> Iterator[str]:
+    """What is wrong with one `rvsg` command, given as the words after `rvsg`."""
+    try:
+        words = shlex.split(shown.strip().rstrip("\\"), comments=True)
+    except ValueError:
+        return
+    verb: tuple[str, ...] = ()
+    for word in words:
+        if (*verb, word) not in commands:
+            break
+        verb = (*verb, word)
+    if not verb and words and not words[0].startswith("-"):
+        yield f"there is no command `rvsg {words[0]}`"
+    for word in words:
+        option = word.split("=")[0]
+        if option.startswith("--") and not re.search(rf"{re.escape(option)}\b", commands[verb]):
+            yield f"`rvsg {' '.join(verb)}` has no option {option}"
 
 
 def main() -> int:
