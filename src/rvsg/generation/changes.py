@@ -82,7 +82,7 @@ def _pause(changing: Changing, human: Human) -> tuple[Human, str]:
         changed, words = task.model_copy(update={"pauses": ()}), f"no longer stops in {task.name}"
     else:
         at = changing.work.pick(task.path, [2.718 ** -changing.work.ground.along(n)[1] for n in task.path])
-        pause = Pause(at=at, duration_s=round(float(rng.uniform(1.5, 8.0)), 1))
+        pause = Pause(at=at, duration_s=round(float(rng.uniform(2.0, 12.0)), 1))
         changed = task.model_copy(update={"pauses": (pause,)})
         words = f"stops at {at} for {pause.duration_s:g} s"
     return _with_task(human, index, changed), words

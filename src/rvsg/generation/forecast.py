@@ -32,6 +32,7 @@ ROBOT_SPEED_M_S, STARTS_AFTER_S, TURNS_FOR_S = 0.49, 0.5, 1.5
 BODIES_M = 0.75
 """Radius of the robot (0.35 m) and of a person (0.40 m): what lies between centre distance and gap."""
 STOPS_AT_M, SLOWS_AT_M, FRONT = 0.7, 1.0, math.radians(40.0)
+GOAL_TAKEN_M = 0.6
 ROOM_M, ROOM_AHEAD_M, SWERVES_M, SWERVE_STEP_M = 0.9, 1.5, 1.0, 0.025
 """Room the robot makes beside people up to so far ahead, at most how far aside, and how fast (per step)."""
 MEETS_AT_M, MEETS_IN = 1.4, math.radians(70.0)
@@ -238,13 +239,18 @@ class _Episode:
         here = line + 1j * ahead * self.aside
         apart = (self.people.p - here[:, None]) * ahead.conj()[:, None]
         free = self._measure(np.abs(apart), np.abs(np.angle(apart)), going)
-        advance = np.where(driving, self.speeds * free, 0.0)
+        advance = np.where(driving & ~self._taken(), self.speeds * free, 0.0)
         self.turned += np.where(arrived, STEP_S, 0.0)
         self.s += advance * STEP_S
         if self.keep:
             self._track.append(np.concatenate([here[:, None], self.people.p], axis=1))
         self.people.step(here, ahead * advance)
         self.now += STEP_S
+
+    def _taken(self) -> NDArray[np.bool_]:
+        """Where the robot has come to its goal and somebody stands on it (B,)."""
+        at_goal = np.abs(self.people.p - self.line.points[-1]).min(axis=1) < GOAL_TAKEN_M
+        return np.asarray(at_goal & (self.s > self.line.length - GOAL_TAKEN_M))
 
     def _swerve(self, apart: Complexes, driving: NDArray[np.bool_]) -> None:
         """Make room for who is close, coming back as fast as one may; `apart` (B, H): ahead + i aside of the line."""

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from rvsg.generation.aims import Aim, aim_of, promise
+from rvsg.generation.aims import FINALISTS, Aim, aim_of, promise
 from rvsg.generation.answer import answer, unanswered
 from rvsg.generation.changes import Changing
 from rvsg.generation.forecast import Forecast, Forecaster
@@ -201,7 +201,7 @@ class _Plan:
         forecasts = fitted.compare([base[aimed], *(humans[aimed] for humans, _ in options)])
         order = sorted(range(len(options)), key=lambda k: -promise(self.aim, forecasts[k + 1]))
         # The forecast is rough: one of the best few is as good a guess as the best, and differs from try to try.
-        chosen = order[int(self.rng.integers(min(5, len(order))))]
+        chosen = order[int(self.rng.integers(min(FINALISTS[self.aim], len(order))))]
         humans, words = options[chosen]
         change = f" after {feedback.previous_mean:.3g}" if feedback.previous_mean is not None else ""
         return humans, (

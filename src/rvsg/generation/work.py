@@ -55,7 +55,7 @@ ROLES = (
         name="checker",
         doing="checks goods on the way and stops to note what is missing",
         speeds=(0.7, 1.2),
-        pauses=(2.0, 8.0),
+        pauses=(2.0, 12.0),
         weights={Aim.SHARE: 2, Aim.MEET: 1, Aim.DISTURB: 1, Aim.DELAY: 4, Aim.NONE: 1},
     ),
     Role(
