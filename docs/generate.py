@@ -61,6 +61,13 @@ def command_line_page(commands: dict[tuple[str, ...], str]) -> str:
     return "".join(parts).rstrip("\n") + "\n"
 
 
+def validity_page() -> str:
+    """The page of the rules of validity, from their table."""
+    from rvsg.scenario.validity.rules import rules_page
+
+    return "# Rules of validity\n\n" + GENERATED + rules_page()
+
+
 def heading(page: Path) -> str:
     """The first heading of a page."""
     for line in page.read_text(encoding="utf-8").splitlines():
@@ -132,7 +139,10 @@ def main() -> int:
     """Write the generated pages, or with `--check` say which are stale and what is wrong."""
     check = "--check" in sys.argv[1:]
     commands = dict(all_commands())
-    made = {DOCS / "reference" / "command-line.md": command_line_page(commands)}
+    made = {
+        DOCS / "reference" / "command-line.md": command_line_page(commands),
+        DOCS / "reference" / "validity-rules.md": validity_page(),
+    }
     problems = []
     for path, text in made.items():
         if check and (not path.exists() or path.read_text(encoding="utf-8") != text):

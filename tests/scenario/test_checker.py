@@ -1,3 +1,5 @@
+from pathlib import Path
+
 import pytest
 from tests.scenario.small_world import GOOD, MISSION, WORLD, human, people, walk
 
@@ -125,3 +127,8 @@ def test_a_place_that_only_surrounds_an_area_or_waypoint_means_that() -> None:
     assert near_place("corridor at B4", WORLD) == "B4"
     assert near_place("Dock/Store", WORLD) is None
     assert near_place("nowhere at all", WORLD) is None
+
+
+def test_the_reference_page_in_the_documentation_is_that_of_the_table() -> None:
+    page = Path(__file__).resolve().parents[2] / "docs" / "reference" / "validity-rules.md"
+    assert rules_page() in page.read_text(encoding="utf-8")
