@@ -169,6 +169,7 @@ def test_duplicated_names_unknown_waypoints_and_crossing_outlines_are_all_told_a
         ("{x: -9, y: 9}", "{x: 8, y: 3}", "lies outside the map"),
         ("{x: 8, y: 5}", "{x: 8, y: 1.3}", "the goal of r (8, 1.3) is only"),
         ("{x: 8, y: 5}", "{x: 8, y: 5.1}", "ends where it starts"),
+        ("{x: 8, y: 1.48, yaw: 1.57}", "{x: 8, y: 5}", "the robot touches an obstacle"),
     ],
 )
 def test_a_route_that_cannot_be_driven_is_told_with_its_line(folder: Path, start: str, goal: str, says: str) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.errors import FileError
-from rvsg.world.create import spacing_m
+from rvsg.world.create import robot_stands, spacing_m
 from rvsg.world.documents import Document, DocumentError, Problem, read_yaml
 from rvsg.world.grid import GridSpec
 from rvsg.world.load import read_world
@@ -199,6 +199,9 @@ class _Checker:
             near = parts[max(row - reach, 0) : row + reach + 1, max(column - reach, 0) : column + reach + 1]
             return int(near.max(initial=0))
         else:
+            if not robot_stands(self.robot, pose):
+                message = f"{at}: turned as it is there (yaw {pose.yaw:g}), the robot touches an obstacle"
+                self._say(self.routes, message, *key, serious=what == "start")
             return int(parts[row, column])
         return 0
 

@@ -28,10 +28,11 @@ from rvsg.world.world import Area, OccupancyMap, Route, SolidObject, World
 ROUTES = 3
 LONGEST_ROUTE_M = 25.0
 SHORTEST_ROUTE_M = 3.0
-SECONDS_PER_M = 2.0  # the study gives its robot 2 to 2.5 s for a metre
-SPARE_S = 5.0
+SECONDS_PER_M = 2.5  # the study gives its robot 2 to 2.5 s for a metre
+SHORTEST_LIMIT_S = 15.0
 MOST_LINES = 40  # more rows or columns are hard to read on one picture
 CONNECTED = 0.97
+HALF_LENGTH_M, HALF_WIDTH_M = 0.36, 0.25  # of the robot seen from above, a finger's breadth added
 TURNING_M = 0.45  # room in which a robot of 0.7 x 0.5 m turns on the spot
 
 
@@ -273,6 +274,8 @@ def propose_routes(world: World, count: int = ROUTES) -> tuple[Route, ...]:
             path = drivable.shortest_path(start, goal)
             if path is None:
                 continue
+            if not _ends_fit(world, path):
+                continue
             length = _length(world.grid, path)
             if length >= SHORTEST_ROUTE_M:
                 walks.append((length, path, area_a, area_b))
@@ -322,22 +325,43 @@ def _length(grid: Grid, path: Sequence[str]) -> float:
     return sum(math.dist(grid.position(a), grid.position(b)) for a, b in pairwise(path))
 
 
+def _ends_fit(world: World, path: Sequence[str]) -> bool:
+    """Whether the robot stands free at both ends of a path, looking along it."""
+    points = [world.grid.position(p) for p in path]
+    space = robot_space(world)
+    return all(
+        robot_stands(space, Pose(x=at[0], y=at[1], yaw=_heading(a, b)))
+        for at, a, b in ((points[0], points[0], points[1]), (points[-1], points[-2], points[-1]))
+    )
+
+
+def _heading(a: tuple[float, float], b: tuple[float, float]) -> float:
+    return round(math.atan2(b[1] - a[1], b[0] - a[0]), 2)
+
+
 def _route(world: World, name: str, length: float, path: tuple[str, ...], area_a: str, area_b: str) -> Route:
     points = [world.grid.position(p) for p in path]
 
-    def heading(a: tuple[float, float], b: tuple[float, float]) -> float:
-        return round(math.atan2(b[1] - a[1], b[0] - a[0]), 2)
-
     return Route(
         name=name,
-        start=Pose(x=points[0][0], y=points[0][1], yaw=heading(points[0], points[1])),
-        goal=Pose(x=points[-1][0], y=points[-1][1], yaw=heading(points[-2], points[-1])),
+        start=Pose(x=points[0][0], y=points[0][1], yaw=_heading(points[0], points[1])),
+        goal=Pose(x=points[-1][0], y=points[-1][1], yaw=_heading(points[-2], points[-1])),
         time_limit_s=time_limit_s(length),
         via=path,
         purpose=f"from {area_a} to {area_b}",
     )
 
 
+def robot_stands(space: Space, pose: Pose) -> bool:
+    """Whether the robot's footprint at this pose (metres, radians) is clear of obstacles."""
+    along, across = np.meshgrid(
+        np.linspace(-HALF_LENGTH_M, HALF_LENGTH_M, 15), np.linspace(-HALF_WIDTH_M, HALF_WIDTH_M, 11)
+    )
+    c, s = math.cos(pose.yaw), math.sin(pose.yaw)
+    points = np.stack([pose.x + c * along - s * across, pose.y + s * along + c * across], axis=-1)
+    return bool((space.clearances(points) > 0.0).all())
+
+
 def time_limit_s(length_m: float) -> float:
     """A sensible time limit for a way of this length, in steps of 5 s."""
-    return 5.0 * math.ceil((SECONDS_PER_M * length_m + SPARE_S) / 5.0)
+    return max(SHORTEST_LIMIT_S, 5.0 * math.ceil(SECONDS_PER_M * length_m / 5.0))
