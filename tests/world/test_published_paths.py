@@ -1,4 +1,4 @@
-"""The grid against the paths that the study's model wrote: what is usual there is a neighbour here."""
+"""The warehouse against the study: the paths its model wrote, and the map its robot recorded."""
 
 import json
 from collections import Counter
@@ -8,6 +8,8 @@ import pytest
 from tests.published_data import published_data
 
 from rvsg.world.load import load_world
+from rvsg.world.nav2_map import load_nav2_map
+from rvsg.world.space import frame_of
 
 DATA = published_data()
 pytestmark = pytest.mark.skipif(DATA is None, reason="the published study's data is not there")
@@ -28,3 +30,20 @@ def test_88_percent_of_the_published_hops_are_between_neighbours() -> None:
     share = counted["neighbours"] / counted.total()
     assert counted.total() > 30_000
     assert 0.87 <= share <= 0.90
+
+
+def test_the_map_drawn_from_the_objects_is_the_map_the_study_recorded() -> None:
+    """The recorded map is shifted by about 0.15 m against the world, and shows only what the robot came to see."""
+    assert DATA is not None
+    drawn = load_world("warehouse").occupancy
+    recorded = load_nav2_map(DATA / "maps" / "study_warehouse.yaml").occupancy
+    shift = np.array([0.15, 0.15])
+    to_obstacle = distance_transform_edt(drawn.cells != 100) * drawn.resolution
+
+    def places(value: int) -> np.ndarray:
+        return frame_of(recorded).to_metres(np.argwhere(recorded.cells == value)[:, ::-1] + 0.5) + shift
+
+    near = frame_of(drawn).looked_up(1 + to_obstacle, places(100))  # 0: off the map
+    assert ((near > 0) & (near <= 1.101)).mean() > 0.96
+    free = frame_of(drawn).looked_up((drawn.cells == 0).astype(np.uint8), places(0))
+    assert free.mean() > 0.96
