@@ -4,7 +4,9 @@ import json
 from collections import Counter
 from itertools import pairwise
 
+import numpy as np
 import pytest
+from scipy.ndimage import distance_transform_edt
 from tests.published_data import published_data
 
 from rvsg.world.load import load_world
