@@ -135,15 +135,15 @@ def _finite(value: float) -> float | None:
 def benchmark(folder: Path, routes: list[str], *, seeds: int, repeats: int, jobs: int, step: int = 1) -> dict[str, Any]:
     """Run both parts and gather the figures. `step` > 1 takes only every step-th single-run configuration."""
     began = time.perf_counter()
-    data = folder.resolve().parent
-    grid = world_of(data).grid
+    folder = folder.resolve()
+    grid = world_of(folder.parent).grid
     read_a = list(repeated(folder, routes, grid))
     read_b = list(singles(folder, routes, grid))
     left_out = [entry for entry in read_a + read_b if isinstance(entry, LeftOut)]
     a = [entry for entry in read_a if isinstance(entry, Configuration)]
     every = [entry for entry in read_b if isinstance(entry, Configuration)]
     b = every[::step]
-    results = simulate_all(data, a, repeats, jobs) | simulate_all(data, b, seeds, jobs)
+    results = simulate_all(folder, a, repeats, jobs) | simulate_all(folder, b, seeds, jobs)
     spreads = {metric: spread_within_routes(every, metric) for metric in (*METRICS, "expected_jerk")}
     runs_b = [run for c in b for run in results[c.key]]
     return {

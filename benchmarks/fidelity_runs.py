@@ -10,12 +10,12 @@ from pathlib import Path
 
 from loky import get_reusable_executor
 
-from published_runs import Configuration, Values
+from published_runs import Configuration, Values, resting_pose
 from published_world import published_world
 from rvsg.evaluation.metrics import measure
 from rvsg.simulation.embedded import simulate_agents
 from rvsg.simulation.options import profile
-from rvsg.world.world import World
+from rvsg.world.world import Route, World
 
 METRICS = ("dto", "por", "trg", "rpc", "chc", "pl", "jerk", "tnm", "min_distance")
 
@@ -28,22 +28,31 @@ def world_of(data: Path) -> World:
     return published_world(data)
 
 
+@lru_cache(maxsize=16)
+def route_of(folder: Path, name: str) -> Route:
+    """The route with the robot where its logs show it at rest before the start."""
+    route = world_of(folder.parent).route(name)
+    pose = resting_pose(folder, name)
+    return route if pose is None else route.model_copy(update={"start": pose})
+
+
 def seed_of(key: str, index: int) -> int:
     """The seed of one repeat of one configuration: a hash, so that no two configurations share their noise."""
     return int.from_bytes(hashlib.sha256(f"{key}#{index}".encode()).digest()[:4], "little")
 
 
-def simulate(data: Path, configuration: Configuration, repeats: Sequence[int]) -> list[Values]:
+def simulate(folder: Path, configuration: Configuration, repeats: Sequence[int]) -> list[Values]:
     """Metrics of fresh runs of one configuration, as the study's client would have logged them."""
-    world = world_of(data)
-    route = world.route(configuration.route)
+    world = world_of(folder.parent)
+    route = route_of(folder, configuration.route)
+    options = profile("published-study", settling_m=(0.0, 0.0))
     found = []
     for index in repeats:
         run = simulate_agents(
             world,
             route,
             configuration.agents,
-            options=profile("published-study"),
+            options=options,
             seed=seed_of(configuration.key, index),
             scenario_id=configuration.key,
         )
@@ -53,13 +62,13 @@ def simulate(data: Path, configuration: Configuration, repeats: Sequence[int]) -
     return found
 
 
-def simulate_all(data: Path, configurations: Sequence[Configuration], repeats: int, jobs: int) -> Results:
+def simulate_all(folder: Path, configurations: Sequence[Configuration], repeats: int, jobs: int) -> Results:
     """`simulate` for many, in parallel; the results do not depend on `jobs`."""
     if jobs <= 1:
-        return {c.key: simulate(data, c, range(repeats)) for c in configurations}
+        return {c.key: simulate(folder, c, range(repeats)) for c in configurations}
     executor = get_reusable_executor(max_workers=jobs, timeout=300)
     chunks = [(c, range(at, min(at + 8, repeats))) for c in configurations for at in range(0, repeats, 8)]
-    futures = [executor.submit(simulate, data, c, chunk) for c, chunk in chunks]
+    futures = [executor.submit(simulate, folder, c, chunk) for c, chunk in chunks]
     results: Results = {c.key: [] for c in configurations}
     for (configuration, _), future in zip(chunks, futures, strict=True):
         results[configuration.key] += future.result()

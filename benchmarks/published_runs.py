@@ -12,6 +12,7 @@ from rvsg.errors import InputError
 from rvsg.scenario.agents import HumanAgent
 from rvsg.scenario.study_format import read_study_configuration
 from rvsg.world.grid import Grid
+from rvsg.world.records import Pose
 
 METHODS = ("distance", "jerk", "reach", "no_req", "random")
 COLUMNS = {
@@ -105,6 +106,21 @@ def _configuration(
         runs=tuple({metric: float(row[column]) for metric, column in COLUMNS.items()} for row in found),
         completed=tuple(row["completed"] == "True" for row in found),
     )
+
+
+def resting_pose(folder: Path, route: str) -> Pose | None:
+    """Where the robot stood before it moved, from the first rows of the route's logs; None where none shows it at rest.
+
+    Gazebo lets the spawned robot settle by a fraction of a micrometre (on route 1 by 0.9 mm), always the same way. It
+    matters where a human starts on the very same point: the forces push it away from the robot's centre.
+    """
+    for log in sorted(folder.glob(f"*/{route}/*/log_*.csv")):
+        with log.open(encoding="utf-8", newline="") as file:
+            row = next(csv.DictReader(file), None)
+        if row is not None and float(row["robot_speed"]) < 0.01:
+            yaw = 2.0 * math.atan2(float(row["robot_orientation_z"]), float(row["robot_orientation_w"]))
+            return Pose(x=float(row["robot_x"]), y=float(row["robot_y"]), yaw=yaw)
+    return None
 
 
 def _rows(path: Path) -> list[dict[str, str]]:

@@ -96,6 +96,7 @@ def simulate_agents(
     finite, a time limit that is not positive and a map that is turned.
     """
     options = options or profile()
+    route = _settled(route, options.settling_m)
     _check(route, seed)
     around = surroundings(world, options.lidar_range_m)
     settings, scene, offset = _settings(world, route, options, around, seed)
@@ -132,6 +133,16 @@ def simulate_agents(
         recoveries=int(state.nav[st.RECOVERIES]),
         details={"map_from_world": [float(number) for number in own.frame[:3]]},
     )
+
+
+def _settled(route: Route, by: tuple[float, float]) -> Route:
+    """The route from where the robot stands after it has settled by (forward, left) metres."""
+    if by == (0.0, 0.0):
+        return route
+    start = route.start
+    cos, sin = math.cos(start.yaw), math.sin(start.yaw)
+    moved = Pose(x=start.x + by[0] * cos - by[1] * sin, y=start.y + by[0] * sin + by[1] * cos, yaw=start.yaw)
+    return route.model_copy(update={"start": moved})
 
 
 def surroundings(world: World, lidar_range_m: float) -> Surroundings:

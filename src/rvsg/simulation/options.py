@@ -43,10 +43,12 @@ class SimulatorOptions(Record):
     seconds). `yaw_gain`: true over commanded yaw rate. `goals_in_map_frame`: a route's goal is given in the frame
     of the robot's map, not of the world. `localisation`: the robot knows where its map lies, up to an offset that is
     constant in a run and spreads by `localisation_sd_m` per axis, or it finds out by AMCL, beginning with its start
-    taken as a pose in the map. `human_start_s`:
-    bounds of the delay between the robot's start and the people's. `lidar_rays` and `lidar_range_m` per lidar.
-    `result_delay_s`: bounds of the wall time from success to the last row of the log. `human_defects`: people
-    behave with the defects of HuNavSim as the study ran it.
+    taken as a pose in the map. `human_start_s`: bounds of the time at which people begin to walk, from the first
+    row on; with the chance `human_early_start` they begin 0.2 s sooner. `robot_start_s`: the same of the robot.
+    `settling_m`: how far (forward, left) the robot stands from its start after it was put there; it decides which way
+    a human on the very same point is pushed. `lidar_rays` and `lidar_range_m` per lidar. `result_delay_s`: bounds of
+    the wall time from success to the last row of the log. `human_defects`: people behave with the defects of HuNavSim
+    as the study ran it.
     """
 
     profile: Literal["default", "published-study"] = "default"
@@ -57,6 +59,7 @@ class SimulatorOptions(Record):
     localisation: Literal["known", "amcl"] = "known"
     localisation_sd_m: Annotated[float, Field(ge=0, le=1.0)] = 0.04
     human_start_s: tuple[float, float] = (0.0, 0.1)
+    settling_m: tuple[float, float] = (0.0, 0.0)
     human_early_start: Annotated[float, Field(ge=0, le=1)] = 0.0
     robot_start_s: tuple[float, float] = (0.0, 0.05)
     lidar_rays: Annotated[int, Field(ge=11, le=4000)] = 818
@@ -73,6 +76,7 @@ _PUBLISHED: dict[str, Any] = {
     "yaw_gain": 0.755,
     "goals_in_map_frame": True,
     "localisation": "amcl",
+    "settling_m": (-2.85e-7, -1.64e-7),
     "human_defects": True,
     "human_start_s": PUBLISHED_START_S,
     "human_early_start": PUBLISHED_EARLY_START,
