@@ -1,6 +1,9 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -200,3 +203,40 @@ def test_a_worker_that_dies_hard_costs_at_most_its_own_run(tmp_path: Path, alway
 def test_the_sqlite_ledger_gives_the_same_campaign_as_lists(tmp_path: Path) -> None:
     with SqliteLedger(tmp_path / "ledger.sqlite") as ledger:
         assert run(ledger) == run(MemoryLedger())
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks at processes in /proc")
+def test_workers_end_when_their_parent_is_killed(tmp_path: Path) -> None:
+    code = (
+        "import sys, time, os, signal\n"
+        "from tests.campaign.parts import MemoryLedger, parts, plan\n"
+        "from rvsg.campaign.loop import run_campaign\n"
+        "from rvsg.campaign.strategies import RandomStrategy\n"
+        "the_plan = plan(scenarios=1, refinements=0)\n"
+        "made = parts(MemoryLedger(), jobs=2)\n"
+        "run_campaign(the_plan, RandomStrategy(the_plan), made)\n"
+        "print(*made.simulations._pool._processes, flush=True)\n"
+        "time.sleep(60)\n"
+    )
+    parent = subprocess.Popen(
+        [sys.executable, "-c", code], stdout=subprocess.PIPE, text=True, cwd=Path(__file__).parents[2]
+    )
+    assert parent.stdout is not None
+    workers = [int(word) for word in parent.stdout.readline().split()]
+    assert len(workers) == 2
+    parent.kill()
+    parent.wait()
+    parent.stdout.close()
+    deadline = time.monotonic() + 20
+    while time.monotonic() < deadline and any(_runs(worker) for worker in workers):
+        time.sleep(0.1)
+    assert not any(_runs(worker) for worker in workers)
+
+
+def _runs(process: int) -> bool:
+    """Whether a process of that id is there and is more than a remainder nobody waited for."""
+    try:
+        state = Path(f"/proc/{process}/stat").read_text().rsplit(") ", 1)[1][0]
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+    return state != "Z"

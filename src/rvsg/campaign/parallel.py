@@ -7,7 +7,10 @@ every run that was under way is made again alone, one at a time, to find the one
 
 from __future__ import annotations
 
+import os
 import signal
+import threading
+import time
 from collections.abc import Callable
 from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
@@ -20,6 +23,8 @@ from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.run import Run, run_id
 from rvsg.simulation.simulator import Simulator
 from rvsg.world.world import World
+
+ORPHAN_CHECK_S = 2.0
 
 
 class Ordered:
@@ -139,7 +144,15 @@ _worker: dict[str, Any] = {}
 def _prepare(simulator: Simulator, world: World) -> None:
     """Set a worker process up; Ctrl-C is for the parent, which then ends the workers."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, args=(os.getppid(),), daemon=True).start()
     _worker.update(simulator=simulator, world=world)
+
+
+def _end_with_parent(parent: int) -> None:
+    """End this worker when its parent was killed: nobody would ever collect its runs or tell it to stop."""
+    while os.getppid() == parent:
+        time.sleep(ORPHAN_CHECK_S)
+    os._exit(1)
 
 
 def _work(scenario: Scenario, seed: int) -> Run | Failure:

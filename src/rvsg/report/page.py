@@ -62,6 +62,7 @@ def render_page(
     return template.render(
         version=rvsg.__version__,
         plan=plan,
+        place=f"{world.title}, {plan.mission.route.name}",
         requirement=plan.requirement,
         limit=number(plan.requirement.threshold, plan.requirement.unit)
         if plan.requirement.threshold is not None

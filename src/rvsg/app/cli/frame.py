@@ -143,9 +143,11 @@ def _tell(message: str) -> None:
 def _report_defect(error: Exception, arguments: Sequence[str]) -> int:
     """Say what happened, how to see more and where to report it: this is our mistake, not the user's."""
     if isinstance(error, BrokenPipeError):
-        # The reader of our output went away (`rvsg ... | head`): nothing is wrong, and nobody listens.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
+        # The reader of our output went away (`rvsg ... | head`): no defect, but not done either, and nobody listens.
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        for stream in (sys.stdout, sys.stderr):
+            os.dup2(nowhere, stream.fileno())
+        return 3
     if _debugging(arguments):
         traceback.print_exc()
     where = traceback.extract_tb(error.__traceback__)[-1]

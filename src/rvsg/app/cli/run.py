@@ -149,7 +149,9 @@ def _work(wired: Wired, ledger: Any, folder: Path, *, resumed: bool) -> list[Att
             return run_campaign(plan, wired.strategy(ledger), wired.parts(ledger, simulations, progress))
     except KeyboardInterrupt:
         kept = len(list(ledger.attempts(plan.name)))
-        raise Interrupted(f"Interrupted; {kept} finished attempts are kept. {how}") from None
+        raise Interrupted(
+            f"Interrupted; {kept} finished attempts are kept. {how}\nWhat there is so far: rvsg report {folder}"
+        ) from None
     except BudgetSpent as spent:
         raise BudgetSpent(f"{spent} Everything so far is kept. {how} --budget-...") from None
 
