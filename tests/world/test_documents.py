@@ -73,3 +73,12 @@ def test_a_bomb_of_aliases_is_refused_quickly() -> None:
 
 def test_a_list_where_keys_are_expected_is_told_what_keys() -> None:
     assert problems("- a\n") == ["labels.yaml:1: expected keys and values (areas), got ['a']"]
+
+
+def test_of_very_many_mistakes_the_first_fifty_are_listed_and_the_rest_counted() -> None:
+    text = "areas:\n" + "  - {nmae: x}\n" * 3000
+    with pytest.raises(DocumentError) as caught:
+        validated(parse_yaml(text, HERE), LabelsFile)
+    lines = str(caught.value).splitlines()
+    assert len(lines) == 52
+    assert lines[-1].startswith("  and ") and len(caught.value.problems) >= 6000

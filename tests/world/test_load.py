@@ -79,6 +79,7 @@ def test_areas_without_waypoints_get_those_within_reach_or_inside(room: Path) ->
 @pytest.mark.parametrize(
     ("edit", "expected"),
     [
+        (edited("world.yaml", "name: room", "format: 2\nname: room"), r"world.yaml:1: format: .* not 2; update RVSG"),
         (edited("world.yaml", "title", "tilte"), r'world.yaml:2: there is no key "tilte".* Did you mean "title"'),
         (edited("world.yaml", "1.0", "-1.0"), r"world.yaml:5: grid.spacing_m: expected a value greater"),
         (edited("world.yaml", "{from: objects}", "map.yaml"), r"map.yaml.*does not exist"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime
 import difflib
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +17,7 @@ from rvsg.errors import FileError
 
 LARGEST_FILE = 20_000_000
 MOST_NODES = 400_000
+MOST_LISTED = 50
 
 Key = tuple[str | int, ...]
 Model = TypeVar("Model", bound=BaseModel)
@@ -41,7 +43,9 @@ class DocumentError(FileError):
         first = self.problems[0]
         super().__init__(first.path, first.message, line=first.line)
         if len(self.problems) > 1:
-            listed = "\n".join(f"  - {problem}" for problem in self.problems)
+            listed = "\n".join(f"  - {problem}" for problem in self.problems[:MOST_LISTED])
+            if len(self.problems) > MOST_LISTED:
+                listed += f"\n  and {len(self.problems) - MOST_LISTED} more"
             self.args = (f"{len(self.problems)} things are wrong:\n{listed}",)
 
 
@@ -148,10 +152,15 @@ def validated(document: Document, model: type[Model]) -> Model:
 def problems_of(error: ValidationError, document: Document, model: type[BaseModel]) -> list[Problem]:
     """Every error of a validation as a problem with its line, in the order of the file."""
     details: list[dict[str, Any]] = [dict(detail) for detail in error.errors(include_url=False)]
+    keys = [_file_key(detail["loc"], document) for detail in details]
+    within = Counter(key[:length] for key in keys for length in range(len(key) + 1))
+    text_wanted = {key for key, detail in zip(keys, details, strict=True) if detail["type"] == "string_type"}
     found = []
-    for detail in details:
-        key = _file_key(detail["loc"], document)
-        if not _is_other_branch(detail, key, details):
+    for key, detail in zip(keys, details, strict=True):
+        # Where a name or a mapping may stand, pydantic complains of both forms; only the one that was written counts.
+        mapping_given = detail["type"] == "string_type" and isinstance(detail["input"], dict) and within[key] > 1
+        text_given = detail["type"] in ("model_type", "model_attributes_type") and key in text_wanted
+        if not (mapping_given or text_given):
             found.append(document.problem(_message(detail, key, model), *key))
     return sorted(set(found), key=lambda problem: (problem.line or 0, problem.message))
 
@@ -165,17 +174,6 @@ def _file_key(loc: Key, document: Document) -> Key:
                 key = candidate
                 break
     return key
-
-
-def _is_other_branch(detail: dict[str, Any], key: Key, details: list[dict[str, Any]]) -> bool:
-    """Whether an error is only of the form the author did not choose, where a name or a mapping may stand.
-
-    Pydantic then complains of both forms: of a mapping that it is not text, and of text that it is not a mapping.
-    """
-    others = [d for d in details if d is not detail and d["loc"][: len(key)] == detail["loc"][: len(key)]]
-    if detail["type"] == "string_type" and isinstance(detail["input"], dict):
-        return bool(others)
-    return detail["type"] in ("model_type", "model_attributes_type") and any(d["type"] == "string_type" for d in others)
 
 
 _SAID = {

@@ -219,3 +219,10 @@ class WorldFile(Record):
     grid: GridSpec = GridSpec()
     activities: tuple[str, ...] = ()
     description: Description | None = None
+
+    @field_validator("format", mode="before")
+    @classmethod
+    def _known_format(cls, given: object) -> object:
+        if given != 1:
+            raise ValueError(f"this version of RVSG reads world folders of format 1, not {given!r}; update RVSG")
+        return given
