@@ -8,12 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from tests.published_data import published_data
 
 from rvsg.errors import FileError
+from rvsg.world.birdseye import birdseye
 from rvsg.world.check import Remark, check_world
-from rvsg.world.create import Created, propose_routes, world_from_map, world_from_objects, world_from_sdf
+from rvsg.world.create import Created, largest_part, propose_routes, world_from_map, world_from_objects, world_from_sdf
 from rvsg.world.grid import GridSpec
 from rvsg.world.load import load_world
+from rvsg.world.picture import grid_picture, labelled_map
 from rvsg.world.readme import write_readme
 from rvsg.world.save import save_world
 
@@ -223,3 +226,28 @@ def test_a_folder_without_world_and_a_broken_one_are_told(tmp_path: Path, folder
     remarks = check_world(folder)
     assert {r.problem.path.name for r in remarks} == {"labels.yaml", "routes.yaml"}
     assert all(r.serious for r in remarks)
+
+
+def _public_maps() -> list[Path]:
+    data = published_data()
+    return sorted((data / "maps").glob("*.yaml")) if data else []
+
+
+@pytest.mark.skipif(not _public_maps(), reason="the public maps are not here")
+@pytest.mark.parametrize("path", _public_maps(), ids=lambda path: path.stem)
+def test_every_public_map_becomes_a_world_with_pictures_or_is_refused_with_a_reason(path: Path) -> None:
+    if path.stem == "nav2_testmap":  # 1 x 1 m
+        with pytest.raises(FileError, match=r"no place that is 0\.3 m clear"):
+            world_from_map(path, name="w")
+        return
+    world = world_from_map(path, name="w").world
+    assert len(world.grid.valid) >= 30
+    assert len(largest_part(world.grid)) > 0.7 * len(world.grid.valid)
+    assert len(world.areas) >= 4
+    assert len(world.routes) == 3
+    for picture in (
+        labelled_map(world, width_px=500),
+        grid_picture(world, width_px=500),
+        birdseye(world, width_px=500),
+    ):
+        assert len(picture.getcolors(maxcolors=1_000_000) or []) > 5

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
+from tests.published_data import published_data
 
 from rvsg.errors import FileError
 from rvsg.world.nav2_map import FREE, OCCUPIED, UNKNOWN, load_nav2_map, upright
@@ -211,18 +211,11 @@ def test_an_upright_map_holds_the_same_things_at_the_same_places(yaw: float, x: 
         assert there == cells[row, column]
 
 
-def _public_maps() -> Path | None:
-    given_folder = os.environ.get("RVSG_PUBLISHED_DATA")
-    places = [Path(given_folder)] if given_folder else []
-    places += [parent / "shared" / "data" for parent in Path(__file__).resolve().parents]
-    return next((place / "maps" for place in places if (place / "maps").is_dir()), None)
-
-
-@pytest.mark.skipif(_public_maps() is None, reason="the public maps are not here")
+@pytest.mark.skipif(published_data() is None, reason="the public maps are not here")
 def test_every_public_map_reads() -> None:
-    folder = _public_maps()
-    assert folder is not None
-    for path in sorted(folder.glob("*.yaml")):
+    data = published_data()
+    assert data is not None
+    for path in sorted((data / "maps").glob("*.yaml")):
         occupancy = upright(load_nav2_map(path).occupancy)
         assert np.count_nonzero(occupancy.cells == FREE) > 50
         assert np.count_nonzero(occupancy.cells == OCCUPIED) > 20

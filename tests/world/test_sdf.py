@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import struct
 from pathlib import Path
 
@@ -13,6 +12,7 @@ import shapely
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.published_data import published_data
 
 from rvsg.errors import FileError
 from rvsg.world.sdf import SdfWorld, load_sdf
@@ -348,17 +348,10 @@ def test_all_mistakes_are_told_at_once(tmp_path: Path) -> None:
 # --- the study's world ---
 
 
-def _data() -> Path | None:
-    told = os.environ.get("RVSG_PUBLISHED_DATA")
-    places = [Path(told)] if told else []
-    places += [parent / "shared" / "data" for parent in Path(__file__).resolve().parents]
-    return next((place for place in places if (place / "sdf").is_dir()), None)
-
-
-@pytest.mark.skipif(_data() is None, reason="the study's world is not here")
+@pytest.mark.skipif(published_data() is None, reason="the study's world is not here")
 def test_the_studys_world_reduces_to_its_published_objects() -> None:
     pytest.importorskip("collada")
-    data = _data()
+    data = published_data()
     assert data is not None
     read = load_sdf(data / "sdf" / "worlds" / "no_roof_small_warehouse.world")
     published = {thing["name"]: thing for thing in yaml.safe_load((data / "warehouse" / "objects.yaml").read_text())}
