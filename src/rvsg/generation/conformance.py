@@ -77,18 +77,18 @@ def odd_briefs(generator: Generator, mission: Mission, world: World) -> tuple[Br
     plain = Brief(mission=mission, requirement=DISTANCE, seed=1)
     briefs = [
         plain,
-        plain.model_copy(update={"requirement": None}),
-        plain.model_copy(update={"requirement": SMOOTH, "humans": 1}),
-        plain.model_copy(update={"requirement": TIMELY, "humans": 5, "seed": 2**63}),
-        plain.model_copy(update={"kind": "refine"}),
+        plain.replace(requirement=None),
+        plain.replace(requirement=SMOOTH, humans=1),
+        plain.replace(requirement=TIMELY, humans=5, seed=2**63),
+        plain.replace(kind="refine"),
     ]
     first = generator.propose(plain, world).scenario
     if first is not None:
         feedback = Feedback(scenario=first, objectives=(1.0,), mean=1.0, interval=(1.0, 1.0), previous_mean=0.5)
         memory = Remembered(description="", tasks={"Nobody": ("A → B",)}, mean=1.0, interval=(0.5, 1.5), scenario=first)
         briefs += [
-            plain.model_copy(update={"kind": "refine", "feedback": feedback, "configuration_index": 1}),
-            plain.model_copy(update={"kind": "refine", "feedback": feedback, "requirement": None}),
-            plain.model_copy(update={"memory": (memory, memory), "scenario_index": 2}),
+            plain.replace(kind="refine", feedback=feedback, configuration_index=1),
+            plain.replace(kind="refine", feedback=feedback, requirement=None),
+            plain.replace(memory=(memory, memory), scenario_index=2),
         ]
     return tuple(briefs)

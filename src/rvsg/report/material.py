@@ -17,7 +17,7 @@ from rvsg.scenario.requirement import Requirement
 TABLED = ("dto", "jerk", "trg", "rpc", "por", "chc", "pl", "tnm")
 """The metrics of the tables by their short ids; the values are those of the `_logged` variants."""
 
-METHODS = {"study": "rvsg", "climb": "rvsg", "unguided": "unguided", "random": "random"}
+METHODS = {"study": "rvsg", "climb": "rvsg", "elite": "rvsg", "unguided": "unguided", "random": "random"}
 Key = tuple[str, str]
 
 
