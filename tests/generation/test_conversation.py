@@ -76,6 +76,7 @@ def refining(brief: Brief, scenario: Scenario, **more: Any) -> Brief:
             HumanInfluence(name="Human 2", closest_gap_m=2.8, share_within_2_m=0.0, idle_waypoints=("D22", "D20")),
         ),
         series=(Sample(time_s=0.0, robot_at="G12", humans_at={"Human 1": "G10", "Human 2": "D22"}, value=2.5),),
+        series_of="gap in m",
     )
     return brief.model_copy(update={"kind": "refine", "feedback": feedback, "configuration_index": 1} | more)
 
@@ -219,6 +220,7 @@ def test_the_study_conversation_follows_the_published_sequence(brief: Brief, war
     history = model.asked[5].messages
     assert len(history) == 1 + 2 * 5 + 1
     assert "0; G12; G10; D22; 2.5" in history[-1].text
+    assert "Human 2 at; gap in m)" in history[-1].text
     memory = Remembered(description="d", tasks={}, mean=1.0, interval=(0.9, 1.1), scenario=first.scenario)
     diverse = Scripted([SCENARIO, "tasks", LINES, LINES, GOOD])
     other = brief.model_copy(update={"memory": (memory,)})
@@ -353,3 +355,12 @@ def test_first_prompts_are_those_of_the_first_call(brief: Brief, warehouse: Worl
         generator.propose(brief, warehouse)
         first: Request = model.asked[0]
         assert shown == first.messages
+
+
+def test_a_missing_key_is_told_before_anything_is_written(
+    brief: Brief, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("OPENAI_API_KEY", raising=False)
+    with pytest.raises(InputError, match="set OPENAI_API_KEY in the environment"):
+        VlmGenerator("openai-chat:gpt-4.1", folder=tmp_path / "campaign")
+    assert not (tmp_path / "campaign").exists()

@@ -61,6 +61,7 @@ def feedback_of(
         moments=decisive_moments(worst, grid, at_most=moments),
         influences=influences(attempt, runs, grid),
         series=series(worst, grid, requirement),
+        series_of=momentary_name(requirement),
     )
 
 
@@ -169,6 +170,20 @@ def series(run: Run, grid: Grid, requirement: Requirement) -> tuple[Sample, ...]
     )
 
 
+def momentary_name(requirement: Requirement) -> str:
+    """What `momentary_value` gives for a requirement, in words."""
+    metric = requirement.metric or ""
+    if "jerk" in metric:
+        return "jerk in m/s3"
+    if _of_progress(metric):
+        return "distance to the goal in m"
+    return "gap to the nearest human in m"
+
+
+def _of_progress(metric: str) -> bool:
+    return metric in ("trg", "tnm", "pl", "chc") or "time" in metric or "goal" in metric
+
+
 def momentary_value(run: Run, requirement: Requirement) -> Floats:
     """(N,) what the requirement's metric is made of at every sample.
 
@@ -182,7 +197,7 @@ def momentary_value(run: Run, requirement: Requirement) -> Floats:
         step = np.diff(path.t, prepend=path.t[:1])
         value: Floats = np.divide(jerk, step, out=np.zeros_like(jerk), where=step > 0)
         return value
-    if metric in ("trg", "tnm", "pl", "chc") or "time" in metric or "goal" in metric:
+    if _of_progress(metric):
         return np.asarray(np.hypot(path.x - run.goal[0], path.y - run.goal[1]))
     gap = gaps(run)
     return np.asarray(gap.min(axis=1)) if gap.shape[1] else np.full(len(path), np.nan)

@@ -126,6 +126,7 @@ def feedback_facts(feedback: Feedback, requirement: Requirement | None) -> dict[
             moment.model_dump(mode="json") | {"humans_at": [{"name": n, "at": a} for n, a in moment.humans_at.items()]}
             for moment in feedback.moments
         ],
+        "series_of": feedback.series_of,
         "series": [sample.model_dump(mode="json") for sample in feedback.series[:LONGEST_SERIES]],
     }
 

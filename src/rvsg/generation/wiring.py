@@ -133,4 +133,5 @@ def _reached(name: str, access: Access) -> ModelAccess:
             f"The price of {name} is not listed, so --budget-usd cannot be kept. Give --prices INPUT,CACHED,OUTPUT in "
             "dollars per million tokens, or use --budget-tokens or --budget-calls."
         )
+    reached.prepare()
     return reached

@@ -46,6 +46,7 @@ class Feedback(Record):
 
     `objectives` are the values of every repeat; `mean` and `interval` (95 % bootstrap) sum them up; `separable`
     says whether the change against the attempt before stands out of the noise (None: nothing to compare).
+    `series_of` says in words what the values of `series` are.
     """
 
     scenario: Scenario
@@ -58,6 +59,7 @@ class Feedback(Record):
     moments: tuple[Moment, ...] = ()
     influences: tuple[HumanInfluence, ...] = ()
     series: tuple[Sample, ...] = ()
+    series_of: str = "measured value"
 
 
 class Remembered(Record):

@@ -34,10 +34,11 @@ def wiring_of(model: str | None, record: Path | None, **access: Any) -> Wiring:
 
 def told_calls(calls: Any) -> str:
     """One line on what calls of a model cost."""
+    if not calls:
+        return "No call was made."
     costs = [call.cost_usd for call in calls]
-    cost = f"{sum(costs):.4f} USD" if costs and None not in costs else "cost unknown"
-    counted = "about " if any(call.estimated for call in calls) else ""
-    tokens = (
-        f"{counted}{sum(c.input_tokens for c in calls)} input and {sum(c.output_tokens for c in calls)} output tokens"
-    )
-    return f"{len(calls)} calls of {calls[0].model}: {tokens}, {cost}." if calls else "No call was made."
+    cost = f"{sum(costs):.4f} USD" if None not in costs else "cost unknown"
+    about = "about " if any(call.estimated for call in calls) else ""
+    asked = "1 call" if len(calls) == 1 else f"{len(calls)} calls"
+    given, written = sum(call.input_tokens for call in calls), sum(call.output_tokens for call in calls)
+    return f"{asked} of {calls[0].model}: {about}{given} input and {written} output tokens, {cost}."

@@ -30,7 +30,7 @@ def propose(
     conversation: Annotated[str, typer.Option(help="compact or study.")] = "compact",
     prompts: Annotated[str | None, typer.Option(help="Folder of prompt templates that replace ours.")] = None,
     replay: Annotated[str | None, typer.Option(help="Answer from these recordings, without a model.")] = None,
-    record: Annotated[str | None, typer.Option(help="Folder in which calls of the model are recorded.")] = None,
+    record: Annotated[str | None, typer.Option(help="Folder to record the model's calls in. [runs/proposals]")] = None,
     generator_option: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="For the generator.")] = None,
     out: Annotated[Path, typer.Option(help="Where the proposal is written; - is standard output.")] = Path("-"),
 ) -> None:
@@ -38,6 +38,7 @@ def propose(
 
     Writes the proposal as JSON; `rvsg simulate` reads it. With --feedback the proposal refines an earlier scenario.
     """
+    from rvsg.app.cli.model_options import told_calls
     from rvsg.app.cli.options import pairs
     from rvsg.app.config import effective
     from rvsg.app.records import read_record, write_text
@@ -56,7 +57,7 @@ def propose(
         "conversation": conversation,
         "prompts": prompts,
         "replay": replay,
-        "out": record,
+        "out": record or "runs/proposals",
         "generator_options": pairs("generator", generator_option),
     }
     wired = wire(effective(None, {}, given))
@@ -82,7 +83,9 @@ def propose(
     for problem in proposal.problems:
         say(f"  left: {problem}")
     if proposal.calls:
-        say(f"{len(proposal.calls)} calls of the model, {sum(c.input_tokens for c in proposal.calls)} input tokens")
+        say(told_calls(proposal.calls))
+        if replay is None:
+            say(f"Recorded in {wired.config.folder / 'vlm'}")
 
 
 def _checked(findings: int, corrections: int) -> str:

@@ -9,6 +9,7 @@ errors are raised outside the handler of the foreign one, so that nothing of it 
 from __future__ import annotations
 
 import os
+import re
 import threading
 import time
 import warnings
@@ -105,6 +106,16 @@ class ModelAccess:
     def knows_price(self) -> bool:
         """Whether the cost of a call can be told."""
         return self._prices is not None or _listed_price(self._provider, self._model)
+
+    def prepare(self) -> None:
+        """Find out before the first call whether the client is installed and has its key; InputError where not."""
+        failure: _Failure | None = None
+        try:
+            self._client()
+        except Exception as foreign:
+            failure = self._translated(foreign, None)
+        if failure is not None:
+            raise InputError(hide_secrets(f"Model {self._name}{self._place()}: {failure.told}"))
 
     def ask(self, request: Request) -> Answer:
         """Ask, patiently; raises ModelUnavailable with the reason and what to do."""
@@ -224,7 +235,7 @@ class ModelAccess:
             self._of_thread.client = _client_of(self._provider, self._model, self._base_url)
         return self._of_thread.client
 
-    def _translated(self, error: Exception, request: Request) -> _Failure:
+    def _translated(self, error: Exception, request: Request | None) -> _Failure:
         """What a foreign error means."""
         if isinstance(error, ImportError):
             return _Failure(_told_missing(self._provider, error), again=False, setup=True)
@@ -233,7 +244,9 @@ class ModelAccess:
         detail = hide_secrets(_one_line(str(error)))
         wait = getattr(error, "retry_after", None)
         if isinstance(error, foreign.UserError):
-            return _Failure(f"it cannot be used. {detail}", again=False, setup=True)
+            key = re.search(r"[A-Z][A-Z_]*_(?:API_KEY|BASE_URL|TOKEN)", detail)
+            told = f"set {key.group()} in the environment." if key else f"it cannot be used. {detail}"
+            return _Failure(told, again=False, setup=True)
         if isinstance(error, foreign.ModelAuthenticationError):
             return _Failure(
                 f"the service refused the key (or found none). Set {_key_variable(self._provider, self._base_url)} "
@@ -253,7 +266,7 @@ class ModelAccess:
         if isinstance(error, foreign.ModelContextWindowExceededError):
             return _Failure(f"the conversation is longer than the model can read. It said: {detail}", again=False)
         if isinstance(error, foreign.ModelRequestRejectedError):
-            if request.shape is not None and self._structured:
+            if request is not None and request.shape is not None and self._structured:
                 # Many compatible servers know no structured output: the prompt alone asks for the JSON as well.
                 return _Failure(f"it refused the request. It said: {detail}", again=True, without_shape=True)
             return _Failure(f"it refused the request. It said: {detail}", again=False)
