@@ -271,7 +271,7 @@ def is_blocked(
     start: Pose,
     offset: tuple[float, float],
 ) -> bool:
-    """Whether the robot's footprint at the start lies on an occupied cell, off the map, or on a lidar outline."""
+    """Whether the robot's footprint at the start lies on an occupied cell, off the map, or in what a lidar sees."""
     cos, sin = math.cos(start.yaw), math.sin(start.yaw)
     half_length, half_width = robot.HALF_LENGTH_M - 0.01, robot.HALF_WIDTH_M - 0.01
     n = max(3, int(2 * half_length / (0.5 * resolution)))
@@ -283,6 +283,8 @@ def is_blocked(
     if rows.min() < 0 or columns.min() < 0 or rows.max() >= static.shape[0] or columns.max() >= static.shape[1]:
         return True
     if (static[rows, columns] == LETHAL).any():
+        return True
+    if around.is_inside_solid(start.x, start.y):
         return True
     return bool(_crosses(around.edges, start, half_length, half_width))
 

@@ -33,31 +33,35 @@ ODOMETRY_DEADBAND = 0.001
 
 
 @inner
-def plan_route(scene: Scene, state: State, t: float) -> bool:
-    """Plan from the robot through the poses that remain; the new path goes to the controller. False: no path.
+def has_passed(state: State) -> bool:
+    """Whether the robot is within 0.7 m of the pose it is to drive through next; then the one after it is next."""
+    g = state.nav[st.GOAL]
+    if g >= state.goals.shape[0] - 1:
+        return False
+    x, y = to_map(state.own.frame, state.body[robot.X], state.body[robot.Y])
+    if (state.goals[g, 0] - x) ** 2 + (state.goals[g, 1] - y) ** 2 > PASSED_GOAL_M**2:
+        return False
+    state.nav[st.GOAL] = g + 1
+    return True
 
-    A pose to drive through counts as passed within 0.7 m.
+
+@inner
+def plan_route(scene: Scene, state: State, t: float) -> bool:
+    """Plan from the robot to the next pose; the new path goes to the controller. False: no path.
+
+    Unlike Nav2's NavigateThroughPoses the plan ends at the next pose to drive through: a plan that turns back within
+    the local window would otherwise draw the robot away from it.
     """
     nav = state.nav
     x, y = to_map(state.own.frame, state.body[robot.X], state.body[robot.Y])
-    last = state.goals.shape[0] - 1
-    while nav[st.GOAL] < last:
-        g = nav[st.GOAL]
-        if (state.goals[g, 0] - x) ** 2 + (state.goals[g, 1] - y) ** 2 > PASSED_GOAL_M**2:
-            break
-        nav[st.GOAL] += 1
-    count = 0
-    for g in range(nav[st.GOAL], last + 1):
-        end = plan(
-            state.path[0], count, x, y, state.goals[g, 0], state.goals[g, 1], state.global_master, state.costs,
-            scene.reach, state.rest, state.potential, state.waiting, state.buffers, state.cells, scene.origin_x,
-            scene.origin_y, scene.resolution,
-        )  # fmt: skip
-        if end == count:
-            return False
-        count = end
-        x = state.goals[g, 0]
-        y = state.goals[g, 1]
+    g = nav[st.GOAL]
+    count = plan(
+        state.path[0], 0, x, y, state.goals[g, 0], state.goals[g, 1], state.global_master, state.costs, scene.reach,
+        state.rest, state.potential, state.waiting, state.buffers, state.cells, scene.origin_x, scene.origin_y,
+        scene.resolution,
+    )  # fmt: skip
+    if count == 0:
+        return False
     state.nav[dwb.PLAN_BEGIN] = 0
     state.nav[dwb.PLAN_END] = count
     place_path(state)
@@ -296,6 +300,8 @@ def navigate(scene: Scene, state: State, settings: Settings, t: float) -> None:
     if nav[st.MODE] != st.DRIVE:
         act(state, settings, t)
         return
+    if has_passed(state):
+        nav[st.NEED_PLAN] = 1
     if nav[st.NEED_PLAN] != 0 or t - state.times[st.PLAN_T] >= REPLAN_PERIOD_S * settings.clock - 1e-9:
         if nav[st.CLEAR_GLOBAL] != 0:
             return

@@ -109,7 +109,7 @@ def new_state(
         nav=np.zeros(INTS, np.int64),
         times=np.zeros(REALS),
         goals=goals,
-        path=np.zeros((2, longest * len(goals), 2)),
+        path=np.zeros((2, longest, 2)),
         local=np.full((3, LOCAL_CELLS, LOCAL_CELLS), FREE, np.uint8),
         layers=np.full((2, rows, columns), UNKNOWN, np.uint8),
         global_master=np.zeros((rows, columns), np.uint8),

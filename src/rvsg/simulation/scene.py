@@ -100,6 +100,14 @@ class Surroundings:
         self.rests.move_to_end((row, column))
         return self.rests[row, column]
 
+    def is_inside_solid(self, x: float, y: float) -> bool:
+        """Whether a point lies within what the lidar plane cuts of some object (outlines of one object: even-odd)."""
+        ax, ay, bx, by = self.edges.T
+        straddles = (ay > y) != (by > y)
+        rise = np.where(straddles, by - ay, 1.0)
+        left_of = straddles & (x < ax + (y - ay) / rise * (bx - ax))
+        return bool((np.bincount(self.owner[left_of]) % 2 == 1).any()) if left_of.any() else False
+
     def scene_at(self, x: float, y: float) -> tuple[Scene, bool]:
         """The scene for a robot that starts at (x, y), and whether walls close off the place within lidar range."""
         column = int((x - self.x) / RASTER_M)
