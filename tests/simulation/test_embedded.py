@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import hashlib
+import math
+from multiprocessing import get_context
+
 import numpy as np
 import pytest
 
+from rvsg.errors import InputError, UnknownName
 from rvsg.scenario.agents import HumanAgent
 from rvsg.simulation.embedded import EmbeddedSimulator, simulate_agents
-from rvsg.simulation.options import profile
+from rvsg.simulation.options import Noise, profile
+from rvsg.simulation.rehearsal import empty_room
 from rvsg.simulation.run import Outcome, Run
 from rvsg.world.load import load_world
-from rvsg.world.world import World
+from rvsg.world.records import Pose
+from rvsg.world.world import Route, World
 
 
 @pytest.fixture(scope="module")
@@ -55,3 +62,110 @@ def test_the_options_tell_profile_and_noise() -> None:
     simulator = EmbeddedSimulator("published-study", noise={"lidar": 0})
     assert simulator.options["profile"] == "published-study"
     assert simulator.options["noise"]["lidar"] == 0.0  # type: ignore[index]
+
+
+def test_runs_are_equal_across_processes_and_jobs(warehouse: World) -> None:
+    agents = [walker(warehouse, "G13", "F13", "F14"), walker(warehouse, "E20", "E19", "E18")]
+    here = [digest(warehouse, agents, seed) for seed in range(4)]
+    with get_context("spawn").Pool(2) as pool:
+        there = pool.starmap(digest, [(warehouse, agents, seed) for seed in range(4)])
+    assert here == there
+
+
+def digest(world: World, agents: list[HumanAgent], seed: int) -> str:
+    run = simulate_agents(world, world.route("route_2"), agents, seed=seed)
+    parts = [vars(run.trajectory)[k].tobytes() for k in sorted(vars(run.trajectory))] + [run.imu.tobytes()]
+    return hashlib.sha256(b"".join(parts)).hexdigest()
+
+
+def test_without_any_noise_the_seed_does_not_matter(warehouse: World) -> None:
+    none = dict.fromkeys(Noise.model_fields, 0)
+    agents = [walker(warehouse, "G13", "F13", "F14")]
+    route = warehouse.route("route_1")
+    a, b = (simulate_agents(warehouse, route, agents, options=profile(noise=none), seed=seed) for seed in (1, 2))
+    assert equal(a, b)
+
+
+def route(start: tuple[float, float, float], goal: tuple[float, float, float], limit: float = 25.0) -> Route:
+    return Route(
+        name="test",
+        start=Pose(x=start[0], y=start[1], yaw=start[2]),
+        goal=Pose(x=goal[0], y=goal[1], yaw=goal[2]),
+        time_limit_s=limit,
+    )
+
+
+FREE_START = (-0.1, -0.35, 0.0)
+FREE_GOAL = (1.75, -8.6, -1.5)
+IN_BUCKET = (-1.83, -6.37, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("start", "goal", "outcome"),
+    [
+        (IN_BUCKET, FREE_GOAL, Outcome.BLOCKED_START),
+        ((-50.0, 0.0, 0.0), FREE_GOAL, Outcome.BLOCKED_START),
+        ((6.75, 2.1, 0.0), FREE_GOAL, Outcome.BLOCKED_START),
+        (FREE_START, IN_BUCKET, Outcome.NO_PATH),
+        (FREE_START, (50.0, 0.0, 0.0), Outcome.NO_PATH),
+        (FREE_START, FREE_START, Outcome.REACHED),
+        (FREE_START, (-1.1, -6.37, 0.0), Outcome.REACHED),  # inside inflation: the nearest reachable point
+    ],
+)
+def test_bad_starts_and_goals_are_outcomes(
+    warehouse: World, start: tuple[float, float, float], goal: tuple[float, float, float], outcome: Outcome
+) -> None:
+    run = simulate_agents(warehouse, route(start, goal), [walker(warehouse, "G13", "G14")], seed=1)
+    assert run.outcome is outcome
+    assert len(run.trajectory) >= 1
+    assert len(run.log) >= 1
+    assert run.recoveries <= 6
+
+
+def test_people_may_start_on_the_robot_on_each_other_and_in_an_obstacle(warehouse: World) -> None:
+    on_robot = HumanAgent(name="a", start=(-0.1, -0.35), goals=((-0.1, -0.35), (0.8, -0.35)), pauses_s=(0.0, 0.0))
+    within = HumanAgent(name="b", start=IN_BUCKET[:2], goals=(IN_BUCKET[:2], (0.8, -6.0)), pauses_s=(0.0, 0.0))
+    for name in ("default", "published-study"):
+        run = simulate_agents(
+            warehouse, route(FREE_START, FREE_GOAL), [on_robot, on_robot, within], options=profile(name), seed=2
+        )
+        assert run.outcome is not Outcome.BLOCKED_START
+        assert np.isfinite(run.trajectory.human_x).all()
+
+
+def test_numbers_that_make_no_sense_are_refused_before_the_start(warehouse: World) -> None:
+    bad = warehouse.route("route_1").model_copy(update={"start": Pose.model_construct(x=math.nan, y=0.0, yaw=0.0)})
+    with pytest.raises(InputError, match="finite"):
+        simulate_agents(warehouse, bad, [], seed=0)
+    with pytest.raises(InputError, match="time limit"):
+        simulate_agents(warehouse, route(FREE_START, FREE_GOAL, limit=0.0), [], seed=0)
+    with pytest.raises(InputError, match="lidar_rays"):
+        profile(lidar_rays=0)
+    with pytest.raises(UnknownName, match="published-study"):
+        profile("published-studi")
+
+
+def test_the_robot_drives_through_the_poses_of_a_route_in_order(warehouse: World) -> None:
+    through = (Pose(x=0.8, y=3.0), Pose(x=0.0, y=0.5))
+    long = route(FREE_START, FREE_GOAL, limit=80.0).model_copy(update={"through": through})
+    run = simulate_agents(warehouse, long, [], seed=1)
+    assert run.outcome is Outcome.REACHED
+    first, second = (int(np.argmin(np.hypot(run.trajectory.x - pose.x, run.trajectory.y - pose.y))) for pose in through)
+    assert np.hypot(run.trajectory.x[first] - 0.8, run.trajectory.y[first] - 3.0) < 0.75
+    assert first < second
+
+
+def test_a_world_that_is_only_an_occupancy_map_can_be_driven() -> None:
+    room = empty_room()
+    human = HumanAgent(name="h", start=(0.0, -1.0), goals=((0.0, -1.0), (0.0, 1.0)), pauses_s=(0.0, 0.0))
+    run = simulate_agents(room, route((-2.0, 0.0, 0.0), (2.0, 1.0, 0.0)), [human], seed=1)
+    assert run.outcome is Outcome.REACHED
+
+
+def test_the_robot_drives_round_a_standing_person(warehouse: World) -> None:
+    place = (0.0, 0.3)
+    human = HumanAgent(name="h", start=place, goals=(place,), pauses_s=(0.0,))
+    run = simulate_agents(empty_room(), route((-2.0, 0.0, 0.0), (2.0, 0.0, 0.0)), [human], seed=1)
+    assert run.outcome is Outcome.REACHED
+    apart = np.hypot(run.trajectory.x - run.trajectory.human_x[:, 0], run.trajectory.y - run.trajectory.human_y[:, 0])
+    assert apart.min() > 0.25

@@ -1,0 +1,183 @@
+"""DWB against a slow reading of its rules."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from rvsg.simulation import dwb
+from rvsg.simulation.costmap import inflate_marks, inflation_kernel
+
+Floats = NDArray[np.float64]
+Bytes = NDArray[np.uint8]
+TABLE = dwb.samples()
+
+
+def slow_rollout(v0: float, w0: float, v1: float, w1: float, steps: int, dt: float) -> Floats:
+    """All poses of one sample from the pose (0, 0, 0)."""
+    poses = [(0.0, 0.0, 0.0)]
+    v, w = v0, w0
+    for _ in range(steps):
+        v += max(-2.5 * dt, min(2.5 * dt, v1 - v))
+        w += max(-3.2 * dt, min(3.2 * dt, w1 - w))
+        x, y, yaw = poses[-1]
+        poses.append((x + v * math.cos(yaw) * dt, y + v * math.sin(yaw) * dt, yaw + w * dt))
+    return np.array(poses)
+
+
+def slow_totals(
+    master: Bytes, path: Floats, pose: tuple[float, float, float], v0: float, w0: float
+) -> list[float | None]:
+    """Every sample's total away from the goal, None where a critic forbids it; the window's corner is at 0, 0."""
+    near = [i for i, p in enumerate(path) if math.dist(p, pose[:2]) < 1.5]
+    begin = near[0]
+    end = next((i for i in range(begin, len(path)) if math.dist(path[i], pose[:2]) > 1.5), len(path))
+    window = path[begin:end]
+    goal = path[-1]
+    bearing = math.atan2(goal[1] - pose[1], goal[0] - pose[0])
+    moved = window.copy()
+    moved[-1] += 0.1 * np.array([math.cos(bearing), math.sin(bearing)])
+
+    def cell(p: Floats) -> tuple[int, int] | None:
+        c, r = math.floor(p[0] / 0.05), math.floor(p[1] / 0.05)
+        return (c, r) if 0 <= c < 60 and 0 <= r < 60 else None
+
+    def cells(points: Floats) -> list[tuple[int, int]]:
+        found: list[tuple[int, int]] = []
+        for p in points:
+            c = cell(p)
+            if c is None and found:
+                break
+            if c is not None and c not in found:
+                found.append(c)
+        return found
+
+    sources = cells(window)
+    last = [c for c in (cell(p) for p in window) if c][-1]
+    align = [c for c in (cell(p) for p in moved) if c][-1]
+
+    def path_distance(c: tuple[int, int]) -> int:
+        nearest = min(sources, key=lambda s: (s[0] - c[0]) ** 2 + (s[1] - c[1]) ** 2)
+        return abs(nearest[0] - c[0]) + abs(nearest[1] - c[1])
+
+    totals: list[float | None] = []
+    for v1, w1, steps, dt in TABLE:
+        rolled = slow_rollout(v0, w0, v1, w1, int(steps), dt)
+        cos, sin = math.cos(pose[2]), math.sin(pose[2])
+        world = np.column_stack(
+            [pose[0] + cos * rolled[:, 0] - sin * rolled[:, 1], pose[1] + sin * rolled[:, 0] + cos * rolled[:, 1]]
+        )
+        yaw = pose[2] + rolled[-1, 2]
+        touched = [cell(p) for p in world]
+        ahead = cell(world[-1] + 0.1 * np.array([math.cos(yaw), math.sin(yaw)]))
+        if ahead is None or any(c is None or master[c[1], c[0]] >= 253 for c in touched):
+            totals.append(None)
+            continue
+        e = touched[-1]
+        assert e is not None
+        totals.append(
+            0.02 * int(master[e[1], e[0]])
+            + 0.6 * (abs(ahead[0] - align[0]) + abs(ahead[1] - align[1]))
+            + 0.8 * path_distance(ahead)
+            + 0.8 * path_distance(e)
+            + 0.6 * (abs(e[0] - last[0]) + abs(e[1] - last[1]))
+        )
+    return totals
+
+
+def choose(
+    master: Bytes, path: Floats, pose: tuple[float, float, float], v0: float, w0: float, goal_yaw: float = 0.0,
+    state: NDArray[np.int64] | None = None,
+) -> int:  # fmt: skip
+    state = np.zeros(dwb.CONTROLLER_INTS, np.int64) if state is None else state
+    state[dwb.PLAN_END] = len(path)
+    count = len(TABLE)
+    return dwb.choose(
+        state, np.zeros(dwb.CONTROLLER_REALS), dwb.scratch(count), dwb.rollouts(count), TABLE, master, 0, 0, path,
+        goal_yaw, *pose, v0, w0,
+    )  # fmt: skip
+
+
+def test_there_are_419_samples_in_dwbs_order() -> None:
+    assert len(TABLE) == 419
+    assert TABLE[0, :2].tolist() == [0.0, -1.0]
+    assert (TABLE[:, 1] == 0.0).sum() == 19
+    assert not ((TABLE[:, 0] == 0.0) & (TABLE[:, 1] == 0.0)).any()
+    assert (np.diff(TABLE[:, 0]) >= 0).all()
+    assert TABLE[:, 2].max() == 68
+    assert TABLE[:, 2] * TABLE[:, 3] == pytest.approx(1.7)
+
+
+@pytest.mark.parametrize(("v0", "w0"), [(0.0, 0.0), (0.5, 0.3), (0.26, -0.755)])
+def test_rollouts_end_where_the_slow_reading_ends(v0: float, w0: float) -> None:
+    ends = np.zeros((len(TABLE), 5))
+    dwb.roll_out_ends(ends, v0, w0, TABLE)
+    slow = np.array([slow_rollout(v0, w0, v, w, int(n), dt)[-1] for v, w, n, dt in TABLE])
+    assert np.allclose(ends[:, :3], slow, atol=1e-12)
+    ahead = slow[:, :2] + 0.1 * np.column_stack([np.cos(slow[:, 2]), np.sin(slow[:, 2])])
+    assert np.allclose(ends[:, 3:], ahead, atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_chosen_sample_is_the_first_of_least_total_among_those_that_are_free(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    marks = np.zeros((60, 60), np.uint8)
+    for r, c in rng.integers(2, 58, (5, 2)):
+        if math.hypot(r - 30, c - 30) > 12:
+            marks[r - 1 : r + 2, c - 1 : c + 2] = 254
+    master = np.zeros((60, 60), np.uint8)
+    inflate_marks(master, marks, np.zeros_like(marks), inflation_kernel(0.05))
+    turn = rng.uniform(-math.pi, math.pi)
+    along = np.arange(0.0, 4.0, 0.025)
+    bend = 0.3 * np.sin(along)
+    path = np.column_stack([1.5 + along * math.cos(turn) - bend * math.sin(turn),
+                            1.5 + along * math.sin(turn) + bend * math.cos(turn)])  # fmt: skip
+    pose = (1.513, 1.487, turn + rng.uniform(-0.6, 0.6))
+    totals = slow_totals(master, path, pose, 0.37, 0.21)
+    legal = [t for t in totals if t is not None]
+    best = choose(master, path, pose, 0.37, 0.21)
+    if not legal:
+        assert best == -1
+    else:
+        assert totals[best] == pytest.approx(min(legal), abs=1e-9)
+        assert best == next(i for i, t in enumerate(totals) if t is not None and t <= min(legal) + 1e-9)
+
+
+def test_a_robot_in_an_inscribed_cell_has_no_command() -> None:
+    master = np.zeros((60, 60), np.uint8)
+    master[30, 30] = 253
+    path = np.column_stack([np.linspace(1.5, 3.0, 60), np.full(60, 1.5)])
+    assert choose(master, path, (1.51, 1.51, 0.0), 0.0, 0.0) == -1
+
+
+def test_a_plan_out_of_reach_has_no_command() -> None:
+    path = np.column_stack([np.linspace(20.0, 30.0, 400), np.full(400, 1.5)])
+    assert choose(np.zeros((60, 60), np.uint8), path, (1.51, 1.51, 0.0), 0.0, 0.0) == -1
+
+
+def test_near_the_goal_the_robot_slows_down_then_turns_on_the_spot_towards_the_goals_yaw() -> None:
+    master = np.zeros((60, 60), np.uint8)
+    path = np.column_stack([np.linspace(1.0, 1.6, 25), np.full(25, 1.5)])
+    slowing = TABLE[choose(master, path, (1.45, 1.5, 0.0), 0.5, 0.0, goal_yaw=1.5)]
+    assert slowing[0] < 0.5
+    turning = TABLE[choose(master, path, (1.45, 1.5, 0.0), 0.1, 0.0, goal_yaw=1.5)]
+    assert turning[0] == 0.0
+    assert turning[1] > 0.5
+
+
+def test_a_reversed_turn_on_the_spot_bans_the_way_back_until_the_robot_has_moved() -> None:
+    state = np.zeros(dwb.CONTROLLER_INTS, np.int64)
+    reals = np.zeros(dwb.CONTROLLER_REALS)
+    dwb.remember_turn(state, reals, 0.0, -0.5, 0.0, 0.0, 0.0)
+    dwb.remember_turn(state, reals, 0.4, 0.5, 0.0, 0.0, 0.0)
+    assert state[dwb.BAN_RIGHT] == 0
+    dwb.remember_turn(state, reals, 0.05, 0.5, 0.0, 0.0, 0.0)
+    assert state[dwb.BAN_RIGHT] == 1
+    dwb.remember_turn(state, reals, 0.5, 0.5, 0.04, 0.0, 0.1)
+    assert state[dwb.BAN_RIGHT] == 1
+    dwb.remember_turn(state, reals, 0.5, 0.5, 0.06, 0.0, 0.1)
+    assert state[dwb.BAN_RIGHT] == 0
+    assert state[dwb.LAST_SIGN] == 0
