@@ -87,12 +87,11 @@ def converted(master: Costs) -> Costs:
     return costs
 
 
-def potential_of(costs: Costs, shape: tuple[int, int], source: int, target: int, rest: NDArray[np.float32] | None = None,
-                 bound: np.float32 = UNBOUNDED) -> NDArray[np.float32]:  # fmt: skip
+def potential_of(costs: Costs, shape: tuple[int, int], source: int, target: int) -> NDArray[np.float32]:
     potential = np.zeros(costs.size, np.float32)
     propagate(
         potential, costs, reaches(), np.zeros(costs.size, np.uint8), np.zeros((3, BUFFER), np.int32), shape[1],
-        shape[0], source, target, potential if rest is None else rest, bound,
+        shape[0], source, target, potential, UNBOUNDED,
     )  # fmt: skip
     return potential
 
