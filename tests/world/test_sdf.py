@@ -248,6 +248,55 @@ def test_stl_and_obj_meshes_are_scaled_and_sliced(tmp_path: Path, name: str) -> 
     assert region(thing.slices).area == pytest.approx(2.0, abs=1e-4)
 
 
+DAE = """<?xml version="1.0"?>
+<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
+<asset><created>2020-01-01T00:00:00</created><modified>2020-01-01T00:00:00</modified>
+<unit meter="0.01" name="centimeter"/><up_axis>Y_UP</up_axis></asset>
+<library_geometries><geometry id="g" name="g"><mesh>
+<source id="p"><float_array id="g-positions-array" count="{count}">{values}</float_array>
+<technique_common><accessor source="#g-positions-array" count="{points}" stride="3">
+<param name="X" type="float"/><param name="Y" type="float"/><param name="Z" type="float"/></accessor></technique_common>
+</source><vertices id="v"><input semantic="POSITION" source="#p"/></vertices>
+<triangles count="12"><input semantic="VERTEX" source="#v" offset="0"/><p>{order}</p></triangles>
+</mesh></geometry></library_geometries>
+<library_visual_scenes><visual_scene id="s"><node id="n"><translate>100 0 0</translate>
+<instance_geometry url="#g"/></node></visual_scene></library_visual_scenes>
+<scene><instance_visual_scene url="#s"/></scene></COLLADA>"""
+
+
+def dae(folder: Path) -> Path:
+    values = (CUBE * 100).reshape(-1)
+    path = folder / "m.dae"
+    path.write_text(
+        DAE.format(
+            count=len(values), values=" ".join(f"{v:g}" for v in values), points=36, order=" ".join(map(str, range(36)))
+        )
+    )
+    return path
+
+
+def test_a_colladas_unit_and_nodes_are_applied_and_its_up_axis_is_not(tmp_path: Path) -> None:
+    pytest.importorskip("collada")
+    dae(tmp_path)
+    thing = only(load_sdf(mesh_world(tmp_path, "m.dae", "1 1 2")))
+    assert thing.box.center == pytest.approx((1.5, 0.5, 1.0))
+    assert thing.box.size == pytest.approx((1, 1, 2))
+
+
+def test_a_broken_collada_still_gives_its_box_if_allowed(tmp_path: Path) -> None:
+    pytest.importorskip("collada")
+    path = dae(tmp_path)
+    path.write_text(path.read_text().replace("</mesh>", ""))
+    world = mesh_world(tmp_path, "m.dae")
+    assert "m.dae:" in refusal(world)
+    assert only(load_sdf(world, box_for_unreadable=True)).box.size == pytest.approx((1, 1, 1))
+
+
+def test_a_model_with_sensors_may_be_the_robot(tmp_path: Path) -> None:
+    read = load_sdf(write(tmp_path, model("tb3", box() + "<sensor name='s'/>") + model("a", box(), "9 0 .5 0 0 0")))
+    assert [note for note in read.notes if "tb3" in note and "--without" in note]
+
+
 def test_an_unreadable_mesh_is_named_and_its_box_is_used_only_if_allowed(tmp_path: Path) -> None:
     pytest.importorskip("trimesh")
     (tmp_path / "m.stl").write_bytes(stl(CUBE)[:-20])

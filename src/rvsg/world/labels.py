@@ -167,7 +167,8 @@ def _plural(word: str) -> str:
 
 
 def areas_of_obstacles(occupancy: OccupancyMap, space: Space) -> tuple[Area, ...]:
-    """The obstacles that stand free on the main floor as areas "Obstacle 1", ..., the largest thirty.
+    """The obstacles that stand free on the main floor as areas "Obstacle 1", ...: the largest thirty, long ones
+    in parts.
 
     Occupied cells less than a person's passage apart are one obstacle; walls (thin, or with
     floor inside) are not labelled.
@@ -196,7 +197,8 @@ def areas_of_obstacles(occupancy: OccupancyMap, space: Space) -> tuple[Area, ...
         y = space.frame.origin.y + (window[0].start + r.min()) * size
         found.append((wide * high, (round(x, 2), round(y, 2), round(x + wide, 2), round(y + high, 2))))
     largest = sorted(found, reverse=True)[:MOST_OBSTACLES]
-    return tuple(_numbered("Obstacle", "obstacle", [rectangle_outline(r) for _, r in largest], region=None))
+    parts = [part for _, rectangle in largest for part in _parts(rectangle, LONGEST_M, PART_M)]
+    return tuple(_numbered("Obstacle", "obstacle", [rectangle_outline(part) for part in parts], region=None))
 
 
 def _stands_on(floor: Bools, window: tuple[slice, slice]) -> bool:

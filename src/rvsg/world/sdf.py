@@ -114,6 +114,10 @@ class _Reader:
             self.tree.problems.append(Problem(model.path, model.element.line, message))
         else:
             self.objects.extend(found)
+            if model.element.all("plugin") or any(link.element.all("sensor") for link in model.links.values()):
+                self.notes.append(
+                    f'model "{name}" carries sensors or a plug-in: if it is the robot, leave it out with --without.'
+                )
 
     # --- geometry ---
 
