@@ -26,7 +26,7 @@ from rvsg.world.space import frame_of, solid_cells, world_map
 from rvsg.world.world import FREE, OCCUPIED, World
 
 Floats = NDArray[np.float64]
-LAYOUT_PX = 1600
+SHOWN_PX = 800
 
 
 @dataclass(frozen=True)
@@ -42,9 +42,19 @@ class FloorPlan:
     shapes: str
 
 
-def floor_plan(world: World, *, window: Window | None = None, areas: bool = True, waypoints: bool = False) -> FloorPlan:
-    """The floor plan of a world or of a window of it (x_min, y_min, x_max, y_max in metres)."""
-    view = view_of(world, width_px=LAYOUT_PX, window=window, margins=(0, 0, 0, 0))
+def floor_plan(
+    world: World,
+    *,
+    window: Window | None = None,
+    areas: bool = True,
+    waypoints: bool = False,
+    shown_px: int = SHOWN_PX,
+) -> FloorPlan:
+    """The floor plan of a world or of a window of it (x_min, y_min, x_max, y_max in metres).
+
+    The areas' names are sized and placed to be read where the plan is shown about `shown_px` pixels wide.
+    """
+    view = view_of(world, width_px=shown_px, window=window, margins=(0, 0, 0, 0))
     x0, y0, x1, y1 = view.window
     if view.up == "y":
         matrix, box = "matrix(1 0 0 -1 0 0)", (x0, -y1, x1 - x0, y1 - y0)
@@ -80,7 +90,7 @@ def floor_plan_svg(
     colours: str | Palette = "light",
 ) -> str:
     """The floor plan as an SVG document that stands alone, `width_px` CSS pixels wide."""
-    plan = floor_plan(world, window=window, areas=areas, waypoints=waypoints)
+    plan = floor_plan(world, window=window, areas=areas, waypoints=waypoints, shown_px=width_px)
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="{plan.view_box}" width="{width_px}" role="img" '
         f'aria-label="Floor plan of {html.escape(world.title, quote=True)}">\n'

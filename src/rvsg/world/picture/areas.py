@@ -13,6 +13,8 @@ from rvsg.world.world import Area, World
 
 Floats = NDArray[np.float64]
 
+LARGEST_ON_PAGES = 17  # pixels: the size of text around it
+
 
 def draw_areas(sheet: Sheet, areas: list[Area], kinds: dict[str, Colour]) -> None:
     """Tint every area in the colour of its kind and draw its outline."""
@@ -34,10 +36,11 @@ def areas_in_sight(world: World, view: View) -> list[Area]:
 
 
 def area_words(world: World, view: View) -> tuple[Word, ...]:
-    """Where the names of the areas would stand on a page with nothing else on it."""
+    """Where the names of the areas stand on a plan of the view's size with nothing else on it."""
     sheet = Sheet(view, LIGHT)
     areas = areas_in_sight(world, view)
-    write_areas(sheet, areas, LIGHT.kind_colours(area.kind for area in world.areas), largest=24)
+    kinds = LIGHT.kind_colours(area.kind for area in world.areas)
+    write_areas(sheet, areas, kinds, largest=round(LARGEST_ON_PAGES / sheet.unit))
     return tuple(sheet.words)
 
 
