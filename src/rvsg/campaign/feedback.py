@@ -190,8 +190,7 @@ def momentary_value(run: Run, requirement: Requirement) -> Floats:
     Metrics of jerk: m/s3. Of time, path and progress: distance to the goal, m. All others: gap to the nearest
     human, m (NaN without humans).
     """
-    path = run.trajectory
-    metric = requirement.metric or ""
+    path, metric = run.trajectory, requirement.metric or ""
     if "jerk" in metric:
         jerk = np.abs(np.diff(path.acceleration, prepend=path.acceleration[:1]))
         step = np.diff(path.t, prepend=path.t[:1])

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 
 import rvsg
 from rvsg.campaign.attempt import Attempt
-from rvsg.campaign.feedback import gaps
+from rvsg.campaign.feedback import gaps, momentary_name, momentary_value
 from rvsg.campaign.plan import Plan
 from rvsg.campaign.ranking import best_attempt
 from rvsg.evaluation.verdict import Status, Verdict
@@ -272,15 +273,16 @@ class _Turn:
 
 def _replay(plan: Plan, shown: Sequence[tuple[str, Run]], turn: _Turn) -> dict[str, Any]:
     """What the page's script needs to draw the runs: positions in the plan and gaps, ten times a second."""
-    route = plan.mission.route
+    route, measured = plan.mission.route, momentary_name(plan.requirement)
     return {
         "colours": HUMAN_COLOURS,
         "route": {"start": _place(route.start, turn), "goal": _place(route.goal, turn)},
-        "runs": [_replay_run(label, run, turn) for label, run in shown],
+        "measure": measured if not measured.startswith("gap") else "",
+        "runs": [_replay_run(label, run, plan, turn) for label, run in shown],
     }
 
 
-def _replay_run(label: str, run: Run, turn: _Turn) -> dict[str, Any]:
+def _replay_run(label: str, run: Run, plan: Plan, turn: _Turn) -> dict[str, Any]:
     path = run.trajectory
     wanted = np.arange(0.0, float(path.t[-1]) + REPLAY_PERIOD_S / 2, REPLAY_PERIOD_S)
     rows = np.clip(np.searchsorted(path.t, wanted - 1e-9), 0, len(path) - 1)
@@ -298,10 +300,17 @@ def _replay_run(label: str, run: Run, turn: _Turn) -> dict[str, Any]:
         "y": _list(y),
         "angle": _list(turn.degrees(path.yaw[rows]), 1),
         "v": _list(path.v[rows], 2),
+        "measure": _list(_highest(momentary_value(run, plan.requirement), rows)),
         "hx": [_list(human_x[:, h]) for h in range(gap.shape[1])],
         "hy": [_list(human_y[:, h]) for h in range(gap.shape[1])],
         "gap": [_list(gap[:, h]) for h in range(gap.shape[1])],
     }
+
+
+def _highest(values: Floats, rows: NDArray[np.intp]) -> Floats:
+    """The greatest of the values since the row before, so that thinning out hides no peak; 0 where there is none."""
+    values = np.nan_to_num(values, nan=0.0)
+    return np.array([values[max(0, a + 1) : b + 1].max() if b > a else values[b] for a, b in pairwise([-1, *rows])])
 
 
 def _place(pose: Pose, turn: _Turn) -> list[float]:
