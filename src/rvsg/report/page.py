@@ -277,7 +277,7 @@ def _replay(plan: Plan, shown: Sequence[tuple[str, Run]], turn: _Turn) -> dict[s
     return {
         "colours": HUMAN_COLOURS,
         "route": {"start": _place(route.start, turn), "goal": _place(route.goal, turn)},
-        "measure": measured if not measured.startswith("gap") else "",
+        "measure": "" if measured.startswith("gap") else measured,
         "runs": [_replay_run(label, run, plan, turn) for label, run in shown],
     }
 
