@@ -18,6 +18,7 @@ VERBS: dict[str, Verb] = {
     "propose": Verb("propose", "Ask a generator for one scenario, and show what the checker said"),
     "simulate": Verb("simulate", "Simulate a scenario and write its runs"),
     "evaluate": Verb("evaluate", "Measure runs of a scenario, and judge them by a requirement"),
+    "shrink": Verb("shrink", "Find the smallest scenario that violates a requirement about as often"),
     "report": Verb("report", "Write the page of a stored campaign, and print its ranked scenarios"),
     "demo": Verb("demo", "Run a recorded campaign again, whose scenarios a vision language model wrote"),
     "describe": Verb("describe", "Describe a world in words, by a vision language model that looks at it"),

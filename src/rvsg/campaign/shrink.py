@@ -1,0 +1,193 @@
+"""Shrinking: the smallest scenario that still violates the requirement about as often.
+
+What is left explains the violation: people, tasks, pauses and delays that do not matter are gone. Every simpler
+scenario meets the same seeds as the original, so that both meet the same noise; it is kept where it violates the
+requirement at least `keep` times as often. Whether that is true and not luck is told at the end by fresh seeds that
+took no part in the choice.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+
+from rvsg.campaign.attempt import Failure, Measurement
+from rvsg.campaign.parallel import Simulations
+from rvsg.campaign.seeds import fresh_seeds
+from rvsg.errors import InputError
+from rvsg.evaluation.verdict import Verdict
+from rvsg.scenario.requirement import Requirement
+from rvsg.scenario.scenario import Behaviour, ForceFactors, Human, HumanConfiguration, Scenario, Task
+from rvsg.scenario.validity import check, repair
+from rvsg.simulation.run import Run
+from rvsg.world.records import Record
+
+
+class Simplification(Record):
+    """One thing that was tried: what was taken away, how often the requirement was violated then, and if it stays so.
+
+    `runs` may be fewer than asked for: it is given up as soon as it cannot be kept any more.
+    """
+
+    what: str
+    kept: bool
+    violations: int
+    runs: int
+
+
+class Shrunk(Record):
+    """The smallest scenario found, what was tried, and how original and smallest do on the same fresh seeds."""
+
+    original: Scenario
+    smallest: Scenario
+    steps: tuple[Simplification, ...]
+    before: Verdict
+    after: Verdict
+    runs: int
+
+
+@dataclass(kw_only=True)
+class Shrinking:
+    """The parts of a shrinking: what makes runs and what judges them, and how often a scenario is run.
+
+    `keep` is the share of the original's violations that a simpler scenario has to show.
+    """
+
+    requirement: Requirement
+    simulations: Simulations
+    measure: Callable[[Run], Measurement]
+    judge: Callable[[Sequence[Measurement]], Verdict]
+    seed: int = 0
+    repeats: int = 12
+    confirmations: int = 20
+    keep: float = 0.8
+    watch: Callable[[Simplification], None] = lambda _: None
+    runs: int = field(default=0, init=False)
+
+    def __call__(self, scenario: Scenario) -> Shrunk:
+        """Shrink a scenario. InputError where the requirement has no limit or the scenario does not violate it."""
+        if self.requirement.threshold is None:
+            raise InputError(
+                f'Requirement "{self.requirement.name}" has no limit, so nothing violates it. Give it one.'
+            )
+        seeds = fresh_seeds(self.seed, "shrink", self.repeats, used=())
+        violated = self._violations(scenario, seeds, needed=0)[0]
+        if violated == 0:
+            raise InputError(
+                f"None of {self.repeats} runs violates {self.requirement.name}, so there is nothing to explain. "
+                "Shrink a scenario that violates it, or raise the number of repeats."
+            )
+        needed = max(1, math.ceil(self.keep * violated - 1e-9))
+        smallest, steps = self._smallest(scenario, seeds, needed)
+        fresh = fresh_seeds(self.seed, "shrink confirmation", self.confirmations, used=seeds)
+        return Shrunk(
+            original=scenario,
+            smallest=smallest,
+            steps=tuple(steps),
+            before=self.judge(self._measured(scenario, fresh)),
+            after=self.judge(self._measured(smallest, fresh)),
+            runs=self.runs,
+        )
+
+    def _smallest(self, scenario: Scenario, seeds: Sequence[int], needed: int) -> tuple[Scenario, list[Simplification]]:
+        """Take away what can be taken away, the largest things first, until nothing more can."""
+        steps: list[Simplification] = []
+        tried = {scenario.id}
+        again = True
+        while again:
+            again = False
+            for what, people in simpler(scenario.people):
+                candidate = self._valid(scenario, people)
+                if candidate is None or candidate.id in tried or size(candidate.people) >= size(scenario.people):
+                    continue
+                tried.add(candidate.id)
+                violations, runs = self._violations(candidate, seeds, needed)
+                step = Simplification(what=what, kept=violations >= needed, violations=violations, runs=runs)
+                steps.append(step)
+                self.watch(step)
+                if step.kept:
+                    scenario, again = candidate, True
+                    break
+        return scenario, steps
+
+    def _valid(self, scenario: Scenario, people: HumanConfiguration) -> Scenario | None:
+        """The scenario with these people, its loops closed again; None where that is not possible."""
+        world = self.simulations.world
+        mended, _ = repair(people, scenario.mission, world)
+        if check(mended, scenario.mission, world):
+            return None
+        return scenario.replace(people=mended)
+
+    def _violations(self, scenario: Scenario, seeds: Sequence[int], needed: int) -> tuple[int, int]:
+        """How many runs violate the requirement, and how many were made before it was clear that too few do."""
+        violations = 0
+        for count, seed in enumerate(seeds, start=1):
+            (measured,) = self._measured(scenario, [seed]) or (None,)
+            objective = measured.objective if measured else None
+            violations += objective is not None and self.requirement.violated_by(objective)
+            if violations + len(seeds) - count < needed:
+                return violations, count
+        return violations, len(seeds)
+
+    def _measured(self, scenario: Scenario, seeds: Sequence[int]) -> list[Measurement]:
+        """The measurements of the runs that could be made."""
+        ordered = [self.simulations.order(scenario, seed) for seed in seeds]
+        found = [order.result() for order in ordered]
+        self.runs += len(found)
+        return [self.measure(run) for run in found if not isinstance(run, Failure)]
+
+
+def size(people: HumanConfiguration) -> tuple[int, int, int, int, int]:
+    """How large a configuration is: people, tasks, waypoints, pauses, and everything else that is not as usual."""
+    tasks = [task for human in people.humans for task in human.tasks]
+    return (
+        len(people.humans),
+        len(tasks),
+        sum(len(task.path) for task in tasks),
+        sum(len(task.pauses) for task in tasks),
+        sum(_specials(human) for human in people.humans),
+    )
+
+
+def _specials(human: Human) -> int:
+    return (
+        (human.start_delay_s > 0.0)
+        + (human.group is not None)
+        + (human.behaviour is not Behaviour.REGULAR)
+        + (human.factors != ForceFactors())
+    )
+
+
+def simpler(people: HumanConfiguration) -> Iterator[tuple[str, HumanConfiguration]]:
+    """Everything one thing simpler, with words for what was taken away: people first, then tasks, then details."""
+    humans = people.humans
+    if len(humans) > 1:
+        for i, human in enumerate(humans):
+            yield f"without {human.name}", HumanConfiguration(humans=humans[:i] + humans[i + 1 :])
+    for i, human in enumerate(humans):
+        for what, changed in _simpler_human(human):
+            yield f"{human.name} {what}", HumanConfiguration(humans=(*humans[:i], changed, *humans[i + 1 :]))
+
+
+def _simpler_human(human: Human) -> Iterator[tuple[str, Human]]:
+    tasks = human.tasks
+    if len(tasks) > 2:  # from behind: what comes late in a run seldom matters
+        for i in reversed(range(len(tasks))):
+            yield f'without task "{tasks[i].name}"', human.replace(tasks=tasks[:i] + tasks[i + 1 :])
+    for i, task in enumerate(tasks):
+        for pause in task.pauses:
+            rest = tuple(p for p in task.pauses if p is not pause)
+            yield f"without the pause at {pause.at}", human.replace(tasks=_with(tasks, i, task.replace(pauses=rest)))
+    if human.start_delay_s > 0.0:
+        yield "without its delay", human.replace(start_delay_s=0.0)
+    if human.group is not None:
+        yield "without its group", human.replace(group=None)
+    if human.behaviour is not Behaviour.REGULAR:
+        yield "as a regular person", human.replace(behaviour=Behaviour.REGULAR)
+    if human.factors != ForceFactors():
+        yield "with the usual forces", human.replace(factors=ForceFactors())
+
+
+def _with(tasks: tuple[Task, ...], index: int, task: Task) -> tuple[Task, ...]:
+    return (*tasks[:index], task, *tasks[index + 1 :])

@@ -1,0 +1,117 @@
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from tests.campaign.parts import REQUIREMENT, Counted, measure, warehouse
+
+from rvsg.app.cli import main
+from rvsg.campaign.measuring import Measuring
+from rvsg.campaign.parallel import Simulations
+from rvsg.campaign.shrink import Shrinking, simpler, size
+from rvsg.errors import InputError
+from rvsg.scenario.scenario import Behaviour, Human, HumanConfiguration, Mission, Pause, Scenario, Task
+from rvsg.scenario.validity import check
+
+WORLD = warehouse()
+ROUTE = WORLD.route("route_1")
+MISSION = Mission(world="warehouse", world_id=WORLD.id, route=ROUTE)
+LIMIT = REQUIREMENT.replace(limit=2.5)
+
+
+def to_and_fro(name: str, a: str, b: str, **more: object) -> Human:
+    path = WORLD.grid.shortest_path(a, b)
+    assert path is not None
+    tasks = (Task(name=f"{a} → {b}", path=path), Task(name=f"{b} → {a}", path=path[::-1]))
+    return Human(name=name, tasks=tasks, **more)  # type: ignore[arg-type]
+
+
+def crowd() -> Scenario:
+    """One person walks where the robot drives; two are far away."""
+    near = to_and_fro("near", "F13", "E20", speed_m_s=0.6, start_delay_s=1.0, behaviour=Behaviour.IMPASSIVE)
+    first = near.tasks[0].replace(pauses=(Pause(at="F14", duration_s=1.0),))
+    near = near.replace(tasks=(first, near.tasks[1]))
+    return Scenario(
+        mission=MISSION,
+        people=HumanConfiguration(humans=(to_and_fro("far", "E2", "E5"), near, to_and_fro("away", "M2", "M6"))),
+        description="three at work",
+    )
+
+
+def shrinking(simulator: Counted | None = None, **more: object) -> Shrinking:
+    return Shrinking(
+        requirement=more.pop("requirement", LIMIT),  # type: ignore[arg-type]
+        simulations=Simulations(simulator or Counted(), WORLD),  # type: ignore[arg-type]
+        measure=measure,
+        judge=Measuring(LIMIT).judge,
+        repeats=3,
+        confirmations=4,
+        **more,  # type: ignore[arg-type]
+    )
+
+
+def test_people_and_details_that_do_not_matter_are_taken_away() -> None:
+    simulator = Counted()
+    found = shrinking(simulator)(crowd())
+    assert [human.name for human in found.smallest.people.humans] == ["near"]
+    (near,) = found.smallest.people.humans
+    assert near.start_delay_s == 0.0 and near.behaviour is Behaviour.REGULAR
+    assert not any(task.pauses for task in near.tasks)
+    assert found.after.violations == found.after.runs == 4
+    assert found.runs == simulator.runs
+    assert found.original == crowd()
+
+
+def test_what_matters_stays_and_is_said_to_have_been_tried() -> None:
+    found = shrinking()(crowd())
+    refused = [step.what for step in found.steps if not step.kept]
+    kept = [step.what for step in found.steps if step.kept]
+    assert kept[:2] == ["without far", "without away"]
+    assert "without near" in refused
+
+
+def test_the_smallest_scenario_is_valid_and_keeps_mission_and_description() -> None:
+    found = shrinking()(crowd())
+    assert check(found.smallest.people, MISSION, WORLD) == ()
+    assert found.smallest.mission == MISSION and found.smallest.description == "three at work"
+
+
+def test_shrinking_again_finds_nothing_more_and_equal_seeds_give_equal_results() -> None:
+    once = shrinking()(crowd())
+    assert shrinking()(crowd()) == once
+    assert shrinking()(once.smallest).smallest == once.smallest
+
+
+def test_every_simpler_configuration_is_smaller_before_it_is_repaired() -> None:
+    people = crowd().people
+    whats = []
+    for what, candidate in simpler(people):
+        whats.append(what)
+        assert size(candidate) < size(people)
+    assert len(set(whats)) == len(whats) == 6
+
+
+def test_without_a_violation_or_a_limit_there_is_nothing_to_shrink() -> None:
+    with pytest.raises(InputError, match="nothing to explain"):
+        shrinking(requirement=LIMIT.replace(limit=0.1))(crowd())
+    with pytest.raises(InputError, match="no limit"):
+        shrinking(requirement=LIMIT.replace(limit=None))(crowd())
+
+
+@pytest.fixture
+def scenario_file(tmp_path: Path) -> Iterator[Path]:
+    path = tmp_path / "scenario.json"
+    path.write_text(crowd().to_json(), encoding="utf-8")
+    yield path
+
+
+def test_the_command_writes_the_smallest_scenario(scenario_file: Path, tmp_path: Path) -> None:
+    requirement = tmp_path / "mine.yaml"
+    requirement.write_text(
+        "near:\n  title: Near\n  text: Keep away.\n  metric: dto\n  worse: smaller\n  limit: 2.5\n  unit: m\n"
+    )
+    out = tmp_path / "smallest.json"
+    options = ["--simulator", "kinematic", "--repeats", "2", "--confirmations", "3", "--out", str(out)]
+    assert main(["shrink", str(scenario_file), "--requirement", f"{requirement}#near", *options]) == 0
+    written = json.loads(out.read_text(encoding="utf-8"))
+    assert [human["name"] for human in written["people"]["humans"]] == ["near"]
