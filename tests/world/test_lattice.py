@@ -8,12 +8,13 @@ from pydantic import ValidationError
 
 from rvsg.errors import InputError
 from rvsg.world.build import build_world
+from rvsg.world.files import ObjectEntry
 from rvsg.world.grid import GridSpec
 from rvsg.world.lattice import area_waypoints, build_grid, fitting_spacing, row_letters
 from rvsg.world.raster import Frame
 from rvsg.world.records import Pose
 from rvsg.world.space import Space, human_space, space_of
-from rvsg.world.world import Area, OccupancyMap, Route
+from rvsg.world.world import Area, OccupancyMap, OrientedBox, Route
 
 
 def open_hall(width: float, height: float, resolution: float = 0.1) -> Space:
@@ -160,3 +161,39 @@ def test_areas_keep_the_waypoints_that_were_given() -> None:
     assert world.area("a").waypoints == ("A1",)
     assert len(world.area("b").waypoints) > 1
     assert all(human_space(world).is_free(*world.grid.position(n), 0.3) for n in world.grid.valid)
+
+
+def test_a_desk_is_not_worked_through_the_wall_behind_it() -> None:
+    cells = np.zeros((80, 120), np.uint8)
+    cells[:64, 60:64] = 100  # a wall of 0.2 m at x = 3.0, with a passage at the top
+    cells[20:36, 50:60] = 100  # a desk against its left side, on the map too
+    occupancy = OccupancyMap(cells=cells, resolution=0.05, origin=Pose(x=0, y=0))
+    desk = ((2.5, 1.0), (3.0, 1.0), (3.0, 1.8), (2.5, 1.8))
+    box = OrientedBox(center=(2.75, 1.4, 0.4), size=(0.5, 0.8, 0.8))
+    thing = ObjectEntry(name="desk", box=box).solid(0.21)
+    for objects in ((), (thing,)):
+        world = build_world(
+            name="w",
+            occupancy=occupancy,
+            objects=objects,
+            areas=[Area(name="desk", outline=desk, waypoints=())],
+            grid_spec=GridSpec(spacing_m=0.5, origin=(1.95, 1.4)),
+        )
+        chosen = world.area("desk").waypoints
+        assert chosen and all(world.grid.position(name)[0] < 3.0 for name in chosen)
+        behind = [w for w in world.grid.waypoints if w.human and 3.2 < w.x < 4.0 and 1.0 <= w.y <= 1.8]
+        assert behind  # there are waypoints within arm's length on the other side
+
+
+def test_a_shelf_whose_label_is_smaller_than_itself_is_still_in_reach() -> None:
+    cells = np.zeros((80, 120), np.uint8)
+    box = OrientedBox(center=(3.0, 2.0, 1.0), size=(2.0, 0.8, 2.0))
+    label = ((2.3, 1.8), (3.7, 1.8), (3.7, 2.2), (2.3, 2.2))
+    world = build_world(
+        name="w",
+        occupancy=OccupancyMap(cells=cells, resolution=0.05, origin=Pose(x=0, y=0)),
+        objects=[ObjectEntry(name="shelf", box=box).solid(0.21)],
+        areas=[Area(name="shelf", outline=label, waypoints=())],
+        grid_spec=GridSpec(spacing_m=0.5),
+    )
+    assert {world.grid.position(name)[1] > 2.0 for name in world.area("shelf").waypoints} == {True, False}

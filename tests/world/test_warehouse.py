@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from rvsg.errors import UnknownName
+from rvsg.world.lattice import area_waypoints
 from rvsg.world.load import load_world, shipped_worlds
 from rvsg.world.records import Pose
 from rvsg.world.space import human_space, robot_space
@@ -58,3 +59,14 @@ def test_every_hop_joins_adjacent_waypoints() -> None:
 def test_an_unknown_world_is_answered_with_the_nearest_name() -> None:
     with pytest.raises(UnknownName, match='Did you mean "warehouse"'):
         load_world("warehuose")
+
+
+def test_the_proposal_finds_nearly_all_waypoints_from_which_the_study_worked_the_areas() -> None:
+    world = load_world("warehouse")
+    given = found = 0
+    for area in world.areas:
+        proposed = area_waypoints(area.outline, world.grid, human_space(world), objects=world.objects)
+        given += len(area.waypoints)
+        found += len(set(area.waypoints) & set(proposed))
+    assert given == 140
+    assert found >= 0.95 * given

@@ -49,9 +49,9 @@ def build_world(
     )
     human, robot = human_space(world), robot_space(world)
     grid = build_grid(spec, human, robot, seeds=[(route.start.x, route.start.y) for route in routes])
-    filled = tuple(area if area.waypoints else _with_waypoints(area, grid, human) for area in areas)
+    filled = tuple(area if area.waypoints else _with_waypoints(area, grid, human, world.objects) for area in areas)
     return in_same_space(replace(world, grid=grid, areas=filled), world)
 
 
-def _with_waypoints(area: Area, grid: Grid, human: Space) -> Area:
-    return area.model_copy(update={"waypoints": area_waypoints(area.outline, grid, human)})
+def _with_waypoints(area: Area, grid: Grid, human: Space, objects: Sequence[SolidObject]) -> Area:
+    return area.model_copy(update={"waypoints": area_waypoints(area.outline, grid, human, objects=objects)})

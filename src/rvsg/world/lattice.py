@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from rvsg.errors import InputError
 from rvsg.world.grid import Grid, GridSpec, Waypoint
 from rvsg.world.raster import Frame, inside_cells, outermost
 from rvsg.world.space import Space
+from rvsg.world.world import SolidObject
 
 Floats = NDArray[np.float64]
 
@@ -146,29 +148,66 @@ def _hops(
 
 
 def area_waypoints(
-    outline: Sequence[tuple[float, float]], grid: Grid, human: Space, *, reach_m: float = ARM_M
+    outline: Sequence[tuple[float, float]],
+    grid: Grid,
+    human: Space,
+    *,
+    objects: Sequence[SolidObject] = (),
+    reach_m: float = ARM_M,
 ) -> tuple[str, ...]:
     """The waypoints from which an area is worked: a proposal.
 
     Where most of the area is open floor, the valid waypoints inside it; otherwise (a shelf, a pile of boxes) those
-    outside it within `reach_m` metres (arm's length) of its border. Where that yields none, the nearest waypoint
-    within three times that. May be empty.
+    outside it within `reach_m` metres (arm's length) of its border with nothing in between, such as the wall behind
+    a desk; the `objects` that stand on the area are not in the way. Where that yields none, the nearest such
+    waypoint within three times that. May be empty.
     """
-    from shapely import Polygon, distance, points, prepare
+    from shapely import Polygon, points, prepare
 
     shape = Polygon(outline)
     prepare(shape)
     valid = [w for w in grid.waypoints if w.human]
     if not valid:
         return ()
-    away = distance(shape, points([(w.x, w.y) for w in valid]))
+    places = points([(w.x, w.y) for w in valid])
+    away = shape.distance(places)
     inside = away == 0.0
     if open_share(outline, human) > 0.5 and inside.any():
         return tuple(w.name for w, chosen in zip(valid, inside, strict=True) if chosen)
-    near = away <= reach_m
-    if not near.any() and away.min() <= 3 * reach_m:
-        near = away <= away.min() + 1e-9
-    return tuple(w.name for w, chosen in zip(valid, near, strict=True) if chosen)
+    near = np.flatnonzero(away <= 3 * reach_m)
+    near = near[[_in_reach(shape, valid[i], human, objects) for i in near]] if len(near) else near
+    chosen = near[away[near] <= reach_m]
+    if not len(chosen) and len(near):
+        chosen = near[away[near] <= away[near].min() + 1e-9]
+    return tuple(valid[i].name for i in chosen)
+
+
+def _in_reach(area: Any, waypoint: Waypoint, human: Space, objects: Sequence[SolidObject]) -> bool:
+    """Whether nothing but the area itself and what stands on it is between a waypoint and the area's border."""
+    from shapely import LineString, Point, contains_xy, shortest_line, unary_union
+
+    line: LineString = shortest_line(Point(waypoint.x, waypoint.y), area)
+    steps = np.linspace(0.0, 1.0, max(2, int(line.length / human.frame.resolution * 2) + 1))[:, None]
+    ends = np.array(line.coords)
+    samples = ends[0] + (ends[1] - ends[0]) * steps
+    blocked = samples[human.clearances(samples) == 0.0]
+    if not len(blocked):
+        return True
+    own = unary_union([area, *(shape for shape in map(_footprint, objects) if _stands_on(shape, area))])
+    return bool(contains_xy(own.buffer(1.5 * human.frame.resolution), blocked[:, 0], blocked[:, 1]).all())
+
+
+def _footprint(thing: SolidObject) -> Any:
+    from shapely import Polygon
+
+    return Polygon(thing.footprint, thing.holes).buffer(0)
+
+
+def _stands_on(footprint: Any, area: Any) -> bool:
+    """Whether an object and an area cover at least half of the smaller of them together."""
+    if not footprint.intersects(area):
+        return False
+    return bool(footprint.intersection(area).area >= 0.5 * min(footprint.area, area.area))
 
 
 def open_share(outline: Sequence[tuple[float, float]], space: Space) -> float:
