@@ -189,6 +189,12 @@ def test_a_header_that_is_no_mapping_is_refused(tmp_path: Path, text: str) -> No
         load_nav2_map(tmp_path / "map.yaml")
 
 
+def test_the_picture_given_instead_of_its_header_is_told(tmp_path: Path) -> None:
+    write_map(tmp_path, grey([0, 254], [254, 254]))
+    with pytest.raises(FileError, match=r"give the yaml file"):
+        load_nav2_map(tmp_path / "map.pgm")
+
+
 def test_a_missing_header_and_a_folder_are_refused(tmp_path: Path) -> None:
     for path in (tmp_path / "none.yaml", tmp_path):
         with pytest.raises(FileError):

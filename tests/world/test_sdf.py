@@ -15,7 +15,9 @@ from hypothesis import strategies as st
 from tests.published_data import published_data
 
 from rvsg.errors import FileError
+from rvsg.world.mesh import turned_profile
 from rvsg.world.sdf import SdfWorld, load_sdf
+from rvsg.world.solid import solid_objects
 from rvsg.world.world import Polygon
 
 BOX = "<collision name='c'>{pose}<geometry><box><size>{size}</size></box></geometry></collision>"
@@ -290,6 +292,17 @@ def test_a_broken_collada_still_gives_its_box_if_allowed(tmp_path: Path) -> None
     world = mesh_world(tmp_path, "m.dae")
     assert "m.dae:" in refusal(world)
     assert only(load_sdf(world, box_for_unreadable=True)).box.size == pytest.approx((1, 1, 1))
+
+
+def test_a_mesh_of_very_many_triangles_keeps_its_footprint_and_cut() -> None:
+    angles = np.linspace(-math.pi / 2, math.pi / 2, 1200)
+    ball = turned_profile(0.9 * np.column_stack([np.cos(angles).clip(0.0), np.sin(angles)]))
+    pose = np.eye(4)
+    pose[2, 3] = 1.0
+    (thing,) = solid_objects("ball", "ball", pose, ball.moved(pose), lidar_height_m=0.21)
+    assert len(ball.faces) > 50_000
+    assert region(thing.slices).area == pytest.approx(math.pi * (0.81 - 0.79**2), rel=0.03)
+    assert shapely.Polygon(thing.footprint).area == pytest.approx(math.pi * 0.81, rel=0.15)
 
 
 def test_a_model_with_sensors_may_be_the_robot(tmp_path: Path) -> None:

@@ -27,6 +27,7 @@ FINEST_M, COARSEST_M = 0.001, 1.0
 FARTHEST_ORIGIN_M = 1.0e6
 SAVERS_UNKNOWN = 205  # the grey that Nav2's and ROS 1's map savers write for an unknown cell
 IMAGE_FORMATS = ("PPM", "PNG", "BMP")
+IMAGE_SUFFIXES = (".pgm", ".png", ".bmp")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,7 +59,10 @@ def load_nav2_map(
     FileError with everything that is wrong in the header at once, or with what is wrong with the image: missing,
     unreadable, 16 bits deep, absurdly large or small, without a single free cell.
     """
-    document = read_yaml(Path(path))
+    path = Path(path)
+    if path.suffix.lower() in IMAGE_SUFFIXES:
+        raise FileError(path, f"this is the picture of a map; give the yaml file that describes it ({path.stem}.yaml?)")
+    document = read_yaml(path)
     header = _header(document, free_thresh, occupied_thresh)
     shade, opaque, notes = _shade(header.image, trinary=header.mode == "trinary", document=document)
     rows, columns = shade.shape
@@ -245,7 +249,7 @@ def _image_path(document: Document, problems: list[Problem]) -> Path:
         return document.path
     image = document.path.parent / name
     if not image.is_file():
-        there = sorted(p.name for p in image.parent.glob("*") if p.suffix.lower() in (".pgm", ".png", ".bmp"))
+        there = sorted(p.name for p in image.parent.glob("*") if p.suffix.lower() in IMAGE_SUFFIXES)
         listed = f"Images there: {', '.join(there[:10])}" if there else "There is no pgm, png or bmp image there"
         problems.append(document.problem(f"the image {image} does not exist. {listed}", "image"))
     return image

@@ -21,6 +21,8 @@ Floats = NDArray[np.float64]
 FLOOR_M = 0.05  # what ends below is floor
 HEAD_M = 2.0  # what begins above lets a person pass
 SHEET_M = 0.01  # thickness given to an open surface, so that the lidar sees it
+MANY_FACES = 20_000
+SQUARE_M = 0.05
 _WELD_M = 1e-5
 _GRID_M = 1e-6
 
@@ -106,23 +108,26 @@ def _cut_one(body: Triangles, height: float) -> Any | None:
         return None
     lines = shapely.union_all(shapely.linestrings(segments), grid_size=_GRID_M)
     faces, cuts, dangles, _ = shapely.polygonize_full(shapely.get_parts(lines))
-    inside = [face for face in shapely.get_parts(faces) if _odd(face, shapely.get_parts(lines))]
+    edges = _edges(lines)
+    inside = [face for face in shapely.get_parts(faces) if _odd(face, edges)]
     open_lines = [g for g in (cuts, dangles) if not g.is_empty]
     inside += [line.buffer(SHEET_M / 2, cap_style="flat") for line in open_lines]
     return shapely.union_all(inside) if inside else None
 
 
-def _odd(face: Any, lines: Any) -> bool:
-    """Whether a ray from inside the face to the right crosses the lines an odd number of times."""
+def _edges(lines: Any) -> Floats:
+    """All straight pieces of some lines as (K, 2, 2)."""
+    points, line = shapely.get_coordinates(shapely.get_parts(lines), return_index=True)
+    joined = line[:-1] == line[1:]
+    return np.stack([points[:-1][joined], points[1:][joined]], axis=1)
+
+
+def _odd(face: Any, edges: Floats) -> bool:
+    """Whether a ray from inside the face to the right crosses the edges (K, 2, 2) an odd number of times."""
     point = face.representative_point()
-    crossings = 0
-    for line in lines:
-        xy = shapely.get_coordinates(line)
-        above = xy[:, 1] > point.y
-        for i in np.flatnonzero(above[:-1] != above[1:]):
-            (x0, y0), (x1, y1) = xy[i], xy[i + 1]
-            crossings += bool(x0 + (point.y - y0) / (y1 - y0) * (x1 - x0) > point.x)
-    return crossings % 2 == 1
+    crossing = edges[(edges[:, 0, 1] > point.y) != (edges[:, 1, 1] > point.y)]
+    (x0, y0), (x1, y1) = crossing[:, 0].T, crossing[:, 1].T
+    return bool(np.count_nonzero(x0 + (point.y - y0) / (y1 - y0) * (x1 - x0) > point.x) % 2)
 
 
 def _segments(body: Triangles, height: float) -> Any:
@@ -159,17 +164,25 @@ def _footprint(bodies: Sequence[Triangles], low: float, high: float) -> Any:
     if len(levels) > 25:
         levels = np.linspace(low, high, 21)
     regions = [cut(bodies, float(height)) for height in (levels[:-1] + levels[1:]) / 2.0]
-    for body in bodies:
-        corners = body.vertices[body.faces]
-        within = ((corners[..., 2] >= low) & (corners[..., 2] <= high)).all(axis=1)
-        flat = shapely.polygons(corners[within][..., :2])
-        regions += list(flat[shapely.area(flat) > 1e-8])
+    regions.append(_seen_from_above(bodies, low, high))
     whole = shapely.union_all([shapely.make_valid(r) for r in regions], grid_size=_GRID_M)
     closed = whole.buffer(0.01, join_style="mitre").buffer(-0.01, join_style="mitre")
     areas = [part for part in shapely.get_parts(closed) if part.geom_type == "Polygon" and part.area > 1e-4]
     if not areas:
         areas = list(shapely.get_parts(whole.buffer(SHEET_M / 2)))
     return shapely.union_all([part.simplify(0.002) for part in areas])
+
+
+def _seen_from_above(bodies: Sequence[Triangles], low: float, high: float) -> Any:
+    """The faces that lie wholly between two heights, seen from above; very many of them as 5 cm squares."""
+    corners = np.concatenate([body.vertices[body.faces] for body in bodies])
+    corners = corners[((corners[..., 2] >= low) & (corners[..., 2] <= high)).all(axis=1)][..., :2]
+    if len(corners) <= MANY_FACES:
+        flat = shapely.polygons(corners)
+        return shapely.union_all(shapely.make_valid(flat[shapely.area(flat) > 1e-8]))
+    points = np.concatenate([corners.reshape(-1, 2), corners.mean(axis=1)])
+    cells = np.unique(np.floor(points / SQUARE_M).astype(np.int64), axis=0) * SQUARE_M
+    return shapely.union_all(shapely.box(cells[:, 0], cells[:, 1], cells[:, 0] + SQUARE_M, cells[:, 1] + SQUARE_M))
 
 
 def _standing_apart(footprint: Any) -> list[Any]:

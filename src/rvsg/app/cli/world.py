@@ -54,7 +54,9 @@ def new(
     force: Annotated[bool, typer.Option("--force", help="Replace the world in a folder that has one.")] = False,
     json: AsJson = False,
 ) -> None:
-    """Make a world folder from a Nav2 map, a Gazebo world or a file of objects.
+    """Make a world folder from a map.
+
+    The map is a Nav2 map, a Gazebo world or a file of objects.
 
     Labels and routes are proposals: read the README in the folder, edit them, then `rvsg world check DIR`.
     """
@@ -103,7 +105,9 @@ def check(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="The world folder.")] = Path(),
     json: AsJson = False,
 ) -> None:
-    """Tell everything that is wrong or suspicious in a world folder, each with file and line.
+    """Tell all that is wrong in a world folder.
+
+    Everything wrong or suspicious is told at once, each with file and line.
 
     Exit code 2 if something is wrong, 0 if there are only warnings or nothing.
     """
@@ -133,8 +137,9 @@ def draw(
     ] = None,
     json: AsJson = False,
 ) -> None:
-    """Draw the pictures that people and VLMs see: labelled map, grid of waypoints, bird's-eye view; or an SVG plan.
+    """Draw the pictures that people and VLMs see.
 
+    Labelled map, grid of waypoints and bird's-eye view as PNG, or an SVG plan.
     Where the names of the waypoints are too many for one picture of the grid, it is also drawn in parts.
     """
     from rvsg.world.load import load_world
@@ -154,7 +159,10 @@ def show(
     world: WorldName,
     json: AsJson = False,
 ) -> None:
-    """Show what a world holds: grid, areas with their waypoints, routes in words, activities."""
+    """Show what a world holds.
+
+    Grid, areas with their waypoints, routes in words, activities.
+    """
     from rvsg.world.load import load_world
 
     loaded = load_world(world)
@@ -327,6 +335,8 @@ def _show_world(world: World) -> None:
 
 
 def _show_created(created: Created, remarks: tuple[Remark, ...], folder: Path) -> None:
+    from rvsg.world.load import shipped_worlds
+
     world = created.world
     wide, high = _size_m(world)
     say(
@@ -335,6 +345,8 @@ def _show_created(created: Created, remarks: tuple[Remark, ...], folder: Path) -
     )
     for note in created.notes:
         say(f"Note: {note}")
+    if str(folder) in shipped_worlds():
+        say(f"Note: a world that ships has this name too; where a world is asked for, write ./{folder}.")
     _show_remarks(remarks)
     say(f"Next: edit labels.yaml and routes.yaml (they are proposals), then: rvsg world draw {folder}")
 
