@@ -21,6 +21,7 @@ from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Behaviour, ForceFactors, Human, HumanConfiguration, Scenario, Task
 from rvsg.scenario.validity import check, repair
 from rvsg.simulation.run import Run
+from rvsg.world.grid import Grid
 from rvsg.world.records import Record
 
 
@@ -80,6 +81,9 @@ class Shrinking:
             )
         needed = max(1, math.ceil(self.keep * violated - 1e-9))
         smallest, steps = self._smallest(scenario, seeds, needed)
+        kept = [step.what for step in steps if step.kept]
+        if kept:
+            smallest = smallest.replace(description=f"{scenario.description} (Shrunk: {'; '.join(kept)}.)".strip())
         fresh = fresh_seeds(self.seed, "shrink confirmation", self.confirmations, used=seeds)
         return Shrunk(
             original=scenario,
@@ -97,7 +101,7 @@ class Shrinking:
         again = True
         while again:
             again = False
-            for what, people in simpler(scenario.people):
+            for what, people in simpler(scenario.people, self.simulations.world.grid):
                 candidate = self._valid(scenario, people)
                 if candidate is None or candidate.id in tried or size(candidate.people) >= size(scenario.people):
                     continue
@@ -159,22 +163,22 @@ def _specials(human: Human) -> int:
     )
 
 
-def simpler(people: HumanConfiguration) -> Iterator[tuple[str, HumanConfiguration]]:
+def simpler(people: HumanConfiguration, grid: Grid) -> Iterator[tuple[str, HumanConfiguration]]:
     """Everything one thing simpler, with words for what was taken away: people first, then tasks, then details."""
     humans = people.humans
     if len(humans) > 1:
         for i, human in enumerate(humans):
             yield f"without {human.name}", HumanConfiguration(humans=humans[:i] + humans[i + 1 :])
     for i, human in enumerate(humans):
-        for what, changed in _simpler_human(human):
+        for what, changed in _simpler_human(human, grid):
             yield f"{human.name} {what}", HumanConfiguration(humans=(*humans[:i], changed, *humans[i + 1 :]))
 
 
-def _simpler_human(human: Human) -> Iterator[tuple[str, Human]]:
+def _simpler_human(human: Human, grid: Grid) -> Iterator[tuple[str, Human]]:
     tasks = human.tasks
-    if len(tasks) > 2:  # from behind: what comes late in a run seldom matters
-        for i in reversed(range(len(tasks))):
-            yield f'without task "{tasks[i].name}"', human.replace(tasks=tasks[:i] + tasks[i + 1 :])
+    for i in reversed(range(1, len(tasks))):  # from behind: what comes late in a run seldom matters
+        if (fewer := _without_stop(tasks, i, grid)) is not None:
+            yield f"without going to {tasks[i].path[0]}", human.replace(tasks=fewer)
     for i, task in enumerate(tasks):
         for pause in task.pauses:
             rest = tuple(p for p in task.pauses if p is not pause)
@@ -187,6 +191,24 @@ def _simpler_human(human: Human) -> Iterator[tuple[str, Human]]:
         yield "as a regular person", human.replace(behaviour=Behaviour.REGULAR)
     if human.factors != ForceFactors():
         yield "with the usual forces", human.replace(factors=ForceFactors())
+
+
+def _without_stop(tasks: tuple[Task, ...], i: int, grid: Grid) -> tuple[Task, ...] | None:
+    """The tasks without the stop at which task `i` starts: one task leads straight past it, or, where that would lead
+    nowhere, neither of the two is done. None where fewer than two tasks would be left or there is no way."""
+    before, after = tasks[i - 1], tasks[i]
+    start, end = before.path[0], after.path[-1]
+    if start == end:
+        rest = (*tasks[: i - 1], *tasks[i + 1 :])
+    elif (path := grid.shortest_path(start, end)) is not None:
+        ends = (before.name.split("→")[0].strip() or start, after.name.split("→")[-1].strip() or end)
+        straight = Task(
+            name=" → ".join(ends), path=path, start_area=before.start_area, end_area=after.end_area, pauses=()
+        )
+        rest = (*tasks[: i - 1], straight, *tasks[i + 1 :])
+    else:
+        return None
+    return rest if len(rest) > 1 else None
 
 
 def _with(tasks: tuple[Task, ...], index: int, task: Task) -> tuple[Task, ...]:
