@@ -89,6 +89,10 @@ def test_areas_without_waypoints_get_those_within_reach_or_inside(room: Path) ->
         (edited("objects.yaml", "name: table", "name: wall"), 'objects.yaml:4: the name "wall" is already .* line 2'),
         (edited("labels.yaml", "Corner", "Table"), 'labels.yaml:3: the name "Table" is already given in line 2'),
         (edited("labels.yaml", "rectangle: [2.2,", "outline: [2.2,"), r"labels.yaml:2: areas\[0\].outline\[0\]"),
+        (
+            edited("labels.yaml", "rectangle: [2.2, 2, 3.8, 3]", "outline: [[2, 2], [4, 3], [4, 2], [2, 3]]"),
+            r"labels.yaml:2: areas\[0\]: the outline crosses itself",
+        ),
         (edited("labels.yaml", "3]}", "3], waypoints: [A1, ZZ9]}"), 'labels.yaml:2: there is no waypoint "ZZ9"'),
         (edited("routes.yaml", "start: A1", "start: A11"), 'routes.yaml:2: there is no waypoint "A11". Did you mean'),
         (edited("routes.yaml", "30", "0"), r"routes.yaml:2: routes\[0\].time_limit_s: expected a value greater"),

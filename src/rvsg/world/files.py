@@ -12,6 +12,7 @@ from rvsg.world.records import Pose, Record
 from rvsg.world.world import Area, Description, OrientedBox, Point, Polygon, Route, SolidObject
 
 Name = Annotated[str, Field(min_length=1, max_length=120)]
+SMALLEST_AREA_M2 = 1e-4
 FARTHEST_M, LARGEST_M = 100_000.0, 10_000.0
 Metres = Annotated[float, Field(ge=-FARTHEST_M, le=FARTHEST_M)]
 Ring = Annotated[tuple[tuple[Metres, Metres], ...], Field(min_length=3)]
@@ -118,6 +119,12 @@ class AreaEntry(Record):
     def _one_shape(self) -> Self:
         if (self.rectangle is None) == (self.outline is None):
             raise ValueError("give either a rectangle [x_min, y_min, x_max, y_max] or an outline [[x, y], ...]")
+        if self.outline is not None:
+            from shapely import Polygon
+
+            shape = Polygon(self.outline)
+            if not shape.is_valid or shape.area < SMALLEST_AREA_M2:
+                raise ValueError("the outline crosses itself or encloses nothing; list its corners in order around it")
         if self.rectangle is not None:
             x0, y0, x1, y1 = self.rectangle
             if x0 >= x1 or y0 >= y1:

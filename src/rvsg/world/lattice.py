@@ -175,39 +175,45 @@ def area_waypoints(
     if open_share(outline, human) > 0.5 and inside.any():
         return tuple(w.name for w, chosen in zip(valid, inside, strict=True) if chosen)
     near = np.flatnonzero(away <= 3 * reach_m)
-    near = near[[_in_reach(shape, valid[i], human, objects) for i in near]] if len(near) else near
+    own = _with_what_stands_on_it(shape, objects).buffer(1.5 * human.frame.resolution)
+    near = near[np.array([_in_reach(shape, valid[i], human, own) for i in near], bool)]
     chosen = near[away[near] <= reach_m]
     if not len(chosen) and len(near):
         chosen = near[away[near] <= away[near].min() + 1e-9]
     return tuple(valid[i].name for i in chosen)
 
 
-def _in_reach(area: Any, waypoint: Waypoint, human: Space, objects: Sequence[SolidObject]) -> bool:
-    """Whether nothing but the area itself and what stands on it is between a waypoint and the area's border."""
-    from shapely import LineString, Point, contains_xy, shortest_line, unary_union
+def _in_reach(area: Any, waypoint: Waypoint, human: Space, own: Any) -> bool:
+    """Whether nothing but what belongs to the area (`own`) is between a waypoint and the area's border."""
+    from shapely import LineString, Point, contains_xy, shortest_line
 
     line: LineString = shortest_line(Point(waypoint.x, waypoint.y), area)
     steps = np.linspace(0.0, 1.0, max(2, int(line.length / human.frame.resolution * 2) + 1))[:, None]
     ends = np.array(line.coords)
     samples = ends[0] + (ends[1] - ends[0]) * steps
     blocked = samples[human.clearances(samples) == 0.0]
-    if not len(blocked):
-        return True
-    own = unary_union([area, *(shape for shape in map(_footprint, objects) if _stands_on(shape, area))])
-    return bool(contains_xy(own.buffer(1.5 * human.frame.resolution), blocked[:, 0], blocked[:, 1]).all())
+    return bool(contains_xy(own, blocked[:, 0], blocked[:, 1]).all())
+
+
+def _with_what_stands_on_it(area: Any, objects: Sequence[SolidObject]) -> Any:
+    """An area and the objects that cover it, or that it covers, by half or more."""
+    from shapely import unary_union
+
+    x0, y0, x1, y1 = area.bounds
+    parts = [area]
+    for thing in objects:
+        xs, ys = [p[0] for p in thing.footprint], [p[1] for p in thing.footprint]
+        if max(xs) >= x0 and min(xs) <= x1 and max(ys) >= y0 and min(ys) <= y1:
+            footprint = _footprint(thing)
+            if footprint.intersection(area).area >= 0.5 * min(footprint.area, area.area):
+                parts.append(footprint)
+    return unary_union(parts)
 
 
 def _footprint(thing: SolidObject) -> Any:
     from shapely import Polygon
 
     return Polygon(thing.footprint, thing.holes).buffer(0)
-
-
-def _stands_on(footprint: Any, area: Any) -> bool:
-    """Whether an object and an area cover at least half of the smaller of them together."""
-    if not footprint.intersects(area):
-        return False
-    return bool(footprint.intersection(area).area >= 0.5 * min(footprint.area, area.area))
 
 
 def open_share(outline: Sequence[tuple[float, float]], space: Space) -> float:
