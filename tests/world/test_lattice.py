@@ -44,6 +44,13 @@ def test_rows_read_from_the_top_and_columns_from_the_left() -> None:
     assert (grid.up, turned.up) == ("y", "x")
 
 
+def test_a_grid_of_one_row_or_one_column_keeps_its_way_up() -> None:
+    for width, height in ((9.0, 1.2), (1.2, 9.0)):
+        space = open_hall(width, height)
+        for up in ("x", "y"):
+            assert build_grid(GridSpec(spacing_m=1.0, up=up), space, space).up == up
+
+
 @settings(deadline=None, max_examples=30)
 @given(st.floats(3, 40), st.floats(3, 40), st.sampled_from([0.5, 1.0, 1.7, 2.0]), st.floats(0.1, 0.8))
 def test_an_even_grid_is_even_and_keeps_clear(width: float, height: float, spacing: float, clearance: float) -> None:

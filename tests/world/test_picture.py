@@ -4,8 +4,12 @@ import numpy as np
 import pytest
 
 from rvsg.errors import InputError, UnknownName
+from rvsg.world.build import build_world
+from rvsg.world.grid import GridSpec
 from rvsg.world.load import load_world, shipped_worlds
 from rvsg.world.picture import GRID, LABELLED, PALETTES, Picture, draw_plan, grid_picture, labelled_map, png_bytes
+from rvsg.world.records import Pose
+from rvsg.world.world import OccupancyMap
 
 
 def overlaps(picture: Picture) -> list[tuple[str, str]]:
@@ -90,3 +94,13 @@ def test_bad_options_are_answered_with_one_message() -> None:
         labelled_map(world, show=frozenset({"aeras"}))
     with pytest.raises(InputError, match="empty"):
         labelled_map(world, window=(1, 1, 1, 3))
+
+
+def test_the_words_below_the_plan_say_from_where_rows_and_columns_count() -> None:
+    occupancy = OccupancyMap(cells=np.zeros((60, 80), np.uint8), resolution=0.1, origin=Pose(x=0, y=0))
+    rows = {"A": 1.0, "B": 2.0, "C": 3.0}
+    for columns, across in (({1: 1.0, 2: 4.0}, "left to right"), ({1: 4.0, 2: 1.0}, "right to left")):
+        world = build_world(name="w", occupancy=occupancy, grid_spec=GridSpec(rows=rows, columns=columns))
+        words = " ".join(word.text for word in draw_plan(world, show=GRID).words)
+        assert "Rows A to C from bottom to top" in words
+        assert f"columns 1 to 2 from {across}" in words

@@ -92,12 +92,14 @@ class Grid(Record):
     @cached_property
     def up(self) -> Literal["x", "y"]:
         """The axis that points up in a floor plan whose first row is on top: the one along which rows differ."""
-        first: dict[int, Waypoint] = {}
-        for waypoint in self.waypoints:
-            other = first.setdefault(waypoint.column, waypoint)
-            if other.row != waypoint.row:
-                return "x" if abs(other.x - waypoint.x) > abs(other.y - waypoint.y) else "y"
-        return "y"
+        if not self.waypoints:
+            return "y"
+        first = self.waypoints[0]
+        below = next((w for w in self.waypoints if w.column == first.column and w.row != first.row), None)
+        if below is not None:
+            return "x" if abs(below.x - first.x) > abs(below.y - first.y) else "y"
+        beside = next((w for w in self.waypoints if w.column != first.column), first)
+        return "x" if abs(beside.y - first.y) > abs(beside.x - first.x) else "y"
 
     @cached_property
     def spacing_m(self) -> float:

@@ -170,8 +170,8 @@ def _sentences(sheet: Sheet, world: World, show: frozenset[str], x: float, y: fl
     said = [f"{x1 - x0:.0f} m along x ({towards[0]}), {y1 - y0:.0f} m along y ({towards[1]})."]
     rows, columns, spec = world.grid.rows, world.grid.columns, world.grid_spec
     if "rulers" in show and rows:
-        said.append(f"Rows {rows[0]} to {rows[-1]} from top to bottom,")
-        said.append(f"columns {columns[0]} to {columns[-1]} from left to right.")
+        down, across = _ways(sheet, world)
+        said.append(f"Rows {rows[0]} to {rows[-1]} from {down}, columns {columns[0]} to {columns[-1]} from {across}.")
         if spec is not None and spec.rows is None and world.grid.spacing_m:
             said.append(f"Waypoints {world.grid.spacing_m:g} m apart.")
     said += [note[0].upper() + note[1:] + "." for note in sheet.notes[:2]]
@@ -186,3 +186,11 @@ def _sentences(sheet: Sheet, world: World, show: frozenset[str], x: float, y: fl
     for i, line in enumerate(lines):
         sheet.write_at(line, x, y + i * 1.4 * size, size, sheet.palette.faint_ink, anchor="l")
     return y + (len(lines) - 1) * 1.4 * size
+
+
+def _ways(sheet: Sheet, world: World) -> tuple[str, str]:
+    """In which way rows and columns are counted; explicit coordinates may count from the bottom or the right."""
+    points = world.grid.waypoints
+    (x0, y0), (x1, y1) = sheet.view.pixels(np.array([[w.x, w.y] for w in (points[0], points[-1])]))
+    down = "top to bottom" if y0 <= y1 else "bottom to top"
+    return down, "left to right" if x0 <= x1 else "right to left"
