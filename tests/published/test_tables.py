@@ -44,7 +44,7 @@ def tables(tmp_path_factory):
         (folder / "data" / part).symlink_to(FOLDER / "published" / part)
     with SqliteLedger(folder / "ledger.sqlite") as ledger:
         import_study(folder / "data", ledger, load_world("warehouse"))
-        write_tables(ledger, folder / "tables")
+        write_tables(ledger, out=folder / "tables")
     return folder / "tables"
 
 

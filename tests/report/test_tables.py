@@ -102,7 +102,7 @@ def test_p_values_are_corrected_within_a_requirement_and_comparison():
 
 def test_all_tables_are_written_in_three_formats(made):
     ledger, folder = made
-    write_tables(ledger, folder / "out")
+    write_tables(ledger, out=folder / "out")
     for way in ("published", "honest"):
         for name in ("rq1", "rq2", "rq3"):
             with (folder / "out" / way / f"{name}.csv").open(newline="") as file:
@@ -117,4 +117,4 @@ def test_all_tables_are_written_in_three_formats(made):
 
 def test_a_store_without_anything_to_tabulate_is_refused(tmp_path):
     with SqliteLedger(tmp_path / "empty.sqlite") as ledger, pytest.raises(InputError, match="nothing to tabulate"):
-        write_tables(ledger, tmp_path / "out")
+        write_tables(ledger, out=tmp_path / "out")

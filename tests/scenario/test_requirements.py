@@ -8,7 +8,8 @@ def test_the_study_requirements_and_more_are_shipped():
     shipped = shipped_requirements()
     assert [shipped[name].metric for name in ("R1", "R2", "R3")] == ["dto", "jerk", "trg"]
     assert len(shipped) >= 13
-    assert all(r.source and r.threshold is not None for r in shipped.values())
+    assert all(r.source and r.for_time_limit(25.0).threshold is not None for r in shipped.values())
+    assert shipped["R3"].for_time_limit(20.0).limit == 19.0
 
 
 def test_a_file_of_one_requirement_is_loaded_by_its_path(tmp_path):

@@ -88,7 +88,7 @@ def wire(config: CampaignConfig) -> Wired:
     world = load_world(config.world)
     route = world.route(config.route)
     check_start(route, world)
-    requirement = requirement_of(config.requirement)
+    requirement = requirement_of(config.requirement).for_time_limit(route.time_limit_s)
     strategy_class = plugins.find("strategy", config.strategy)
     simulator = plugins.make("simulator", config.simulator, config.simulator_options)
     generator = plugins.make("generator", config.generator_name, generator_options(config))

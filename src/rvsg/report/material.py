@@ -13,6 +13,7 @@ from rvsg.campaign.attempt import Attempt, Ledger, Measurement
 from rvsg.evaluation.diversity import positions
 from rvsg.evaluation.metrics import measure
 from rvsg.scenario.requirement import Requirement
+from rvsg.simulation.run import Run
 
 TABLED = ("dto", "jerk", "trg", "rpc", "por", "chc", "pl", "tnm")
 """The metrics of the tables by their short ids; the values are those of the `_logged` variants."""
@@ -62,7 +63,7 @@ class Material:
     of the best and the worst scenario.
     """
 
-    ledger: Ledger
+    ledgers: tuple[Ledger, ...]
     requirements: dict[str, Requirement] = field(default_factory=dict)
     trials: dict[Key, dict[str, list[Trial]]] = field(default_factory=dict)
     repeats: dict[Key, dict[str, list[Sample]]] = field(default_factory=dict)
@@ -72,21 +73,30 @@ class Material:
     def positions(self, run_id: str) -> NDArray[np.float64]:
         """Where robot and people were in a run, at 2 Hz."""
         if run_id not in self._positions:
-            self._positions[run_id] = positions(self.ledger.run(run_id))
+            self._positions[run_id] = positions(self.run(run_id))
         return self._positions[run_id]
+
+    def run(self, run_id: str) -> Run:
+        """The run of that id in any of the stores; StoreError where none holds it."""
+        for ledger in self.ledgers:
+            found = ledger.find(run_id)
+            if found is not None:
+                return found
+        return self.ledgers[0].run(run_id)
 
     def cells(self) -> list[Key]:
         """Every requirement and route there is anything for, sorted."""
         return sorted({*self.trials, *self.repeats})
 
 
-def gather(ledger: Ledger) -> Material:
-    """Read a whole store. Baselines that name no requirement serve every requirement of their route."""
-    material = Material(ledger)
+def gather(*ledgers: Ledger) -> Material:
+    """Read whole stores. Baselines that name no requirement serve every requirement of their route."""
+    material = Material(ledgers)
     baselines: dict[str, dict[str, list[Trial]]] = {}
-    for campaign in ledger.campaigns():
-        for attempt in ledger.attempts(campaign):
-            _place(attempt, material, baselines)
+    for ledger in ledgers:
+        for campaign in ledger.campaigns():
+            for attempt in ledger.attempts(campaign):
+                _place(attempt, material, baselines)
     for requirement, route in material.cells():
         here = material.trials.setdefault((requirement, route), {})
         for method, trials in baselines.get(route, {}).items():
@@ -109,10 +119,10 @@ def _place(attempt: Attempt, material: Material, baselines: dict[str, dict[str, 
         which = str(attempt.proposal.extra.get("selection", "best"))
         selected = set(attempt.proposal.extra.get("selected_by", ()))
         runs = material.repeats.setdefault((requirement.name, route), {}).setdefault(which, [])
-        runs.extend(_samples(attempt.measurements, material.ledger, selected))
+        runs.extend(_samples(attempt.measurements, material, selected))
         return
     method = METHODS.get(attempt.strategy, attempt.strategy)
-    trial = _trial(attempt, material.ledger)
+    trial = _trial(attempt, material)
     if not trial.samples:
         material.notes.append(
             f"{attempt.campaign}: scenario {trial.scenario[1]}, configuration {trial.configuration}: no run, left out"
@@ -127,7 +137,7 @@ def _place(attempt: Attempt, material: Material, baselines: dict[str, dict[str, 
         material.trials.setdefault((requirement.name, route), {}).setdefault(method, []).append(trial)
 
 
-def _trial(attempt: Attempt, ledger: Ledger) -> Trial:
+def _trial(attempt: Attempt, material: Material) -> Trial:
     scenario, extra = attempt.proposal.scenario, attempt.proposal.extra
     if scenario is not None:
         tasks = tuple(tuple(task.name for task in human.tasks) for human in scenario.people.humans)
@@ -141,17 +151,17 @@ def _trial(attempt: Attempt, ledger: Ledger) -> Trial:
         configuration=attempt.brief.configuration_index,
         description=description,
         tasks=tasks,
-        samples=tuple(_samples(attempt.measurements, ledger, set())),
+        samples=tuple(_samples(attempt.measurements, material, set())),
         doubtful=doubts[0] if doubts else "",
     )
 
 
-def _samples(measurements: Sequence[Measurement], ledger: Ledger, selected: Iterable[str]) -> list[Sample]:
+def _samples(measurements: Sequence[Measurement], material: Material, selected: Iterable[str]) -> list[Sample]:
     chosen = set(selected)
     return [
         Sample(
             run_id=measurement.run_id,
-            values=_values(measurement, ledger),
+            values=_values(measurement, material),
             objective=measurement.objective,
             selection=measurement.run_id in chosen,
         )
@@ -159,10 +169,10 @@ def _samples(measurements: Sequence[Measurement], ledger: Ledger, selected: Iter
     ]
 
 
-def _values(measurement: Measurement, ledger: Ledger) -> dict[str, float]:
+def _values(measurement: Measurement, material: Material) -> dict[str, float]:
     """The table values of a run: as measured at the time, else measured now."""
     wanted = [f"{metric}_logged" for metric in TABLED]
     known = measurement.values
     if any(name not in known for name in wanted):
-        known = measure(ledger.run(measurement.run_id), wanted)
+        known = measure(material.run(measurement.run_id), wanted)
     return {metric: value for metric in TABLED if (value := known[f"{metric}_logged"]) is not None}

@@ -34,12 +34,13 @@ WAYS = {
 Cells = list[list[str]]
 
 
-def write_tables(ledger: Ledger, out: Path, model_dir: Path | None = None) -> list[str]:
+def write_tables(*ledgers: Ledger, out: Path, model_dir: Path | None = None) -> list[str]:
     """Write `out/published` and `out/honest`, each with rq1, rq2, rq3 as .csv, .md and .tex; return what was left out.
 
-    A table without rows is written with its header alone. InputError where the store holds nothing to tabulate.
+    Several stores are read as one. A table without rows is written with its header alone. InputError where the stores
+    hold nothing to tabulate.
     """
-    material = gather(ledger)
+    material = gather(*ledgers)
     if not material.cells():
         raise InputError("the store holds no guided campaign and no repeated scenario: there is nothing to tabulate")
     for way, tables in zip(WAYS, build(material, model_dir), strict=True):

@@ -16,7 +16,8 @@ class Requirement(Record):
     Exactly one of `metric` (the id of a metric) and `formula` (signal temporal logic; its robustness is the
     objective, smaller is worse, violated below 0) is given.
     `limit`: the requirement is violated where the objective is beyond it in the `worse` direction;
-    without a limit scenarios are ranked but no run fails.
+    without a limit scenarios are ranked but no run fails. `limit_share` gives the limit as a share of the route's
+    time limit instead; `for_time_limit` works it out.
     """
 
     name: Annotated[str, Field(min_length=1)]
@@ -26,6 +27,7 @@ class Requirement(Record):
     formula: str | None = None
     worse: Literal["smaller", "larger"] = "smaller"
     limit: float | None = None
+    limit_share: Annotated[float, Field(gt=0)] | None = None
     unit: str = ""
     measured_as: str = ""
     source: str = ""
@@ -36,7 +38,15 @@ class Requirement(Record):
             raise ValueError("give exactly one of metric and formula")
         if self.formula is not None and self.worse != "smaller":
             raise ValueError("a formula's robustness is worse when smaller")
+        if self.limit is not None and self.limit_share is not None:
+            raise ValueError("give limit or limit_share, not both")
         return self
+
+    def for_time_limit(self, time_limit_s: float) -> Requirement:
+        """The requirement with the limit that holds on a route with this time limit."""
+        if self.limit_share is None:
+            return self
+        return self.model_copy(update={"limit": self.limit_share * time_limit_s, "limit_share": None})
 
     @property
     def threshold(self) -> float | None:

@@ -39,6 +39,7 @@ def evaluate(
 
     asked = requirement_of(requirement)
     found = read_runs(runs)
+    asked = asked.for_time_limit(found[0].time_limit_s) if found else asked
     if len({run.scenario_id for run in found}) > 1:
         raise InputError("The runs are of different scenarios; a verdict is on one. Evaluate them one by one.")
     measuring = Measuring(asked)

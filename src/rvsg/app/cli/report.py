@@ -18,6 +18,12 @@ def report(
     store: Annotated[Path, typer.Argument(help="The folder of a campaign, or its ledger.")],
     html: Annotated[Path | None, typer.Option(help="Where the page is written. [report.html in the folder]")] = None,
     junit: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the verdicts as JUnit XML.")] = None,
+    tables: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Write the study's tables: DIR/published and DIR/honest.")
+    ] = None,
+    also: Annotated[
+        list[Path] | None, typer.Option(metavar="STORE", help="For --tables: read this store too (repeatable).")
+    ] = None,
     world: Annotated[str | None, typer.Option(help="Where the world is now, if it was moved.")] = None,
     fail_on_violation: Annotated[
         bool, typer.Option("--fail-on-violation", help="Exit code 1 if the requirement is violated.")
@@ -39,8 +45,12 @@ def report(
     from rvsg.world.load import load_world
 
     path = store / LEDGER if store.is_dir() else store
+    if tables is not None:
+        _write_tables([path, *(other / LEDGER if other.is_dir() else other for other in also or ())], tables)
     with SqliteLedger(path, create=False) as ledger:
         planned = [s for name in ledger.campaigns() if (s := ledger.settings(name)) and "plan" in s]
+        if not planned and tables is not None:
+            return
         if not planned:
             raise InputError(f"{path}: this store holds no campaign of `rvsg run`.")
         settings = planned[0]
@@ -67,3 +77,16 @@ def report(
     say(f"Report: {page}")
     if fail_on_violation and summary.violated:
         raise typer.Exit(1)
+
+
+def _write_tables(stores: list[Path], out: Path) -> None:
+    from contextlib import ExitStack
+
+    from rvsg.report.table_files import write_tables
+    from rvsg.store.sqlite import SqliteLedger
+
+    with ExitStack() as stack:
+        ledgers = [stack.enter_context(SqliteLedger(store, create=False)) for store in stores]
+        for note in write_tables(*ledgers, out=out):
+            say(f"  {note}")
+    say(f"Tables: {out}/published and {out}/honest (rq1, rq2, rq3 as csv, md, tex)")
