@@ -44,7 +44,7 @@ class CampaignConfig(Record):
     humans: Annotated[int, Field(ge=1, le=100)] = 2
     scenarios: Positive = 10
     refinements: Annotated[int, Field(ge=0, le=1000)] = 4
-    repeats: Positive = 3
+    repeats: Positive = 5
     confirmations: Annotated[int, Field(ge=0, le=100_000)] = 30
     memory: Annotated[int, Field(ge=0, le=1000)] = 10
     seed: NotNegative = 0

@@ -27,7 +27,7 @@ class Plan(Record):
     humans: Annotated[int, Field(ge=1, le=100)] = 2
     scenarios: Count = 10
     refinements: Annotated[int, Field(ge=0, le=1000)] = 4
-    repeats: Count = 3
+    repeats: Count = 5
     confirmations: Annotated[int, Field(ge=0, le=100_000)] = 30
     memory: Annotated[int, Field(ge=0, le=1000)] = 10
     seed: Annotated[int, Field(ge=0)] = 0

@@ -35,7 +35,7 @@ def run(
     humans: Annotated[int | None, typer.Option(min=1, max=100, help="People in a scenario. [2]")] = None,
     scenarios: Annotated[int | None, typer.Option(min=1, help="Scenarios to find. [10]")] = None,
     refinements: Annotated[int | None, typer.Option(min=0, help="Refinements of each scenario. [4]")] = None,
-    repeats: Annotated[int | None, typer.Option(min=1, help="Runs of each configuration. [3]")] = None,
+    repeats: Annotated[int | None, typer.Option(min=1, help="Runs of each configuration. [5]")] = None,
     confirmations: Annotated[int | None, typer.Option(min=0, help="Fresh runs that confirm the best. [30]")] = None,
     memory: Annotated[int | None, typer.Option(min=0, help="Earlier scenarios a new one is told of. [10]")] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Everything random follows from it. [0]")] = None,
