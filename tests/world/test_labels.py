@@ -71,6 +71,22 @@ def test_a_bare_maps_obstacles_and_floor_are_labelled_and_its_walls_are_not() ->
     assert any(a.kind == "floor" for a in areas)
 
 
+def test_what_stands_within_another_obstacles_rectangle_is_no_obstacle_of_its_own() -> None:
+    cells = room()
+    cells[60:100, 60:120] = 100  # a sofa in the shape of a U, 3 x 2 m
+    cells[66:100, 72:108] = 0
+    cells[84:92, 86:94] = 100  # a stool in it
+    areas = propose_areas((), occupancy(cells))
+    assert [a.outline[0] for a in areas if a.kind == "obstacle"] == [(2.0, 5.0)]
+
+
+def test_a_long_obstacle_is_labelled_in_parts() -> None:
+    cells = room()
+    cells[90:110, 20:280] = 100  # 13 m long
+    areas = propose_areas((), occupancy(cells))
+    assert [a.name for a in areas if a.kind == "obstacle"] == ["Obstacle 1", "Obstacle 2", "Obstacle 3"]
+
+
 def test_floor_areas_lie_on_open_floor_and_do_not_overlap() -> None:
     cells = room()
     cells[90:110, 100:200] = 100

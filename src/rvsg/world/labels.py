@@ -196,9 +196,18 @@ def areas_of_obstacles(occupancy: OccupancyMap, space: Space) -> tuple[Area, ...
         x = space.frame.origin.x + (window[1].start + c.min()) * size
         y = space.frame.origin.y + (window[0].start + r.min()) * size
         found.append((wide * high, (round(x, 2), round(y, 2), round(x + wide, 2), round(y + high, 2))))
-    largest = sorted(found, reverse=True)[:MOST_OBSTACLES]
-    parts = [part for _, rectangle in largest for part in _parts(rectangle, LONGEST_M, PART_M)]
+    largest: list[Rectangle] = []
+    for _, rectangle in sorted(found, reverse=True):
+        if len(largest) < MOST_OBSTACLES and not any(_within(rectangle, other) for other in largest):
+            largest.append(rectangle)
+    parts = [part for rectangle in largest for part in _parts(rectangle, LONGEST_M, PART_M)]
     return tuple(_numbered("Obstacle", "obstacle", [rectangle_outline(part) for part in parts], region=None))
+
+
+def _within(rectangle: Rectangle, other: Rectangle, margin: float = 0.1) -> bool:
+    """Whether a rectangle lies in another one, up to a margin in metres."""
+    x0, y0, x1, y1 = rectangle
+    return x0 >= other[0] - margin and y0 >= other[1] - margin and x1 <= other[2] + margin and y1 <= other[3] + margin
 
 
 def _stands_on(floor: Bools, window: tuple[slice, slice]) -> bool:
