@@ -132,6 +132,18 @@ def test_our_own_objects_and_a_gazebo_world_become_worlds_too(tmp_path: Path) ->
     assert "Rack" in {a.name for a in other.areas}
 
 
+def test_a_world_without_walls_gets_floor_round_its_objects(tmp_path: Path) -> None:
+    (tmp_path / "o.yaml").write_text(
+        "objects:\n  - {name: a, kind: rack, box: {center: [0, 0, 1], size: [4, 1, 2]}}\n"
+        "  - {name: b, kind: rack, box: {center: [0, 4, 1], size: [4, 1, 2]}}\n"
+    )
+    created = world_from_objects(tmp_path / "o.yaml", name="w")
+    assert any("no wall encloses" in note for note in created.notes)
+    assert created.world.occupancy.cells.shape == (180, 160)
+    assert {"Rack 1", "Rack 2"} <= {area.name for area in created.world.areas}
+    assert len(created.world.routes) >= 1
+
+
 def test_a_label_outside_the_map_is_told_with_its_line(folder: Path) -> None:
     replace_labels(folder, "name: In, rectangle: [0, 5, 2, 7]", "name: Out, rectangle: [50, 50, 60, 60]")
     remark = found(check_world(folder), '"Out" lies outside the map')
@@ -152,15 +164,20 @@ def test_labels_that_are_easily_confused_or_equal_are_told(folder: Path) -> None
     found(remarks, "cover the same place")
 
 
-def test_duplicated_names_unknown_waypoints_and_crossing_outlines_are_all_told_at_once(folder: Path) -> None:
+def test_unknown_waypoints_of_labels_and_routes_are_told_beside_what_else_is_wrong(folder: Path) -> None:
     replace_labels(
-        folder,
-        "name: A, rectangle: [0, 5, 2, 7], waypoints: [Z99]",
-        "name: Bow, outline: [[0, 5], [2, 7], [2, 5], [0, 7]]",
+        folder, "name: A, rectangle: [0, 5, 2, 7], waypoints: [Z99]", "name: Far, rectangle: [90, 90, 95, 95]"
     )
+    replace_routes(folder, "name: r, start: {x: 8, y: 5}, goal: Z98, time_limit_s: 60")
     remarks = check_world(folder)
     found(remarks, 'no waypoint "Z99"')
-    found(remarks, "crosses itself")
+    found(remarks, 'no waypoint "Z98"')
+    found(remarks, '"Far" lies outside the map')
+
+
+def test_duplicated_names_and_crossing_outlines_are_told(folder: Path) -> None:
+    replace_labels(folder, "name: Bow, outline: [[0, 5], [2, 7], [2, 5], [0, 7]]")
+    assert found(check_world(folder), "crosses itself").problem.line == 2
     replace_labels(folder, "name: A, rectangle: [0, 5, 2, 7]", "name: A, rectangle: [3, 5, 4, 7]")
     found(check_world(folder), 'the name "A" is already given')
 

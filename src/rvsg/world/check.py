@@ -110,9 +110,6 @@ class _Checker:
             alike = seen.setdefault(area.name.strip().casefold(), area.name)
             if alike != area.name:
                 self._say(self.labels, f'"{area.name}" is easily taken for "{alike}"; give it another name', *key)
-            if not shape.is_valid:
-                self._say(self.labels, f'the outline of "{area.name}" crosses itself', *key, "outline", serious=True)
-                continue
             outside = 1.0 - float(shape.intersection(inside_map).area) / float(shape.area)
             if outside > 0.999:
                 x0, y0, x1, y1 = inside_map.bounds
@@ -124,11 +121,10 @@ class _Checker:
             self._check_area_waypoints(index, area, main)
         for a, b in combinations(self.world.areas, 2):
             first, second = self.shapes[a.name], self.shapes[b.name]
-            if first.is_valid and second.is_valid:
-                shared = float(first.intersection(second).area) / min(float(first.area), float(second.area))
-                if shared > 0.9 and a.kind == b.kind:
-                    index = self.world.areas.index(b)
-                    self._say(self.labels, f'"{b.name}" and "{a.name}" cover the same place', "areas", index)
+            shared = float(first.intersection(second).area) / min(float(first.area), float(second.area))
+            if shared > 0.9 and a.kind == b.kind:
+                index = self.world.areas.index(b)
+                self._say(self.labels, f'"{b.name}" and "{a.name}" cover the same place', "areas", index)
 
     def _check_area_waypoints(self, index: int, area: Area, main: set[str]) -> None:
         from shapely import Point
@@ -288,7 +284,7 @@ class _Checker:
     def _narrow_aisles(self) -> Iterator[tuple[str, str, float]]:
         from shapely import contains_xy, points
 
-        things = [a.name for a in self.world.areas if self.shapes[a.name].is_valid and not self._is_floor(a)]
+        things = [a.name for a in self.world.areas if not self._is_floor(a)]
         valid = np.array([[w.x, w.y] for w in self.world.grid.waypoints if w.human]).reshape(-1, 2)
         for first, second in combinations(things, 2):
             a, b = self.shapes[first], self.shapes[second]

@@ -23,9 +23,10 @@ from rvsg.world.occupancy import occupancy_from_objects
 from rvsg.world.records import Pose
 from rvsg.world.sdf import load_sdf
 from rvsg.world.space import Space, human_space_of, main_floor, robot_space
-from rvsg.world.world import Area, OccupancyMap, Route, SolidObject, World
+from rvsg.world.world import FREE, Area, OccupancyMap, Route, SolidObject, World
 
 ROUTES = 3
+OPEN_M = 2.0
 LONGEST_ROUTE_M = 25.0
 SHORTEST_ROUTE_M = 3.0
 SECONDS_PER_M = 2.5  # the study gives its robot 2 to 2.5 s for a metre
@@ -99,9 +100,10 @@ def world_from_sdf(
         without=without,
     )
     try:
-        occupancy = occupancy_from_objects(read.objects, resolution_m=resolution_m)
+        notes = list(read.notes)
+        occupancy = _mapped(read.objects, resolution_m, notes)
         return _created(
-            name, title, read.objects, occupancy, grid_spec, str(path), list(read.notes), lidar_height_m=lidar_height_m
+            name, title, read.objects, occupancy, grid_spec, str(path), notes, lidar_height_m=lidar_height_m
         )
     except FileError:
         raise
@@ -122,12 +124,23 @@ def world_from_objects(
     file, _ = read_document(Path(path), ObjectsFile)
     objects = tuple(entry.solid(lidar_height_m) for entry in file.objects)
     try:
-        occupancy = occupancy_from_objects(objects, resolution_m=resolution_m)
-        return _created(name, title, objects, occupancy, grid_spec, str(path), [], lidar_height_m=lidar_height_m)
+        notes: list[str] = []
+        occupancy = _mapped(objects, resolution_m, notes)
+        return _created(name, title, objects, occupancy, grid_spec, str(path), notes, lidar_height_m=lidar_height_m)
     except FileError:
         raise
     except InputError as error:
         raise FileError(path, f"{error}") from None
+
+
+def _mapped(objects: Sequence[SolidObject], resolution_m: float, notes: list[str]) -> OccupancyMap:
+    """The map a lidar would draw; where no wall encloses the floor, with OPEN_M of floor round the objects."""
+    occupancy = occupancy_from_objects(objects, resolution_m=resolution_m)
+    cells = occupancy.cells
+    if not any((edge == FREE).any() for edge in (cells[0], cells[-1], cells[:, 0], cells[:, -1])):
+        return occupancy
+    notes.append(f"no wall encloses the floor: {OPEN_M:g} m of it round the objects are taken as free.")
+    return occupancy_from_objects(objects, resolution_m=resolution_m, margin_m=OPEN_M)
 
 
 def _created(

@@ -16,18 +16,23 @@ MOST_CELLS = 60_000_000
 
 
 def occupancy_from_objects(
-    objects: Sequence[SolidObject], *, resolution_m: float = 0.05, seeds: Iterable[tuple[float, float]] = ()
+    objects: Sequence[SolidObject],
+    *,
+    resolution_m: float = 0.05,
+    seeds: Iterable[tuple[float, float]] = (),
+    margin_m: float = 0.0,
 ) -> OccupancyMap:
     """The map a lidar draws of the objects: what it hits is occupied, the floor free, the inside of things unknown.
 
     A cell is occupied where an outline of a slice crosses it and it borders the floor. The floor is every open part
     that holds one of the `seeds` (places where the robot drives, metres), or the largest open part without any.
+    The map reaches `margin_m` beyond the objects: the floor round things that no wall encloses.
     Raises InputError where no object has a slice.
     """
     outlines = [polygon for thing in objects for polygon in thing.slices]
     if not outlines:
         raise InputError("no object is cut by the lidar plane, so there is nothing to draw a map of")
-    frame = covering(np.concatenate([np.asarray(p, float) for p in outlines]), resolution_m)
+    frame = covering(np.concatenate([np.asarray(p, float) for p in outlines]), resolution_m, margin_m)
     if frame.shape[0] * frame.shape[1] > MOST_CELLS:
         raise InputError(
             f"a map of {frame.shape[1]} x {frame.shape[0]} cells at {resolution_m} m is too large "
