@@ -1,11 +1,13 @@
 """Where the robot believes it is: Nav2's AMCL, a particle filter on the front lidar.
 
 The published robot did not drive where its map says. That map is shifted and slightly bent against the world, and AMCL
-began each run at the spawn pose taken as map coordinates and found the shift only while driving, so the difference
+began each run around the spawn pose taken as map coordinates and found the shift only while driving, so the difference
 between map and world changed all along a route. Algorithm and order of the steps are those of nav2_amcl (Humble), the
 parameters those of PAL's public simulation of this family of robots, which are Nav2's defaults: likelihood field,
-60 beams, 500 to 2000 particles by KLD sampling, an update after 0.25 m (per axis) or 0.2 rad. One difference: the
-estimate is the mean of all particles, not of their heaviest cluster.
+60 beams, 500 to 2000 particles by KLD sampling, an update after 0.25 m (per axis) or 0.2 rad. Two things could not be
+read anywhere and were chosen by the published paths of runs without people near (docs/explanation/fidelity.md): the
+omnidirectional motion model and the spread of the first particles, that of a pose set by hand in RViz. One difference:
+the estimate is the mean of all particles, not of their heaviest cluster.
 """
 
 from __future__ import annotations
@@ -34,7 +36,9 @@ Z_RAND = 0.5
 RANGE_MAX_M = 25.0
 DISTANCE_MAX_M = 2.0
 ALPHA = 0.2
-"""Odometry noise alpha1 to alpha4."""
+"""Odometry noise alpha1 to alpha5."""
+START_SD = (0.5, 0.5, 0.2617)
+"""Spread of the first particles (m, m, rad): variances 0.25, 0.25 and 0.0685, RViz's for a pose set by hand."""
 UPDATE_M = 0.25
 UPDATE_RAD = 0.2
 POPULATION_ERROR = 0.05
@@ -104,18 +108,20 @@ def particle_filter(
     lidar_noise_m: float,
     rng: np.random.Generator,
 ) -> Localisation:
-    """AMCL at its start: every particle at `start` (x, y, yaw), the robot's pose in the world taken as one in the map.
+    """AMCL at its start: particles around `start` (x, y, yaw), the robot's pose in the world taken as one in the map.
 
     Of the lidar's `rays` it uses every n-th, n = (rays - 1) // 59, as Nav2 does.
     """
     skip = max(1, (rays - 1) // (MAX_BEAMS - 1))
     angles = np.arange(0, rays, skip) * (FIELD_OF_VIEW_RAD / (rays - 1))
     counts = np.zeros(5, np.int64)
+    particles = np.zeros((2, MAX_PARTICLES, 3))
+    particles[0] = np.array(start) + rng.standard_normal((MAX_PARTICLES, 3)) * START_SD
     counts[PARTICLES] = MAX_PARTICLES
     counts[ACTIVE] = 1
     return Localisation(
         frame=np.array([0.0, 0.0, 0.0, *start]),
-        particles=np.tile(np.array(start), (2, MAX_PARTICLES, 1)),
+        particles=particles,
         sums=np.zeros(MAX_PARTICLES),
         counts=counts,
         normals=rng.standard_normal(NORMALS),
@@ -170,14 +176,15 @@ def to_world(frame: Floats, x: float, y: float) -> tuple[float, float]:
 def localise(own: Localisation, x: float, y: float, yaw: float, edges: Floats, legs: Floats) -> bool:
     """Take in a front scan at the pose (x, y, yaw) if the robot moved enough since the last one; says if it did.
 
-    `edges` (E, 4) and `legs` (L, 2) are what the lidar sees, in the world.
+    The first scan is always taken in. `edges` (E, 4) and `legs` (L, 2) are what the lidar sees, in the world.
     """
     dx = x - own.frame[LAST_X]
     dy = y - own.frame[LAST_Y]
     turn = wrap(yaw - own.frame[LAST_YAW])
-    if abs(dx) <= UPDATE_M and abs(dy) <= UPDATE_M and abs(turn) <= UPDATE_RAD:
-        return False
-    _move(own, dx, dy, turn)
+    if own.counts[UPDATES] > 0:
+        if abs(dx) <= UPDATE_M and abs(dy) <= UPDATE_M and abs(turn) <= UPDATE_RAD:
+            return False
+        _move(own, dx, dy, turn)
     own.frame[LAST_X] = x
     own.frame[LAST_Y] = y
     own.frame[LAST_YAW] = yaw
@@ -199,23 +206,19 @@ def _normal(own: Localisation) -> float:
 
 @inner
 def _move(own: Localisation, dx: float, dy: float, turn: float) -> None:
-    """Differential motion model: turn, drive and turn again, each with noise, for every particle."""
+    """Omnidirectional motion model: the way, its direction and the turn, each with noise, for every particle."""
     particles = own.particles[0]
-    drive = math.sqrt(dx * dx + dy * dy)
-    first = wrap(math.atan2(dy, dx) - own.frame[LAST_YAW]) if drive >= 0.01 else 0.0
-    second = wrap(turn - first)
-    # Driving backwards is not a turn by 180°.
-    first_size = min(abs(first), abs(wrap(first - math.pi)))
-    second_size = min(abs(second), abs(wrap(second - math.pi)))
-    first_sd = math.sqrt(ALPHA * (first_size**2 + drive**2))
-    second_sd = math.sqrt(ALPHA * (second_size**2 + drive**2))
-    drive_sd = math.sqrt(ALPHA * (drive**2 + first_size**2 + second_size**2))
+    way = math.sqrt(dx * dx + dy * dy)
+    direction = wrap(math.atan2(dy, dx) - own.frame[LAST_YAW])
+    sd = math.sqrt(ALPHA * (way * way + turn * turn))
     for i in range(own.counts[PARTICLES]):
-        begin = particles[i, 2] + first - first_sd * _normal(own)
-        way = drive - drive_sd * _normal(own)
-        particles[i, 0] += way * math.cos(begin)
-        particles[i, 1] += way * math.sin(begin)
-        particles[i, 2] = wrap(begin + second - second_sd * _normal(own))
+        heading = particles[i, 2] + direction
+        ahead = way + sd * _normal(own)
+        turned = turn + sd * _normal(own)
+        aside = sd * _normal(own)
+        particles[i, 0] += ahead * math.cos(heading) + aside * math.sin(heading)
+        particles[i, 1] += ahead * math.sin(heading) - aside * math.cos(heading)
+        particles[i, 2] = wrap(particles[i, 2] + turned)
 
 
 @inner
@@ -247,7 +250,10 @@ def _look(own: Localisation, x: float, y: float, yaw: float, edges: Floats, legs
 
 @inner
 def _weigh(own: Localisation) -> None:
-    """Running sums of the particles' weights, 1 + the score of every beam with a return (likelihood field)."""
+    """Running sums of the particles' weights, 1 + the score of every beam with a return (likelihood field).
+
+    AMCL rounds to cells, half a cell off the map's own convention.
+    """
     rows, columns = own.scores.shape
     scale = 1.0 / own.resolution
     bearing = FRONT[2] - 0.5 * FIELD_OF_VIEW_RAD
@@ -256,8 +262,8 @@ def _weigh(own: Localisation) -> None:
         particle = own.particles[0, i]
         cos = math.cos(particle[2])
         sin = math.sin(particle[2])
-        x = (particle[0] - own.origin_x + FRONT[0] * cos - FRONT[1] * sin) * scale
-        y = (particle[1] - own.origin_y + FRONT[0] * sin + FRONT[1] * cos) * scale
+        x = (particle[0] - own.origin_x + FRONT[0] * cos - FRONT[1] * sin) * scale + 0.5
+        y = (particle[1] - own.origin_y + FRONT[0] * sin + FRONT[1] * cos) * scale + 0.5
         cos = math.cos(particle[2] + bearing) * scale
         sin = math.sin(particle[2] + bearing) * scale
         weight = 1.0
