@@ -1,0 +1,137 @@
+"""The particle filter finds where the map lies; a robot that knows it never doubts."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from rvsg.simulation.compiled import kernel
+from rvsg.simulation.localisation import (
+    MAX_PARTICLES,
+    MIN_PARTICLES,
+    PARTICLES,
+    UPDATES,
+    Localisation,
+    _look,
+    _weigh,
+    beam_score,
+    beam_scores,
+    known_offset,
+    localise,
+    particle_filter,
+    to_map,
+    to_world,
+)
+from rvsg.world.records import Pose
+from rvsg.world.world import OccupancyMap
+
+SHIFT = (0.2, -0.15)
+
+
+@kernel
+def take_in(own: Localisation, x: float, y: float, yaw: float, edges: np.ndarray, legs: np.ndarray) -> bool:
+    return localise(own, x, y, yaw, edges, legs)
+
+
+@kernel
+def weigh_from(own: Localisation, x: float, y: float, yaw: float, edges: np.ndarray) -> None:
+    _look(own, x, y, yaw, edges, np.zeros((0, 2)))
+    _weigh(own)
+
+
+@kernel
+def there_and_back(frame: np.ndarray, x: float, y: float) -> tuple[float, float]:
+    a, b = to_map(frame, x, y)
+    return to_world(frame, a, b)
+
+
+def room() -> tuple[OccupancyMap, np.ndarray]:
+    """A mapped room of 8 x 6 m with a niche; the real one is shifted by SHIFT."""
+    cells = np.zeros((120, 160), np.uint8)
+    cells[[0, -1], :] = 100
+    cells[:, [0, -1]] = 100
+    cells[40:44, 60:90] = 100
+    corners = [(0.025, 0.025), (7.975, 0.025), (7.975, 5.975), (0.025, 5.975)]
+    block = [(3.0, 2.0), (4.5, 2.0), (4.5, 2.2), (3.0, 2.2)]
+    edges = [
+        [*np.add(a, SHIFT), *np.add(b, SHIFT)]
+        for outline in (corners, block)
+        for a, b in zip(outline, [*outline[1:], outline[0]], strict=True)
+    ]
+    return OccupancyMap(cells=cells, resolution=0.05, origin=Pose(x=0, y=0)), np.array(edges)
+
+
+def drive(own: Localisation, edges: np.ndarray, steps: int = 60) -> tuple[float, float, float]:
+    """Drive round and round in the room at 0.5 m/s; the believed pose of the map's origin at the end."""
+    for k in range(steps):
+        angle = 0.05 * k
+        x, y = 4.0 + math.cos(angle), 3.8 + math.sin(angle)
+        take_in(own, x, y, angle + 0.5 * math.pi, edges, np.zeros((0, 2)))
+    return (-own.frame[0], -own.frame[1], own.frame[2])
+
+
+def test_the_heaviest_particle_is_where_the_robot_really_is() -> None:
+    occupancy, edges = room()
+    own = particle_filter(beam_scores(occupancy), occupancy, 818, (5.0, 3.8, 1.0), 0.0, np.random.default_rng(0))
+    errors = np.linspace(-0.4, 0.4, 33)
+    x, y = (grid.ravel() for grid in np.meshgrid(errors, errors))
+    own.particles[0, : len(x)] = np.column_stack([5.0 + x, 3.8 + y, np.full(len(x), 1.0)])
+    own.counts[PARTICLES] = len(x)
+    weigh_from(own, 5.0, 3.8, 1.0, edges)
+    best = int(np.argmax(np.diff(own.sums[: len(x)], prepend=0.0)))
+    # AMCL's rounding puts the map half a cell lower than it is.
+    assert (x[best], y[best]) == pytest.approx((-SHIFT[0] - 0.025, -SHIFT[1] - 0.025), abs=0.026)
+
+
+def test_the_filter_comes_nearer_to_the_truth_than_it_began() -> None:
+    occupancy, edges = room()
+    found = []
+    for seed in range(4):
+        own = particle_filter(
+            beam_scores(occupancy), occupancy, 818, (5.0, 3.8, 1.5708), 0.01, np.random.default_rng(seed)
+        )
+        x, y, turn = drive(own, edges, 240)
+        at = (4.0 + math.cos(0.05 * 239), 3.8 + math.sin(0.05 * 239))
+        found.append((x + turn * at[1], y - turn * at[0]))
+        assert own.counts[UPDATES] >= 30
+        assert MIN_PARTICLES <= own.counts[PARTICLES] <= MAX_PARTICLES
+    assert math.dist(np.mean(found, axis=0), SHIFT) < 0.75 * math.hypot(*SHIFT)
+
+
+def test_equal_seeds_believe_equally() -> None:
+    occupancy, edges = room()
+    scores = beam_scores(occupancy)
+
+    def end(seed: int) -> tuple[float, float, float]:
+        own = particle_filter(scores, occupancy, 818, (5.0, 3.8, 1.5708), 0.01, np.random.default_rng(seed))
+        return drive(own, edges, 20)
+
+    assert end(3) == end(3)
+    assert end(3) != end(4)
+
+
+def test_a_robot_that_hardly_moves_takes_in_the_first_scan_only() -> None:
+    occupancy, edges = room()
+    own = particle_filter(beam_scores(occupancy), occupancy, 818, (1.5, 4.0, 0.0), 0.01, np.random.default_rng(0))
+    taken = [take_in(own, 1.5 + 0.001 * k, 4.0, 0.0, edges, np.zeros((0, 2))) for k in range(5)]
+    assert taken == [True, False, False, False, False]
+
+
+def test_points_come_back_from_the_map() -> None:
+    own = known_offset(0.3, -0.2)
+    assert there_and_back(own.frame, 1.0, 2.0) == pytest.approx((1.0, 2.0))
+    own.frame[2] = 0.4
+    assert there_and_back(own.frame, 1.0, 2.0) == pytest.approx((1.0, 2.0))
+
+
+def test_a_beam_counts_most_where_it_ends_on_something() -> None:
+    scores = beam_score(np.array([0.0, 0.1, 0.2, 2.0]))
+    assert (np.diff(scores) < 0).all()
+    assert scores[0] == pytest.approx(0.52**3)
+
+
+def test_a_map_without_obstacles_scores_evenly() -> None:
+    empty = OccupancyMap(cells=np.zeros((5, 5), np.uint8), resolution=0.05, origin=Pose(x=0, y=0))
+    assert len(np.unique(beam_scores(empty))) == 1
