@@ -9,13 +9,14 @@ from rvsg.generation.heuristic import HeuristicGenerator
 from rvsg.scenario.scenario import Mission
 from rvsg.world.load import load_world, shipped_worlds
 
-GENERATORS: list[Generator] = [RandomGenerator(), HeuristicGenerator(tries=15, changes=30)]
+GENERATORS: list[Generator] = [RandomGenerator(), HeuristicGenerator(tries=5, changes=10)]
 
 
 @pytest.mark.parametrize("generator", GENERATORS, ids=lambda g: g.name)
 @pytest.mark.parametrize("world_name", shipped_worlds())
 def test_a_generator_keeps_its_promises(generator: Generator, world_name: str) -> None:
     world = load_world(world_name)
-    for route in world.routes[:2]:
-        mission = Mission(world=world.name, world_id=world.id, route=route)
-        check_generator(generator, odd_briefs(generator, mission, world), world)
+    mission = Mission(world=world.name, world_id=world.id, route=world.routes[0])
+    briefs = odd_briefs(generator, mission, world)
+    # The odd briefs are odd in every world; elsewhere than in the warehouse routes, and so forecasts, are long.
+    check_generator(generator, briefs if world_name == "warehouse" else (briefs[0], *briefs[-2:]), world)

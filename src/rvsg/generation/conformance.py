@@ -8,7 +8,7 @@ from rvsg.errors import GenerationError
 from rvsg.generation.generator import Generator, Proposal
 from rvsg.scenario.brief import Brief, Feedback, Remembered
 from rvsg.scenario.requirement import Requirement
-from rvsg.scenario.scenario import Mission
+from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Task
 from rvsg.scenario.validity import check
 from rvsg.world.world import World
 
@@ -72,8 +72,11 @@ def complaints(proposal: Proposal, brief: Brief, world: World) -> Iterator[str]:
 
 
 def odd_briefs(generator: Generator, mission: Mission, world: World) -> tuple[Brief, ...]:
-    """Briefs as a campaign makes them, and odd ones: unguided, crowded, a refinement without feedback, with feedback
-    that holds nothing but a mean, and a memory that repeats itself. The refinements refine the generator's own."""
+    """Briefs as a campaign makes them, and odd ones.
+
+    Unguided, crowded, a refinement without feedback, with feedback that holds nothing but a mean, with feedback on
+    people of another world, and a memory that repeats itself. The refinements refine the generator's own scenario.
+    """
     plain = Brief(mission=mission, requirement=DISTANCE, seed=1)
     briefs = [
         plain,
@@ -86,7 +89,11 @@ def odd_briefs(generator: Generator, mission: Mission, world: World) -> tuple[Br
     if first is not None:
         feedback = Feedback(scenario=first, objectives=(1.0,), mean=1.0, interval=(1.0, 1.0), previous_mean=0.5)
         memory = Remembered(description="", tasks={"Nobody": ("A → B",)}, mean=1.0, interval=(0.5, 1.5), scenario=first)
+        elsewhere = Task(name="Nowhere → Nowhere", path=("Q0", "", "Q1"))
+        strangers = HumanConfiguration(humans=(Human(name="Stranger", tasks=(elsewhere, Task(name="idle", path=()))),))
+        strange = feedback.replace(scenario=first.replace(people=strangers))
         briefs += [
+            plain.replace(kind="refine", feedback=strange),
             plain.replace(kind="refine", feedback=feedback, configuration_index=1),
             plain.replace(kind="refine", feedback=feedback, requirement=None),
             plain.replace(memory=(memory, memory), scenario_index=2),

@@ -22,7 +22,7 @@ from rvsg.generation.ground import ground_of
 from rvsg.generation.places import Place, places_of
 from rvsg.generation.seeding import rng_of
 from rvsg.generation.work import Role, Workforce
-from rvsg.scenario.brief import Brief, Remembered
+from rvsg.scenario.brief import Brief, Feedback, Remembered
 from rvsg.scenario.scenario import Human, HumanConfiguration, Task
 from rvsg.scenario.validity.checker import spawn_finding
 from rvsg.scenario.validity.sides import parts_of
@@ -61,7 +61,7 @@ class HeuristicGenerator:
                 suggestion="Label areas with waypoints that are joined by free hops.",
             )
         plan = _Plan(brief, world, places, rng_of(brief, self.name), self.individuals)
-        if brief.kind == "refine" and brief.feedback is not None:
+        if brief.kind == "refine" and brief.feedback is not None and plan.refinable(brief.feedback):
             humans, reasoning = plan.refined(self.changes)
             description = brief.feedback.scenario.description
         else:
@@ -182,6 +182,11 @@ class _Plan:
         return self.world.activities[max(range(len(self.world.activities)), key=fit)]
 
     # -- a refinement ------------------------------------------------------------------------------------------
+
+    def refinable(self, feedback: Feedback) -> bool:
+        """Whether everybody in the feedback walks on waypoints of this world."""
+        paths = [task.path for human in feedback.scenario.people.humans for task in human.tasks]
+        return all(path and self.world.grid.valid.issuperset(path) for path in paths)
 
     def refined(self, variants: int) -> tuple[list[Human], str]:
         """The most promising of many small changes, by a forecast that fits what was measured."""
