@@ -15,7 +15,7 @@ from rvsg.world.picture.palette import Colour, Palette, palette
 from rvsg.world.picture.placing import place_beside, place_inside
 from rvsg.world.picture.sheet import Sheet
 from rvsg.world.picture.view import NARROWEST_PX, WIDEST_PX, View, known_window
-from rvsg.world.route_words import line_of
+from rvsg.world.route_words import line_of, sampled
 from rvsg.world.space import frame_of, world_map
 from rvsg.world.world import Area, Route, SolidObject, World
 
@@ -56,7 +56,7 @@ def birdseye(
     else:
         _raise_map(pixels, solid, ink, fine)
     page = Image.fromarray(pixels).reduce(FINE)
-    return _written(page, world, view, ink, kinds, route, unit)
+    return _written(page, world, view, canvas, ink, kinds, route, unit)
 
 
 def _top(thing: SolidObject) -> float:
@@ -170,6 +170,7 @@ def _written(
     page: Image.Image,
     world: World,
     view: Oblique,
+    canvas: Canvas,
     ink: Palette,
     kinds: dict[str, Colour],
     route: Route | None,
@@ -180,9 +181,7 @@ def _written(
     sheet = Sheet(View((0.0, 0.0, 1.0, 1.0), "y", 1.0, 0, 0, width, height), ink)
     sheet.paste(np.asarray(page.resize((width * 2, height * 2), Image.Resampling.NEAREST)), 0, 0)
     if route is not None:
-        line = view.project(np.column_stack([line_of(world, route), np.full(len(line_of(world, route)), 0.02)]))[:, :2]
-        sheet.line(line, ink.route, 4.0)
-        sheet.taken.add_line(line, 3 * unit)
+        _draw_route(sheet, canvas, line_of(world, route), ink)
         for word, pose, colour in (("START", route.start, ink.start), ("GOAL", route.goal, ink.goal)):
             x, y, _ = view.project(np.array([pose.x, pose.y, 0.02]))
             sheet.dot(float(x), float(y), 9 * unit, fill=colour, edge=ink.page)
@@ -196,8 +195,26 @@ def _written(
         if world.objects
         else f"Obstacles of the map are drawn {MAP_HEIGHT_M:g} m high: their true heights are not known."
     )
+    if route is not None and world.objects:
+        said += " The route is dashed where things hide it."
     sheet.write_at(said, 20 * unit, height + 4 * unit, round(17 * unit), ink.faint_ink, anchor="l")
     return sheet.finished(height + 24 * unit)
+
+
+def _draw_route(sheet: Sheet, canvas: Canvas, line: Floats, ink: Palette) -> None:
+    """The way on the floor; where things hide it, thin and dashed."""
+    way = sampled(line, 0.15)
+    seen = canvas.view.project(np.column_stack([way, np.full(len(way), 0.02)]))
+    rows, columns = canvas.nearest.shape
+    across, down = seen[:, 0].astype(int).clip(0, columns - 1), seen[:, 1].astype(int).clip(0, rows - 1)
+    visible = seen[:, 2] + 0.05 >= canvas.nearest[down, across]
+    points = seen[:, :2] / FINE
+    for i in range(len(points) - 1):
+        if visible[i] and visible[i + 1]:
+            sheet.line(points[i : i + 2], ink.route, 4.0)
+        elif i % 2:
+            sheet.line(points[i : i + 2], ink.route, 1.5)
+    sheet.taken.add_line(points[:: max(1, len(points) // 60)], 3.0)
 
 
 def _write_areas(sheet: Sheet, world: World, view: Oblique, kinds: dict[str, Colour], unit: float) -> None:

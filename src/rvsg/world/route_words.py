@@ -177,7 +177,7 @@ def _turns(grid: Grid, line: Floats) -> list[str]:
 def _narrow_places(world: World, line: Floats) -> list[str]:
     """Where the way leads between obstacles less than NARROW_M apart."""
     space = human_space(world)
-    samples = _sampled(line, 0.1)
+    samples = sampled(line, 0.1)
     wide = 2.0 * space.clearances(samples)
     narrow = (wide > 0.0) & (wide < NARROW_M)
     runs: list[tuple[float, int]] = []
@@ -209,7 +209,7 @@ def _between(world: World, x: float, y: float) -> str:
     return f", beside {names[0]}" if names else ""
 
 
-def _sampled(line: Floats, step_m: float) -> Floats:
+def sampled(line: Floats, step_m: float) -> Floats:
     """Points along the line every `step_m` metres or less, its corners included."""
     parts = []
     for a, b in pairwise(line):
