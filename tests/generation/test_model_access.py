@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+import threading
+import time
 import traceback
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +27,8 @@ from rvsg.errors import BudgetSpent, InputError, ModelUnavailable
 from rvsg.generation.vlm.access import Limits, ModelAccess
 from rvsg.generation.vlm.budget import Budget, Budgeted
 from rvsg.generation.vlm.messages import Message, Picture, Request
+from rvsg.generation.vlm.model import Scripted
+from rvsg.generation.vlm.pacing import Paced
 from rvsg.generation.vlm.recording import Recorded, Recording
 
 KEY = "sk-very-secret-key-0123456789"
@@ -282,3 +287,41 @@ def test_a_missing_key_and_an_unknown_provider_are_input_errors(monkeypatch: pyt
 def test_prices_are_known_for_known_models() -> None:
     assert ModelAccess("openai-chat:gpt-4.1").knows_price()
     assert not ModelAccess("openai-chat:vision-1").knows_price()
+
+
+def test_calls_are_paced_apart_and_only_so_many_at_once() -> None:
+    now = [0.0]
+    waited: list[float] = []
+
+    def sleep(seconds: float) -> None:
+        waited.append(seconds)
+        now[0] += seconds
+
+    paced = Paced(Scripted(["a", "b", "c"]), per_minute=30, clock=lambda: now[0], sleep=sleep)
+    for number in (1, 2, 3):
+        paced.ask(request(number))
+    assert waited == [2.0, 2.0]
+
+    most, inside, lock = [0], [0], threading.Lock()
+
+    def slow(_: Request) -> str:
+        with lock:
+            inside[0] += 1
+            most[0] = max(most[0], inside[0])
+        time.sleep(0.02)
+        with lock:
+            inside[0] -= 1
+        return "x"
+
+    crowded = Paced(Scripted([slow] * 8), at_once=2)
+    with ThreadPoolExecutor(8) as pool:
+        list(pool.map(crowded.ask, [request(n) for n in range(1, 9)]))
+    assert most[0] == 2
+
+
+def test_threads_ask_side_by_side_on_connections_of_their_own() -> None:
+    with serving(says("ok")) as server:
+        model, _ = access(server.url)
+        with ThreadPoolExecutor(3) as pool:
+            answers = list(pool.map(model.ask, [request(n) for n in range(1, 7)]))
+    assert [answer.text for answer in answers] == ["ok"] * 6

@@ -33,6 +33,8 @@ class Access(Record):
     temperature: Annotated[float | None, Field(ge=0, le=2)] = None
     call_timeout_s: Annotated[float, Field(gt=0, le=3600)] = 180.0
     tries: Annotated[int, Field(ge=1, le=20)] = 4
+    first_wait_s: Annotated[float, Field(ge=0, le=60)] = 2.0
+    longest_wait_s: Annotated[float, Field(ge=0, le=3600)] = 90.0
     at_once: Annotated[int, Field(ge=1, le=64)] = 2
     calls_per_minute: Annotated[float | None, Field(gt=0)] = None
     max_output_tokens: Annotated[int | None, Field(ge=256)] = 16_000
@@ -119,7 +121,13 @@ def wired(model: str | Model | None, access: Access) -> Wiring:
 
 
 def _reached(name: str, access: Access) -> ModelAccess:
-    limits = Limits(timeout_s=access.call_timeout_s, tries=access.tries, max_output_tokens=access.max_output_tokens)
+    limits = Limits(
+        timeout_s=access.call_timeout_s,
+        tries=access.tries,
+        first_wait_s=access.first_wait_s,
+        longest_wait_s=access.longest_wait_s,
+        max_output_tokens=access.max_output_tokens,
+    )
     reached = ModelAccess(
         name,
         base_url=access.base_url,

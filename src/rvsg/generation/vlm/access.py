@@ -241,7 +241,7 @@ class ModelAccess:
             return _Failure(_told_missing(self._provider, error), again=False, setup=True)
         from pydantic_ai import exceptions as foreign
 
-        detail = hide_secrets(_one_line(str(error)))
+        detail = hide_secrets(_one_line(str(error))).rstrip(". ") + "."
         wait = getattr(error, "retry_after", None)
         if isinstance(error, foreign.UserError):
             key = re.search(r"[A-Z][A-Z_]*_(?:API_KEY|BASE_URL|TOKEN)", detail)
@@ -277,7 +277,7 @@ class ModelAccess:
         if isinstance(error, foreign.ModelAPIError):
             return _Failure(f"the service failed. It said: {detail}", again=True, wait_s=wait)
         kind = type(error).__name__
-        return _Failure(f"the service's reply is not what its protocol promises ({kind}: {detail})", again=True)
+        return _Failure(f"the service's reply is not what its protocol promises ({kind}: {detail}).", again=True)
 
     def _answer(self, response: Any, request: Request) -> Answer:
         """pydantic-ai's response as ours."""

@@ -1,0 +1,135 @@
+"""Whole campaigns against a real HTTP server: they go on, or stop with a clear message, and lose nothing."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from tests.generation.loopback import Behaviour, drops_in_mid_reply, fails, raw, says, serving
+
+from rvsg.app.cli import main
+
+KEY = "sk-campaign-secret-key-42424242"
+GOOD = json.dumps(
+    {
+        "analysis": "They meet.",
+        "description": "Restocking.",
+        "humans": [
+            {
+                "name": "Human 1",
+                "tasks": [
+                    {"task": "Area 2 → Area 3", "path": ["G10", "G11"]},
+                    {"task": "Area 3 → Area 2", "path": ["G11", "G10"]},
+                ],
+            },
+            {
+                "name": "Human 2",
+                "tasks": [
+                    {"task": "Shelf 6 → Shelf 5", "path": ["D22", "E21", "D20"]},
+                    {"task": "Shelf 5 → Shelf 6", "path": ["D20", "E21", "D22"]},
+                ],
+            },
+        ],
+    }
+)
+
+
+@pytest.fixture(autouse=True)
+def _environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RVSG_API_KEY", KEY)
+    monkeypatch.setenv("RVSG_DATA_DIR", str(tmp_path / "data"))
+    monkeypatch.chdir(tmp_path)
+
+
+def run(url: str, *more: str, scenarios: int = 2) -> int:
+    options = ["--model", "openai-chat:vision-1", "--base-url", url, "--simulator", "kinematic", "--out", "c"]
+    counts = ["--scenarios", str(scenarios), "--refinements", "0", "--repeats", "1", "--confirmations", "0"]
+    quick = ["--jobs", "1", "--generator-option", "tries=2", "--generator-option", "call_timeout_s=5"]
+    return main(["run", *options, *counts, *quick, *more])
+
+
+def nothing_leaks(*texts: str) -> None:
+    for text in texts:
+        assert KEY not in text
+    for path in Path("c").rglob("*"):
+        assert not path.is_file() or KEY.encode() not in path.read_bytes(), path
+
+
+def test_refusals_and_rubbish_become_attempts_with_problems_and_the_campaign_goes_on(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    refuses: Behaviour = says(None, refusal=f"I cannot, and {KEY} is my key.")  # type: ignore[arg-type]
+    with serving(refuses, says(""), says("x" * 200_000), says(GOOD)) as server:
+        code = run(server.url, "--json")
+    printed = capsys.readouterr()
+    assert code == 0, printed.err
+    result = json.loads(printed.out)
+    assert result["accounting"]["calls"] == 4
+    assert len(result["ranking"]) == 1
+    nothing_leaks(printed.out, printed.err)
+
+
+def test_a_service_that_drops_and_stumbles_is_asked_again(capsys: pytest.CaptureFixture[str]) -> None:
+    with serving(drops_in_mid_reply, says(GOOD)) as server:
+        assert run(server.url, "--generator-option", "first_wait_s=0.01", scenarios=1) == 0
+    nothing_leaks(capsys.readouterr().err)
+
+
+@pytest.mark.parametrize(
+    ("behaviour", "told"),
+    [
+        (fails(401, f"bad key {KEY}"), "RVSG_API_KEY"),
+        (fails(404, "no such model"), '"vision-1"'),
+        (fails(429, "later", {"Retry-After": "9999"}), "9999 s"),
+        (raw(b"<html>"), "as JSON"),
+    ],
+)
+def test_a_service_that_cannot_answer_stops_the_campaign_with_one_message_and_it_resumes(
+    behaviour: Behaviour, told: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with serving(says(GOOD), behaviour) as server:
+        code = run(server.url, "--generator-option", "first_wait_s=0.01")
+        stopped = capsys.readouterr().err
+        assert code == 2
+        assert told in stopped
+        assert "Traceback" not in stopped
+        nothing_leaks(stopped)
+        asked = len(server.requests)
+        server.script[:] = [says(GOOD)]
+        assert main(["run", "--out", "c", "--jobs", "1"]) == 0
+        assert len(server.requests) == asked + 1
+    assert "1 attempts are there already" in capsys.readouterr().err
+
+
+def test_a_spent_budget_ends_with_code_3_and_a_larger_one_goes_on(capsys: pytest.CaptureFixture[str]) -> None:
+    with serving(says(GOOD)) as server:
+        assert run(server.url, "--budget-calls", "1") == 3
+        assert "1 of 1 calls" in capsys.readouterr().err
+        assert main(["run", "--out", "c", "--budget-calls", "5", "--jobs", "1"]) == 0
+        assert len(server.requests) == 2
+        assert (
+            main(
+                [
+                    "run",
+                    "--out",
+                    "again",
+                    "--replay",
+                    "c/vlm",
+                    "--simulator",
+                    "kinematic",
+                    "--scenarios",
+                    "2",
+                    "--refinements",
+                    "0",
+                    "--repeats",
+                    "1",
+                    "--confirmations",
+                    "0",
+                    "--jobs",
+                    "1",
+                ]
+            )
+            == 0
+        )
+        assert len(server.requests) == 2
