@@ -8,12 +8,13 @@ errors are raised outside the handler of the foreign one, so that nothing of it 
 
 from __future__ import annotations
 
+import asyncio
 import os
 import re
 import threading
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from dataclasses import dataclass
 from typing import Any
 from urllib.parse import urlsplit
@@ -64,6 +65,47 @@ class _Failure(Exception):
         self.setup = setup
 
 
+class _Loop:
+    """One event loop in a thread of its own, on which all calls of all threads run side by side.
+
+    A client's connections belong to the loop they were opened on; a loop for each asking thread would leave them
+    open when the thread ends.
+    """
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._running: asyncio.AbstractEventLoop | None = None
+
+    def result_of(self, call: Coroutine[Any, Any, Any]) -> Any:
+        """Run a coroutine to its end and return what it returns; interrupted, it is cancelled."""
+        with self._lock:
+            if self._running is None:
+                self._running = asyncio.new_event_loop()
+                threading.Thread(target=self._running.run_forever, name="rvsg-models", daemon=True).start()
+        future = asyncio.run_coroutine_threadsafe(call, self._running)
+        try:
+            return future.result()
+        except BaseException:
+            future.cancel()
+            raise
+
+
+_LOOP = _Loop()
+
+
+def _quieten() -> None:
+    """Prices that are not listed and settings that a provider ignores are told in our own way, or not worth telling."""
+    from pydantic_ai import exceptions as foreign
+
+    for category in (
+        foreign.CostNotFoundWarning,
+        foreign.CostCalculationFailedWarning,
+        foreign.UsageExtractionFailedWarning,
+        foreign.UnsupportedSettingWarning,
+    ):
+        warnings.filterwarnings("ignore", category=category)
+
+
 class ModelAccess:
     """A model by its name, e.g. `openai-chat:gpt-4.1`, `anthropic:claude-...`, `google:gemini-...`, `ollama:...`.
 
@@ -96,7 +138,8 @@ class ModelAccess:
         self._structured = structured
         self._prices = prices
         self._sleep = sleep
-        self._of_thread = threading.local()
+        self._lock = threading.Lock()
+        self._made: Any = None
 
     @property
     def name(self) -> str:
@@ -170,12 +213,12 @@ class ModelAccess:
         response: Any = None
         try:
             direct, messages, parameters, settings = self._foreign(request)
-            with warnings.catch_warnings():
-                # Prices of unknown models and settings a provider ignores are told in our own way.
-                warnings.simplefilter("ignore")
-                response = direct.model_request_sync(
+            _quieten()
+            response = _LOOP.result_of(
+                direct.model_request(
                     self._client(), messages, model_settings=settings, model_request_parameters=parameters
                 )
+            )
         except Exception as foreign:
             failure = self._translated(foreign, request)
         if failure is not None:
@@ -230,10 +273,11 @@ class ModelAccess:
         return direct, messages, parameters, settings
 
     def _client(self) -> Any:
-        """pydantic-ai's model object: one for each thread, because its connections belong to a thread's event loop."""
-        if not hasattr(self._of_thread, "client"):
-            self._of_thread.client = _client_of(self._provider, self._model, self._base_url)
-        return self._of_thread.client
+        """pydantic-ai's model object, made when it is first needed."""
+        with self._lock:
+            if self._made is None:
+                self._made = _client_of(self._provider, self._model, self._base_url)
+            return self._made
 
     def _translated(self, error: Exception, request: Request | None) -> _Failure:
         """What a foreign error means."""
