@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from rvsg.errors import BudgetSpent, InputError, ModelUnavailable, ReplayDiverged, UnknownName
+from rvsg.generation.conformance import check_generator, odd_briefs
 from rvsg.generation.conversation import VlmGenerator
 from rvsg.generation.generator import Proposal
 from rvsg.generation.vlm.messages import Answer, Request
@@ -364,3 +365,12 @@ def test_a_missing_key_is_told_before_anything_is_written(
     with pytest.raises(InputError, match="set OPENAI_API_KEY in the environment"):
         VlmGenerator("openai-chat:gpt-4.1", folder=tmp_path / "campaign")
     assert not (tmp_path / "campaign").exists()
+
+
+@pytest.mark.parametrize("conversation", ["compact", "study"])
+def test_the_generator_passes_the_exam_for_plug_ins_whatever_a_model_says(
+    conversation: Any, brief: Brief, warehouse: World
+) -> None:
+    mixed: list[Any] = [GOOD, JUMP, "", UNKNOWN, SCENARIO, "{", Answer(text="No", model="m", finish="refused"), LINES]
+    generator = VlmGenerator(Scripted(mixed * 60), conversation=conversation)
+    check_generator(generator, odd_briefs(generator, brief.mission, warehouse), warehouse, repeatable=False)
