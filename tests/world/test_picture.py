@@ -1,3 +1,7 @@
+import hashlib
+import os
+import subprocess
+import sys
 from itertools import combinations
 
 import numpy as np
@@ -58,6 +62,17 @@ def test_rows_read_from_top_to_bottom_and_columns_from_left_to_right() -> None:
 def test_the_same_world_gives_the_same_bytes() -> None:
     world = load_world("warehouse")
     assert png_bytes(grid_picture(world)) == png_bytes(grid_picture(world))
+
+
+def test_another_process_draws_the_same_bytes() -> None:
+    code = (
+        "import hashlib; from rvsg.world.load import load_world; from rvsg.world.picture import grid_picture, png_bytes;"
+        "print(hashlib.sha256(png_bytes(grid_picture(load_world('warehouse')))).hexdigest())"
+    )
+    environment = {**os.environ, "PYTHONHASHSEED": "77", "PYTHONPATH": os.pathsep.join(sys.path)}
+    other = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment)
+    here = hashlib.sha256(png_bytes(grid_picture(load_world("warehouse")))).hexdigest()
+    assert other.stdout.strip() == here
 
 
 def test_a_picture_is_as_wide_as_asked_for() -> None:
