@@ -66,7 +66,8 @@ def test_the_same_world_gives_the_same_bytes() -> None:
 
 def test_another_process_draws_the_same_bytes() -> None:
     code = (
-        "import hashlib; from rvsg.world.load import load_world; from rvsg.world.picture import grid_picture, png_bytes;"
+        "import hashlib; from rvsg.world.load import load_world;"
+        "from rvsg.world.picture import grid_picture, png_bytes;"
         "print(hashlib.sha256(png_bytes(grid_picture(load_world('warehouse')))).hexdigest())"
     )
     environment = {**os.environ, "PYTHONHASHSEED": "77", "PYTHONPATH": os.pathsep.join(sys.path)}

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.errors import FileError
-from rvsg.world.create import robot_stands, spacing_m
+from rvsg.world.create import robot_stands
 from rvsg.world.documents import Document, DocumentError, Problem, read_yaml
 from rvsg.world.grid import GridSpec
 from rvsg.world.load import read_world
@@ -319,7 +319,7 @@ class _Checker:
         space = _coarser(self.human)
         walkable = main_floor(space, self.spec.human_clearance_m)
         away = self._distance_to_waypoints(space)
-        missed = walkable & (away > 1.2 * max(spacing_m(self.world.grid), 0.5))
+        missed = walkable & (away > 1.2 * max(self.world.grid.spacing_m, 0.5))
         missed = binary_opening(missed, np.ones((3, 3)))
         parts, count = label(missed)
         found = []

@@ -173,7 +173,7 @@ def _created(
         reached = renumbered(reached)
     world = replace(world, areas=reached)
     if grid_is_coarse(world.grid):
-        notes.append(f"the map is large, so the grid is {spacing_m(world.grid):g} m wide; --spacing makes it finer.")
+        notes.append(f"the map is large, so the grid is {world.grid.spacing_m:g} m wide; --spacing makes it finer.")
     world = replace(world, routes=propose_routes(world))
     if not world.routes:
         notes.append("no route is proposed: the robot fits on too few waypoints. Write some into routes.yaml.")
@@ -246,16 +246,9 @@ def largest_part(grid: Grid) -> set[str]:
     return largest
 
 
-def spacing_m(grid: Grid) -> float:
-    """The distance of neighbouring rows or columns of an even grid in metres; 0 for a single waypoint."""
-    xs, ys = sorted({w.x for w in grid.waypoints}), sorted({w.y for w in grid.waypoints})
-    gaps = [b - a for values in (xs, ys) for a, b in pairwise(values)]
-    return round(min(gaps), 3) if gaps else 0.0
-
-
 def grid_is_coarse(grid: Grid) -> bool:
     """Whether the grid is wider than the metre that suits people's paths."""
-    return spacing_m(grid) > 1.0
+    return grid.spacing_m > 1.0
 
 
 def renumbered(areas: Sequence[Area]) -> tuple[Area, ...]:

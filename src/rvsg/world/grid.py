@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import heapq
-import math
 from functools import cached_property
+from itertools import pairwise
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
@@ -103,11 +103,10 @@ class Grid(Record):
 
     @cached_property
     def spacing_m(self) -> float:
-        """The distance in metres between the first two columns (or rows); 0 for a single waypoint."""
-        if len(self.waypoints) < 2:
-            return 0.0
-        first, other = self.waypoints[:2]
-        return round(math.hypot(other.x - first.x, other.y - first.y), 6)
+        """The smallest distance in metres between neighbouring rows or columns; 0 for a single waypoint."""
+        lines = (sorted({w.x for w in self.waypoints}), sorted({w.y for w in self.waypoints}))
+        gaps = [b - a for line in lines for a, b in pairwise(line)]
+        return round(min(gaps), 3) if gaps else 0.0
 
     @cached_property
     def by_name(self) -> dict[str, Waypoint]:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from rvsg.errors import FileError
-from rvsg.world.create import Created, spacing_m
+from rvsg.world.create import Created
 from rvsg.world.save import one_line
 from rvsg.world.space import frame_of
 
@@ -55,7 +55,7 @@ def readme(created: Created, remarks: Sequence[str] = ()) -> str:
         "the names were guessed |",
         f"| `routes.yaml` | {len(world.routes)} routes of the robot | set starts, goals and time limits |",
         "",
-        f"The grid has {len(grid.valid)} waypoints on which people can stand, {spacing_m(grid):g} m apart: rows "
+        f"The grid has {len(grid.valid)} waypoints on which people can stand, {grid.spacing_m:g} m apart: rows "
         f"{grid.rows[0]} to {grid.rows[-1]}, columns 1 to {len(grid.columns)}. The map's corner lies at "
         f"({frame_of(world.occupancy).origin.x:g}, {frame_of(world.occupancy).origin.y:g}).",
         "",
