@@ -13,7 +13,7 @@ from typing import Literal
 
 from rvsg.errors import UnknownName
 from rvsg.evaluation import formulas as f
-from rvsg.evaluation import safety
+from rvsg.evaluation import hunav, safety
 from rvsg.evaluation.sampled import Sampled
 from rvsg.simulation.run import Run
 from rvsg.world.world import World
@@ -49,7 +49,8 @@ class MetricInfo:
 
 STUDY = "RVSG study"
 CLIENT = "RVSG study, as its client logged it"
-HUNAV = "HuNavSim evaluator"
+HUNAV = "HuNavSim evaluator, corrected"
+EVALUATOR = "HuNavSim evaluator, its defects included"
 SAFETY = "common practice in robot safety"
 
 
@@ -124,7 +125,30 @@ _SAFETY = [
     *_one("time_share", "Share of the time limit used", "1", "larger", safety.time_share, SAFETY),
 ]
 
-METRICS: dict[str, MetricInfo] = {info.id: info for info in [*_OBJECTIVES, *_PERFORMANCE, *_SAFETY]}
+_HUNAV = [
+    *_one("max_distance", "Maximum distance to people", "m", "neither", hunav.maximum_distance, HUNAV),
+    *_one("acceleration_mean", "Mean change of speed", "m/s²", "larger", hunav.mean_acceleration, HUNAV),
+    *_one("force_on_humans", "Social force on the humans", "m/s", "larger", hunav.force_on_humans, HUNAV),
+    *_one("force_on_robot", "Social force on the robot", "m/s", "larger", hunav.force_on_robot, HUNAV),
+    *_one("social_work", "Social work", "m/s", "larger", hunav.social_work, HUNAV),
+]
+
+_HUNAV_COMPATIBLE = [
+    *_one("max_distance_hunav", "Maximum distance to people", "m", "neither", hunav.maximum_distance_hunav, EVALUATOR),
+    *_one("tnm_hunav", "Time not moving", "s", "larger", hunav.time_not_moving_hunav, EVALUATOR),
+    *_one("rpc_hunav", "Robot-on-person collision", "samples", "larger", hunav.robot_on_person_hunav, EVALUATOR),
+    *_one("por_hunav", "Person-on-robot collision", "samples", "larger", hunav.person_on_robot_hunav, EVALUATOR),
+    *_one("acceleration_mean_hunav", "Acceleration", "m/s²", "larger", hunav.mean_acceleration_hunav, EVALUATOR),
+    *_one("overacceleration_hunav", "Overacceleration", "m/s³", "larger", hunav.overacceleration_hunav, EVALUATOR),
+    *_one("completed_hunav", "Completed", "1 or 0", "smaller", hunav.completed_hunav, EVALUATOR),
+    *_one("force_on_humans_hunav", "Social force on agents", "sum", "larger", hunav.force_on_humans_hunav, EVALUATOR),
+    *_one("force_on_robot_hunav", "Social force on robot", "sum", "larger", hunav.force_on_robot_hunav, EVALUATOR),
+    *_one("social_work_hunav", "Social work", "sum", "larger", hunav.social_work_hunav, EVALUATOR),
+]
+
+METRICS: dict[str, MetricInfo] = {
+    info.id: info for info in [*_OBJECTIVES, *_PERFORMANCE, *_SAFETY, *_HUNAV, *_HUNAV_COMPATIBLE]
+}
 """Every built-in metric by its id, in the order they are listed."""
 
 

@@ -48,7 +48,7 @@ def shrink(
     asked = read_scenario(scenario)
     place = world_of(asked, world)
     check_scenario(asked, place)
-    wanted = requirement_of(requirement)
+    wanted = requirement_of(requirement).for_time_limit(asked.mission.route.time_limit_s)
     made = plugins.make("simulator", simulator, pairs("simulator", simulator_option))
     prepare = getattr(made, "prepare", None)
     if prepare is not None:

@@ -1,0 +1,147 @@
+"""The HuNavSim evaluator's list: correct formulas, and its own numbers (`_hunav`) where a defect changes them.
+
+What the list shares with the study's metrics is there (`formulas`, `safety`). Left out, because a run does not hold
+what they need: intrusions into groups (no group ids), forces of obstacles (no obstacle points; the evaluator's own
+force on the robot is always 0).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rvsg.evaluation.sampled import CONTACT_GAP_M, STILL_SPEED_M_S, STILL_TURN_RAD_S, Floats, Sampled, wrap
+
+LAMBDA, GAMMA, N, N_PRIME = 2.0, 0.35, 2.0, 3.0
+FORCE_FACTOR = 2.1
+GOAL_RADIUS_M = 0.25
+Pair = tuple[Floats, Floats]
+
+
+def maximum_distance(s: Sampled) -> float | None:
+    """Largest gap to any person over the run, surface to surface."""
+    return float(s.gap.max()) if s.people else None
+
+
+def maximum_distance_hunav(s: Sampled) -> float | None:
+    """Largest |p_robot - p_i| - r_robot: the evaluator forgets the person's radius."""
+    return float(s.distance.max() - s.run.robot_radius_m) if s.people else None
+
+
+def time_not_moving_hunav(s: Sampled) -> float | None:
+    """(total time / N) x samples with v < 0.01 and signed omega < 0.02: every turn to the right on the spot stands."""
+    if not len(s):
+        return None
+    still = (s.series.v < STILL_SPEED_M_S) & (s.series.omega < STILL_TURN_RAD_S)
+    return s.duration_s / len(s) * float(still.sum())
+
+
+def _collisions_hunav(s: Sampled) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """(N, H) twice: the robot's and the person's collisions as the evaluator decides them."""
+    dx, dy = s.offset
+    yaw = s.series.yaw[:, None]
+    ahead, left = dx * np.cos(yaw) + dy * np.sin(yaw), -dx * np.sin(yaw) + dy * np.cos(yaw)
+    swapped = np.abs(np.arctan2(ahead, left))
+    contact = s.gap < CONTACT_GAP_M
+    differ = s.series.v[:, None] != s.series.human_speed
+    both = contact & ~differ & (s.bearing_of_robot == swapped)
+    robot = contact & differ & (s.bearing_of_robot < swapped)
+    person = contact & differ & (s.bearing_of_robot > swapped)
+    return robot | both, person | both
+
+
+def robot_on_person_hunav(s: Sampled) -> float | None:
+    """Samples with gap < 0.02 m, unequal speeds and |bearing of robot| < |atan2(x, y)| of the person: axes swapped."""
+    return float(_collisions_hunav(s)[0].sum()) if s.people else None
+
+
+def person_on_robot_hunav(s: Sampled) -> float | None:
+    """Samples with gap < 0.02 m, unequal speeds and |bearing of robot| > |atan2(x, y)| of the person: axes swapped."""
+    return float(_collisions_hunav(s)[1].sum()) if s.people else None
+
+
+def mean_acceleration(s: Sampled) -> float | None:
+    """Mean over the N-1 intervals of |dv| / dt."""
+    return float(np.abs(s.acceleration[0]).mean()) if len(s) > 1 else None
+
+
+def mean_acceleration_hunav(s: Sampled) -> float | None:
+    """(1/N) sum |dv| / dt: N-1 terms over N."""
+    return float(np.abs(s.acceleration[0]).sum() / len(s)) if len(s) > 1 else None
+
+
+def overacceleration_hunav(s: Sampled) -> float | None:
+    """(1/N) sum |dv| / dt^2: called a jerk, but no change of acceleration is in it."""
+    return float((np.abs(np.diff(s.series.v)) / s.dt**2).sum() / len(s)) if len(s) > 1 else None
+
+
+def completed_hunav(s: Sampled) -> float | None:
+    """1 where the last sample lies within 0.25 m of the goal, else 0."""
+    return float(s.goal_distance[-1] < GOAL_RADIUS_M) if len(s) else None
+
+
+def _social_force(offset: Pair, relative: Pair, swapped: bool) -> Pair:
+    """The social force on a body from another that stands at `offset`; `relative` is its own velocity less the other's.
+
+    Moussaid et al. 2009 as in HuNavSim's library. `swapped` takes the angle of the interaction with x and y swapped.
+    """
+    distance = np.maximum(np.hypot(*offset), 1e-9)
+    ex, ey = offset[0] / distance, offset[1] / distance
+    ix, iy = LAMBDA * relative[0] + ex, LAMBDA * relative[1] + ey
+    length = np.maximum(np.hypot(ix, iy), 1e-9)
+    tx, ty = ix / length, iy / length
+    reach = GAMMA * length
+    theta = wrap(np.arctan2(ey, ex) - (np.arctan2(tx, ty) if swapped else np.arctan2(ty, tx)))
+    along = -np.exp(-distance / reach - (N_PRIME * reach * theta) ** 2)
+    across = -np.sign(theta) * np.exp(-distance / reach - (N * reach * theta) ** 2)
+    return FORCE_FACTOR * (along * tx - across * ty), FORCE_FACTOR * (along * ty + across * tx)
+
+
+def _forces(s: Sampled, swapped: bool) -> tuple[Pair, Pair]:
+    """((N, H) x, y) of the force on each human from the robot, and on the robot from each human."""
+    dx, dy = s.offset
+    rx, ry = s.robot_velocity
+    hx, hy = s.human_velocity
+    wx, wy = rx[:, None] - hx, ry[:, None] - hy
+    return _social_force((-dx, -dy), (-wx, -wy), swapped), _social_force((dx, dy), (wx, wy), swapped)
+
+
+def _integral(values: Floats, s: Sampled) -> float:
+    """Over time, each value holding until the next sample."""
+    return float((values[:-1] * s.dt).sum())
+
+
+def force_on_humans(s: Sampled) -> float | None:
+    """Integral over time of sum_i |f(robot on i)|, f the social force with factor 2.1."""
+    return _integral(np.hypot(*_forces(s, False)[0]).sum(axis=1), s) if s.people else None
+
+
+def force_on_robot(s: Sampled) -> float | None:
+    """Integral over time of sum_i |f(i on robot)|."""
+    return _integral(np.hypot(*_forces(s, False)[1]).sum(axis=1), s) if s.people else None
+
+
+def _work(s: Sampled, swapped: bool) -> Floats:
+    on_humans, (fx, fy) = _forces(s, swapped)
+    total: Floats = np.hypot(fx.sum(axis=1), fy.sum(axis=1)) + np.hypot(*on_humans).sum(axis=1)
+    return total
+
+
+def social_work(s: Sampled) -> float | None:
+    """Integral over time of |sum_i f(i on robot)| + sum_i |f(robot on i)|; obstacles are not counted."""
+    return _integral(_work(s, False), s) if s.people else None
+
+
+def force_on_humans_hunav(s: Sampled) -> float | None:
+    """Plain sum over samples of sum_i |f(robot on i)| with the angle's x and y swapped: grows with the rate."""
+    return float(np.hypot(*_forces(s, True)[0]).sum()) if s.people else None
+
+
+def force_on_robot_hunav(s: Sampled) -> float | None:
+    """Plain sum over samples of sum_i |f(i on robot)| with the angle's x and y swapped."""
+    return float(np.hypot(*_forces(s, True)[1]).sum()) if s.people else None
+
+
+def social_work_hunav(s: Sampled) -> float | None:
+    """Plain sum over samples of |sum_i f(i on robot)| + sum_i |f(robot on i)| with the angle's x and y swapped."""
+    return float(_work(s, True).sum()) if s.people else None
