@@ -150,3 +150,32 @@ def test_a_violation_is_told_by_the_exit_code_only_where_asked(tmp_path: Path) -
     assert main([*asked, "--out", str(tmp_path / "one")]) == 0
     assert main([*asked, "--out", str(tmp_path / "one"), "--fail-on-violation"]) == 1
     assert main(["report", str(tmp_path / "one"), "--fail-on-violation"]) == 1
+
+
+def test_a_simulator_that_fails_says_that_what_there_is_is_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from rvsg.errors import SimulationError
+    from rvsg.simulation.kinematic import KinematicSimulator
+
+    made: list[int] = []
+    run = KinematicSimulator.run
+
+    def failing(self, scenario, world, *, seed):
+        made.append(seed)
+        if len(made) > 5:
+            raise SimulationError("the display is gone")
+        return run(self, scenario, world, seed=seed)
+
+    monkeypatch.setattr(KinematicSimulator, "run", failing)
+    before = signal.getsignal(signal.SIGTERM)
+    assert main(["run", *SMALL, "--out", str(tmp_path / "one")]) == 2
+    told = capsys.readouterr().err
+    assert "the display is gone" in told and "Everything so far is kept. Resume with" in told
+    assert signal.getsignal(signal.SIGTERM) is before
+    monkeypatch.setattr(KinematicSimulator, "run", run)
+    assert main(["run", "--out", str(tmp_path / "one")]) == 0
+    with SqliteLedger(tmp_path / "one" / LEDGER) as ledger:
+        search = [a for a in ledger.attempts(ledger.campaigns()[0]) if a.purpose == "search"]
+    assert [len(a.measurements) for a in search] == [2, 2, 1, 2, 2, 2]
+    assert [failure.reason for a in search for failure in a.failures] == ["the display is gone"]

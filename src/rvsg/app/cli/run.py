@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import signal
+import threading
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Annotated, Any
@@ -129,7 +132,7 @@ def _work(wired: Wired, ledger: Any, folder: Path, *, resumed: bool) -> list[Att
     """The campaign itself; an interruption says how to go on."""
     from rvsg.app.cli.progress import CampaignProgress
     from rvsg.campaign.loop import run_campaign
-    from rvsg.errors import BudgetSpent, Interrupted
+    from rvsg.errors import BudgetSpent, GenerationError, Interrupted, SimulationError
 
     known = list(ledger.attempts(wired.plan.name))
     plan = wired.plan
@@ -140,13 +143,13 @@ def _work(wired: Wired, ledger: Any, folder: Path, *, resumed: bool) -> list[Att
     )
     if resumed:
         say(f"Resuming {folder}: {len(known)} attempts are there already.")
-    signal.signal(signal.SIGTERM, _as_interrupt)
-    if len(known) < plan.attempts or not any(a.purpose == "confirmation" for a in known):
-        wired.warm_up(say)
     how = f"Resume with: rvsg run --out {folder}"
     try:
-        with CampaignProgress(plan, known) as progress, wired.simulations(ledger) as simulations:
-            return run_campaign(plan, wired.strategy(ledger), wired.parts(ledger, simulations, progress))
+        with _termination_as_interrupt():
+            if len(known) < plan.attempts or not any(a.purpose == "confirmation" for a in known):
+                wired.warm_up(say)
+            with CampaignProgress(plan, known) as progress, wired.simulations(ledger) as simulations:
+                return run_campaign(plan, wired.strategy(ledger), wired.parts(ledger, simulations, progress))
     except KeyboardInterrupt:
         kept = len(list(ledger.attempts(plan.name)))
         raise Interrupted(
@@ -154,6 +157,22 @@ def _work(wired: Wired, ledger: Any, folder: Path, *, resumed: bool) -> list[Att
         ) from None
     except BudgetSpent as spent:
         raise BudgetSpent(f"{spent} Everything so far is kept. {how} --budget-...") from None
+    except (GenerationError, SimulationError):
+        say(f"Everything so far is kept. {how}")
+        raise
+
+
+@contextlib.contextmanager
+def _termination_as_interrupt() -> Iterator[None]:
+    """Treat SIGTERM (a CI service that cancels) like Ctrl-C while a campaign runs; only the main thread can."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, _as_interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _as_interrupt(number: int, frame: FrameType | None) -> None:
