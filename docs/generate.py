@@ -68,6 +68,20 @@ def validity_page() -> str:
     return "# Rules of validity\n\n" + GENERATED + rules_page()
 
 
+def metrics_page() -> str:
+    """The page of the metrics, from their registry."""
+    from rvsg.report import reference
+
+    return "# Metrics\n\n" + GENERATED + reference.metrics_page()
+
+
+def requirements_page() -> str:
+    """The page of the shipped requirements, from their file."""
+    from rvsg.report import reference
+
+    return "# Requirements\n\n" + GENERATED + reference.requirements_page()
+
+
 def heading(page: Path) -> str:
     """The first heading of a page."""
     for line in page.read_text(encoding="utf-8").splitlines():
@@ -142,6 +156,8 @@ def main() -> int:
     made = {
         DOCS / "reference" / "command-line.md": command_line_page(commands),
         DOCS / "reference" / "validity-rules.md": validity_page(),
+        DOCS / "reference" / "metrics.md": metrics_page(),
+        DOCS / "reference" / "requirements.md": requirements_page(),
     }
     problems = []
     for path, text in made.items():

@@ -1,0 +1,67 @@
+"""The reference pages of metrics and requirements, from their own tables."""
+
+from __future__ import annotations
+
+from rvsg.evaluation.metrics import METRICS
+from rvsg.scenario.requirements import shipped_requirements
+
+INTRODUCTION = """`rvsg metrics` prints the same list; `rvsg metrics --run FILE` measures a run. None (`null`) means
+that a run holds no judgement, e.g. on people where there are none.
+
+Ids without an ending read the trajectory, 20 Hz for our own runs. Ids ending in `_logged` read the rows (about 2 Hz,
+wall clock) that the client of the published study would have written, by its formulas: they compare with published
+numbers. Ids ending in `_hunav` give the HuNavSim evaluator's numbers, its defects included. An imported run has only
+its logged rows, and every metric reads those. Counts of samples (`rpc`, `por`) grow with the sampling rate: compare
+them among runs of one rate only, or use `contacts` and `contact_time`. `obstacle_distance` needs the world.
+
+Left out of the HuNavSim evaluator's list: intrusions into groups (a run holds no group ids) and the forces of
+obstacles (a run holds no obstacle points; the evaluator's own force on the robot is always 0).
+
+Besides these a set of scenarios has three diversities, in the tables: `sdd` = 1 - mean cosine similarity of the
+descriptions' embeddings (all-MiniLM-L6-v2) over pairs; `htd` = mean over pairs of the mean Levenshtein distance between
+task lists, human a of one against human b of the other; `ssd` = mean over pairs of the dynamic time warping distance of
+the positions of robot and people at 2 Hz.
+"""
+
+USER_FILES = """A requirement names a metric or a [temporal formula](temporal-formulas.md), the direction that is worse,
+and the limit beyond which a run violates it. These ship with RVSG; choose one by its name, `rvsg run --requirement
+clearance`, or write your own file of the same layout and give `--requirement my.yaml:wide_berth`:
+
+```yaml
+wide_berth:
+  title: Wide berth
+  text: The robot stays at least 0.5 m away from every person.   # what the generator and the report read
+  metric: min_distance        # or  formula: always (distance_to_person > 0.5)
+  worse: smaller
+  limit: 0.5                  # or  limit_share: 0.95, a share of the route's time limit
+  unit: m
+  source: our risk assessment
+```
+
+The limits are choices to start from, each with its reason. Mistakes in a file are all told at once with their lines.
+"""
+
+
+def metrics_page() -> str:
+    """Every metric with its unit, direction, formula and source, as Markdown."""
+    lines = [INTRODUCTION, "| id | metric | unit | worse | formula | source |", "|---|---|---|---|---|---|"]
+    for info in METRICS.values():
+        cells = (f"`{info.id}`", info.title, info.unit, info.worse, info.formula, info.source)
+        lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def requirements_page() -> str:
+    """Every shipped requirement with its measure, limit and reason, as Markdown."""
+    lines = [USER_FILES]
+    for name, requirement in shipped_requirements().items():
+        if requirement.formula is not None:
+            measure = f"`{requirement.formula}`; violated below 0"
+        else:
+            beyond = "below" if requirement.worse == "smaller" else "above"
+            limit = f"{requirement.limit:g} {requirement.unit}" if requirement.limit is not None else "its limit"
+            if requirement.limit_share is not None:
+                limit = f"{requirement.limit_share:.0%} of the route's time limit"
+            measure = f"`{requirement.metric}`; violated {beyond} {limit}"
+        lines.append(f"## `{name}`: {requirement.title}\n\n{requirement.text}\n\n{measure}.\n\n{requirement.source}\n")
+    return "\n".join(lines)
