@@ -76,11 +76,9 @@ class EnvironmentDialogue:
 
 
 def description_of(world: World) -> Description | None:
-    """The description of a world: its own, else the one stored in the user's data folder; None where there is none."""
-    if world.description is not None:
-        return world.description
+    """The description of a world: the one in the user's data folder (newer than a shipped one), else its own."""
     path = stored_path(world)
-    return read_description_file(path) if path.is_file() else None
+    return read_description_file(path) if path.is_file() else world.description
 
 
 def stored_path(world: World) -> Path:
