@@ -1,5 +1,6 @@
 import csv
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -118,3 +119,14 @@ def test_all_tables_are_written_in_three_formats(made):
 def test_a_store_without_anything_to_tabulate_is_refused(tmp_path):
     with SqliteLedger(tmp_path / "empty.sqlite") as ledger, pytest.raises(InputError, match="nothing to tabulate"):
         write_tables(ledger, out=tmp_path / "out")
+
+
+def test_selection_at_equal_budgets_counts_one_run_of_every_configuration(made):
+    material = gather(made[0])
+    _, once = build(material)
+    trials = material.trials["R1", "route_1"]["rvsg"]
+    luckier = replace(trials[0].samples[0], values=dict.fromkeys(trials[0].samples[0].values, -5.0), objective=-5.0)
+    trials[0] = replace(trials[0], samples=(trials[0].samples[0], luckier))
+    _, repeated = build(material)
+    key = ("R1", "route_1", "rvsg", "dto_best3")
+    assert lookup(repeated.rq1)[key] == lookup(once.rq1)[key]
