@@ -53,6 +53,7 @@ def test_evaluate_judges_all_runs_of_a_scenario_and_refuses_two_scenarios(
     told = json.loads(capsys.readouterr().out)
     assert told["verdict"]["runs"] == 16 == len(told["measurements"])
     assert told["verdict"]["status"] in ("PASS", "FAIL", "FLAKY", "INCONCLUSIVE")
+    assert (told["next_repeats"] > 0) == (told["verdict"]["status"] == "INCONCLUSIVE")
     assert main(["evaluate", str(runs), str(other)]) == 2
     assert "different scenarios" in capsys.readouterr().err
 

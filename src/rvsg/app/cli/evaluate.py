@@ -33,6 +33,7 @@ def evaluate(
     from rvsg.campaign.feedback import feedback_of
     from rvsg.campaign.measuring import Measuring
     from rvsg.errors import InputError
+    from rvsg.evaluation.judge import DEFAULT, next_repeats
     from rvsg.generation.generator import Proposal
     from rvsg.report.summary import VIOLATED, interval, number
     from rvsg.scenario.brief import Brief
@@ -64,16 +65,20 @@ def evaluate(
             raise InputError("None of the runs has a value of the objective, so there is nothing to tell.")
         told = feedback_of(attempt, found, requirement=asked, grid=world_of(known, None).grid)
         write_text(feedback, told.to_json())
+    more = next_repeats(asked, [measured.objective for measured in measurements])
     if json:
         print_json(
             {
                 "requirement": asked.model_dump(mode="json"),
                 "verdict": verdict.model_dump(mode="json"),
+                "next_repeats": more,
                 "measurements": [m.model_dump(mode="json") for m in measurements],
             }
         )
     for measured in measurements:
         say(f"seed {measured.seed}: {number(measured.objective, asked.unit)}, {measured.outcome}")
     say(f"{asked.name} {asked.title}: {verdict.status.value}; {interval(verdict, asked.unit)}. {verdict.reason}")
+    if more:
+        say(f"At least {more} more run{'s' if more > 1 else ''} can decide it (budget: {DEFAULT.max_runs} in all).")
     if fail_on_violation and verdict.status in VIOLATED:
         raise typer.Exit(1)
