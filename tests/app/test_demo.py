@@ -15,11 +15,25 @@ def test_a_recorded_campaign_runs_without_a_model_and_says_what_differs(
 ) -> None:
     monkeypatch.setenv("RVSG_DATA_DIR", str(tmp_path / "data"))
     out = tmp_path / "demo"
-    code = main(["demo", "--out", str(out), "--repeats", "1", "--confirmations", "0", "--jobs", "1", "--json"])
+    code = main(
+        [
+            "demo",
+            "warehouse-route_1-R1-draws",
+            "--out",
+            str(out),
+            "--repeats",
+            "1",
+            "--confirmations",
+            "0",
+            "--jobs",
+            "1",
+            "--json",
+        ]
+    )
     captured = capsys.readouterr()
     assert code == 0, captured.err
     result = json.loads(captured.out)
-    assert result["accounting"]["calls"] == 9
+    assert result["accounting"]["calls"] == 3
     assert len(result["ranking"]) == 3
     assert not (out / "vlm").exists()
 
