@@ -193,7 +193,7 @@ def _settings(
 ) -> tuple[Settings, Any, tuple[float, float]]:
     """The drawn numbers of a run, the scene, and the offset between world and map."""
     noise = options.noise
-    clock = options.clock_ratio + noise.clock * options.clock_ratio_sd * stream(seed, "clock").standard_normal()
+    clock = _clock(options, seed)
     spread = 0.0 if options.localisation == "amcl" else noise.localisation * options.localisation_sd_m
     shift = spread * stream(seed, "localisation").standard_normal(2)
     low, high = options.result_delay_s
@@ -216,6 +216,16 @@ def _settings(
         closed=bool(closed),
     )
     return settings, scene, offset
+
+
+def _clock(options: SimulatorOptions, seed: int) -> float:
+    """Simulated over wall seconds of a run; the mean of all runs where its noise is off."""
+    rng = stream(seed, "clock")
+    spread = options.clock_ratio_sd * rng.standard_normal()
+    share = options.clock_slow_share
+    mean = share * options.clock_slow_ratio + (1.0 - share) * options.clock_ratio
+    drawn = (options.clock_slow_ratio if rng.random() < share else options.clock_ratio) + spread
+    return float(mean + options.noise.clock * (drawn - mean))
 
 
 def _localisation(
