@@ -28,8 +28,9 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from fidelity_runs import METRICS, Results, simulate_all, world_of
+from fidelity_runs import METRICS, Results, map_folder, simulate_all, world_of
 from published_runs import METHODS, Configuration, LeftOut, repeated, routes_in, singles
+from rvsg.errors import InputError
 from rvsg.evaluation.statistics import vargha_delaney
 
 QUICK_STEP = 3
@@ -136,7 +137,7 @@ def benchmark(folder: Path, routes: list[str], *, seeds: int, repeats: int, jobs
     """Run both parts and gather the figures. `step` > 1 takes only every step-th single-run configuration."""
     began = time.perf_counter()
     folder = folder.resolve()
-    grid = world_of(folder.parent).grid
+    grid = world_of(folder).grid
     read_a = list(repeated(folder, routes, grid))
     read_b = list(singles(folder, routes, grid))
     left_out = [entry for entry in read_a + read_b if isinstance(entry, LeftOut)]
@@ -232,6 +233,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.error(
             f"{args.folder} holds the routes {', '.join(present) or 'none'}; asked for {', '.join(routes) or 'all'}"
         )
+    try:
+        map_folder(args.folder.resolve())
+    except InputError as error:
+        parser.error(str(error))
     if args.quick:
         result = benchmark(
             args.folder, routes, seeds=QUICK_SEEDS, repeats=QUICK_REPEATS, jobs=args.jobs, step=QUICK_STEP

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+import os
 from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
@@ -12,6 +13,7 @@ from loky import get_reusable_executor
 
 from published_runs import Configuration, Values, resting_pose
 from published_world import published_world
+from rvsg.errors import InputError
 from rvsg.evaluation.metrics import measure
 from rvsg.simulation.embedded import simulate_agents
 from rvsg.simulation.options import profile
@@ -23,15 +25,33 @@ Results = dict[str, list[Values]]
 
 
 @lru_cache(maxsize=2)
-def world_of(data: Path) -> World:
-    """The study's world, loaded once per process."""
-    return published_world(data)
+def world_of(folder: Path) -> World:
+    """The study's world for a folder of published results, loaded once per process."""
+    return published_world(map_folder(folder))
+
+
+def map_folder(folder: Path) -> Path:
+    """Where `maps/study_warehouse.yaml`, the map that the study's robot used, lies: beside the results if possible.
+
+    Else the folder that RVSG_PUBLISHED_DATA names, else `shared/data` beside or above this checkout.
+    """
+    places = [folder.parent, folder]
+    if "RVSG_PUBLISHED_DATA" in os.environ:
+        places.append(Path(os.environ["RVSG_PUBLISHED_DATA"]))
+    places += [parent / "shared" / "data" for parent in Path(__file__).resolve().parents]
+    for place in places:
+        if (place / "maps" / "study_warehouse.yaml").is_file():
+            return place
+    raise InputError(
+        f"the study's map, maps/study_warehouse.yaml, is needed; it lies neither beside {folder} nor in "
+        "$RVSG_PUBLISHED_DATA nor in shared/data above this checkout"
+    )
 
 
 @lru_cache(maxsize=16)
 def route_of(folder: Path, name: str) -> Route:
     """The route with the robot where its logs show it at rest before the start."""
-    route = world_of(folder.parent).route(name)
+    route = world_of(folder).route(name)
     pose = resting_pose(folder, name)
     return route if pose is None else route.model_copy(update={"start": pose})
 
@@ -43,7 +63,7 @@ def seed_of(key: str, index: int) -> int:
 
 def simulate(folder: Path, configuration: Configuration, repeats: Sequence[int]) -> list[Values]:
     """Metrics of fresh runs of one configuration, as the study's client would have logged them."""
-    world = world_of(folder.parent)
+    world = world_of(folder)
     route = route_of(folder, configuration.route)
     options = profile("published-study", settling_m=(0.0, 0.0))
     found = []

@@ -1,0 +1,88 @@
+"""The fidelity benchmark reads the published runs as documented and gives the same whatever the number of jobs."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.published_data import published_data
+
+from rvsg.world.load import load_world
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
+from fidelity import part_a, spearman, spread_within_routes
+from fidelity_runs import route_of, simulate, simulate_all
+from published_runs import Configuration, LeftOut, repeated, routes_in, singles
+
+
+@pytest.fixture(scope="module")
+def folder() -> Path:
+    data = published_data()
+    if data is None:
+        pytest.skip("the published data is not here")
+    return data / "published"
+
+
+def configuration(key: str, values: list[float], route: str = "route_1") -> Configuration:
+    return Configuration(
+        key=key,
+        method="distance",
+        route=route,
+        agents=(),
+        runs=tuple({"dto": value} for value in values),
+        completed=(True,) * len(values),
+    )
+
+
+def test_a_perfect_simulator_scores_perfectly() -> None:
+    rng = np.random.default_rng(1)
+    scenarios = [
+        configuration(f"{route}/{i}", list(i + rng.normal(0, 0.1, 29)), route)
+        for route in ("route_1", "route_2")
+        for i in range(6)
+    ]
+    results = {c.key: list(c.runs) for c in scenarios}
+    figures = part_a(scenarios, results, "dto", spread_within_routes(scenarios, "dto"))
+    assert figures["spearman"] == pytest.approx(1.0)
+    assert figures["bias_sd"] == pytest.approx(0.0)
+    assert figures["sd_ratio"] == pytest.approx(1.0)
+    assert figures["a12_distance"] == pytest.approx(0.0)
+    assert figures["ks_share"] == 0.0
+
+
+def test_a_simulator_that_turns_the_order_round_scores_the_opposite() -> None:
+    scenarios = [configuration(f"s{i}", [float(i), i + 0.1]) for i in range(6)]
+    results = {c.key: [{"dto": -run["dto"]} for run in c.runs] for c in scenarios}
+    assert part_a(scenarios, results, "dto", 1.0)["spearman"] == pytest.approx(-1.0)
+
+
+def test_a_correlation_without_spread_is_none() -> None:
+    assert spearman([1, 1, 1], [1, 2, 3]) is None
+    assert spearman([1, 2], [1, 2]) is None
+
+
+def test_the_published_runs_are_all_there(folder: Path) -> None:
+    grid = load_world("warehouse").grid
+    routes = routes_in(folder)
+    single = list(singles(folder, routes, grid))
+    again = [entry for entry in repeated(folder, routes, grid) if isinstance(entry, Configuration)]
+    assert len(single) == 170 * len(routes)
+    assert len(again) == 6 * len(routes)
+    assert {len(entry.runs) for entry in again} == {29}
+    left_out = {entry.key for entry in single if isinstance(entry, LeftOut)}
+    assert {"distance/route_3/7/0", "distance/route_3/7/2", "reach/route_3/3/4"} <= left_out
+
+
+def test_the_robot_rests_where_the_logs_show_it(folder: Path) -> None:
+    start = route_of(folder, "route_1").start
+    assert (start.x, start.y) == pytest.approx((-0.099258, -0.349499), abs=1e-5)
+
+
+def test_the_results_do_not_depend_on_the_number_of_jobs(folder: Path) -> None:
+    grid = load_world("warehouse").grid
+    some = [c for c in singles(folder, ["route_1"], grid) if isinstance(c, Configuration)][:2]
+    alone = {c.key: simulate(folder, c, range(2)) for c in some}
+    assert simulate_all(folder, some, 2, 2) == alone
+    assert simulate_all(folder, some, 2, 1) == alone
