@@ -68,7 +68,7 @@ class SimulatorOptions(Record):
     lidar_rays: Annotated[int, Field(ge=11, le=4000)] = 818
     lidar_range_m: Annotated[float, Field(ge=3.5, le=100)] = 25.0
     lidar_noise_m: Annotated[float, Field(ge=0, le=1.0)] = 0.01
-    result_delay_s: tuple[float, float] = (0.0, 0.05)
+    result_delay_s: tuple[float, float] = (0.01, 0.065)
     human_defects: bool = False
     noise: Noise = Noise()
 
