@@ -12,6 +12,7 @@ from tests.published_data import published_data
 from rvsg.world.load import load_world
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
+import fidelity
 from fidelity import part_a, spearman, spread_within_routes
 from fidelity_runs import route_of, simulate, simulate_all
 from published_runs import Configuration, LeftOut, repeated, routes_in, singles
@@ -86,3 +87,20 @@ def test_the_results_do_not_depend_on_the_number_of_jobs(folder: Path) -> None:
     alone = {c.key: simulate(folder, c, range(2)) for c in some}
     assert simulate_all(folder, some, 2, 2) == alone
     assert simulate_all(folder, some, 2, 1) == alone
+
+
+def test_the_quick_form_fails_where_a_figure_falls_clearly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    metrics = ("dto", "por", "trg", "rpc", "chc", "pl")
+
+    def result(level: float) -> dict[str, object]:
+        return {
+            "routes": ["route_1"],
+            "part_a": {m: {"spearman_route_centred": level} for m in metrics},
+            "part_b": {m: {"spearman": level} for m in metrics},
+        }
+
+    monkeypatch.setattr(fidelity, "ACCEPTED", tmp_path / "accepted.json")
+    assert fidelity.judge_quick(result(0.8), accept=False) == 0
+    assert fidelity.judge_quick(result(0.8), accept=True) == 0
+    assert fidelity.judge_quick(result(0.75), accept=False) == 0
+    assert fidelity.judge_quick(result(0.6), accept=False) == 1
