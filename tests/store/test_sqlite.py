@@ -16,6 +16,7 @@ from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.simulation.run import Run
 from rvsg.store.migrations import MIGRATIONS
 from rvsg.store.sqlite import SqliteLedger
+from rvsg.world.records import canonical_json, content_id
 
 
 def an_attempt(index: int = 0) -> tuple[Attempt, Run]:
@@ -110,6 +111,52 @@ def test_an_altered_record_is_noticed(tmp_path: Path) -> None:
     connection.close()
     with SqliteLedger(path) as ledger, pytest.raises(StoreError, match="not what was stored"):
         list(ledger.attempts("test"))
+
+
+def test_an_attempt_stored_before_a_field_was_added_is_read(tmp_path: Path) -> None:
+    attempt, _ = an_attempt()
+    older = attempt.model_dump(mode="json")
+    del older["confirms"]
+    del older["brief"]["kind"]
+    path = tmp_path / "a.sqlite"
+    with SqliteLedger(path) as ledger:
+        ledger.append(attempt, [])
+    connection = sqlite3.connect(path)
+    connection.execute("UPDATE attempts SET id = ?, record = ?", (content_id("attempt", older), canonical_json(older)))
+    connection.commit()
+    connection.close()
+    with SqliteLedger(path) as ledger:
+        assert list(ledger.attempts("test")) == [attempt]
+
+
+def test_an_attempt_with_a_field_of_a_later_version_is_refused_in_words(tmp_path: Path) -> None:
+    attempt, _ = an_attempt()
+    newer = attempt.model_dump(mode="json") | {"mood": "calm"}
+    path = tmp_path / "a.sqlite"
+    with SqliteLedger(path) as ledger:
+        ledger.append(attempt, [])
+    connection = sqlite3.connect(path)
+    connection.execute("UPDATE attempts SET id = ?, record = ?", (content_id("attempt", newer), canonical_json(newer)))
+    connection.commit()
+    connection.close()
+    with SqliteLedger(path) as ledger, pytest.raises(StoreError, match="newer RVSG"):
+        list(ledger.attempts("test"))
+
+
+@pytest.mark.parametrize(
+    "change", ["header = replace(header, '\"seed\":3', '\"seed\":4')", "arrays = x'00'", "header = '{}'"]
+)
+def test_an_altered_run_is_noticed(tmp_path: Path, change: str) -> None:
+    _, run = an_attempt()
+    path = tmp_path / "a.sqlite"
+    with SqliteLedger(path) as ledger:
+        ledger.keep(run)
+    connection = sqlite3.connect(path)
+    connection.execute(f"UPDATE runs SET {change}")
+    connection.commit()
+    connection.close()
+    with SqliteLedger(path) as ledger, pytest.raises(StoreError, match=run.id):
+        ledger.find(run.id)
 
 
 def test_other_settings_under_the_same_name_are_refused(tmp_path: Path) -> None:

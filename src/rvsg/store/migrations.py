@@ -1,7 +1,7 @@
 """The store's schema as an ordered list of migrations. Append only: what was released is never edited.
 
 Migration k (from 1) brings a store of `user_version` k - 1 to k. Records are JSON in the shape of their models; a
-new field with a default needs no migration.
+new field with a default needs no migration: an id is checked against the stored text, before it is parsed.
 """
 
 from __future__ import annotations

@@ -8,20 +8,23 @@ from __future__ import annotations
 
 import datetime
 import json
+import zipfile
+import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Self
 
 import sqlalchemy as sa
+from pydantic import ValidationError
 from sqlalchemy.exc import DatabaseError, IntegrityError
 
 import rvsg
 from rvsg.campaign.attempt import Attempt
-from rvsg.errors import NewerStore, StoreError
+from rvsg.errors import InputError, NewerStore, StoreError
 from rvsg.simulation.archive import pack, unpack
 from rvsg.simulation.run import Run
 from rvsg.store.migrations import APPLICATION_ID, MIGRATIONS
-from rvsg.world.records import canonical_json
+from rvsg.world.records import canonical_json, text_id
 
 _meta = sa.MetaData()
 _campaigns = sa.Table(
@@ -123,13 +126,14 @@ class SqliteLedger:
     def append(self, attempt: Attempt, runs: Sequence[Run]) -> None:
         """Keep an attempt with its runs in one transaction; StoreError where its index is taken."""
         scenario = attempt.proposal.scenario
+        record = canonical_json(attempt.model_dump(mode="json"))
         row = {
             "campaign": attempt.campaign,
             "position": attempt.index,
-            "id": attempt.id,
+            "id": text_id(Attempt.__name__.lower(), record),
             "purpose": attempt.purpose,
             "scenario_id": scenario.id if scenario else None,
-            "record": canonical_json(attempt.model_dump(mode="json")),
+            "record": record,
         }
         try:
             with self._engine.begin() as connection:
@@ -147,17 +151,17 @@ class SqliteLedger:
     def attempts(self, campaign: str) -> Iterator[Attempt]:
         """The attempts of a campaign in the order of their index; StoreError where a record was altered."""
         query = (
-            sa.select(_attempts.c.id, _attempts.c.record)
+            sa.select(_attempts.c.position, _attempts.c.id, _attempts.c.record)
             .where(_attempts.c.campaign == campaign)
             .order_by(_attempts.c.position)
         )
         with self._translated(), self._engine.connect() as connection:
             rows = connection.execute(query).all()
-        for kept_id, record in rows:
-            attempt = Attempt.from_json(record)
-            if attempt.id != kept_id:
-                raise StoreError(f"{self.path}: attempt {attempt.index} of {campaign!r} is not what was stored")
-            yield attempt
+        for position, kept_id, record in rows:
+            # The text is verified, not the parsed record: an older one lacks the fields that came later.
+            if text_id(Attempt.__name__.lower(), record) != kept_id:
+                raise StoreError(f"{self.path}: attempt {position} of {campaign!r} is not what was stored")
+            yield self._parsed(record, f"attempt {position} of {campaign!r}")
 
     def run(self, run_id: str) -> Run:
         """The run of that id; StoreError where there is none."""
@@ -171,7 +175,24 @@ class SqliteLedger:
         query = sa.select(_runs.c.header, _runs.c.arrays).where(_runs.c.id == run_id)
         with self._translated(), self._engine.connect() as connection:
             row = connection.execute(query).one_or_none()
-        return None if row is None else unpack(row.header, row.arrays)
+        if row is None:
+            return None
+        try:
+            run = unpack(row.header, row.arrays)
+        except (ValidationError, InputError, ValueError, OSError, zipfile.BadZipFile, zlib.error) as error:
+            raise StoreError(f"{self.path}: {run_id} cannot be read: {error}") from None
+        if run.id != run_id:
+            raise StoreError(f"{self.path}: {run_id} is not what was stored")
+        return run
+
+    def _parsed(self, record: str, what: str) -> Attempt:
+        try:
+            return Attempt.from_json(record)
+        except ValidationError as error:
+            raise StoreError(
+                f"{self.path}: {what} is whole, but not as RVSG {rvsg.__version__} keeps it; was it written by a "
+                f"newer RVSG? {error}"
+            ) from None
 
     def _translated(self) -> _Translated:
         return _Translated(self)

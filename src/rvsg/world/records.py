@@ -18,8 +18,12 @@ def canonical_json(value: Any) -> str:
 
 def content_id(kind: str, value: Any) -> str:
     """`kind-` and 16 hexadecimal digits of the SHA-256 of the canonical JSON: equal content, equal id."""
-    digest = hashlib.sha256(canonical_json(value).encode()).hexdigest()
-    return f"{kind}-{digest[:16]}"
+    return text_id(kind, canonical_json(value))
+
+
+def text_id(kind: str, text: str) -> str:
+    """The `content_id` of the value whose canonical JSON is `text`."""
+    return f"{kind}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
 
 
 class Record(BaseModel):
