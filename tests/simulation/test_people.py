@@ -199,6 +199,15 @@ class TestGoals:
         near = [x for x in xs if abs(x - 2.0) < 0.5]
         assert 28 <= len(near) <= 40
 
+    def test_who_is_pushed_aside_during_a_pause_comes_back_to_its_waypoint(self) -> None:
+        crowd = crowd_of(human((0.0, 0.0), (2.0, 0.0), (4.0, 0.0), pauses_s=(0.0, 20.0, 0.0)), options=CORRECT)
+        walk(crowd, 30)
+        walk(crowd, 60, robot=(-0.5, 0.1, 0.0, 0.5))  # the robot drives by, over the waypoint
+        walk(crowd, 60)
+        assert math.hypot(crowd.x[0] - 2.0, crowd.y[0]) < 0.4
+        walk(crowd, 80)
+        assert math.hypot(crowd.x[0] - 2.0, crowd.y[0]) > 1.0
+
     def test_a_late_starter_stands_until_its_time(self) -> None:
         crowd = crowd_of(human((0.0, 0.0), (5.0, 0.0), start_delay_s=2.0), options=CORRECT)
         walk(crowd, 20)

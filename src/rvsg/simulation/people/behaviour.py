@@ -222,16 +222,16 @@ def _walk(
     robot_vx: float,
     robot_vy: float,
 ) -> None:
-    """Walk towards the present goal, or stand while a pause lasts; the robot is one more human."""
+    """Walk towards the present goal, or stand at the last one while its pause lasts; the robot is one more human."""
     g = crowd.goal_index[i]
-    goal_x = crowd.goals[i, g, 0]
-    goal_y = crowd.goals[i, g, 1]
-    radius = GOAL_RADIUS_M
     pausing = crowd.pause_left[i] > 0.0
     if pausing:
+        # Who is pushed aside during a pause comes back to its waypoint: it has work there.
         crowd.pause_left[i] -= dt
-        radius = math.inf
-    elif crowd.published and _distance(crowd, i, goal_x, goal_y) <= GOAL_RADIUS_M + GOAL_MARGIN_M:
+        g = (g - 1) % crowd.goal_count[i]
+    goal_x = crowd.goals[i, g, 0]
+    goal_y = crowd.goals[i, g, 1]
+    if not pausing and crowd.published and _distance(crowd, i, goal_x, goal_y) <= GOAL_RADIUS_M + GOAL_MARGIN_M:
         # HuNavSim tests the goal with a margin before it moves, and then does not move in this tick.
         _next_goal(crowd, i)
         crowd.vx[i] = 0.0
@@ -240,7 +240,19 @@ def _walk(
     # HuNavSim never makes an impassive human treat the robot as an obstacle: it walks like a regular one.
     social = crowd.published or crowd.behaviour[i] != IMPASSIVE
     fx, fy = _total_force(
-        crowd, i, False, goal_x, goal_y, radius, crowd.speed[i], social, robot_x, robot_y, robot_yaw, robot_vx, robot_vy
+        crowd,
+        i,
+        False,
+        goal_x,
+        goal_y,
+        GOAL_RADIUS_M,
+        crowd.speed[i],
+        social,
+        robot_x,
+        robot_y,
+        robot_yaw,
+        robot_vx,
+        robot_vy,
     )
     _step(crowd, i, dt, fx, fy, crowd.speed[i])
     if not pausing and _distance(crowd, i, goal_x, goal_y) <= GOAL_RADIUS_M:
