@@ -17,7 +17,7 @@ import numpy as np
 from rvsg.app import plugins
 from rvsg.app.wiring import Measuring
 from rvsg.campaign.attempt import Attempt
-from rvsg.campaign.loop import Parts, feedback_from, run_campaign
+from rvsg.campaign.loop import Parts, confirm, feedback_from, run_campaign
 from rvsg.campaign.parallel import Simulations
 from rvsg.campaign.plan import Plan
 from rvsg.scenario.brief import Brief
@@ -80,7 +80,7 @@ def campaign(generator: str, strategy: str, args: argparse.Namespace, seed: int,
         scenarios=args.scenarios,
         refinements=args.refinements,
         repeats=args.repeats,
-        confirmations=args.confirmations,
+        confirmations=0,
         seed=seed,
     )
     ledger = Lists()
@@ -96,7 +96,10 @@ def campaign(generator: str, strategy: str, args: argparse.Namespace, seed: int,
             watch=Silent(),
         )
         chosen = plugins.find("strategy", strategy)(plan, feedback_from(ledger, plan, world))  # type: ignore[arg-type]
-        return run_campaign(plan, chosen, parts)
+        attempts = run_campaign(plan, chosen, parts)
+        # All of the fresh runs, also where fewer would decide the verdict: what is compared here is their mean.
+        unjudged = plan.requirement.replace(limit=None)
+        return attempts + confirm(plan.replace(requirement=unjudged, confirmations=args.confirmations), attempts, parts)
 
 
 def summary(attempts: list[Attempt], worse: str) -> dict[str, object]:

@@ -84,7 +84,7 @@ def measure(run: Run) -> Measurement:
     return Measurement(run_id=run.id, seed=run.seed, outcome=run.outcome.value, values={"dto": value}, objective=value)
 
 
-def judge(measurements: Sequence[Measurement]) -> Verdict:
+def judge(measurements: Sequence[Measurement], *, budget: int | None = None) -> Verdict:
     values = tuple(m.objective for m in measurements if m.objective is not None)
     violations = sum(REQUIREMENT.violated_by(value) for value in values)
     mean = float(np.mean(values))

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import dataclasses
 import os
 import subprocess
 import sys
@@ -9,10 +10,15 @@ from pathlib import Path
 import pytest
 from tests.campaign.parts import REQUIREMENT, Counted, MemoryLedger, WalkGenerator, parts, plan, warehouse
 
+from rvsg.campaign.attempt import Measurement
 from rvsg.campaign.loop import feedback_from, run_campaign
+from rvsg.campaign.measuring import Measuring
 from rvsg.campaign.ranking import best_attempt, ranking
+from rvsg.campaign.seeds import fresh_seeds
 from rvsg.campaign.strategies import ClimbStrategy, RandomStrategy, StudyStrategy, UnguidedStrategy
 from rvsg.errors import BudgetSpent, SimulationError
+from rvsg.evaluation.judge import judge
+from rvsg.evaluation.verdict import Status
 from rvsg.generation.generator import Proposal
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.scenario import Scenario
@@ -83,6 +89,59 @@ def test_the_confirmation_uses_seeds_that_took_no_part_in_the_selection() -> Non
     assert len(fresh) == 5
     assert not fresh & selected
     assert confirmation.confirms == ranking(attempts, REQUIREMENT)[0].index
+
+
+def confirmed_with(values: list[float], *, limit: float | None = 1.0, confirmations: int = 30, jobs: int = 1):
+    """The confirmation of a campaign of one attempt, its runs measuring `values` in the order of their seeds."""
+    requirement = REQUIREMENT.replace(limit=limit)
+    the_plan = plan(scenarios=1, refinements=0, repeats=1, confirmations=confirmations, requirement=requirement)
+    first = run(MemoryLedger(), the_plan.replace(confirmations=0), RandomStrategy)
+    used = {m.seed for a in first for m in a.measurements}
+    seeds = fresh_seeds(the_plan.seed, "confirmation", confirmations, used=used)
+    value_of = dict(zip(seeds, values, strict=False))
+    measuring = Measuring(requirement)
+
+    def measured(made: Run) -> Measurement:
+        value = value_of.get(made.seed, 0.5)
+        return Measurement(run_id=made.id, seed=made.seed, outcome="goal", values={"dto": value}, objective=value)
+
+    made = dataclasses.replace(parts(MemoryLedger(), jobs=jobs), measure=measured, judge=measuring.judge)
+    with made.simulations:
+        attempts = run_campaign(the_plan, RandomStrategy(the_plan), made)
+    assert attempts[-1].purpose == "confirmation"
+    return attempts[-1]
+
+
+@pytest.mark.parametrize(
+    ("values", "status", "runs"),
+    [
+        ([2.0] * 30, Status.PASS, 15),
+        ([0.5] * 30, Status.FAIL, 15),
+        ([0.5, 2.0] * 15, Status.FLAKY, 4),
+        ([2.0] * 5 + [0.5] + [2.0] * 24, Status.PASS, 28),
+    ],
+)
+def test_a_confirmation_ends_when_the_verdict_is_sure(values: list[float], status: Status, runs: int) -> None:
+    confirmation = confirmed_with(values)
+    assert confirmation.verdict is not None
+    assert (confirmation.verdict.status, len(confirmation.measurements)) == (status, runs)
+    assert confirmed_with(values, jobs=2) == confirmation
+    # Not one run earlier: the status is that of the counts, and the counts before were not enough.
+    earlier = judge(REQUIREMENT, values[: runs - 1])
+    assert earlier.status is Status.INCONCLUSIVE
+
+
+def test_a_confirmation_that_is_not_sure_ends_with_its_budget_and_says_so() -> None:
+    confirmation = confirmed_with([2.0] * 30, confirmations=10)
+    assert confirmation.verdict is not None
+    assert (confirmation.verdict.status, len(confirmation.measurements)) == (Status.INCONCLUSIVE, 10)
+    assert "the budget of 10 runs is spent" in confirmation.verdict.reason
+
+
+def test_a_confirmation_without_a_limit_makes_all_of_its_runs() -> None:
+    confirmation = confirmed_with([0.5, 2.0] * 4, limit=None, confirmations=8)
+    assert confirmation.verdict is not None
+    assert (confirmation.verdict.status, len(confirmation.measurements)) == (Status.UNJUDGED, 8)
 
 
 def test_a_confirmation_never_takes_part_in_the_ranking() -> None:

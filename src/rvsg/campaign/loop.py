@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 from rvsg.campaign.attempt import Attempt, Failure, Ledger, Measurement
@@ -15,6 +15,7 @@ from rvsg.campaign.ranking import best_attempt, search_attempts
 from rvsg.campaign.seeds import fresh_seeds, seed_for
 from rvsg.campaign.strategies import FeedbackOf, Strategy
 from rvsg.errors import GenerationError, SimulationError
+from rvsg.evaluation.judge import DEFAULT, next_repeats
 from rvsg.evaluation.verdict import Verdict
 from rvsg.generation.generator import Generator
 from rvsg.scenario.brief import Brief, Feedback
@@ -38,6 +39,14 @@ class Watcher(Protocol):
         ...
 
 
+class Judge(Protocol):
+    """Makes the Verdict on measurements; `budget` is how many runs there may be at most (None: as usual)."""
+
+    def __call__(self, measurements: Sequence[Measurement], *, budget: int | None = None) -> Verdict:
+        """The verdict."""
+        ...
+
+
 @dataclass(frozen=True, kw_only=True)
 class Parts:
     """What the loop works with. `measure` makes the Measurement of a run, `judge` the Verdict on measurements."""
@@ -45,7 +54,7 @@ class Parts:
     generator: Generator
     simulations: Simulations
     measure: Callable[[Run], Measurement]
-    judge: Callable[[Sequence[Measurement]], Verdict]
+    judge: Judge
     ledger: Ledger
     watch: Watcher
 
@@ -69,7 +78,12 @@ def run_campaign(plan: Plan, strategy: Strategy, parts: Parts) -> list[Attempt]:
 
 
 def confirm(plan: Plan, attempts: Sequence[Attempt], parts: Parts) -> list[Attempt]:
-    """The best attempt again, in fresh runs whose seeds took no part in its selection."""
+    """The best attempt again, in fresh runs whose seeds took no part in its selection.
+
+    Where the requirement has a limit, runs are added in batches until the sequential procedure decides or the
+    budget `plan.confirmations` is spent; a batch is the fewest runs that can decide, so none is made in vain and how
+    many are made does not depend on the number of processes. Without a limit all of the budget is spent.
+    """
     best = best_attempt(attempts, plan.requirement)
     if best is None or plan.confirmations == 0:
         return []
@@ -77,7 +91,15 @@ def confirm(plan: Plan, attempts: Sequence[Attempt], parts: Parts) -> list[Attem
     seeds = fresh_seeds(plan.seed, "confirmation", plan.confirmations, used=used)
     index = max(attempt.index for attempt in attempts) + 1
     again = best.replace(index=index, purpose="confirmation", confirms=best.index)
-    return [_finish(again, _order(again, seeds, parts), parts)]
+    procedure = DEFAULT.replace(max_runs=plan.confirmations)
+    judged = plan.requirement.threshold is not None
+    made = _Made()
+    count = next_repeats(plan.requirement, [], procedure=procedure) if judged else plan.confirmations
+    while count:
+        made.collect(_order(again, seeds[made.count : made.count + count], parts), parts)
+        objectives = [m.objective for m in made.measurements] + [None] * len(made.failures)
+        count = next_repeats(plan.requirement, objectives, procedure=procedure)
+    return [_keep(again, made, parts, budget=plan.confirmations)]
 
 
 def feedback_from(ledger: Ledger, plan: Plan, world: World) -> FeedbackOf:
@@ -122,31 +144,52 @@ def _order(turn: Attempt, seeds: Sequence[int], parts: Parts) -> list[Ordered]:
     return [parts.simulations.order(scenario, seed) for seed in seeds] if scenario else []
 
 
+@dataclass
+class _Made:
+    """The runs of an attempt as they come in, with their measurements, and those that could not be made."""
+
+    runs: list[Run] = field(default_factory=list)
+    measurements: list[Measurement] = field(default_factory=list)
+    failures: list[Failure] = field(default_factory=list)
+
+    @property
+    def count(self) -> int:
+        return len(self.runs) + len(self.failures)
+
+    def collect(self, ordered: Sequence[Ordered], parts: Parts) -> None:
+        """Wait for ordered runs; each is kept and measured as soon as it is there."""
+        for order in ordered:
+            found = order.result()
+            parts.watch.ran(found)
+            if isinstance(found, Run):
+                parts.ledger.keep(found)
+                self.runs.append(found)
+                self.measurements.append(parts.measure(found))
+            else:
+                self.failures.append(found)
+
+
 def _finish(turn: Attempt, ordered: Sequence[Ordered], parts: Parts) -> Attempt:
-    """Collect the runs of an attempt, measure and judge them, and keep it all in one transaction.
+    """Collect the runs of an attempt of the search, and keep it."""
+    made = _Made()
+    made.collect(ordered, parts)
+    return _keep(turn, made, parts)
+
+
+def _keep(turn: Attempt, made: _Made, parts: Parts, *, budget: int | None = None) -> Attempt:
+    """Judge what was measured and keep it all in one transaction.
 
     A simulator that makes none of the runs of a valid scenario stops the campaign: it would make none of the next.
     """
-    runs: list[Run] = []
-    failures: list[Failure] = []
-    for order in ordered:
-        found = order.result()
-        parts.watch.ran(found)
-        if isinstance(found, Run):
-            parts.ledger.keep(found)
-            runs.append(found)
-        else:
-            failures.append(found)
-    if failures and not runs:
+    if made.failures and not made.runs:
         raise SimulationError(
-            f"None of the {len(failures)} runs of attempt {turn.index} was made: {failures[0].reason}"
+            f"None of the {len(made.failures)} runs of attempt {turn.index} was made: {made.failures[0].reason}"
         )
-    measurements = tuple(parts.measure(run) for run in runs)
     done = turn.replace(
-        measurements=measurements,
-        failures=tuple(failures),
-        verdict=parts.judge(measurements) if measurements else None,
+        measurements=tuple(made.measurements),
+        failures=tuple(made.failures),
+        verdict=parts.judge(made.measurements, budget=budget) if made.measurements else None,
     )
-    parts.ledger.append(done, runs)
+    parts.ledger.append(done, made.runs)
     parts.watch.attempted(done)
     return done

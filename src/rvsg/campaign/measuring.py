@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from rvsg.campaign.attempt import Measurement
-from rvsg.evaluation.judge import judge, objective
+from rvsg.evaluation.judge import DEFAULT, judge, objective
 from rvsg.evaluation.metrics import measure
 from rvsg.evaluation.verdict import Verdict
 from rvsg.scenario.requirement import Requirement
@@ -30,6 +30,7 @@ class Measuring:
             objective=objective(run, self.requirement, world=self.world),
         )
 
-    def judge(self, measurements: Sequence[Measurement]) -> Verdict:
-        """The verdict on the runs measured."""
-        return judge(self.requirement, [measurement.objective for measurement in measurements])
+    def judge(self, measurements: Sequence[Measurement], *, budget: int | None = None) -> Verdict:
+        """The verdict on the runs measured, of which there may be `budget` at most (None: the procedure's own)."""
+        procedure = DEFAULT if budget is None else DEFAULT.replace(max_runs=budget)
+        return judge(self.requirement, [measurement.objective for measurement in measurements], procedure=procedure)

@@ -17,8 +17,8 @@ class Plan(Record):
     """What a campaign is to do.
 
     `scenarios` x (1 + `refinements`) configurations are tried, each in `repeats` runs; the worst for the robot is
-    confirmed in `confirmations` fresh runs (0: not at all). `memory` is how many earlier scenarios a new one is
-    told of. Every strategy spends the same number of runs.
+    confirmed in at most `confirmations` fresh runs (0: not at all), fewer where the verdict is sure earlier. `memory`
+    is how many earlier scenarios a new one is told of. Every strategy spends the same number of runs.
     """
 
     name: Annotated[str, Field(min_length=1)]
@@ -44,5 +44,5 @@ class Plan(Record):
 
     @property
     def runs(self) -> int:
-        """Runs of search and confirmation together."""
+        """Runs of search and confirmation together, at most."""
         return self.attempts * self.repeats + self.confirmations

@@ -142,19 +142,24 @@ def next_repeats(
 
 
 def _reason(status: Status, violations: int, runs: int, undefined: int, procedure: Procedure) -> str:
-    without = f"; {undefined} runs hold no judgement" if undefined else ""
+    without = f"; {_runs(undefined)} {'holds' if undefined == 1 else 'hold'} no judgement" if undefined else ""
     if status is Status.UNJUDGED:
         return f"the requirement sets no limit{without}"
-    counted = f"{violations} of {runs} runs violate the requirement{without}"
+    verb = "violates" if violations == 1 else "violate"
+    counted = f"{violations} of {_runs(runs)} {verb} the requirement{without}"
     sure = f"wrong in at most {procedure.error_rate:.0%} of such verdicts"
     said = {
         Status.PASS: f"it is violated in fewer than {procedure.often:.0%} of runs ({sure})",
         Status.FAIL: f"it is violated in more than {1 - procedure.often:.0%} of runs ({sure})",
         Status.FLAKY: f"it is sometimes violated and sometimes not ({sure})",
         Status.INCONCLUSIVE: (
-            f"the budget of {procedure.max_runs} runs is spent before the verdict is sure"
+            f"the budget of {_runs(procedure.max_runs)} is spent before the verdict is sure"
             if runs + undefined >= procedure.max_runs
             else "too few runs for a verdict"
         ),
     }[status]
     return f"{counted}: {said}"
+
+
+def _runs(count: int) -> str:
+    return "1 run" if count == 1 else f"{count} runs"

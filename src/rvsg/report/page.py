@@ -25,7 +25,7 @@ from rvsg.campaign.ranking import best_attempt
 from rvsg.evaluation.verdict import Status, Verdict
 from rvsg.report.charts import confirmation_chart, search_chart
 from rvsg.report.files import write_whole
-from rvsg.report.summary import VIOLATED, Summary, interval, number, summarise
+from rvsg.report.summary import VIOLATED, Accounting, Summary, counted, interval, number, summarise
 from rvsg.scenario.scenario import Human
 from rvsg.simulation.run import Run
 from rvsg.world.records import Pose
@@ -119,9 +119,9 @@ def _headline(plan: Plan, summary: Summary) -> dict[str, str]:
         return {"tone": "quiet", "chip": "no limit", "text": text}
     tone = "bad" if confirmed.status in VIOLATED else "good" if confirmed.status is Status.PASS else "quiet"
     text = (
-        f"The worst scenario found violates {name} in {confirmed.violations} of {confirmed.runs} fresh runs."
+        f"The worst scenario found violates {name} in {confirmed.violations} of {counted(confirmed.runs, 'fresh run')}."
         if confirmed.violations
-        else f"The worst scenario found does not violate {name} in any of {confirmed.runs} fresh runs."
+        else f"The worst scenario found does not violate {name} in any of {counted(confirmed.runs, 'fresh run')}."
     )
     return {"tone": tone, "chip": confirmed.status.value, "text": text}
 
@@ -150,10 +150,16 @@ def _tiles(plan: Plan, summary: Summary) -> list[dict[str, str]]:
         {
             "name": "Simulated runs",
             "value": str(account.search_runs + account.confirmation_runs),
-            "note": f"{account.search_runs} to search, {account.confirmation_runs} to confirm",
+            "note": f"{account.search_runs} to search, {account.confirmation_runs} to confirm{_budget(plan, account)}",
         }
     )
     return found
+
+
+def _budget(plan: Plan, account: Accounting) -> str:
+    """How many runs the confirmation might have made, where fewer decided the verdict."""
+    decided_early = 0 < account.confirmation_runs < plan.confirmations
+    return f" (at most {plan.confirmations})" if decided_early else ""
 
 
 def _curse(plan: Plan, summary: Summary) -> str:
@@ -165,10 +171,11 @@ def _curse(plan: Plan, summary: Summary) -> str:
         return ""
     unit, count = plan.requirement.unit, summary.accounting.search_attempts
     lost = plan.requirement.badness(selected.mean) - plan.requirement.badness(fresh.mean)
+    chosen_by, measured_by = counted(len(selected.objectives), "run"), counted(len(fresh.objectives), "fresh run")
     said = (
-        f"It was chosen as the worst of {count} configurations by {len(selected.objectives)} runs that measured "
-        f"{number(selected.mean, unit)}; {len(fresh.objectives)} fresh runs, whose seeds took no part in the choice, "
-        f"measure {number(fresh.mean, unit)}. "
+        f"It was chosen as the worst of {counted(count, 'configuration')} by {chosen_by} that measured "
+        f"{number(selected.mean, unit)} on average; {measured_by}, whose seeds took no part in the choice, measured "
+        f"{number(fresh.mean, unit)}. "
     )
     if lost > 0:
         return (

@@ -106,6 +106,11 @@ def number(value: float | None, unit: str = "") -> str:
     return f"{text} {unit}".strip()
 
 
+def counted(count: int, one: str, more: str = "") -> str:
+    """A number with its noun as people write it: `1 run`, `2 runs`; `more` where an s is not enough."""
+    return f"{count} {one if count == 1 else more or one + 's'}"
+
+
 def interval(verdict: Verdict, unit: str = "") -> str:
     """The mean with its interval as people read it."""
     if verdict.interval is None:

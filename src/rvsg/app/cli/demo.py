@@ -19,7 +19,9 @@ def demo(
     listed: Annotated[bool, typer.Option("--list", help="List the recorded campaigns.")] = False,
     out: Annotated[str | None, typer.Option(help="Folder of the campaign. [runs/demo-NAME]")] = None,
     repeats: Annotated[int | None, typer.Option(min=1, help="Runs of each configuration. [as recorded]")] = None,
-    confirmations: Annotated[int | None, typer.Option(min=0, help="Fresh runs of the best. [as recorded]")] = None,
+    confirmations: Annotated[
+        int | None, typer.Option(min=0, help="At most so many fresh runs of the best. [as recorded]")
+    ] = None,
     jobs: Annotated[int | None, typer.Option(min=1, help="Worker processes. [one per core]")] = None,
     strict: Annotated[
         bool, typer.Option("--strict", help="Stop where the present prompts differ from the recorded ones.")

@@ -39,7 +39,9 @@ def run(
     scenarios: Annotated[int | None, typer.Option(min=1, help="Scenarios to find. [10]")] = None,
     refinements: Annotated[int | None, typer.Option(min=0, help="Refinements of each scenario. [4]")] = None,
     repeats: Annotated[int | None, typer.Option(min=1, help="Runs of each configuration. [5]")] = None,
-    confirmations: Annotated[int | None, typer.Option(min=0, help="Fresh runs that confirm the best. [30]")] = None,
+    confirmations: Annotated[
+        int | None, typer.Option(min=0, help="At most so many fresh runs of the best. [30]")
+    ] = None,
     memory: Annotated[int | None, typer.Option(min=0, help="Earlier scenarios a new one is told of. [10]")] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Everything random follows from it. [0]")] = None,
     jobs: Annotated[int | None, typer.Option(min=1, help="Worker processes. [one per core]")] = None,
@@ -63,7 +65,9 @@ def run(
     """Find, confirm and report scenarios that make the robot violate a requirement.
 
     Searches `scenarios` x (1 + `refinements`) configurations, each in `repeats` runs, ranks them, and confirms the
-    worst in fresh runs. Everything is kept in the folder --out; the same command on an existing folder resumes.
+    worst in fresh runs until the verdict is sure (wrong in at most 5 % of verdicts) or `confirmations` are spent;
+    without a limit in exactly so many. Everything is kept in the folder --out; the same command on an existing folder
+    resumes.
     """
     given = {k: v for k, v in locals().items() if v is not None and k not in ("campaign", "json")}
     from rvsg.app.cli.options import pairs
@@ -133,16 +137,19 @@ def _work(wired: Wired, ledger: Any, folder: Path, *, resumed: bool) -> list[Att
     from rvsg.app.cli.progress import CampaignProgress
     from rvsg.campaign.loop import run_campaign
     from rvsg.errors import BudgetSpent, GenerationError, Interrupted, SimulationError
+    from rvsg.report.summary import counted
 
     known = list(ledger.attempts(wired.plan.name))
     plan = wired.plan
+    judged = plan.requirement.threshold is not None
     say(
         f"{plan.requirement.name} ({plan.requirement.title}) on {plan.mission.world}, {plan.mission.route.name}: "
-        f"{plan.scenarios} scenarios x {plan.configurations} configurations x {plan.repeats} runs, then "
-        f"{plan.confirmations} to confirm."
+        f"{counted(plan.scenarios, 'scenario')} x {counted(plan.configurations, 'configuration')} x "
+        f"{counted(plan.repeats, 'run')}, then "
+        f"{'at most ' if judged else ''}{plan.confirmations} to confirm."
     )
     if resumed:
-        say(f"Resuming {folder}: {len(known)} attempts are there already.")
+        say(f"Resuming {folder}: {counted(len(known), 'attempt is', 'attempts are')} there already.")
     how = f"Resume with: rvsg run --out {folder}"
     try:
         with _termination_as_interrupt():
@@ -151,10 +158,8 @@ def _work(wired: Wired, ledger: Any, folder: Path, *, resumed: bool) -> list[Att
             with CampaignProgress(plan, known) as progress, wired.simulations(ledger) as simulations:
                 return run_campaign(plan, wired.strategy(ledger), wired.parts(ledger, simulations, progress))
     except KeyboardInterrupt:
-        kept = len(list(ledger.attempts(plan.name)))
-        raise Interrupted(
-            f"Interrupted; {kept} finished attempts are kept. {how}\nWhat there is so far: rvsg report {folder}"
-        ) from None
+        kept = counted(len(list(ledger.attempts(plan.name))), "finished attempt is", "finished attempts are")
+        raise Interrupted(f"Interrupted; {kept} kept. {how}\nWhat there is so far: rvsg report {folder}") from None
     except BudgetSpent as spent:
         raise BudgetSpent(f"{spent} Everything so far is kept. {how} --budget-...") from None
     except (GenerationError, SimulationError):
@@ -212,6 +217,7 @@ def _show(wired: Wired, summary: Summary, folder: Path, spent_s: float, *, as_js
     from rvsg.app.cli.tables import confirmation_line, ranked_table
     from rvsg.app.folder import REPORT
     from rvsg.app.wiring import command_for
+    from rvsg.report.summary import counted
 
     command = command_for(wired.config)
     if as_json:
@@ -223,14 +229,14 @@ def _show(wired: Wired, summary: Summary, folder: Path, spent_s: float, *, as_js
     say(confirmation_line(wired.plan, summary))
     account = summary.accounting
     say(
-        f"{account.search_runs} runs of search and {account.confirmation_runs} of confirmation in "
+        f"{counted(account.search_runs, 'run')} of search and {account.confirmation_runs} of confirmation in "
         f"{spent_s:.0f} s; kept in {folder}"
     )
     if account.calls:
         asked = "In the record the model" if wired.config.replay else "The model"
         cost = f"{account.cost_usd:.4f} USD" if account.cost_usd is not None else "cost unknown"
         say(
-            f"{asked} was asked {account.calls} times: {account.input_tokens} input tokens "
+            f"{asked} was asked {counted(account.calls, 'time')}: {account.input_tokens} input tokens "
             f"({account.cached_tokens} cached), {account.output_tokens} output tokens, {cost}."
         )
     for note in getattr(wired.generator, "notes", ()):

@@ -44,6 +44,7 @@ def shrink(
     from rvsg.campaign.measuring import Measuring
     from rvsg.campaign.parallel import Simulations
     from rvsg.campaign.shrink import Shrinking, Simplification
+    from rvsg.report.summary import counted
 
     asked = read_scenario(scenario)
     place = world_of(asked, world)
@@ -56,7 +57,8 @@ def shrink(
     measuring = Measuring(wanted, place)
 
     def told(step: Simplification) -> None:
-        say(f"{'kept' if step.kept else 'no  '}  {step.violations} of {step.runs} runs violate: {step.what}")
+        violated = f"violated in {step.violations} of {counted(step.runs, 'run')}"
+        say(f"{'kept' if step.kept else 'no  '}  {violated}: {step.what}")
 
     with Simulations(made, place, jobs=jobs) as simulations:
         found = Shrinking(
@@ -76,8 +78,8 @@ def shrink(
     ):
         tasks = sum(len(human.tasks) for human in people.humans)
         say(
-            f"{name}: {len(people.humans)} human(s), {tasks} tasks; "
-            f"{verdict.violations} of {verdict.runs} fresh runs violate {wanted.name}"
+            f"{name}: {counted(len(people.humans), 'human')}, {counted(tasks, 'task')}; "
+            f"{wanted.name} violated in {verdict.violations} of {counted(verdict.runs, 'fresh run')}"
         )
     if json:
         print_json(found.model_dump(mode="json"))

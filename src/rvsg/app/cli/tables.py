@@ -8,9 +8,10 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 from rich.text import Text
 
+from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.plan import Plan
 from rvsg.evaluation.verdict import Status
-from rvsg.report.summary import Summary, interval, number
+from rvsg.report.summary import Summary, counted, interval, number
 
 WITHOUT_SCENARIO = 56
 """Characters of a row without the scenario's description."""
@@ -70,10 +71,17 @@ def confirmation_line(plan: Plan, summary: Summary) -> str:
     verdict, unit = confirmed.verdict, plan.requirement.unit
     selected = summary.ranking[0].verdict
     said = (
-        f"Confirmation of scenario {confirmed.brief.scenario_index + 1} in {len(confirmed.measurements)} fresh runs: "
+        f"Confirmation of scenario {confirmed.brief.scenario_index + 1} in "
+        f"{counted(len(confirmed.measurements), 'fresh run')}{_of_budget(plan, confirmed)}: "
         f"{verdict.status.value}; {interval(verdict, unit)}"
     )
     if verdict.violation_probability is not None and verdict.violation_interval is not None:
         low, high = verdict.violation_interval
         said += f"; violated with probability {verdict.violation_probability:.2f} [{low:.2f}, {high:.2f}]"
     return f"{said}. (In the search it measured {number(selected.mean, unit)}.)"
+
+
+def _of_budget(plan: Plan, confirmed: Attempt) -> str:
+    """How many fresh runs there might have been, where the verdict was sure before they were spent."""
+    made = len(confirmed.measurements) + len(confirmed.failures)
+    return f" of at most {plan.confirmations}" if made < plan.confirmations else ""
