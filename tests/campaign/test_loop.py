@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 from tests.campaign.parts import REQUIREMENT, Counted, MemoryLedger, WalkGenerator, parts, plan, warehouse
 
-from rvsg.campaign.attempt import Measurement
+from rvsg.campaign.attempt import Attempt, Measurement
 from rvsg.campaign.loop import feedback_from, run_campaign
 from rvsg.campaign.measuring import Measuring
-from rvsg.campaign.ranking import best_attempt, ranking
+from rvsg.campaign.ranking import best_attempt, ranking, rule, worst_by_mean
 from rvsg.campaign.seeds import fresh_seeds
 from rvsg.campaign.strategies import ClimbStrategy, RandomStrategy, StudyStrategy, UnguidedStrategy
 from rvsg.errors import BudgetSpent, SimulationError
@@ -21,6 +21,7 @@ from rvsg.evaluation.judge import judge
 from rvsg.evaluation.verdict import Status
 from rvsg.generation.generator import Proposal
 from rvsg.scenario.brief import Brief
+from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.simulation.run import Run
@@ -58,7 +59,7 @@ def test_the_study_refines_from_feedback_and_remembers_earlier_scenarios() -> No
     third = generator.briefs[2]
     assert third.feedback is not None and third.feedback.previous_mean == attempts[0].mean
     fourth = generator.briefs[3]
-    best = best_attempt(attempts[:3], REQUIREMENT)
+    best = worst_by_mean(attempts[:3], REQUIREMENT)
     assert best is not None
     assert [m.scenario for m in fourth.memory] == [best.proposal.scenario]
 
@@ -68,7 +69,7 @@ def test_climbing_refines_the_best_so_far() -> None:
     attempts = run(MemoryLedger(), plan(scenarios=1, refinements=5), ClimbStrategy, generator=generator)
     for index in range(1, 6):
         feedback = generator.briefs[index].feedback
-        best = best_attempt(attempts[:index], REQUIREMENT)
+        best = worst_by_mean(attempts[:index], REQUIREMENT)
         assert feedback is not None and best is not None
         assert feedback.mean == best.mean
 
@@ -142,6 +143,33 @@ def test_a_confirmation_without_a_limit_makes_all_of_its_runs() -> None:
     confirmation = confirmed_with([0.5, 2.0] * 4, limit=None, confirmations=8)
     assert confirmation.verdict is not None
     assert (confirmation.verdict.status, len(confirmation.measurements)) == (Status.UNJUDGED, 8)
+
+
+def of_values(index: int, values: list[float], requirement: Requirement) -> Attempt:
+    """A scenario whose runs measured these values."""
+    brief = Brief(mission=plan().mission, requirement=requirement, seed=0, scenario_index=index)
+    proposal = WalkGenerator().propose(brief, warehouse())
+    verdict = judge(requirement, values)
+    return Attempt(campaign="test", index=index, strategy="study", brief=brief, proposal=proposal, verdict=verdict)
+
+
+def test_what_violates_the_limit_more_often_ranks_first_whatever_the_means_are() -> None:
+    never, often = [1.01, 1.01, 1.01], [0.9, 0.9, 3.0]
+    tied = [0.8, 0.8, 3.0]
+    attempts = [of_values(k, values, REQUIREMENT) for k, values in enumerate((never, often, tied, often))]
+    assert [a.index for a in ranking(attempts, REQUIREMENT)] == [2, 1, 3, 0]
+    best = best_attempt(attempts, REQUIREMENT)
+    assert best is not None and best.index == 2
+    nearest = worst_by_mean(attempts, REQUIREMENT)
+    assert nearest is not None and nearest.index == 0
+    assert "share of runs" in rule(REQUIREMENT)
+
+
+def test_without_a_limit_the_mean_alone_ranks() -> None:
+    unlimited = REQUIREMENT.replace(limit=None)
+    attempts = [of_values(k, values, unlimited) for k, values in enumerate(([0.9, 3.0], [1.5, 1.5], [1.5, 1.5]))]
+    assert [a.index for a in ranking(attempts, unlimited)] == [1, 2, 0]
+    assert "share of runs" not in rule(unlimited)
 
 
 def test_a_confirmation_never_takes_part_in_the_ranking() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rvsg.campaign.attempt import Attempt
-from rvsg.campaign.ranking import best_attempt, remember
+from rvsg.campaign.ranking import remember, worst_by_mean
 from rvsg.campaign.seeds import seed_for
 from rvsg.campaign.strategies import StudyStrategy
 from rvsg.scenario.brief import Brief
@@ -36,7 +36,7 @@ class EliteStrategy(StudyStrategy):
             begun = 1 + max((a.brief.scenario_index for a in self.told), default=-1)
             return (self._brief(index, memory=memory).replace(scenario_index=begun, configuration_index=0),)
         chosen = standing[self._rank(index, len(standing))]
-        best = best_attempt(chosen, self.plan.requirement)
+        best = worst_by_mean(chosen, self.plan.requirement)
         assert best is not None
         at = chosen.index(best)
         feedback = self.feedback_of(best, chosen[at - 1] if at > 0 else None)

@@ -1,4 +1,12 @@
-"""Which configurations did worst by the robot: the best of each scenario, the scenarios in order."""
+"""Which configurations did worst by the robot, for two purposes.
+
+What is *ranked, confirmed and reported* goes by what a test engineer asks: how often is the limit violated? First the
+share of runs that violate it, then the mean objective. A mean alone would put a scenario that never violates before
+one that does so in two of three runs. Without a limit the mean alone ranks, as in the study.
+
+What *steers the search* (climbing, memory) goes by the mean alone, the study's measure: with a handful of runs the
+share takes few values and hides whether a refinement came nearer to a violation.
+"""
 
 from __future__ import annotations
 
@@ -14,38 +22,61 @@ def search_attempts(attempts: Iterable[Attempt]) -> list[Attempt]:
     return [attempt for attempt in attempts if attempt.purpose == "search"]
 
 
+def rule(requirement: Requirement) -> str:
+    """By what scenarios are ranked, in words."""
+    if requirement.threshold is None:
+        return "Ranked by the mean objective."
+    return "Ranked by the share of runs that violate the limit, then by the mean objective."
+
+
+def standing(attempt: Attempt, requirement: Requirement) -> tuple[float, float]:
+    """The share of runs that violate the limit (0 without one) and the badness of the mean; larger is worse.
+
+    ValueError where nothing of the attempt was measured.
+    """
+    verdict = attempt.verdict
+    if verdict is None or verdict.mean is None:
+        raise ValueError("an attempt without an objective has no standing")
+    judged = requirement.threshold is not None and verdict.runs > 0
+    return (verdict.violations / verdict.runs if judged else 0.0, requirement.badness(verdict.mean))
+
+
+def measured(attempts: Iterable[Attempt]) -> list[Attempt]:
+    """The attempts of the search that have an objective."""
+    return [attempt for attempt in search_attempts(attempts) if attempt.mean is not None]
+
+
 def best_attempt(attempts: Iterable[Attempt], requirement: Requirement) -> Attempt | None:
+    """The search attempt that ranks first; the earliest of equals; None without any."""
+    return max(measured(attempts), key=lambda a: (standing(a, requirement), -a.index), default=None)
+
+
+def worst_by_mean(attempts: Iterable[Attempt], requirement: Requirement) -> Attempt | None:
     """The search attempt whose mean objective is worst for the robot; the earliest of equals; None without any."""
-    measured = [(attempt, attempt.mean) for attempt in search_attempts(attempts)]
-    candidates = [
-        (requirement.badness(mean), -attempt.index, attempt) for attempt, mean in measured if mean is not None
-    ]
-    return max(candidates, key=lambda c: c[:2])[2] if candidates else None
+    return max(measured(attempts), key=lambda a: (standing(a, requirement)[1], -a.index), default=None)
 
 
-def best_of_each_scenario(attempts: Iterable[Attempt], requirement: Requirement) -> list[Attempt]:
-    """The best attempt of every scenario that has one, in the order of the scenarios."""
+def by_scenario(attempts: Iterable[Attempt]) -> list[list[Attempt]]:
+    """The attempts of the search that have an objective, scenario by scenario."""
     groups: dict[int, list[Attempt]] = {}
-    for attempt in search_attempts(attempts):
+    for attempt in measured(attempts):
         groups.setdefault(attempt.brief.scenario_index, []).append(attempt)
-    best = (best_attempt(group, requirement) for _, group in sorted(groups.items()))
-    return [attempt for attempt in best if attempt is not None]
+    return [group for _, group in sorted(groups.items())]
 
 
 def ranking(attempts: Iterable[Attempt], requirement: Requirement) -> list[Attempt]:
-    """The best attempt of every scenario, the one that is worst for the robot first."""
-
-    def key(attempt: Attempt) -> tuple[float, int]:
-        assert attempt.mean is not None
-        return (-requirement.badness(attempt.mean), attempt.index)
-
-    return sorted(best_of_each_scenario(attempts, requirement), key=key)
+    """The best attempt of every scenario, the one that is worst for the robot first; the earlier of equals first."""
+    best = (best_attempt(group, requirement) for group in by_scenario(attempts))
+    chosen = sorted((attempt for attempt in best if attempt is not None), key=lambda a: a.index)
+    return sorted(chosen, key=lambda a: standing(a, requirement), reverse=True)
 
 
 def remember(attempts: Iterable[Attempt], requirement: Requirement, *, last: int) -> tuple[Remembered, ...]:
     """The memory a new scenario is told of: the `last` scenarios, each by its best configuration."""
     found = []
-    for attempt in best_of_each_scenario(attempts, requirement):
+    for group in by_scenario(attempts):
+        attempt = worst_by_mean(group, requirement)
+        assert attempt is not None
         scenario, verdict = attempt.proposal.scenario, attempt.verdict
         assert scenario is not None and verdict is not None and verdict.mean is not None
         found.append(

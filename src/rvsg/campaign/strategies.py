@@ -12,7 +12,7 @@ from typing import Protocol
 
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.plan import Plan
-from rvsg.campaign.ranking import best_attempt, remember
+from rvsg.campaign.ranking import remember, worst_by_mean
 from rvsg.campaign.seeds import seed_for
 from rvsg.scenario.brief import Brief, Feedback, Remembered
 
@@ -97,7 +97,7 @@ class ClimbStrategy(StudyStrategy):
     name = "climb"
 
     def _refines(self, measured: list[Attempt]) -> int:
-        best = best_attempt(measured, self.plan.requirement)
+        best = worst_by_mean(measured, self.plan.requirement)
         assert best is not None
         return measured.index(best)
 

@@ -21,7 +21,7 @@ import rvsg
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.feedback import gaps, momentary_name, momentary_value
 from rvsg.campaign.plan import Plan
-from rvsg.campaign.ranking import best_attempt
+from rvsg.campaign.ranking import best_attempt, rule
 from rvsg.evaluation.verdict import Status, Verdict
 from rvsg.report.charts import confirmation_chart, search_chart
 from rvsg.report.files import write_whole
@@ -77,6 +77,7 @@ def render_page(
         if best and best.proposal.scenario
         else [],
         rows=_rows(plan, summary, attempts),
+        rule=rule(plan.requirement),
         tiles=_tiles(plan, summary),
         curse=_curse(plan, summary),
         box=plan_of_floor.view_box,

@@ -64,10 +64,10 @@ def run(
 ) -> None:
     """Find, confirm and report scenarios that make the robot violate a requirement.
 
-    Searches `scenarios` x (1 + `refinements`) configurations, each in `repeats` runs, ranks them, and confirms the
-    worst in fresh runs until the verdict is sure (wrong in at most 5 % of verdicts) or `confirmations` are spent;
-    without a limit in exactly so many. Everything is kept in the folder --out; the same command on an existing folder
-    resumes.
+    Searches `scenarios` x (1 + `refinements`) configurations, each in `repeats` runs, and ranks them: by the share of
+    runs that violate the limit, then by the mean objective. The first is confirmed in fresh runs until the verdict is
+    sure (wrong in at most 5 % of cases) or `confirmations` are spent; without a limit in exactly so many. Everything
+    is kept in the folder --out; the same command on an existing folder resumes.
     """
     given = {k: v for k, v in locals().items() if v is not None and k not in ("campaign", "json")}
     from rvsg.app.cli.options import pairs

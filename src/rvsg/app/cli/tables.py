@@ -10,6 +10,7 @@ from rich.text import Text
 
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.plan import Plan
+from rvsg.campaign.ranking import rule
 from rvsg.evaluation.verdict import Status
 from rvsg.report.summary import Summary, counted, interval, number
 
@@ -32,7 +33,14 @@ def ranked_table(plan: Plan, summary: Summary, *, width: int = 80, rows: int = 1
     limit = f", limit {number(requirement.limit, requirement.unit)}" if requirement.limit is not None else ""
     measured = requirement.metric or "robustness"
     title = f"{requirement.name} {requirement.title}: {measured} ({worse}{limit})"
-    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
+    table = Table(
+        title=title,
+        title_justify="left",
+        caption=rule(requirement),
+        caption_justify="left",
+        box=SIMPLE_HEAD,
+        pad_edge=False,
+    )
     table.add_column("#", justify="right", no_wrap=True)
     room = max(16, width - WITHOUT_SCENARIO)
     table.add_column("scenario", overflow="ellipsis", no_wrap=True, max_width=room)
