@@ -116,9 +116,7 @@ def wire(config: CampaignConfig) -> Wired:
 
 def requirement_of(name_or_path: str) -> Requirement:
     """A requirement by name, or from a file, whose metric or formula can be measured."""
-    requirement = load_requirement(name_or_path)
-    check_requirement(requirement)
-    return requirement
+    return load_requirement(name_or_path, check=check_requirement)
 
 
 def check_start(route: Route, world: World) -> None:

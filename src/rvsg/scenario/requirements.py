@@ -14,16 +14,18 @@ A file maps names to requirements::
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 from importlib import resources
 from pathlib import Path
 
 from pydantic import ValidationError
 
-from rvsg.errors import FileError, UnknownName
+from rvsg.errors import FileError, InputError, UnknownName
 from rvsg.scenario.requirement import Requirement
 from rvsg.world.documents import Document, DocumentError, Problem, read_yaml
 
+Check = Callable[[Requirement], None]
 _FIELDS = sorted(set(Requirement.model_fields) - {"name"})
 
 
@@ -38,10 +40,11 @@ def shipped_requirements() -> dict[str, Requirement]:
     return dict(_shipped())
 
 
-def load_requirement(name_or_path: str | Path) -> Requirement:
+def load_requirement(name_or_path: str | Path, *, check: Check | None = None) -> Requirement:
     """A shipped requirement by its name, or one of a user's file as `file.yaml` or `file.yaml:name`.
 
-    `file.yaml` alone must hold exactly one. Raises UnknownName, or FileError with the line of every mistake.
+    `file.yaml` alone must hold exactly one. Raises UnknownName, or FileError with the line of every mistake; `check`
+    is called with every requirement of a user's file, what InputError it raises is such a mistake.
     """
     text = str(name_or_path)
     if text in _shipped():
@@ -49,7 +52,7 @@ def load_requirement(name_or_path: str | Path) -> Requirement:
     file, wanted = _file_and_name(text)
     if not (file.endswith((".yaml", ".yml")) or Path(file).exists()):
         raise UnknownName("requirement", text, _shipped(), hint="Or give a file: my.yaml or my.yaml:name.")
-    found = load_requirements(Path(file))
+    found = load_requirements(Path(file), check=check)
     if wanted:
         if wanted not in found:
             raise UnknownName("requirement", wanted, found, hint=f"File: {file}.")
@@ -69,7 +72,7 @@ def _file_and_name(text: str) -> tuple[str, str]:
     return text, ""
 
 
-def load_requirements(path: Path) -> dict[str, Requirement]:
+def load_requirements(path: Path, *, check: Check | None = None) -> dict[str, Requirement]:
     """All requirements of a file by name; a FileError lists every mistake with its line."""
     document = read_yaml(path)
     if not isinstance(document.value, dict) or not document.value:
@@ -86,7 +89,13 @@ def load_requirements(path: Path) -> dict[str, Requirement]:
             mistakes.append(document.problem(message, str(name), "name"))
             continue
         try:
-            found[str(name)] = Requirement.model_validate({"name": str(name), **fields})
+            read = Requirement.model_validate({"name": str(name), **fields})
+            if check is not None:
+                check(read)
+            found[str(name)] = read
+        except InputError as error:
+            measured = "formula" if "formula" in fields else "metric"
+            mistakes.append(document.problem(f"{name}.{measured}: {error}", str(name), measured))
         except ValidationError as error:
             mistakes += [_mistake(document, str(name), detail["loc"], detail) for detail in error.errors()]
     if mistakes:
