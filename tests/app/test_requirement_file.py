@@ -31,4 +31,13 @@ def test_a_sound_formula_of_a_file_is_read(tmp_path):
     path = tmp_path / "mine.yaml"
     path.write_text(WRONG.replace("sped", "speed").replace("spped", "speed"))
     read = requirement_of(f"{path}:wide").formula
-    assert read is not None and read.split() == "always (distance_to_person > 0.5 or speed < 0.1)".split()
+    assert read is not None and read.split() == [
+        "always",
+        "(distance_to_person",
+        ">",
+        "0.5",
+        "or",
+        "speed",
+        "<",
+        "0.1)",
+    ]
