@@ -129,3 +129,41 @@ def test_a_misspelt_name_or_absurd_size_is_one_message(
     monkeypatch.chdir(tmp_path)
     assert main(["world", *arguments]) == 2
     assert says in capsys.readouterr().err
+
+
+BOXES = "objects:\n  - {name: Hut, box: {center: [0, 0, 1], size: [8, 8, 2], yaw: 0}}\n"
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "reason"),
+    [
+        ("--resolution", "0", "0.01 to 1 metres per cell, got 0"),
+        ("--resolution", "nan", "0.01 to 1 metres per cell, got nan"),
+        ("--lidar-height", "nan", "the lidar plane must be above the floor"),
+        ("--lidar-height", "9", "at most 5 m high, got 9 m"),
+    ],
+)
+def test_absurd_sizes_of_a_drawn_map_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str, value: str, reason: str
+) -> None:
+    (tmp_path / "objects.yaml").write_text(BOXES)
+    command = ["world", "new", str(tmp_path / "w"), "--objects", str(tmp_path / "objects.yaml"), option, value]
+    assert main(command) == 2
+    assert reason in capsys.readouterr().err
+    assert not (tmp_path / "w").exists()
+
+
+def test_an_option_that_would_change_nothing_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    given = ["--without", "robot", "--resolution", "0.1"]
+    assert main(["world", "new", str(tmp_path / "w"), "--map", str(write_map(tmp_path)), *given]) == 2
+    told = capsys.readouterr().err
+    assert "--without goes with --sdf" in told
+    assert "--resolution goes with --sdf or --objects; got --map" in told
+
+
+def test_a_window_beside_the_world_is_refused_with_where_the_world_lies(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["world", "draw", "office", "--out", str(tmp_path / "p"), "--window", "100,100,120,120"]) == 2
+    assert "shows nothing of the world, which spans x" in capsys.readouterr().err
+    assert not (tmp_path / "p").exists()

@@ -268,3 +268,33 @@ def test_every_public_map_becomes_a_world_with_pictures_or_is_refused_with_a_rea
         birdseye(world, width_px=500),
     ):
         assert len(picture.getcolors(maxcolors=1_000_000) or []) > 5
+
+
+def test_a_yaw_in_degrees_is_suspicious_and_its_radians_are_told(folder: Path) -> None:
+    replace_routes(folder, "name: r, start: {x: 0, y: 2, yaw: 90}, goal: {x: 10, y: 2, yaw: 0}, time_limit_s: 30")
+    assert any("write 1.5708" in str(r) and r.problem.line == 2 for r in check_world(folder))
+
+
+def test_a_finding_on_a_route_keeps_its_line_where_an_earlier_route_cannot_be_read(folder: Path) -> None:
+    replace_routes(
+        folder,
+        "name: a, start: ZZ9, goal: {x: 10, y: 2, yaw: 0}, time_limit_s: 30",
+        "name: b, start: {x: 0, y: 2, yaw: 0}, goal: {x: 90, y: 2, yaw: 0}, time_limit_s: 90",
+    )
+    found = {r.problem.line: r.problem.message for r in check_world(folder) if r.serious}
+    assert "ZZ9" in found[2]
+    assert "the goal of b (90, 2) lies outside the map" in found[3]
+
+
+def test_routes_that_are_all_wrong_are_not_said_to_be_missing(folder: Path) -> None:
+    replace_routes(folder, "name: a, start: ZZ9, goal: {x: 10, y: 2, yaw: 0}, time_limit_s: 30")
+    assert not any("there are no routes" in str(r) for r in check_world(folder))
+    (folder / "routes.yaml").write_text("routes: []\n")
+    assert any("there are no routes" in str(r) for r in check_world(folder))
+
+
+def test_a_label_named_like_a_waypoint_or_with_a_stray_space_is_suspicious(folder: Path) -> None:
+    replace_labels(folder, "name: B5, rectangle: [3, 3, 5, 5]", 'name: " Desk", rectangle: [8, 3, 9, 5]')
+    told = {r.problem.line: r.problem.message for r in check_world(folder) if "name" in r.problem.message}
+    assert '"B5" is also the name of a waypoint' in told[2]
+    assert "begins or ends with a space" in told[3]

@@ -82,3 +82,15 @@ def test_of_very_many_mistakes_the_first_fifty_are_listed_and_the_rest_counted()
     lines = str(caught.value).splitlines()
     assert len(lines) == 52
     assert lines[-1].startswith("  and ") and len(caught.value.problems) >= 6000
+
+
+def test_lengths_and_poses_are_judged_in_words_of_the_file() -> None:
+    text = 'areas:\n  - {name: "", rectangle: [0, 0, 1, 1]}\n  - {name: A, outline: [[0, 0], [1, 1]]}\n'
+    assert problems(text) == [
+        "labels.yaml:2: areas[0].name: expected some text, got ''",
+        "labels.yaml:3: areas[1].outline: expected at least 3 values, got [[0, 0], [1, 1]]",
+    ]
+    text = "routes:\n  - {name: r, start: [1, 2], goal: G5, time_limit_s: 3}\n"
+    assert problems(text, RoutesFile) == [
+        "labels.yaml:2: routes[0].start: expected a name, or keys and values, got [1, 2]"
+    ]

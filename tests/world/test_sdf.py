@@ -426,3 +426,10 @@ def test_the_studys_world_reduces_to_its_published_objects() -> None:
         assert math.remainder(thing.box.yaw - expected["box"]["yaw"], math.tau) == pytest.approx(0, abs=1e-3)
         ours, theirs = region(thing.slices), region(tuple(expected["slice_at_0_21_m"]))
         assert ours.hausdorff_distance(theirs) < 2e-3, thing.name
+
+
+def test_a_pattern_of_models_to_leave_out_that_matches_none_is_refused_with_their_names(tmp_path: Path) -> None:
+    path = write(tmp_path, model("crate", box()) + model("robot_1", box(), "4 0 0.5 0 0 0"))
+    assert [thing.name for thing in load_sdf(path, without=["robot*"]).objects] == ["crate"]
+    with pytest.raises(FileError, match=r'no model is called "rob", so none can be left out. Models: crate, robot_1'):
+        load_sdf(path, without=["rob"])

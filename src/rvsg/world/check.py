@@ -110,6 +110,10 @@ class _Checker:
             alike = seen.setdefault(area.name.strip().casefold(), area.name)
             if alike != area.name:
                 self._say(self.labels, f'"{area.name}" is easily taken for "{alike}"; give it another name', *key)
+            if area.name != area.name.strip():
+                self._say(self.labels, f'the name "{area.name}" begins or ends with a space', *key)
+            if area.name.strip() in self.world.grid.by_name:
+                self._say(self.labels, f'"{area.name}" is also the name of a waypoint; give it another name', *key)
             outside = 1.0 - float(shape.intersection(inside_map).area) / float(shape.area)
             if outside > 0.999:
                 x0, y0, x1, y1 = inside_map.bounds
@@ -152,11 +156,15 @@ class _Checker:
         from scipy.ndimage import label
 
         if not self.world.routes:
-            self._say(self.routes, "there are no routes: write one before you run a campaign", "routes", serious=True)
+            if not self.routes.value.get("routes"):  # else those that are there are all told to be wrong
+                message = "there are no routes: write one before you run a campaign"
+                self._say(self.routes, message, "routes", serious=True)
             return
         radius = self.spec.robot_clearance_m
         parts, _ = label((self.robot.field >= radius) & (self.robot.field > 0))
-        for index, route in enumerate(self.world.routes):
+        written = [entry["name"] for entry in self.routes.value["routes"]]
+        for route in self.world.routes:
+            index = written.index(route.name)  # a route with an unknown waypoint is in the file, not in the world
             before = len(self.remarks)
             stops = [("start", route.start), *(("through", p) for p in route.through), ("goal", route.goal)]
             counts: dict[str, int] = {}
@@ -182,6 +190,9 @@ class _Checker:
         """Judge one pose; the number of the part of the robot's floor it lies on, 0 for none."""
         at = f"the {'pose to pass' if what == 'through' else what} of {route.name} ({pose.x:g}, {pose.y:g})"
         clear = self.robot.clearance(pose.x, pose.y)
+        if abs(pose.yaw) > 2 * math.pi:
+            message = f"{at}: a yaw of {pose.yaw:g} radians is more than a turn; if degrees are meant, write "
+            self._say(self.routes, f"{message}{math.radians(pose.yaw):.4f}", *key)
         column, row = (math.floor(v) for v in self.robot.frame.to_cells(np.array([pose.x, pose.y])))
         rows, columns = parts.shape
         if not (0 <= row < rows and 0 <= column < columns):

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from rvsg.errors import FileError, InputError
 from rvsg.world.build import build_world
 from rvsg.world.documents import read_document
-from rvsg.world.files import ObjectsFile
+from rvsg.world.files import COARSEST_M, FARTHEST_M, FINEST_M, HIGHEST_LIDAR_M, ObjectsFile
 from rvsg.world.grid import Grid, GridSpec
 from rvsg.world.labels import propose_areas
 from rvsg.world.lattice import build_grid, fitting_spacing
@@ -89,8 +89,9 @@ def world_from_sdf(
 ) -> Created:
     """A world from a Gazebo world: its solid objects, the map a lidar would draw of them, labels by kind, routes.
 
-    Raises DocumentError with everything that is wrong in the SDF files at once.
+    Raises DocumentError with everything that is wrong in the SDF files at once, InputError for absurd sizes.
     """
+    _refuse_absurd_sizes(resolution_m, lidar_height_m, floor_m)
     read = load_sdf(
         path,
         model_paths=model_paths,
@@ -121,6 +122,7 @@ def world_from_objects(
     resolution_m: float = 0.05,
 ) -> Created:
     """A world from our own file of objects (oriented boxes and polygons), mapped as a lidar would see them."""
+    _refuse_absurd_sizes(resolution_m, lidar_height_m)
     file, _ = read_document(Path(path), ObjectsFile)
     objects = tuple(entry.solid(lidar_height_m) for entry in file.objects)
     try:
@@ -131,6 +133,18 @@ def world_from_objects(
         raise
     except InputError as error:
         raise FileError(path, f"{error}") from None
+
+
+def _refuse_absurd_sizes(resolution_m: float, lidar_height_m: float, floor_m: float = 0.0) -> None:
+    """InputError for what world.yaml would not take back, and for what is no number (every comparison fails then)."""
+    if not FINEST_M <= resolution_m <= COARSEST_M:
+        raise InputError(f"the resolution must be {FINEST_M:g} to {COARSEST_M:g} metres per cell, got {resolution_m:g}")
+    if not 0 < lidar_height_m <= HIGHEST_LIDAR_M:
+        raise InputError(
+            f"the lidar plane must be above the floor and at most {HIGHEST_LIDAR_M:g} m high, got {lidar_height_m:g} m"
+        )
+    if not abs(floor_m) <= FARTHEST_M:
+        raise InputError(f"the height of the floor must be metres in the world, got {floor_m:g}")
 
 
 def _mapped(objects: Sequence[SolidObject], resolution_m: float, notes: list[str]) -> OccupancyMap:

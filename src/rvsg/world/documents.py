@@ -154,12 +154,15 @@ def problems_of(error: ValidationError, document: Document, model: type[BaseMode
     details: list[dict[str, Any]] = [dict(detail) for detail in error.errors(include_url=False)]
     keys = [_file_key(detail["loc"], document) for detail in details]
     within = Counter(key[:length] for key in keys for length in range(len(key) + 1))
+    mapping_wanted = {key for key, detail in zip(keys, details, strict=True) if detail["type"] in _NO_MAPPING}
     text_wanted = {key for key, detail in zip(keys, details, strict=True) if detail["type"] == "string_type"}
     found = []
     for key, detail in zip(keys, details, strict=True):
         # Where a name or a mapping may stand, pydantic complains of both forms; only the one that was written counts.
         mapping_given = detail["type"] == "string_type" and isinstance(detail["input"], dict) and within[key] > 1
-        text_given = detail["type"] in ("model_type", "model_attributes_type") and key in text_wanted
+        text_given = detail["type"] in _NO_MAPPING and key in text_wanted
+        if detail["type"] == "string_type" and key in mapping_wanted:
+            detail["type"] = "text_or_mapping"
         if not (mapping_given or text_given):
             found.append(document.problem(_message(detail, key, model), *key))
     return sorted(set(found), key=lambda problem: (problem.line or 0, problem.message))
@@ -176,7 +179,10 @@ def _file_key(loc: Key, document: Document) -> Key:
     return key
 
 
+_NO_MAPPING = ("model_type", "model_attributes_type")
+
 _SAID = {
+    "text_or_mapping": "expected a name, or keys and values",
     "string_type": "expected text",
     "invalid_key": "expected a word as key",
     "float_type": "expected a number",
@@ -203,7 +209,7 @@ def _message(detail: dict[str, Any], key: Key, model: type[BaseModel]) -> str:
         if isinstance(loc[-1], int):
             return f"{place}: expected more values than {_shown(detail['input'])}"
         return f'{place + ": " if place else ""}"{loc[-1]}" is missing'
-    said = _SAID.get(kind, detail["msg"].removeprefix("Value error, "))
+    said = _SAID.get(kind, _of_length(detail) or detail["msg"].removeprefix("Value error, "))
     if kind == "value_error":
         return f"{place}: {said}" if place else said
     said = said.replace("Input should be greater", "expected a value greater")
@@ -211,6 +217,21 @@ def _message(detail: dict[str, Any], key: Key, model: type[BaseModel]) -> str:
     if kind == "string_type" and isinstance(detail["input"], bool | int | float | datetime.date):
         said += " (put it in quotes)"
     return f"{place}: {said}, got {_shown(detail['input'])}"
+
+
+def _of_length(detail: dict[str, Any]) -> str | None:
+    """What is wrong with a length, in words; None for a mistake of another kind."""
+    bounds = detail.get("ctx", {})
+    match detail["type"]:
+        case "string_too_short":
+            return "expected some text"
+        case "string_too_long":
+            return f"expected at most {bounds['max_length']} characters"
+        case "too_short":
+            return f"expected at least {bounds['min_length']} values"
+        case "too_long":
+            return f"expected at most {bounds['max_length']} values"
+    return None
 
 
 def _place(key: Key) -> str:

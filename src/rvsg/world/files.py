@@ -14,6 +14,8 @@ from rvsg.world.world import Area, Description, OrientedBox, Point, Polygon, Rou
 Name = Annotated[str, Field(min_length=1, max_length=120)]
 SMALLEST_AREA_M2 = 1e-4
 FARTHEST_M, LARGEST_M = 100_000.0, 10_000.0
+FINEST_M, COARSEST_M = 0.01, 1.0  # of a map drawn from objects
+HIGHEST_LIDAR_M = 5.0
 Metres = Annotated[float, Field(ge=-FARTHEST_M, le=FARTHEST_M)]
 Ring = Annotated[tuple[tuple[Metres, Metres], ...], Field(min_length=3)]
 
@@ -208,7 +210,7 @@ class DerivedMap(Record):
     """`map: {from: objects}`: the occupancy map is drawn from the objects' slices, as a lidar would see them."""
 
     source: Annotated[Literal["objects"], Field(alias="from")]
-    resolution_m: Annotated[float, Field(ge=0.01, le=1.0)] = 0.05
+    resolution_m: Annotated[float, Field(ge=FINEST_M, le=COARSEST_M)] = 0.05
 
 
 class WorldFile(Record):
@@ -221,7 +223,7 @@ class WorldFile(Record):
     objects: str | None = None
     labels: str = "labels.yaml"
     routes: str = "routes.yaml"
-    lidar_height_m: Annotated[float, Field(gt=0, le=5)] = 0.21
+    lidar_height_m: Annotated[float, Field(gt=0, le=HIGHEST_LIDAR_M)] = 0.21
     map_offset: Point = (0.0, 0.0)
     grid: GridSpec = GridSpec()
     activities: tuple[str, ...] = ()

@@ -48,7 +48,8 @@ def load_sdf(
     is an error, or with `box_for_unreadable` replaced by the box round its vertices, and noted.
 
     Raises DocumentError with everything that is wrong at once (includes not found with the folders searched, cyclic
-    includes, unreadable meshes, bad numbers), each with file and line; FileError for a file that is no SDF.
+    includes, unreadable meshes, bad numbers, a pattern of `without` that no model matches), each with file and line;
+    FileError for a file that is no SDF.
     """
     path = Path(path)
     tree = SdfTree(search_folders(path, model_paths))
@@ -56,6 +57,7 @@ def load_sdf(
     models = tree.read(path)
     for model in models:
         reader.add(model, tree.frames, np.eye(4), model.name)
+    reader.refuse_unused_patterns(path)
     if tree.problems:
         raise DocumentError(tree.problems)
     objects = _short_names(reader.objects)
@@ -76,9 +78,11 @@ class _Reader:
     notes: list[str] = field(default_factory=list)
     ignored: dict[str, list[str]] = field(default_factory=dict)
     meshes: dict[tuple[Path, str | None, bool], Triangles | None] = field(default_factory=dict)
+    met: list[str] = field(default_factory=list)
 
     def add(self, model: Model, outer: Frames, base: Matrix, name: str) -> None:
         """Add a model's objects and those of the models nested in it."""
+        self.met.append(name)
         if any(fnmatchcase(name, pattern) for pattern in self.without):
             self._ignore("left out as asked", name)
             return
@@ -90,6 +94,15 @@ class _Reader:
         for child in model.children:
             self.add(child, inner, pose, name if wrapper else f"{name}/{child.name}")
 
+    def refuse_unused_patterns(self, path: Path) -> None:
+        """A pattern that matches nothing is a mistake: what it should leave out (a robot) would become an obstacle."""
+        for pattern in self.without:
+            if any(fnmatchcase(name, pattern) for name in self.met):
+                continue
+            listed = ", ".join(self.met[:12]) + (f" and {len(self.met) - 12} more" if len(self.met) > 12 else "")
+            message = f'no model is called "{pattern}", so none can be left out. Models: {listed}'
+            self.tree.problems.append(Problem(path, None, message))
+
     def _add_links(self, model: Model, frames: Frames, pose: Matrix, name: str) -> None:
         parts = []
         for placed in model.links.values():
@@ -100,7 +113,7 @@ class _Reader:
                 if surface is not None:
                     parts.append(surface.moved(_lowered(self.floor_m) @ link_pose @ where))
         if not parts:
-            self._ignore("without a solid collision", name)
+            self._ignore("left out, without a solid collision", name)
             return
         whole = mesh.joined(parts)
         size = np.ptp(whole.vertices, axis=0)
@@ -108,7 +121,7 @@ class _Reader:
             name, _kind(model), _lowered(self.floor_m) @ pose, whole, lidar_height_m=self.lidar_height_m
         )
         if not found:
-            self._ignore("floor, or hanging above head height", name)
+            self._ignore("left out, being floor or hanging above head height", name)
         elif float(size[:2].max()) > LARGEST_M:
             message = f'model "{name}" is {size[0]:.0f} x {size[1]:.0f} m wide: is the unit of its mesh right?'
             self.tree.problems.append(Problem(model.path, model.element.line, message))

@@ -42,7 +42,9 @@ def new(
     model_path: Annotated[
         list[Path] | None, typer.Option(metavar="DIR", help="With --sdf: a folder of models; can be repeated.")
     ] = None,
-    lidar_height: Annotated[float, typer.Option(help="Height of the lidar plane above the floor in metres.")] = 0.21,
+    lidar_height: Annotated[
+        float, typer.Option(help="With --sdf, --objects: height of the lidar plane above the floor, metres.")
+    ] = 0.21,
     floor: Annotated[float, typer.Option(help="With --sdf: height of the floor in the world in metres.")] = 0.0,
     resolution: Annotated[float, typer.Option(help="With --sdf, --objects: metres per cell of the map drawn.")] = 0.05,
     without: Annotated[
@@ -69,6 +71,18 @@ def new(
     given = [option for option, value in (("--map", map_file), ("--sdf", sdf), ("--objects", objects)) if value]
     if len(given) != 1:
         raise InputError(f"give exactly one of --map, --sdf and --objects; got {' and '.join(given) or 'none'}")
+    _refuse_unused(
+        given[0],
+        {
+            "--free-thresh": (free_thresh is not None, ("--map",)),
+            "--model-path": (bool(model_path), ("--sdf",)),
+            "--without": (bool(without), ("--sdf",)),
+            "--box-for-unreadable": (box_for_unreadable, ("--sdf",)),
+            "--floor": (floor != 0.0, ("--sdf",)),
+            "--resolution": (resolution != 0.05, ("--sdf", "--objects")),
+            "--lidar-height": (lidar_height != 0.21, ("--sdf", "--objects")),
+        },
+    )
     _refuse_occupied(folder, force=force)
     spec = _grid_spec(spacing, human_clearance, robot_clearance)
     name = folder.resolve().name
@@ -190,6 +204,17 @@ def list_worlds(json: AsJson = False) -> None:
 
 
 # --- parts --------------------------------------------------------------------------------------------------------
+
+
+def _refuse_unused(source: str, options: dict[str, tuple[bool, tuple[str, ...]]]) -> None:
+    """InputError for options that are given (name: given, sources they go with) and would change nothing."""
+    from rvsg.errors import InputError
+
+    useless = [
+        f"{name} goes with {' or '.join(ok)}" for name, (given, ok) in options.items() if given and source not in ok
+    ]
+    if useless:
+        raise InputError(f"{'; '.join(useless)}; got {source}")
 
 
 def _refuse_occupied(folder: Path, *, force: bool) -> None:
