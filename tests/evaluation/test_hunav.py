@@ -5,6 +5,8 @@ import pytest
 from tests.evaluation.runs import run_of, trajectory
 
 from rvsg.evaluation.metrics import measure
+from rvsg.world.load import load_world
+from rvsg.world.space import human_space, robot_space
 
 
 def value(run, name):
@@ -57,3 +59,42 @@ def test_the_evaluator_forgets_the_persons_radius_in_the_largest_distance():
     run = run_of(trajectory([0, 1], 0, humans=[(3.0, 0.0)]))
     assert value(run, "max_distance") == pytest.approx(2.25)
     assert value(run, "max_distance_hunav") == pytest.approx(2.65)
+
+
+def around(*groups):
+    """A robot at the origin, and three people 3 m off who all look at it: the points 1.5 m ahead are 1.5 m off."""
+    humans = [(3.0, 0.0, math.pi, 0.0), (0.0, 3.0, -math.pi / 2, 0.0), (-3.0, 0.0, 0.0, 0.0)]
+    return run_of(trajectory([0.0, 1.0], 0, humans=humans), human_groups=groups)
+
+
+def test_the_space_of_a_group_is_in_front_of_its_members():
+    # The first and the third share the very spot of the robot; the first and the second one 1.06 m off.
+    assert value(around(1, None, 1), "group_intimate_space") == 100.0
+    assert value(around(1, 1, None), "group_personal_space") == 100.0  # 1.06 - 0.35 = 0.71 m from the robot's edge
+    assert value(around(1, 1, None), "group_intimate_space") == 0.0
+    # With two groups the nearer one counts; all three have their space 0.5 m off.
+    assert value(around(4, 4, 4), "group_intimate_space") == 100.0
+
+
+def test_without_two_of_a_group_there_is_no_space_of_groups_to_intrude_upon():
+    for groups in ((), (None, None, None), (1, 2, 3)):
+        assert value(around(*groups), "group_social_space") is None
+
+
+@pytest.fixture(scope="module")
+def warehouse():
+    return load_world("warehouse")
+
+
+def test_obstacles_push_as_the_nearest_surface_does(warehouse):
+    x, y = warehouse.grid.position("E15")
+    run = run_of(trajectory(np.linspace(0, 2, 5), x, y, humans=[(x, y)]))
+    found = measure(run, ["obstacle_force_on_humans", "obstacle_force_on_robot"], world=warehouse)
+    for name, radius, space in (("humans", 0.4, human_space), ("robot", 0.35, robot_space)):
+        clear = space(warehouse).clearance(x, y)
+        assert found[f"obstacle_force_on_{name}"] == pytest.approx(2.0 * 10 * math.exp(-(clear - radius) / 0.2))
+
+
+def test_the_forces_of_obstacles_need_the_world():
+    run = run_of(trajectory([0.0, 1.0], 0, humans=[(2.0, 0.0)]))
+    assert value(run, "obstacle_force_on_humans") is None is value(run, "obstacle_force_on_robot")

@@ -11,6 +11,7 @@ import pytest
 
 from rvsg.errors import InputError, UnknownName
 from rvsg.scenario.agents import HumanAgent
+from rvsg.simulation.archive import pack, run_from_json, run_to_json, unpack
 from rvsg.simulation.embedded import EmbeddedSimulator, simulate_agents
 from rvsg.simulation.options import Noise, profile
 from rvsg.simulation.rehearsal import empty_room
@@ -169,3 +170,15 @@ def test_the_robot_drives_round_a_standing_person(warehouse: World) -> None:
     assert run.outcome is Outcome.REACHED
     apart = np.hypot(run.trajectory.x - run.trajectory.human_x[:, 0], run.trajectory.y - run.trajectory.human_y[:, 0])
     assert apart.min() > 0.25
+
+
+def test_a_run_holds_the_groups_of_its_people_in_the_store_too(warehouse: World) -> None:
+    agents = [
+        walker(warehouse, "G13", "F13").replace(group=2),
+        walker(warehouse, "G14", "F14").replace(group=2),
+        walker(warehouse, "E20", "E19"),
+    ]
+    run = simulate_agents(warehouse, warehouse.route("route_1"), agents, options=profile("default"), seed=1)
+    assert run.human_groups == (2, 2, None)
+    assert unpack(*pack(run)).human_groups == (2, 2, None)
+    assert run_from_json(run_to_json(run)).human_groups == (2, 2, None)

@@ -1,8 +1,8 @@
 """The HuNavSim evaluator's list: correct formulas, and its own numbers (`_hunav`) where a defect changes them.
 
-What the list shares with the study's metrics is there (`formulas`, `safety`). Left out, because a run does not hold
-what they need: intrusions into groups (no group ids), forces of obstacles (no obstacle points; the evaluator's own
-force on the robot is always 0).
+What the list shares with the study's metrics is there (`formulas`, `safety`). The evaluator's own numbers for the
+forces of obstacles are left out: that on the robot is always 0 there, that on people needs the one obstacle point of
+each person, which lies towards the origin of a Gazebo model and which a run does not hold.
 """
 
 from __future__ import annotations
@@ -10,10 +10,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from rvsg.evaluation.safety import INTIMATE_M, PERSONAL_M, SOCIAL_M
 from rvsg.evaluation.sampled import CONTACT_GAP_M, STILL_SPEED_M_S, STILL_TURN_RAD_S, Floats, Sampled, wrap
 
 LAMBDA, GAMMA, N, N_PRIME = 2.0, 0.35, 2.0, 3.0
 FORCE_FACTOR = 2.1
+OBSTACLE_FACTOR, OBSTACLE_SIGMA_M = 10.0, 0.2
 GOAL_RADIUS_M = 0.25
 Pair = tuple[Floats, Floats]
 
@@ -130,6 +132,51 @@ def _work(s: Sampled, swapped: bool) -> Floats:
 def social_work(s: Sampled) -> float | None:
     """Integral over time of |sum_i f(i on robot)| + sum_i |f(robot on i)|; obstacles are not counted."""
     return _integral(_work(s, False), s) if s.people else None
+
+
+def _obstacle_force(distance: Floats, radius_m: Floats) -> Floats:
+    """The size of an obstacle's push on a body: 10 exp(-(d - r) / 0.2 m), d from its centre to the obstacle."""
+    force: Floats = OBSTACLE_FACTOR * np.exp(-(distance - radius_m) / OBSTACLE_SIGMA_M)
+    return force
+
+
+def obstacle_force_on_humans(s: Sampled) -> float | None:
+    """Integral over time of sum_i 10 exp(-(d_i - r_i) / 0.2 m), d_i to the surface of the nearest obstacle."""
+    if not s.people or s.human_obstacle_distance is None:
+        return None
+    radii = np.asarray(s.run.human_radius_m)[None, :]
+    return _integral(_obstacle_force(s.human_obstacle_distance, radii).sum(axis=1), s)
+
+
+def obstacle_force_on_robot(s: Sampled) -> float | None:
+    """Integral over time of 10 exp(-(d - r_robot) / 0.2 m), d to the nearest obstacle of the robot's map."""
+    if not len(s) or s.obstacle_distance is None:
+        return None
+    return _integral(_obstacle_force(s.obstacle_distance, np.asarray(s.run.robot_radius_m)), s)
+
+
+def _group_share(s: Sampled, low: float, high: float) -> float | None:
+    if s.group_distance is None:
+        return None
+    return float(100.0 * ((s.group_distance >= low) & (s.group_distance < high)).mean())
+
+
+def group_intimate_space(s: Sampled) -> float | None:
+    """Percent of samples with the robot's edge nearer than 0.45 m to a group's centre.
+
+    The centre is the mean of the points 1.5 m ahead of its members. None where no two people make a group.
+    """
+    return _group_share(s, -np.inf, INTIMATE_M)
+
+
+def group_personal_space(s: Sampled) -> float | None:
+    """Percent of samples with the robot's edge between 0.45 m and 1.2 m from the nearest group's centre."""
+    return _group_share(s, INTIMATE_M, PERSONAL_M)
+
+
+def group_social_space(s: Sampled) -> float | None:
+    """Percent of samples with the robot's edge between 1.2 m and 3.6 m from the nearest group's centre."""
+    return _group_share(s, PERSONAL_M, SOCIAL_M)
 
 
 def force_on_humans_hunav(s: Sampled) -> float | None:

@@ -131,6 +131,20 @@ _HUNAV = [
     *_one("force_on_humans", "Social force on the humans", "m/s", "larger", hunav.force_on_humans, HUNAV),
     *_one("force_on_robot", "Social force on the robot", "m/s", "larger", hunav.force_on_robot, HUNAV),
     *_one("social_work", "Social work", "m/s", "larger", hunav.social_work, HUNAV),
+    *_one(
+        "obstacle_force_on_humans", "Obstacles' force on people", "m/s", "larger", hunav.obstacle_force_on_humans, HUNAV
+    ),
+    *_one(
+        "obstacle_force_on_robot",
+        "Obstacles' force on the robot",
+        "m/s",
+        "larger",
+        hunav.obstacle_force_on_robot,
+        HUNAV,
+    ),
+    *_one("group_intimate_space", "Group intimate space intrusion", "%", "larger", hunav.group_intimate_space, HUNAV),
+    *_one("group_personal_space", "Group personal space intrusion", "%", "larger", hunav.group_personal_space, HUNAV),
+    *_one("group_social_space", "Group social space intrusion", "%", "larger", hunav.group_social_space, HUNAV),
 ]
 
 _HUNAV_COMPATIBLE = [

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.simulation.run import Run, Trajectory
-from rvsg.world.space import robot_space
+from rvsg.world.space import human_space, robot_space
 from rvsg.world.world import World
 
 Floats = NDArray[np.float64]
@@ -24,6 +24,7 @@ Flags = NDArray[np.bool_]
 STILL_SPEED_M_S = 0.01
 STILL_TURN_RAD_S = 0.02
 CONTACT_GAP_M = 0.02
+GROUP_SPACE_AHEAD_M = 1.5
 
 
 def wrap(angle: Floats) -> Floats:
@@ -170,6 +171,35 @@ class Sampled:
         if self.world is None:
             return None
         return robot_space(self.world).clearances(np.stack([self.series.x, self.series.y], axis=1))
+
+    @cached_property
+    def human_obstacle_distance(self) -> Floats | None:
+        """(N, H) metres from each human's centre to the nearest obstacle for people; None where the world is unknown.
+
+        The obstacles are the objects' footprints and what the map shows; the robot is none of them.
+        """
+        if self.world is None:
+            return None
+        return human_space(self.world).clearances(np.stack([self.series.human_x, self.series.human_y], axis=2))
+
+    @cached_property
+    def group_distance(self) -> Floats | None:
+        """(N,) metres from the robot's edge to the nearest centre of a group of two or more; None without groups.
+
+        The centre of a group is the mean over its members of the point 1.5 m ahead of each: the space they share.
+        """
+        if not self.people:
+            return None
+        known = self.run.human_groups
+        members = [[i for i, group in enumerate(known) if group == wanted] for wanted in set(known) - {None}]
+        groups = [who for who in members if len(who) > 1]
+        if not groups:
+            return None
+        s = self.series
+        ahead_x = s.human_x + GROUP_SPACE_AHEAD_M * np.cos(s.human_yaw)
+        ahead_y = s.human_y + GROUP_SPACE_AHEAD_M * np.sin(s.human_yaw)
+        distances = [np.hypot(s.x - ahead_x[:, who].mean(axis=1), s.y - ahead_y[:, who].mean(axis=1)) for who in groups]
+        return np.asarray(np.min(distances, axis=0) - self.run.robot_radius_m)
 
     @cached_property
     def goal_distance(self) -> Floats:

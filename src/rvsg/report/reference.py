@@ -12,10 +12,13 @@ Ids without an ending read the trajectory, 20 Hz for our own runs. Ids ending in
 wall clock) that the client of the published study would have written, by its formulas: they compare with published
 numbers. Ids ending in `_hunav` give the HuNavSim evaluator's numbers, its defects included. An imported run has only
 its logged rows, and every metric reads those. Counts of samples (`rpc`, `por`) grow with the sampling rate: compare
-them among runs of one rate only, or use `contacts` and `contact_time`. `obstacle_distance` needs the world.
+them among runs of one rate only, or use `contacts` and `contact_time`. `obstacle_distance` and the forces of
+obstacles need the world, which a campaign gives; the space of groups needs people with the same `group`.
 
-Left out of the HuNavSim evaluator's list: intrusions into groups (a run holds no group ids) and the forces of
-obstacles (a run holds no obstacle points; the evaluator's own force on the robot is always 0).
+The forces of obstacles are computed from the surface of the nearest obstacle, with HuNavSim's default factor 10 for
+everybody. The HuNavSim evaluator's own numbers for them have no `_hunav` variant: its force on the robot is always 0,
+because the robot's obstacles are never filled in; its force on people needs the one obstacle point of each person,
+which lies on the way to the origin of a Gazebo model's box, and neither a run nor a measured map holds those.
 
 Besides these a set of scenarios has three diversities, in the tables: `sdd` = 1 - mean cosine similarity of the
 descriptions' embeddings (all-MiniLM-L6-v2) over pairs; `htd` = mean over pairs of the mean Levenshtein distance between

@@ -39,6 +39,7 @@ class RunHeader(Record):
     time_limit_s: float
     recoveries: int = 0
     details: dict[str, Any] = Field(default_factory=dict)
+    human_groups: tuple[int | None, ...] = ()
     same_log: bool = False
 
 
@@ -65,6 +66,8 @@ def assemble(header: RunHeader, arrays: dict[str, NDArray[np.float64]]) -> Run:
     log = trajectory if header.same_log else _trajectory("log", arrays, len(header.human_names))
     if len(header.human_radius_m) != len(header.human_names):
         raise InputError("human_radius_m must have one radius for each of human_names")
+    if header.human_groups and len(header.human_groups) != len(header.human_names):
+        raise InputError("human_groups must have one group (or null) for each of human_names, or be empty")
     fields = {name: getattr(header, name) for name in RunHeader.model_fields if name != "same_log"}
     return Run(**fields, trajectory=trajectory, log=log, imu=arrays.get("imu", np.empty(0)))
 

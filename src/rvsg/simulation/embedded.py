@@ -128,6 +128,7 @@ def simulate_agents(
         clock_ratio=settings.clock,
         human_names=tuple(agent.name for agent in agents),
         human_radius_m=tuple(agent.radius_m for agent in agents),
+        human_groups=tuple(agent.group for agent in agents),
         goal=(float(end[0]), float(end[1]), float(end[2])),
         time_limit_s=route.time_limit_s,
         recoveries=int(state.nav[st.RECOVERIES]),

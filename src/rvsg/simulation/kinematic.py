@@ -81,6 +81,7 @@ class KinematicSimulator:
             log=_every(trajectory, 10),
             human_names=tuple(agent.name for agent in agents),
             human_radius_m=tuple(agent.radius_m for agent in agents),
+            human_groups=tuple(agent.group for agent in agents),
             goal=(route.goal.x, route.goal.y, route.goal.yaw),
             time_limit_s=route.time_limit_s,
         )

@@ -62,7 +62,8 @@ class Run:
     `trajectory` is recorded at every control tick (20 Hz); `log` are the rows the published study's client would
     have written (about 2 Hz, wall time: see `clock_ratio` = simulated over wall seconds); an imported run has
     only the log, and its `trajectory` is the log. `imu` (K,) is the acceleration magnitude at 100 Hz, empty where
-    unknown. `options` are the simulator's effective options, enough to repeat the run with `seed`.
+    unknown. `options` are the simulator's effective options, enough to repeat the run with `seed`. `human_groups`
+    names the group of each human (None: alone); it is empty where groups are not known.
     """
 
     scenario_id: str
@@ -81,6 +82,7 @@ class Run:
     time_limit_s: float
     recoveries: int = 0
     details: dict[str, object] = field(default_factory=dict)
+    human_groups: tuple[int | None, ...] = ()
 
     @cached_property
     def id(self) -> str:
