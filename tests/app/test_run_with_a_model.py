@@ -99,7 +99,7 @@ def test_a_service_that_cannot_answer_stops_the_campaign_with_one_message_and_it
         server.script[:] = [says(GOOD)]
         assert main(["run", "--out", "c", "--jobs", "1"]) == 0
         assert len(server.requests) == asked + 1
-    assert "1 attempts are there already" in capsys.readouterr().err
+    assert "1 attempt is there already" in capsys.readouterr().err
 
 
 def test_a_spent_budget_ends_with_code_3_and_a_larger_one_goes_on(capsys: pytest.CaptureFixture[str]) -> None:

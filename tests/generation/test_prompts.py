@@ -7,8 +7,10 @@ import pytest
 from jinja2 import Environment, meta
 
 from rvsg.errors import FileError, UnknownName
+from rvsg.generation.facts import route_facts
 from rvsg.generation.prompts import SHIPPED, Prompts, block, declared_variables, number, quoted, shipped_prompts
 from rvsg.scenario.requirements import shipped_requirements
+from rvsg.world.load import load_world
 
 
 def test_the_seven_templates_of_the_method_are_there() -> None:
@@ -100,3 +102,14 @@ def test_text_from_a_label_is_data_and_cannot_leave_its_marks() -> None:
 
 def test_numbers_are_told_as_people_read_them() -> None:
     assert [number(v) for v in (0.123456, 12.0, 1234.5, 0.0, -3.14159)] == ["0.123", "12", "1230", "0", "-3.14"]
+
+
+def test_the_route_is_told_in_the_users_words_or_in_ours_from_the_route_itself() -> None:
+    world = load_world("warehouse")
+    route = world.route("route_1")
+    ours = Prompts().render("_route", {"route": route_facts(route, world)})
+    assert "waypoint G12 in Area 3" in ours and "turns right at F12" in ours and "within 25 s" in ours
+    assert ours.count("E21") == 2  # as the goal and in the list of waypoints, not said twice over
+    told = route.replace(description="Past the <bell>.")
+    theirs = Prompts().render("_route", {"route": route_facts(told, world)})
+    assert "Past the" in theirs and "starts at G12" in theirs and "turns right" not in theirs

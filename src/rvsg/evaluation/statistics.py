@@ -1,4 +1,7 @@
-"""Statistics of repeated runs: intervals, tests and effect sizes; effect and p value always stand together."""
+"""Statistics of repeated runs: intervals, tests and effect sizes; effect and p value always stand together.
+
+`scipy.stats` takes most of a second to load, so the functions that need it load it: most commands do not.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,6 @@ import hashlib
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy import stats
 
 from rvsg.world.records import Record
 
@@ -22,6 +24,8 @@ def clopper_pearson(successes: int, trials: int, confidence: float = 0.95) -> tu
     """
     if trials < 1:
         return (0.0, 1.0)
+    from scipy import stats
+
     tail = (1.0 - confidence) / 2.0
     low = 0.0 if successes == 0 else float(stats.beta.ppf(tail, successes, trials - successes + 1))
     high = 1.0 if successes == trials else float(stats.beta.ppf(1.0 - tail, successes + 1, trials - successes))
@@ -50,6 +54,8 @@ def mean_interval(values: Values, confidence: float = 0.95) -> tuple[float, floa
         return (mean, mean)
     tail = (1.0 - confidence) / 2.0
     if n < SMALLEST_BOOTSTRAP:
+        from scipy import stats
+
         reach = float(stats.t.ppf(1.0 - tail, n - 1)) * error
         return (mean - reach, mean + reach)
     rng = np.random.default_rng(seed_of(values))
@@ -90,6 +96,8 @@ def magnitude_of(a12: float) -> str:
 
 def vargha_delaney(first: Values, second: Values) -> float:
     """A12 = P(first > second) + P(equal) / 2, from the ranks."""
+    from scipy import stats
+
     n1, n2 = len(first), len(second)
     ranks = stats.rankdata(np.concatenate([np.asarray(first, float), np.asarray(second, float)]))
     return float((ranks[:n1].sum() - n1 * (n1 + 1) / 2) / (n1 * n2))
@@ -102,6 +110,8 @@ def compare(first: Values, second: Values) -> Comparison | None:
     """
     if not len(first) or not len(second):
         return None
+    from scipy import stats
+
     a12 = vargha_delaney(first, second)
     u = a12 * len(first) * len(second)
     pooled = np.concatenate([np.asarray(first, float), np.asarray(second, float)])

@@ -11,6 +11,7 @@ from rvsg.scenario.brief import Brief, Feedback, Remembered
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Behaviour, HumanConfiguration
 from rvsg.world.grid import Grid
+from rvsg.world.route_words import route_paragraph
 from rvsg.world.world import Description, Route, World
 
 SPEED_RANGE_M_S = (0.3, 2.0)
@@ -61,7 +62,7 @@ def brief_facts(brief: Brief, world: World) -> dict[str, Any]:
     """Route, requirement, humans, memory and feedback of a brief."""
     requirement = brief.requirement
     return {
-        "route": route_facts(brief.mission.route, world.grid),
+        "route": route_facts(brief.mission.route, world),
         "requirement": requirement_facts(requirement) if requirement else None,
         "humans": brief.humans,
         "names": list(human_names(brief.humans)),
@@ -72,8 +73,13 @@ def brief_facts(brief: Brief, world: World) -> dict[str, Any]:
     }
 
 
-def route_facts(route: Route, grid: Grid) -> dict[str, Any]:
-    """A route as prompts tell it; `start` and `goal` are the nearest waypoints, `length_m` follows `via`."""
+def route_facts(route: Route, world: World) -> dict[str, Any]:
+    """A route as prompts tell it; `start` and `goal` are the nearest waypoints, `length_m` follows `via`.
+
+    `description` is the user's own, else the paragraph written from the route: areas, waypoints, turns, narrow places.
+    The latter holds start, goal, purpose, way and time limit; a user's words (`described_by_user`) may not.
+    """
+    grid = world.grid
     inner = [grid.position(name) for name in route.via if name in grid.by_name]
     points = [(route.start.x, route.start.y), *inner, (route.goal.x, route.goal.y)]
     return {
@@ -82,7 +88,8 @@ def route_facts(route: Route, grid: Grid) -> dict[str, Any]:
         "start": grid.nearest(route.start.x, route.start.y),
         "goal": grid.nearest(route.goal.x, route.goal.y),
         "via": list(route.via),
-        "description": route.description or "",
+        "description": route_paragraph(world, route),
+        "described_by_user": bool(route.description),
         "time_limit_s": route.time_limit_s,
         "length_m": sum(math.dist(a, b) for a, b in itertools.pairwise(points)),
     }

@@ -141,12 +141,12 @@ def _work(wired: Wired, ledger: Any, folder: Path, *, resumed: bool) -> list[Att
 
     known = list(ledger.attempts(wired.plan.name))
     plan = wired.plan
-    judged = plan.requirement.threshold is not None
+    at_most = "at most " if plan.requirement.threshold is not None and plan.confirmations else ""
     say(
         f"{plan.requirement.name} ({plan.requirement.title}) on {plan.mission.world}, {plan.mission.route.name}: "
         f"{counted(plan.scenarios, 'scenario')} x {counted(plan.configurations, 'configuration')} x "
         f"{counted(plan.repeats, 'run')}, then "
-        f"{'at most ' if judged else ''}{plan.confirmations} to confirm."
+        f"{at_most}{plan.confirmations or 'none'} to confirm."
     )
     if resumed:
         say(f"Resuming {folder}: {counted(len(known), 'attempt is', 'attempts are')} there already.")
