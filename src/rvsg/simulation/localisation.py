@@ -3,11 +3,11 @@
 The published robot did not drive where its map says. That map is shifted and slightly bent against the world, and AMCL
 began each run around the spawn pose taken as map coordinates and found the shift only while driving, so the difference
 between map and world changed all along a route. Algorithm and order of the steps are those of nav2_amcl (Humble), the
-parameters those of PAL's public simulation of this family of robots, which are Nav2's defaults: likelihood field,
-60 beams, 500 to 2000 particles by KLD sampling, an update after 0.25 m (per axis) or 0.2 rad. Two things could not be
-read anywhere and were chosen by the published paths of runs without people near (docs/explanation/fidelity.md): the
-omnidirectional motion model and the spread of the first particles, that of a pose set by hand in RViz. One difference:
-the estimate is the mean of all particles, not of their heaviest cluster.
+parameters those of PAL's public simulation of this robot (`tiago_omni_base_nav_public_sim.yaml`): front scan,
+omnidirectional motion model, all odometry noise 0.2, likelihood field, 60 beams, 500 to 2000 particles by KLD sampling,
+an update after 0.25 m (per axis) or 0.2 rad. One thing could not be read anywhere and was chosen by the published paths
+of runs without people near (docs/explanation/fidelity.md): the spread of the first particles, that of a pose set by
+hand in RViz. One difference: the estimate is the mean of all particles, not of their heaviest cluster.
 """
 
 from __future__ import annotations
