@@ -11,6 +11,7 @@ from tests.campaign.parts import MemoryLedger, WalkGenerator, parts, plan, wareh
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.loop import feedback_from, run_campaign
 from rvsg.campaign.strategies import RandomStrategy, StudyStrategy
+from rvsg.evaluation.verdict import Status
 from rvsg.generation.generator import Proposal
 from rvsg.report.junit import junit_xml
 from rvsg.report.page import render_page
@@ -143,4 +144,28 @@ def test_junit_has_a_case_per_scenario_and_the_confirmation() -> None:
     suite = ET.fromstring(junit_xml(the_plan, summarise(the_plan, attempts)))[0]
     assert len(suite) == the_plan.scenarios + 1 == int(suite.attrib["tests"])
     assert len(suite.findall(".//failure")) == int(suite.attrib["failures"])
+    assert len(suite.findall(".//skipped")) == int(suite.attrib["skipped"])
     assert "confirmation" in suite[-1].attrib["name"]
+
+
+@pytest.mark.parametrize("status", list(Status))
+def test_in_junit_the_confirmation_decides_and_what_is_not_sure_is_skipped_with_its_reason(status: Status) -> None:
+    the_plan, attempts = campaign(MemoryLedger())
+    changed = [
+        a.replace(
+            verdict=a.verdict.replace(status=status if a.purpose == "confirmation" else Status.FLAKY, reason="so")
+        )
+        for a in attempts
+        if a.verdict
+    ]
+    summary = summarise(the_plan, changed)
+    suite = ET.fromstring(junit_xml(the_plan, summary))[0]
+    assert (int(suite.attrib["failures"]) > 0) == summary.violated == (status in (Status.FAIL, Status.FLAKY))
+    for case in suite[:-1]:
+        assert "the confirmation decides" in case[0].attrib["message"]
+    expected = {"FAIL": "failure", "FLAKY": "failure", "PASS": "system-out"}.get(status.value, "skipped")
+    assert suite[-1][0].tag == expected
+    assert "so" in suite[-1][0].attrib.get("message", "") + (suite[-1][0].text or "")
+    alone = summarise(the_plan, [a for a in changed if a.purpose == "search"])
+    unconfirmed = ET.fromstring(junit_xml(the_plan, alone))[0]
+    assert int(unconfirmed.attrib["failures"]) == len(unconfirmed) == the_plan.scenarios

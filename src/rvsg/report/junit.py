@@ -11,15 +11,21 @@ from rvsg.report.summary import VIOLATED, Summary, interval, number
 
 
 def junit_xml(plan: Plan, summary: Summary) -> str:
-    """The XML. A violated requirement is a failure, a verdict that is not sure or not judged is skipped."""
+    """The XML. The verdict that decides is the confirmation's, as for the exit code: violated is a failure.
+
+    The scenarios of the search are then passed, or skipped with what they measured: few runs, looked at because they
+    were extreme, rank them and decide nothing. Without a confirmation their verdicts decide. A verdict that is not sure
+    or that has no limit to go by is skipped with the reason.
+    """
     suite = f"rvsg {plan.mission.world} {plan.mission.route.name} {plan.requirement.name}"
+    confirmed = summary.confirmed if summary.confirmed and summary.confirmed.verdict else None
     cases = [
-        _case(suite, f"scenario {entry.scenario + 1}: {entry.description[:120]}", entry.verdict, plan)
+        _case(suite, f"scenario {entry.scenario + 1}: {entry.description[:120]}", entry.verdict, plan, not confirmed)
         for entry in sorted(summary.ranking, key=lambda entry: entry.scenario)
     ]
-    if summary.confirmed and summary.confirmed.verdict:
-        index = summary.confirmed.brief.scenario_index + 1
-        cases.append(_case(suite, f"confirmation of scenario {index} in fresh runs", summary.confirmed.verdict, plan))
+    if confirmed and confirmed.verdict:
+        index = confirmed.brief.scenario_index + 1
+        cases.append(_case(suite, f"confirmation of scenario {index} in fresh runs", confirmed.verdict, plan, True))
     failures = sum("<failure" in case for case in cases)
     skipped = sum("<skipped" in case for case in cases)
     return (
@@ -29,15 +35,18 @@ def junit_xml(plan: Plan, summary: Summary) -> str:
     )
 
 
-def _case(suite: str, name: str, verdict: Verdict, plan: Plan) -> str:
+def _case(suite: str, name: str, verdict: Verdict, plan: Plan, decides: bool) -> str:
     said = f"{verdict.status.value}: {interval(verdict, plan.requirement.unit)}"
-    if plan.requirement.limit is not None:
-        said += f", limit {number(plan.requirement.limit, plan.requirement.unit)}"
-    body = f"<system-out>{_text(f'{said}. {verdict.reason}')}</system-out>"
-    if verdict.status in VIOLATED:
+    if plan.requirement.threshold is not None:
+        said += f", limit {number(plan.requirement.threshold, plan.requirement.unit)}"
+    whole = f"{said}. {verdict.reason}"
+    body = f"<system-out>{_text(whole)}</system-out>"
+    if verdict.status in VIOLATED and decides:
         body = f"<failure message={_attribute(said)}>{_text(verdict.reason)}</failure>"
+    elif verdict.status in VIOLATED:
+        body = f"<skipped message={_attribute(f'{whole}. In the search; the confirmation decides')}/>"
     elif verdict.status in (Status.INCONCLUSIVE, Status.UNJUDGED):
-        body = f"<skipped message={_attribute(f'{said}. {verdict.reason}')}/>"
+        body = f"<skipped message={_attribute(whole)}/>"
     return f"<testcase classname={_attribute(suite)} name={_attribute(name)}>{body}</testcase>\n"
 
 
