@@ -77,6 +77,18 @@ def test_explicit_areas_go_before_the_name_of_the_task() -> None:
     assert rules_of(people(human(task, "back: A3 A2 A1"))) == ["wrong-area"]
 
 
+@pytest.mark.parametrize(("away_m", "found"), [(0.0, True), (0.74, True), (0.76, False)])
+def test_nobody_may_start_in_contact_with_the_robot_and_a_gap_however_small_is_no_contact(
+    away_m: float, found: bool
+) -> None:
+    x, y = WORLD.grid.position("A1")
+    start = MISSION.route.start.replace(x=x + away_m * 0.6, y=y + away_m * 0.8)
+    mission = MISSION.replace(route=MISSION.route.replace(start=start))
+    assert human(*GOOD).radius_m == 0.4  # the robot's is 0.35
+    rules = [finding.rule for finding in check(people(human(*GOOD)), mission, WORLD)]
+    assert ("spawn-on-robot" in rules) == found
+
+
 def test_two_people_may_not_start_in_the_same_place() -> None:
     (finding,) = check(people(human(*GOOD), human(*GOOD, name="Bob")), MISSION, WORLD)
     assert (finding.rule, finding.human) == ("spawn-on-human", "Bob")
