@@ -62,14 +62,8 @@ def import_study(root: Path, ledger: Ledger, world: World, tell: Callable[[str],
 
     A campaign that the ledger knows already is left as it is, so that an import can be repeated or added to.
     """
-    if not root.is_dir():
-        raise FileError(root, "this is no folder; expected the root of the study's results")
     done = Imported()
-    groups: dict[str, list[Batch]] = {}
-    for batch in batches(root, done.findings):
-        groups.setdefault(batch.folder.parent.relative_to(root).as_posix(), []).append(batch)
-    if not groups:
-        raise FileError(root, "holds no folder like distance/route_1/0 or no_req/route_1/0: nothing to import")
+    groups = find_campaigns(root, done.findings)
     known = set(ledger.campaigns())
     importer = _Importer(root, ledger, world, done)
     # Searches first: a confirmation looks among them for the run by which it was selected.
@@ -80,6 +74,18 @@ def import_study(root: Path, ledger: Ledger, world: World, tell: Callable[[str],
         tell(name)
         importer.campaign(name, group)
     return done
+
+
+def find_campaigns(root: Path, findings: list[ImportFinding]) -> dict[str, list[Batch]]:
+    """The scenarios under `root` by campaign; FileError where there is nothing of the layout."""
+    if not root.is_dir():
+        raise FileError(root, "this is no folder; expected the root of the study's results")
+    groups: dict[str, list[Batch]] = {}
+    for batch in batches(root, findings):
+        groups.setdefault(batch.folder.parent.relative_to(root).as_posix(), []).append(batch)
+    if not groups:
+        raise FileError(root, "holds no folder like distance/route_1/0 or no_req/route_1/0: nothing to import")
+    return groups
 
 
 @dataclass
@@ -280,9 +286,18 @@ def _measurement(run: Run, objective: str | None) -> Measurement:
     )
 
 
-def write_findings(findings: Iterable[ImportFinding], path: Path) -> None:
-    """The findings as CSV: file, kind, message."""
+def write_findings(findings: Iterable[ImportFinding], path: Path, *, keep: bool = False) -> int:
+    """The findings as CSV (file, kind, message), with `keep` after those that stand there; how many there are now.
+
+    A store that is added to keeps what was found wrong in the runs it already holds.
+    """
+    rows = [(finding.file, finding.kind, finding.message) for finding in findings]
+    if keep and path.is_file():
+        with path.open(encoding="utf-8", newline="") as file:
+            earlier = [(row["file"], row["kind"], row["message"]) for row in csv.DictReader(file)]
+        rows = list(dict.fromkeys([*earlier, *rows]))
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(["file", "kind", "message"])
-        writer.writerows([finding.file, finding.kind, finding.message] for finding in findings)
+        writer.writerows(rows)
+    return len(rows)

@@ -25,25 +25,28 @@ def import_study(
     Every metric is computed anew from the logs and compared with the logged one. What cannot be trusted is not
     imported and listed with its reason; unknown waypoint names are kept and listed.
     """
+    from rvsg.report.import_study import find_campaigns, write_findings
     from rvsg.report.import_study import import_study as read
-    from rvsg.report.import_study import write_findings
     from rvsg.store.sqlite import SqliteLedger
     from rvsg.world.load import load_world
 
     place = load_world(world)
+    find_campaigns(folder, [])  # before a store is made for nothing
     store = out if out.suffix in (".sqlite", ".db") else out / "ledger.sqlite"
     store.parent.mkdir(parents=True, exist_ok=True)
     findings = store.with_name("findings.csv")
+    added_to = store.exists()
     with SqliteLedger(store) as ledger:
         done = read(folder, ledger, place, console.say)
-    write_findings(done.findings, findings)
+    listed = write_findings(done.findings, findings, keep=added_to)
     kinds = dict(Counter(finding.kind for finding in done.findings))
     differing = sum(f.kind == "metrics" for f in done.findings)
     console.say(
         f"{done.runs} runs in {done.attempts} attempts of {done.campaigns} campaigns -> {store}\n"
         f"{done.compared} runs compared with their logged metrics: "
-        + ("all equal" if not differing else f"{differing} differences")
+        + ("all equal" if done.compared and not differing else f"{differing} differences")
         + f"\n{len(done.findings)} findings -> {findings}"
+        + (f" (with the earlier ones: {listed})" if listed != len(done.findings) else "")
     )
     console.print_json(
         {
