@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
-from tests.report.study_files import write_scenario
+from tests.report.study_files import lines_of, put, write_scenario
 
 from rvsg.app.cli import main
 
@@ -46,3 +47,21 @@ def test_a_folder_of_another_layout_leaves_no_store_behind(tmp_path: Path, capsy
     assert main(["import-study", str(tmp_path / "other"), "--out", str(tmp_path / "store")]) == 2
     assert "nothing to import" in capsys.readouterr().err
     assert not (tmp_path / "store").exists()
+
+
+def test_a_logged_metric_that_is_missing_is_a_finding_but_no_difference(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = tmp_path / "results" / "distance" / "route_1" / "0" / "log.csv"
+    write_scenario(log.parent, configurations=3)
+    lines = lines_of(log)
+    lines[1][lines[0].index("path_length")] = "nan"
+    put(log, lines)
+    assert main(["import-study", str(tmp_path / "results"), "--out", str(tmp_path / "a")]) == 0
+    told = capsys.readouterr()
+    assert json.loads(told.out)["findings_by_kind"] == {"metrics": 1}
+    assert "all equal" in told.err
+    lines[2][lines[0].index("path_length")] = "9.5"
+    put(log, lines)
+    assert main(["import-study", str(tmp_path / "results"), "--out", str(tmp_path / "b")]) == 0
+    assert json.loads(capsys.readouterr().out)["differing"] == 1

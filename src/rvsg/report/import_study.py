@@ -54,6 +54,7 @@ class Imported:
     runs: int = 0
     refused: int = 0
     compared: int = 0
+    differing: int = 0  # logged metrics that the logs do not give
     findings: list[ImportFinding] = field(default_factory=list)
 
 
@@ -265,6 +266,7 @@ class _Importer:
             if theirs is None or own is None:
                 continue
             if abs(own - theirs) > TOLERANCE.get(metric, EXACT):
+                self.done.differing += 1
                 self._find(path, "metrics", f"log.csv says {name} = {theirs!r}, the log gives {own!r}")
 
     def _find(self, path: Path, kind: str, message: str) -> None:

@@ -40,11 +40,10 @@ def import_study(
         done = read(folder, ledger, place, console.say)
     listed = write_findings(done.findings, findings, keep=added_to)
     kinds = dict(Counter(finding.kind for finding in done.findings))
-    differing = sum(f.kind == "metrics" for f in done.findings)
     console.say(
         f"{done.runs} runs in {done.attempts} attempts of {done.campaigns} campaigns -> {store}\n"
         f"{done.compared} runs compared with their logged metrics: "
-        + ("all equal" if done.compared and not differing else f"{differing} differences")
+        + ("all equal" if done.compared and not done.differing else f"{done.differing} differences")
         + f"\n{len(done.findings)} findings -> {findings}"
         + (f" (with the earlier ones: {listed})" if listed != len(done.findings) else "")
     )
@@ -57,6 +56,7 @@ def import_study(
             "runs": done.runs,
             "refused": done.refused,
             "compared": done.compared,
+            "differing": done.differing,
             "findings_by_kind": kinds,
         }
     )
