@@ -108,3 +108,20 @@ def test_a_report_is_written_again_from_the_ledger(tmp_path: Path, capsys: pytes
     assert (out / "report.html").read_bytes() == page
     again = json.loads(capsys.readouterr().out)
     assert all(again[key] == first[key] for key in again)
+
+
+def test_metrics_measures_every_run_of_a_file_and_names_the_file_that_holds_none(
+    proposal: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    runs, one = tmp_path / "runs.jsonl", tmp_path / "one.json"
+    main(["simulate", str(proposal), *KINEMATIC, "--repeats", "2", "--out", str(runs)])
+    one.write_text(runs.read_text().splitlines()[0])
+    capsys.readouterr()
+    assert main(["metrics", "dto", "--run", str(runs)]) == 0
+    both = json.loads(capsys.readouterr().out)
+    assert main(["metrics", "dto", "--run", str(one)]) == 0
+    assert both[0] == json.loads(capsys.readouterr().out)
+    assert len(both) == 2
+    one.write_text("nothing\n")
+    assert main(["metrics", "--run", str(one)]) == 2
+    assert "one.json:1: this is not JSON" in capsys.readouterr().err

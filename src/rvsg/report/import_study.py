@@ -293,7 +293,7 @@ def write_findings(findings: Iterable[ImportFinding], path: Path, *, keep: bool 
 
     A store that is added to keeps what was found wrong in the runs it already holds.
     """
-    rows = [(finding.file, finding.kind, finding.message) for finding in findings]
+    rows: list[tuple[str, str, str]] = [(finding.file, finding.kind, finding.message) for finding in findings]
     if keep and path.is_file():
         with path.open(encoding="utf-8", newline="") as file:
             earlier = [(row["file"], row["kind"], row["message"]) for row in csv.DictReader(file)]
