@@ -13,6 +13,7 @@ slow:
   title: Slow
   text: Be slow.
   metric: spped
+  worse: larger
 """
 
 

@@ -14,7 +14,9 @@ def test_the_study_requirements_and_more_are_shipped():
 
 def test_a_file_of_one_requirement_is_loaded_by_its_path(tmp_path):
     path = tmp_path / "mine.yaml"
-    path.write_text("berth:\n  title: Wide berth\n  text: Stay away.\n  metric: min_distance\n  limit: 0.5\n")
+    path.write_text(
+        "berth:\n  title: Wide berth\n  text: Stay away.\n  metric: min_distance\n  worse: smaller\n  limit: 0.5\n"
+    )
     assert load_requirement(path).limit == 0.5
     assert load_requirement(f"{path}:berth") == load_requirement(f"{path}#berth") == load_requirement(path)
     with pytest.raises(UnknownName, match="berth"):

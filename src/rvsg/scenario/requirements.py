@@ -88,7 +88,7 @@ def load_requirements(path: Path, *, check: Check | None = None) -> dict[str, Re
             message = f"{name}: the name is the key above; leave out `name`"
             mistakes.append(document.problem(message, str(name), "name"))
             continue
-        if "metric" in fields and "worse" not in fields:  # a guess could turn the verdict round
+        if "metric" in fields and not {"worse", "formula"} & fields.keys():  # a guess could turn the verdict round
             message = f"{name}.worse: is missing; say which values of the metric are worse: smaller or larger"
             mistakes.append(document.problem(message, str(name)))
         try:
