@@ -10,6 +10,7 @@ from pathlib import Path
 from rvsg.campaign.attempt import Ledger
 from rvsg.errors import InputError
 from rvsg.evaluation.statistics import magnitude_of
+from rvsg.report.figures import ABSENT, can_draw, write_repeat_figures
 from rvsg.report.material import TABLED, gather
 from rvsg.report.tables import Row, build
 
@@ -37,18 +38,22 @@ Cells = list[list[str]]
 def write_tables(*ledgers: Ledger, out: Path, model_dir: Path | None = None) -> list[str]:
     """Write `out/published` and `out/honest`, each with rq1, rq2, rq3 as .csv, .md and .tex; return what was left out.
 
+    Where matplotlib is there and scenarios were repeated, RQ3 is drawn too: `rq3_<requirement>.svg` in both folders.
     Several stores are read as one. A table without rows is written with its header alone. InputError where the stores
     hold nothing to tabulate.
     """
     material = gather(*ledgers)
     if not material.cells():
         raise InputError("the store holds no guided campaign and no repeated scenario: there is nothing to tabulate")
+    drawn = can_draw()
     for way, tables in zip(WAYS, build(material, model_dir), strict=True):
         folder = out / way
         folder.mkdir(parents=True, exist_ok=True)
         for name in TITLES:
             _write_one(folder, name, way, getattr(tables, name), material.notes)
-    return material.notes
+        if drawn:
+            write_repeat_figures(material, folder, honest=way == "honest")
+    return [*material.notes, *([] if drawn or not material.repeats else [ABSENT])]
 
 
 def _write_one(folder: Path, name: str, way: str, rows: Sequence[Row], notes: Sequence[str]) -> None:

@@ -89,4 +89,4 @@ def _write_tables(stores: list[Path], out: Path) -> None:
         ledgers = [stack.enter_context(SqliteLedger(store, create=False)) for store in stores]
         for note in write_tables(*ledgers, out=out):
             say(f"  {note}")
-    say(f"Tables: {out}/published and {out}/honest (rq1, rq2, rq3 as csv, md, tex)")
+    say(f"Tables: {out}/published and {out}/honest (rq1, rq2, rq3 as csv, md, tex; with matplotlib rq3 drawn too)")
