@@ -167,3 +167,11 @@ def test_a_window_beside_the_world_is_refused_with_where_the_world_lies(
     assert main(["world", "draw", "office", "--out", str(tmp_path / "p"), "--window", "100,100,120,120"]) == 2
     assert "shows nothing of the world, which spans x" in capsys.readouterr().err
     assert not (tmp_path / "p").exists()
+
+
+def test_a_picture_that_cannot_show_a_window_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    asked = ["world", "draw", "office", "--out", str(tmp_path), "--width", "500", "--window", "1,1,9,9", "--what"]
+    assert main([*asked, "birdseye"]) == 0
+    assert "birdseye.png\n  shows the whole world" in capsys.readouterr().err
+    assert main([*asked, "labels"]) == 0
+    assert "whole world" not in capsys.readouterr().err

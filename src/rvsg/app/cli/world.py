@@ -262,10 +262,12 @@ def _draw(
     from rvsg.world.svg import floor_plan_svg
 
     made: list[tuple[str, bytes, tuple[str, ...]]] = []
+    whole = ("shows the whole world: --window is for the labelled map and the grid",) if window else ()
     if what == "svg":
-        made.append(("plan.svg", floor_plan_svg(world, colours=colours).encode(), ()))
+        made.append(("plan.svg", floor_plan_svg(world, colours=colours).encode(), whole))
     for name, image, notes in _pictures(world, what, route, width, colours, window):
-        made.append((f"{name}_{route.name}.png" if route else f"{name}.png", png_bytes(image), notes))
+        told = (*notes, *whole) if name == "birdseye" else notes
+        made.append((f"{name}_{route.name}.png" if route else f"{name}.png", png_bytes(image), told))
     written = []
     try:
         folder.mkdir(parents=True, exist_ok=True)
