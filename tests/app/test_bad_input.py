@@ -184,3 +184,60 @@ def test_a_truncated_run_is_found_at_its_line(
     assert json.loads(capsys.readouterr().out)["verdict"]["runs"] == 2
     runs.write_text(runs.read_text()[:-500])
     assert "runs.jsonl:2:" in refused("evaluate", "runs.jsonl")
+
+
+@pytest.mark.parametrize(
+    ("kind", "name"), [("generator", "heuristic"), ("generator", "random"), ("simulator", "kinematic")]
+)
+def test_an_option_that_a_plug_in_does_not_take_is_told_without_python(refused, kind: str, name: str) -> None:
+    told = refused("run", *SMALL, f"--{kind}", name, f"--{kind}-option", "foo=1")
+    assert f'The {kind} "{name}" has no option "foo"' in told
+    assert "__init__" not in told
+
+
+@pytest.mark.parametrize(
+    "option", [("--model", "openai-chat:x"), ("--budget-calls", "3"), ("--replay", "r"), ("--conversation", "study")]
+)
+@pytest.mark.parametrize("generator", ["heuristic", "random"])
+def test_an_option_of_a_model_that_nobody_asks_is_refused(refused, option: tuple[str, str], generator: str) -> None:
+    told = refused("run", *SMALL, "--generator", generator, *option)
+    assert option[0] in told and generator in told and "--generator vlm" in told
+
+
+def test_a_folder_of_prompts_that_does_not_exist_is_told(refused) -> None:
+    assert "nowhere: there is no such folder" in refused("prompt", "--prompts", "nowhere")
+
+
+def test_other_settings_are_listed_once_and_as_options(tmp_path: Path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["run", *SMALL, "--repeats", "1", "--confirmations", "0", "--out", "c"]) == 0
+    capsys.readouterr()
+    assert main(["run", *SMALL, "--out", "c", "--route", "route_2", "--seed", "3"]) == 2
+    told = capsys.readouterr().err
+    assert "config.route: 'route_1', now 'route_2'" in told
+    assert "plan." not in told
+
+
+@pytest.mark.parametrize("verb", [("evaluate",), ("metrics", "--run")])
+def test_a_proposal_in_the_place_of_runs_is_not_called_broken_json(
+    tmp_path: Path, monkeypatch, capsys, verb: tuple[str, ...]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["propose", "--out", "p.json"]) == 0
+    capsys.readouterr()
+    assert main([*verb, "p.json"]) == 2
+    told = capsys.readouterr().err
+    assert "p.json: this holds no runs" in told
+    assert "not JSON" not in told
+
+
+def test_metrics_of_a_file_of_many_runs_names_the_file_and_the_verb_that_takes_it(
+    tmp_path: Path, monkeypatch, capsys
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["propose", "--out", "p.json"]) == 0
+    assert main(["simulate", "p.json", "--simulator", "kinematic", "--repeats", "2", "--out", "r.jsonl"]) == 0
+    capsys.readouterr()
+    assert main(["metrics", "--run", "r.jsonl"]) == 2
+    told = capsys.readouterr().err
+    assert "r.jsonl: holds 2 runs" in told and "rvsg evaluate" in told

@@ -66,3 +66,11 @@ def test_the_effective_configuration_is_a_campaign_file_again(tmp_path: Path) ->
 @pytest.mark.parametrize("example", re.findall(r"```yaml\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.DOTALL))
 def test_the_documented_example_is_a_campaign(example: str) -> None:
     CampaignConfig.model_validate(yaml.safe_load(example))
+
+
+@pytest.mark.parametrize("mark", ["#", ":"])
+def test_a_requirement_of_a_file_beside_the_campaign_file_is_found_with_either_mark(tmp_path: Path, mark: str) -> None:
+    (tmp_path / "mine.yaml").write_text("near: {}\n", encoding="utf-8")
+    file = tmp_path / "campaign.yaml"
+    file.write_text(f"requirement: 'mine.yaml{mark}near'\n", encoding="utf-8")
+    assert read_campaign_file(file)["requirement"] == str(tmp_path / f"mine.yaml{mark}near")

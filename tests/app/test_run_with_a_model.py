@@ -133,3 +133,13 @@ def test_a_spent_budget_ends_with_code_3_and_a_larger_one_goes_on(capsys: pytest
             == 0
         )
         assert len(server.requests) == 2
+
+
+def test_a_wrong_model_is_mended_in_the_same_folder_while_nothing_is_kept(capsys: pytest.CaptureFixture[str]) -> None:
+    with serving(fails(404, "no such model"), says(GOOD)) as server:
+        assert run(server.url, scenarios=1) == 2
+        assert '"vision-1"' in capsys.readouterr().err
+        assert run(server.url, "--model", "openai-chat:vision-2", scenarios=1) == 0, capsys.readouterr().err
+        capsys.readouterr()
+        assert run(server.url, "--model", "openai-chat:vision-3", scenarios=1) == 2
+    assert "config.model: 'openai-chat:vision-2', now 'openai-chat:vision-3'" in capsys.readouterr().err

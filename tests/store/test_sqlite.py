@@ -180,3 +180,15 @@ def test_a_proposal_without_a_scenario_is_kept(tmp_path: Path) -> None:
     with SqliteLedger(tmp_path / "a.sqlite") as ledger:
         ledger.append(empty, [])
         assert list(ledger.attempts("test")) == [empty]
+
+
+def test_a_campaign_is_forgotten_only_while_it_made_no_attempt(tmp_path: Path) -> None:
+    attempt, run = an_attempt()
+    with SqliteLedger(tmp_path / "a.sqlite") as ledger:
+        ledger.begin(attempt.campaign, {"seed": 1})
+        assert ledger.forget_empty(attempt.campaign)
+        assert ledger.campaigns() == ()
+        ledger.begin(attempt.campaign, {"seed": 2})
+        ledger.append(attempt, [run])
+        assert not ledger.forget_empty(attempt.campaign)
+        assert ledger.settings(attempt.campaign) == {"seed": 2}

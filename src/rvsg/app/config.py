@@ -6,6 +6,7 @@ relative to the file.
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -103,9 +104,14 @@ def read_campaign_file(path: Path) -> dict[str, Any]:
         if isinstance(values.get(key), str):
             values[key] = str(path.parent / values[key])
     for key in ("world", "requirement"):
-        if isinstance(values.get(key), str) and (path.parent / values[key].partition("#")[0]).exists():
+        if isinstance(values.get(key), str) and (path.parent / _file_of(values[key])).exists():
             values[key] = str(path.parent / values[key])
     return values
+
+
+def _file_of(reference: str) -> str:
+    """The file in `my.yaml#name` or `my.yaml:name`; the whole reference where it names no part."""
+    return re.sub(r"(\.ya?ml)[#:].*", r"\1", reference)
 
 
 def effective(stored: dict[str, Any] | None, from_file: dict[str, Any], from_options: dict[str, Any]) -> CampaignConfig:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from importlib.metadata import EntryPoint, entry_points
+from inspect import signature
 from typing import Any
 
 from rvsg.errors import InputError, UnknownName
@@ -40,10 +41,27 @@ def find(kind: str, name: str) -> Any:
 def make(kind: str, name: str, options: Mapping[str, Any]) -> Any:
     """An instance of a plug-in with these options; InputError says which option it does not take."""
     plugin = find(kind, name)
+    if unknown := _not_taken(plugin, options):
+        taken = ", ".join(_taken(plugin)) or "it takes none"
+        raise InputError(f'The {kind} "{name}" has no option "{unknown[0]}". Known options: {taken}.')
     try:
         return plugin(**options)
     except (TypeError, ValueError) as error:
         raise InputError(f'The {kind} "{name}" cannot be made with {dict(options) or "no options"}: {error}') from error
+
+
+def _taken(plugin: Any) -> tuple[str, ...]:
+    """The options a plug-in takes by name."""
+    return tuple(
+        p.name for p in signature(plugin).parameters.values() if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)
+    )
+
+
+def _not_taken(plugin: Any, options: Mapping[str, Any]) -> list[str]:
+    """The options that a plug-in does not take; none where it takes any."""
+    if any(p.kind is p.VAR_KEYWORD for p in signature(plugin).parameters.values()):
+        return []
+    return sorted(options.keys() - set(_taken(plugin)))
 
 
 def _found(kind: str) -> dict[str, EntryPoint]:

@@ -65,7 +65,9 @@ def read_runs(paths: Iterable[Path]) -> list[Run]:
     """All runs of the files, in order; FileError names the line of what is not a run."""
     runs = []
     for path in paths:
-        for number, line in enumerate(read_text(path).splitlines(), 1):
+        text = read_text(path)
+        _no_other_record(path, text)
+        for number, line in enumerate(text.splitlines(), 1):
             if not line.strip():
                 continue
             try:
@@ -75,6 +77,20 @@ def read_runs(paths: Iterable[Path]) -> list[Run]:
     if not runs:
         raise InputError("There is no run in the files given; `rvsg simulate SCENARIO --out RUNS` makes some.")
     return runs
+
+
+def _no_other_record(path: Path, text: str) -> None:
+    """Say so where a whole JSON document over several lines (a scenario, a proposal) stands for runs."""
+    if text.lstrip().partition("\n")[0].strip() not in ("{", "["):
+        return
+    try:
+        value = json.loads(text)
+    except json.JSONDecodeError:
+        return
+    if not (isinstance(value, dict) and "arrays" in value):
+        raise FileError(
+            path, "this holds no runs, one JSON object per line; `rvsg simulate SCENARIO --out RUNS` makes some."
+        )
 
 
 def runs_text(runs: Iterable[Run]) -> str:

@@ -70,7 +70,8 @@ class VlmGenerator:
             raise InputError(f"The rounds of corrections must be between 0 and 10, got {corrections}.")
         self.conversation = conversation
         self.corrections = corrections
-        self.prompts = Prompts(prompts if prompts is not None else Path(folder) / "prompts" if folder else None)
+        beside = Path(folder) / "prompts" if folder else None
+        self.prompts = Prompts(prompts if prompts is not None else beside if beside and beside.is_dir() else None)
         self.wiring = wired(model, Access.of(access, record=Path(folder) / "vlm" if folder else None))
         self._histories: dict[str, tuple[Message, ...]] = {}
 

@@ -138,8 +138,9 @@ def _reached(name: str, access: Access) -> ModelAccess:
     )
     if access.budget_usd is not None and not reached.knows_price():
         raise InputError(
-            f"The price of {name} is not listed, so --budget-usd cannot be kept. Give --prices INPUT,CACHED,OUTPUT in "
-            "dollars per million tokens, or use --budget-tokens or --budget-calls."
+            f"The price of {name} is not listed, so --budget-usd cannot be kept. Give "
+            "--generator-option prices=INPUT,CACHED,OUTPUT in dollars per million tokens (--prices INPUT,CACHED,OUTPUT "
+            "for `rvsg describe`), or use --budget-tokens or --budget-calls."
         )
     reached.prepare()
     return reached

@@ -41,7 +41,7 @@ def shipped_requirements() -> dict[str, Requirement]:
 
 
 def load_requirement(name_or_path: str | Path, *, check: Check | None = None) -> Requirement:
-    """A shipped requirement by its name, or one of a user's file as `file.yaml` or `file.yaml:name`.
+    """A shipped requirement by its name, or one of a user's file as `file.yaml` or `file.yaml#name`.
 
     `file.yaml` alone must hold exactly one. Raises UnknownName, or FileError with the line of every mistake; `check`
     is called with every requirement of a user's file, what InputError it raises is such a mistake.
@@ -51,14 +51,14 @@ def load_requirement(name_or_path: str | Path, *, check: Check | None = None) ->
         return _shipped()[text]
     file, wanted = _file_and_name(text)
     if not (file.endswith((".yaml", ".yml")) or Path(file).exists()):
-        raise UnknownName("requirement", text, _shipped(), hint="Or give a file: my.yaml or my.yaml:name.")
+        raise UnknownName("requirement", text, _shipped(), hint="Or give a file: my.yaml or my.yaml#name.")
     found = load_requirements(Path(file), check=check)
     if wanted:
         if wanted not in found:
             raise UnknownName("requirement", wanted, found, hint=f"File: {file}.")
         return found[wanted]
     if len(found) > 1:
-        raise FileError(file, f"holds {len(found)} requirements; say which: {file}:{next(iter(found))}")
+        raise FileError(file, f"holds {len(found)} requirements; say which: {file}#{next(iter(found))}")
     return next(iter(found.values()))
 
 

@@ -104,6 +104,15 @@ class SqliteLedger:
         with self._translated(), self._engine.begin() as connection:
             connection.execute(_campaigns.insert().values(row))
 
+    def forget_empty(self, campaign: str) -> bool:
+        """Forget a campaign that was begun and never made an attempt; False, and nothing changed, where it made one."""
+        made = sa.select(_attempts.c.position).where(_attempts.c.campaign == campaign).limit(1)
+        with self._translated(), self._engine.begin() as connection:
+            if connection.execute(made).first() is not None:
+                return False
+            connection.execute(_campaigns.delete().where(_campaigns.c.name == campaign))
+        return True
+
     def settings(self, campaign: str) -> dict[str, Any] | None:
         """The settings of a campaign; None where it was never begun."""
         query = sa.select(_campaigns.c.settings).where(_campaigns.c.name == campaign)

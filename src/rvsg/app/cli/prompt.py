@@ -23,8 +23,8 @@ def prompt(
     campaign: Annotated[Path | None, typer.Argument(help="A campaign file, or the folder of a campaign.")] = None,
     world: Annotated[str | None, typer.Option(help="A shipped world or a world folder. [warehouse]")] = None,
     route: Annotated[str | None, typer.Option(help="A route of the world. [route_1]")] = None,
-    requirement: Annotated[str | None, typer.Option(help="A shipped requirement, or FILE:NAME. [R1]")] = None,
-    strategy: Annotated[str | None, typer.Option(help="study, climb, unguided. [study]")] = None,
+    requirement: Annotated[str | None, typer.Option(help="A shipped requirement, or FILE.yaml#NAME. [R1]")] = None,
+    strategy: Annotated[str | None, typer.Option(help="study, climb, elite, unguided. [study]")] = None,
     humans: Annotated[int | None, typer.Option(min=1, max=100, help="People in a scenario. [2]")] = None,
     conversation: Annotated[str | None, typer.Option(help="compact or study. [compact]")] = None,
     prompts: Annotated[Path | None, typer.Option(help="Folder of prompt templates that replace ours.")] = None,
@@ -57,12 +57,14 @@ def prompt(
         "conversation": conversation,
     }
     config = _config(campaign, {key: value for key, value in given.items() if value is not None})
-    folder = prompts or (Path(config.prompts) if config.prompts else config.folder / "prompts")
+    asked = prompts or (Path(config.prompts) if config.prompts else None)
+    folder = asked or config.folder / "prompts"
     if copy is not None:
         say(f"Copied to {_copied(copy, to or folder)}")
         return
     brief, loaded = _next_brief(config)
-    generator = VlmGenerator(Scripted([]), conversation=config.conversation, prompts=folder)
+    own = folder if asked or folder.is_dir() else None
+    generator = VlmGenerator(Scripted([]), conversation=config.conversation, prompts=own)
     messages = generator.first_prompts(brief, loaded)
     shown = [picture for message in messages for picture in message.pictures]
     if pictures is not None:
@@ -74,8 +76,10 @@ def prompt(
             names = f" [{', '.join(p.name for p in message.pictures)}]" if message.pictures else ""
             typer.echo(f"----- {message.role}{names}\n{message.text}")
     tokens = sum(estimated_tokens(m.text) for m in messages) + sum(picture_tokens(p.width, p.height) for p in shown)
-    own = generator.prompts.overridden()
-    say(f"About {tokens} input tokens, {len(shown)} pictures." + (f" Own templates: {', '.join(own)}." if own else ""))
+    mine = generator.prompts.overridden()
+    say(
+        f"About {tokens} input tokens, {len(shown)} pictures." + (f" Own templates: {', '.join(mine)}." if mine else "")
+    )
 
 
 def _config(campaign: Path | None, given: dict[str, Any]) -> CampaignConfig:

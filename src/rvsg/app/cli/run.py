@@ -17,9 +17,11 @@ from rvsg.app.cli.console import console, print_json, say
 from rvsg.app.cli.frame import verb
 
 if TYPE_CHECKING:
+    from rvsg.app.config import CampaignConfig
     from rvsg.app.wiring import Wired
     from rvsg.campaign.attempt import Attempt
     from rvsg.report.summary import Summary
+    from rvsg.store.sqlite import SqliteLedger
 
 app = verb()
 
@@ -33,7 +35,7 @@ def run(
     route: Annotated[str | None, typer.Option(help="A route of the world. [route_1]")] = None,
     requirement: Annotated[str | None, typer.Option(help="A shipped requirement, or FILE.yaml#NAME. [R1]")] = None,
     generator: Annotated[str | None, typer.Option(help="Who writes scenarios: heuristic, random, vlm.")] = None,
-    strategy: Annotated[str | None, typer.Option(help="study, climb, unguided, random. [study]")] = None,
+    strategy: Annotated[str | None, typer.Option(help="study, climb, elite, unguided, random. [study]")] = None,
     simulator: Annotated[str | None, typer.Option(help="embedded; kinematic: no physics. [embedded]")] = None,
     humans: Annotated[int | None, typer.Option(min=1, max=100, help="People in a scenario. [2]")] = None,
     scenarios: Annotated[int | None, typer.Option(min=1, help="Scenarios to find. [10]")] = None,
@@ -95,10 +97,11 @@ def run_campaign_of(from_file: dict[str, Any], given: dict[str, Any], *, as_json
     if stored is not None:
         config = effective(stored["config"], from_file, given)
     wired = wire(config)
-    if stored is not None:
-        _same(stored, wired.settings, folder)
+    _no_model_options_in_vain(config, given)
     make_folder(folder)
     with alone_in(folder), SqliteLedger(folder / LEDGER) as ledger:
+        if stored is not None:
+            _same_or_empty(stored, wired.settings, ledger, folder)
         ledger.begin(wired.plan.name, wired.settings)
         write_whole(folder / CONFIG, config.to_yaml())
         attempts = _work(wired, ledger, folder, resumed=stored is not None)
@@ -118,13 +121,35 @@ def _stored(ledger_file: Path) -> dict[str, Any] | None:
         return ledger.settings(campaigns[0]) if campaigns else None
 
 
-def _same(stored: dict[str, Any], asked: dict[str, Any], folder: Path) -> None:
-    """A resumed campaign keeps its settings: records of two settings must not mix."""
+def _no_model_options_in_vain(config: CampaignConfig, given: dict[str, Any]) -> None:
+    """Refuse options of a model on the command line where no model is asked; those of a file are only told."""
+    from rvsg.app.wiring import VLM_OPTIONS
+    from rvsg.errors import InputError
+
+    if config.generator_name == "vlm":
+        return
+    if in_vain := [f"--{key.replace('_', '-')}" for key in VLM_OPTIONS if key in given]:
+        raise InputError(
+            f'{", ".join(in_vain)}: this campaign uses the generator "{config.generator_name}", and only "vlm" takes '
+            "such options. Leave them away, or use --generator vlm."
+        )
+    if told := [key for key in VLM_OPTIONS if getattr(config, key) not in (None, "compact")]:
+        say(f'The generator is "{config.generator_name}": {", ".join(told)} in the campaign file have no effect.')
+
+
+def _same_or_empty(stored: dict[str, Any], asked: dict[str, Any], ledger: SqliteLedger, folder: Path) -> None:
+    """A resumed campaign keeps its settings: records of two settings must not mix. Without an attempt it begins anew.
+
+    So a wrong name of a model, found out by the first call, can be mended in the same folder.
+    """
     from rvsg.app.wiring import differences
     from rvsg.errors import InputError
 
     found = differences(stored, asked)
+    if found and ledger.forget_empty(ledger.campaigns()[0]):
+        return
     if found:
+        found = [line for line in found if line.startswith("config.")] or found
         listed = "\n".join(f"  - {line}" for line in found)
         raise InputError(
             f"{folder}: this folder holds a campaign with other settings:\n{listed}\n"

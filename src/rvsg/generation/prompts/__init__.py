@@ -53,7 +53,9 @@ class Prompts:
     """Renders templates: those of `folder` where it has one of the name, else the shipped ones."""
 
     def __init__(self, folder: str | Path | None = None) -> None:
-        self.folder = Path(folder) if folder is not None and Path(folder).is_dir() else None
+        self.folder = Path(folder) if folder is not None else None
+        if self.folder is not None and not self.folder.is_dir():
+            raise FileError(self.folder, "there is no such folder of prompt templates; `rvsg prompt --copy` begins one")
         if self.folder is not None:
             self._check_overrides(self.folder)
         self._environment: Environment = _environment(self.folder)

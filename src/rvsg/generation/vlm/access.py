@@ -285,7 +285,7 @@ class ModelAccess:
             return _Failure(_told_missing(self._provider, error), again=False, setup=True)
         from pydantic_ai import exceptions as foreign
 
-        detail = hide_secrets(_one_line(str(error))).rstrip(". ") + "."
+        detail = _sentence(hide_secrets(_one_line(str(error))))
         wait = getattr(error, "retry_after", None)
         if isinstance(error, foreign.UserError):
             key = re.search(r"[A-Z][A-Z_]*_(?:API_KEY|BASE_URL|TOKEN)", detail)
@@ -417,7 +417,15 @@ def _client_of(provider: str, model: str, base_url: str | None) -> Any:
 
 def _told_missing(provider: str, error: ImportError) -> str:
     extra = {"anthropic": "anthropic", "google": "google", "google-gla": "google"}.get(provider, "vlm")
-    return f"it needs a package that is not installed: pip install 'rvsg[{extra}]'. ({_one_line(str(error))})"
+    return (
+        f"it needs a package that is not installed: in your clone, .venv/bin/pip install -e '.[{extra}]'. "
+        f"(Missing: {error.name or _one_line(str(error))})"
+    )
+
+
+def _sentence(text: str) -> str:
+    text = text.rstrip(". ")
+    return text if text.endswith(("?", "!")) else f"{text}."
 
 
 def _one_line(text: str) -> str:
