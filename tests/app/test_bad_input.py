@@ -229,15 +229,3 @@ def test_a_proposal_in_the_place_of_runs_is_not_called_broken_json(
     told = capsys.readouterr().err
     assert "p.json: this holds no runs" in told
     assert "not JSON" not in told
-
-
-def test_metrics_of_a_file_of_many_runs_names_the_file_and_the_verb_that_takes_it(
-    tmp_path: Path, monkeypatch, capsys
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert main(["propose", "--out", "p.json"]) == 0
-    assert main(["simulate", "p.json", "--simulator", "kinematic", "--repeats", "2", "--out", "r.jsonl"]) == 0
-    capsys.readouterr()
-    assert main(["metrics", "--run", "r.jsonl"]) == 2
-    told = capsys.readouterr().err
-    assert "r.jsonl: holds 2 runs" in told and "rvsg evaluate" in told

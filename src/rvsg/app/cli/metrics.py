@@ -38,16 +38,3 @@ def metrics(
     for info in chosen:
         worse = "" if info.worse == "neither" else f", worse {info.worse}"
         print(f"{info.id:26} {info.title} [{info.unit}{worse}]\n{'':26} {info.formula}\n{'':26} Source: {info.source}.")
-<<<<<<< HEAD
-=======
-
-
-def _read(path: Path) -> Run:
-    from rvsg.app.records import read_runs
-    from rvsg.errors import FileError
-
-    runs = read_runs([path])
-    if len(runs) > 1:
-        raise FileError(path, f"holds {len(runs)} runs, expected one; `rvsg evaluate --json` measures many")
-    return runs[0]
->>>>>>> defa16b (Bad input of a new user is told: options of a model nobody asks, a missing prompts folder, a wrong model mended in place, runs that are no runs; the ranking reads on a narrow page)
