@@ -62,7 +62,7 @@ def confirmation_chart(plan: Plan, selected: Attempt, confirmed: Attempt) -> str
     axis = f"{plan.requirement.metric or 'robustness'}, {unit}" if unit else (plan.requirement.metric or "robustness")
     parts.append(f'<text class="axis" x="{(116 + width - 16) / 2}" y="171" text-anchor="middle">{_e(axis)}</text>')
     if limit is not None:
-        parts.append(_limit(x(limit), limit, unit, 10, 138))
+        parts.append(_limit(x(limit), limit, unit, 10, 138, room=width))
     for y, name, verdict, kind in ((48, "in the search", old, "old"), (104, "fresh runs", new, "new")):
         parts.append(f'<text class="axis" x="104" y="{y + 4}" text-anchor="end">{name}</text>')
         for place, value in enumerate(verdict.objectives):
@@ -145,10 +145,12 @@ def _frame(width: int, height: int, title: str) -> str:
     return f'<svg class="chart" viewBox="0 0 {width} {height}" role="img" aria-label="{_e(title)}">'
 
 
-def _limit(x: float, limit: float, unit: str, top: float, bottom: float) -> str:
+def _limit(x: float, limit: float, unit: str, top: float, bottom: float, *, room: float) -> str:
+    """The limit as a line with its words, on the side that has room for them up to the pixel `room`."""
+    side = f'x="{x + 5:.1f}"' if x + 90 < room else f'x="{x - 5:.1f}" text-anchor="end"'
     return (
         f'<line class="limit" x1="{x:.1f}" x2="{x:.1f}" y1="{top}" y2="{bottom}"/>'
-        f'<text class="limit" x="{x + 5:.1f}" y="{top + 8}">limit {number(limit, unit)}</text>'
+        f'<text class="limit" {side} y="{top + 8}">limit {number(limit, unit)}</text>'
     )
 
 
