@@ -95,7 +95,7 @@ def _box(axes: Any, x: float, values: Sequence[float], colour: str, name: str) -
         [values], positions=[x], widths=0.3, showfliers=False, manage_ticks=False,
         boxprops=line, whiskerprops=line, capprops=line, medianprops={"color": INK, "linewidth": 1.6},
     )  # fmt: skip
-    dots = {"color": colour, "alpha": 0.35, "markersize": 4, "markeredgewidth": 0}
+    dots = {"color": colour, "alpha": 0.55, "markersize": 4, "markeredgewidth": 0}
     axes.plot(list(_beside(x, len(values))), values, ".", gid=name, **dots)
 
 
