@@ -129,6 +129,22 @@ def test_resuming_with_other_settings_is_refused_and_names_them(
     assert records(tmp_path / "one") == before
 
 
+def test_a_campaign_from_before_a_setting_was_added_is_resumed(tmp_path: Path) -> None:
+    out = tmp_path / "one"
+    main(["run", *SMALL, "--out", str(out)])
+    before = records(out)
+    connection = sqlite3.connect(out / LEDGER)
+    (text,) = connection.execute("SELECT settings FROM campaigns").fetchone()
+    settings = json.loads(text)
+    del settings["plan"]["memory"], settings["config"]["memory"]
+    connection.execute("UPDATE campaigns SET settings = ?", (json.dumps(settings),))
+    connection.execute("DELETE FROM attempts WHERE position = 6")
+    connection.commit()
+    connection.close()
+    assert main(["run", "--out", str(out)]) == 0
+    assert records(out) == before
+
+
 def test_two_processes_do_not_share_a_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     from rvsg.app.folder import alone_in, make_folder
 

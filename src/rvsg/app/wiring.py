@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from pydantic import ValidationError
+
 from rvsg.app import plugins
 from rvsg.app.config import CampaignConfig
 from rvsg.campaign.loop import Parts, Watcher, feedback_from
@@ -166,6 +168,16 @@ def jobs_of(config: CampaignConfig) -> int:
         return len(os.sched_getaffinity(0))
     except AttributeError:
         return os.cpu_count() or 1
+
+
+def with_defaults(stored: dict[str, Any]) -> dict[str, Any]:
+    """Stored settings with the defaults of what a later version added; as they are where they are no such settings."""
+    try:
+        plan = Plan.model_validate(stored["plan"]).model_dump(mode="json")
+        config = CampaignConfig.model_validate(stored["config"]).deciding()
+    except (KeyError, ValidationError):
+        return stored
+    return stored | {"plan": plan, "config": config}
 
 
 def differences(known: dict[str, Any], asked: dict[str, Any], prefix: str = "") -> list[str]:

@@ -102,7 +102,8 @@ def run_campaign_of(from_file: dict[str, Any], given: dict[str, Any], *, as_json
     with alone_in(folder), SqliteLedger(folder / LEDGER) as ledger:
         if stored is not None:
             _same_or_empty(stored, wired.settings, ledger, folder)
-        ledger.begin(wired.plan.name, wired.settings)
+        if ledger.settings(wired.plan.name) is None:
+            ledger.begin(wired.plan.name, wired.settings)
         write_whole(folder / CONFIG, config.to_yaml())
         attempts = _work(wired, ledger, folder, resumed=stored is not None)
         summary = _write(wired, ledger, attempts, folder)
@@ -142,10 +143,10 @@ def _same_or_empty(stored: dict[str, Any], asked: dict[str, Any], ledger: Sqlite
 
     So a wrong name of a model, found out by the first call, can be mended in the same folder.
     """
-    from rvsg.app.wiring import differences
+    from rvsg.app.wiring import differences, with_defaults
     from rvsg.errors import InputError
 
-    found = differences(stored, asked)
+    found = differences(with_defaults(stored), asked)
     if found and ledger.forget_empty(ledger.campaigns()[0]):
         return
     if found:
