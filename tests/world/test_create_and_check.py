@@ -298,3 +298,13 @@ def test_a_label_named_like_a_waypoint_or_with_a_stray_space_is_suspicious(folde
     told = {r.problem.line: r.problem.message for r in check_world(folder) if "name" in r.problem.message}
     assert '"B5" is also the name of a waypoint' in told[2]
     assert "begins or ends with a space" in told[3]
+
+
+def test_a_name_given_twice_does_not_hide_what_else_is_wrong(folder: Path) -> None:
+    desk = "name: Desk, rectangle: [3, 3, 5, 5]"
+    replace_labels(folder, desk, desk, "name: Far, rectangle: [90, 90, 95, 95]")
+    told = {r.problem.line: r.problem.message for r in check_world(folder) if r.serious}
+    assert told[3] == 'the name "Desk" is already given in line 2'
+    assert '"Far" lies outside the map' in told[4]
+    with pytest.raises(FileError, match="already given"):
+        load_world(folder)

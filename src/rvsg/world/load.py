@@ -52,7 +52,8 @@ def _shipped(name: str) -> World:
 def read_world(folder: Path, problems: list[Problem] | None = None) -> World:
     """Read the world in a folder.
 
-    With a list for `problems`, names of waypoints that do not exist are noted there and left out instead of raised.
+    With a list for `problems`, names of waypoints that do not exist are noted there and left out instead of raised, and
+    areas whose name was given before are noted and named by their line.
     """
     head_document = read_yaml(folder / "world.yaml")
     mistakes: tuple[Problem, ...] = ()
@@ -60,7 +61,7 @@ def read_world(folder: Path, problems: list[Problem] | None = None) -> World:
         head = validated(head_document, WorldFile)
     except DocumentError as error:  # read on with what can be read, so that every mistake is told at once
         head, mistakes = _readable_head(head_document), error.problems
-    parts = _Parts(folder, head, mistakes)
+    parts = _Parts(folder, head, mistakes, noted=problems)
     objects = parts.objects()
     areas, area_document = parts.areas()
     routes, route_document = parts.routes()
@@ -97,10 +98,13 @@ def _readable_head(document: Document) -> WorldFile:
 class _Parts:
     """The files beside a world.yaml; gathers what is wrong in any of them."""
 
-    def __init__(self, folder: Path, head: WorldFile, problems: Iterable[Problem]) -> None:
+    def __init__(
+        self, folder: Path, head: WorldFile, problems: Iterable[Problem], noted: list[Problem] | None = None
+    ) -> None:
         self.folder = folder
         self.head = head
         self.problems = list(problems)
+        self.doubles = self.problems if noted is None else noted  # where they are noted, the rest is judged too
 
     def _read(self, name: str, model: type[Model]) -> tuple[Model, Document] | None:
         try:
@@ -117,21 +121,25 @@ class _Parts:
         read = self._read(self.head.objects, ObjectsFile)
         if read is None:
             return ()
-        self._no_doubles(read[1], "objects", [entry.name for entry in read[0].objects])
+        self._no_doubles(read[1], "objects", [entry.name for entry in read[0].objects], self.problems)
         return tuple(entry.solid(self.head.lidar_height_m) for entry in read[0].objects)
 
     def areas(self) -> tuple[tuple[Area, ...], Document | None]:
         read = self._read(self.head.labels, LabelsFile)
         if read is None:
             return (), None
-        self._no_doubles(read[1], "areas", [entry.name for entry in read[0].areas])
-        return tuple(entry.area() for entry in read[0].areas), read[1]
+        doubles = self._no_doubles(read[1], "areas", [entry.name for entry in read[0].areas], self.doubles)
+        areas = [entry.area() for entry in read[0].areas]
+        for index in doubles:  # told apart by their lines, which no name of a file holds
+            name = f"{areas[index].name} (line {read[1].line('areas', index)})"
+            areas[index] = areas[index].model_copy(update={"name": name})
+        return tuple(areas), read[1]
 
     def routes(self) -> tuple[tuple[RouteEntry, ...], Document | None]:
         read = self._read(self.head.routes, RoutesFile)
         if read is None:
             return (), None
-        self._no_doubles(read[1], "routes", [entry.name for entry in read[0].routes])
+        self._no_doubles(read[1], "routes", [entry.name for entry in read[0].routes], self.problems)
         return read[0].routes, read[1]
 
     def occupancy(
@@ -152,15 +160,17 @@ class _Parts:
             self.problems.append(document.problem(str(error), "map"))
         return None
 
-    def _no_doubles(self, document: Document, key: str, names: Iterable[str]) -> None:
+    def _no_doubles(self, document: Document, key: str, names: Iterable[str], told: list[Problem]) -> list[int]:
+        """Tell of names that were given before; the indices of those entries."""
         first: dict[str, int] = {}
+        doubled = []
         for index, name in enumerate(names):
             if name in first:
                 line = document.line(key, first[name], "name")
-                self.problems.append(
-                    document.problem(f'the name "{name}" is already given in line {line}', key, index, "name")
-                )
+                doubled.append(index)
+                told.append(document.problem(f'the name "{name}" is already given in line {line}', key, index, "name"))
             first.setdefault(name, index)
+        return doubled
 
     def stop_at_problems(self) -> None:
         if self.problems:
