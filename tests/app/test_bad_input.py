@@ -229,3 +229,36 @@ def test_a_proposal_in_the_place_of_runs_is_not_called_broken_json(
     told = capsys.readouterr().err
     assert "p.json: this holds no runs" in told
     assert "not JSON" not in told
+
+
+def test_an_empty_name_of_the_output_folder_is_refused(refused) -> None:
+    assert "out: string should have at least 1 character" in refused("run", *SMALL, "--out", "")
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        ('{"a": "b', "unterminated string, at character 7"),
+        ("", "it is empty"),
+        ("[]", "the whole file: input should be an object"),
+    ],
+)
+def test_a_broken_scenario_file_is_told_with_what_and_where(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], content: str, told: str
+) -> None:
+    (tmp_path / "s.json").write_text(content, encoding="utf-8")
+    assert main(["simulate", str(tmp_path / "s.json")]) == 2
+    assert told in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("content", "told"), [(None, "calls.jsonl does not exist"), ("{br", "holds no whole recorded call")]
+)
+def test_a_replay_folder_without_a_call_says_whether_the_file_is_missing_or_broken(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], content: str | None, told: str
+) -> None:
+    if content is not None:
+        (tmp_path / "calls.jsonl").write_text(content, encoding="utf-8")
+    assert main(["run", *SMALL[:2], "--replay", str(tmp_path), "--out", str(tmp_path / "out")]) == 2
+    assert told in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()

@@ -50,7 +50,7 @@ class CampaignConfig(Record):
     memory: Annotated[int, Field(ge=0, le=1000)] = 10
     seed: NotNegative = 0
     jobs: Annotated[int | None, Field(ge=1, le=1024)] = None
-    out: str | None = None
+    out: Annotated[str | None, Field(min_length=1)] = None
     fail_on_violation: bool = False
     junit: str | None = None
     model: str | None = None

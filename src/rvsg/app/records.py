@@ -102,14 +102,18 @@ def _json(path: Path, text: str) -> object:
     try:
         return json.loads(text)
     except json.JSONDecodeError as error:
-        raise FileError(path, f"this is not JSON: {error.msg}.", line=error.lineno) from None
+        what = error.msg.removesuffix(" starting at").lower() if text.strip() else "it is empty"
+        raise FileError(path, f"this is not JSON: {what}, at character {error.colno}.", line=error.lineno) from None
 
 
 def _validated(path: Path, value: object, kind: type[Kept]) -> Kept:
     try:
         return kind.model_validate_json(json.dumps(value))
     except pydantic.ValidationError as error:
-        wrong = [f"{'.'.join(map(str, e['loc'])) or 'it'}: {e['msg'].lower()}" for e in error.errors(include_url=False)]
+        wrong = [
+            f"{'.'.join(map(str, e['loc'])) or 'the whole file'}: {e['msg'].lower()}"
+            for e in error.errors(include_url=False)
+        ]
         more = [f"and {len(wrong) - MOST_TOLD} more"] if len(wrong) > MOST_TOLD else []
         listed = "; ".join([*wrong[:MOST_TOLD], *more])
         raise FileError(path, f"this is not a {kind.__name__.lower()}: {listed}.") from None

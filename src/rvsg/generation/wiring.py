@@ -102,7 +102,9 @@ def wired(model: str | Model | None, access: Access) -> Wiring:
     if access.replay is not None:
         recording = Recording(access.replay)
         if not len(recording):
-            raise InputError(f"There are no recorded calls in {access.replay} (expected calls.jsonl there).")
+            there = Path(access.replay) / "calls.jsonl"
+            what = "holds no whole recorded call" if there.exists() else "does not exist"
+            raise InputError(f"There are no recorded calls in {access.replay}: {there.name} {what}.")
         replayed = Replayed(recording, strict=access.strict)
         return Wiring(model=replayed, recording=recording, replayed=replayed)
     if model is None:
