@@ -62,7 +62,8 @@ def requirements_page() -> str:
             measure = f"`{requirement.formula}`; violated below 0"
         else:
             beyond = "below" if requirement.worse == "smaller" else "above"
-            limit = f"{requirement.limit:g} {requirement.unit}" if requirement.limit is not None else "its limit"
+            unit = "" if requirement.unit.startswith("1") else f" {requirement.unit}"
+            limit = f"{requirement.limit:g}{unit}" if requirement.limit is not None else "its limit"
             if requirement.limit_share is not None:
                 limit = f"{requirement.limit_share:.0%} of the route's time limit"
             measure = f"`{requirement.metric}`; violated {beyond} {limit}"

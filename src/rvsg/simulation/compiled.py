@@ -31,6 +31,16 @@ def sources_hash() -> str:
 
 
 @cache
+def checkout_hash() -> str:
+    """8 hexadecimal digits over the place and age of the sources: numba keeps a cache for just these."""
+    folder = Path(__file__).resolve().parent
+    digest = hashlib.sha256(str(folder).encode())
+    for path in sorted(folder.rglob("*.py")):
+        digest.update(str(path.stat().st_mtime_ns).encode())
+    return digest.hexdigest()[:8]
+
+
+@cache
 def cache_folder() -> Path:
     """Where compiled kernels are kept: NUMBA_CACHE_DIR, XDG_CACHE_HOME, ~/.cache, or the system's temporary folder."""
     choices = [
@@ -43,7 +53,7 @@ def cache_folder() -> Path:
         if choice is None:
             continue
         try:
-            folder = choice.expanduser() / f"kernels-{sources_hash()}"
+            folder = choice.expanduser() / f"kernels-{sources_hash()}-{checkout_hash()}"
             folder.mkdir(parents=True, exist_ok=True)
         except (OSError, RuntimeError):
             continue
