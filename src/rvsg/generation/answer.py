@@ -45,8 +45,11 @@ def answer(
     )
 
 
-def unanswered(*, generator: str, rule: str, reason: str, suggestion: str) -> Proposal:
-    """The proposal of a generator that finds nothing to propose in this world: one problem says why."""
-    return Proposal(
-        generator=generator, scenario=None, problems=(Finding(rule=rule, reason=reason, suggestion=suggestion),)
+def nowhere_to_walk(world: World, *, generator: str) -> Proposal:
+    """The proposal of a generator that finds no two joined waypoints in the world: one problem says so."""
+    problem = Finding(
+        rule="unknown-area",
+        reason=f"{world.name} has fewer than two waypoints between which people can walk.",
+        suggestion="Label areas with waypoints that are joined by free hops.",
     )
+    return Proposal(generator=generator, scenario=None, problems=(problem,))

@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from rvsg.generation.answer import answer, unanswered
+from rvsg.generation.answer import answer, nowhere_to_walk
 from rvsg.generation.generator import Proposal
 from rvsg.generation.places import Place, places_of
 from rvsg.generation.seeding import rng_of
@@ -46,12 +46,7 @@ class RandomGenerator:
         """Draw a configuration from the brief's seed."""
         places = places_of(world, reachable_from=brief.mission.route.start)
         if len({name for place in places for name in place.waypoints}) < 2:
-            return unanswered(
-                generator=self.name,
-                rule="unknown-area",
-                reason=f"{world.name} has fewer than two waypoints between which people can walk.",
-                suggestion="Label areas with waypoints that are joined by free hops.",
-            )
+            return nowhere_to_walk(world, generator=self.name)
         rng = rng_of(brief, self.name)
         humans: list[Human] = []
         for index in range(brief.humans):

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from rvsg.generation.aims import FINALISTS, Aim, aim_of, promise
-from rvsg.generation.answer import answer, unanswered
+from rvsg.generation.answer import answer, nowhere_to_walk
 from rvsg.generation.changes import Changing
 from rvsg.generation.forecast import Forecast, Forecaster
 from rvsg.generation.generator import Proposal
@@ -54,12 +54,7 @@ class HeuristicGenerator:
         route = brief.mission.route
         places = places_of(world, reachable_from=route.start)
         if len({name for place in places for name in place.waypoints}) < 2:
-            return unanswered(
-                generator=self.name,
-                rule="unknown-area",
-                reason=f"{world.name} has fewer than two waypoints between which people can walk.",
-                suggestion="Label areas with waypoints that are joined by free hops.",
-            )
+            return nowhere_to_walk(world, generator=self.name)
         plan = _Plan(brief, world, places, rng_of(brief, self.name), self.individuals)
         if brief.kind == "refine" and brief.feedback is not None and plan.refinable(brief.feedback):
             humans, reasoning = plan.refined(self.changes)

@@ -163,19 +163,8 @@ class _Reader:
     def object(self, depth: int) -> dict[str, Any]:
         self.at += 1
         found: dict[str, Any] = {}
-        while True:
-            sign = self.peek()
-            if sign == "}":
-                self.at += 1
-                return found
-            if sign == ",":
-                self.at += 1
-                self.mend("a comma too many")
-                continue
-            if not sign:
-                self.cut_off()
-                return found
-            key = self.key(sign)
+        while self.item_follows("}"):
+            key = self.key(self.peek())
             if self.peek() not in (":", "="):
                 if not self.peek():
                     self.cut_off()
@@ -189,7 +178,21 @@ class _Reader:
                 self.mend(f'the key "{key}" twice')
             found[key] = value
             if not self.separator("}"):
-                return found
+                break
+        return found
+
+    def item_follows(self, closing: str) -> bool:
+        """Whether another item of an object or array begins here; passes stray commas and the closing mark."""
+        while (sign := self.peek()) == ",":
+            self.at += 1
+            self.mend("a comma too many")
+        if sign == closing:
+            self.at += 1
+        elif not sign:
+            self.cut_off()
+        else:
+            return True
+        return False
 
     def key(self, sign: str) -> str:
         if sign in _QUOTES:
@@ -204,28 +207,18 @@ class _Reader:
     def array(self, depth: int) -> list[Any]:
         self.at += 1
         found: list[Any] = []
-        while True:
-            sign = self.peek()
-            if sign == "]":
-                self.at += 1
-                return found
-            if sign == ",":
-                self.at += 1
-                self.mend("a comma too many")
-                continue
+        while self.item_follows("]"):
             if self.text.startswith(("...", "…"), self.at):
                 self.at += 3 if self.text[self.at] == "." else 1
                 self.mend("an ellipsis was left out")
                 continue
-            if not sign:
-                self.cut_off()
-                return found
             value = self.value(depth + 1)
             if self.ended_early and value is None:
                 return found
             found.append(value)
             if not self.separator("]"):
-                return found
+                break
+        return found
 
     def separator(self, closing: str) -> bool:
         """Step over what stands between two items; False where the container ends without its bracket."""
