@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import pytest
 
@@ -193,8 +193,30 @@ def test_feedback_tells_the_truth(brief: Brief, warehouse: World) -> None:
     ):
         assert words in told
     assert proposal.scenario is not None
-    assert proposal.scenario.description == first.scenario.description
+    assert proposal.scenario.description == "Restocking."
     assert model.asked[0].messages[-2].role == "assistant"
+
+
+def test_a_refinement_is_described_by_what_its_own_people_do(brief: Brief, warehouse: World) -> None:
+    first = VlmGenerator(Scripted([GOOD])).propose(brief, warehouse).scenario
+    assert first is not None
+    changed = GOOD.replace('["G10", "G11"]', '["G9", "G10", "G11"]').replace('["G11", "G10"]', '["G11", "G10", "G9"]')
+
+    def described(reply: str, conversation: Literal["compact", "study"] = "compact") -> str:
+        replies = [reply] if conversation == "compact" else [LINES, LINES, reply]
+        generator = VlmGenerator(Scripted(replies), conversation=conversation)
+        scenario = generator.propose(refining(brief, first), warehouse).scenario
+        assert scenario is not None
+        return scenario.description
+
+    assert described(changed.replace("Restocking.", "Now they sort.")) == "Now they sort."
+    assert described(changed.replace("Restocking.", "Now they sort."), "study") == "Now they sort."
+    # A reply that describes nothing: the earlier text stands where the tasks are the same, else it says what it is.
+    silent = changed.replace('"description": "Restocking.", ', "")
+    assert described(silent) == "Restocking."
+    other = silent.replace("Area 2", "Large Shelf 1").replace("Area 3", "Large Shelf 2")
+    other = other.replace('"G9", "G10", "G11"', '"M7", "M8"').replace('"G11", "G10", "G9"', '"M8", "M7"')
+    assert described(other.replace('"at": "G11"', '"at": "M8"')).startswith("Restocking. (This describes an earlier")
 
 
 def test_an_unguided_brief_hears_of_no_requirement_feedback_or_memory(brief: Brief, warehouse: World) -> None:

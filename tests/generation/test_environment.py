@@ -1,12 +1,13 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from rvsg.errors import FileError, GenerationError, InputError
-from rvsg.generation.conversation import VlmGenerator, pictures_of
+from rvsg.generation.conversation import VlmGenerator
 from rvsg.generation.environment import (
     EnvironmentDialogue,
     description_of,
@@ -28,7 +29,7 @@ CLEAN = {key: " ".join(text.split()) for key, text in TEXTS.items()}
 
 
 def describing(world: World, model: Scripted) -> EnvironmentDialogue:
-    return EnvironmentDialogue(world, pictures_of(world), model, Prompts())
+    return EnvironmentDialogue(world, model, Prompts())
 
 
 def test_three_turns_show_the_map_then_grid_and_map_then_sum_up(warehouse: World) -> None:
@@ -39,7 +40,17 @@ def test_three_turns_show_the_map_then_grid_and_map_then_sum_up(warehouse: World
     assert not description.reviewed
     assert [call.purpose for call in dialogue.calls] == ["layout", "grid", "summary"]
     shown = [[p.name for p in m.pictures] for m in model.asked[2].messages if m.role == "user"]
-    assert shown == [["labelled map"], ["grid of waypoints", "labelled map"], []]
+    assert shown == [["labelled map", "bird's-eye view"], ["grid of waypoints", "labelled map"], []]
+    assert "slantingly" in model.asked[0].messages[1].text
+
+
+def test_a_world_from_a_bare_map_is_described_without_the_heights_it_does_not_know(tmp_path: Path) -> None:
+    bare = replace(load_world("warehouse"), objects=())
+    model = Scripted(["layout analysis", "grid analysis", json.dumps(TEXTS)])
+    describing(bare, model).describe()
+    first = model.asked[0].messages[1]
+    assert [p.name for p in first.pictures] == ["labelled map"]
+    assert "slantingly" not in first.text
 
 
 def test_a_reason_goes_into_one_more_turn(warehouse: World) -> None:
@@ -76,8 +87,6 @@ def test_a_description_is_stored_in_the_worlds_own_file_and_the_rest_of_it_kept(
 def test_the_description_of_a_shipped_world_goes_to_the_users_folder_and_into_the_prompts(
     brief: Brief, warehouse: World
 ) -> None:
-    from dataclasses import replace
-
     bare = replace(warehouse, description=None)
     assert description_of(bare) is None
     written = store_description(bare, Description(**CLEAN))

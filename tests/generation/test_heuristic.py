@@ -1,3 +1,4 @@
+import re
 from collections import Counter
 
 import pytest
@@ -13,7 +14,7 @@ from rvsg.generation.ground import Ground
 from rvsg.generation.heuristic import HeuristicGenerator
 from rvsg.scenario.brief import Brief, Feedback, Remembered
 from rvsg.scenario.requirement import Requirement
-from rvsg.scenario.scenario import Mission, Scenario
+from rvsg.scenario.scenario import Human, Mission, Scenario
 from rvsg.scenario.validity.sides import parts_of, sides
 from rvsg.world.load import load_world
 
@@ -70,14 +71,37 @@ def test_the_description_tells_the_work_the_people_and_the_robots_task() -> None
     assert MISSION.route.purpose in found.description
 
 
-def test_a_refinement_keeps_the_description_and_changes_the_people() -> None:
+def stops(human: Human) -> list[str]:
+    return [parts_of(task.name, WORLD)[0] for task in human.tasks]
+
+
+def test_a_refinement_keeps_the_work_of_the_hour_and_describes_what_its_own_people_do() -> None:
     first = scenario()
     feedback = Feedback(scenario=first, objectives=(1.0,), mean=1.0, interval=(1.0, 1.0))
     for index in range(1, 6):
         later = scenario(kind="refine", feedback=feedback, configuration_index=index)
-        assert later.description == first.description
+        assert later.description.split(". ")[0] == first.description.split(". ")[0]
         assert later.people != first.people
         assert gap(later) < gap(first) + 0.3
+
+
+@pytest.mark.parametrize("text", [None, "Two people restock shelves."])
+def test_after_many_refinements_the_description_names_the_places_of_the_people_and_no_others(text: str | None) -> None:
+    known = scenario() if text is None else scenario().replace(description=text)
+    moved = 0
+    for index in range(1, 13):
+        feedback = Feedback(scenario=known, objectives=(1.0,), mean=1.0, interval=(1.0, 1.0))
+        later = scenario(kind="refine", feedback=feedback, configuration_index=index)
+        for human, was in zip(later.people.humans, known.people.humans, strict=True):
+            if stops(human) != stops(was):
+                moved += 1
+            elif text is not None and human.name not in known.description:
+                continue
+            told = next(p for p in re.split(r"[;.] ?| (?=Human)", later.description) if p.startswith(human.name))
+            where = re.split(r", | and ", told.split(": ")[1])
+            assert where == list(dict.fromkeys(stops(human))), (later.description, human)
+        known = later
+    assert moved > 2
 
 
 def test_refinements_of_one_configuration_differ_from_each_other() -> None:

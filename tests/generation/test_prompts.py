@@ -51,8 +51,8 @@ def test_a_file_of_the_same_name_replaces_a_template_and_only_that(tmp_path: Pat
     prompts = Prompts(tmp_path)
     assert prompts.overridden() == ("P3-tasks",)
     assert prompts.render("P3-tasks", {"names": ["A", "B"]}) == "For A & B.\n"
-    assert prompts.render("P7-configuration", {"names": ["A"]}) == Prompts().render(
-        "P7-configuration", {"names": ["A"]}
+    assert prompts.render("reply-unreadable", {"problem": "A"}) == Prompts().render(
+        "reply-unreadable", {"problem": "A"}
     )
 
 

@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from rvsg.app.demos import CAMPAIGN, demo_folder, demos, recorded_description
-from rvsg.generation.conversation import VlmGenerator, pictures_of
+from rvsg.generation.conversation import VlmGenerator
 from rvsg.generation.environment import EnvironmentDialogue
 from rvsg.generation.facts import human_names
 from rvsg.generation.prompts import Prompts
@@ -75,7 +75,7 @@ def test_the_first_configuration_of_a_recorded_campaign_is_proposed_again(name: 
 
 def test_the_shipped_description_is_the_one_the_model_gave(warehouse: World) -> None:
     replayed = Replayed(Recording(recorded_description("warehouse")))
-    dialogue = EnvironmentDialogue(warehouse, pictures_of(warehouse), replayed, Prompts())
+    dialogue = EnvironmentDialogue(warehouse, replayed, Prompts())
     described = dialogue.describe()
     assert warehouse.description is not None
     assert (described.layout, described.grid) == (warehouse.description.layout, warehouse.description.grid)

@@ -17,24 +17,25 @@ from pathlib import Path
 from typing import Any, Literal
 
 from rvsg.errors import InputError
+from rvsg.generation.answer import inherited_description
 from rvsg.generation.dialogue import Dialogue
 from rvsg.generation.environment import description_of
 from rvsg.generation.facts import brief_facts, configuration_object, human_names, world_facts
 from rvsg.generation.generator import Proposal
+from rvsg.generation.pictures import pictures_of
 from rvsg.generation.prompts import Prompts
 from rvsg.generation.replies import Reply, read_configuration, read_description, read_path_lines
 from rvsg.generation.shape import configuration_shape
-from rvsg.generation.vlm.messages import Answer, Message, Picture
+from rvsg.generation.vlm.messages import Answer, Message
 from rvsg.generation.vlm.model import Model
 from rvsg.generation.wiring import Access, wired
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.scenario import HumanConfiguration, Scenario
 from rvsg.scenario.validity import Finding, Repair, check, repair
 from rvsg.world.records import canonical_json
-from rvsg.world.world import Route, World
+from rvsg.world.world import World
 
 Conversation = Literal["compact", "study"]
-PICTURE_WIDTH_PX = 1600
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,8 +140,7 @@ class VlmGenerator:
         while judged[-1].findings and len(judged) <= self.corrections:
             answer = self._ask_again(dialogue, judged[-1], "compact-correction", "correct", shape)
             judged.append(self._judge(answer, brief, world))
-        described = next((j.reply.description for j in reversed(judged) if j.reply.description), "")
-        return judged, brief.feedback.scenario.description if brief.feedback else described
+        return judged, _described(judged)
 
     def _before_compact(self, dialogue: Dialogue, brief: Brief) -> None:
         """A refinement answers on top of the configuration that was simulated, in the form answers have."""
@@ -163,7 +163,7 @@ class VlmGenerator:
         names = human_names(brief.humans)
         if brief.feedback is not None:
             self._before_refinement(dialogue, brief, world)
-            description = brief.feedback.scenario.description
+            description = ""
             paths = dialogue.ask("P5", "P5-refinement")
         else:
             template = _first_of_study(brief)
@@ -182,10 +182,12 @@ class VlmGenerator:
                 continue
             dialogue.ask("P6", "P6-revision", findings=[str(finding) for finding in last.findings])
             judged.append(self._configuration(dialogue, brief, world))
-        return judged, description
+        return judged, description or _described(judged)
 
     def _configuration(self, dialogue: Dialogue, brief: Brief, world: World) -> _Judged:
-        answer = dialogue.ask("P7", "P7-configuration", shape=configuration_shape(rich=False))
+        # A refinement describes itself; a new scenario was described in step 1.
+        shape = configuration_shape(rich=False, described=brief.feedback is not None)
+        answer = dialogue.ask("P7", "P7-configuration", shape=shape)
         return self._judge(answer, brief, world)
 
     def _findings_of_lines(self, text: str, names: Sequence[str], brief: Brief, world: World) -> tuple[Finding, ...]:
@@ -243,9 +245,13 @@ class VlmGenerator:
         if usable and people is not None:
             people, repairs, problems = self._repaired(people, last, brief, world)
         valid = people if usable and not problems else None
+        scenario = None
+        if valid is not None:
+            told = description or inherited_description(brief, valid)
+            scenario = Scenario(mission=brief.mission, people=valid, description=told)
         return Proposal(
             generator=self.name,
-            scenario=Scenario(mission=brief.mission, people=valid, description=description) if valid else None,
+            scenario=scenario,
             reasoning=last.reply.analysis,
             first_findings=judged[0].findings,
             problems=problems,
@@ -269,22 +275,9 @@ class VlmGenerator:
         return mended, (*last.reply.repairs, *repairs), check(mended, brief.mission, world)
 
 
-_DRAWN: dict[tuple[str, str, str], tuple[Picture, Picture]] = {}
-_MOST_DRAWN = 8
-
-
-def pictures_of(world: World, route: Route | None = None) -> tuple[Picture, Picture]:
-    """The labelled map (with the route) and the grid picture, as the model is shown them; the last few are kept."""
-    key = (world.id, world.title, route.id if route else "")
-    if key not in _DRAWN:
-        from rvsg.world.picture import grid_picture, labelled_map, png_bytes
-
-        labelled = png_bytes(labelled_map(world, width_px=PICTURE_WIDTH_PX, route=route))
-        grid = png_bytes(grid_picture(world, width_px=PICTURE_WIDTH_PX))
-        while len(_DRAWN) >= _MOST_DRAWN:
-            _DRAWN.pop(next(iter(_DRAWN)))
-        _DRAWN[key] = (Picture(name="labelled map", png=labelled), Picture(name="grid of waypoints", png=grid))
-    return _DRAWN[key]
+def _described(judged: Sequence[_Judged]) -> str:
+    """The description in the last answer that holds one."""
+    return next((j.reply.description for j in reversed(judged) if j.reply.description), "")
 
 
 def _first_of_study(brief: Brief) -> str:

@@ -18,10 +18,10 @@ from rvsg.errors import FileError, GenerationError, InputError
 from rvsg.generation.dialogue import Dialogue
 from rvsg.generation.facts import world_facts
 from rvsg.generation.generator import Call
+from rvsg.generation.pictures import birdseye_of, pictures_of
 from rvsg.generation.prompts import Prompts
 from rvsg.generation.replies import read_object
 from rvsg.generation.shape import texts_shape
-from rvsg.generation.vlm.messages import Picture
 from rvsg.generation.vlm.model import Model
 from rvsg.world.load import SHIPPED, load_world
 from rvsg.world.world import Description, World
@@ -35,13 +35,13 @@ LONGEST_CHARACTERS = 6000
 class EnvironmentDialogue:
     """Describes a world in three turns, and corrects the description for a reason."""
 
-    def __init__(self, world: World, pictures: tuple[Picture, Picture], model: Model, prompts: Prompts) -> None:
+    def __init__(self, world: World, model: Model, prompts: Prompts) -> None:
         self.world = world
-        labelled, grid = pictures
-        self._labelled, self._grid = labelled, grid
-        self._dialogue = Dialogue(
-            model, prompts, f"describe-{world.name}", {**world_facts(world), "humans": 2}, pictures=pictures
-        )
+        self._labelled, self._grid = pictures_of(world)
+        self._birdseye = birdseye_of(world)
+        pictures = [picture for picture in (self._labelled, self._grid, self._birdseye) if picture is not None]
+        facts = {**world_facts(world), "humans": 2, "heights": self._birdseye is not None}
+        self._dialogue = Dialogue(model, prompts, f"describe-{world.name}", facts, pictures=pictures)
 
     @property
     def calls(self) -> tuple[Call, ...]:
@@ -52,7 +52,8 @@ class EnvironmentDialogue:
         """The three turns; raises GenerationError where the model gives no description even when asked again."""
         dialogue = self._dialogue
         dialogue.tell("system", role="system")
-        dialogue.ask("layout", "environment-1-layout", shown=(self._labelled,))
+        first = (self._labelled, self._birdseye) if self._birdseye is not None else (self._labelled,)
+        dialogue.ask("layout", "environment-1-layout", shown=first)
         dialogue.ask("grid", "environment-2-grid", shown=(self._grid, self._labelled))
         return self._read(dialogue.ask("summary", "environment-3-summary", shape=texts_shape(*KEYS)).text)
 

@@ -21,6 +21,7 @@ from rvsg.generation.generator import Proposal
 from rvsg.generation.ground import ground_of
 from rvsg.generation.places import Place, places_of
 from rvsg.generation.seeding import rng_of
+from rvsg.generation.telling import retold, told
 from rvsg.generation.work import Role, Workforce
 from rvsg.scenario.brief import Brief, Feedback, Remembered
 from rvsg.scenario.scenario import Human, HumanConfiguration, Task
@@ -57,8 +58,8 @@ class HeuristicGenerator:
             return nowhere_to_walk(world, generator=self.name)
         plan = _Plan(brief, world, places, rng_of(brief, self.name), self.individuals)
         if brief.kind == "refine" and brief.feedback is not None and plan.refinable(brief.feedback):
-            humans, reasoning = plan.refined(self.changes)
-            description = brief.feedback.scenario.description
+            humans, reasoning, words = plan.refined(self.changes)
+            description = retold(brief.feedback.scenario, humans, words, world)
         else:
             humans, reasoning = plan.drafted(self.tries)
             description = plan.description(humans)
@@ -147,17 +148,11 @@ class _Plan:
 
     def description(self, humans: list[Human]) -> str:
         """What is going on, in a few sentences: from the world's list of work, the areas and the ways of working."""
-        parts = []
-        for human in humans[:6]:
-            stops = list(dict.fromkeys(parts_of(task.name, self.world)[0] for task in human.tasks))
-            where = f"{', '.join(stops[:-1])} and {stops[-1]}" if len(stops) > 1 else stops[0]
-            parts.append(f"{human.name} {self.roles[human.name]}: {where}")
-        more = f", and {len(humans) - 6} others work nearby" if len(humans) > 6 else ""
         route = self.brief.mission.route
         robot = f"The robot's task meanwhile: {route.purpose}." if route.purpose else "The robot drives meanwhile."
         activity = self._activity(humans)
         work = f"The work of the hour: {activity}. " if activity else ""
-        return f"{work}{'; '.join(parts)}{more}. {robot}"
+        return f"{work}{told(humans, self.roles, self.world)}. {robot}"
 
     def _activity(self, humans: list[Human]) -> str | None:
         """The work of the place that names most of what the people visit and was told least in the memory."""
@@ -166,13 +161,13 @@ class _Plan:
         stops = {part for human in humans for task in human.tasks for part in parts_of(task.name, self.world)}
         kinds = {place.name: place.kind for place in self.places}
         words = Counter(w for stop in stops for w in f"{stop} {kinds.get(stop, '')}".lower().split())
-        told = Counter(a for r in self.brief.memory for a in self.world.activities if a in r.description)
+        known = Counter(a for r in self.brief.memory for a in self.world.activities if a in r.description)
         jitter = self.rng.random(len(self.world.activities))
 
         def fit(index: int) -> float:
             text = self.world.activities[index]
             shared = sum(1 for word in set(text.lower().replace(",", "").split()) if words[word.rstrip("s")])
-            return shared - 3.0 * told[text] + float(jitter[index])
+            return shared - 3.0 * known[text] + float(jitter[index])
 
         return self.world.activities[max(range(len(self.world.activities)), key=fit)]
 
@@ -183,8 +178,8 @@ class _Plan:
         paths = [task.path for human in feedback.scenario.people.humans for task in human.tasks]
         return all(path and self.world.grid.valid.issuperset(path) for path in paths)
 
-    def refined(self, variants: int) -> tuple[list[Human], str]:
-        """The most promising of many small changes, by a forecast that fits what was measured."""
+    def refined(self, variants: int) -> tuple[list[Human], str, list[str]]:
+        """The most promising of many small changes, by a forecast that fits what was measured; why; what changed."""
         feedback = self.brief.feedback
         assert feedback is not None
         base = list(feedback.scenario.people.humans)
@@ -197,18 +192,19 @@ class _Plan:
         drawn = (self._variant(base, changing) for _ in range(1 if self.aim is Aim.NONE else variants))
         options = [(humans, words) for humans, words in drawn if humans != base]
         if not options:
-            return base, "No change was possible; the configuration is proposed again."
+            return base, "No change was possible; the configuration is proposed again.", []
         forecasts = fitted.compare([base[aimed], *(humans[aimed] for humans, _ in options)])
         order = sorted(range(len(options)), key=lambda k: -promise(self.aim, forecasts[k + 1]))
         # The forecast is rough: one of the best few is as good a guess as the best, and differs from try to try.
         chosen = order[int(self.rng.integers(min(FINALISTS[self.aim], len(order))))]
         humans, words = options[chosen]
         change = f" after {feedback.previous_mean:.3g}" if feedback.previous_mean is not None else ""
-        return humans, (
+        reasoning = (
             f"Aim: {self.aim.value}. Measured {feedback.mean:.3g}{change}. Forecast fitted to it: "
             f"{_expected(forecasts[0])} Of {len(options)} variants one of the best: {'; '.join(words)}. "
             f"{_expected(forecasts[chosen + 1])}"
         )
+        return humans, reasoning, words
 
     def _variant(self, base: list[Human], changing: Changing) -> tuple[list[Human], list[str]]:
         """One to three small changes that leave everybody a clear start."""

@@ -22,12 +22,16 @@ _PATH = {"type": "array", "items": TEXT, "minItems": 1}
 _PAUSES = {"type": "array", "items": _object({"at": TEXT, "duration_s": NUMBER})}
 
 
-def configuration_shape(*, rich: bool) -> dict[str, Any]:
-    """The schema of a configuration; `rich` with analysis, description, speeds, delays, pauses and behaviours."""
+def configuration_shape(*, rich: bool, described: bool = True) -> dict[str, Any]:
+    """The schema of a configuration; `rich` with analysis, description, speeds, delays, pauses and behaviours.
+
+    Without `rich` it is `described` or holds the people alone.
+    """
     task = {"task": TEXT, "path": _PATH}
     if not rich:
         plain = _object({"name": TEXT, "tasks": {"type": "array", "items": _object(task)}})
-        return _object({"humans": {"type": "array", "items": plain}})
+        humans = {"humans": {"type": "array", "items": plain}}
+        return _object({"description": TEXT, **humans} if described else humans)
     human = _object(
         {
             "name": TEXT,

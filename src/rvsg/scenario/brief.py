@@ -76,7 +76,7 @@ class Brief(Record):
     """What a generator is asked for: one configuration.
 
     `kind` is "new" (a new scenario that differs from `memory`) or "refine" (better tasks and paths for the
-    scenario of `feedback`, description unchanged). An unguided brief has no requirement, feedback or memory.
+    scenario of `feedback`, whose idea stays). An unguided brief has no requirement, feedback or memory.
     `seed` feeds every random choice of the generator. `scenario_index` and `configuration_index` count from 0.
     """
 

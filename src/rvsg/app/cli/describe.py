@@ -62,7 +62,6 @@ def describe(
     world.yaml (for a shipped world in your data folder) and goes into every prompt from then on. Without --model the
     stored description is shown, and with --review reviewed.
     """
-    from rvsg.generation.conversation import pictures_of
     from rvsg.generation.environment import EnvironmentDialogue, description_of, store_description
     from rvsg.generation.prompts import Prompts
     from rvsg.world.load import load_world, shipped_worlds
@@ -82,7 +81,7 @@ def describe(
             budget_usd=budget_usd,
             prices=prices,
         )
-        dialogue = EnvironmentDialogue(loaded, pictures_of(loaded), wiring.model, Prompts(prompts))
+        dialogue = EnvironmentDialogue(loaded, wiring.model, Prompts(prompts))
         description = dialogue.describe()
         say(told_calls(dialogue.calls))
         for note in wiring.notes():

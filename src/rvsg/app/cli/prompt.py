@@ -41,7 +41,8 @@ def prompt(
     For a campaign folder that is the attempt the campaign would ask for next, with its memory and feedback; else the
     first one. The text goes to standard output.
     """
-    from rvsg.generation.conversation import VlmGenerator, pictures_of
+    from rvsg.generation.conversation import VlmGenerator
+    from rvsg.generation.pictures import pictures_of
     from rvsg.generation.vlm.messages import estimated_tokens, picture_tokens
     from rvsg.generation.vlm.model import Scripted
 

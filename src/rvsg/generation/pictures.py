@@ -1,0 +1,39 @@
+"""The pictures of a world that a model is shown; the last few are kept, since every call of a campaign shows them."""
+
+from __future__ import annotations
+
+from rvsg.generation.vlm.messages import Picture
+from rvsg.world.world import Route, World
+
+PICTURE_WIDTH_PX = 1600
+_MOST_DRAWN = 8
+_DRAWN: dict[tuple[str, str, str], tuple[Picture, Picture]] = {}
+
+
+def pictures_of(world: World, route: Route | None = None) -> tuple[Picture, Picture]:
+    """The labelled map (with the route) and the grid picture."""
+    key = (world.id, world.title, route.id if route else "")
+    if key not in _DRAWN:
+        from rvsg.world.picture import grid_picture, labelled_map, png_bytes
+
+        labelled = png_bytes(labelled_map(world, width_px=PICTURE_WIDTH_PX, route=route))
+        grid = png_bytes(grid_picture(world, width_px=PICTURE_WIDTH_PX))
+        while len(_DRAWN) >= _MOST_DRAWN:
+            _DRAWN.pop(next(iter(_DRAWN)))
+        _DRAWN[key] = (Picture(name="labelled map", png=labelled), Picture(name="grid of waypoints", png=grid))
+    return _DRAWN[key]
+
+
+def birdseye_of(world: World) -> Picture | None:
+    """The world seen slantingly from above; None for a world from a bare map, which does not know its heights.
+
+    Shown once, when the world is described: heights tell where people see each other, and what lies on a map. Where
+    things are it tells worse than the map (tall things hide what is behind them), so prompts of scenarios do not
+    show it.
+    """
+    if not world.objects:
+        return None
+    from rvsg.world.birdseye import birdseye
+    from rvsg.world.picture import png_bytes
+
+    return Picture(name="bird's-eye view", png=png_bytes(birdseye(world, width_px=PICTURE_WIDTH_PX)))

@@ -1,0 +1,60 @@
+"""How the offline generators tell of a scenario: who does what between which places; told anew when that changes."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+
+from rvsg.generation.work import ROLES
+from rvsg.scenario.scenario import Human, Scenario
+from rvsg.scenario.validity.sides import parts_of
+from rvsg.world.world import World
+
+TOLD_APART = 6
+"""So many people are told of one by one."""
+
+NOW = "In this configuration"
+
+
+def told(humans: Sequence[Human], doing: Mapping[str, str], world: World) -> str:
+    """What people do and where, without a full stop: `Human 1 carries goods: Shelf 1, Boxes 3 and Area 2; ...`."""
+    parts = [f"{human.name} {doing[human.name]}: {_where(human, world)}" for human in humans[:TOLD_APART]]
+    more = f", and {len(humans) - TOLD_APART} others work nearby" if len(humans) > TOLD_APART else ""
+    return "; ".join(parts) + more
+
+
+def retold(before: Scenario, humans: Sequence[Human], changes: Sequence[str], world: World) -> str:
+    """The description of a refined scenario, true of the changed people.
+
+    `changes` are the words of the changes; a person who was given another way of working is told of with it. Where
+    the description does not tell of a person in our words, as one from a model or a user, a sentence is added.
+    """
+    description, added = before.description, []
+    known = {human.name: human for human in before.people.humans}
+    for human in humans[:TOLD_APART]:
+        was, where = known.get(human.name), _where(human, world)
+        doing = next((r.doing for r in reversed(ROLES) if f"{human.name} {r.doing}" in changes), None)
+        if was is not None and doing is None and _where(was, world) == where:
+            continue
+        found = _found(description, was, world) if was is not None else None
+        if found is None:
+            added.append(f"{human.name} {doing or 'works'}: {where}")
+        else:
+            part = f"{human.name} {doing or found[1]}: {where}"
+            description = description[: found.start()] + part + description[found.end() :]
+    if not added:
+        return description
+    parts = "; ".join(added)
+    if NOW in description:
+        return f"{description.removesuffix('.')}; {parts}."
+    return f"{description} {NOW} {parts}.".strip()
+
+
+def _found(description: str, human: Human, world: World) -> re.Match[str] | None:
+    """Where a description tells of a person as `told` does; the group is what they do."""
+    return re.search(f"{re.escape(human.name)} ([^:;]+): {re.escape(_where(human, world))}", description)
+
+
+def _where(human: Human, world: World) -> str:
+    stops = list(dict.fromkeys(parts_of(task.name, world)[0] for task in human.tasks))
+    return f"{', '.join(stops[:-1])} and {stops[-1]}" if len(stops) > 1 else stops[0]
