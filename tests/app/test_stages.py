@@ -72,7 +72,9 @@ def test_a_refinement_by_hand_is_told_what_was_measured(
     assert main([*asked, "--feedback", str(feedback), "--out", str(refined)]) == 0
     before = json.loads(proposal.read_text())["scenario"]
     after = json.loads(refined.read_text())["scenario"]
-    assert after["description"] == before["description"] and after["people"] != before["people"]
+    assert after["people"] != before["people"]
+    assert before["description"] == ""  # so the refinement tells of everybody
+    assert all(name in after["description"] for name in ("Human 1", "Human 2"))
 
 
 def test_stages_stand_in_a_pipe(

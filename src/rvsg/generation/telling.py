@@ -34,7 +34,7 @@ def retold(before: Scenario, humans: Sequence[Human], changes: Sequence[str], wo
     for human in humans[:TOLD_APART]:
         was, where = known.get(human.name), _where(human, world)
         doing = next((r.doing for r in reversed(ROLES) if f"{human.name} {r.doing}" in changes), None)
-        if was is not None and doing is None and _where(was, world) == where:
+        if before.description and was is not None and doing is None and _where(was, world) == where:
             continue
         found = _found(description, was, world) if was is not None else None
         if found is None:
@@ -45,6 +45,8 @@ def retold(before: Scenario, humans: Sequence[Human], changes: Sequence[str], wo
     if not added:
         return description
     parts = "; ".join(added)
+    if not description:
+        return f"{parts}."
     if NOW in description:
         return f"{description.removesuffix('.')}; {parts}."
     return f"{description} {NOW} {parts}.".strip()
