@@ -80,6 +80,7 @@ def campaign(generator: str, strategy: str, args: argparse.Namespace, seed: int,
         scenarios=args.scenarios,
         refinements=args.refinements,
         repeats=args.repeats,
+        abreast=args.abreast,
         confirmations=0,
         seed=seed,
     )
@@ -138,6 +139,7 @@ def main() -> None:
     parser.add_argument("--scenarios", type=int, default=10)
     parser.add_argument("--refinements", type=int, default=4)
     parser.add_argument("--repeats", type=int, default=2)
+    parser.add_argument("--abreast", type=int, default=1)
     parser.add_argument("--confirmations", type=int, default=20)
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--first-seed", type=int, default=0)

@@ -145,6 +145,24 @@ def test_a_campaign_from_before_a_setting_was_added_is_resumed(tmp_path: Path) -
     assert records(out) == before
 
 
+def test_a_campaign_from_before_attempts_were_abreast_goes_on_one_by_one(tmp_path: Path) -> None:
+    out, small = tmp_path / "one", [*SMALL, "--strategy", "elite", "--confirmations", "0"]
+    main(["run", *small, "--out", str(out), "--abreast", "1"])
+    before = records(out)
+    main(["run", *small, "--out", str(tmp_path / "other")])
+    assert records(tmp_path / "other") != before  # today more than one is under way, unless one says so
+    connection = sqlite3.connect(out / LEDGER)
+    (text,) = connection.execute("SELECT settings FROM campaigns").fetchone()
+    settings = json.loads(text)
+    del settings["plan"]["abreast"], settings["config"]["abreast"]
+    connection.execute("UPDATE campaigns SET settings = ?", (json.dumps(settings),))
+    connection.execute("DELETE FROM attempts WHERE position > 3")
+    connection.commit()
+    connection.close()
+    assert main(["run", "--out", str(out)]) == 0
+    assert records(out) == before
+
+
 def test_two_processes_do_not_share_a_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     from rvsg.app.folder import alone_in, make_folder
 

@@ -8,11 +8,15 @@ import time
 from pathlib import Path
 
 import pytest
+from hypothesis import given, settings
+from hypothesis.strategies import integers
 from tests.campaign.parts import REQUIREMENT, Counted, MemoryLedger, WalkGenerator, parts, plan, warehouse
 
 from rvsg.campaign.attempt import Attempt, Measurement
+from rvsg.campaign.elite import EliteStrategy
 from rvsg.campaign.loop import feedback_from, run_campaign
 from rvsg.campaign.measuring import Measuring
+from rvsg.campaign.parallel import Simulations
 from rvsg.campaign.ranking import best_attempt, ranking, rule, worst_by_mean
 from rvsg.campaign.seeds import fresh_seeds
 from rvsg.campaign.strategies import ClimbStrategy, RandomStrategy, StudyStrategy, UnguidedStrategy
@@ -28,7 +32,7 @@ from rvsg.simulation.run import Run
 from rvsg.store.sqlite import SqliteLedger
 from rvsg.world.world import World
 
-STRATEGIES = [StudyStrategy, ClimbStrategy, UnguidedStrategy, RandomStrategy]
+STRATEGIES = [StudyStrategy, ClimbStrategy, EliteStrategy, UnguidedStrategy, RandomStrategy]
 
 
 def run(ledger, the_plan=None, strategy=StudyStrategy, **how):
@@ -177,17 +181,75 @@ def test_a_confirmation_never_takes_part_in_the_ranking() -> None:
     assert all(a.purpose == "search" for a in ranking(attempts, REQUIREMENT))
 
 
-@pytest.mark.parametrize("strategy", [StudyStrategy, RandomStrategy])
-def test_records_do_not_depend_on_the_number_of_jobs(strategy: type) -> None:
-    one = run(MemoryLedger(), strategy=strategy, jobs=1)
-    two = run(MemoryLedger(), strategy=strategy, jobs=2)
+@pytest.mark.parametrize("abreast", [1, 3])
+@pytest.mark.parametrize("strategy", [StudyStrategy, EliteStrategy, RandomStrategy])
+def test_records_do_not_depend_on_the_number_of_jobs(strategy: type, abreast: int) -> None:
+    the_plan = plan(scenarios=4, abreast=abreast)
+    one = run(MemoryLedger(), the_plan, strategy, jobs=1)
+    two = run(MemoryLedger(), the_plan, strategy, jobs=2)
     assert [a.model_dump_json() for a in one] == [a.model_dump_json() for a in two]
 
 
+class Ahead(Simulations):
+    """Begins so many attempts before the first is finished, as that many processes would."""
+
+    begun = 0
+
+    @property
+    def ahead(self) -> int:
+        return Ahead.begun
+
+
 @pytest.mark.parametrize("strategy", STRATEGIES)
-@pytest.mark.parametrize("stop_after", [1, 11, 14])
-def test_a_stopped_campaign_resumes_to_the_same_records(strategy: type, stop_after: int) -> None:
-    whole = run(MemoryLedger(), strategy=strategy)
+@settings(max_examples=8, deadline=None)
+@given(scenarios=integers(1, 7), refinements=integers(0, 3), abreast=integers(1, 5), ahead=integers(0, 6))
+def test_how_far_processes_are_ahead_changes_nothing(
+    strategy: type, scenarios: int, refinements: int, abreast: int, ahead: int
+) -> None:
+    the_plan = plan(scenarios=scenarios, refinements=refinements, abreast=abreast, repeats=1, confirmations=0)
+    one = run(MemoryLedger(), the_plan, strategy)
+    Ahead.begun = ahead
+    ledger = MemoryLedger()
+    made = parts(ledger)
+    made = dataclasses.replace(made, simulations=Ahead(KinematicSimulator(), warehouse(), known=ledger.find))
+    assert run_campaign(the_plan, strategy(the_plan, feedback_from(ledger, the_plan, warehouse())), made) == one
+
+
+@pytest.mark.parametrize("strategy", [StudyStrategy, ClimbStrategy, EliteStrategy])
+def test_a_strategy_keeps_as_many_attempts_under_way_as_the_plan_says(strategy: type) -> None:
+    the_plan = plan(scenarios=4, refinements=3, repeats=1, confirmations=0, abreast=4)
+    counts: list[int] = []
+
+    class Counting(strategy):  # type: ignore[misc, valid-type]
+        def ask(self) -> tuple[Brief, ...]:
+            counts.append(len(super().ask()))
+            return super().ask()
+
+    run(MemoryLedger(), the_plan, Counting)
+    first, *rest = counts
+    assert first == 4
+    assert sum(count == 4 for count in rest) >= len(rest) - 2 * 4  # fewer at the end, and once after elite's drafts
+
+
+def test_scenarios_side_by_side_are_refined_from_their_own_last_configuration() -> None:
+    attempts = run(MemoryLedger(), plan(scenarios=5, refinements=2, repeats=1, confirmations=0, abreast=2))
+    by_place = {(a.brief.scenario_index, a.brief.configuration_index): a for a in attempts}
+    assert list(by_place)[:6] == [(0, 0), (1, 0), (0, 1), (1, 1), (0, 2), (1, 2)]
+    assert list(by_place)[12:] == [(4, 0), (4, 1), (4, 2)]
+    for (scenario, configuration), attempt in by_place.items():
+        if configuration:
+            assert attempt.brief.feedback is not None
+            assert attempt.brief.feedback.mean == by_place[scenario, configuration - 1].mean
+        else:
+            assert len(attempt.brief.memory) == scenario - scenario % 2
+
+
+@pytest.mark.parametrize("abreast", [1, 2])
+@pytest.mark.parametrize("strategy", STRATEGIES)
+@pytest.mark.parametrize("stop_after", [1, 5, 11, 14])
+def test_a_stopped_campaign_resumes_to_the_same_records(strategy: type, stop_after: int, abreast: int) -> None:
+    the_plan = plan(abreast=abreast)
+    whole = run(MemoryLedger(), the_plan, strategy)
 
     class Stopping(Counted):
         def run(self, scenario: Scenario, world: World, *, seed: int) -> Run:
@@ -197,9 +259,9 @@ def test_a_stopped_campaign_resumes_to_the_same_records(strategy: type, stop_aft
 
     ledger = MemoryLedger()
     with pytest.raises(KeyboardInterrupt):
-        run(ledger, strategy=strategy, simulator=Stopping())
+        run(ledger, the_plan, strategy, simulator=Stopping())
     rest = Counted()
-    resumed = run(ledger, strategy=strategy, simulator=rest)
+    resumed = run(ledger, the_plan, strategy, simulator=rest)
     assert resumed == whole
     assert rest.runs == plan().runs - stop_after  # not one finished run is made again
 

@@ -29,9 +29,10 @@ def answered(seed: int = 3) -> tuple[Brief, Proposal, Scenario]:
     return brief, proposal, proposal.scenario
 
 
+@pytest.mark.parametrize("abreast", [1, 3, 20])
 @pytest.mark.parametrize("name", plugins.names("strategy"))
-def test_a_strategy_keeps_its_promises(name: str) -> None:
-    check_strategy(plugins.find("strategy", name), plan(), answered()[2])
+def test_a_strategy_keeps_its_promises(name: str, abreast: int) -> None:
+    check_strategy(plugins.find("strategy", name), plan(scenarios=4, abreast=abreast), answered()[2])
 
 
 @pytest.mark.parametrize("name", plugins.names("simulator"))
@@ -50,7 +51,7 @@ def test_a_ledger_keeps_its_promises(name: str, tmp_path: Path) -> None:
 class Greedy(StudyStrategy):
     def ask(self) -> tuple[Brief, ...]:
         briefs = super().ask()
-        return briefs if briefs or len(self.told) > self.plan.attempts else (self._brief(len(self.told)),)
+        return briefs if briefs or len(self.told) > self.plan.attempts else (self._brief(len(self.told), (0, 0)),)
 
 
 class Forgetful(StudyStrategy):

@@ -92,6 +92,7 @@ def wire(config: CampaignConfig) -> Wired:
     check_start(route, world)
     requirement = requirement_of(config.requirement).for_time_limit(route.time_limit_s)
     strategy_class = plugins.find("strategy", config.strategy)
+    config = config.replace(abreast=config.abreast or abreast_of(strategy_class))
     simulator = plugins.make("simulator", config.simulator, config.simulator_options)
     generator = plugins.make("generator", config.generator_name, generator_options(config))
     plan = Plan(
@@ -104,6 +105,7 @@ def wire(config: CampaignConfig) -> Wired:
         repeats=config.repeats,
         confirmations=config.confirmations,
         memory=config.memory,
+        abreast=config.abreast,
         seed=config.seed,
     )
     return Wired(
@@ -160,6 +162,11 @@ def generator_options(config: CampaignConfig) -> dict[str, Any]:
     return {"folder": str(config.folder), **reached, **config.generator_options}
 
 
+def abreast_of(strategy_class: Any) -> int:
+    """How many attempts a strategy has under way where nobody says it: its `abreast`, or one."""
+    return int(getattr(strategy_class, "abreast", 1))
+
+
 def jobs_of(config: CampaignConfig) -> int:
     """Worker processes: as asked, or one per core that is ours."""
     if config.jobs:
@@ -174,8 +181,8 @@ def with_defaults(stored: dict[str, Any]) -> dict[str, Any]:
     """Stored settings with the defaults of what a later version added; as they are where they are no such settings."""
     try:
         plan = Plan.model_validate(stored["plan"]).model_dump(mode="json")
-        config = CampaignConfig.model_validate(stored["config"]).deciding()
-    except (KeyError, ValidationError):
+        config = CampaignConfig.model_validate({"abreast": plan["abreast"]} | stored["config"]).deciding()
+    except (KeyError, TypeError, ValidationError):
         return stored
     return stored | {"plan": plan, "config": config}
 
@@ -198,6 +205,8 @@ def command_for(config: CampaignConfig, *, out: Path | None = None) -> str:
     defaults = CampaignConfig()
     for key, value in config.model_dump(mode="json").items():
         if key in ("out", "jobs", "junit", "fail_on_violation", "seed", "generator_options", "simulator_options"):
+            continue
+        if key == "abreast" and value == abreast_of(plugins.find("strategy", config.strategy)):
             continue
         if value != getattr(defaults, key):
             words += [f"--{key.replace('_', '-')}", str(value)]

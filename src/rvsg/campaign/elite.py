@@ -20,35 +20,37 @@ class EliteStrategy(StudyStrategy):
     The study's method spends as much on its weakest scenario as on its best. Here a scenario is refined the more
     often the worse it does by the robot. A scenario's standing is the mean of its two best configurations, so that
     one lucky measurement does not draw all refinements (its refinements, measured independently, bear it out or do
-    not); what is refined is its best configuration. Equal cost: scenarios x (1 + refinements) attempts.
+    not); what is refined is its best configuration. Equal cost: scenarios x (1 + refinements) attempts, of which
+    `plan.abreast` are under way at a time: so many refinements are chosen before the first of them is measured.
     """
 
     name = "elite"
+    abreast = 4
 
-    def ask(self) -> tuple[Brief, ...]:
-        """One brief: a draft as long as there are scenarios to begin, then a refinement of one of the best."""
-        index = len(self.told)
-        if index >= self.plan.attempts:
-            return ()
-        standing = self._standing()
+    def _known(self, index: int) -> int:
+        """All drafts have to be known before the first refinement, and else all but those under way."""
+        drafts = self.plan.scenarios
+        return max(0, drafts if index >= drafts else 0, index + 1 - self.plan.abreast)
+
+    def _next(self, index: int, known: list[Attempt]) -> Brief:
+        """A draft as long as there are scenarios to begin, then a refinement of one of the best."""
+        standing = self._standing(known)
         if index < self.plan.scenarios or not standing:
-            memory = remember(self.told, self.plan.requirement, last=self.plan.memory)
-            begun = 1 + max((a.brief.scenario_index for a in self.told), default=-1)
-            return (self._brief(index, memory=memory).replace(scenario_index=begun, configuration_index=0),)
+            memory = remember(known, self.plan.requirement, last=self.plan.memory)
+            begun = 1 + max((brief.scenario_index for brief in self._briefs), default=-1)
+            return self._brief(index, (begun, 0), memory=memory)
         chosen = standing[self._rank(index, len(standing))]
         best = worst_by_mean(chosen, self.plan.requirement)
         assert best is not None
-        at = chosen.index(best)
+        at, scenario = chosen.index(best), best.brief.scenario_index
+        tried = sum(brief.scenario_index == scenario for brief in self._briefs)
         feedback = self.feedback_of(best, chosen[at - 1] if at > 0 else None)
-        tried = sum(a.brief.scenario_index == best.brief.scenario_index for a in self.told)
-        brief = self._brief(index, feedback=feedback)
-        place = {"scenario_index": best.brief.scenario_index, "configuration_index": tried}
-        return (brief.replace(**place),)
+        return self._brief(index, (scenario, tried), feedback=feedback)
 
-    def _standing(self) -> list[list[Attempt]]:
+    def _standing(self, known: list[Attempt]) -> list[list[Attempt]]:
         """The measured attempts of every scenario, the scenario that did worst by the robot first."""
         groups: dict[int, list[Attempt]] = {}
-        for attempt in self.told:
+        for attempt in known:
             if attempt.mean is not None:
                 groups.setdefault(attempt.brief.scenario_index, []).append(attempt)
 

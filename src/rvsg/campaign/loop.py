@@ -68,10 +68,7 @@ def run_campaign(plan: Plan, strategy: Strategy, parts: Parts) -> list[Attempt]:
     attempts = list(parts.ledger.attempts(plan.name))
     for known in search_attempts(attempts):
         strategy.tell(known)
-    while briefs := strategy.ask():
-        for attempt in _attempts(plan, strategy.name, briefs, len(attempts), parts):
-            attempts.append(attempt)
-            strategy.tell(attempt)
+    attempts += _search(plan, strategy, len(attempts), parts)
     if all(attempt.purpose == "search" for attempt in attempts):
         attempts += confirm(plan, attempts, parts)
     return attempts
@@ -112,31 +109,45 @@ def feedback_from(ledger: Ledger, plan: Plan, world: World) -> FeedbackOf:
     return feedback
 
 
-def attempt(plan: Plan, strategy: str, index: int, brief: Brief, parts: Parts) -> Attempt:
-    """One turn: propose, simulate, evaluate, keep."""
-    return next(_attempts(plan, strategy, (brief,), index, parts))
+def _search(plan: Plan, strategy: Strategy, index: int, parts: Parts) -> Iterator[Attempt]:
+    """The attempts a strategy asks for from number `index` on, in their order; some are under way side by side.
 
-
-def _attempts(plan: Plan, strategy: str, briefs: Sequence[Brief], first: int, parts: Parts) -> Iterator[Attempt]:
-    """Attempts of briefs that do not depend on one another, in their order; some are simulated ahead."""
+    They are told in their order too, so a strategy learns the same whichever is done first, and as soon as one is
+    told the strategy is asked what can be begun beside those that are still under way.
+    """
     under_way: deque[tuple[Attempt, list[Ordered]]] = deque()
+    upcoming: deque[Brief] = deque()
     stopped: GenerationError | None = None
-    for index, brief in enumerate(briefs, first):
-        parts.watch.proposing(brief)
-        try:
-            proposal = parts.generator.propose(brief, parts.simulations.world)
-        except GenerationError as error:
-            stopped = error
+    while True:
+        if not upcoming and not stopped:
+            upcoming.extend(strategy.ask()[len(under_way) :])
+        while upcoming and not stopped and len(under_way) <= parts.simulations.ahead:
+            try:
+                under_way.append(_begin(plan, strategy.name, index, upcoming.popleft(), parts))
+            except GenerationError as error:
+                stopped = error
+            index += 1
+        if not under_way:
             break
-        turn = Attempt(campaign=plan.name, index=index, strategy=strategy, brief=brief, proposal=proposal)
-        seeds = [seed_for(plan.seed, "search", index, repeat) for repeat in range(plan.repeats)]
-        under_way.append((turn, _order(turn, seeds, parts)))
-        if len(under_way) > parts.simulations.ahead:
-            yield _finish(*under_way.popleft(), parts)
-    while under_way:
-        yield _finish(*under_way.popleft(), parts)
+        done = _finish(*under_way.popleft(), parts)
+        strategy.tell(done)
+        yield done
     if stopped:
         raise stopped
+
+
+def attempt(plan: Plan, strategy: str, index: int, brief: Brief, parts: Parts) -> Attempt:
+    """One turn: propose, simulate, evaluate, keep."""
+    return _finish(*_begin(plan, strategy, index, brief, parts), parts)
+
+
+def _begin(plan: Plan, strategy: str, index: int, brief: Brief, parts: Parts) -> tuple[Attempt, list[Ordered]]:
+    """Propose, and order the runs of what was proposed."""
+    parts.watch.proposing(brief)
+    proposal = parts.generator.propose(brief, parts.simulations.world)
+    turn = Attempt(campaign=plan.name, index=index, strategy=strategy, brief=brief, proposal=proposal)
+    seeds = [seed_for(plan.seed, "search", index, repeat) for repeat in range(plan.repeats)]
+    return turn, _order(turn, seeds, parts)
 
 
 def _order(turn: Attempt, seeds: Sequence[int], parts: Parts) -> list[Ordered]:

@@ -18,7 +18,9 @@ class Plan(Record):
 
     `scenarios` x (1 + `refinements`) configurations are tried, each in `repeats` runs; the worst for the robot is
     confirmed in at most `confirmations` fresh runs (0: not at all), fewer where the verdict is sure earlier. `memory`
-    is how many earlier scenarios a new one is told of. Every strategy spends the same number of runs.
+    is how many earlier scenarios a new one is told of. `abreast` is how many attempts may be under way at a time: the
+    more, the more processes have work, and the later a strategy learns what an attempt measured. It is part of the
+    plan because it decides what is tried; how many processes there are does not. Every strategy spends the same runs.
     """
 
     name: Annotated[str, Field(min_length=1)]
@@ -30,6 +32,7 @@ class Plan(Record):
     repeats: Count = 5
     confirmations: Annotated[int, Field(ge=0, le=100_000)] = 30
     memory: Annotated[int, Field(ge=0, le=1000)] = 10
+    abreast: Annotated[int, Field(ge=1, le=1000)] = 1
     seed: Annotated[int, Field(ge=0)] = 0
 
     @property

@@ -45,6 +45,10 @@ def run(
         int | None, typer.Option(min=0, help="At most so many fresh runs of the best. [30]")
     ] = None,
     memory: Annotated[int | None, typer.Option(min=0, help="Earlier scenarios a new one is told of. [10]")] = None,
+    abreast: Annotated[
+        int | None,
+        typer.Option(min=1, help="Attempts under way at a time. [what suits the strategy: 1, climb, elite 4]"),
+    ] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Everything random follows from it. [0]")] = None,
     jobs: Annotated[int | None, typer.Option(min=1, help="Worker processes. [one per core]")] = None,
     out: Annotated[str | None, typer.Option(help="Folder of the campaign; an existing one is resumed.")] = None,
@@ -113,13 +117,15 @@ def run_campaign_of(from_file: dict[str, Any], given: dict[str, Any], *, as_json
 
 def _stored(ledger_file: Path) -> dict[str, Any] | None:
     """The settings of the campaign kept there; None where there is none."""
+    from rvsg.app.wiring import with_defaults
     from rvsg.store.sqlite import SqliteLedger
 
     if not ledger_file.exists():
         return None
     with SqliteLedger(ledger_file) as ledger:
         campaigns = ledger.campaigns()
-        return ledger.settings(campaigns[0]) if campaigns else None
+        kept = ledger.settings(campaigns[0]) if campaigns else None
+        return with_defaults(kept) if kept is not None else None
 
 
 def _no_model_options_in_vain(config: CampaignConfig, given: dict[str, Any]) -> None:
@@ -143,10 +149,10 @@ def _same_or_empty(stored: dict[str, Any], asked: dict[str, Any], ledger: Sqlite
 
     So a wrong name of a model, found out by the first call, can be mended in the same folder.
     """
-    from rvsg.app.wiring import differences, with_defaults
+    from rvsg.app.wiring import differences
     from rvsg.errors import InputError
 
-    found = differences(with_defaults(stored), asked)
+    found = differences(stored, asked)
     if found and ledger.forget_empty(ledger.campaigns()[0]):
         return
     if found:
