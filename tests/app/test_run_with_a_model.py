@@ -68,6 +68,9 @@ def test_refusals_and_rubbish_become_attempts_with_problems_and_the_campaign_goe
     assert result["accounting"]["calls"] == 4
     assert len(result["ranking"]) == 1
     nothing_leaks(printed.out, printed.err)
+    assert "1 attempt of 2 came without a scenario" in printed.err
+    assert "1 was refused (by the model or a safety filter): try another model" in printed.err
+    assert "1 was empty" in printed.err
 
 
 def test_a_service_that_drops_and_stumbles_is_asked_again(capsys: pytest.CaptureFixture[str]) -> None:
@@ -83,6 +86,7 @@ def test_a_service_that_drops_and_stumbles_is_asked_again(capsys: pytest.Capture
         (fails(404, "no such model"), '"vision-1"'),
         (fails(429, "later", {"Retry-After": "9999"}), "9999 s"),
         (raw(b"<html>"), "as JSON"),
+        (fails(500, f"broken, {KEY}"), "Run the same command later"),
     ],
 )
 def test_a_service_that_cannot_answer_stops_the_campaign_with_one_message_and_it_resumes(
@@ -143,3 +147,67 @@ def test_a_wrong_model_is_mended_in_the_same_folder_while_nothing_is_kept(capsys
         capsys.readouterr()
         assert run(server.url, "--model", "openai-chat:vision-3", scenarios=1) == 2
     assert "config.model: 'openai-chat:vision-2', now 'openai-chat:vision-3'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("verb", [["run"], ["propose"], ["describe", "warehouse"]])
+@pytest.mark.parametrize("option", ["--budget-usd", "--budget-calls", "--budget-tokens"])
+def test_a_budget_of_nothing_is_refused_before_anything_is_asked(
+    verb: list[str], option: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with serving(says(GOOD)) as server:
+        asked = [*verb, "--model", "openai-chat:vision-1", "--base-url", server.url, option, "0"]
+        assert main(asked) == 2
+        assert server.requests == []
+    assert "a budget of 0 allows no call" in capsys.readouterr().err
+
+
+def test_a_description_that_fails_half_way_keeps_what_was_paid_for_and_goes_on_from_it(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    texts = json.dumps({"layout": "Shelves above.", "grid": "Row E."})
+    describe = ["describe", "warehouse", "--model", "openai-chat:vision-1", "--out", "d.yaml"]
+    with serving(says("the layout"), says("the grid"), fails(401, f"bad key {KEY}"), says(texts)) as server:
+        assert main([*describe, "--base-url", server.url]) == 2
+        stopped = capsys.readouterr().err
+        assert "the same command goes on from there" in stopped
+        assert "layout: answered after" in stopped
+        assert main([*describe, "--base-url", server.url]) == 0
+        told = capsys.readouterr().err
+        assert "2 calls were answered at no cost from runs/describe-warehouse" in told
+        assert len(server.requests) == 4
+    assert "Shelves above." in Path("d.yaml").read_text()
+    for text in (stopped, told, *(p.read_text() for p in Path().rglob("*") if p.suffix in (".jsonl", ".yaml"))):
+        assert KEY not in text
+
+
+@pytest.mark.parametrize(
+    ("behaviour", "told"),
+    [
+        (says(None, refusal="I cannot."), "refused to look at the map. I cannot."),  # type: ignore[arg-type]
+        (says(""), "answered nothing"),
+        (says("no JSON"), "it held no such JSON"),
+        (says('{"layout": "x', finish_reason="length"), "cut off by the limit of tokens"),
+    ],
+)
+def test_an_answer_that_describes_nothing_is_told_and_kept(
+    behaviour: Behaviour, told: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with serving(says("the layout"), behaviour) as server:
+        describe = ["describe", "warehouse", "--model", "openai-chat:vision-1", "--base-url", server.url]
+        assert main([*describe, "--out", "d.yaml"]) == 2
+    said = capsys.readouterr().err
+    assert told in said
+    assert "kept in runs/describe-warehouse; to ask anew give another --record" in said
+    assert not Path("d.yaml").exists()
+
+
+def test_a_proposal_says_what_it_spends_and_that_nothing_came_of_it(capsys: pytest.CaptureFixture[str]) -> None:
+    with serving(says('{"humans": [', finish_reason="length")) as server:
+        priced = ["--generator-option", "prices=2.0,0.5,8.0"]
+        model = ["--model", "openai-chat:vision-1", "--base-url", server.url]
+        assert main(["propose", *model, *priced, "--budget-calls", "2", "--generator-option", "corrections=1"]) == 0
+    said = capsys.readouterr().err
+    assert "Asking openai-chat:vision-1: new" in said
+    assert "correct: answered after 0 s; 0.0023 USD so far" in said
+    assert "2 were cut off by the limit of tokens: raise max_output_tokens" in said
+    assert "No scenario came of it." in said

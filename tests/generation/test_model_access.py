@@ -30,6 +30,7 @@ from rvsg.generation.vlm.messages import Message, Picture, Request
 from rvsg.generation.vlm.model import Scripted
 from rvsg.generation.vlm.pacing import Paced
 from rvsg.generation.vlm.recording import Recorded, Recording
+from rvsg.generation.vlm.watching import CallNews, Watched
 
 KEY = "sk-very-secret-key-0123456789"
 DOT = bytes.fromhex(
@@ -268,7 +269,13 @@ def test_budgets_of_tokens_and_dollars_stop_too() -> None:
         ("gpt-4.1", None, "PROVIDER:MODEL"),
         ("openai-chat:x", "ftp://host", "http"),
         ("openai-chat:x", "http://me:secret@host/v1", "RVSG_API_KEY"),
+        ("openai-chat:x", "http://host/v1?key=abc", "RVSG_API_KEY"),
         ("anthropic:x", "http://host/v1", "OpenAI protocol"),
+        ("opnai:gpt-4.1", None, 'Did you mean "openai:gpt-4.1"'),
+        ("anthropc:claude", "http://host/v1", 'Did you mean "anthropic:claude"'),
+        ("openai:", None, "names a provider but no model"),
+        (":gpt-4.1", None, "PROVIDER:MODEL"),
+        ("openai-chat: gpt-4.1", None, "holds a space"),
     ],
 )
 def test_a_model_that_cannot_be_meant_is_refused(name: str, url: str | None, told: str) -> None:
@@ -280,8 +287,86 @@ def test_a_missing_key_and_an_unknown_provider_are_input_errors(monkeypatch: pyt
     monkeypatch.delenv("OPENAI_API_KEY", raising=False)
     with pytest.raises(InputError, match="OPENAI_API_KEY"):
         ModelAccess("openai-chat:gpt-4.1").ask(request())
-    with pytest.raises(InputError, match="nobody"):
+    with pytest.raises(InputError, match=r"knows no such provider .* providers are openai-chat"):
         ModelAccess("nobody:model").ask(request())
+
+
+@pytest.mark.parametrize(
+    ("behaviour", "told"),
+    [
+        (
+            fails(401, "Incorrect API key"),
+            "Check RVSG_API_KEY in the environment. It said: HTTP 401, Incorrect API",
+        ),
+        (fails(404, "no such model"), "Check --model and --base-url"),
+        (fails(402, "payment required"), "Top it up"),
+        (fails(429, "slow down"), "calls_per_minute"),
+        (fails(500, "oops"), "It said: HTTP 500, oops. Tried 2 times. Run the same command later"),
+        (fails(413, "too large"), "Choose another model"),
+        (fails(400, "no images please"), "must be able to see pictures"),
+        (raw(b"<html>gateway</html>"), "Most addresses end in /v1"),
+        (raw(b""), "Most addresses end in /v1"),
+        (sleeps(1.0), "call_timeout_s"),
+    ],
+)
+def test_every_fault_of_a_service_says_what_to_do(behaviour: Behaviour, told: str) -> None:
+    said, _, _ = failing(behaviour, tries=2, timeout_s=0.3)
+    assert told in said
+    assert "body:" not in said and "status_code" not in said
+
+
+def test_a_server_that_is_down_is_asked_for_by_its_address() -> None:
+    with serving(says("x")) as server:
+        url = server.url
+    with pytest.raises(ModelUnavailable, match="Is the server running there"):
+        access(url, tries=1)[0].ask(request())
+
+
+@pytest.mark.parametrize(
+    "behaviour",
+    [
+        fails(400, "The prompt triggered the content management policy", code="content_filter"),
+        says(None, finish_reason="content_filter"),  # type: ignore[arg-type]
+        says("half an ans", finish_reason="content_filter"),
+    ],
+)
+def test_a_safety_filter_is_a_refusal_however_it_is_told(behaviour: Behaviour) -> None:
+    with serving(behaviour) as server:
+        answer = access(server.url)[0].ask(request())
+        assert len(server.requests) == 1
+    assert answer.finish == "refused"
+
+
+def test_a_wait_before_another_try_is_told_without_a_key() -> None:
+    with serving(echoes_headers_then_fails(500), says("ok")) as server:
+        model, _ = access(server.url)
+        told: list[str] = []
+        model.waiting = told.append
+        model.ask(request())
+    assert len(told) == 1
+    assert "Waits 2 s, then try 2 of 3" in told[0]
+    assert KEY not in told[0]
+
+
+def test_a_recorded_answer_of_another_model_is_not_taken_for_this_ones(tmp_path: Path) -> None:
+    Recorded(Scripted(["one"], name="a"), Recording(tmp_path)).ask(request())
+    again = Scripted(["two"], name="a")
+    assert Recorded(again, Recording(tmp_path)).ask(request()).text == "one"
+    assert Recorded(Scripted(["three"], name="b"), Recording(tmp_path)).ask(request()).text == "three"
+
+
+def test_calls_are_told_while_they_are_made_with_what_was_spent(tmp_path: Path) -> None:
+    told: list[CallNews] = []
+    for _ in range(2):
+        watched = Watched(Recorded(Scripted(["one"]), Recording(tmp_path)))
+        watched.tell = told.append
+        watched.ask(request())
+    assert [(n.what, n.from_record, n.spent.calls) for n in told] == [
+        ("asked", False, 0),
+        ("answered", False, 1),
+        ("asked", False, 0),
+        ("answered", True, 0),
+    ]
 
 
 def test_prices_are_known_for_known_models() -> None:

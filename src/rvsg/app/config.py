@@ -7,6 +7,7 @@ relative to the file.
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -15,6 +16,7 @@ import yaml
 from pydantic import Field
 
 from rvsg.errors import FileError, InputError
+from rvsg.generation.vlm.budget import NO_CALL
 from rvsg.world.documents import DocumentError, read_yaml, validated
 from rvsg.world.records import Record
 
@@ -123,8 +125,14 @@ def effective(stored: dict[str, Any] | None, from_file: dict[str, Any], from_opt
         return CampaignConfig(**values)
     except pydantic.ValidationError as error:
         wrong = error.errors(include_url=False)
-        told = [f"{'.'.join(map(str, e['loc']))}: {e['msg'].lower()}, got {e['input']!r}" for e in wrong]
+        told = [f"{'.'.join(map(str, e['loc']))}: {_told(e)}" for e in wrong]
         raise InputError("; ".join(told)) from None
+
+
+def _told(error: Mapping[str, Any]) -> str:
+    if str(error["loc"][0]).startswith("budget_") and error["input"] in (0, "0"):
+        return NO_CALL
+    return f"{error['msg'].lower()}, got {error['input']!r}"
 
 
 __all__ = ["CampaignConfig", "DocumentError", "FileError", "effective", "read_campaign_file"]

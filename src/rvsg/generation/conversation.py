@@ -28,6 +28,7 @@ from rvsg.generation.replies import Reply, read_configuration, read_description,
 from rvsg.generation.shape import configuration_shape
 from rvsg.generation.vlm.messages import Answer, Message
 from rvsg.generation.vlm.model import Model
+from rvsg.generation.vlm.watching import Tell
 from rvsg.generation.wiring import Access, wired
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.scenario import HumanConfiguration, Scenario
@@ -85,6 +86,11 @@ class VlmGenerator:
     def notes(self) -> tuple[str, ...]:
         """What a user should be told at the end: where a replay diverged from its record."""
         return self.wiring.notes()
+
+    def watch(self, tell: Tell) -> None:
+        """Tell of every call while it is made; of a replay there is nothing to tell."""
+        if not self.wiring.replaying:
+            self.wiring.model.tell = tell
 
     def propose(self, brief: Brief, world: World) -> Proposal:
         """Answer the brief; raises ModelUnavailable, BudgetSpent or ReplayDiverged where there is no answer."""

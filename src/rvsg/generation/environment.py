@@ -22,6 +22,7 @@ from rvsg.generation.pictures import birdseye_of, pictures_of
 from rvsg.generation.prompts import Prompts
 from rvsg.generation.replies import read_object
 from rvsg.generation.shape import texts_shape
+from rvsg.generation.vlm.messages import Answer
 from rvsg.generation.vlm.model import Model
 from rvsg.world.load import SHIPPED, load_world
 from rvsg.world.world import Description, World
@@ -53,24 +54,33 @@ class EnvironmentDialogue:
         dialogue = self._dialogue
         dialogue.tell("system", role="system")
         first = (self._labelled, self._birdseye) if self._birdseye is not None else (self._labelled,)
-        dialogue.ask("layout", "environment-1-layout", shown=first)
-        dialogue.ask("grid", "environment-2-grid", shown=(self._grid, self._labelled))
-        return self._read(dialogue.ask("summary", "environment-3-summary", shape=texts_shape(*KEYS)).text)
+        self._usable(dialogue.ask("layout", "environment-1-layout", shown=first))
+        self._usable(dialogue.ask("grid", "environment-2-grid", shown=(self._grid, self._labelled)))
+        return self._read(dialogue.ask("summary", "environment-3-summary", shape=texts_shape(*KEYS)))
 
     def revise(self, reason: str) -> Description:
         """One more turn: the description corrected for a person's reason."""
         answer = self._dialogue.ask("revision", "environment-revision", shape=texts_shape(*KEYS), reason=reason)
-        return self._read(answer.text)
+        return self._read(answer)
 
-    def _read(self, text: str) -> Description:
-        texts = read_object(text, KEYS)
+    def _usable(self, answer: Answer) -> None:
+        """Stop where an analysis was refused or is empty: what follows would be paid for and worth nothing."""
+        if answer.finish in ("refused", "empty"):
+            did = f"refused to look at the map. {answer.text}" if answer.finish == "refused" else "answered nothing"
+            raise GenerationError(f"The model {self._dialogue.model.name} {did.rstrip(' .')}. Try another model.")
+
+    def _read(self, answer: Answer) -> Description:
+        texts = read_object(answer.text, KEYS)
         if texts is None:
             problem = 'it holds no JSON object with a text under "layout" and one under "grid".'
             again = self._dialogue.ask("summary", "reply-unreadable", shape=texts_shape(*KEYS), problem=problem)
             texts = read_object(again.text, KEYS)
+            answer = again
         if texts is None:
+            ended = {"complete": "it held no such JSON", "truncated": "it was cut off by the limit of tokens"}
             raise GenerationError(
-                f"The model {self._dialogue.model.name} gave no description of {self.world.name} in two answers. "
+                f"The model {self._dialogue.model.name} gave no description of {self.world.name} in two answers (of "
+                f"the last: {ended.get(answer.finish, f'it was {answer.finish}')}). "
                 "Try another model, or write the description into the world's world.yaml yourself."
             )
         return Description(layout=_clipped(texts["layout"]), grid=_clipped(texts["grid"]))

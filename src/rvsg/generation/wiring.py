@@ -11,11 +11,12 @@ from pydantic import Field, ValidationError, field_validator
 
 from rvsg.errors import InputError, UnknownName
 from rvsg.generation.vlm.access import Limits, ModelAccess
-from rvsg.generation.vlm.budget import Budget, Budgeted
+from rvsg.generation.vlm.budget import NO_CALL, Budget, Budgeted
 from rvsg.generation.vlm.model import Model
 from rvsg.generation.vlm.pacing import Paced
 from rvsg.generation.vlm.recording import Recorded, Recording
 from rvsg.generation.vlm.replay import Replayed
+from rvsg.generation.vlm.watching import Watched
 from rvsg.world.records import Record
 
 DIVERGENCES_TOLD = 3
@@ -40,9 +41,9 @@ class Access(Record):
     max_output_tokens: Annotated[int | None, Field(ge=256)] = 16_000
     structured: bool = True
     prices: tuple[float, float, float] | None = None
-    budget_calls: Annotated[int | None, Field(ge=0)] = None
-    budget_tokens: Annotated[int | None, Field(ge=0)] = None
-    budget_usd: Annotated[float | None, Field(ge=0)] = None
+    budget_calls: Annotated[int | None, Field(ge=1)] = None
+    budget_tokens: Annotated[int | None, Field(ge=1)] = None
+    budget_usd: Annotated[float | None, Field(gt=0)] = None
     replay: Path | None = None
     strict: bool = False
     record: Path | None = None
@@ -66,15 +67,20 @@ class Access(Record):
         try:
             return cls.model_validate({"record": record, **options})
         except ValidationError as error:
-            told = [f"{'.'.join(str(part) for part in e['loc'])}: {e['msg']}" for e in error.errors()]
+            told = [f"{'.'.join(str(part) for part in e['loc'])}: {_told(e)}" for e in error.errors()]
             raise InputError("The vlm generator cannot use its options: " + "; ".join(told)) from None
+
+
+def _told(error: Any) -> str:
+    nothing = str(error["loc"][0]).startswith("budget_") and error["input"] in (0, "0")
+    return NO_CALL if nothing else str(error["msg"])
 
 
 @dataclass(frozen=True, kw_only=True)
 class Wiring:
     """A model ready to be asked, the record it writes or reads, and its parts that can tell something."""
 
-    model: Model
+    model: Watched
     recording: Recording | None = None
     replayed: Replayed | None = None
 
@@ -106,7 +112,7 @@ def wired(model: str | Model | None, access: Access) -> Wiring:
             what = "holds no whole recorded call" if there.exists() else "does not exist"
             raise InputError(f"There are no recorded calls in {access.replay}: {there.name} {what}.")
         replayed = Replayed(recording, strict=access.strict)
-        return Wiring(model=replayed, recording=recording, replayed=replayed)
+        return Wiring(model=Watched(replayed), recording=recording, replayed=replayed)
     if model is None:
         raise InputError(
             "The vlm generator needs a model: give --model PROVIDER:MODEL, for example openai-chat:gpt-4.1 "
@@ -117,9 +123,10 @@ def wired(model: str | Model | None, access: Access) -> Wiring:
     paced = Paced(reached, at_once=access.at_once, per_minute=access.calls_per_minute)
     budget = Budget(calls=access.budget_calls, tokens=access.budget_tokens, usd=access.budget_usd)
     budgeted = Budgeted(paced, budget, recorded.spent() if recorded is not None else None)
-    if recorded is None:
-        return Wiring(model=budgeted)
-    return Wiring(model=Recorded(budgeted, recorded), recording=recorded)
+    watched = Watched(budgeted if recorded is None else Recorded(budgeted, recorded))
+    if isinstance(reached, ModelAccess):
+        reached.waiting = watched.waiting
+    return Wiring(model=watched, recording=recorded)
 
 
 def _reached(name: str, access: Access) -> ModelAccess:

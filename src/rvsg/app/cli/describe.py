@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import datetime
 import os
 import shlex
 import subprocess
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -20,6 +21,7 @@ from rvsg.app.cli.model_options import (
     BudgetCalls,
     BudgetTokens,
     BudgetUsd,
+    CallsShown,
     CallTimeout,
     Model,
     Prices,
@@ -27,10 +29,13 @@ from rvsg.app.cli.model_options import (
     Replay,
     Strict,
     told_calls,
+    told_from_record,
     wiring_of,
 )
 
 if TYPE_CHECKING:
+    from rvsg.generation.environment import EnvironmentDialogue
+    from rvsg.generation.wiring import Wiring
     from rvsg.world.world import Description
 
 app = verb()
@@ -68,10 +73,12 @@ def describe(
 
     loaded = load_world(world)
     dialogue: EnvironmentDialogue | None = None
+    wiring: Wiring | None = None
     if model is not None or replay is not None:
+        # What was paid for is kept, and the same command goes on from it.
         wiring = wiring_of(
             model,
-            record,
+            record or (None if replay else Path("runs") / f"describe-{loaded.name}"),
             base_url=base_url,
             replay=replay,
             strict=strict or None,
@@ -82,14 +89,17 @@ def describe(
             prices=prices,
         )
         dialogue = EnvironmentDialogue(loaded, wiring.model, Prompts(prompts))
-        description = dialogue.describe()
+        with CallsShown(wiring), _kept(wiring):
+            description = dialogue.describe()
         say(told_calls(dialogue.calls))
+        if earlier := told_from_record(wiring):
+            say(earlier)
         for note in wiring.notes():
             say(note)
     else:
         description = _stored(description_of(loaded), world)
     if review:
-        description = _reviewed(description, reviewer, dialogue.revise if dialogue else None)
+        description = _reviewed(description, reviewer, _revising(dialogue, wiring) if dialogue else None)
     else:
         _show(description)
     if dialogue is not None or review:
@@ -99,6 +109,33 @@ def describe(
             say(f"Nobody has reviewed it yet: rvsg describe {world} --review")
     if json:
         print_json(description.model_dump(mode="json"))
+
+
+@contextlib.contextmanager
+def _kept(wiring: Wiring) -> Iterator[None]:
+    """Say, where a call fails or an answer is no use, that nothing that was answered is lost."""
+    from rvsg.errors import BudgetSpent, GenerationError, ModelUnavailable
+
+    try:
+        yield
+    except GenerationError as error:
+        recording = wiring.recording
+        if recording is not None and not wiring.replaying and recording.spent().calls:
+            outside = isinstance(error, (ModelUnavailable, BudgetSpent))
+            next_step = "the same command goes on from there" if outside else "to ask anew give another --record"
+            say(f"What was answered is kept in {recording.folder}; {next_step}.")
+        raise
+
+
+def _revising(dialogue: EnvironmentDialogue, wiring: Wiring | None) -> Callable[[str], Description]:
+    """The revision by the model, shown while it is made."""
+
+    def revise(reason: str) -> Description:
+        assert wiring is not None
+        with CallsShown(wiring), _kept(wiring):
+            return dialogue.revise(reason)
+
+    return revise
 
 
 def _stored(description: Description | None, world: str) -> Description:

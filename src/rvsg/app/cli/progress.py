@@ -9,8 +9,11 @@ from typing import Self
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from rvsg.app.cli.console import console, say
+from rvsg.app.cli.model_options import told_spent
 from rvsg.campaign.attempt import Attempt, Failure
 from rvsg.campaign.plan import Plan
+from rvsg.generation.vlm.budget import Spending
+from rvsg.generation.vlm.watching import CallNews
 from rvsg.report.summary import number
 from rvsg.scenario.brief import Brief
 from rvsg.simulation.run import Run
@@ -25,6 +28,8 @@ class CampaignProgress:
         self.runs = sum(len(a.measurements) + len(a.failures) for a in attempts)
         self.made = 0
         self.begin = time.monotonic()
+        self.place = ""
+        self.spent: Spending | None = None
         for attempt in attempts:
             self._note(attempt)
         live = console().is_terminal and not quiet
@@ -62,7 +67,20 @@ class CampaignProgress:
             worst = (
                 f" (worst so far {number(self.worst, self.plan.requirement.unit)})" if self.worst is not None else ""
             )
-            self.bar.update(self.task, description=place + worst)
+            self.place = place + worst
+            self.bar.update(self.task, description=self.place + self._spent())
+
+    def calling(self, news: CallNews) -> None:
+        """A call of a model: shown in the bar; without a terminal only that it waits for another try."""
+        self.spent = news.spent
+        if self.bar:
+            doing = f": asks {news.model}" if news.what == "asked" else f": {news.why}" if news.why else ""
+            self.bar.update(self.task, description=self.place + doing + self._spent())
+        elif news.what == "waiting" and not self.quiet:
+            say(f"{news.model}, {news.purpose}: {news.why}")
+
+    def _spent(self) -> str:
+        return f"; model {told_spent(self.spent)}" if self.spent is not None and self.spent.calls else ""
 
     def ran(self, run: Run | Failure) -> None:
         """One run more."""
@@ -81,7 +99,7 @@ class CampaignProgress:
         left = spent / self.made * (self.plan.runs - self.runs) if self.made else 0.0
         say(
             f"{self.runs} of {self.plan.runs} runs; {self.plan.requirement.name} at worst "
-            f"{number(self.worst, self.plan.requirement.unit)}; about {left:.0f} s left"
+            f"{number(self.worst, self.plan.requirement.unit)}; about {left:.0f} s left{self._spent()}"
         )
 
     def _note(self, attempt: Attempt) -> None:

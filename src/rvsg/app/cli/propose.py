@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 from typing import Annotated
 
@@ -31,6 +32,9 @@ def propose(
     prompts: Annotated[str | None, typer.Option(help="Folder of prompt templates that replace ours.")] = None,
     replay: Annotated[str | None, typer.Option(help="Answer from these recordings, without a model.")] = None,
     record: Annotated[str | None, typer.Option(help="Folder to record the model's calls in. [runs/proposals]")] = None,
+    budget_usd: Annotated[float | None, typer.Option(help="Stop before the calls in --record cost more.")] = None,
+    budget_calls: Annotated[int | None, typer.Option(help="Stop before more calls in --record.")] = None,
+    budget_tokens: Annotated[int | None, typer.Option(help="Stop before more tokens in --record.")] = None,
     generator_option: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="For the generator.")] = None,
     out: Annotated[Path, typer.Option(help="Where the proposal is written; - is standard output.")] = Path("-"),
 ) -> None:
@@ -38,7 +42,7 @@ def propose(
 
     Writes the proposal as JSON; `rvsg simulate` reads it. With --feedback the proposal refines an earlier scenario.
     """
-    from rvsg.app.cli.model_options import told_calls
+    from rvsg.app.cli.model_options import CallsShown, told_calls, told_from_record, told_unusable
     from rvsg.app.cli.options import pairs
     from rvsg.app.config import effective
     from rvsg.app.records import read_record, write_text
@@ -57,6 +61,9 @@ def propose(
         "conversation": conversation,
         "prompts": prompts,
         "replay": replay,
+        "budget_usd": budget_usd,
+        "budget_calls": budget_calls,
+        "budget_tokens": budget_tokens,
         "out": record or "runs/proposals",
         "generator_options": pairs("generator", generator_option),
     }
@@ -71,7 +78,9 @@ def propose(
         configuration_index=1 if told else 0,
         feedback=told,
     )
-    proposal = wired.generator.propose(brief, wired.world)
+    wiring = getattr(wired.generator, "wiring", None)
+    with CallsShown(wiring) if wiring is not None else contextlib.nullcontext():
+        proposal = wired.generator.propose(brief, wired.world)
     write_text(out, proposal.to_json())
     if proposal.scenario is not None:
         say(proposal.scenario.description or "(no description)")
@@ -84,8 +93,16 @@ def propose(
         say(f"  left: {problem}")
     if proposal.calls:
         say(told_calls(proposal.calls))
+        if unusable := told_unusable(proposal.calls):
+            say(unusable)
         if replay is None:
             say(f"Recorded in {wired.config.folder / 'vlm'}")
+        if earlier := (told_from_record(wiring) if wiring is not None else None):
+            say(earlier)
+        for note in getattr(wired.generator, "notes", ()):
+            say(note)
+    if proposal.scenario is None:
+        say("No scenario came of it.")
 
 
 def _checked(findings: int, corrections: int) -> str:

@@ -58,8 +58,8 @@ def run(
     prompts: Annotated[str | None, typer.Option(help="Folder of prompt templates that replace ours.")] = None,
     replay: Annotated[str | None, typer.Option(help="Answer from these recordings, without a model.")] = None,
     budget_usd: Annotated[float | None, typer.Option(help="Stop before the model's calls cost more.")] = None,
-    budget_calls: Annotated[int | None, typer.Option(min=1, help="Stop before more calls of the model.")] = None,
-    budget_tokens: Annotated[int | None, typer.Option(min=1, help="Stop before more tokens.")] = None,
+    budget_calls: Annotated[int | None, typer.Option(help="Stop before more calls of the model.")] = None,
+    budget_tokens: Annotated[int | None, typer.Option(help="Stop before more tokens.")] = None,
     generator_option: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="For the generator.")] = None,
     simulator_option: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="For the simulator.")] = None,
     fail_on_violation: Annotated[
@@ -112,6 +112,7 @@ def run_campaign_of(from_file: dict[str, Any], given: dict[str, Any], *, as_json
         attempts = _work(wired, ledger, folder, resumed=stored is not None)
         summary = _write(wired, ledger, attempts, folder)
     _show(wired, summary, folder, time.monotonic() - begin, as_json=as_json)
+    _show_lost(attempts)
     return 1 if config.fail_on_violation and summary.violated else 0
 
 
@@ -188,6 +189,8 @@ def _work(wired: Wired, ledger: Any, folder: Path, *, resumed: bool) -> list[Att
             if len(known) < plan.attempts or not any(a.purpose == "confirmation" for a in known):
                 wired.warm_up(say)
             with CampaignProgress(plan, known) as progress, wired.simulations(ledger) as simulations:
+                if watch := getattr(wired.generator, "watch", None):
+                    watch(progress.calling)
                 return run_campaign(plan, wired.strategy(ledger), wired.parts(ledger, simulations, progress))
     except KeyboardInterrupt:
         kept = counted(len(list(ledger.attempts(plan.name))), "finished attempt is", "finished attempts are")
@@ -242,6 +245,19 @@ def _write(wired: Wired, ledger: Any, attempts: list[Attempt], folder: Path) -> 
     if wired.config.junit:
         write_whole(Path(wired.config.junit), junit_xml(wired.plan, summary))
     return summary
+
+
+def _show_lost(attempts: list[Attempt]) -> None:
+    """Say which answers of a model were no use, and why attempts came without a scenario."""
+    from rvsg.app.cli.model_options import told_unusable
+    from rvsg.report.summary import counted
+
+    search = [attempt for attempt in attempts if attempt.purpose == "search"]
+    lost = [attempt for attempt in search if attempt.proposal.scenario is None]
+    if lost and (problems := lost[0].proposal.problems):
+        say(f"{counted(len(lost), 'attempt')} of {len(search)} came without a scenario; the first: {problems[0]}")
+    if unusable := told_unusable([call for attempt in search for call in attempt.proposal.calls]):
+        say(unusable)
 
 
 def _show(wired: Wired, summary: Summary, folder: Path, spent_s: float, *, as_json: bool) -> None:

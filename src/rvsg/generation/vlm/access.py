@@ -9,8 +9,8 @@ errors are raised outside the handler of the foreign one, so that nothing of it 
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import os
-import re
 import threading
 import time
 import warnings
@@ -20,14 +20,13 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from rvsg.errors import InputError, ModelUnavailable
+from rvsg.generation.vlm.faults import KEY_VARIABLE, LATER, Called, Fault, named_model, translated
 from rvsg.generation.vlm.messages import Answer, Request, Usage, estimated_input_tokens, estimated_tokens
 from rvsg.generation.vlm.secrets import hide_secrets
 
-KEY_VARIABLE = "RVSG_API_KEY"
 NO_KEY = "no-key-set"
 LOCAL_OLLAMA = "http://localhost:11434/v1"
 COMPATIBLE = ("openai-chat", "openai", "openai-responses", "ollama", "vllm")
-DETAIL_CHARACTERS = 600
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,26 +42,6 @@ class Limits:
     first_wait_s: float = 2.0
     longest_wait_s: float = 90.0
     max_output_tokens: int | None = 16_000
-
-
-class _Failure(Exception):
-    """A try that failed: what to tell, whether to try again, and when."""
-
-    def __init__(
-        self,
-        told: str,
-        *,
-        again: bool,
-        wait_s: float | None = None,
-        without_shape: bool = False,
-        setup: bool = False,
-    ) -> None:
-        super().__init__(told)
-        self.told = told
-        self.again = again
-        self.wait_s = wait_s
-        self.without_shape = without_shape
-        self.setup = setup
 
 
 class _Loop:
@@ -125,12 +104,7 @@ class ModelAccess:
         prices: tuple[float, float, float] | None = None,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
-        provider, _, model = name.partition(":")
-        if not model:
-            raise InputError(
-                f'"{name}" does not name a model. Expected PROVIDER:MODEL, for example openai-chat:gpt-4.1, '
-                "anthropic:claude-sonnet-4-5, google:gemini-2.5-pro or ollama:qwen2.5vl."
-            )
+        provider, model = named_model(name)
         self._name, self._provider, self._model = name, provider, model
         self._base_url = _checked_address(base_url, provider)
         self._limits = limits or Limits()
@@ -140,6 +114,8 @@ class ModelAccess:
         self._sleep = sleep
         self._lock = threading.Lock()
         self._made: Any = None
+        self.waiting: Callable[[str], None] | None = None
+        """Told why and how long it waits before it tries again."""
 
     @property
     def name(self) -> str:
@@ -152,7 +128,7 @@ class ModelAccess:
 
     def prepare(self) -> None:
         """Find out before the first call whether the client is installed and has its key; InputError where not."""
-        failure: _Failure | None = None
+        failure: Fault | None = None
         try:
             self._client()
         except Exception as foreign:
@@ -162,12 +138,15 @@ class ModelAccess:
 
     def ask(self, request: Request) -> Answer:
         """Ask, patiently; raises ModelUnavailable with the reason and what to do."""
-        failure: _Failure | None = None
-        for number in range(1, self._limits.tries + 1):
+        failure: Fault | None = None
+        tries = self._limits.tries
+        for number in range(1, tries + 1):
             begun = time.monotonic()
             try:
                 answer = self._try(request)
-            except _Failure as caught:
+            except Fault as caught:
+                if caught.refused:
+                    return self._refused(caught, request, number)
                 failure = caught
             else:
                 latency = round(time.monotonic() - begun, 3)
@@ -180,12 +159,14 @@ class ModelAccess:
             if wait is None:
                 break
             if wait > 0:
+                if self.waiting is not None:
+                    self.waiting(hide_secrets(f"{failure.told} Waits {wait:.0f} s, then try {number + 1} of {tries}."))
                 self._sleep(wait)
         assert failure is not None
-        told = hide_secrets(f"Model {self._name}{self._place()}: {failure.told}")
+        told = hide_secrets(f"Model {self._name}{self._place()}: {failure.told} {failure.next_step}".rstrip())
         raise InputError(told) if failure.setup else ModelUnavailable(told)
 
-    def _wait(self, failure: _Failure, number: int) -> float | None:
+    def _wait(self, failure: Fault, number: int) -> float | None:
         """Seconds until the next try; None where there is no next one."""
         if not failure.again or number >= self._limits.tries:
             if failure.again and number > 1:
@@ -198,9 +179,9 @@ class ModelAccess:
         longest = self._limits.longest_wait_s
         if failure.wait_s > longest:
             failure.told += (
-                f" The service asks to wait {failure.wait_s:.0f} s, longer than the {longest:.0f} s that RVSG "
-                "waits. Run the same command later: what is finished is kept."
+                f" The service asks to wait {failure.wait_s:.0f} s, longer than the {longest:.0f} s that RVSG waits."
             )
+            failure.next_step = LATER
             return None
         return failure.wait_s
 
@@ -208,8 +189,8 @@ class ModelAccess:
         return f" at {self._base_url}" if self._base_url else ""
 
     def _try(self, request: Request) -> Answer:
-        """One request over the wire; raises _Failure, never a foreign error."""
-        failure: _Failure | None = None
+        """One request over the wire; raises Fault, never a foreign error."""
+        failure: Fault | None = None
         response: Any = None
         try:
             direct, messages, parameters, settings = self._foreign(request)
@@ -224,6 +205,13 @@ class ModelAccess:
         if failure is not None:
             raise failure
         return self._answer(response, request)
+
+    def _refused(self, fault: Fault, request: Request, tries: int) -> Answer:
+        """A refusal that came as an error, as the answer it is; what it cost is not told."""
+        usage = Usage(input_tokens=estimated_input_tokens(request), estimated=True, tries=tries)
+        if self._prices is not None:
+            usage = usage.model_copy(update={"cost_usd": _priced(usage, self._prices)})
+        return Answer(text=hide_secrets(fault.told), model=self._model, finish="refused", usage=usage)
 
     def _foreign(self, request: Request) -> tuple[Any, list[Any], Any, Any]:
         """The request in the words of pydantic-ai."""
@@ -279,49 +267,21 @@ class ModelAccess:
                 self._made = _client_of(self._provider, self._model, self._base_url)
             return self._made
 
-    def _translated(self, error: Exception, request: Request | None) -> _Failure:
+    def _translated(self, error: Exception, request: Request | None) -> Fault:
         """What a foreign error means."""
-        if isinstance(error, ImportError):
-            return _Failure(_told_missing(self._provider, error), again=False, setup=True)
-        from pydantic_ai import exceptions as foreign
+        foreign: Any = None
+        with contextlib.suppress(ImportError):
+            from pydantic_ai import exceptions
 
-        detail = _sentence(hide_secrets(_one_line(str(error))))
-        wait = getattr(error, "retry_after", None)
-        if isinstance(error, foreign.UserError):
-            key = re.search(r"[A-Z][A-Z_]*_(?:API_KEY|BASE_URL|TOKEN)", detail)
-            told = f"set {key.group()} in the environment." if key else f"it cannot be used. {detail}"
-            return _Failure(told, again=False, setup=True)
-        if isinstance(error, foreign.ModelAuthenticationError):
-            return _Failure(
-                f"the service refused the key (or found none). Set {_key_variable(self._provider, self._base_url)} "
-                f"in the environment. It said: {detail}",
-                again=False,
-            )
-        if isinstance(error, foreign.ModelNotFoundError):
-            return _Failure(
-                f'the service knows no model "{self._model}" (or the address is wrong). Check --model and '
-                f"--base-url. It said: {detail}",
-                again=False,
-            )
-        if isinstance(error, foreign.ModelQuotaExceededError):
-            return _Failure(f"the account's credit or quota is used up. It said: {detail}", again=False)
-        if isinstance(error, foreign.ModelRateLimitError):
-            return _Failure(f"too many calls (429). It said: {detail}", again=True, wait_s=wait)
-        if isinstance(error, foreign.ModelContextWindowExceededError):
-            return _Failure(f"the conversation is longer than the model can read. It said: {detail}", again=False)
-        if isinstance(error, foreign.ModelRequestRejectedError):
-            if request is not None and request.shape is not None and self._structured:
-                # Many compatible servers know no structured output: the prompt alone asks for the JSON as well.
-                return _Failure(f"it refused the request. It said: {detail}", again=True, without_shape=True)
-            return _Failure(f"it refused the request. It said: {detail}", again=False)
-        if isinstance(error, (foreign.ModelTimeoutError, foreign.ModelRequestTimeout)):
-            return _Failure(f"no answer within {self._limits.timeout_s:g} s (--call-timeout).", again=True)
-        if isinstance(error, foreign.ModelConnectionError):
-            return _Failure(f"the connection failed or broke off. {detail}", again=True)
-        if isinstance(error, foreign.ModelAPIError):
-            return _Failure(f"the service failed. It said: {detail}", again=True, wait_s=wait)
-        kind = type(error).__name__
-        return _Failure(f"the service's reply is not what its protocol promises ({kind}: {detail}).", again=True)
+            foreign = exceptions
+        called = Called(
+            provider=self._provider,
+            model=self._model,
+            base_url=self._base_url,
+            timeout_s=self._limits.timeout_s,
+            shaped=request is not None and request.shape is not None and self._structured,
+        )
+        return translated(error, foreign, called)
 
     def _answer(self, response: Any, request: Request) -> Answer:
         """pydantic-ai's response as ours."""
@@ -383,21 +343,14 @@ def _checked_address(base_url: str | None, provider: str) -> str | None:
     parts = urlsplit(base_url)
     if parts.scheme not in ("http", "https") or not parts.hostname:
         raise InputError(f"--base-url must be an http or https address, got {hide_secrets(base_url)!r}.")
-    if parts.username or parts.password:
-        raise InputError(f"--base-url must not hold a user or key; put the key into {KEY_VARIABLE}.")
+    if parts.username or parts.password or parts.query or parts.fragment:
+        raise InputError(f"--base-url must not hold a user, a key or a query; put the key into {KEY_VARIABLE}.")
     if provider not in COMPATIBLE:
         raise InputError(
             f"--base-url is for servers that speak the OpenAI protocol: use a model name beginning with "
             f"{', '.join(p + ':' for p in COMPATIBLE[:-1])} or {COMPATIBLE[-1]}:, not {provider}:."
         )
     return base_url
-
-
-def _key_variable(provider: str, base_url: str | None) -> str:
-    if base_url is not None:
-        return KEY_VARIABLE
-    named = {"openai": "OPENAI", "openai-chat": "OPENAI", "openai-responses": "OPENAI", "google": "GOOGLE"}
-    return f"{named.get(provider, provider.upper().replace('-', '_'))}_API_KEY"
 
 
 def _client_of(provider: str, model: str, base_url: str | None) -> Any:
@@ -413,21 +366,3 @@ def _client_of(provider: str, model: str, base_url: str | None) -> Any:
     from pydantic_ai.models import infer_model
 
     return infer_model(f"{provider}:{model}")
-
-
-def _told_missing(provider: str, error: ImportError) -> str:
-    extra = {"anthropic": "anthropic", "google": "google", "google-gla": "google"}.get(provider, "vlm")
-    return (
-        f"it needs a package that is not installed: in your clone, .venv/bin/pip install -e '.[{extra}]'. "
-        f"(Missing: {error.name or _one_line(str(error))})"
-    )
-
-
-def _sentence(text: str) -> str:
-    text = text.rstrip(". ")
-    return text if text.endswith(("?", "!")) else f"{text}."
-
-
-def _one_line(text: str) -> str:
-    line = " ".join(text.split())
-    return line if len(line) <= DETAIL_CHARACTERS else line[:DETAIL_CHARACTERS] + " ..."

@@ -12,6 +12,11 @@ from rvsg.generation.vlm.messages import Answer, Request, Usage, estimated_input
 from rvsg.generation.vlm.model import Model
 from rvsg.world.records import Record
 
+NO_CALL = (
+    "a budget of 0 allows no call. Leave it away for no limit; without a model --replay answers from recorded calls, "
+    "and the heuristic generator needs none"
+)
+
 
 class Budget(Record):
     """What may be spent in a campaign, calls of earlier sittings included; None is no limit."""

@@ -82,9 +82,10 @@ class Recording:
                 f"{self.folder / MESSAGES} holds no message {message_id}; the record is damaged."
             ) from None
 
-    def answered(self, key: str, request_id: str) -> RecordedCall | None:
-        """The call that was answered at that place for that very request."""
-        found = (c for c in self._calls if c.key == key and c.request == request_id and c.answer is not None)
+    def answered(self, key: str, request_id: str, model: str) -> RecordedCall | None:
+        """The call that this model answered at that place for that very request."""
+        asked = (key, request_id, model)
+        found = (c for c in self._calls if (c.key, c.request, c.model) == asked and c.answer is not None)
         return next(found, None)
 
     def spent(self) -> Spending:
@@ -154,7 +155,7 @@ class Recording:
 
 
 class Recorded:
-    """A model whose calls are kept, and whose answer is taken from the record where the very call is there already.
+    """A model whose calls are kept, and whose answer is taken from the record where it gave it there already.
 
     That makes a campaign that was stopped between two calls go on where it was, at no cost.
     """
@@ -170,7 +171,7 @@ class Recorded:
 
     def ask(self, request: Request) -> Answer:
         """The recorded answer, or the model's, which is then kept. A failed call is kept too."""
-        known = self.recording.answered(request.key, request.id)
+        known = self.recording.answered(request.key, request.id, self.name)
         if known is not None and known.answer is not None:
             return known.answer.model_copy(update={"source": "record"})
         failure: ModelUnavailable | None = None

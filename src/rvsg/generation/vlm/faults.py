@@ -1,0 +1,194 @@
+"""What went wrong in a call of a model, in our words: what it means, whether to try again, and what to do next."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from dataclasses import dataclass
+from typing import Any
+
+from rvsg.errors import InputError
+from rvsg.generation.vlm.secrets import hide_secrets
+
+KEY_VARIABLE = "RVSG_API_KEY"
+DETAIL_CHARACTERS = 600
+EXAMPLES = "openai-chat:gpt-4.1, anthropic:claude-sonnet-4-5, google:gemini-2.5-pro or ollama:qwen2.5vl"
+_PROVIDERS = """
+openai-chat openai openai-responses anthropic google google-cloud ollama vllm azure azure-responses bedrock
+bedrock-mantle mistral groq openrouter xai deepseek together fireworks huggingface github github-copilot cohere
+openai-chatgpt openai-codex alibaba moonshotai litellm nebius sambanova cerebras vercel meta zai heroku
+"""
+PROVIDERS = tuple(_PROVIDERS.split())
+LATER = "Run the same command later: what was answered is kept and not asked again."
+_FILTERS = ("content_filter", "content_policy", "content management policy", "responsibleai", "safety system")
+
+
+class Fault(Exception):
+    """A try that failed: what to tell, whether to try again, and when.
+
+    `setup`: nothing was asked, the user has to set something right. `refused`: a safety filter took the request or
+    the reply, which is an answer, not a failure of the service.
+    """
+
+    def __init__(
+        self,
+        told: str,
+        *,
+        again: bool = False,
+        wait_s: float | None = None,
+        without_shape: bool = False,
+        setup: bool = False,
+        refused: bool = False,
+        next_step: str = "",
+    ) -> None:
+        super().__init__(told)
+        self.told = told
+        self.again = again
+        self.wait_s = wait_s
+        self.without_shape = without_shape
+        self.setup = setup
+        self.refused = refused
+        self.next_step = next_step
+
+
+@dataclass(frozen=True, kw_only=True)
+class Called:
+    """What was called: needed to say what to do. `shaped`: a JSON schema was asked for."""
+
+    provider: str
+    model: str
+    base_url: str | None
+    timeout_s: float
+    shaped: bool = False
+
+
+def named_model(name: str) -> tuple[str, str]:
+    """Provider and model of a name; InputError where it has not both, or where there is no such provider."""
+    provider, _, model = name.partition(":")
+    if not model.strip() or not provider.strip() or name != "".join(name.split()):
+        lacking = "names a provider but no model" if provider.strip() and ":" in name else "does not name a model"
+        if model.strip() and provider.strip():
+            lacking = "holds a space"
+        raise InputError(f'"{name}" {lacking}. Expected PROVIDER:MODEL, for example {EXAMPLES}.')
+    near = difflib.get_close_matches(provider, PROVIDERS, n=1, cutoff=0.6)
+    if provider not in PROVIDERS and near and "/" not in provider:
+        raise InputError(
+            f'There is no provider "{provider}". Did you mean "{near[0]}:{model}"? '
+            f"Expected PROVIDER:MODEL, for example {EXAMPLES}."
+        )
+    return provider, model
+
+
+def translated(error: Exception, foreign: Any, called: Called) -> Fault:
+    """What an error of the client library means. `foreign` is the module of its exceptions, None where it is absent."""
+    if isinstance(error, ImportError) or foreign is None:
+        return Fault(_told_missing(called.provider, error), setup=True)
+    said = f"It said: {_said(error)}"
+    wait = getattr(error, "retry_after", None)
+    if isinstance(error, foreign.UserError):
+        return _setup(error, called)
+    if isinstance(error, foreign.ContentFilterError) or _filtered(error):
+        return Fault(f"a safety filter refused it. {said}", refused=True)
+    if isinstance(error, foreign.ModelAuthenticationError):
+        variable = key_variable(called.provider, called.base_url)
+        told = f"the service refused the key (or found none). Check {variable} in the environment. {said}"
+        return Fault(told)
+    if isinstance(error, foreign.ModelNotFoundError):
+        return Fault(
+            f'the service knows no model "{called.model}" (or the address is wrong). Check --model'
+            f"{' and --base-url; most addresses end in /v1' if called.base_url else ''}. {said}"
+        )
+    if isinstance(error, foreign.ModelQuotaExceededError):
+        return Fault(f"the account's credit or quota is used up. {said}", next_step=f"Top it up. {LATER}")
+    if isinstance(error, foreign.ModelRateLimitError):
+        fewer = "Allow fewer calls (--generator-option calls_per_minute=N), or run the same command later: what was "
+        return Fault(f"too many calls (429). {said}", again=True, wait_s=wait, next_step=f"{fewer}answered is kept.")
+    if isinstance(error, foreign.ModelContextWindowExceededError) or getattr(error, "status_code", None) == 413:
+        return Fault(f"the conversation is longer than the model can read. {said}", next_step="Choose another model.")
+    if isinstance(error, foreign.ModelRequestRejectedError):
+        # Many compatible servers know no structured output: the prompt alone asks for the JSON as well.
+        seeing = "The model must be able to see pictures; `rvsg prompt` shows what it is sent."
+        return Fault(
+            f"it refused the request. {said}", again=called.shaped, without_shape=called.shaped, next_step=seeing
+        )
+    if isinstance(error, (foreign.ModelTimeoutError, foreign.ModelRequestTimeout)):
+        longer = "Wait longer: --generator-option call_timeout_s=SECONDS (rvsg describe: --call-timeout SECONDS)."
+        return Fault(f"no answer within {called.timeout_s:g} s.", again=True, next_step=longer)
+    if isinstance(error, foreign.ModelConnectionError):
+        return Fault(f"the connection failed or broke off. {_said(error)}", again=True, next_step=_reachable(called))
+    if isinstance(error, foreign.ModelAPIError) and getattr(error, "status_code", None) is not None:
+        return Fault(f"the service failed. {said}", again=True, wait_s=wait, next_step=LATER)
+    no_protocol = (
+        "Check --base-url: does a server with the OpenAI protocol answer there? Most addresses end in /v1."
+        if called.base_url
+        else LATER
+    )
+    told = f"the service's reply is not what its protocol promises ({_said(error).rstrip('.')})."
+    return Fault(told, again=True, wait_s=wait, next_step=no_protocol)
+
+
+def key_variable(provider: str, base_url: str | None) -> str:
+    """The environment variable that holds the key."""
+    if base_url is not None:
+        return KEY_VARIABLE
+    named = {"openai": "OPENAI", "openai-chat": "OPENAI", "openai-responses": "OPENAI", "google": "GOOGLE"}
+    return f"{named.get(provider, provider.upper().replace('-', '_'))}_API_KEY"
+
+
+def _setup(error: Exception, called: Called) -> Fault:
+    """Something is missing before anything can be asked: a key, an address, or such a model."""
+    detail = _said(error)
+    if "nknown model" in detail or "nknown provider" in detail:
+        return Fault(
+            f"the client library knows no such provider or model. Expected PROVIDER:MODEL, for example {EXAMPLES}; "
+            f"providers are {', '.join(PROVIDERS)}. For a server of your own: --model openai-chat:NAME --base-url URL.",
+            setup=True,
+        )
+    key = re.search(r"[A-Z][A-Z_]*_(?:API_KEY|BASE_URL|TOKEN)", detail)
+    if key:
+        more = " For a server of your own give --base-url, and its key, if any, in RVSG_API_KEY."
+        told = f"no key: set {key.group()} in the environment (export {key.group()}=...)."
+        return Fault(told + (more if called.base_url is None else ""), setup=True)
+    return Fault(f"it cannot be used. {detail}", setup=True)
+
+
+def _reachable(called: Called) -> str:
+    if called.provider == "ollama":
+        return "Is Ollama running (ollama serve), and the model pulled? OLLAMA_BASE_URL names another place."
+    if called.base_url:
+        return "Is the server running there? Check --base-url."
+    return f"Check the network and its proxy. {LATER}"
+
+
+def _filtered(error: Exception) -> bool:
+    """Whether a service's safety filter speaks: some send a refusal as an HTTP error."""
+    if getattr(error, "status_code", None) not in (400, 403, 422):
+        return False
+    text = f"{error} {getattr(error, 'body', '')}".casefold()
+    return any(word in text for word in _FILTERS)
+
+
+def _said(error: Exception) -> str:
+    """The words of the service, its HTTP status before them, on one line, without anything secret."""
+    body, status = getattr(error, "body", None), getattr(error, "status_code", None)
+    inner = body.get("error", body) if isinstance(body, dict) else body
+    words = inner.get("message") if isinstance(inner, dict) else inner
+    text = str(words) if isinstance(words, str) and words.strip() else str(error)
+    place = f"HTTP {status}, " if status is not None and text is not str(error) else ""
+    return _sentence(hide_secrets(_one_line(place + text)))
+
+
+def _told_missing(provider: str, error: Exception) -> str:
+    extra = {"anthropic": "anthropic", "google": "google", "google-gla": "google"}.get(provider, "vlm")
+    missing = f" (Missing: {error.name})" if isinstance(error, ImportError) and error.name else ""
+    return f"it needs a package that is not installed: in your clone, .venv/bin/pip install -e '.[{extra}]'.{missing}"
+
+
+def _sentence(text: str) -> str:
+    text = text.rstrip(". ")
+    return text if text.endswith(("?", "!")) else f"{text}."
+
+
+def _one_line(text: str) -> str:
+    line = " ".join(text.split())
+    return line if len(line) <= DETAIL_CHARACTERS else line[:DETAIL_CHARACTERS] + " ..."
