@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import sqlite3
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +13,7 @@ from rvsg.campaign.attempt import Attempt
 from rvsg.errors import NewerStore, StoreError
 from rvsg.generation.generator import Proposal
 from rvsg.scenario.brief import Brief
-from rvsg.simulation.archive import arrays_of, run_from_json, run_to_json
+from rvsg.simulation.archive import arrays_of, pack, run_from_json, run_to_json
 from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.simulation.run import Run
 from rvsg.store.migrations import MIGRATIONS
@@ -192,3 +194,88 @@ def test_a_campaign_is_forgotten_only_while_it_made_no_attempt(tmp_path: Path) -
         ledger.append(attempt, [run])
         assert not ledger.forget_empty(attempt.campaign)
         assert ledger.settings(attempt.campaign) == {"seed": 2}
+
+
+def test_a_new_store_opened_by_several_at_once_is_made_once(tmp_path: Path) -> None:
+    path = tmp_path / "a.sqlite"
+    attempt, run = an_attempt()
+    together = threading.Barrier(6)
+
+    def opened(_: int) -> list[Attempt]:
+        together.wait()
+        with SqliteLedger(path) as ledger:
+            return list(ledger.attempts("test"))
+
+    with ThreadPoolExecutor(6) as pool:
+        assert list(pool.map(opened, range(6))) == [[]] * 6
+    with SqliteLedger(path) as ledger:
+        ledger.append(attempt, [run])
+
+
+def test_a_store_whose_making_was_broken_off_is_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "a.sqlite"
+    monkeypatch.setattr("rvsg.store.sqlite.MIGRATIONS", ((*MIGRATIONS[0], "CREATE nonsense"), *MIGRATIONS[1:]))
+    with pytest.raises(StoreError):
+        SqliteLedger(path)
+    monkeypatch.undo()
+    with SqliteLedger(path) as ledger:
+        assert ledger.campaigns() == ()
+
+
+def altered(path: Path, *statements: tuple[str, tuple[object, ...]]) -> None:
+    connection = sqlite3.connect(path)
+    for statement, values in statements:
+        connection.execute(statement, values)
+    connection.commit()
+    connection.close()
+
+
+def test_a_single_number_changed_in_the_arrays_of_a_run_is_noticed(tmp_path: Path) -> None:
+    _, run = an_attempt()
+    path = tmp_path / "a.sqlite"
+    with SqliteLedger(path) as ledger:
+        ledger.keep(run)
+    run.trajectory.x[3] += 1e-9
+    altered(path, ("UPDATE runs SET arrays = ?", (pack(run)[1],)))  # whole, and of the right shape
+    with SqliteLedger(path) as ledger, pytest.raises(StoreError, match="checksum") as refused:
+        ledger.find(run.id)
+    assert str(path) in str(refused.value) and run.id in str(refused.value)
+
+
+def older_store(path: Path, attempt: Attempt, run: Run) -> None:
+    """A store as the first version made it: without checksums."""
+    with SqliteLedger(path) as ledger:
+        ledger.append(attempt, [run])
+    altered(path, ("ALTER TABLE runs DROP COLUMN checksum", ()), ("PRAGMA user_version=1", ()))
+
+
+def test_a_store_from_before_there_were_checksums_opens_and_new_runs_get_one(tmp_path: Path) -> None:
+    attempt, run = an_attempt()
+    other, other_run = an_attempt(1)
+    path = tmp_path / "a.sqlite"
+    older_store(path, attempt, run)
+    with SqliteLedger(path) as ledger:
+        assert same(ledger.run(run.id), run)
+        ledger.append(other, [other_run])
+    connection = sqlite3.connect(path)
+    kept = dict(connection.execute("SELECT id, checksum FROM runs"))
+    connection.close()
+    assert kept[run.id] is None and kept[other_run.id]
+
+
+@pytest.mark.parametrize("older", [False, True])
+def test_a_store_that_may_not_be_written_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, older: bool) -> None:
+    attempt, run = an_attempt()
+    path = tmp_path / "a store.sqlite"
+    if older:
+        older_store(path, attempt, run)
+    else:
+        with SqliteLedger(path) as ledger:
+            ledger.append(attempt, [run])
+    before = path.read_bytes()
+    monkeypatch.setattr("os.access", lambda *_: False)
+    with SqliteLedger(path, create=False) as ledger:
+        assert list(ledger.attempts("test")) == [attempt] and same(ledger.run(run.id), run)
+        with pytest.raises(StoreError, match="a store.sqlite"):
+            ledger.keep(an_attempt(1)[1])
+    assert path.read_bytes() == before and [p.name for p in tmp_path.iterdir()] == [path.name]

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal
 
 import pydantic
 import yaml
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 
 from rvsg.errors import FileError, InputError
 from rvsg.generation.vlm.budget import NO_CALL
@@ -94,6 +94,16 @@ class CampaignConfig(Record):
         return head + yaml.safe_dump(values, sort_keys=False, allow_unicode=True)
 
 
+Names = Annotated[list[str], Field(min_length=1), BeforeValidator(lambda v: v if isinstance(v, list) else [v])]
+
+
+class CampaignFile(CampaignConfig):
+    """What a campaign file may say: as `CampaignConfig`, but of routes and requirements there may be several."""
+
+    route: Names = Field(default_factory=lambda: ["route_1"])  # type: ignore[assignment]
+    requirement: Names = Field(default_factory=lambda: ["R1"])  # type: ignore[assignment]
+
+
 def read_campaign_file(path: Path) -> dict[str, Any]:
     """The keys that a campaign file sets, checked, with paths made relative to the present folder.
 
@@ -102,15 +112,22 @@ def read_campaign_file(path: Path) -> dict[str, Any]:
     document = read_yaml(path)
     if document.value is None:
         return {}
-    validated(document, CampaignConfig)
+    validated(document, CampaignFile)
     values = dict(document.value)
     for key in PATHS:
         if isinstance(values.get(key), str):
             values[key] = str(path.parent / values[key])
     for key in ("world", "requirement"):
-        if isinstance(values.get(key), str) and (path.parent / _file_of(values[key])).exists():
-            values[key] = str(path.parent / values[key])
+        if isinstance(values.get(key), list):
+            values[key] = [_beside(path, name) for name in values[key]]
+        elif key in values:
+            values[key] = _beside(path, values[key])
     return values
+
+
+def _beside(path: Path, name: str) -> str:
+    """A name as it stands, or as a path where such a thing exists beside the campaign file."""
+    return str(path.parent / name) if (path.parent / _file_of(name)).exists() else name
 
 
 def _file_of(reference: str) -> str:

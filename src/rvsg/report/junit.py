@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from xml.sax.saxutils import escape, quoteattr
 
 from rvsg.campaign.plan import Plan
@@ -17,6 +18,16 @@ def junit_xml(plan: Plan, summary: Summary) -> str:
     were extreme, rank them and decide nothing. Without a confirmation their verdicts decide. A verdict that is not sure
     or that has no limit to go by is skipped with the reason.
     """
+    return junit_of([(plan, summary)])
+
+
+def junit_of(campaigns: Iterable[tuple[Plan, Summary]]) -> str:
+    """The XML of several campaigns, a test suite for each."""
+    suites = "".join(_suite(plan, summary) for plan, summary in campaigns)
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n<testsuites>{suites}</testsuites>\n'
+
+
+def _suite(plan: Plan, summary: Summary) -> str:
     suite = f"rvsg {plan.mission.world} {plan.mission.route.name} {plan.requirement.name}"
     confirmed = summary.confirmed if summary.confirmed and summary.confirmed.verdict else None
     cases = [
@@ -29,9 +40,8 @@ def junit_xml(plan: Plan, summary: Summary) -> str:
     failures = sum("<failure" in case for case in cases)
     skipped = sum("<skipped" in case for case in cases)
     return (
-        '<?xml version="1.0" encoding="UTF-8"?>\n'
-        f'<testsuites><testsuite name={_attribute(suite)} tests="{len(cases)}" failures="{failures}" errors="0" '
-        f'skipped="{skipped}">\n' + "".join(cases) + "</testsuite></testsuites>\n"
+        f'<testsuite name={_attribute(suite)} tests="{len(cases)}" failures="{failures}" errors="0" '
+        f'skipped="{skipped}">\n' + "".join(cases) + "</testsuite>"
     )
 
 

@@ -20,4 +20,6 @@ MIGRATIONS: tuple[tuple[str, ...], ...] = (
         "header TEXT NOT NULL, arrays BLOB NOT NULL)",
         "CREATE INDEX runs_by_scenario ON runs (scenario_id)",
     ),
+    # The id of a run is of what determines it; the checksum is of what came out. Older runs have none.
+    ("ALTER TABLE runs ADD COLUMN checksum TEXT",),
 )

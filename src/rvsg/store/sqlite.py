@@ -7,12 +7,16 @@ The file is in WAL mode with full synchronisation at commit points: what was com
 from __future__ import annotations
 
 import datetime
+import hashlib
 import json
+import os
+import sqlite3
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Self
+from urllib.parse import quote
 
 import sqlalchemy as sa
 from pydantic import ValidationError
@@ -53,26 +57,32 @@ _runs = sa.Table(
     sa.Column("seed", sa.Integer),
     sa.Column("header", sa.Text),
     sa.Column("arrays", sa.LargeBinary),
+    sa.Column("checksum", sa.Text),
 )
+_CHECKSUMS_SINCE = 2
+"""The store version from which on runs have a checksum."""
 
 
 class SqliteLedger:
     """A ledger in one SQLite file, made where absent. Use it as a context manager, or `close` it.
 
-    `create` False raises StoreError where the file is absent. NewerStore where a newer RVSG wrote it.
+    `create` False raises StoreError where the file is absent, and opens one that may not be written for reading.
+    NewerStore where a newer RVSG wrote it.
     """
 
     def __init__(self, path: str | Path, *, create: bool = True) -> None:
         self.path = Path(path)
         if not self.path.exists() and not create:
             raise StoreError(f"{self.path}: there is no store here. `rvsg run --out DIR` makes DIR/ledger.sqlite.")
-        self._engine = sa.create_engine(
-            sa.URL.create("sqlite", database=str(self.path)), connect_args={"timeout": 30.0}
-        )
-        sa.event.listen(self._engine, "connect", _configure)
+        if self.path.is_dir():
+            raise StoreError(f"{self.path}: this is a folder; a store is a file in it.")
+        self.readonly = not create and not _may_write(self.path)
+        self._engine = _engine(self.path, readonly=self.readonly)
         try:
             with self._translated(), self._engine.connect() as connection:
-                _migrate(connection, self.path)
+                if not self.readonly:
+                    _migrate(connection, self.path)
+                self._version = _version(connection, self.path)
         except StoreError:
             self.close()
             raise
@@ -181,11 +191,17 @@ class SqliteLedger:
 
     def find(self, run_id: str) -> Run | None:
         """The run of that id, or None."""
-        query = sa.select(_runs.c.header, _runs.c.arrays).where(_runs.c.id == run_id)
+        checksum = _runs.c.checksum if self._version >= _CHECKSUMS_SINCE else sa.null()
+        query = sa.select(_runs.c.header, _runs.c.arrays, checksum.label("checksum")).where(_runs.c.id == run_id)
         with self._translated(), self._engine.connect() as connection:
             row = connection.execute(query).one_or_none()
         if row is None:
             return None
+        if row.checksum is not None and row.checksum != _checksum(row.header, row.arrays):
+            raise StoreError(
+                f"{self.path}: {run_id} is not what was stored: it lost the checksum it was kept with, so the file was "
+                "damaged or changed from outside. Restore it from a copy, or repeat the campaign in another --out."
+            )
         try:
             run = unpack(row.header, row.arrays)
         except (ValidationError, InputError, ValueError, OSError, zipfile.BadZipFile, zlib.error) as error:
@@ -231,8 +247,30 @@ def _keep(connection: sa.Connection, run: Run) -> None:
     if connection.execute(sa.select(_runs.c.id).where(_runs.c.id == run.id)).first():
         return
     header, arrays = pack(run)
-    row = {"id": run.id, "scenario_id": run.scenario_id, "seed": run.seed, "header": header, "arrays": arrays}
+    kept = {"header": header, "arrays": arrays, "checksum": _checksum(header, arrays)}
+    row = {"id": run.id, "scenario_id": run.scenario_id, "seed": run.seed} | kept
     connection.execute(_runs.insert().values(row))
+
+
+def _checksum(header: str, arrays: bytes) -> str:
+    """Of a run as it is stored, before it is unpacked."""
+    return hashlib.sha256(header.encode() + b"\0" + arrays).hexdigest()
+
+
+def _may_write(path: Path) -> bool:
+    """Whether the file can be written, and beside it the files SQLite needs to write it."""
+    return os.access(path, os.W_OK) and os.access(path.parent, os.W_OK)
+
+
+def _engine(path: Path, *, readonly: bool) -> sa.Engine:
+    if readonly:  # SQLite would still make files beside it, for locks, where it is not told that nobody writes
+        uri = f"file:{quote(str(path.absolute()))}?immutable=1"
+        return sa.create_engine(
+            "sqlite://", creator=lambda: sqlite3.connect(uri, uri=True, check_same_thread=False), poolclass=sa.NullPool
+        )
+    engine = sa.create_engine(sa.URL.create("sqlite", database=str(path)), connect_args={"timeout": 30.0})
+    sa.event.listen(engine, "connect", _configure)
+    return engine
 
 
 def _configure(connection: Any, _: Any) -> None:
@@ -243,7 +281,24 @@ def _configure(connection: Any, _: Any) -> None:
 
 
 def _migrate(connection: sa.Connection, path: Path) -> None:
-    """Bring the file to the newest schema, one migration after the other; refuse a foreign or a newer file."""
+    """Bring the file to the newest schema, one migration after the other; refuse a foreign or a newer file.
+
+    Each migration is one transaction that begins by taking the file and looking again: another process may have
+    opened the same new file, or been killed while it did.
+    """
+    while (version := _version(connection, path)) < len(MIGRATIONS):
+        connection.rollback()
+        connection.exec_driver_sql("BEGIN IMMEDIATE")
+        if _version(connection, path) == version:
+            for statement in MIGRATIONS[version]:
+                connection.exec_driver_sql(statement)
+            connection.exec_driver_sql(f"PRAGMA application_id={APPLICATION_ID}")
+            connection.exec_driver_sql(f"PRAGMA user_version={version + 1}")
+        connection.commit()
+
+
+def _version(connection: sa.Connection, path: Path) -> int:
+    """How many migrations the file has seen; StoreError where it is not ours or newer."""
     version = int(connection.exec_driver_sql("PRAGMA user_version").scalar_one())
     application = int(connection.exec_driver_sql("PRAGMA application_id").scalar_one())
     tables = int(connection.exec_driver_sql("SELECT count(*) FROM sqlite_master").scalar_one())
@@ -254,10 +309,4 @@ def _migrate(connection: sa.Connection, path: Path) -> None:
             f"{path}: written by a newer RVSG (store version {version}; this is RVSG {rvsg.__version__} and knows "
             f"{len(MIGRATIONS)}). Update RVSG, or use another --out."
         )
-    connection.rollback()
-    for number, statements in enumerate(MIGRATIONS[version:], version + 1):
-        with connection.begin():
-            for statement in statements:
-                connection.exec_driver_sql(statement)
-            connection.exec_driver_sql(f"PRAGMA application_id={APPLICATION_ID}")
-            connection.exec_driver_sql(f"PRAGMA user_version={number}")
+    return version

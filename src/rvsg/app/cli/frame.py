@@ -7,7 +7,7 @@ import os
 import shlex
 import sys
 import traceback
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated, Any, NamedTuple
 
 import typer
@@ -49,8 +49,13 @@ def verb(**settings: Any) -> typer.Typer:
 def command_line(verbs: Mapping[str, Verb], argv: Sequence[str] | None = None) -> int:
     """Parse, load the one verb that is asked for, run it, and return the exit code; never raises."""
     arguments = list(sys.argv[1:] if argv is None else argv)
+    return guarded(lambda: _root(verbs).main(args=arguments, prog_name="rvsg"), arguments)
+
+
+def guarded(work: Callable[[], object], arguments: Sequence[str]) -> int:
+    """Do the work of a command and return its exit code: every error becomes a message; never raises."""
     try:
-        _root(verbs).main(args=arguments, prog_name="rvsg")
+        work()
     except SystemExit as end:
         return end.code if isinstance(end.code, int) else 0 if end.code is None else 2
     except RvsgError as error:

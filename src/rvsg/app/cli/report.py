@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from rvsg.app.cli.console import console, print_json, say
 from rvsg.app.cli.frame import verb
 
+if TYPE_CHECKING:
+    from rvsg.campaign.plan import Plan
+    from rvsg.report.summary import Summary
+
 app = verb()
 
 
 @app.command()
 def report(
-    store: Annotated[Path, typer.Argument(help="The folder of a campaign, or its ledger.")],
+    store: Annotated[Path, typer.Argument(help="The folder of a campaign or of several, or a ledger.")],
     html: Annotated[Path | None, typer.Option(help="Where the page is written. [report.html in the folder]")] = None,
     junit: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the verdicts as JUnit XML.")] = None,
     tables: Annotated[
@@ -31,33 +35,63 @@ def report(
     json: Annotated[bool, typer.Option("--json", help="Print the result as JSON on standard output.")] = False,
 ) -> None:
     """Write the page of a campaign, finished or not, and print its ranked scenarios."""
-    from rvsg.app.cli.tables import confirmation_line, ranked_table
+    from rvsg.app.cli.cells import CELLS
+    from rvsg.app.cli.tables import cells_table, confirmation_line, ranked_table
+    from rvsg.app.folder import LEDGER
+    from rvsg.errors import InputError
+    from rvsg.report.files import write_whole
+    from rvsg.report.junit import junit_of
+
+    several = store.is_dir() and (store / CELLS).exists()
+    paths = sorted(store.glob(f"*/{LEDGER}")) if several else [store / LEDGER if store.is_dir() else store]
+    if tables is not None:
+        _write_tables([*paths, *(other / LEDGER if other.is_dir() else other for other in also or ())], tables)
+    if several and html is not None:
+        raise InputError(f"{store}: {len(paths)} campaigns have a page each; --html names one. Report them one by one.")
+    found = [reported for path in paths if (reported := _report(path, html, world, optional=tables is not None))]
+    if junit:
+        write_whole(junit, junit_of([(plan, summary) for plan, summary, _ in found]))
+    told = [summary.model_dump(mode="json", exclude={"confirmed": {"brief", "proposal"}}) for _, summary, _ in found]
+    if json and found:
+        print_json({"campaigns": told} if several else told[0])
+    if several:
+        say(cells_table([(plan, summary) for plan, summary, _ in found], width=console().width))
+    elif found:
+        plan, summary, _ = found[0]
+        say(ranked_table(plan, summary, width=console().width))
+        say(confirmation_line(plan, summary))
+    for _, _, page in found:
+        say(f"Report: {page}")
+    if fail_on_violation and any(summary.violated for _, summary, _ in found):
+        raise typer.Exit(1)
+
+
+def _report(path: Path, html: Path | None, world: str | None, *, optional: bool) -> tuple[Plan, Summary, Path] | None:
+    """Write the page of the campaign kept there; where it is `optional`, None if there is no campaign of `rvsg run`."""
     from rvsg.app.config import CampaignConfig
-    from rvsg.app.folder import LEDGER, REPORT
+    from rvsg.app.folder import REPORT
     from rvsg.app.wiring import command_for
     from rvsg.campaign.plan import Plan
     from rvsg.errors import InputError
-    from rvsg.report.files import write_whole
-    from rvsg.report.junit import junit_xml
     from rvsg.report.page import write_page
     from rvsg.report.summary import summarise
     from rvsg.store.sqlite import SqliteLedger
     from rvsg.world.load import load_world
 
-    path = store / LEDGER if store.is_dir() else store
-    if tables is not None:
-        _write_tables([path, *(other / LEDGER if other.is_dir() else other for other in also or ())], tables)
     with SqliteLedger(path, create=False) as ledger:
-        planned = [s for name in ledger.campaigns() if (s := ledger.settings(name)) and "plan" in s]
-        if not planned and tables is not None:
-            return
+        known = ledger.campaigns()
+        planned = [s for name in known if (s := ledger.settings(name)) and "plan" in s]
+        if not planned and optional:
+            return None
+        if not planned and known:
+            raise InputError(
+                f"{path}: this store holds imported results ({len(known)} campaigns) and none of `rvsg run`, so there "
+                f"is no page to write. Write the study's tables of it: rvsg report {path} --tables DIR"
+            )
         if not planned:
-            raise InputError(f"{path}: this store holds no campaign of `rvsg run`.")
-        settings = planned[0]
-        plan = Plan.model_validate(settings["plan"])
-        config = CampaignConfig.model_validate(settings["config"])
+            raise InputError(f"{path}: this store holds no campaign yet; `rvsg run --out DIR` makes one.")
+        plan = Plan.model_validate(planned[0]["plan"])
         attempts = list(ledger.attempts(plan.name))
-        summary = summarise(plan, attempts)
         page = html or path.parent / REPORT
         write_page(
             page,
@@ -65,18 +99,10 @@ def report(
             attempts,
             world=load_world(world or plan.mission.world),
             run_of=ledger.run,
-            command=command_for(config),
-            simulator=settings["simulator"]["name"],
+            command=command_for(CampaignConfig.model_validate(planned[0]["config"])),
+            simulator=planned[0]["simulator"]["name"],
         )
-    if junit:
-        write_whole(junit, junit_xml(plan, summary))
-    if json:
-        print_json(summary.model_dump(mode="json", exclude={"confirmed": {"brief", "proposal"}}))
-    say(ranked_table(plan, summary, width=console().width))
-    say(confirmation_line(plan, summary))
-    say(f"Report: {page}")
-    if fail_on_violation and summary.violated:
-        raise typer.Exit(1)
+    return plan, summarise(plan, attempts), page
 
 
 def _write_tables(stores: list[Path], out: Path) -> None:

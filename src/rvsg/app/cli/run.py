@@ -32,8 +32,12 @@ Text = Annotated[str | None, typer.Option()]
 def run(
     campaign: Annotated[Path | None, typer.Argument(help="A campaign file; every option is a key of it.")] = None,
     world: Annotated[str | None, typer.Option(help="A shipped world or a world folder. [warehouse]")] = None,
-    route: Annotated[str | None, typer.Option(help="A route of the world. [route_1]")] = None,
-    requirement: Annotated[str | None, typer.Option(help="A shipped requirement, or FILE.yaml#NAME. [R1]")] = None,
+    route: Annotated[
+        list[str] | None, typer.Option(help="A route of the world; repeat it for several, or `all`. [route_1]")
+    ] = None,
+    requirement: Annotated[
+        list[str] | None, typer.Option(help="A shipped requirement, or FILE.yaml#NAME; repeat it for several. [R1]")
+    ] = None,
     generator: Annotated[str | None, typer.Option(help="Who writes scenarios: heuristic, random, vlm.")] = None,
     strategy: Annotated[str | None, typer.Option(help="study, climb, elite, unguided, random. [study]")] = None,
     simulator: Annotated[str | None, typer.Option(help="embedded; kinematic: no physics. [embedded]")] = None,
@@ -74,8 +78,11 @@ def run(
     runs that violate the limit, then by the mean objective. The first is confirmed in fresh runs until the verdict is
     sure (wrong in at most 5 % of cases) or `confirmations` are spent; without a limit in exactly so many. Everything
     is kept in the folder --out; the same command on an existing folder resumes.
+
+    Several routes or requirements are a campaign for each pair, side by side, each in a folder of its own in --out.
     """
     given = {k: v for k, v in locals().items() if v is not None and k not in ("campaign", "json")}
+    from rvsg.app.cli.cells import cells_of, run_cells
     from rvsg.app.cli.options import pairs
     from rvsg.app.config import read_campaign_file
 
@@ -83,18 +90,29 @@ def run(
         if options := given.pop(f"{kind}_option", None):
             given[f"{kind}_options"] = pairs(kind, options)
     from_file = read_campaign_file(campaign) if campaign else {}
-    raise typer.Exit(run_campaign_of(from_file, given, as_json=json))
+    cells = cells_of(from_file, given)
+    if cells is not None:
+        raise typer.Exit(run_cells(cells, as_json=json))
+    single = [{key: v[0] if isinstance(v, list) else v for key, v in values.items()} for values in (from_file, given)]
+    raise typer.Exit(run_campaign_of(*single, as_json=json))
 
 
 def run_campaign_of(from_file: dict[str, Any], given: dict[str, Any], *, as_json: bool) -> int:
     """Run or resume the campaign of a file's keys and of options; show and write what was found; the exit code."""
+    begin = time.monotonic()
+    wired, summary = find(from_file, given)
+    _show(wired, summary, wired.config.folder, time.monotonic() - begin, as_json=as_json)
+    return 1 if wired.config.fail_on_violation and summary.violated else 0
+
+
+def find(from_file: dict[str, Any], given: dict[str, Any]) -> tuple[Wired, Summary]:
+    """Run or resume a campaign and write what was found."""
     from rvsg.app.config import effective
     from rvsg.app.folder import CONFIG, LEDGER, alone_in, make_folder
     from rvsg.app.wiring import wire
     from rvsg.report.files import write_whole
     from rvsg.store.sqlite import SqliteLedger
 
-    begin = time.monotonic()
     config = effective(None, from_file, given)
     folder = config.folder
     stored = _stored(folder / LEDGER)
@@ -111,9 +129,8 @@ def run_campaign_of(from_file: dict[str, Any], given: dict[str, Any], *, as_json
         write_whole(folder / CONFIG, config.to_yaml())
         attempts = _work(wired, ledger, folder, resumed=stored is not None)
         summary = _write(wired, ledger, attempts, folder)
-    _show(wired, summary, folder, time.monotonic() - begin, as_json=as_json)
     _show_lost(attempts)
-    return 1 if config.fail_on_violation and summary.violated else 0
+    return wired, summary
 
 
 def _stored(ledger_file: Path) -> dict[str, Any] | None:
@@ -185,7 +202,7 @@ def _work(wired: Wired, ledger: Any, folder: Path, *, resumed: bool) -> list[Att
         say(f"Resuming {folder}: {counted(len(known), 'attempt is', 'attempts are')} there already.")
     how = f"Resume with: rvsg run --out {folder}"
     try:
-        with _termination_as_interrupt():
+        with termination_as_interrupt():
             if len(known) < plan.attempts or not any(a.purpose == "confirmation" for a in known):
                 wired.warm_up(say)
             with CampaignProgress(plan, known) as progress, wired.simulations(ledger) as simulations:
@@ -203,7 +220,7 @@ def _work(wired: Wired, ledger: Any, folder: Path, *, resumed: bool) -> list[Att
 
 
 @contextlib.contextmanager
-def _termination_as_interrupt() -> Iterator[None]:
+def termination_as_interrupt() -> Iterator[None]:
     """Treat SIGTERM (a CI service that cancels) like Ctrl-C while a campaign runs; only the main thread can."""
     if threading.current_thread() is not threading.main_thread():
         yield

@@ -1,0 +1,328 @@
+"""Several campaigns of one command: every route with every requirement, each in a process and a folder of its own.
+
+Such cells share nothing, so as many as there are cores run side by side, one process each; where there are more cores
+than cells, a cell gets several. A campaign's records do not depend on its processes, so they are those that
+`rvsg run` makes of the cell alone.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import json
+import os
+import queue
+import re
+import shlex
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rvsg.app.cli.console import console, print_json, say
+from rvsg.errors import InputError, Interrupted
+
+if TYPE_CHECKING:
+    from rvsg.app.wiring import Wired
+    from rvsg.campaign.plan import Plan
+    from rvsg.report.summary import Summary
+
+CELLS = "cells.json"
+LISTED = ("route", "requirement")
+PATIENCE_S = 20.0
+"""So long a cell that is interrupted may take to keep what it has."""
+CHILD = "import sys; from rvsg.app.cli.cells import cell_main; sys.exit(cell_main())"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cells:
+    """What is asked: every route with every requirement; `values` are all other settings."""
+
+    folder: Path
+    routes: tuple[str, ...]
+    requirements: tuple[str, ...]
+    values: dict[str, Any]
+
+
+@dataclass(kw_only=True)
+class Cell:
+    """One campaign of several: its settings, and how far it is."""
+
+    name: str
+    wired: Wired
+    values: dict[str, Any]
+    process: subprocess.Popen[str] | None = None
+    jobs: int = 0
+    code: int | None = None
+    told: list[str] = field(default_factory=list)
+
+    @property
+    def folder(self) -> Path:
+        """Where the cell is kept."""
+        return Path(self.values["out"])
+
+
+def cells_of(from_file: dict[str, Any], given: dict[str, Any]) -> Cells | None:
+    """The cells that are asked for, those kept in the folder included; None where it is one ordinary campaign."""
+    from rvsg.app.config import CampaignConfig, effective
+
+    asked = {**from_file, **given}
+    stored = _stored(Path(asked["out"])) if asked.get("out") else {}
+    values = {**stored, **asked}
+    names = {key: _names(values.get(key, CampaignConfig.model_fields[key].default)) for key in LISTED}
+    if not stored and names.keys() and all(len(found) == 1 and found != ["all"] for found in names.values()):
+        return None
+    rest = {key: value for key, value in values.items() if key not in LISTED}
+    routes, requirements = _every(names, rest.get("world", "warehouse"))
+    default = effective(None, {}, rest | {"route": "+".join(names["route"]), "requirement": "+".join(requirements)})
+    rest["out"] = str(default.folder)
+    _same(stored, values, default.folder)
+    return Cells(folder=default.folder, routes=routes, requirements=requirements, values=rest)
+
+
+def run_cells(cells: Cells, *, as_json: bool) -> int:
+    """Run or resume the campaigns of all cells, show what was found, and return the exit code."""
+    from rvsg.app.folder import LEDGER, alone_in, make_folder
+    from rvsg.app.wiring import jobs_of
+    from rvsg.report.files import write_whole
+
+    begin = time.monotonic()
+    if (cells.folder / LEDGER).exists():
+        raise InputError(f"{cells.folder}: this folder holds a single campaign. Choose another --out for several.")
+    all_of_them = _wired(cells)
+    make_folder(cells.folder)
+    kept = cells.values | {"route": list(cells.routes), "requirement": list(cells.requirements)}
+    with alone_in(cells.folder):
+        write_whole(cells.folder / CELLS, json.dumps(kept, indent=2, ensure_ascii=False) + "\n")
+        jobs = jobs_of(all_of_them[0].wired.config)
+        say(f"{len(all_of_them)} campaigns in {cells.folder}, {min(jobs, len(all_of_them))} side by side.")
+        all_of_them[0].wired.warm_up(say)
+        _run_all(all_of_them, jobs, cells.folder)
+        found = [(cell, found_in(cell.folder / LEDGER)) for cell in all_of_them if cell.code == 0]
+        summaries = [(cell, *result) for cell, result in found if result is not None]
+        _write_and_show(cells, all_of_them, summaries, time.monotonic() - begin, as_json=as_json)
+    if broken := [cell for cell in all_of_them if cell.code != 0]:
+        for cell in broken:
+            say(f"{cell.name}: not finished. {cell.told[-1] if cell.told else ''}")
+        say(f"The same command goes on with what is not finished: rvsg run --out {cells.folder}")
+        return max(cell.code or 0 for cell in broken)
+    fail = all_of_them[0].wired.config.fail_on_violation
+    return 1 if fail and any(summary.violated for _, _, summary in summaries) else 0
+
+
+def found_in(ledger_file: Path) -> tuple[Plan, Summary] | None:
+    """What the campaign kept there found so far; None where there is none yet."""
+    from rvsg.campaign.plan import Plan
+    from rvsg.report.summary import summarise
+    from rvsg.store.sqlite import SqliteLedger
+
+    if not ledger_file.exists():
+        return None
+    with SqliteLedger(ledger_file, create=False) as ledger:
+        settings = [ledger.settings(name) for name in ledger.campaigns()]
+        if not settings or settings[0] is None:
+            return None
+        plan = Plan.model_validate(settings[0]["plan"])
+        return plan, summarise(plan, list(ledger.attempts(plan.name)))
+
+
+def cell_main() -> int:
+    """The process of one cell: its settings as JSON on standard input, words for people on standard error."""
+    from rvsg.app.cli.frame import guarded
+    from rvsg.app.cli.run import find
+
+    threading.Thread(target=_end_with_parent, args=(os.getppid(),), daemon=True).start()
+    values = json.loads(sys.stdin.read())
+    return guarded(lambda: find({}, values), ["run", "--out", str(values["out"])])
+
+
+def _end_with_parent(parent: int) -> None:
+    """End this cell when its parent was killed, as if it were killed too: it resumes."""
+    while os.getppid() == parent:
+        time.sleep(1.0)
+    os._exit(1)
+
+
+def _stored(folder: Path) -> dict[str, Any]:
+    try:
+        return dict(json.loads((folder / CELLS).read_text(encoding="utf-8")))
+    except FileNotFoundError:
+        return {}
+    except (OSError, ValueError) as error:
+        raise InputError(f"{folder / CELLS}: cannot be read: {error}. Choose another --out.") from None
+
+
+def _same(stored: dict[str, Any], asked: dict[str, Any], folder: Path) -> None:
+    """Cells that are there already keep their settings; more cells may be added."""
+    from rvsg.app.config import effective
+    from rvsg.app.wiring import differences
+
+    if not stored:
+        return
+    known, now = (
+        effective(None, {}, {key: value for key, value in values.items() if key not in LISTED}).deciding()
+        for values in (stored, asked)
+    )
+    if found := differences(known, now):
+        listed = "\n".join(f"  - {line}" for line in found)
+        raise InputError(
+            f"{folder}: this folder holds campaigns with other settings:\n{listed}\n"
+            "To resume them, leave these options away; for new ones choose another --out."
+        )
+
+
+def _names(value: Any) -> list[str]:
+    return list(dict.fromkeys(value)) if isinstance(value, list | tuple) else [value]
+
+
+def _every(names: dict[str, list[str]], world: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Routes and requirements by name, `all` spelt out."""
+    from rvsg.scenario.requirements import shipped_requirements
+    from rvsg.world.load import load_world
+
+    routes, requirements = names["route"], names["requirement"]
+    if routes == ["all"]:
+        routes = [route.name for route in load_world(world).routes]
+    if requirements == ["all"]:
+        requirements = list(shipped_requirements())
+    return tuple(routes), tuple(requirements)
+
+
+def _wired(cells: Cells) -> list[Cell]:
+    """Every cell with its parts made, so that a mistake in any of them is told before one begins."""
+    from rvsg.app.config import effective
+    from rvsg.app.wiring import wire
+
+    found: dict[str, Cell] = {}
+    for route, requirement in itertools.product(cells.routes, cells.requirements):
+        values = cells.values | {"route": route, "requirement": requirement}
+        wired = wire(effective(None, {}, values))
+        name = f"{wired.plan.mission.route.name}-{wired.plan.requirement.name}"
+        folder = cells.folder / re.sub(r"[^\w.+-]+", "_", name)
+        if name in found:
+            raise InputError(f"Two of the requirements are called {wired.plan.requirement.name}. Rename one of them.")
+        found[name] = Cell(name=name, wired=wired, values=values | {"out": str(folder), "junit": None})
+    return list(found.values())
+
+
+def _run_all(cells: Sequence[Cell], jobs: int, folder: Path) -> None:
+    """Run the cells, as many side by side as there are jobs; an interruption reaches each of them once."""
+    from rvsg.app.cli.run import termination_as_interrupt
+
+    waiting, running = deque(cells), list[Cell]()
+    lines: queue.Queue[tuple[Cell, str | None]] = queue.Queue()
+    try:
+        with termination_as_interrupt():
+            while waiting or running:
+                while waiting and (free := jobs - sum(cell.jobs for cell in running)) > 0:
+                    cell = waiting.popleft()
+                    running.append(cell)
+                    _start(cell, max(1, free // (len(waiting) + 1)), lines)
+                cell, line = lines.get()
+                if line is None:
+                    running.remove(cell)
+                    _ended(cell, cells)
+                elif line:
+                    cell.told.append(line)
+                    say(f"{cell.name}: {line}")
+    except KeyboardInterrupt:
+        _end(running)
+        raise Interrupted(f"Interrupted; what was finished is kept. Resume with: rvsg run --out {folder}") from None
+    except BaseException:
+        _end(running)
+        raise
+
+
+def _start(cell: Cell, jobs: int, lines: queue.Queue[tuple[Cell, str | None]]) -> None:
+    """Start the process of a cell in a group of its own: Ctrl-C in a terminal is for us, who pass it on once."""
+    cell.jobs = jobs
+    cell.process = subprocess.Popen(  # noqa: S603
+        [sys.executable, "-c", CHILD],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        encoding="utf-8",
+        errors="replace",
+        start_new_session=True,
+    )
+    threading.Thread(target=_listen, args=(cell, lines), daemon=True).start()
+    assert cell.process.stdin is not None
+    with contextlib.suppress(BrokenPipeError), cell.process.stdin as given:
+        given.write(json.dumps(cell.values | {"jobs": jobs}))
+
+
+def _listen(cell: Cell, lines: queue.Queue[tuple[Cell, str | None]]) -> None:
+    assert cell.process is not None and cell.process.stderr is not None
+    with cell.process.stderr as told:
+        for line in told:
+            lines.put((cell, line.rstrip()))
+    cell.process.wait()
+    lines.put((cell, None))
+
+
+def _ended(cell: Cell, cells: Sequence[Cell]) -> None:
+    assert cell.process is not None
+    cell.code = cell.process.returncode
+    if cell.code < 0:  # killed from outside: what is finished is kept
+        cell.told.append(f"its process was ended by signal {-cell.code}.")
+        cell.code = 3
+    done = sum(other.code is not None for other in cells)
+    say(f"{cell.name}: {'done' if cell.code == 0 else 'not finished'} ({done} of {len(cells)})")
+
+
+def _end(running: Sequence[Cell]) -> None:
+    """Interrupt the processes that are left and wait for them; those that do not end are killed."""
+    processes = [cell.process for cell in running if cell.process is not None]
+    for process in processes:
+        with contextlib.suppress(ProcessLookupError):
+            process.send_signal(signal.SIGINT)
+    deadline = time.monotonic() + PATIENCE_S
+    try:
+        for process in processes:
+            process.wait(timeout=max(0.1, deadline - time.monotonic()))
+    except (subprocess.TimeoutExpired, KeyboardInterrupt):
+        for process in processes:
+            process.kill()
+
+
+def _write_and_show(
+    cells: Cells,
+    all_of_them: Sequence[Cell],
+    found: Sequence[tuple[Cell, Plan, Summary]],
+    spent_s: float,
+    *,
+    as_json: bool,
+) -> None:
+    from rvsg.app.cli.tables import cells_table
+    from rvsg.app.folder import REPORT
+    from rvsg.app.wiring import command_for
+    from rvsg.report.files import write_whole
+    from rvsg.report.junit import junit_of
+
+    config = all_of_them[0].wired.config
+    if config.junit:
+        write_whole(Path(config.junit), junit_of([(plan, summary) for _, plan, summary in found]))
+    asked = [("--route", name) for name in cells.routes] + [("--requirement", name) for name in cells.requirements]
+    words = [word for pair in asked for word in pair]
+    rest = command_for(config.replace(route="route_1", requirement="R1")).removeprefix("rvsg run ")
+    command = f"rvsg run {shlex.join(words)} {rest}"
+    if as_json:
+        listed = [
+            summary.model_dump(mode="json", exclude={"confirmed": {"brief", "proposal"}})
+            | {"route": plan.mission.route.name, "requirement": plan.requirement.name}
+            | {"out": str(cell.folder), "report": str(cell.folder / REPORT)}
+            for cell, plan, summary in found
+        ]
+        print_json({"campaigns": listed, "out": str(cells.folder), "command": command})
+    say(cells_table([(plan, summary) for _, plan, summary in found], width=console().width))
+    say(f"{len(found)} of {len(all_of_them)} campaigns done in {spent_s:.0f} s; kept in {cells.folder}")
+    for cell, _, _ in found:
+        say(f"Report: {cell.folder / REPORT}")
+    say(f"Repeat it with: {command}")
