@@ -276,6 +276,6 @@ def test_a_store_that_may_not_be_written_is_read(tmp_path: Path, monkeypatch: py
     monkeypatch.setattr("os.access", lambda *_: False)
     with SqliteLedger(path, create=False) as ledger:
         assert list(ledger.attempts("test")) == [attempt] and same(ledger.run(run.id), run)
-        with pytest.raises(StoreError, match="a store.sqlite"):
+        with pytest.raises(StoreError, match="a store"):
             ledger.keep(an_attempt(1)[1])
     assert path.read_bytes() == before and [p.name for p in tmp_path.iterdir()] == [path.name]
