@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import pytest
 import yaml
 
 from rvsg.app.demos import CAMPAIGN, demo_folder, demos, recorded_description
+from rvsg.errors import ReplayDiverged
 from rvsg.generation.conversation import VlmGenerator
 from rvsg.generation.environment import EnvironmentDialogue
 from rvsg.generation.facts import human_names
@@ -18,12 +20,18 @@ from rvsg.generation.vlm.recording import Recording
 from rvsg.generation.vlm.replay import Replayed
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.requirements import load_requirement
-from rvsg.scenario.scenario import Mission
+from rvsg.scenario.scenario import Mission, Scenario
 from rvsg.scenario.validity import check
 from rvsg.world.load import load_world
 from rvsg.world.world import World
 
 GOLDEN = Path(__file__).parent / "recorded_configurations.json"
+RECORD_AGAIN = (
+    "A prompt or a picture is not what it was when the shipped demonstrations were recorded, so `rvsg demo --strict` "
+    "stops. Either undo the change, or record them again with a vision language model: benchmarks/ship_recording.py "
+    "says how. Then renew recorded_configurations.json and the numbers of docs/explanation/vlm.md. (If only the "
+    "digest of a picture differs, compare the versions of Pillow and numpy with constraints.txt first.)"
+)
 
 
 @pytest.fixture(scope="module")
@@ -60,22 +68,78 @@ def test_every_recorded_answer_is_read_as_it_was_when_it_was_recorded(warehouse:
     assert now == json.loads(GOLDEN.read_text())
 
 
-@pytest.mark.parametrize("name", demos())
-def test_the_first_configuration_of_a_recorded_campaign_is_proposed_again(name: str, warehouse: World) -> None:
+def briefs(name: str, world: World) -> list[Brief]:
+    """Every brief of a recorded campaign, with what was measured then: no simulator is needed."""
     config = yaml.safe_load((demo_folder(name) / CAMPAIGN).read_text())
-    mission = Mission(world="warehouse", world_id=warehouse.id, route=warehouse.route(config["route"]))
-    brief = Brief(mission=mission, requirement=load_requirement(config["requirement"]), seed=0)
-    generator = VlmGenerator(replay=demo_folder(name), conversation=config["conversation"])
-    proposal = generator.propose(brief, warehouse)
-    assert proposal.scenario is not None
-    assert check(proposal.scenario.people, mission, warehouse) == ()
-    assert len(proposal.scenario.description) > 100
-    assert all(call.model == "vision-assistant" for call in proposal.calls)
+    route = world.route(config["route"])
+    requirement = load_requirement(config["requirement"]).for_time_limit(route.time_limit_s)
+    recording = Recording(demo_folder(name))
+    found = []
+    for session in dict.fromkeys(call.session for call in recording):
+        place = re.fullmatch(r"s(\d+)-c(\d+)-([0-9a-f]{8})", session)
+        assert place is not None
+        told = recording.told(session) or {}
+        found.append(
+            Brief.model_validate(
+                {
+                    "mission": Mission(world="warehouse", world_id=world.id, route=route),
+                    "requirement": requirement,
+                    "kind": "refine" if told.get("feedback") else "new",
+                    "seed": int(place[3], 16),
+                    "scenario_index": int(place[1]),
+                    "configuration_index": int(place[2]),
+                    **told,
+                }
+            )
+        )
+    return found
+
+
+@pytest.mark.parametrize("name", demos())
+def test_every_recorded_call_is_asked_today_as_it_was_then(name: str, warehouse: World) -> None:
+    config = yaml.safe_load((demo_folder(name) / CAMPAIGN).read_text())
+    generator = VlmGenerator(replay=demo_folder(name), strict=True, conversation=config["conversation"])
+    before: dict[int, Scenario] = {}
+    asked = briefs(name, warehouse)
+    assert len(asked) == config["scenarios"] * (1 + config["refinements"])
+    for brief in asked:
+        try:
+            proposal = generator.propose(brief, warehouse)
+        except ReplayDiverged as diverged:
+            pytest.fail(f"{RECORD_AGAIN}\n\n{diverged}")
+        if brief.feedback is not None:
+            assert brief.feedback.scenario == before[brief.scenario_index], "an answer is read or repaired otherwise"
+        assert proposal.scenario is not None
+        assert check(proposal.scenario.people, brief.mission, warehouse) == ()
+        assert len(proposal.scenario.description) > 100
+        assert all(call.model == "vision-assistant" for call in proposal.calls)
+        before[brief.scenario_index] = proposal.scenario
+    assert generator.notes == ()
+
+
+def test_a_changed_prompt_is_found_by_the_test_above(tmp_path: Path, warehouse: World) -> None:
+    (tmp_path / "compact-new.md.j2").write_text("{# declares: memory #}\nSurprise me.\n")
+    name = "warehouse-route_1-R1-draws"
+    generator = VlmGenerator(replay=demo_folder(name), strict=True, prompts=tmp_path)
+    with pytest.raises(ReplayDiverged, match=r"line 1 is .Surprise me"):
+        generator.propose(briefs(name, warehouse)[0], warehouse)
+
+
+def test_other_measured_values_are_told_and_change_no_prompt(warehouse: World) -> None:
+    refine = next(b for b in briefs("warehouse-route_1-R1", warehouse) if b.feedback)
+    assert refine.feedback is not None
+    moved = refine.replace(feedback=refine.feedback.replace(mean=refine.feedback.mean + 0.5))
+    generator = VlmGenerator(replay=demo_folder("warehouse-route_1-R1"), strict=True)
+    generator.propose(moved, warehouse)
+    assert [note for note in generator.notes if "1 of the recorded answers" in note]
 
 
 def test_the_shipped_description_is_the_one_the_model_gave(warehouse: World) -> None:
-    replayed = Replayed(Recording(recorded_description("warehouse")))
+    replayed = Replayed(Recording(recorded_description("warehouse")), strict=True)
     dialogue = EnvironmentDialogue(warehouse, replayed, Prompts())
-    described = dialogue.describe()
+    try:
+        described = dialogue.describe()
+    except ReplayDiverged as diverged:
+        pytest.fail(f"{RECORD_AGAIN}\n\n{diverged}")
     assert warehouse.description is not None
     assert (described.layout, described.grid) == (warehouse.description.layout, warehouse.description.grid)

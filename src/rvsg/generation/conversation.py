@@ -16,18 +16,21 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from rvsg.errors import InputError
+from pydantic import ValidationError
+
+from rvsg.errors import InputError, StoreError
 from rvsg.generation.answer import inherited_description
 from rvsg.generation.dialogue import Dialogue
 from rvsg.generation.environment import description_of
 from rvsg.generation.facts import brief_facts, configuration_object, human_names, world_facts
 from rvsg.generation.generator import Proposal
 from rvsg.generation.pictures import pictures_of
-from rvsg.generation.prompts import Prompts
+from rvsg.generation.prompts import Prompts, number
 from rvsg.generation.replies import Reply, read_configuration, read_description, read_path_lines
 from rvsg.generation.shape import configuration_shape
 from rvsg.generation.vlm.messages import Answer, Message
 from rvsg.generation.vlm.model import Model
+from rvsg.generation.vlm.recording import TOLD
 from rvsg.generation.vlm.watching import Tell
 from rvsg.generation.wiring import Access, wired
 from rvsg.scenario.brief import Brief
@@ -76,6 +79,7 @@ class VlmGenerator:
         self.prompts = Prompts(prompts if prompts is not None else beside if beside and beside.is_dir() else None)
         self.wiring = wired(model, Access.of(access, record=Path(folder) / "vlm" if folder else None))
         self._histories: dict[str, tuple[Message, ...]] = {}
+        self._moved = 0
 
     @property
     def name(self) -> str:
@@ -85,7 +89,13 @@ class VlmGenerator:
     @property
     def notes(self) -> tuple[str, ...]:
         """What a user should be told at the end: where a replay diverged from its record."""
-        return self.wiring.notes()
+        if not self._moved:
+            return self.wiring.notes()
+        moved = (
+            f"Replay: {self._moved} of the recorded answers were given to other measured values than today's "
+            "simulator has; the prompts tell the recorded ones."
+        )
+        return (*self.wiring.notes(), moved)
 
     def watch(self, tell: Tell) -> None:
         """Tell of every call while it is made; of a replay there is nothing to tell."""
@@ -94,6 +104,7 @@ class VlmGenerator:
 
     def propose(self, brief: Brief, world: World) -> Proposal:
         """Answer the brief; raises ModelUnavailable, BudgetSpent or ReplayDiverged where there is no answer."""
+        brief = self._as_recorded(brief)
         dialogue = self.opening(brief, world)
         if self.conversation == "compact":
             judged, description = self._compact(dialogue, brief, world)
@@ -104,12 +115,33 @@ class VlmGenerator:
             self._keep_history(proposal.scenario.id, dialogue.messages)
         return proposal
 
+    def _as_recorded(self, brief: Brief) -> Brief:
+        """The brief as it is put to the model: in a replay with what was measured when it was recorded.
+
+        The recorded answers are answers to that. What the simulator measures may change with every improvement of it;
+        what is asked about a measured value should not. `notes` tell where the values differ.
+        """
+        recording = self.wiring.recording
+        if recording is None or not (brief.feedback or brief.memory):
+            return brief
+        if not self.wiring.replaying:
+            recording.keep_told(_session(brief), _measured(brief))
+            return brief
+        told = recording.told(_session(brief))
+        try:
+            then = brief.model_validate(brief.model_dump() | told) if isinstance(told, dict) else None
+        except ValidationError:
+            raise StoreError(f"{recording.folder / TOLD}: what {_session(brief)} was told is damaged.") from None
+        if then is None or (then.feedback is None) != (brief.feedback is None):
+            return brief
+        self._moved += _told_values(brief) != _told_values(then)
+        return then
+
     def opening(self, brief: Brief, world: World) -> Dialogue:
         """The dialogue before the first question: what every call of the campaign has in common."""
         facts = world_facts(world, description_of(world)) | brief_facts(brief, world)
-        session = f"s{brief.scenario_index:03d}-c{brief.configuration_index:02d}-{brief.seed % 0xFFFFFFFF:08x}"
         pictures = pictures_of(world, brief.mission.route)
-        dialogue = Dialogue(self.wiring.model, self.prompts, session, facts, pictures=pictures)
+        dialogue = Dialogue(self.wiring.model, self.prompts, _session(brief), facts, pictures=pictures)
         if self.conversation == "study":
             history = self._history(brief)
             if history is not None:
@@ -279,6 +311,21 @@ class VlmGenerator:
             return people, last.reply.repairs, ()
         mended, repairs = repair(people, brief.mission, world)
         return mended, (*last.reply.repairs, *repairs), check(mended, brief.mission, world)
+
+
+def _session(brief: Brief) -> str:
+    return f"s{brief.scenario_index:03d}-c{brief.configuration_index:02d}-{brief.seed % 0xFFFFFFFF:08x}"
+
+
+def _measured(brief: Brief) -> dict[str, Any]:
+    """What a brief says of runs that were made."""
+    return brief.model_dump(mode="json", include={"feedback", "memory"})
+
+
+def _told_values(brief: Brief) -> tuple[str, ...]:
+    """The mean values of a brief as prompts write them."""
+    means = [brief.feedback.mean] if brief.feedback else []
+    return tuple(number(value) for value in (*means, *(earlier.mean for earlier in brief.memory)))
 
 
 def _described(judged: Sequence[_Judged]) -> str:

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from rvsg.app.cli.console import print_json, say
 from rvsg.app.cli.frame import verb
+
+if TYPE_CHECKING:
+    from rvsg.campaign.plan import Plan
+    from rvsg.report.summary import Summary
 
 app = verb()
 
@@ -31,7 +35,8 @@ def demo(
     """Run a shipped campaign from the recorded replies of a vision language model: no model, no key, no network.
 
     The replies are the recorded ones; reading, checking, simulating, judging and reporting happen now. Where today's
-    prompts (with what was measured now) differ from the recorded ones, the first differences are told at the end.
+    prompts differ from the recorded ones, the first differences are told at the end, and where the simulator measures
+    otherwise than then.
     """
     from rvsg.app.cli.run import run_campaign_of
     from rvsg.app.config import read_campaign_file
@@ -48,7 +53,42 @@ def demo(
     if strict:
         given["generator_options"] = {"strict": True}
     say(f"The recorded campaign {chosen}: the replies are those of a vision language model, the runs are made now.")
-    raise typer.Exit(run_campaign_of(read_campaign_file(folder / CAMPAIGN), given, as_json=json))
+    from_file = read_campaign_file(folder / CAMPAIGN)
+    raise typer.Exit(run_campaign_of(from_file, given, as_json=json, remark=what_it_means))
+
+
+def what_it_means(plan: Plan, summary: Summary) -> str:
+    """What the verdict says, and what it does not, in words for somebody who sees one for the first time."""
+    from rvsg.evaluation.verdict import Status
+    from rvsg.report.summary import counted, number
+
+    confirmed, name = summary.confirmed, plan.requirement.name
+    tried = "the model's " + (counted(len(summary.ranking), "scenario") if len(summary.ranking) != 1 else "scenario")
+    worst = f"the worst of {tried}" if len(summary.ranking) != 1 else tried
+    verdict = confirmed.verdict if confirmed is not None else None
+    if verdict is None:
+        return (
+            f"What it means: the search ranked {tried}; nothing was confirmed in fresh runs, so the values above are "
+            "those that were selected for being bad, and a little too bad. --confirmations 20 confirms the first."
+        )
+    runs = counted(verdict.runs, "fresh run")
+    limit = number(plan.requirement.limit, plan.requirement.unit) if plan.requirement.limit is not None else "its limit"
+    said = {
+        Status.PASS: (
+            f"in {runs} of the scenario that was worst in the search the robot kept {name} ({limit}). That is about "
+            f"this scenario alone: {tried} did not break the requirement. It does not show that no scenario can"
+        ),
+        Status.FAIL: (
+            f"{worst} makes the robot violate {name} ({limit}) reliably, in {verdict.violations} of "
+            f"{runs}: a weakness to look at. The report replays the runs"
+        ),
+        Status.FLAKY: (
+            f"{worst} makes the robot violate {name} ({limit}) in some runs, {verdict.violations} of "
+            f"{verdict.runs}, and not in others. The report replays them"
+        ),
+    }
+    unsure = f"{runs} do not decide whether {worst} violates {name} ({limit}). More --confirmations can"
+    return f"What {verdict.status.value} means: {said.get(verdict.status, unsure)}."
 
 
 def _list(found: tuple[str, ...], *, as_json: bool) -> None:

@@ -6,7 +6,7 @@ import contextlib
 import signal
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Annotated, Any
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from rvsg.app.config import CampaignConfig
     from rvsg.app.wiring import Wired
     from rvsg.campaign.attempt import Attempt
+    from rvsg.campaign.plan import Plan
     from rvsg.report.summary import Summary
     from rvsg.store.sqlite import SqliteLedger
 
@@ -97,11 +98,19 @@ def run(
     raise typer.Exit(run_campaign_of(*single, as_json=json))
 
 
-def run_campaign_of(from_file: dict[str, Any], given: dict[str, Any], *, as_json: bool) -> int:
+def run_campaign_of(
+    from_file: dict[str, Any],
+    given: dict[str, Any],
+    *,
+    as_json: bool,
+    remark: Callable[[Plan, Summary], str] | None = None,
+) -> int:
     """Run or resume the campaign of a file's keys and of options; show and write what was found; the exit code."""
     begin = time.monotonic()
     wired, summary = find(from_file, given)
     _show(wired, summary, wired.config.folder, time.monotonic() - begin, as_json=as_json)
+    if remark is not None:
+        say(remark(wired.plan, summary))
     return 1 if wired.config.fail_on_violation and summary.violated else 0
 
 

@@ -121,12 +121,12 @@ def _environment(folder: Path | None) -> Environment:
     return environment
 
 
-def quoted(text: Any) -> str:
-    """A text on one line as a JSON string, control characters out, at most 300 characters."""
+def quoted(text: Any, characters: int = QUOTED_CHARACTERS) -> str:
+    """A text on one line as a JSON string, control characters out, at most 300 (or so many) characters."""
     line = " ".join(str(text).split())
     line = "".join(sign for sign in line if sign.isprintable())
-    if len(line) > QUOTED_CHARACTERS:
-        line = line[:QUOTED_CHARACTERS] + "..."
+    if len(line) > characters:
+        line = line[:characters] + "..."
     return json.dumps(line, ensure_ascii=False)
 
 

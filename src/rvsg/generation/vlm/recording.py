@@ -2,7 +2,8 @@
 
 The folder holds `calls.jsonl` (one line for each call: its place, its messages by content id, the answer, what it
 cost, or the error), `messages.jsonl` (every message and schema once), `pictures/` (every picture once, named by its
-content) and `histories.jsonl` (conversations to go on from, by a name the caller gives). Lines are only ever
+content), `histories.jsonl` (conversations to go on from, by a name the caller gives) and `told.jsonl` (what the
+prompts of a session were written from, as the caller gives it). Lines are only ever
 appended; a last line that was cut off by a crash is left out when reading.
 """
 
@@ -10,6 +11,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import threading
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -24,6 +26,7 @@ from rvsg.generation.vlm.model import Model
 from rvsg.world.records import Record, canonical_json, content_id
 
 CALLS, MESSAGES, HISTORIES, PICTURES = "calls.jsonl", "messages.jsonl", "histories.jsonl", "pictures"
+TOLD = "told.jsonl"
 
 
 class RecordedCall(Record):
@@ -66,6 +69,7 @@ class Recording:
         self._histories = {
             str(value.get("name")): tuple(value.get("messages", ())) for _, value in _lines(self.folder / HISTORIES)
         }
+        self._told = {str(value.get("session")): value.get("told") for _, value in _lines(self.folder / TOLD)}
 
     def __len__(self) -> int:
         return len(self._calls)
@@ -139,6 +143,24 @@ class Recording:
                 raise StoreError(f"The conversation cannot be recorded in {self.folder}: {failure}") from None
             self._histories[name] = ids
 
+    def told(self, session: str) -> Any:
+        """What the prompts of a session were written from, or of one at the same place; None where it is not kept."""
+        if session in self._told:
+            return self._told[session]
+        return next((told for name, told in self._told.items() if place_of(name) == place_of(session)), None)
+
+    def keep_told(self, session: str, told: Any) -> None:
+        """Keep what the prompts of a session are written from."""
+        with self._lock:
+            if self._told.get(session) == told:
+                return
+            try:
+                self.folder.mkdir(parents=True, exist_ok=True)
+                _append(self.folder / TOLD, {"session": session, "told": told})
+            except OSError as failure:
+                raise StoreError(f"The call cannot be recorded in {self.folder}: {failure}") from None
+            self._told[session] = told
+
     def _keep_text(self, kind: str, value: Any) -> str:
         text_id = content_id(kind, value)
         if text_id not in self._texts:
@@ -184,6 +206,12 @@ class Recorded:
             raise failure
         self.recording.keep(request, self._model.name, answer=answer)
         return answer
+
+
+def place_of(session: str) -> str:
+    """A session without what differs from seed to seed: `s000-c01` of `s000-c01-5f3a...`."""
+    found = re.match(r"s\d+-c\d+", session)
+    return found.group(0) if found else session
 
 
 def _append(path: Path, value: Any) -> None:

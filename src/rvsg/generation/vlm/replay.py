@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import re
 from collections import defaultdict
 
 from rvsg.errors import ReplayDiverged
 from rvsg.generation.vlm.messages import Answer, Message, Request
-from rvsg.generation.vlm.recording import RecordedCall, Recording
+from rvsg.generation.vlm.recording import RecordedCall, Recording, place_of
 from rvsg.world.records import Record
 
 SHOWN_CHARACTERS = 160
@@ -43,7 +42,7 @@ class Replayed:
             if call.answer is None:
                 continue
             self._calls[call.key] = call
-            sessions = self._sessions[_place(call.session)]
+            sessions = self._sessions[place_of(call.session)]
             if call.session not in sessions:
                 sessions.append(call.session)
 
@@ -71,7 +70,7 @@ class Replayed:
     def _session(self, request: Request) -> str | None:
         """The recorded session that stands for the asked one."""
         if request.session not in self._taken:
-            recorded = self._sessions.get(_place(request.session), [])
+            recorded = self._sessions.get(place_of(request.session), [])
             free = [s for s in recorded if s not in self._taken.values()]
             chosen = request.session if request.session in free else next(iter(free), None)
             if chosen is None:
@@ -82,9 +81,9 @@ class Replayed:
     def _told_missing(self, request: Request, session: str | None) -> str:
         if session is None:
             return (
-                f"The record in {self._recording.folder} holds no answer for attempt {_place(request.session)} (it is "
-                f"asked for the call {request.purpose}). It holds {len(self._sessions)} attempts: ask for no more "
-                "scenarios and refinements than were recorded, or record the rest with a model."
+                f"The record in {self._recording.folder} holds no answer for attempt {place_of(request.session)} "
+                f"(it is asked for the call {request.purpose}). It holds {len(self._sessions)} attempts: ask for no "
+                "more scenarios and refinements than were recorded, or record the rest with a model."
             )
         held = [c.key.split("/")[1] for c in self._calls.values() if c.session == session]
         return (
@@ -101,11 +100,6 @@ class Replayed:
         if len(recorded) != len(request.messages):
             return f"{len(request.messages)} messages instead of {len(recorded)}"
         return "the shape of the reply that is asked for"
-
-
-def _place(session: str) -> str:
-    found = re.match(r"s\d+-c\d+", session)
-    return found.group(0) if found else session
 
 
 def _message_difference(now: Message, then: Message) -> str:
