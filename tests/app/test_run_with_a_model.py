@@ -211,3 +211,16 @@ def test_a_proposal_says_what_it_spends_and_that_nothing_came_of_it(capsys: pyte
     assert "correct: answered after 0 s; 0.0023 USD so far" in said
     assert "2 were cut off by the limit of tokens: raise max_output_tokens" in said
     assert "No scenario came of it." in said
+
+
+def test_progress_shows_the_call_under_way_why_it_waits_and_what_was_spent(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with serving(fails(500, "busy"), says(GOOD)) as server:
+        code = run(
+            server.url, "--generator-option", "first_wait_s=0.01", "--generator-option", "prices=2,0.5,8", scenarios=1
+        )
+    told = capsys.readouterr().err
+    assert code == 0, told
+    assert "new: the service failed. It said: HTTP 500, busy. Waits 0 s, then try 2 of 2." in told
+    assert "left; model 0.0012 USD" in told

@@ -92,8 +92,8 @@ class VlmGenerator:
         if not self._moved:
             return self.wiring.notes()
         moved = (
-            f"Replay: {self._moved} of the recorded answers were given to other measured values than today's "
-            "simulator has; the prompts tell the recorded ones."
+            f"Replay: {self._moved} of the recorded answers were given to other measured values or people than "
+            "today's; the prompts tell the recorded ones."
         )
         return (*self.wiring.notes(), moved)
 
@@ -323,9 +323,10 @@ def _measured(brief: Brief) -> dict[str, Any]:
 
 
 def _told_values(brief: Brief) -> tuple[str, ...]:
-    """The mean values of a brief as prompts write them."""
-    means = [brief.feedback.mean] if brief.feedback else []
-    return tuple(number(value) for value in (*means, *(earlier.mean for earlier in brief.memory)))
+    """The mean values of a brief as prompts write them, and whose they are."""
+    values = [(brief.feedback.mean, brief.feedback.scenario)] if brief.feedback else []
+    values += [(earlier.mean, earlier.scenario) for earlier in brief.memory]
+    return tuple(f"{number(mean)} {scenario.people.id}" for mean, scenario in values)
 
 
 def _described(judged: Sequence[_Judged]) -> str:

@@ -8,6 +8,7 @@ from rvsg.world.world import Route, World
 PICTURE_WIDTH_PX = 1600
 _MOST_DRAWN = 8
 _DRAWN: dict[tuple[str, str, str], tuple[Picture, Picture]] = {}
+_SEEN: dict[tuple[str, str], Picture] = {}
 
 
 def pictures_of(world: World, route: Route | None = None) -> tuple[Picture, Picture]:
@@ -33,7 +34,11 @@ def birdseye_of(world: World) -> Picture | None:
     """
     if not world.objects:
         return None
-    from rvsg.world.birdseye import birdseye
-    from rvsg.world.picture import png_bytes
+    key = (world.id, world.title)
+    if key not in _SEEN:
+        from rvsg.world.birdseye import birdseye
+        from rvsg.world.picture import png_bytes
 
-    return Picture(name="bird's-eye view", png=png_bytes(birdseye(world, width_px=PICTURE_WIDTH_PX)))
+        _SEEN.clear()
+        _SEEN[key] = Picture(name="bird's-eye view", png=png_bytes(birdseye(world, width_px=PICTURE_WIDTH_PX)))
+    return _SEEN[key]

@@ -71,12 +71,12 @@ class CampaignProgress:
             self.bar.update(self.task, description=self.place + self._spent())
 
     def calling(self, news: CallNews) -> None:
-        """A call of a model: shown in the bar; without a terminal only that it waits for another try."""
+        """A call of a model: shown in the bar; that it waits for another try, and why, is a line of its own."""
         self.spent = news.spent
         if self.bar:
-            doing = f": asks {news.model}" if news.what == "asked" else f": {news.why}" if news.why else ""
-            self.bar.update(self.task, description=self.place + doing + self._spent())
-        elif news.what == "waiting" and not self.quiet:
+            doing = {"asked": f": asks {news.model}", "waiting": f": waits for {news.model}", "answered": ""}
+            self.bar.update(self.task, description=self.place + doing[news.what] + self._spent())
+        if news.what == "waiting" and not self.quiet:
             say(f"{news.model}, {news.purpose}: {news.why}")
 
     def _spent(self) -> str:
