@@ -250,6 +250,16 @@ def test_the_study_conversation_follows_the_published_sequence(brief: Brief, war
     assert purposes(VlmGenerator(diverse, conversation="study").propose(other, warehouse))[0] == "P2"
 
 
+@pytest.mark.parametrize("answered", range(4))
+def test_the_study_conversation_ends_where_an_answer_is_refused(answered: int, brief: Brief, warehouse: World) -> None:
+    refused = Answer(text="I cannot.", model="m", finish="refused")
+    model = Scripted([*[SCENARIO, "tasks", LINES, LINES][:answered], refused])
+    proposal = VlmGenerator(model, conversation="study", corrections=0).propose(brief, warehouse)
+    assert proposal.scenario is None
+    assert [problem.rule for problem in proposal.problems] == ["refused-reply"]
+    assert purposes(proposal) == ["P1", "P3", "P4", "P6"][: answered + 1]
+
+
 def test_the_checkers_findings_on_the_paths_in_prose_go_into_p6(brief: Brief, warehouse: World) -> None:
     model = Scripted([SCENARIO, "tasks", LINES.replace("D22, E21, D20", "D22, D20"), LINES, GOOD])
     proposal = VlmGenerator(model, conversation="study").propose(brief, warehouse)

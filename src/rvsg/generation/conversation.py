@@ -197,29 +197,34 @@ class VlmGenerator:
     # -- study -------------------------------------------------------------------------------------------------------
 
     def _study(self, dialogue: Dialogue, brief: Brief, world: World) -> tuple[list[_Judged], str]:
-        """The published sequence of prompts; the checker's findings go into P6."""
-        names = human_names(brief.humans)
+        """The published sequence of prompts; the checker's findings go into P6.
+
+        It ends where an answer is refused or empty: what follows would be paid for and lead nowhere.
+        """
+        description = ""
         if brief.feedback is not None:
             self._before_refinement(dialogue, brief, world)
-            description = ""
             paths = dialogue.ask("P5", "P5-refinement")
         else:
             template = _first_of_study(brief)
-            first = dialogue.ask(template[:2], template, shown=dialogue.pictures.values())
-            description = read_description(first.text) or " ".join(first.text.split())[-1500:]
-            dialogue.ask("P3", "P3-tasks")
-            paths = dialogue.ask("P4", "P4-paths")
-        known = self._findings_of_lines(paths.text, names, brief, world)
-        dialogue.ask("P6", "P6-revision", findings=[str(finding) for finding in known])
-        judged = [self._configuration(dialogue, brief, world)]
-        while judged[-1].findings and len(judged) <= self.corrections:
-            last = judged[-1]
-            if last.reply.people is None:
-                answer = dialogue.ask("P7", "reply-unreadable", problem=_told(last))
+            paths = dialogue.ask(template[:2], template, shown=dialogue.pictures.values())
+            description = read_description(paths.text) or " ".join(paths.text.split())[-1500:]
+            for purpose, step in (("P3", "P3-tasks"), ("P4", "P4-paths")):
+                paths = dialogue.ask(purpose, step) if _of_use(paths) else paths
+        if not _of_use(paths):
+            return [self._judge(paths, brief, world)], description
+        judged: list[_Judged] = []
+        findings = self._findings_of_lines(paths.text, human_names(brief.humans), brief, world)
+        while not judged or (judged[-1].findings and len(judged) <= self.corrections):
+            if judged and judged[-1].reply.people is None:
+                answer = dialogue.ask("P7", "reply-unreadable", problem=_told(judged[-1]))
                 judged.append(self._judge(answer, brief, world))
                 continue
-            dialogue.ask("P6", "P6-revision", findings=[str(finding) for finding in last.findings])
-            judged.append(self._configuration(dialogue, brief, world))
+            told = judged[-1].findings if judged else findings
+            revised = dialogue.ask("P6", "P6-revision", findings=[str(finding) for finding in told])
+            judged.append(
+                self._configuration(dialogue, brief, world) if _of_use(revised) else self._judge(revised, brief, world)
+            )
         return judged, description or _described(judged)
 
     def _configuration(self, dialogue: Dialogue, brief: Brief, world: World) -> _Judged:
@@ -265,7 +270,7 @@ class VlmGenerator:
 
     def _judge(self, answer: Answer, brief: Brief, world: World) -> _Judged:
         """What the reader and the checker find in an answer."""
-        if answer.finish in ("refused", "empty"):
+        if not _of_use(answer):
             reason = "the model refused to answer." if answer.finish == "refused" else "the answer is empty."
             finding = Finding(rule=f"{answer.finish}-reply", reason=reason)
             return _Judged(answer=answer, reply=Reply(findings=(finding,), fatal=True), findings=(finding,))
@@ -336,6 +341,10 @@ def _described(judged: Sequence[_Judged]) -> str:
 
 def _first_of_study(brief: Brief) -> str:
     return "P2-diverse-scenario" if brief.memory else "P1-scenario"
+
+
+def _of_use(answer: Answer) -> bool:
+    return answer.finish not in ("refused", "empty")
 
 
 def _told(judged: _Judged) -> str:
