@@ -191,8 +191,22 @@ def test_a_truncated_run_is_found_at_its_line(
 )
 def test_an_option_that_a_plug_in_does_not_take_is_told_without_python(refused, kind: str, name: str) -> None:
     told = refused("run", *SMALL, f"--{kind}", name, f"--{kind}-option", "foo=1")
-    assert f'The {kind} "{name}" has no option "foo"' in told
+    assert f'The {kind} "{name}" has no option "foo"' in told and "Known options: " in told
     assert "__init__" not in told
+
+
+@pytest.mark.parametrize(
+    ("option", "said"),
+    [
+        ("lidar_ray=3", 'there is no option "lidar_ray". Did you mean "lidar_rays"? Known: profile,'),
+        ("noise={lidr: 0}", 'there is no option "lidr" in noise. Did you mean "lidar"? Known: '),
+        ("lidar_rays=many", "lidar_rays: expected a whole number, got 'many'"),
+        ("lidar_range_m=.nan", "lidar_range_m: expected a finite number"),
+        ("profile=published_study", 'Did you mean "published-study"'),
+    ],
+)
+def test_a_wrong_option_of_the_simulator_is_told_with_the_nearest_and_all(refused, option: str, said: str) -> None:
+    assert said in refused("run", "--simulator-option", option)
 
 
 @pytest.mark.parametrize(
@@ -232,7 +246,7 @@ def test_a_proposal_in_the_place_of_runs_is_not_called_broken_json(
 
 
 def test_an_empty_name_of_the_output_folder_is_refused(refused) -> None:
-    assert "out: string should have at least 1 character" in refused("run", *SMALL, "--out", "")
+    assert "out: expected some text" in refused("run", *SMALL, "--out", "")
 
 
 @pytest.mark.parametrize(

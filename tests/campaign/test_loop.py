@@ -364,7 +364,7 @@ def test_workers_end_when_their_parent_is_killed(tmp_path: Path) -> None:
         "the_plan = plan(scenarios=1, refinements=0)\n"
         "made = parts(MemoryLedger(), jobs=2)\n"
         "run_campaign(the_plan, RandomStrategy(the_plan), made)\n"
-        "print(*made.simulations._pool._processes, flush=True)\n"
+        "print(*made.simulations._executor._pool._processes, flush=True)\n"
         "time.sleep(60)\n"
     )
     parent = subprocess.Popen(

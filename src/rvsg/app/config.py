@@ -7,7 +7,6 @@ relative to the file.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -17,7 +16,7 @@ from pydantic import BeforeValidator, Field
 
 from rvsg.errors import FileError, InputError
 from rvsg.generation.vlm.budget import NO_CALL
-from rvsg.world.documents import DocumentError, read_yaml, validated
+from rvsg.world.documents import DocumentError, mistakes_of, read_yaml, validated
 from rvsg.world.records import Record
 
 Positive = Annotated[int, Field(ge=1, le=100_000)]
@@ -25,7 +24,19 @@ NotNegative = Annotated[int, Field(ge=0)]
 
 PATHS = ("out", "prompts", "replay", "junit")
 """Keys whose value is a path; `world` and `requirement` are one where such a thing exists beside the file."""
-BESIDE = ("jobs", "out", "fail_on_violation", "junit", "budget_usd", "budget_calls", "budget_tokens")
+MACHINE = ("jobs", "executor", "executor_options")
+"""Keys of the machine, not of the campaign: where and by how many processes the runs are made."""
+BESIDE = (
+    *MACHINE,
+    "store",
+    "store_options",
+    "out",
+    "fail_on_violation",
+    "junit",
+    "budget_usd",
+    "budget_calls",
+    "budget_tokens",
+)
 """Keys that do not decide the records: they may differ when a campaign is resumed."""
 
 
@@ -54,6 +65,10 @@ class CampaignConfig(Record):
     abreast: Annotated[int | None, Field(ge=1, le=1000)] = None
     seed: NotNegative = 0
     jobs: Annotated[int | None, Field(ge=1, le=1024)] = None
+    executor: str = "processes"
+    executor_options: dict[str, Any] = Field(default_factory=dict)
+    store: str = "sqlite"
+    store_options: dict[str, Any] = Field(default_factory=dict)
     out: Annotated[str | None, Field(min_length=1)] = None
     fail_on_violation: bool = False
     junit: str | None = None
@@ -89,7 +104,7 @@ class CampaignConfig(Record):
 
     def to_yaml(self) -> str:
         """The effective configuration as a campaign file."""
-        values = self.model_dump(mode="json", exclude={"out", "jobs", "junit", "fail_on_violation"})
+        values = self.model_dump(mode="json", exclude={"out", *MACHINE, "junit", "fail_on_violation"})
         head = "# The effective configuration of this campaign; `rvsg run THIS_FILE --out ELSEWHERE` repeats it.\n"
         return head + yaml.safe_dump(values, sort_keys=False, allow_unicode=True)
 
@@ -141,15 +156,11 @@ def effective(stored: dict[str, Any] | None, from_file: dict[str, Any], from_opt
     try:
         return CampaignConfig(**values)
     except pydantic.ValidationError as error:
-        wrong = error.errors(include_url=False)
-        told = [f"{'.'.join(map(str, e['loc']))}: {_told(e)}" for e in wrong]
+        nothing = [e for e in error.errors() if str(e["loc"][0]).startswith("budget_") and e["input"] in (0, "0")]
+        told = [f"{e['loc'][0]}: {NO_CALL}" for e in nothing]
+        known = {f"{e['loc'][0]}: " for e in nothing}
+        told += [m for m in mistakes_of(error, CampaignConfig, noun="option") if not m.startswith(tuple(known))]
         raise InputError("; ".join(told)) from None
-
-
-def _told(error: Mapping[str, Any]) -> str:
-    if str(error["loc"][0]).startswith("budget_") and error["input"] in (0, "0"):
-        return NO_CALL
-    return f"{error['msg'].lower()}, got {error['input']!r}"
 
 
 __all__ = ["CampaignConfig", "DocumentError", "FileError", "effective", "read_campaign_file"]

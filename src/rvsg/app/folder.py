@@ -3,16 +3,64 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+from rvsg.app import plugins
 from rvsg.errors import FileError, InputError
+from rvsg.report.files import write_whole
+
+if TYPE_CHECKING:
+    from rvsg.campaign.attempt import Ledger
 
 LEDGER = "ledger.sqlite"
+STORE = "store.json"
+"""Says which store keeps the campaign where that is not SQLite, so that resuming and reporting find it."""
 CONFIG = "campaign.yaml"
 REPORT = "report.html"
 BEST = "best_scenario.json"
+
+
+def store_of(folder: Path) -> tuple[str, dict[str, Any]] | None:
+    """Name and options of the store that keeps the campaign of a folder; None where there is no campaign."""
+    try:
+        told = json.loads((folder / STORE).read_text(encoding="utf-8"))
+        return str(told["store"]), dict(told["options"])
+    except FileNotFoundError:
+        return ("sqlite", {}) if (folder / LEDGER).exists() else None
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise FileError(folder / STORE, f"it does not say which store keeps this campaign ({error}).") from None
+
+
+@contextlib.contextmanager
+def opened(folder: Path, store: str, options: Mapping[str, Any]) -> Iterator[Ledger]:
+    """The store of a folder, open; a plug-in is given the path `ledger.NAME` in the folder, and its options."""
+    if store != "sqlite":
+        write_whole(folder / STORE, json.dumps({"store": store, "options": dict(options)}, indent=2) + "\n")
+    ledger = plugins.make("store", store, options, folder / f"ledger.{store}")
+    try:
+        yield ledger
+    finally:
+        ledger.close()
+
+
+@contextlib.contextmanager
+def reading(store: Path) -> Iterator[Ledger]:
+    """The store of a campaign's folder, or the ledger file itself, opened to be read; StoreError where none is."""
+    known = store_of(store) if store.is_dir() else None
+    if known is not None and known[0] != "sqlite":
+        ledger: Ledger = plugins.make("store", known[0], known[1], store / f"ledger.{known[0]}")
+    else:
+        from rvsg.store.sqlite import SqliteLedger
+
+        ledger = SqliteLedger(store / LEDGER if store.is_dir() else store, create=False)
+    try:
+        yield ledger
+    finally:
+        ledger.close()
 
 
 def make_folder(folder: Path) -> None:

@@ -5,6 +5,7 @@ A plug-in is loaded only when it is asked for; a name that does not exist is ans
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Mapping
 from importlib.metadata import EntryPoint, entry_points
 from inspect import signature
@@ -16,6 +17,7 @@ KINDS = {
     "generator": "rvsg.generators",
     "simulator": "rvsg.simulators",
     "strategy": "rvsg.strategies",
+    "executor": "rvsg.executors",
     "store": "rvsg.stores",
 }
 
@@ -38,16 +40,28 @@ def find(kind: str, name: str) -> Any:
         ) from error
 
 
-def make(kind: str, name: str, options: Mapping[str, Any]) -> Any:
-    """An instance of a plug-in with these options; InputError says which option it does not take."""
-    plugin = find(kind, name)
-    if unknown := _not_taken(plugin, options):
-        taken = ", ".join(_taken(plugin)) or "it takes none"
-        raise InputError(f'The {kind} "{name}" has no option "{unknown[0]}". Known options: {taken}.')
+def make(kind: str, name: str, options: Mapping[str, Any], *given: Any) -> Any:
+    """An instance of a plug-in with these options, after what is `given` to every plug-in of the kind."""
+    plugin = able(kind, name, options, given=len(given))
     try:
-        return plugin(**options)
+        return plugin(*given, **options)
     except (TypeError, ValueError) as error:
         raise InputError(f'The {kind} "{name}" cannot be made with {dict(options) or "no options"}: {error}') from error
+
+
+def able(kind: str, name: str, options: Mapping[str, Any], *, given: int = 0) -> Any:
+    """The class of a plug-in that takes these options; `given` is how many values every plug-in of the kind is given.
+
+    InputError says which option it does not take, which one may be meant, and which there are.
+    """
+    plugin = find(kind, name)
+    if unknown := _not_taken(plugin, options, given):
+        known = _taken(plugin)[given:]
+        near = difflib.get_close_matches(unknown[0], known, n=1, cutoff=0.5)
+        asked = f' Did you mean "{near[0]}"?' if near else ""
+        listed = f"Known options: {', '.join(known)}." if known else "It takes none."
+        raise InputError(f'The {kind} "{name}" has no option "{unknown[0]}".{asked} {listed}')
+    return plugin
 
 
 def _taken(plugin: Any) -> tuple[str, ...]:
@@ -57,11 +71,11 @@ def _taken(plugin: Any) -> tuple[str, ...]:
     )
 
 
-def _not_taken(plugin: Any, options: Mapping[str, Any]) -> list[str]:
+def _not_taken(plugin: Any, options: Mapping[str, Any], given: int) -> list[str]:
     """The options that a plug-in does not take; none where it takes any."""
     if any(p.kind is p.VAR_KEYWORD for p in signature(plugin).parameters.values()):
         return []
-    return sorted(options.keys() - set(_taken(plugin)))
+    return sorted(options.keys() - set(_taken(plugin)[given:]))
 
 
 def _found(kind: str) -> dict[str, EntryPoint]:

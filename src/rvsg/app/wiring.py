@@ -12,10 +12,10 @@ from typing import Any
 from pydantic import ValidationError
 
 from rvsg.app import plugins
-from rvsg.app.config import CampaignConfig
+from rvsg.app.config import MACHINE, CampaignConfig
 from rvsg.campaign.loop import Parts, Watcher, feedback_from
 from rvsg.campaign.measuring import Measuring
-from rvsg.campaign.parallel import Simulations
+from rvsg.campaign.parallel import Executor, Simulations
 from rvsg.campaign.plan import Plan
 from rvsg.campaign.strategies import Strategy
 from rvsg.errors import InputError, InvalidScenario
@@ -46,6 +46,7 @@ class Wired:
     generator: Generator
     simulator: Simulator
     strategy_class: Any
+    executor: Executor | None
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -67,10 +68,11 @@ class Wired:
         if prepare is not None:
             prepare(tell)
 
-    def simulations(self, ledger: Any = None) -> Simulations:
+    def simulations(self, ledger: Any = None, tell: Callable[[str], None] = lambda _: None) -> Simulations:
         """What makes the runs; those the ledger knows are not made again."""
         known = ledger.find if ledger is not None else None
-        return Simulations(self.simulator, self.world, jobs=jobs_of(self.config), known=known)
+        jobs = jobs_of(self.config)
+        return Simulations(self.simulator, self.world, jobs=jobs, known=known, executor=self.executor, tell=tell)
 
     def parts(self, ledger: Any, simulations: Simulations, watch: Watcher) -> Parts:
         """What the loop works with."""
@@ -95,6 +97,7 @@ def wire(config: CampaignConfig) -> Wired:
     config = config.replace(abreast=config.abreast or abreast_of(strategy_class))
     simulator = plugins.make("simulator", config.simulator, config.simulator_options)
     generator = plugins.make("generator", config.generator_name, generator_options(config))
+    plugins.able("store", config.store, config.store_options, given=1)
     plan = Plan(
         name=f"{world.name}-{route.name}-{requirement.name}-{config.generator_name}-{config.strategy}-{config.seed}",
         mission=Mission(world=config.world, world_id=world.id, route=route),
@@ -115,7 +118,18 @@ def wire(config: CampaignConfig) -> Wired:
         generator=generator,
         simulator=simulator,
         strategy_class=strategy_class,
+        executor=executor_of(config),
     )
+
+
+def executor_of(config: CampaignConfig) -> Executor | None:
+    """What makes the runs beside this process; None for the processes of `jobs` on this machine."""
+    if config.executor == "processes":
+        if config.executor_options:
+            raise InputError('The executor "processes" takes no options; --jobs is the number of processes.')
+        return None
+    made: Executor = plugins.make("executor", config.executor, config.executor_options)
+    return made
 
 
 def requirement_of(name_or_path: str) -> Requirement:
@@ -204,13 +218,13 @@ def command_for(config: CampaignConfig, *, out: Path | None = None) -> str:
     words = ["rvsg", "run"]
     defaults = CampaignConfig()
     for key, value in config.model_dump(mode="json").items():
-        if key in ("out", "jobs", "junit", "fail_on_violation", "seed", "generator_options", "simulator_options"):
+        if key in ("out", *MACHINE, "junit", "fail_on_violation", "seed") or key.endswith("_options"):
             continue
         if key == "abreast" and value == abreast_of(plugins.find("strategy", config.strategy)):
             continue
         if value != getattr(defaults, key):
             words += [f"--{key.replace('_', '-')}", str(value)]
-    for kind in ("generator", "simulator"):
+    for kind in ("generator", "simulator", "store"):
         for name, value in getattr(config, f"{kind}_options").items():
             words += [f"--{kind}-option", f"{name}={value}"]
     words += ["--seed", str(config.seed)]

@@ -56,8 +56,9 @@ class Attempt(Record):
 class Ledger(Protocol):
     """Where attempts are kept, in order, for ever.
 
-    A run is kept by its content id and may be kept before the attempt it belongs to, so that an interruption
-    loses at most the runs in progress.
+    As a plug-in it is made with the path that is its own in the campaign's folder, and its options. A run is kept by
+    its content id and may be kept before the attempt it belongs to, so that an interruption loses at most the runs
+    in progress.
     """
 
     def begin(self, campaign: str, settings: Mapping[str, Any]) -> None:
@@ -70,6 +71,10 @@ class Ledger(Protocol):
 
     def campaigns(self) -> tuple[str, ...]:
         """The names of all campaigns, in the order they were begun."""
+        ...
+
+    def close(self) -> None:
+        """Give everything free; nothing is asked of it afterwards."""
         ...
 
     def keep(self, run: Run) -> None:

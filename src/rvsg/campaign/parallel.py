@@ -1,8 +1,8 @@
 """Runs side by side: the only place of parallelism.
 
 Runs are ordered ahead and collected in the order that is wanted, so what is recorded does not depend on how many
-processes work or which is faster. A run whose id is known is not simulated again. When a worker process dies hard,
-every run that was under way is made again alone, one at a time, to find the one that kills it.
+processes work, where they are, or which is faster. A run whose id is known is not simulated again. When a process
+dies hard, what was under way in it is made again, and a run that is suspected of it alone, with nothing beside it.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Protocol, Self
 
 from rvsg.campaign.attempt import Failure
 from rvsg.errors import SimulationError
@@ -27,6 +27,42 @@ from rvsg.world.world import World
 ORPHAN_CHECK_S = 2.0
 
 
+class WorkerDied(Exception):
+    """The process that made a run died; the run, or another one in that process, may be to blame."""
+
+
+class Executor(Protocol):
+    """Where runs are made beside this process. Made with its options; a plug-in of the kind `executor`."""
+
+    @property
+    def size(self) -> int:
+        """How many runs it makes at a time."""
+        ...
+
+    def begin(self, simulator: Simulator, world: World, tell: Callable[[str], None]) -> None:
+        """Get ready for runs of this simulator in this world; InputError where that cannot be.
+
+        `tell` is given what a person should know, such as that a machine is gone.
+        """
+        ...
+
+    def submit(self, scenario: Scenario, seed: int) -> Any:
+        """Ask for a run, and return at once what `result` takes."""
+        ...
+
+    def result(self, submitted: Any) -> Run | Failure:
+        """Wait for a run; WorkerDied where its process did."""
+        ...
+
+    def again(self, scenario: Scenario, seed: int) -> Run | Failure:
+        """Make a run whose process died once more, with nothing else under way; WorkerDied where it dies again."""
+        ...
+
+    def stop(self, *, kill: bool) -> None:
+        """End; `kill`: nobody waits for what is under way. May be begun again."""
+        ...
+
+
 class Ordered:
     """A run that was ordered; `result` waits for it."""
 
@@ -35,7 +71,7 @@ class Ordered:
         self.seed = seed
         self._makers = makers
         self._found: Run | Failure | None = None
-        self._future: Future[Run | Failure] | None = None
+        self._submitted: Any = None
 
     def result(self) -> Run | Failure:
         """The run, or why the simulator could not make it."""
@@ -45,25 +81,34 @@ class Ordered:
 
 
 class Simulations:
-    """Makes runs of one simulator in one world, in this process (`jobs` 1) or in `jobs` worker processes.
+    """Makes runs of one simulator in one world: in this process, in `jobs` worker processes, or where `executor` says.
 
-    `known` finds a run by its id, or None. Use it as a context manager: leaving it ends the workers.
+    `known` finds a run by its id, or None; `tell` is given what a person should know. Use it as a context manager:
+    leaving it ends the workers.
     """
 
     def __init__(
-        self, simulator: Simulator, world: World, *, jobs: int = 1, known: Callable[[str], Run | None] | None = None
+        self,
+        simulator: Simulator,
+        world: World,
+        *,
+        jobs: int = 1,
+        known: Callable[[str], Run | None] | None = None,
+        executor: Executor | None = None,
+        tell: Callable[[str], None] = lambda _: None,
     ) -> None:
         self.simulator = simulator
         self.world = world
-        self.jobs = jobs
+        self._executor: Executor | None = executor or (Processes(jobs) if jobs > 1 else None)
         self._known = known or (lambda _: None)
+        self._tell = tell
         self._open: dict[str, Ordered] = {}
-        self._pool: Any = None
+        self._begun = False
 
     @property
     def ahead(self) -> int:
         """How many attempts are worth ordering before the first is collected: none in one process."""
-        return self.jobs if self.jobs > 1 else 0
+        return self._ready().size if self._executor else 0
 
     def order(self, scenario: Scenario, seed: int) -> Ordered:
         """Ask for a run; it starts at once where there are workers, else when its result is wanted."""
@@ -74,19 +119,19 @@ class Simulations:
         ordered._found = self._known(key)
         if ordered._found is None:
             self._open[key] = ordered
-            if self.jobs > 1:
-                ordered._future = self._submit(ordered)
+            if self._executor:
+                ordered._submitted = self._ready().submit(scenario, seed)
         return ordered
 
     def collect(self, ordered: Ordered) -> Run | Failure:
         """Wait for an ordered run. KeyboardInterrupt passes through; what was not collected is lost."""
-        if ordered._future is None:
+        if self._executor is None:
             found = _attempt_run(self.simulator, self.world, ordered.scenario, ordered.seed)
         else:
             try:
-                found = ordered._future.result()
-            except BrokenProcessPool:
-                found = self._alone(ordered)
+                found = self._executor.result(ordered._submitted)
+            except WorkerDied:
+                found = self._alone(self._executor, ordered)
         self._open = {key: other for key, other in self._open.items() if other is not ordered}
         return found
 
@@ -94,38 +139,81 @@ class Simulations:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        self._stop(kill=kind is not None)
+        if self._executor and self._begun:
+            self._begun = False
+            self._executor.stop(kill=kind is not None)
 
-    def _submit(self, ordered: Ordered) -> Future[Run | Failure]:
+    def _ready(self) -> Executor:
+        assert self._executor is not None
+        if not self._begun:
+            self._executor.begin(self.simulator, self.world, self._tell)
+            self._begun = True
+        return self._executor
+
+    def _alone(self, executor: Executor, ordered: Ordered) -> Run | Failure:
+        """Make a run again that was under way when a worker died, with nothing else running."""
+        try:
+            return executor.again(ordered.scenario, ordered.seed)
+        except WorkerDied:
+            return Failure(
+                seed=ordered.seed,
+                reason=f"the process of simulator {self.simulator.name!r} died twice while it ran this scenario",
+            )
+
+
+class Processes:
+    """Worker processes on this machine. When one dies all are replaced, and what was under way is made alone."""
+
+    def __init__(self, jobs: int) -> None:
+        self.jobs = jobs
+        self._pool: Any = None
+        self._shared: tuple[Simulator, World] | None = None
+
+    @property
+    def size(self) -> int:
+        """The number of processes."""
+        return self.jobs
+
+    def begin(self, simulator: Simulator, world: World, tell: Callable[[str], None]) -> None:
+        """Keep what the processes are started with; they start with the first run."""
+        self._shared = (simulator, world)
+
+    def submit(self, scenario: Scenario, seed: int) -> Future[Run | Failure]:
+        """Ask for a run."""
         if self._pool is None:
             from loky import ProcessPoolExecutor
 
             self._pool = ProcessPoolExecutor(
                 max_workers=self.jobs,
                 initializer=_prepare,
-                initargs=(self.simulator, self.world),
+                initargs=self._shared,
                 env={"OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"},
             )
         try:
-            future: Future[Run | Failure] = self._pool.submit(_work, ordered.scenario, ordered.seed)
+            future: Future[Run | Failure] = self._pool.submit(_work, scenario, seed)
         except BrokenProcessPool as broken:
             future = Future()
             future.set_exception(broken)
         return future
 
-    def _alone(self, ordered: Ordered) -> Run | Failure:
-        """Make a run again that was under way when a worker died, with nothing else running."""
-        self._stop(kill=True)
+    def result(self, submitted: Future[Run | Failure]) -> Run | Failure:
+        """Wait for a run; WorkerDied where any of the processes did, as all that is under way is lost then."""
         try:
-            return self._submit(ordered).result()
-        except BrokenProcessPool:
-            self._stop(kill=True)
-            return Failure(
-                seed=ordered.seed,
-                reason=f"the process of simulator {self.simulator.name!r} died twice while it ran this scenario",
-            )
+            return submitted.result()
+        except BrokenProcessPool as broken:
+            raise WorkerDied from broken
 
-    def _stop(self, *, kill: bool) -> None:
+    def again(self, scenario: Scenario, seed: int) -> Run | Failure:
+        """Make a run alone, in new processes."""
+        self.stop(kill=True)
+        try:
+            return self.result(self.submit(scenario, seed))
+        except WorkerDied:
+            self.stop(kill=True)
+            raise
+
+    def stop(self, *, kill: bool) -> None:
+        """End the processes."""
         if self._pool is not None:
             pool, self._pool = self._pool, None
             pool.shutdown(wait=True, kill_workers=kill)

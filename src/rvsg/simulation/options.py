@@ -8,6 +8,7 @@ from pydantic import Field, ValidationError
 
 from rvsg.errors import InputError, UnknownName
 from rvsg.simulation.people.crowd import PUBLISHED_EARLY_START, PUBLISHED_START_S
+from rvsg.world.documents import mistakes_of
 from rvsg.world.records import Record
 
 Scale = Annotated[float, Field(ge=0, le=10)]
@@ -102,9 +103,5 @@ def profile(name: str = "default", **changes: Any) -> SimulatorOptions:
     try:
         return SimulatorOptions.model_validate({"profile": name, **PROFILES[name], **changes})
     except ValidationError as error:
-        wrong = "; ".join(
-            f"{'.'.join(str(part) for part in finding['loc'])}: {finding['msg']}" for finding in error.errors()
-        )
-        raise InputError(
-            f"simulator options: {wrong}. Known options: {', '.join(SimulatorOptions.model_fields)}."
-        ) from None
+        wrong = "; ".join(mistakes_of(error, SimulatorOptions, noun="option"))
+        raise InputError(f"simulator options: {wrong}") from None

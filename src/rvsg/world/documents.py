@@ -168,6 +168,16 @@ def problems_of(error: ValidationError, document: Document, model: type[BaseMode
     return sorted(set(found), key=lambda problem: (problem.line or 0, problem.message))
 
 
+def mistakes_of(error: ValidationError, model: type[BaseModel], *, noun: str = "key") -> list[str]:
+    """Every mistake of a validation in words, for values that are in no file; `noun` is what a key is called there."""
+    found = []
+    for detail in error.errors(include_url=False):
+        place = tuple(part for part in detail["loc"] if isinstance(part, int) or part.isidentifier())
+        said = _message(dict(detail), place, model)
+        found.append(said.replace("there is no key", f"there is no {noun}", 1))
+    return list(dict.fromkeys(found))
+
+
 def _file_key(loc: Key, document: Document) -> Key:
     """The part of pydantic's location that is in the file (it also names branches of unions)."""
     key: Key = ()

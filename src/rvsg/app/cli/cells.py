@@ -88,12 +88,12 @@ def cells_of(from_file: dict[str, Any], given: dict[str, Any]) -> Cells | None:
 
 def run_cells(cells: Cells, *, as_json: bool) -> int:
     """Run or resume the campaigns of all cells, show what was found, and return the exit code."""
-    from rvsg.app.folder import LEDGER, alone_in, make_folder
+    from rvsg.app.folder import alone_in, make_folder, store_of
     from rvsg.app.wiring import jobs_of
     from rvsg.report.files import write_whole
 
     begin = time.monotonic()
-    if (cells.folder / LEDGER).exists():
+    if store_of(cells.folder) is not None:
         raise InputError(f"{cells.folder}: this folder holds a single campaign. Choose another --out for several.")
     all_of_them = _wired(cells)
     make_folder(cells.folder)
@@ -104,7 +104,7 @@ def run_cells(cells: Cells, *, as_json: bool) -> int:
         say(f"{len(all_of_them)} campaigns in {cells.folder}, {min(jobs, len(all_of_them))} side by side.")
         all_of_them[0].wired.warm_up(say)
         _run_all(all_of_them, jobs, cells.folder)
-        found = [(cell, found_in(cell.folder / LEDGER)) for cell in all_of_them if cell.code == 0]
+        found = [(cell, found_in(cell.folder)) for cell in all_of_them if cell.code == 0]
         summaries = [(cell, *result) for cell, result in found if result is not None]
         _write_and_show(cells, all_of_them, summaries, time.monotonic() - begin, as_json=as_json)
     if broken := [cell for cell in all_of_them if cell.code != 0]:
@@ -116,15 +116,15 @@ def run_cells(cells: Cells, *, as_json: bool) -> int:
     return 1 if fail and any(summary.violated for _, _, summary in summaries) else 0
 
 
-def found_in(ledger_file: Path) -> tuple[Plan, Summary] | None:
+def found_in(folder: Path) -> tuple[Plan, Summary] | None:
     """What the campaign kept there found so far; None where there is none yet."""
+    from rvsg.app.folder import reading, store_of
     from rvsg.campaign.plan import Plan
     from rvsg.report.summary import summarise
-    from rvsg.store.sqlite import SqliteLedger
 
-    if not ledger_file.exists():
+    if store_of(folder) is None:
         return None
-    with SqliteLedger(ledger_file, create=False) as ledger:
+    with reading(folder) as ledger:
         settings = [ledger.settings(name) for name in ledger.campaigns()]
         if not settings or settings[0] is None:
             return None

@@ -37,15 +37,15 @@ def report(
     """Write the page of a campaign, finished or not, and print its ranked scenarios."""
     from rvsg.app.cli.cells import CELLS
     from rvsg.app.cli.tables import cells_table, confirmation_line, ranked_table
-    from rvsg.app.folder import LEDGER
+    from rvsg.app.folder import store_of
     from rvsg.errors import InputError
     from rvsg.report.files import write_whole
     from rvsg.report.junit import junit_of
 
     several = store.is_dir() and (store / CELLS).exists()
-    paths = sorted(store.glob(f"*/{LEDGER}")) if several else [store / LEDGER if store.is_dir() else store]
+    paths = sorted(cell for cell in store.iterdir() if cell.is_dir() and store_of(cell)) if several else [store]
     if tables is not None:
-        _write_tables([*paths, *(other / LEDGER if other.is_dir() else other for other in also or ())], tables)
+        _write_tables([*paths, *(also or ())], tables)
     if several and html is not None:
         raise InputError(f"{store}: {len(paths)} campaigns have a page each; --html names one. Report them one by one.")
     found = [reported for path in paths if (reported := _report(path, html, world, optional=tables is not None))]
@@ -69,16 +69,15 @@ def report(
 def _report(path: Path, html: Path | None, world: str | None, *, optional: bool) -> tuple[Plan, Summary, Path] | None:
     """Write the page of the campaign kept there; where it is `optional`, None if there is no campaign of `rvsg run`."""
     from rvsg.app.config import CampaignConfig
-    from rvsg.app.folder import REPORT
+    from rvsg.app.folder import REPORT, reading
     from rvsg.app.wiring import command_for
     from rvsg.campaign.plan import Plan
     from rvsg.errors import InputError
     from rvsg.report.page import write_page
     from rvsg.report.summary import summarise
-    from rvsg.store.sqlite import SqliteLedger
     from rvsg.world.load import load_world
 
-    with SqliteLedger(path, create=False) as ledger:
+    with reading(path) as ledger:
         known = ledger.campaigns()
         planned = [s for name in known if (s := ledger.settings(name)) and "plan" in s]
         if not planned and optional:
@@ -92,7 +91,7 @@ def _report(path: Path, html: Path | None, world: str | None, *, optional: bool)
             raise InputError(f"{path}: this store holds no campaign yet; `rvsg run --out DIR` makes one.")
         plan = Plan.model_validate(planned[0]["plan"])
         attempts = list(ledger.attempts(plan.name))
-        page = html or path.parent / REPORT
+        page = html or (path if path.is_dir() else path.parent) / REPORT
         write_page(
             page,
             plan,
@@ -108,11 +107,11 @@ def _report(path: Path, html: Path | None, world: str | None, *, optional: bool)
 def _write_tables(stores: list[Path], out: Path) -> None:
     from contextlib import ExitStack
 
+    from rvsg.app.folder import reading
     from rvsg.report.table_files import write_tables
-    from rvsg.store.sqlite import SqliteLedger
 
     with ExitStack() as stack:
-        ledgers = [stack.enter_context(SqliteLedger(store, create=False)) for store in stores]
+        ledgers = [stack.enter_context(reading(store)) for store in stores]
         for note in write_tables(*ledgers, out=out):
             say(f"  {note}")
     say(f"Tables: {out}/published and {out}/honest (rq1, rq2, rq3 as csv, md, tex; with matplotlib rq3 drawn too)")

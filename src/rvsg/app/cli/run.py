@@ -19,10 +19,9 @@ from rvsg.app.cli.frame import verb
 if TYPE_CHECKING:
     from rvsg.app.config import CampaignConfig
     from rvsg.app.wiring import Wired
-    from rvsg.campaign.attempt import Attempt
+    from rvsg.campaign.attempt import Attempt, Ledger
     from rvsg.campaign.plan import Plan
     from rvsg.report.summary import Summary
-    from rvsg.store.sqlite import SqliteLedger
 
 app = verb()
 
@@ -56,6 +55,10 @@ def run(
     ] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Everything random follows from it. [0]")] = None,
     jobs: Annotated[int | None, typer.Option(min=1, help="Worker processes. [one per core]")] = None,
+    executor: Annotated[
+        str | None, typer.Option(help="Where runs are made: processes (of --jobs), cluster. [processes]")
+    ] = None,
+    store: Annotated[str | None, typer.Option(help="What keeps the campaign. [sqlite]")] = None,
     out: Annotated[str | None, typer.Option(help="Folder of the campaign; an existing one is resumed.")] = None,
     model: Annotated[str | None, typer.Option(help="VLM, e.g. openai-chat:gpt-4.1.")] = None,
     base_url: Annotated[str | None, typer.Option(help="Address of an OpenAI-compatible server.")] = None,
@@ -67,6 +70,8 @@ def run(
     budget_tokens: Annotated[int | None, typer.Option(help="Stop before more tokens.")] = None,
     generator_option: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="For the generator.")] = None,
     simulator_option: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="For the simulator.")] = None,
+    executor_option: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="For the executor.")] = None,
+    store_option: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="For the store.")] = None,
     fail_on_violation: Annotated[
         bool | None, typer.Option("--fail-on-violation", help="Exit code 1 if the requirement is violated.")
     ] = None,
@@ -87,7 +92,7 @@ def run(
     from rvsg.app.cli.options import pairs
     from rvsg.app.config import read_campaign_file
 
-    for kind in ("generator", "simulator"):
+    for kind in ("generator", "simulator", "executor", "store"):
         if options := given.pop(f"{kind}_option", None):
             given[f"{kind}_options"] = pairs(kind, options)
     from_file = read_campaign_file(campaign) if campaign else {}
@@ -117,20 +122,20 @@ def run_campaign_of(
 def find(from_file: dict[str, Any], given: dict[str, Any]) -> tuple[Wired, Summary]:
     """Run or resume a campaign and write what was found."""
     from rvsg.app.config import effective
-    from rvsg.app.folder import CONFIG, LEDGER, alone_in, make_folder
+    from rvsg.app.folder import CONFIG, alone_in, make_folder, opened
     from rvsg.app.wiring import wire
     from rvsg.report.files import write_whole
-    from rvsg.store.sqlite import SqliteLedger
 
     config = effective(None, from_file, given)
     folder = config.folder
-    stored = _stored(folder / LEDGER)
+    kept_by = _same_store(folder, config)
+    stored = _stored(folder)
     if stored is not None:
-        config = effective(stored["config"], from_file, given)
+        config = effective(stored["config"] | kept_by, from_file, given)
     wired = wire(config)
     _no_model_options_in_vain(config, given)
     make_folder(folder)
-    with alone_in(folder), SqliteLedger(folder / LEDGER) as ledger:
+    with alone_in(folder), opened(folder, config.store, config.store_options) as ledger:
         if stored is not None:
             _same_or_empty(stored, wired.settings, ledger, folder)
         if ledger.settings(wired.plan.name) is None:
@@ -142,17 +147,34 @@ def find(from_file: dict[str, Any], given: dict[str, Any]) -> tuple[Wired, Summa
     return wired, summary
 
 
-def _stored(ledger_file: Path) -> dict[str, Any] | None:
-    """The settings of the campaign kept there; None where there is none."""
-    from rvsg.app.wiring import with_defaults
-    from rvsg.store.sqlite import SqliteLedger
+def _same_store(folder: Path, config: CampaignConfig) -> dict[str, Any]:
+    """The store that keeps the folder's campaign, as settings; empty without one. InputError where another is asked."""
+    from rvsg.app.folder import store_of
+    from rvsg.errors import InputError
 
-    if not ledger_file.exists():
+    known = store_of(folder)
+    if known is None:
+        return {}
+    if config.store not in ("sqlite", known[0]):
+        raise InputError(f"{folder}: its campaign is kept by the store {known[0]!r}, not {config.store!r}.")
+    return {"store": known[0], "store_options": known[1]}
+
+
+def _stored(folder: Path) -> dict[str, Any] | None:
+    """The settings of the campaign kept there; None where there is none."""
+    from rvsg.app.folder import opened, store_of
+    from rvsg.app.wiring import with_defaults
+    from rvsg.errors import InputError
+
+    known = store_of(folder)
+    if known is None:
         return None
-    with SqliteLedger(ledger_file) as ledger:
+    with opened(folder, *known) as ledger:
         campaigns = ledger.campaigns()
         kept = ledger.settings(campaigns[0]) if campaigns else None
-        return with_defaults(kept) if kept is not None else None
+    if kept is not None and "config" not in kept:
+        raise InputError(f"{folder}: this folder holds imported results, no campaign. Choose another --out.")
+    return with_defaults(kept) if kept is not None else None
 
 
 def _no_model_options_in_vain(config: CampaignConfig, given: dict[str, Any]) -> None:
@@ -171,7 +193,7 @@ def _no_model_options_in_vain(config: CampaignConfig, given: dict[str, Any]) -> 
         say(f'The generator is "{config.generator_name}": {", ".join(told)} in the campaign file have no effect.')
 
 
-def _same_or_empty(stored: dict[str, Any], asked: dict[str, Any], ledger: SqliteLedger, folder: Path) -> None:
+def _same_or_empty(stored: dict[str, Any], asked: dict[str, Any], ledger: Ledger, folder: Path) -> None:
     """A resumed campaign keeps its settings: records of two settings must not mix. Without an attempt it begins anew.
 
     So a wrong name of a model, found out by the first call, can be mended in the same folder.
@@ -180,7 +202,8 @@ def _same_or_empty(stored: dict[str, Any], asked: dict[str, Any], ledger: Sqlite
     from rvsg.errors import InputError
 
     found = differences(stored, asked)
-    if found and ledger.forget_empty(ledger.campaigns()[0]):
+    forget = getattr(ledger, "forget_empty", None)
+    if found and forget is not None and forget(ledger.campaigns()[0]):
         return
     if found:
         found = [line for line in found if line.startswith("config.")] or found
@@ -214,7 +237,7 @@ def _work(wired: Wired, ledger: Any, folder: Path, *, resumed: bool) -> list[Att
         with termination_as_interrupt():
             if len(known) < plan.attempts or not any(a.purpose == "confirmation" for a in known):
                 wired.warm_up(say)
-            with CampaignProgress(plan, known) as progress, wired.simulations(ledger) as simulations:
+            with CampaignProgress(plan, known) as progress, wired.simulations(ledger, say) as simulations:
                 if watch := getattr(wired.generator, "watch", None):
                     watch(progress.calling)
                 return run_campaign(plan, wired.strategy(ledger), wired.parts(ledger, simulations, progress))

@@ -1,0 +1,170 @@
+"""Runs on a Dask cluster on this machine."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import signal
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from tests.campaign.parts import MemoryLedger, parts, plan, warehouse
+
+from rvsg.campaign.attempt import Attempt
+from rvsg.campaign.elite import EliteStrategy
+from rvsg.campaign.loop import feedback_from, run_campaign
+from rvsg.campaign.parallel import Simulations
+from rvsg.campaign.plan import Plan
+from rvsg.errors import InputError, SimulationError
+from rvsg.scenario.scenario import Scenario
+from rvsg.simulation.kinematic import KinematicSimulator
+from rvsg.simulation.run import Run
+from rvsg.world.world import World
+
+distributed = pytest.importorskip("distributed", reason="Dask is not installed (pip install 'rvsg[cluster]')")
+
+from rvsg.campaign.cluster import Cluster, versions  # noqa: E402
+
+pytestmark = [
+    pytest.mark.filterwarnings("ignore::DeprecationWarning:distributed"),
+    pytest.mark.filterwarnings("ignore::ResourceWarning"),
+]
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[object]:
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0", host="127.0.0.1"
+    ) as local:
+        yield local
+
+
+def campaign(
+    the_plan: Plan,
+    address: str,
+    told: list[str],
+    simulator: object = None,
+    ledger: MemoryLedger | None = None,
+    **how: float,
+) -> list[Attempt]:
+    ledger = ledger or MemoryLedger()
+    with Simulations(
+        simulator or KinematicSimulator(),  # type: ignore[arg-type]
+        warehouse(),
+        known=ledger.find,
+        executor=Cluster(address=address, **how),  # type: ignore[arg-type]
+        tell=told.append,
+    ) as simulations:
+        made = dataclasses.replace(parts(ledger), simulations=simulations)
+        return run_campaign(the_plan, EliteStrategy(the_plan, feedback_from(ledger, the_plan, warehouse())), made)  # type: ignore[arg-type]
+
+
+def alone(the_plan: Plan) -> list[Attempt]:
+    ledger = MemoryLedger()
+    strategy = EliteStrategy(the_plan, feedback_from(ledger, the_plan, warehouse()))  # type: ignore[arg-type]
+    return run_campaign(the_plan, strategy, parts(ledger))
+
+
+def test_a_campaign_on_a_cluster_keeps_what_it_keeps_in_one_process(cluster) -> None:
+    the_plan = plan(abreast=3)
+    told: list[str] = []
+    assert campaign(the_plan, cluster.scheduler_address, told) == alone(the_plan)
+    assert told == [f"2 workers of the cluster at {cluster.scheduler_address} make the runs."]
+
+
+class Deadly(KinematicSimulator):
+    """Kills its process for one seed: once, or where `always` every time."""
+
+    def __init__(self, mark: Path, seed: int, always: bool) -> None:
+        super().__init__()
+        self.mark, self.seed, self.always = mark, seed, always
+
+    def run(self, scenario: Scenario, world: World, *, seed: int) -> Run:
+        if seed == self.seed and (self.always or not self.mark.exists()):
+            self.mark.touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+        return super().run(scenario, world, seed=seed)
+
+
+@pytest.mark.parametrize("always", [False, True])
+def test_a_worker_that_dies_costs_at_most_its_own_run(cluster, tmp_path: Path, always: bool) -> None:
+    the_plan = plan(scenarios=1, refinements=0, repeats=4, confirmations=0)
+    (calm,) = alone(the_plan)
+    seed = calm.measurements[2].seed
+    told: list[str] = []
+    (shaken,) = campaign(the_plan, cluster.scheduler_address, told, Deadly(tmp_path / "died", seed, always))
+    assert list(shaken.measurements) == [m for m in calm.measurements if not always or m.seed != seed]
+    assert [failure.seed for failure in shaken.failures] == ([seed] if always else [])
+    if always:
+        assert any("made again alone" in line for line in told)
+
+
+def test_a_scheduler_that_is_not_there_is_one_message() -> None:
+    with pytest.raises(InputError, match=r"tcp://127.0.0.1:9 .*`dask scheduler`"):
+        campaign(plan(), "tcp://127.0.0.1:9", [], patience_s=1.0)
+
+
+def test_a_cluster_without_workers_is_one_message() -> None:
+    with (
+        distributed.LocalCluster(n_workers=0, dashboard_address=":0", host="127.0.0.1") as empty,
+        pytest.raises(InputError, match="dask worker"),
+    ):
+        campaign(plan(), empty.scheduler_address, [], patience_s=0.5)
+
+
+def test_a_cluster_that_is_gone_stops_the_campaign_and_the_same_call_resumes_it(cluster, tmp_path: Path) -> None:
+    class Last(KinematicSimulator):
+        """Asks for the end of its worker for good in the middle of the campaign."""
+
+        def run(self, scenario: Scenario, world: World, *, seed: int) -> Run:
+            marks = len(list(tmp_path.iterdir()))
+            (tmp_path / str(marks)).touch()
+            if marks == 5:
+                worker = distributed.get_worker()
+                worker.loop.add_callback(worker.close, nanny=True)
+                time.sleep(2)
+            return super().run(scenario, world, seed=seed)
+
+    told: list[str] = []
+    ledger = MemoryLedger()
+    with (
+        distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=":0", host="127.0.0.1") as small,
+        pytest.raises(SimulationError, match="no worker"),
+    ):
+        campaign(plan(), small.scheduler_address, told, Last(), ledger, patience_s=3.0)
+    assert any("lost the worker" in line for line in told)
+    assert 0 < len(ledger.runs) < plan().runs
+    assert campaign(plan(), cluster.scheduler_address, told, None, ledger) == alone(plan())
+
+
+def test_a_scheduler_that_ends_stops_the_campaign_with_one_message() -> None:
+    local = distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=":0", host="127.0.0.1")
+    with Simulations(
+        KinematicSimulator(), warehouse(), executor=Cluster(address=local.scheduler_address)
+    ) as simulations:
+        scenario = alone(plan(scenarios=1, refinements=0, repeats=1, confirmations=0))[0].proposal.scenario
+        assert scenario is not None
+        assert isinstance(simulations.order(scenario, 1).result(), Run)
+        local.close()
+        with pytest.raises(SimulationError, match="connection to the cluster"):
+            simulations.order(scenario, 2).result()
+
+
+def test_workers_of_other_versions_are_refused(cluster, monkeypatch: pytest.MonkeyPatch) -> None:
+    mine = versions() | {"numba": "0.1"}
+    monkeypatch.setattr("rvsg.campaign.cluster.versions", lambda: mine)
+    monkeypatch.setattr(distributed.Client, "run", lambda self, function: {"tcp://w": versions_of_old})
+    versions_of_old = mine | {"numba": "0.2"}
+    with pytest.raises(InputError, match=r"tcp://w: numba 0\.2, here 0\.1"):
+        campaign(plan(), cluster.scheduler_address, [])
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{}, {"address": "a", "scheduler_file": "b"}, {"address": "tcp://a:1", "patience_s": 0.0}, {"address": "lab"}],
+)
+def test_options_that_say_no_place_are_refused(options: dict[str, object]) -> None:
+    with pytest.raises(ValueError, match=r"address|patience"):
+        Cluster(**options)  # type: ignore[arg-type]
