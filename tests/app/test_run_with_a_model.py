@@ -9,6 +9,8 @@ import pytest
 from tests.generation.loopback import Behaviour, drops_in_mid_reply, fails, raw, says, serving
 
 from rvsg.app.cli import main
+from rvsg.app.cli.cells import _wired as wired_cells
+from rvsg.app.cli.cells import cells_of
 
 KEY = "sk-campaign-secret-key-42424242"
 GOOD = json.dumps(
@@ -224,3 +226,14 @@ def test_progress_shows_the_call_under_way_why_it_waits_and_what_was_spent(
     assert code == 0, told
     assert "new: the service failed. It said: HTTP 500, busy. Waits 0 s, then try 2 of 2." in told
     assert "left; model 0.0012 USD" in told
+
+
+def test_a_budget_is_for_all_the_campaigns_of_a_command_together(capsys: pytest.CaptureFixture[str]) -> None:
+    two = ["--route", "route_1", "--route", "route_3"]
+    assert run("http://127.0.0.1:9/v1", *two, "--budget-calls", "1") == 2
+    assert "less than one for each of the 2 campaigns" in capsys.readouterr().err
+    budgets = {"budget_usd": 3.0, "budget_calls": 5, "generator_options": {"prices": "2,0.5,8"}}
+    given = {"route": ["route_1", "route_3"], "model": "openai-chat:x", "base_url": "http://127.0.0.1:9/v1", **budgets}
+    cells = cells_of({}, given)
+    assert cells is not None
+    assert [(cell.values["budget_usd"], cell.values["budget_calls"]) for cell in wired_cells(cells)] == [(1.5, 2)] * 2

@@ -102,6 +102,9 @@ def run_cells(cells: Cells, *, as_json: bool) -> int:
         write_whole(cells.folder / CELLS, json.dumps(kept, indent=2, ensure_ascii=False) + "\n")
         jobs = jobs_of(all_of_them[0].wired.config)
         say(f"{len(all_of_them)} campaigns in {cells.folder}, {min(jobs, len(all_of_them))} side by side.")
+        if share := _share_of_budget(cells):
+            told = ", ".join(f"--{key.replace('_', '-')} {value:g}" for key, value in share.items())
+            say(f"The budget is for all of them together; each may spend its part: {told}.")
         all_of_them[0].wired.warm_up(say)
         _run_all(all_of_them, jobs, cells.folder)
         found = [(cell, found_in(cell.folder)) for cell in all_of_them if cell.code == 0]
@@ -200,8 +203,9 @@ def _wired(cells: Cells) -> list[Cell]:
     from rvsg.app.wiring import wire
 
     found: dict[str, Cell] = {}
+    share = _share_of_budget(cells)
     for route, requirement in itertools.product(cells.routes, cells.requirements):
-        values = cells.values | {"route": route, "requirement": requirement}
+        values = cells.values | share | {"route": route, "requirement": requirement}
         wired = wire(effective(None, {}, values))
         name = f"{wired.plan.mission.route.name}-{wired.plan.requirement.name}"
         folder = cells.folder / re.sub(r"[^\w.+-]+", "_", name)
@@ -209,6 +213,20 @@ def _wired(cells: Cells) -> list[Cell]:
             raise InputError(f"Two of the requirements are called {wired.plan.requirement.name}. Rename one of them.")
         found[name] = Cell(name=name, wired=wired, values=values | {"out": str(folder), "junit": None})
     return list(found.values())
+
+
+def _share_of_budget(cells: Cells) -> dict[str, Any]:
+    """What a model may cost in each cell: what is asked for is for all of them together, in equal parts."""
+    count = len(cells.routes) * len(cells.requirements)
+    share: dict[str, Any] = {}
+    for key in ("budget_calls", "budget_tokens", "budget_usd"):
+        budget = cells.values.get(key)
+        if budget is None or count == 1:
+            continue
+        share[key] = budget / count if key == "budget_usd" else int(budget) // count
+        if not share[key] and budget:
+            raise InputError(f"--{key.replace('_', '-')} {budget} is less than one for each of the {count} campaigns.")
+    return share
 
 
 def _run_all(cells: Sequence[Cell], jobs: int, folder: Path) -> None:
