@@ -15,7 +15,8 @@ from rvsg.world.birdseye import birdseye
 from rvsg.world.check import Remark, check_world
 from rvsg.world.create import Created, largest_part, propose_routes, world_from_map, world_from_objects, world_from_sdf
 from rvsg.world.grid import GridSpec
-from rvsg.world.load import load_world
+from rvsg.world.load import SHIPPED, load_world
+from rvsg.world.named_areas import unknown_areas
 from rvsg.world.picture import grid_picture, labelled_map
 from rvsg.world.readme import write_readme
 from rvsg.world.save import save_world
@@ -308,3 +309,51 @@ def test_a_name_given_twice_does_not_hide_what_else_is_wrong(folder: Path) -> No
     assert '"Far" lies outside the map' in told[4]
     with pytest.raises(FileError, match="already given"):
         load_world(folder)
+
+
+def test_doubled_routes_and_objects_do_not_hide_what_else_is_wrong(tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(SHIPPED / "warehouse", tmp_path / "twice"))
+    objects = (folder / "objects.yaml").read_text()
+    entry = objects[objects.index("\n  - ") :].split("\n  - ")[1]
+    (folder / "objects.yaml").write_text(f"{objects.rstrip()}\n  - {entry}\n")
+    route = "name: r, start: {x: -0.1, y: -0.35}, goal: {x: 1.75, y: -8.6}, time_limit_s: 25"
+    blocked = "name: r, start: {x: -0.1, y: -0.35}, goal: {x: 90, y: 90}, time_limit_s: 25"
+    replace_routes(folder, route, blocked, route)
+    edit(folder / "world.yaml", "  - count the stock", "  - restock Shelf 99\n  - count the stock")
+    remarks = check_world(folder)
+    twice = [(r.problem.path.name, r.problem.line) for r in remarks if "already given" in r.problem.message]
+    assert [file for file, _ in twice] == ["objects.yaml", "routes.yaml", "routes.yaml"]
+    assert [line for file, line in twice if file == "routes.yaml"] == [3, 4]
+    assert found(remarks, "lies outside the map").problem.line == 3
+    assert not found(remarks, 'names "Shelf 99"').serious
+    with pytest.raises(FileError, match="3 things are wrong"):
+        load_world(folder)
+
+
+@pytest.mark.parametrize(
+    ("text", "names"),
+    [
+        ("pick from Shelf 9 and bring it to Large Shelf 1", ["Shelf 9"]),
+        ("pick from shelf 2 and bring it to shelf  1", []),
+        ("count Large Shelf 7, then Shelf 1", ["Large Shelf 7"]),
+        ("empty the Wast Area", ["Wast Area"]),
+        ("clean the waste area", []),
+        ("Shelf 1 → Dock", ["Dock"]),
+        ("Shelf 1 -> waste area", []),
+        ("push 12 boxes along the wall, Mondays only", []),
+        ("Two people restock a shelf", []),
+    ],
+)
+def test_an_activity_that_names_an_unknown_area_is_found_and_free_text_is_not(text: str, names: list[str]) -> None:
+    known = ["Shelf 1", "Shelf 2", "Large Shelf 1", "Waste Area"]
+    assert unknown_areas(text, known) == names
+
+
+def test_an_activity_of_an_unknown_area_is_told_with_its_line_and_what_was_meant(folder: Path) -> None:
+    replace_labels(folder, "name: Desk 1, rectangle: [3, 3, 5, 5]", "name: Desk 2, rectangle: [7, 7, 9, 9]")
+    with (folder / "world.yaml").open("a") as file:
+        file.write("\nactivities:\n  - walk from Desk 1 to Desk 2\n  - tidy Desk 3\n")
+    lines = (folder / "world.yaml").read_text().splitlines()
+    remark = found(check_world(folder), 'names "Desk 3", which is no labelled area; did you mean "Desk')
+    assert remark.problem.line == lines.index("  - tidy Desk 3") + 1
+    assert not any("Desk 1 to" in r.problem.message for r in check_world(folder))

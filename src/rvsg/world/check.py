@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -16,7 +17,8 @@ from rvsg.errors import FileError
 from rvsg.world.create import robot_stands
 from rvsg.world.documents import Document, DocumentError, Problem, read_yaml
 from rvsg.world.grid import GridSpec
-from rvsg.world.load import read_world
+from rvsg.world.load import read_world, told_apart
+from rvsg.world.named_areas import unknown_areas
 from rvsg.world.raster import outermost
 from rvsg.world.records import Pose
 from rvsg.world.route_words import length_m, line_of, nearest_area
@@ -88,6 +90,7 @@ class _Checker:
         self._check_aisles()
         self._check_unknown()
         self._check_size()
+        self._check_activities()
         return self.remarks
 
     def _say(self, document: Document, message: str, *key: str | int, serious: bool = False) -> None:
@@ -162,7 +165,7 @@ class _Checker:
             return
         radius = self.spec.robot_clearance_m
         parts, _ = label((self.robot.field >= radius) & (self.robot.field > 0))
-        written = [entry["name"] for entry in self.routes.value["routes"]]
+        written = told_apart(self.routes, "routes", [str(entry["name"]) for entry in self.routes.value["routes"]])
         for route in self.world.routes:
             index = written.index(route.name)  # a route with an unknown waypoint is in the file, not in the world
             before = len(self.remarks)
@@ -373,8 +376,19 @@ class _Checker:
         if count > MANY_WAYPOINTS:
             message = f"the grid has {count} valid waypoints; a VLM reads a picture of some hundred. Use a coarser one"
             self._say(self.head, message, "grid")
+
+    # --- the work ---
+
+    def _check_activities(self) -> None:
         if not self.world.activities:
             self._say(self.head, "no activities are given (who does what between which areas): generators will guess")
+        known = [area.name.strip() for area in self.world.areas]
+        for index, activity in enumerate(self.world.activities):
+            for name in unknown_areas(activity, known):
+                near = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
+                asked = f'; did you mean "{near[0]}"?' if near else ""
+                message = f'the activity "{activity}" names "{name}", which is no labelled area{asked}'
+                self._say(self.head, message, "activities", index)
 
 
 def _coarser(space: Space) -> Space:

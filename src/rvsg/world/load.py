@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -53,7 +53,7 @@ def read_world(folder: Path, problems: list[Problem] | None = None) -> World:
     """Read the world in a folder.
 
     With a list for `problems`, names of waypoints that do not exist are noted there and left out instead of raised, and
-    areas whose name was given before are noted and named by their line.
+    objects, areas and routes whose name was given before are noted and named by their line.
     """
     head_document = read_yaml(folder / "world.yaml")
     mistakes: tuple[Problem, ...] = ()
@@ -121,26 +121,25 @@ class _Parts:
         read = self._read(self.head.objects, ObjectsFile)
         if read is None:
             return ()
-        self._no_doubles(read[1], "objects", [entry.name for entry in read[0].objects], self.problems)
-        return tuple(entry.solid(self.head.lidar_height_m) for entry in read[0].objects)
+        names = self._no_doubles(read[1], "objects", [entry.name for entry in read[0].objects])
+        solids = (entry.solid(self.head.lidar_height_m) for entry in read[0].objects)
+        return tuple(solid.model_copy(update={"name": name}) for solid, name in zip(solids, names, strict=True))
 
     def areas(self) -> tuple[tuple[Area, ...], Document | None]:
         read = self._read(self.head.labels, LabelsFile)
         if read is None:
             return (), None
-        doubles = self._no_doubles(read[1], "areas", [entry.name for entry in read[0].areas], self.doubles)
-        areas = [entry.area() for entry in read[0].areas]
-        for index in doubles:  # told apart by their lines, which no name of a file holds
-            name = f"{areas[index].name} (line {read[1].line('areas', index)})"
-            areas[index] = areas[index].model_copy(update={"name": name})
-        return tuple(areas), read[1]
+        names = self._no_doubles(read[1], "areas", [entry.name for entry in read[0].areas])
+        areas = (entry.area() for entry in read[0].areas)
+        return tuple(a.model_copy(update={"name": name}) for a, name in zip(areas, names, strict=True)), read[1]
 
     def routes(self) -> tuple[tuple[RouteEntry, ...], Document | None]:
         read = self._read(self.head.routes, RoutesFile)
         if read is None:
             return (), None
-        self._no_doubles(read[1], "routes", [entry.name for entry in read[0].routes], self.problems)
-        return read[0].routes, read[1]
+        names = self._no_doubles(read[1], "routes", [entry.name for entry in read[0].routes])
+        routes = (entry.model_copy(update={"name": name}) for entry, name in zip(read[0].routes, names, strict=True))
+        return tuple(routes), read[1]
 
     def occupancy(
         self, objects: tuple[SolidObject, ...], routes: tuple[RouteEntry, ...], document: Document
@@ -160,21 +159,28 @@ class _Parts:
             self.problems.append(document.problem(str(error), "map"))
         return None
 
-    def _no_doubles(self, document: Document, key: str, names: Iterable[str], told: list[Problem]) -> list[int]:
-        """Tell of names that were given before; the indices of those entries."""
+    def _no_doubles(self, document: Document, key: str, names: Sequence[str]) -> list[str]:
+        """Tell of names that were given before; the names to go on with."""
         first: dict[str, int] = {}
-        doubled = []
         for index, name in enumerate(names):
             if name in first:
                 line = document.line(key, first[name], "name")
-                doubled.append(index)
-                told.append(document.problem(f'the name "{name}" is already given in line {line}', key, index, "name"))
+                said = f'the name "{name}" is already given in line {line}'
+                self.doubles.append(document.problem(said, key, index, "name"))
             first.setdefault(name, index)
-        return doubled
+        return told_apart(document, key, names)
 
     def stop_at_problems(self) -> None:
         if self.problems:
             raise DocumentError(self.problems)
+
+
+def told_apart(document: Document, key: str, names: Sequence[str]) -> list[str]:
+    """The names of the entries under a key, each that was given before with its line, which no name of a file holds."""
+    return [
+        f"{name} (line {document.line(key, index)})" if name in names[:index] else name
+        for index, name in enumerate(names)
+    ]
 
 
 def _beside(folder: Path, name: str) -> Path:
