@@ -45,6 +45,16 @@ def test_a_requirement_without_a_limit_is_not_judged():
     assert verdict.mean == 0.5
 
 
+def test_the_interval_of_a_quantity_that_is_never_negative_is_not_either():
+    mean = NEAR.model_copy(update={"metric": "dto"})
+    low, high = judge(mean, [0.1, 4.0]).interval  # Student's t of two values reaches down to -22.7 m
+    assert (low, high) == (0.0, pytest.approx(2.05 + 12.706 * 1.95, abs=0.01))
+    signed = NEAR.model_copy(update={"metric": "min_distance"})
+    robust = NEAR.model_copy(update={"metric": None, "formula": "always speed < 1"})
+    assert judge(signed, [0.1, 4.0]).interval[0] < 0.0
+    assert judge(robust, [0.1, 4.0]).interval[0] < 0.0
+
+
 @given(st.lists(st.booleans(), max_size=30), st.randoms(use_true_random=False))
 def test_the_order_of_runs_does_not_matter(bad, random):
     shuffled = list(bad)

@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.evaluation.runs import run_of, trajectory
 
@@ -135,3 +135,25 @@ def test_every_metric_says_its_formula_and_source():
         assert len(info.formula) > 20, info.id
         assert info.source
         assert info.unit
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 10_000))
+def test_a_metric_said_never_to_be_negative_never_is(seed):
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(3, 30))
+    human = (rng.uniform(-2, 2, n), rng.uniform(-2, 2, n), rng.uniform(-3, 3, n), rng.uniform(0, 2, n))
+    series = trajectory(
+        np.cumsum(rng.uniform(0.05, 0.6, n)),
+        rng.uniform(-2, 2, n),
+        rng.uniform(-2, 2, n),
+        yaw=rng.uniform(-3, 3, n),
+        v=rng.uniform(-0.5, 0.5, n),
+        omega=rng.uniform(-1, 1, n),
+        acceleration=rng.uniform(0, 3, n),
+        humans=[human],
+    )
+    found = measure(run_of(series, human_groups=(1,)))
+    for name, value in found.items():
+        least = METRICS[name].least
+        assert value is None or least is None or value >= least, name

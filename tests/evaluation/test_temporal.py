@@ -145,6 +145,11 @@ def test_arithmetic_and_functions():
         ("speed # 1", 7, 'has no meaning here'),
         ("__import__(1) > 1", 1, "there is no signal"),
         ("abs(speed, 1) > 1", 1, "abs takes 1 value"),
+        ("1 > 2", 1, "compares numbers alone"),
+        ("always (speed < 1 and max(1, 2) > -3)", 23, "compares numbers alone"),
+        ("speed < 1/0", 11, "divides by zero"),
+        ("speed < 1/(2 - 2)", 11, "divides by zero"),
+        ("speed < 1e999", 9, "too large"),
         ("(" * 100 + "speed > 0" + ")" * 100, 42, "nested deeper"),
     ],
 )  # fmt: skip
@@ -165,6 +170,13 @@ def test_no_text_does_anything_but_parse_or_say_why_not(text):
         return
     with np.errstate(all="ignore"):
         assert len(node.values(np.arange(3.0), {"a": np.ones(3), "b": np.zeros(3)})) == 3
+
+
+@pytest.mark.parametrize(
+    "text", ["-speed < 0", "abs(speed) > 1", "1 < max(0, speed)", "(speed) / 2 < 1", "speed < speed / speed"]
+)
+def test_a_formula_that_depends_on_a_signal_anywhere_is_read(text):
+    parse(text, tuple(SIGNALS))
 
 
 def test_the_robustness_of_a_run_is_the_room_left_at_its_worst_moment():

@@ -28,7 +28,7 @@ from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
-from rvsg.evaluation.metrics import measure, metric
+from rvsg.evaluation.metrics import METRICS, measure, metric
 from rvsg.evaluation.signals import formula, robustness
 from rvsg.evaluation.statistics import clopper_pearson, mean_interval
 from rvsg.evaluation.verdict import Status, Verdict
@@ -114,7 +114,7 @@ def judge(requirement: Requirement, objectives: Sequence[float | None], *, proce
         status=status,
         objectives=known,
         mean=math.fsum(known) / len(known) if known else None,
-        interval=mean_interval(known, procedure.confidence),
+        interval=mean_interval(known, procedure.confidence, least=_least(requirement)),
         violations=violations,
         runs=len(known),
         undefined=len(objectives) - len(known),
@@ -124,6 +124,12 @@ def judge(requirement: Requirement, objectives: Sequence[float | None], *, proce
         error_rate=procedure.error_rate if judged else None,
         reason=_reason(status, violations, len(known), len(objectives) - len(known), procedure),
     )
+
+
+def _least(requirement: Requirement) -> float | None:
+    """The smallest objective there can be; None for robustness, a metric that can be negative, and one of a plug-in."""
+    known = METRICS.get(requirement.metric) if requirement.metric is not None else None
+    return known.least if known is not None else None
 
 
 def next_repeats(

@@ -38,6 +38,11 @@ class MetricInfo:
     series: Series = "trajectory"
 
     @property
+    def least(self) -> float | None:
+        """The smallest value it can have: 0, or None where it can be negative."""
+        return None if self.id in _SIGNED else 0.0
+
+    @property
     def formula(self) -> str:
         """The formula in words, from the docstring of the function."""
         return " ".join((self.of.__doc__ or "").split())
@@ -159,6 +164,9 @@ _HUNAV_COMPATIBLE = [
     *_one("force_on_robot_hunav", "Social force on robot", "sum", "larger", hunav.force_on_robot_hunav, EVALUATOR),
     *_one("social_work_hunav", "Social work", "sum", "larger", hunav.social_work_hunav, EVALUATOR),
 ]
+
+_SIGNED = frozenset({"min_distance", "stopping_margin", "obstacle_distance", "max_distance", "max_distance_hunav"})
+"""Distances between surfaces are negative where these overlap; of all other metrics none is ever negative."""
 
 METRICS: dict[str, MetricInfo] = {
     info.id: info for info in [*_OBJECTIVES, *_PERFORMANCE, *_SAFETY, *_HUNAV, *_HUNAV_COMPATIBLE]

@@ -17,6 +17,8 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import numpy as np
+
 from rvsg.errors import InputError
 from rvsg.evaluation.temporal import (
     Always,
@@ -61,11 +63,12 @@ class Token(NamedTuple):
 
 
 class Part(NamedTuple):
-    """A parsed part, whether it is a formula (else a number), and where it begins."""
+    """A parsed part, whether it is a formula (else a number), where it begins, and whether it depends on a signal."""
 
     node: Node
     formula: bool
     at: int
+    measured: bool = False
 
 
 def parse(text: str, signals: Collection[str]) -> Node:
@@ -200,8 +203,13 @@ class _Reader:
                 raise self.error(part.at, f'"{token.text}" compares numbers, and this is a formula')
         if self.token.text in ("<", "<=", ">", ">="):
             raise self.error(self.token.at, 'one comparison at a time: join two with "and"')
+        if not (left.measured or right.measured):
+            known = ", ".join(sorted(self.signals))
+            raise self.error(
+                left.at, f"this compares numbers alone and is the same in every run; name a signal, one of {known}"
+            )
         greater, smaller = (left, right) if token.text in (">", ">=") else (right, left)
-        return Part(Comparison(greater.node, smaller.node), True, left.at)
+        return Part(Comparison(greater.node, smaller.node), True, left.at, True)
 
     def _sum(self, depth: int) -> Part:
         left = self._product(depth)
@@ -217,7 +225,10 @@ class _Reader:
 
     def _arithmetic(self, token: Token, left: Part, right: Part) -> Part:
         self._numbers(token, left, right)
-        return Part(Arithmetic(token.text, left.node, right.node), False, left.at)  # type: ignore[arg-type]
+        if token.text == "/" and not right.measured and not right.node.values(np.zeros(1), {})[0]:
+            raise self.error(right.at, "this divides by zero: the formula would never have a value")
+        node = Arithmetic(token.text, left.node, right.node)  # type: ignore[arg-type]
+        return Part(node, False, left.at, left.measured or right.measured)
 
     def _operand(self, depth: int) -> Part:
         if depth > DEEPEST:
@@ -227,15 +238,17 @@ class _Reader:
             raise self.error(token.at, "the formula ends where a signal, a number or a formula should follow")
         self.next += 1
         if token.kind == "number":
+            if float(token.text) == float("inf"):
+                raise self.error(token.at, "this number is too large")
             return Part(Number(float(token.text)), False, token.at)
         if token.text == "-":
             part = self._operand(depth + 1)
             self._numbers(token, part)
-            return Part(Arithmetic("negative", part.node), False, token.at)
+            return Part(Arithmetic("negative", part.node), False, token.at, part.measured)
         if token.text == "(":
             part = self.formula(depth + 1)
             self.expect(")", f'to close the "(" at character {token.at + 1}')
-            return Part(part.node, part.formula, token.at)
+            return Part(part.node, part.formula, token.at, part.measured)
         if token.text in FUNCTIONS and self.token.text == "(":
             return self._function(token, depth)
         if token.kind == "word" and token.text not in KEYWORDS:
@@ -252,7 +265,8 @@ class _Reader:
             raise self.error(token.at, f"{token.text} takes {FUNCTIONS[token.text]} values, got {len(parts)}")
         self._numbers(token, *parts)
         second = parts[1].node if len(parts) > 1 else None
-        return Part(Arithmetic(token.text, parts[0].node, second), False, token.at)  # type: ignore[arg-type]
+        node = Arithmetic(token.text, parts[0].node, second)  # type: ignore[arg-type]
+        return Part(node, False, token.at, any(part.measured for part in parts))
 
     def _signal(self, token: Token) -> Part:
         if token.text not in self.signals:
@@ -260,7 +274,7 @@ class _Reader:
             asked = f' Did you mean "{near[0]}"?' if near else ""
             known = ", ".join(sorted(self.signals))
             raise self.error(token.at, f'there is no signal "{token.text}".{asked} Known: {known}')
-        return Part(Signal(token.text), False, token.at)
+        return Part(Signal(token.text), False, token.at, True)
 
     def _interval(self) -> Interval:
         """[low, high] in seconds, if one stands here."""

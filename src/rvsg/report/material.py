@@ -60,7 +60,8 @@ class Material:
     """Everything the tables are made of.
 
     `trials[requirement, route][method]` for rvsg, unguided and random; `repeats[requirement, route][method]` the runs
-    of the best and the worst scenario.
+    of the best and the worst scenario. `notes` say what is left out of all tables, `honest_notes` what else is left
+    out of the honest ones.
     """
 
     ledgers: tuple[Ledger, ...]
@@ -68,6 +69,7 @@ class Material:
     trials: dict[Key, dict[str, list[Trial]]] = field(default_factory=dict)
     repeats: dict[Key, dict[str, list[Sample]]] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
+    honest_notes: list[str] = field(default_factory=list)
     _positions: dict[str, NDArray[np.float64]] = field(default_factory=dict)
 
     def positions(self, run_id: str) -> NDArray[np.float64]:
@@ -110,6 +112,9 @@ def gather(*ledgers: Ledger) -> Material:
 
 def _place(attempt: Attempt, material: Material, baselines: dict[str, dict[str, list[Trial]]]) -> None:
     route = attempt.brief.mission.route.name
+    where = f"{attempt.campaign}: scenario {attempt.brief.scenario_index}, "
+    where += f"configuration {attempt.brief.configuration_index}"
+    material.notes += [f"{where}: run {failure.seed} left out: {failure.reason}" for failure in attempt.failures]
     requirement = attempt.brief.requirement
     if requirement is not None:
         material.requirements.setdefault(requirement.name, requirement)
@@ -124,9 +129,8 @@ def _place(attempt: Attempt, material: Material, baselines: dict[str, dict[str, 
     method = METHODS.get(attempt.strategy, attempt.strategy)
     trial = _trial(attempt, material)
     if not trial.samples:
-        material.notes.append(
-            f"{attempt.campaign}: scenario {trial.scenario[1]}, configuration {trial.configuration}: no run, left out"
-        )
+        if not attempt.failures:
+            material.notes.append(f"{where}: no run, left out")
         return
     if requirement is None:
         told = attempt.verdict.requirement if attempt.verdict else None

@@ -32,6 +32,10 @@ WAYS = {
         "was selected is left out of its repeats; p values corrected by Holm over each requirement and comparison."
     ),
 }
+DASH = "–"
+UNREPEATED = "the store holds no best or worst scenario that was repeated"
+UNGUIDED = "the store holds no guided scenario"
+MOST_IN_TEX = 8
 Cells = list[list[str]]
 
 
@@ -39,8 +43,8 @@ def write_tables(*ledgers: Ledger, out: Path, model_dir: Path | None = None) -> 
     """Write `out/published` and `out/honest`, each with rq1, rq2, rq3 as .csv, .md and .tex; return what was left out.
 
     Where matplotlib is there and scenarios were repeated, RQ3 is drawn too: `rq3_<requirement>.svg` in both folders.
-    Several stores are read as one. A table without rows is written with its header alone. InputError where the stores
-    hold nothing to tabulate.
+    Several stores are read as one. A table without rows is written with its header and the reason. InputError where
+    the stores hold nothing to tabulate.
     """
     material = gather(*ledgers)
     if not material.cells():
@@ -50,10 +54,12 @@ def write_tables(*ledgers: Ledger, out: Path, model_dir: Path | None = None) -> 
         folder = out / way
         folder.mkdir(parents=True, exist_ok=True)
         for name in TITLES:
-            _write_one(folder, name, way, getattr(tables, name), material.notes)
+            notes = [*material.notes, *(material.honest_notes if way == "honest" else ())]
+            _write_one(folder, name, way, getattr(tables, name), notes)
         if drawn:
             write_repeat_figures(material, folder, honest=way == "honest")
-    return [*material.notes, *([] if drawn or not material.repeats else [ABSENT])]
+    unrepeated = [] if material.repeats else [f"rq2 and rq3 are empty: {UNREPEATED}"]
+    return [*material.notes, *material.honest_notes, *unrepeated, *([] if drawn or not material.repeats else [ABSENT])]
 
 
 def _write_one(folder: Path, name: str, way: str, rows: Sequence[Row], notes: Sequence[str]) -> None:
@@ -63,7 +69,7 @@ def _write_one(folder: Path, name: str, way: str, rows: Sequence[Row], notes: Se
         writer.writerows([r.requirement, r.route, r.method, r.metric, repr(float(r.value))] for r in rows)
     blocks = _effect_blocks(rows) if name == "rq1" else _repeat_blocks(rows)
     (folder / f"{name}.md").write_text(_markdown(name, way, blocks, notes), encoding="utf-8")
-    (folder / f"{name}.tex").write_text(_latex(name, way, blocks), encoding="utf-8")
+    (folder / f"{name}.tex").write_text(_latex(name, way, blocks, notes), encoding="utf-8")
 
 
 def _effect_blocks(rows: Sequence[Row]) -> list[tuple[str, Cells]]:
@@ -117,16 +123,16 @@ def _repeat_blocks(rows: Sequence[Row]) -> list[tuple[str, Cells]]:
                 values = [shown(metric, mine.get((route, who, metric))) for who in ("best", "worst")]
                 spreads = [shown("std", mine.get((route, who, f"{metric}_std"))) for who in ("best", "worst")]
                 p = shown("x_p", mine.get((route, "best", f"{metric}_p")))
-                effect = [shown("a12", a12), "" if a12 is None else magnitude_of(a12)]
+                effect = [shown("a12", a12), DASH if a12 is None else magnitude_of(a12)]
                 cells.append([route, metric, *values, *spreads, p, *effect])
         found.append((requirement, cells))
     return found
 
 
 def shown(metric: str, value: float | None) -> str:
-    """A value as the study prints it: three decimals, one for counts of collisions; empty where there is none."""
+    """A value as the study prints it: three decimals, one for counts of collisions; a dash where there is none."""
     if value is None or not math.isfinite(value):
-        return ""
+        return DASH
     if metric == "runs":
         return f"{value:.0f}"
     if metric in ("rpc", "por"):
@@ -143,17 +149,39 @@ def _markdown(name: str, way: str, blocks: Sequence[tuple[str, Cells]], notes: S
         head, *body = [[cell.replace("|", "\\|") for cell in line] for line in cells]
         rule = ["---" if at < 2 else "---:" for at in range(len(head))]
         parts.append("\n".join("| " + " | ".join(line) + " |" for line in (head, rule, *body)))
-    if notes and way == "honest":
+    parts += _remarks(name, blocks)
+    if notes:
         parts.append("## Left out\n\n" + "\n".join(f"- {note}" for note in notes))
     return "\n\n".join(parts) + "\n"
 
 
-_TEX = {"&": r"\&", "%": r"\%", "$": r"\$", "#": r"\#", "_": r"\_", "{": r"\{", "}": r"\}", "<": r"$<$", ">": r"$>$"}
+_TEX = {
+    "&": r"\&",
+    "%": r"\%",
+    "$": r"\$",
+    "#": r"\#",
+    "_": r"\_",
+    "{": r"\{",
+    "}": r"\}",
+    "<": r"$<$",
+    ">": r"$>$",
+    DASH: "--",
+}
 _TEX |= {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
 
 
-def _latex(name: str, way: str, blocks: Sequence[tuple[str, Cells]]) -> str:
-    """Tables that need no package."""
+def _remarks(name: str, blocks: Sequence[tuple[str, Cells]]) -> list[str]:
+    """What has to be said of the tables of a file: why there are none, what a dash means."""
+    if not blocks:
+        return [f"No rows: {UNREPEATED if name != 'rq1' else UNGUIDED}."]
+    if not any(DASH in line for _, cells in blocks for line in cells):
+        return []
+    without = " sdd needs two described scenarios, and random search describes none;" if name == "rq1" else ""
+    return [f"{DASH}: no value.{without}{' a' if without else ' A'}ll others need runs that have one."]
+
+
+def _latex(name: str, way: str, blocks: Sequence[tuple[str, Cells]], notes: Sequence[str]) -> str:
+    """Tables that need no package; what is to be said of them stands below the last one."""
     parts = [f"% {TITLES[name]}\n% {WAYS[way]}"]
     for title, cells in blocks:
         head, *body = [[_tex(cell) for cell in line] for line in cells]
@@ -164,6 +192,11 @@ def _latex(name: str, way: str, blocks: Sequence[tuple[str, Cells]]) -> str:
             f"\\begin{{tabular}}{{ll{'r' * (len(head) - 2)}}}\n\\hline\n" + "\n".join(lines) + "\n\\hline\n"
             "\\end{tabular}\n\\end{table}"
         )
+    more = len(notes) - MOST_IN_TEX
+    shortened = [*notes[:MOST_IN_TEX], *([f"and {more} more, listed in {name}.md"] if more > 0 else [])]
+    said = [*_remarks(name, blocks), *([f"Left out: {'; '.join(shortened)}."] if notes else [])]
+    if said:
+        parts.append("{\\footnotesize " + _tex(" ".join(said)) + "\\par}")
     return "\n\n".join(parts) + "\n"
 
 

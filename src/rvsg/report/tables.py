@@ -160,8 +160,8 @@ def _sound(trials: Sequence[Trial], material: Material, route: str) -> list[Tria
         note = (
             f"{trial.scenario[0]}: scenario {trial.scenario[1]}, configuration {trial.configuration}: {trial.doubtful}"
         )
-        if trial.doubtful and (note := f"{note}; left out of the honest tables") not in material.notes:
-            material.notes.append(note)
+        if trial.doubtful and (note := f"{note}; left out of the honest tables") not in material.honest_notes:
+            material.honest_notes.append(note)
     return [trial for trial in trials if not trial.doubtful]
 
 
