@@ -6,6 +6,7 @@ import pytest
 from rvsg.generation.chance import RandomGenerator
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.scenario import Mission
+from rvsg.scenario.validity import warnings
 from rvsg.scenario.validity.sides import parts_of
 from rvsg.world.grid import Grid
 from rvsg.world.load import load_world
@@ -23,6 +24,7 @@ def test_a_random_configuration_is_valid_as_it_is_drawn() -> None:
         proposal = RandomGenerator().propose(brief(seed), WORLD)
         assert proposal.scenario is not None
         assert proposal.first_findings == ()
+        assert warnings(proposal.scenario.people, MISSION, WORLD) == ()
 
 
 def test_numbers_of_tasks_and_areas_are_drawn_fairly() -> None:

@@ -12,15 +12,18 @@ from rvsg.generation.forecast import Forecaster
 from rvsg.generation.generator import Proposal
 from rvsg.generation.ground import Ground
 from rvsg.generation.heuristic import HeuristicGenerator
+from rvsg.generation.work import at_places
 from rvsg.scenario.brief import Brief, Feedback, Remembered
 from rvsg.scenario.requirement import Requirement
-from rvsg.scenario.scenario import Human, Mission, Scenario
+from rvsg.scenario.scenario import Behaviour, ForceFactors, Human, HumanConfiguration, Mission, Scenario, Task
+from rvsg.scenario.validity import warnings
 from rvsg.scenario.validity.sides import parts_of, sides
 from rvsg.world.load import load_world
 
 WORLD = load_world("warehouse")
 MISSION = Mission(world="warehouse", world_id=WORLD.id, route=WORLD.route("route_1"))
 FORECAST = Forecaster(Ground(WORLD, MISSION.route), MISSION.route.time_limit_s)
+PATH = ("G13", "G14", "G15", "G16", "G17", "G18", "G19", "G20")
 GENERATOR = HeuristicGenerator(tries=20, changes=30)
 
 
@@ -87,11 +90,12 @@ def test_a_refinement_keeps_the_work_of_the_hour_and_describes_what_its_own_peop
 
 @pytest.mark.parametrize("text", [None, "Two people restock shelves."])
 def test_after_many_refinements_the_description_names_the_places_of_the_people_and_no_others(text: str | None) -> None:
-    known = scenario() if text is None else scenario().replace(description=text)
+    known = scenario(2, requirement=SMOOTH)
+    known = known if text is None else known.replace(description=text)
     moved = 0
-    for index in range(1, 13):
+    for index in range(1, 19):
         feedback = Feedback(scenario=known, objectives=(1.0,), mean=1.0, interval=(1.0, 1.0))
-        later = scenario(kind="refine", feedback=feedback, configuration_index=index)
+        later = scenario(2, requirement=SMOOTH, kind="refine", feedback=feedback, configuration_index=index)
         for human, was in zip(later.people.humans, known.people.humans, strict=True):
             if stops(human) != stops(was):
                 moved += 1
@@ -124,6 +128,117 @@ def test_memory_makes_new_scenarios_work_elsewhere() -> None:
         without.update(place in places(known) for place in places(blind))
         assert new.description.split(". ")[0] != known.description.split(". ")[0]
     assert with_memory[True] / with_memory.total() < without[True] / without.total() - 0.1
+
+
+@pytest.mark.parametrize("requirement", [DISTANCE, SMOOTH, TIMELY, None])
+def test_nobody_starts_hard_by_the_robot(requirement: Requirement | None) -> None:
+    for seed in range(3):
+        found = scenario(seed, requirement=requirement)
+        assert warnings(found.people, MISSION, WORLD) == ()
+        feedback = Feedback(scenario=found, objectives=(1.0,), mean=1.0, interval=(1.0, 1.0))
+        later = scenario(seed, requirement=requirement, kind="refine", feedback=feedback, configuration_index=1)
+        assert warnings(later.people, MISSION, WORLD) == ()
+
+
+def test_a_refinement_leads_away_who_started_hard_by_the_robot() -> None:
+    first = scenario(1, requirement=SMOOTH)
+    near = Human(
+        name="Human 1",
+        tasks=(Task(name="G13 → G20", path=PATH), Task(name="G20 → G13", path=PATH[::-1])),
+    )
+    close = first.replace(people=HumanConfiguration(humans=(near, *first.people.humans[1:])))
+    assert warnings(close.people, MISSION, WORLD) != ()
+    feedback = Feedback(scenario=close, objectives=(1.0,), mean=1.0, interval=(1.0, 1.0))
+    later = scenario(1, requirement=SMOOTH, kind="refine", feedback=feedback, configuration_index=1)
+    assert warnings(later.people, MISSION, WORLD) == ()
+
+
+def test_who_is_to_hold_the_robot_up_is_on_the_way_when_it_sets_off() -> None:
+    moving = 0
+    for seed in range(10):
+        found = scenario(seed, requirement=TIMELY)
+        for human in found.people.humans:
+            whole = at_places(human.tasks)
+            if whole == human.tasks or human.group is not None:
+                continue
+            moving += 1
+            begin = human.tasks[0].path[0]
+            assert begin in whole[0].path[1:-1]
+            assert begin not in told_places(found.description)
+            assert all(a.path[-1] == b.path[0] for a, b in zip(whole, [*whole[1:], whole[0]], strict=True))
+    assert moving >= 5
+
+
+def test_two_people_may_work_hand_in_hand_to_hold_the_robot_up() -> None:
+    pairs = 0
+    for seed in range(12):
+        found = scenario(seed, requirement=TIMELY)
+        first, second = found.people.humans
+        assert first.factors == second.factors == ForceFactors()
+        if second.group is None:
+            assert "hand in hand" not in found.description
+            continue
+        pairs += 1
+        assert first.group == second.group
+        assert (first.speed_m_s, first.start_delay_s) == (second.speed_m_s, second.start_delay_s)
+        assert "Human 2 works hand in hand with Human 1" in found.description
+    assert 1 <= pairs < 12
+
+
+def test_refinements_keep_a_pair_together_or_part_it() -> None:
+    kept, parted = 0, 0
+    for seed in range(3):
+        found = scenario(seed, requirement=TIMELY)
+        for index in range(1, 7):
+            feedback = Feedback(scenario=found, objectives=(1.0,), mean=1.0, interval=(1.0, 1.0))
+            brief = {"requirement": TIMELY, "kind": "refine", "feedback": feedback, "configuration_index": index}
+            later = scenario(seed, **brief)
+            groups = [human.group for human in later.people.humans]
+            assert groups[0] == groups[1]
+            if groups[0] is not None:
+                kept += 1
+                assert len({(h.speed_m_s, h.start_delay_s) for h in later.people.humans}) == 1
+                assert later.description.count("hand in hand") == 1
+            else:
+                parted += 1
+                assert "hand in hand" not in later.description
+            found = later
+    assert kept and parted
+
+
+def told_places(description: str) -> list[str]:
+    return re.findall(r"[A-M][0-9]+", description)
+
+
+def test_some_people_do_not_step_aside_and_only_where_it_matters() -> None:
+    def heedless(requirement: Requirement | None) -> int:
+        return sum(
+            human.behaviour is Behaviour.IMPASSIVE
+            for seed in range(5)
+            for human in scenario(seed, requirement=requirement).people.humans
+        )
+
+    assert heedless(DISTANCE) == heedless(None) == 0
+    assert 1 <= heedless(SMOOTH) < 10
+    assert 1 <= heedless(TIMELY) < 10
+
+
+def test_a_provoking_person_is_asked_for_told_of_and_kept() -> None:
+    provoking = HeuristicGenerator(tries=5, changes=10, provoking=True)
+    brief = Brief(mission=MISSION, requirement=SMOOTH, seed=1)
+    found = provoking.propose(brief, WORLD).scenario
+    assert found is not None
+    assert [h.behaviour is Behaviour.THREATENING for h in found.people.humans] == [True, False]
+    assert "steps in front of the robot" in found.description
+    for index in range(1, 5):
+        feedback = Feedback(scenario=found, objectives=(1.0,), mean=1.0, interval=(1.0, 1.0))
+        later = provoking.propose(brief.replace(kind="refine", feedback=feedback, configuration_index=index), WORLD)
+        assert later.scenario is not None
+        found = later.scenario
+        assert found.people.humans[0].behaviour is Behaviour.THREATENING
+    blind = provoking.propose(brief.replace(requirement=None), WORLD).scenario
+    assert blind is not None
+    assert blind.people.humans[0].behaviour is Behaviour.REGULAR
 
 
 def test_an_unguided_brief_is_not_aimed() -> None:

@@ -24,7 +24,7 @@ from rvsg.generation.generator import Generator
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.requirements import load_requirement
 from rvsg.scenario.scenario import Mission, Scenario
-from rvsg.scenario.validity import check
+from rvsg.scenario.validity import check, warnings
 from rvsg.simulation.simulator import Simulator
 from rvsg.world.load import load_world
 from rvsg.world.space import robot_space
@@ -160,12 +160,14 @@ def world_of(scenario: Scenario, instead: str | None) -> World:
     return world
 
 
-def check_scenario(scenario: Scenario, world: World) -> None:
-    """Refuse a scenario that breaks a rule, with every finding: nothing invalid reaches a simulator."""
+def check_scenario(scenario: Scenario, world: World) -> tuple[str, ...]:
+    """Refuse a scenario that breaks a rule, with every finding: nothing invalid reaches a simulator. What is only
+    doubtful is returned in words."""
     check_start(scenario.mission.route, world)
     findings = check(scenario.people, scenario.mission, world)
     if findings:
         raise InvalidScenario("The scenario is not valid:", [str(finding) for finding in findings])
+    return tuple(f"warning: {finding}" for finding in warnings(scenario.people, scenario.mission, world))
 
 
 def generator_options(config: CampaignConfig) -> dict[str, Any]:

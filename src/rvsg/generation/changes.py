@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 from rvsg.generation.aims import Aim
 from rvsg.generation.places import Place
-from rvsg.generation.work import ROLES, Stop, Workforce
+from rvsg.generation.work import HEEDLESS_AIMS, ROLES, UNDERWAY, Stop, Workforce, at_places, ends_of
 from rvsg.scenario.brief import Feedback
-from rvsg.scenario.scenario import Human, Pause, Task
+from rvsg.scenario.scenario import Behaviour, Human, Pause, Task
 
 Change = Callable[["Changing", Human], tuple[Human, str] | None]
 
@@ -31,8 +31,10 @@ class Changing:
 
     def once(self, human: Human) -> tuple[Human, str] | None:
         """One random change and its words; None where it is not possible for this person."""
-        change, *_ = (self.work.pick(_CHANGES, [weight for _, weight in _CHANGES]),)
-        return change[0](self, human)
+        special = tuple((change, weight) for change, aims, weight in _SPECIAL if self.work.aim in aims)
+        changes = (*_CHANGES, *special)
+        change, _ = self.work.pick(changes, [weight for _, weight in changes])
+        return change(self, human)
 
     def place_of(self, waypoint: str) -> Place | None:
         """The place a waypoint belongs to."""
@@ -42,8 +44,8 @@ class Changing:
         """Where a person's tasks start; None where one does not start at a place."""
         by_name = {place.name: place for place in self.work.places}
         stops = []
-        for task in human.tasks:
-            name = task.start_area or task.name.split("→")[0].strip()
+        for task in at_places(human.tasks):
+            name = task.start_area or ends_of(task)[0]
             place = by_name.get(name) or self.place_of(task.path[0])
             if place is None or task.path[0] not in place.waypoints:
                 return None
@@ -59,7 +61,8 @@ class Changing:
         kept = tuple(
             task.model_copy(update={"pauses": tuple(p for p in pauses if p.at in task.path[1:])}) for task in tasks
         )
-        return human.model_copy(update={"tasks": kept})
+        changed = human.model_copy(update={"tasks": kept})
+        return self.work.underway(changed) if at_places(human.tasks) != human.tasks else changed
 
 
 def _delay(changing: Changing, human: Human) -> tuple[Human, str]:
@@ -146,7 +149,24 @@ def _anew(changing: Changing, human: Human) -> tuple[Human, str] | None:
     changed = changing.work.human(human.name, role)
     if changed is None:
         return None
-    return changed.model_copy(update={"factors": human.factors}), role.doing
+    kept: dict[str, object] = {"factors": human.factors}
+    if human.behaviour is Behaviour.THREATENING:
+        kept["behaviour"] = human.behaviour
+    return changed.model_copy(update=kept), role.doing
+
+
+def _elsewhere(changing: Changing, human: Human) -> tuple[Human, str] | None:
+    changed = changing.work.underway(human)
+    at = changed.tasks[0].path[0]
+    return (changed, f"is already at {at} when the robot sets off") if changed != human else None
+
+
+def _heedless(changing: Changing, human: Human) -> tuple[Human, str] | None:
+    if human.behaviour is Behaviour.THREATENING:
+        return None
+    if human.behaviour is Behaviour.IMPASSIVE:
+        return human.model_copy(update={"behaviour": Behaviour.REGULAR}), "steps aside for the robot"
+    return human.model_copy(update={"behaviour": Behaviour.IMPASSIVE}), "does not step aside for the robot"
 
 
 def _with_task(human: Human, index: int, task: Task) -> Human:
@@ -164,3 +184,8 @@ _CHANGES: tuple[tuple[Change, float], ...] = (
     (_shortened, 1.0),
     (_anew, 0.5),
 )
+_SPECIAL: tuple[tuple[Change, frozenset[Aim], float], ...] = (
+    (_elsewhere, frozenset(UNDERWAY), 1.0),
+    (_heedless, frozenset(HEEDLESS_AIMS), 0.5),
+)
+"""Changes for some aims only."""

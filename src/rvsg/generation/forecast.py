@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from rvsg.generation.ground import Ground, Point
 from rvsg.scenario.brief import Feedback
-from rvsg.scenario.scenario import Human
+from rvsg.scenario.scenario import Behaviour, Human
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
@@ -168,6 +168,7 @@ class _People:
         self.p = self.goals[:, :, 0].copy()
         self.v = np.zeros_like(self.p)
         self.speed = np.array([[h.speed_m_s for h in humans] for humans in variants]) * paces[:, None]
+        self.heeds = np.array([[h.behaviour is not Behaviour.IMPASSIVE for h in humans] for humans in variants])
         self.wait = np.array([[h.start_delay_s for h in humans] for humans in variants]) + self.stops[:, :, 0]
         self.next = np.minimum(1, self.count - 1)
         self._rows = np.ix_(range(shape[0]), range(shape[1]))
@@ -180,9 +181,8 @@ class _People:
         length = np.abs(way)
         arrived = (length <= ARRIVES_AT_M) & ~waiting
         pull = way * (self.speed / np.maximum(length, 1e-6))
-        all_p = np.concatenate([self.p, robot[:, None]], axis=1)
-        all_v = np.concatenate([self.v, robot_v[:, None]], axis=1)
-        force = (pull - self.v) * (GOAL_WEIGHT / RELAXATION_S) + push(self.p, self.v, all_p, all_v)
+        force = (pull - self.v) * (GOAL_WEIGHT / RELAXATION_S) + push(self.p, self.v, self.p, self.v)
+        force = force + self.heeds * push(self.p, self.v, robot[:, None], robot_v[:, None])
         v = self.v + force * STEP_S
         v /= np.maximum(np.abs(v) / self.speed, 1.0)
         self.v = np.where(arrived | waiting, 0.0, v)

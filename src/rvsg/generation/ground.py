@@ -30,6 +30,7 @@ class Ground:
             for name, others in grid.neighbours.items()
         }
         self._came: dict[tuple[str, bool], dict[str, str]] = {}
+        self._along: dict[str, tuple[float, float]] = {}
         self.robot_path = _robot_path(world, route)
         self.corridor = frozenset(name for name in self.hops if self.along(name)[1] < 0.7)
 
@@ -68,7 +69,9 @@ class Ground:
 
     def along(self, name: str) -> tuple[float, float]:
         """Where a waypoint lies against the robot's route: metres along it to the nearest point, metres away."""
-        return nearest_on(self.robot_path, self.at[name])
+        if name not in self._along:
+            self._along[name] = nearest_on(self.robot_path, self.at[name])
+        return self._along[name]
 
 
 _KEPT = 8

@@ -22,28 +22,35 @@ from rvsg.generation.ground import ground_of
 from rvsg.generation.places import Place, places_of
 from rvsg.generation.seeding import rng_of
 from rvsg.generation.telling import retold, told
-from rvsg.generation.work import Role, Workforce
+from rvsg.generation.work import HAND_IN_HAND, Workforce
 from rvsg.scenario.brief import Brief, Feedback, Remembered
-from rvsg.scenario.scenario import Human, HumanConfiguration, Task
-from rvsg.scenario.validity.checker import spawn_finding
+from rvsg.scenario.scenario import Behaviour, Human, HumanConfiguration, Task
+from rvsg.scenario.validity.checker import spawn_finding, start_gap_m
+from rvsg.scenario.validity.rules import START_CLEARANCE_M
 from rvsg.scenario.validity.sides import parts_of
 from rvsg.world.world import World
 
 AIMED = 8
 """So many people are aimed; in a larger crowd the others simply work."""
+MATES = {Aim.DELAY: 0.4}
+"""How often somebody is drawn as a mate of the person before, by the aim: two people hold a robot up twice as much."""
 
 
 class HeuristicGenerator:
     """Plans people's work from the map, the route and what was measured. Deterministic: the brief's seed draws.
 
     `tries` people are drawn for every one that is kept, `changes` variants for every refinement. `individuals`: as
-    in the study, everybody but the first draws the weights of their forces anew at every launch.
+    in the study, everybody but the first draws the weights of their forces anew at every launch; not where people are
+    to hold the robot up, for a delay that hangs on those weights does not come back. `provoking`: the first
+    person steps in front of the robot when it is near (HuNavSim's threatening behaviour), a misuse to be foreseen.
     """
 
-    def __init__(self, *, tries: int = 60, changes: int = 120, individuals: bool = True) -> None:
+    def __init__(
+        self, *, tries: int = 60, changes: int = 120, individuals: bool = True, provoking: bool = False
+    ) -> None:
         if tries < 1 or changes < 1:
             raise ValueError(f"expected at least one try and one change, got {tries} and {changes}")
-        self.tries, self.changes, self.individuals = tries, changes, individuals
+        self.tries, self.changes, self.individuals, self.provoking = tries, changes, individuals, provoking
 
     @property
     def name(self) -> str:
@@ -56,7 +63,7 @@ class HeuristicGenerator:
         places = places_of(world, reachable_from=route.start)
         if len({name for place in places for name in place.waypoints}) < 2:
             return nowhere_to_walk(world, generator=self.name)
-        plan = _Plan(brief, world, places, rng_of(brief, self.name), self.individuals)
+        plan = _Plan(brief, world, places, rng_of(brief, self.name), self.individuals, self.provoking)
         if brief.kind == "refine" and brief.feedback is not None and plan.refinable(brief.feedback):
             humans, reasoning, words = plan.refined(self.changes)
             description = retold(brief.feedback.scenario, humans, words, world)
@@ -81,6 +88,7 @@ class _Plan:
     places: tuple[Place, ...]
     rng: np.random.Generator
     individuals: bool
+    provoking: bool
     roles: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -98,6 +106,9 @@ class _Plan:
         for index in range(self.brief.humans):
             aimed = self.aim is not Aim.NONE and index < AIMED
             humans.append(self._best(index, humans, tries if aimed else 1))
+            if self.provoking and aimed and not index:
+                humans[0] = humans[0].model_copy(update={"behaviour": Behaviour.THREATENING})
+                self.roles[humans[0].name] += ", and steps in front of the robot to see what it does"
         if self.aim is Aim.NONE:
             return humans, "Unguided: people do the work of the place; nothing was aimed at the robot's route."
         differs = f" Avoided what {len(self.brief.memory)} earlier scenarios worked at." if self.brief.memory else ""
@@ -108,13 +119,12 @@ class _Plan:
 
     def _best(self, index: int, humans: list[Human], tries: int) -> Human:
         """The most promising of the people drawn beside those before; nobody who would start on somebody else."""
-        drawn: list[tuple[Human, Role]] = []
+        drawn: list[tuple[Human, str]] = []
         unclear: Human | None = None
         for _ in range(20 * tries + 100):
-            role = self.work.role()
-            human = self.work.human(f"Human {index + 1}", role)
+            human, doing = self._drawn(f"Human {index + 1}", humans)
             if human is not None and self._clear(human, humans):
-                drawn.append((human, role))
+                drawn.append((human, doing))
                 if len(drawn) == tries:
                     break
             else:
@@ -122,11 +132,20 @@ class _Plan:
         if len(drawn) > 1:
             forecasts = self.forecaster.compare([[*humans, human] for human, _ in drawn])
             best = max(range(len(drawn)), key=lambda k: promise(self.aim, forecasts[k]))
-            chosen, doing = drawn[best][0], drawn[best][1].doing
+            chosen, doing = drawn[best]
         else:
-            chosen, doing = (drawn[0][0], drawn[0][1].doing) if drawn else (unclear or self._anybody(index), "works")
+            chosen, doing = drawn[0] if drawn else (unclear or self._anybody(index), "works")
         self.roles[chosen.name] = doing
+        if chosen.group is not None:  # the other one of the two joins what was begun for both
+            humans[-1] = humans[-1].model_copy(update={"group": chosen.group})
         return self._individual(chosen, index)
+
+    def _drawn(self, name: str, humans: list[Human]) -> tuple[Human | None, str]:
+        """Somebody with work of their own, or, where people are to hold the robot up, a mate of the one before."""
+        if humans and humans[-1].group is None and self.rng.random() < MATES.get(self.aim, 0.0):
+            return self.work.mate(name, humans[-1], len(humans)), f"{HAND_IN_HAND} {humans[-1].name}"
+        role = self.work.role()
+        return self.work.human(name, role), role.doing
 
     def _anybody(self, index: int) -> Human:
         """Somebody between the first two joined waypoints, where no work could be drawn."""
@@ -139,11 +158,14 @@ class _Plan:
         return Human(name=f"Human {index + 1}", tasks=tasks, speed_m_s=1.0)
 
     def _individual(self, human: Human, index: int) -> Human:
-        return human.model_copy(update={"factors": "random_normal"}) if self.individuals and index else human
+        differs = self.individuals and index and self.aim is not Aim.DELAY
+        return human.model_copy(update={"factors": "random_normal"}) if differs else human
 
     def _clear(self, human: Human, others: list[Human]) -> bool:
         placed = [(other, self.ground.at[other.tasks[0].path[0]]) for other in others]
         at = self.ground.at[human.tasks[0].path[0]]
+        if start_gap_m(human.radius_m, at, self.brief.mission) < START_CLEARANCE_M:
+            return False
         return spawn_finding(human, at, placed, self.brief.mission, self.world) is None
 
     def description(self, humans: list[Human]) -> str:
@@ -191,6 +213,7 @@ class _Plan:
         changing = Changing.after(self.work, feedback)
         drawn = (self._variant(base, changing) for _ in range(1 if self.aim is Aim.NONE else variants))
         options = [(humans, words) for humans, words in drawn if humans != base]
+        options = [o for o in options if all(self._clear(h, []) for h in o[0])] or options
         if not options:
             return base, "No change was possible; the configuration is proposed again.", []
         forecasts = fitted.compare([base[aimed], *(humans[aimed] for humans, _ in options)])
@@ -206,17 +229,49 @@ class _Plan:
         )
         return humans, reasoning, words
 
+    def _as_mate(self, humans: list[Human], index: int) -> tuple[Human, str] | None:
+        """Now and then, and only where people are to hold the robot up: the person as a mate of another."""
+        if len(humans) < 2 or self.rng.random() >= 0.2 * MATES.get(self.aim, 0.0):
+            return None
+        other = humans[index - 1]
+        if other.group is not None or humans[index].group is not None:
+            return None
+        group = 1 + max((h.group for h in humans if h.group is not None), default=0)
+        mate = self.work.mate(humans[index].name, other, group)
+        if mate is None:
+            return None
+        return mate.model_copy(update={"factors": humans[index].factors}), f"{HAND_IN_HAND} {other.name}"
+
     def _variant(self, base: list[Human], changing: Changing) -> tuple[list[Human], list[str]]:
         """One to three small changes that leave everybody a clear start."""
         humans, words = list(base), []
         for _ in range(int(self.rng.integers(1, 4))):
             index = int(self.rng.integers(len(humans)))
-            changed = changing.once(humans[index])
+            changed = self._as_mate(humans, index) or changing.once(humans[index])
             if changed is None or not self._clear(changed[0], humans[:index] + humans[index + 1 :]):
                 continue
-            humans[index] = changed[0]
+            humans = _together(humans, index, changed[0])
             words.append(f"{changed[0].name} {changed[1]}")
         return humans, words
+
+
+def _together(humans: list[Human], index: int, changed: Human) -> list[Human]:
+    """Everybody with one person changed: a mate makes a group with the one before; who is in a group keeps its pace
+    and time, or leaves it for other work."""
+    old, result = humans[index], list(humans)
+    result[index] = changed
+    if changed.group != old.group:
+        if changed.group is not None:
+            result[index - 1] = result[index - 1].model_copy(update={"group": changed.group})
+    elif old.group is None:
+        return result
+    elif changed.tasks == old.tasks:
+        pace = {"speed_m_s": changed.speed_m_s, "start_delay_s": changed.start_delay_s}
+        return [h.model_copy(update=pace) if h.group == old.group else h for h in result]
+    else:
+        result[index] = changed.model_copy(update={"group": None})
+    sizes = Counter(h.group for h in result)
+    return [h.model_copy(update={"group": None}) if h.group is not None and sizes[h.group] < 2 else h for h in result]
 
 
 def _uses(memory: tuple[Remembered, ...], world: World) -> dict[str, int]:

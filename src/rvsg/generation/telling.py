@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 
-from rvsg.generation.work import ROLES
+from rvsg.generation.work import HAND_IN_HAND, ROLES, at_places
 from rvsg.scenario.scenario import Human, Scenario
 from rvsg.scenario.validity.sides import parts_of
 from rvsg.world.world import World
@@ -34,9 +34,13 @@ def retold(before: Scenario, humans: Sequence[Human], changes: Sequence[str], wo
     for human in humans[:TOLD_APART]:
         was, where = known.get(human.name), _where(human, world)
         doing = next((r.doing for r in reversed(ROLES) if f"{human.name} {r.doing}" in changes), None)
+        mate = f"{human.name} {HAND_IN_HAND}"
+        doing = next((c.removeprefix(f"{human.name} ") for c in reversed(changes) if c.startswith(mate)), doing)
+        found = _found(description, was, world) if was is not None else None
+        if human.group is None and found is not None and found[1].startswith(HAND_IN_HAND):
+            doing = doing if doing and not doing.startswith(HAND_IN_HAND) else "works"
         if before.description and was is not None and doing is None and _where(was, world) == where:
             continue
-        found = _found(description, was, world) if was is not None else None
         if found is None:
             added.append(f"{human.name} {doing or 'works'}: {where}")
         else:
@@ -58,5 +62,5 @@ def _found(description: str, human: Human, world: World) -> re.Match[str] | None
 
 
 def _where(human: Human, world: World) -> str:
-    stops = list(dict.fromkeys(parts_of(task.name, world)[0] for task in human.tasks))
+    stops = list(dict.fromkeys(parts_of(task.name, world)[0] for task in at_places(human.tasks)))
     return f"{', '.join(stops[:-1])} and {stops[-1]}" if len(stops) > 1 else stops[0]

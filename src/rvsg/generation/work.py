@@ -16,10 +16,16 @@ import numpy as np
 from rvsg.generation.aims import Aim
 from rvsg.generation.ground import Ground
 from rvsg.generation.places import Place
-from rvsg.scenario.scenario import ForceFactors, Human, Pause, Task
+from rvsg.scenario.scenario import Behaviour, ForceFactors, Human, Pause, Task
 
 T = TypeVar("T")
+ARROW = "→"
+HAND_IN_HAND = "works hand in hand with"
 
+HEEDLESS_AIMS = (Aim.MEET, Aim.DISTURB, Aim.DELAY)
+"""For these aims some people do not step aside for the robot; for nearness it makes no measurable difference."""
+UNDERWAY = {Aim.DELAY: 0.7}
+"""How often a person is already on the way when the robot sets off, by the aim."""
 REACH_M = 2.0
 """Places this far from the robot's route are drawn 1/e as often as those beside it."""
 
@@ -27,7 +33,8 @@ REACH_M = 2.0
 @dataclass(frozen=True, kw_only=True)
 class Role:
     """A way of working. Speeds m/s, delays and pauses s. `far`: between places apart along the robot's route, not
-    side by side; `weights`: how often it is tried for an aim."""
+    side by side; `heedless`: how often such a person does not step aside for a robot (HuNavSim's impassive
+    behaviour); `weights`: how often it is tried for an aim."""
 
     name: str
     doing: str
@@ -35,6 +42,7 @@ class Role:
     delays: tuple[float, float] = (0.0, 4.0)
     pauses: tuple[float, float] | None = None
     far: bool = True
+    heedless: float = 0.0
     weights: dict[Aim, float]
 
 
@@ -43,12 +51,14 @@ ROLES = (
         name="trolley",
         doing="pushes a loaded trolley at a slow walk",
         speeds=(0.5, 0.75),
+        heedless=0.5,
         weights={Aim.SHARE: 4, Aim.MEET: 1, Aim.DISTURB: 1, Aim.DELAY: 3, Aim.NONE: 1},
     ),
     Role(
         name="carrier",
         doing="carries goods at a brisk walk",
         speeds=(1.0, 1.5),
+        heedless=0.3,
         weights={Aim.SHARE: 3, Aim.MEET: 4, Aim.DISTURB: 3, Aim.DELAY: 2, Aim.NONE: 1},
     ),
     Role(
@@ -64,6 +74,13 @@ ROLES = (
         speeds=(0.8, 1.4),
         far=False,
         weights={Aim.SHARE: 2, Aim.MEET: 3, Aim.DISTURB: 4, Aim.DELAY: 1, Aim.NONE: 1},
+    ),
+    Role(
+        name="mover",
+        doing="moves a heavy load step by step",
+        speeds=(0.35, 0.5),
+        heedless=0.7,
+        weights={Aim.SHARE: 0, Aim.MEET: 0, Aim.DISTURB: 0, Aim.DELAY: 4, Aim.NONE: 0},
     ),
 )
 
@@ -97,14 +114,64 @@ class Workforce:
         tasks = self.tasks(stops, along_route=role.far and self.aim is not Aim.NONE)
         if not tasks:
             return None
+        heedless = self.aim in HEEDLESS_AIMS and self.rng.random() < role.heedless
         human = Human(
             name=name,
             tasks=tasks,
+            behaviour=Behaviour.IMPASSIVE if heedless else Behaviour.REGULAR,
             speed_m_s=round(float(self.rng.uniform(*role.speeds)), 2),
             start_delay_s=round(float(max(0.0, self.rng.uniform(*role.delays) - 1.0)), 1),
             factors=ForceFactors(),
         )
-        return self.pausing(human, role.pauses) if role.pauses else human
+        if role.pauses:
+            human = self.pausing(human, role.pauses)
+        on_the_way = self.aim in UNDERWAY and self.rng.random() < UNDERWAY[self.aim]
+        return self.underway(human) if on_the_way else human
+
+    def underway(self, human: Human) -> Human:
+        """The person already on the way through one of the tasks, sooner where that way is the robot's: the cycle
+        begins there, and ends there with the rest of the task."""
+        tasks = at_places(human.tasks)
+        inner = [(k, at) for k, task in enumerate(tasks) for at in range(1, len(task.path) - 1)]
+        if not inner:
+            return human
+        weights = [math.exp(-self.ground.along(tasks[k].path[at])[1] / 0.5) for k, at in inner]
+        if not sum(weights):
+            return human
+        k, at = self.pick(inner, weights)
+        task, here = tasks[k], tasks[k].path[at]
+        start, end = ends_of(task)
+        first = Task(name=f"{here} {ARROW} {end}", path=task.path[at:])
+        last = Task(name=f"{start} {ARROW} {here}", path=task.path[: at + 1])
+        split = tuple(
+            part.model_copy(update={"pauses": tuple(p for p in task.pauses if p.at in part.path[1:])})
+            for part in (first, last)
+        )
+        rounds = (split[0], *tasks[k + 1 :], *tasks[:k], split[1])
+        return human.model_copy(update={"tasks": rounds})
+
+    def mate(self, name: str, other: Human, group: int) -> Human | None:
+        """Somebody who works hand in hand with another: the same tasks at the same time, from a start beside or
+        before the other's. None where there is no such start."""
+        begins = other.tasks[0].path[0]
+        starts = [hop for hop, _ in self.ground.hops[begins]]
+        if not starts:
+            return None
+        here = self.pick(starts, [math.exp(-self.ground.along(start)[1] / 0.5) + 1e-9 for start in starts])
+        first, last = other.tasks[0], other.tasks[-1]
+        out, back = self.ground.path(here, first.path[-1]), self.ground.path(last.path[0], here)
+        if len(other.tasks) < 2 or out is None or back is None or len(out) < 2 or len(back) < 2:
+            return None
+        end, start = ends_of(first)[1], ends_of(last)[0]
+        joined = (
+            Task(name=f"{here} {ARROW} {end}", path=out, pauses=tuple(p for p in first.pauses if p.at in out[1:])),
+            *other.tasks[1:-1],
+            Task(name=f"{start} {ARROW} {here}", path=back, pauses=tuple(p for p in last.pauses if p.at in back[1:])),
+        )
+        changes = {"name": name, "tasks": joined, "group": group, "factors": ForceFactors()}
+        if other.behaviour is Behaviour.THREATENING:
+            changes["behaviour"] = Behaviour.REGULAR
+        return other.model_copy(update=changes)
 
     def stops(self, role: Role) -> list[Stop]:
         """Two to four places to go round."""
@@ -147,7 +214,7 @@ class Workforce:
             path = self.ground.path(a.waypoint, b.waypoint, along_route=along_route)
             if path is None or len(path) < 2:
                 return ()
-            tasks.append(Task(name=f"{a.place.name} → {b.place.name}", path=path))
+            tasks.append(Task(name=f"{a.place.name} {ARROW} {b.place.name}", path=path))
         return tuple(tasks) if len(tasks) > 1 else ()
 
     def pausing(self, human: Human, seconds: tuple[float, float]) -> Human:
@@ -165,3 +232,19 @@ class Workforce:
         """One of the options, drawn by weight."""
         shares = np.asarray(weights, float)
         return options[int(self.rng.choice(len(options), p=shares / shares.sum()))]
+
+
+def at_places(tasks: tuple[Task, ...]) -> tuple[Task, ...]:
+    """The cycle of tasks from place to place again, where it begins on the way through one of them."""
+    first, last = tasks[0], tasks[-1]
+    (begin, end), (start, close) = ends_of(first), ends_of(last)
+    if len(tasks) < 3 or not begin == close == first.path[0]:
+        return tasks
+    path, pauses = (*last.path, *first.path[1:]), (*last.pauses, *first.pauses)
+    return (Task(name=f"{start} {ARROW} {end}", path=path, pauses=pauses), *tasks[1:-1])
+
+
+def ends_of(task: Task) -> tuple[str, str]:
+    """From where to where a task goes, by its name, else by its path."""
+    sides = [side.strip() for side in task.name.split(ARROW)]
+    return (sides[0], sides[1]) if len(sides) == 2 else (task.path[0], task.path[-1])

@@ -48,6 +48,7 @@ def propose(
     from rvsg.app.records import read_record, write_text
     from rvsg.app.wiring import wire
     from rvsg.scenario.brief import Brief, Feedback
+    from rvsg.scenario.validity import warnings
 
     given = {
         "world": world,
@@ -91,6 +92,9 @@ def propose(
         say(f"  repaired: {repair.human}, {repair.task}: {repair.what}")
     for problem in proposal.problems:
         say(f"  left: {problem}")
+    if proposal.scenario is not None:
+        for doubtful in warnings(proposal.scenario.people, proposal.scenario.mission, wired.world):
+            say(f"  warning: {doubtful}")
     if proposal.calls:
         say(told_calls(proposal.calls))
         if unusable := told_unusable(proposal.calls):

@@ -38,7 +38,8 @@ def simulate(
 
     asked = read_scenario(scenario)
     place = world_of(asked, world)
-    check_scenario(asked, place)
+    for doubtful in check_scenario(asked, place):
+        say(doubtful)
     made = plugins.make("simulator", simulator, pairs("simulator", simulator_option))
     prepare = getattr(made, "prepare", None)
     if prepare is not None:

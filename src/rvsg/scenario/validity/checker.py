@@ -10,7 +10,7 @@ from itertools import pairwise
 
 from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Task
 from rvsg.scenario.validity.findings import Finding
-from rvsg.scenario.validity.rules import MAX_HUMANS, ROBOT_RADIUS_M, SPEED_RANGE_M_S
+from rvsg.scenario.validity.rules import MAX_HUMANS, ROBOT_RADIUS_M, SPEED_RANGE_M_S, START_CLEARANCE_M
 from rvsg.scenario.validity.sides import Side, near_place, sides, spelled
 from rvsg.world.space import human_space, robot_space
 from rvsg.world.world import World
@@ -24,6 +24,33 @@ def check(people: HumanConfiguration, mission: Mission, world: World) -> tuple[F
         *(finding for human in people.humans for finding in human_findings(human, world)),
         *spawn_findings(people, mission, world),
     )
+
+
+def warnings(people: HumanConfiguration, mission: Mission, world: World) -> tuple[Finding, ...]:
+    """What is unlikely to be meant but is simulated all the same: who starts hard by the robot."""
+    found = []
+    for human in people.humans:
+        path = human.tasks[0].path
+        if not path or path[0] not in world.grid.valid:
+            continue
+        gap = start_gap_m(human.radius_m, world.grid.position(path[0]), mission)
+        if 0.0 <= gap < START_CLEARANCE_M:
+            near = Finding(
+                rule="spawn-near-robot",
+                human=human.name,
+                task=human.tasks[0].name,
+                position=0,
+                reason=f"The start is only {gap:.2f} m from the robot, edge to edge.",
+                suggestion=f"Keep {START_CLEARANCE_M:g} m.",
+            )
+            found.append(near)
+    return tuple(found)
+
+
+def start_gap_m(radius_m: float, at: tuple[float, float], mission: Mission) -> float:
+    """Metres between the robot at its start and a person standing at a point, edge to edge; negative: they overlap."""
+    robot = mission.route.start
+    return math.dist(at, (robot.x, robot.y)) - ROBOT_RADIUS_M - radius_m
 
 
 def human_findings(human: Human, world: World) -> Iterator[Finding]:
