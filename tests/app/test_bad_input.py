@@ -276,3 +276,16 @@ def test_a_replay_folder_without_a_call_says_whether_the_file_is_missing_or_brok
     assert main(["run", *SMALL[:2], "--replay", str(tmp_path), "--out", str(tmp_path / "out")]) == 2
     assert told in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+def test_a_report_of_imported_results_names_the_tables(refused, tmp_path: Path) -> None:
+    with SqliteLedger(tmp_path / "ledger.sqlite") as ledger:
+        ledger.begin("distance/route_1/0", {"imported": "here"})
+    told = refused("report", ".")
+    assert "imported results" in told and "--tables" in told
+
+
+def test_a_ranking_says_what_inconclusive_means(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", *SMALL, "--out", str(tmp_path / "one")]) == 0
+    told = " ".join(capsys.readouterr().err.split())
+    assert "INCONCLUSIVE: too few runs for a verdict; even if all violate it takes 15" in told

@@ -163,6 +163,58 @@ def test_a_campaign_from_before_attempts_were_abreast_goes_on_one_by_one(tmp_pat
     assert records(out) == before
 
 
+def reworded(ledger_file: Path, **changes: object) -> None:
+    """As if the requirement had been other when the campaign was begun."""
+    connection = sqlite3.connect(ledger_file)
+    (text,) = connection.execute("SELECT settings FROM campaigns").fetchone()
+    settings = json.loads(text)
+    settings["plan"]["requirement"] |= changes
+    connection.execute("UPDATE campaigns SET settings = ?", (json.dumps(settings),))
+    connection.execute("DELETE FROM attempts WHERE position > 3")
+    connection.commit()
+    connection.close()
+
+
+def test_a_campaign_whose_requirement_is_worded_otherwise_today_is_resumed_in_its_words(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, study = tmp_path / "one", [*SMALL, "--strategy", "study"]
+    main(["run", *study, "--out", str(out)])
+    verdicts = [json.loads(text)["verdict"] for text in records(out) if text.startswith("{")]
+    reworded(out / LEDGER, text="Mind the people.", title="Keep off")
+    assert main(["run", "--out", str(out)]) == 0
+    assert "worded otherwise today (title, text)" in capsys.readouterr().err
+    resumed = [json.loads(text) for text in records(out) if text.startswith("{")]
+    assert [attempt["verdict"] for attempt in resumed] == verdicts
+    assert {a["brief"]["requirement"]["text"] for a in resumed[4:6]} == {"Mind the people."}
+
+
+@pytest.mark.parametrize("change", [{"limit": 1.3}, {"metric": "min_distance"}, {"worse": "larger"}])
+def test_a_campaign_whose_requirement_judges_otherwise_today_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], change: dict[str, object]
+) -> None:
+    out = tmp_path / "one"
+    main(["run", *SMALL, "--out", str(out)])
+    reworded(out / LEDGER, **change)
+    assert main(["run", "--out", str(out)]) == 2
+    assert f"plan.requirement.{next(iter(change))}" in capsys.readouterr().err
+
+
+def test_a_campaign_that_never_got_to_an_attempt_is_not_told_to_have_zero(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "one"
+    main(["run", *SMALL, "--out", str(out)])
+    connection = sqlite3.connect(out / LEDGER)
+    connection.execute("DELETE FROM attempts")
+    connection.commit()
+    connection.close()
+    capsys.readouterr()
+    assert main(["run", "--out", str(out)]) == 0
+    told = capsys.readouterr().err
+    assert "Beginning again" in told and "0 attempts" not in told
+
+
 def test_two_processes_do_not_share_a_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     from rvsg.app.folder import alone_in, make_folder
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shlex
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +29,9 @@ from rvsg.simulation.simulator import Simulator
 from rvsg.world.load import load_world
 from rvsg.world.space import robot_space
 from rvsg.world.world import Route, World
+
+WORDS = ("title", "text", "unit", "measured_as", "source")
+"""What of a requirement is said and decides no verdict."""
 
 VLM_OPTIONS = (
     *("model", "base_url", "conversation", "prompts", "replay"),
@@ -56,6 +59,22 @@ class Wired:
             "plan": self.plan.model_dump(mode="json"),
             "simulator": {"name": self.simulator.name, "options": dict(self.simulator.options)},
         }
+
+    def in_words_of(self, stored: dict[str, Any], tell: Callable[[str], None]) -> Wired:
+        """This campaign with the words its requirement had when it was begun, where what it measures is the same.
+
+        Words decide no verdict, but a model reads them and records hold them: a campaign keeps those it was begun with.
+        """
+        now = self.plan.requirement
+        try:
+            then = Requirement.model_validate(stored["plan"]["requirement"])
+        except (KeyError, TypeError, ValidationError):
+            return self
+        if then == now or then.replace(**{word: getattr(now, word) for word in WORDS}) != now:
+            return self
+        changed = ", ".join(word for word in WORDS if getattr(then, word) != getattr(now, word))
+        tell(f"{now.name} is worded otherwise today ({changed}); this campaign keeps the words it was begun with.")
+        return replace(self, plan=self.plan.replace(requirement=then))
 
     def strategy(self, ledger: Any) -> Strategy:
         """A fresh strategy that reads its feedback from the ledger."""

@@ -133,6 +133,8 @@ def find(from_file: dict[str, Any], given: dict[str, Any]) -> tuple[Wired, Summa
     if stored is not None:
         config = effective(stored["config"] | kept_by, from_file, given)
     wired = wire(config)
+    if stored is not None:
+        wired = wired.in_words_of(stored, say)
     _no_model_options_in_vain(config, given)
     make_folder(folder)
     with alone_in(folder), opened(folder, config.store, config.store_options) as ledger:
@@ -231,7 +233,8 @@ def _work(wired: Wired, ledger: Any, folder: Path, *, resumed: bool) -> list[Att
         f"{at_most}{plan.confirmations or 'none'} to confirm."
     )
     if resumed:
-        say(f"Resuming {folder}: {counted(len(known), 'attempt is', 'attempts are')} there already.")
+        there = counted(len(known), "attempt is", "attempts are")
+        say(f"Resuming {folder}: {there} there already." if known else f"Beginning again in {folder}.")
     how = f"Resume with: rvsg run --out {folder}"
     try:
         with termination_as_interrupt():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import takewhile
+from itertools import count, takewhile
 
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
@@ -12,6 +12,7 @@ from rich.text import Text
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.plan import Plan
 from rvsg.campaign.ranking import rule
+from rvsg.evaluation.judge import DEFAULT
 from rvsg.evaluation.verdict import Status
 from rvsg.report.summary import Summary, counted, interval, number
 
@@ -40,7 +41,7 @@ def ranked_table(plan: Plan, summary: Summary, *, width: int = 80, rows: int = 1
     table = Table(
         title=title,
         title_justify="left",
-        caption=rule(requirement),
+        caption=rule(requirement) + _about_inconclusive(summary, rows),
         caption_justify="left",
         box=SIMPLE_HEAD,
         pad_edge=False,
@@ -61,6 +62,17 @@ def ranked_table(plan: Plan, summary: Summary, *, width: int = 80, rows: int = 1
             Text(verdict.status.value + counted, style=STYLES[verdict.status]),
         )
     return table
+
+
+def _about_inconclusive(summary: Summary, rows: int) -> str:
+    """What INCONCLUSIVE means, where a row says it: 5 violations in 5 runs look sure and are not."""
+    if all(entry.verdict.status is not Status.INCONCLUSIVE for entry in summary.ranking[:rows]):
+        return ""
+    least = next(n for n in count(1) if DEFAULT.status(n, n) is not Status.INCONCLUSIVE)
+    return (
+        f" INCONCLUSIVE: too few runs for a verdict; even if all violate it takes {least} to be wrong in at most "
+        f"{DEFAULT.error_rate:.0%} of cases. The search ranks, the confirmation decides."
+    )
 
 
 def cells_table(found: Sequence[tuple[Plan, Summary]], *, width: int = 80) -> Table:
