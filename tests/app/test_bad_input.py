@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import re
 import sqlite3
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -253,8 +255,8 @@ def test_an_empty_name_of_the_output_folder_is_refused(refused) -> None:
     ("content", "told"),
     [
         ('{"a": "b', "unterminated string, at character 7"),
-        ("", "it is empty"),
-        ("[]", "the whole file: input should be an object"),
+        ("", "the file is empty"),
+        ("[]", "the whole file: expected keys and values"),
     ],
 )
 def test_a_broken_scenario_file_is_told_with_what_and_where(
@@ -289,3 +291,87 @@ def test_a_ranking_says_what_inconclusive_means(tmp_path: Path, capsys: pytest.C
     assert main(["run", *SMALL, "--out", str(tmp_path / "one")]) == 0
     told = " ".join(capsys.readouterr().err.split())
     assert "INCONCLUSIVE: too few runs for a verdict; even if all violate it takes 15" in told
+
+
+@pytest.mark.parametrize("verb", ["simulate", "evaluate", "shrink", "report", "run"])
+@pytest.mark.parametrize("what", ["absent", "empty", "folder", "binary"])
+def test_a_file_that_is_none_is_named_and_left_as_it_is(refused, tmp_path: Path, verb: str, what: str) -> None:
+    path = tmp_path / what
+    if what == "folder":
+        path.mkdir()
+    elif what != "absent":
+        path.write_bytes(b"" if what == "empty" else b"\xff\xfe\x00\x01binary")
+    before = path.read_bytes() if path.is_file() else None
+    if verb == "run" and what == "empty":
+        path.write_bytes(b"nonsense: 1")
+        before = path.read_bytes()
+    told = refused(verb, what)
+    assert what in told or "no run in the files" in told
+    assert "Traceback" not in told
+    assert (path.read_bytes() if path.is_file() else None) == before
+
+
+def test_runs_in_the_place_of_a_scenario_are_called_runs(refused, a_run: dict) -> None:
+    assert "these are runs; expected the scenario" in refused("simulate", "r.jsonl")
+
+
+@pytest.fixture
+def a_run(tmp_path: Path, scenario: dict, monkeypatch: pytest.MonkeyPatch) -> dict:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "s.json").write_text(json.dumps(scenario))
+    assert main(["simulate", "s.json", "--simulator", "kinematic", "--out", "r.jsonl"]) == 0
+    return json.loads((tmp_path / "r.jsonl").read_text())
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"outcome": "x"}, "outcome: expected 'the goal was reached'"),
+        ({"seed": "many"}, "seed: expected a whole number, got 'many'"),
+        ({"mood": 1}, 'there is no key "mood"'),
+        ({"time_limit_s": -1.0}, "time_limit_s must be positive, got -1"),
+        ({"arrays": {}}, "lacks the array"),
+    ],
+)
+def test_a_run_that_is_wrong_is_told_in_words(refused, tmp_path: Path, a_run: dict, change: dict, said: str) -> None:
+    (tmp_path / "wrong.jsonl").write_text(json.dumps(a_run | change) + "\n")
+    told = refused("evaluate", "wrong.jsonl")
+    assert said in told and "wrong.jsonl:1:" in told and "pydantic" not in told
+
+
+def test_a_run_without_a_moment_is_refused(refused, tmp_path: Path, a_run: dict) -> None:
+    empty = {name: [] for name in a_run["arrays"]}
+    (tmp_path / "wrong.jsonl").write_text(json.dumps(a_run | {"arrays": empty}) + "\n")
+    assert "holds no moment" in refused("evaluate", "wrong.jsonl")
+
+
+def test_a_run_that_is_given_twice_counts_once(a_run: dict, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["evaluate", "r.jsonl", "r.jsonl", "--json"]) == 0
+    captured = capsys.readouterr()
+    assert json.loads(captured.out)["verdict"]["runs"] == 1
+    assert "1 of 2 runs are given twice" in captured.err
+
+
+@pytest.mark.parametrize("out", ["folder", "file/below.json"])
+def test_a_result_that_could_not_be_written_is_refused_before_the_work(
+    tmp_path: Path, a_run: dict, capsys: pytest.CaptureFixture[str], out: str
+) -> None:
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "file").write_text("")
+    capsys.readouterr()
+    for verb in ("simulate", "shrink"):
+        assert main([verb, "s.json", "--simulator", "kinematic", "--out", out]) == 2
+        told = capsys.readouterr().err
+        assert out.split("/")[0] in told and "seed" not in told
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
+@pytest.mark.parametrize("stream", ["stdout", "stderr"])
+def test_a_full_disk_is_no_defect_of_the_program(tmp_path: Path, a_run: dict, stream: str) -> None:
+    with Path("/dev/full").open("w") as full:
+        streams = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE} | {stream: full}
+        command = [sys.executable, "-m", "rvsg", "evaluate", "r.jsonl", "--json"]
+        done = subprocess.run(command, **streams, text=True, cwd=tmp_path)
+    assert done.returncode == 2
+    if stream == "stdout":
+        assert "No space left on device" in done.stderr and "defect" not in done.stderr

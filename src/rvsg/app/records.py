@@ -6,7 +6,9 @@ object per line, so one run is a JSON document and many are JSON lines.
 
 from __future__ import annotations
 
+import hashlib
 import json
+import os
 import sys
 from collections.abc import Iterable
 from pathlib import Path
@@ -17,8 +19,9 @@ import pydantic
 from rvsg.errors import FileError, InputError
 from rvsg.report.files import write_whole
 from rvsg.scenario.scenario import Scenario
-from rvsg.simulation.archive import run_from_json, run_to_json
+from rvsg.simulation.archive import RunHeader, run_from_json, run_to_json
 from rvsg.simulation.run import Run
+from rvsg.world.documents import mistakes_of
 from rvsg.world.records import Record
 
 Kept = TypeVar("Kept", bound=Record)
@@ -45,6 +48,17 @@ def write_text(path: Path, text: str) -> None:
         write_whole(path, text)
 
 
+def check_writable(path: Path) -> None:
+    """Refuse a file that cannot be written, before the work whose result it is to hold; FileError says why."""
+    if str(path) == "-":
+        return
+    if path.is_dir():
+        raise FileError(path, "this is a folder; give the name of a file.")
+    nearest = next((folder for folder in path.parents if folder.exists()), Path())
+    if not nearest.is_dir() or not os.access(nearest, os.W_OK | os.X_OK):
+        raise FileError(path, f"the file cannot be written: {nearest} is no folder that can be written.")
+
+
 def read_record(path: Path, kind: type[Kept]) -> Kept:
     """A record from a JSON file; FileError with everything that is wrong, and the line of what is not JSON."""
     return _validated(path, _json(path, read_text(path)), kind)
@@ -52,7 +66,10 @@ def read_record(path: Path, kind: type[Kept]) -> Kept:
 
 def read_scenario(path: Path) -> Scenario:
     """A scenario, on its own or inside a proposal or an attempt."""
-    value = _json(path, read_text(path))
+    text = read_text(path)
+    if '"arrays"' in text.partition("\n")[0]:
+        raise FileError(path, "these are runs; expected the scenario they are of, or a proposal.")
+    value = _json(path, text)
     for key in ("proposal", "scenario"):
         if isinstance(value, dict) and key in value and "people" not in value:
             value = value[key]
@@ -71,9 +88,14 @@ def read_runs(paths: Iterable[Path]) -> list[Run]:
             if not line.strip():
                 continue
             try:
-                runs.append(run_from_json(line))
+                run = run_from_json(line)
             except InputError as error:
-                raise FileError(path, f"{error}.", line=number) from None
+                raise FileError(path, f"{_told(error)}.", line=number) from None
+            if not len(run.trajectory):
+                raise FileError(path, "this run holds no moment; its arrays are empty.", line=number)
+            if not run.time_limit_s > 0:
+                raise FileError(path, f"time_limit_s must be positive, got {run.time_limit_s:g}.", line=number)
+            runs.append(run)
     if not runs:
         raise InputError("There is no run in the files given; `rvsg simulate SCENARIO --out RUNS` makes some.")
     return runs
@@ -93,6 +115,24 @@ def _no_other_record(path: Path, text: str) -> None:
         )
 
 
+def _told(error: InputError) -> str:
+    """What is wrong with a run, in words where pydantic found it."""
+    found = error.__context__
+    if isinstance(found, pydantic.ValidationError):
+        return "this is not a run: " + "; ".join(mistakes_of(found, RunHeader))
+    return str(error)
+
+
+def once(runs: Iterable[Run]) -> list[Run]:
+    """The runs without those that are given twice: one run counted twice would make a verdict surer than it is."""
+    return list({(run.id, digest(run)): run for run in runs}.values())
+
+
+def digest(run: Run) -> str:
+    """A hash of everything that happened in a run."""
+    return hashlib.sha256(run_to_json(run).encode()).hexdigest()
+
+
 def runs_text(runs: Iterable[Run]) -> str:
     """Runs as JSON lines."""
     return "".join(run_to_json(run) for run in runs)
@@ -102,7 +142,9 @@ def _json(path: Path, text: str) -> object:
     try:
         return json.loads(text)
     except json.JSONDecodeError as error:
-        what = error.msg.removesuffix(" starting at").lower() if text.strip() else "it is empty"
+        if not text.strip():
+            raise FileError(path, "the file is empty.") from None
+        what = error.msg.removesuffix(" starting at").lower()
         raise FileError(path, f"this is not JSON: {what}, at character {error.colno}.", line=error.lineno) from None
 
 
@@ -110,10 +152,7 @@ def _validated(path: Path, value: object, kind: type[Kept]) -> Kept:
     try:
         return kind.model_validate_json(json.dumps(value))
     except pydantic.ValidationError as error:
-        wrong = [
-            f"{'.'.join(map(str, e['loc'])) or 'the whole file'}: {e['msg'].lower()}"
-            for e in error.errors(include_url=False)
-        ]
+        wrong = [f"the whole file{said}" if said.startswith(":") else said for said in mistakes_of(error, kind)]
         more = [f"and {len(wrong) - MOST_TOLD} more"] if len(wrong) > MOST_TOLD else []
         listed = "; ".join([*wrong[:MOST_TOLD], *more])
         raise FileError(path, f"this is not a {kind.__name__.lower()}: {listed}.") from None

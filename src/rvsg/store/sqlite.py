@@ -76,6 +76,8 @@ class SqliteLedger:
             raise StoreError(f"{self.path}: there is no store here. `rvsg run --out DIR` makes DIR/ledger.sqlite.")
         if self.path.is_dir():
             raise StoreError(f"{self.path}: this is a folder; a store is a file in it.")
+        if not create and not self.path.stat().st_size:
+            raise StoreError(f"{self.path}: the file is empty, so it is no store.")
         self.readonly = not create and not _may_write(self.path)
         self._engine = _engine(self.path, readonly=self.readonly)
         try:
@@ -226,6 +228,10 @@ class SqliteLedger:
         reason = str(error.orig)
         if "locked" in reason:
             reason += "; another process holds it"
+        if "not a database" in reason:
+            reason = "this is no RVSG store (file is not a database)"
+        if "full" in reason:
+            reason += ". Make room there; the same command goes on."
         return StoreError(f"{self.path}: {reason}")
 
 

@@ -27,7 +27,7 @@ def evaluate(
     json: Annotated[bool, typer.Option("--json", help="Print the result as JSON on standard output.")] = False,
 ) -> None:
     """Measure runs of one scenario by every metric, and judge them by a requirement."""
-    from rvsg.app.records import read_runs, read_scenario, write_text
+    from rvsg.app.records import check_writable, once, read_runs, read_scenario, write_text
     from rvsg.app.wiring import requirement_of, world_of
     from rvsg.campaign.attempt import Attempt
     from rvsg.campaign.feedback import feedback_of
@@ -39,7 +39,12 @@ def evaluate(
     from rvsg.scenario.brief import Brief
 
     asked = requirement_of(requirement)
-    found = read_runs(runs)
+    if feedback is not None:
+        check_writable(feedback)
+    given = read_runs(runs)
+    found = once(given)
+    if len(found) < len(given):
+        say(f"{len(given) - len(found)} of {len(given)} runs are given twice and count once.")
     asked = asked.for_time_limit(found[0].time_limit_s) if found else asked
     if len({run.scenario_id for run in found}) > 1:
         raise InputError("The runs are of different scenarios; a verdict is on one. Evaluate them one by one.")

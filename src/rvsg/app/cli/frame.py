@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import importlib
 import os
 import shlex
@@ -25,6 +27,7 @@ EPILOG = (
     "Exit codes: 0 done; 1 done, and a requirement is violated (--fail-on-violation); 2 usage or input error; "
     "3 interrupted but resumable; 4 an error in RVSG itself."
 )
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
 
 
@@ -142,7 +145,8 @@ def _debugging(arguments: Sequence[str]) -> bool:
 
 
 def _tell(message: str) -> None:
-    print(message, file=sys.stderr, flush=True)
+    with contextlib.suppress(OSError):  # where nothing can be told, the exit code still says it
+        print(message, file=sys.stderr, flush=True)
 
 
 def _report_defect(error: Exception, arguments: Sequence[str]) -> int:
@@ -153,6 +157,9 @@ def _report_defect(error: Exception, arguments: Sequence[str]) -> int:
         for stream in (sys.stdout, sys.stderr):
             os.dup2(nowhere, stream.fileno())
         return 3
+    if isinstance(error, OSError) and error.errno in NO_ROOM:
+        _tell(f"Error: {error.strerror}: {error.filename or 'the output'} could not be written whole. Make room there.")
+        return 2
     if _debugging(arguments):
         traceback.print_exc()
     where = traceback.extract_tb(error.__traceback__)[-1]

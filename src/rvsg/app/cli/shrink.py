@@ -39,13 +39,14 @@ def shrink(
     """
     from rvsg.app import plugins
     from rvsg.app.cli.options import pairs
-    from rvsg.app.records import read_scenario, write_text
+    from rvsg.app.records import check_writable, read_scenario, write_text
     from rvsg.app.wiring import check_scenario, requirement_of, world_of
     from rvsg.campaign.measuring import Measuring
     from rvsg.campaign.parallel import Simulations
     from rvsg.campaign.shrink import Shrinking, Simplification
     from rvsg.report.summary import counted
 
+    check_writable(out)
     asked = read_scenario(scenario)
     place = world_of(asked, world)
     check_scenario(asked, place)

@@ -30,12 +30,13 @@ def simulate(
     """
     from rvsg.app import plugins
     from rvsg.app.cli.options import pairs
-    from rvsg.app.records import read_scenario, runs_text, write_text
+    from rvsg.app.records import check_writable, read_scenario, runs_text, write_text
     from rvsg.app.wiring import check_scenario, world_of
     from rvsg.campaign.parallel import Simulations
     from rvsg.errors import SimulationError
     from rvsg.simulation.run import Run
 
+    check_writable(out)
     asked = read_scenario(scenario)
     place = world_of(asked, world)
     for doubtful in check_scenario(asked, place):
