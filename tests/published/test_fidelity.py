@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import shapely
 from tests.published_data import published_data
 
 from rvsg.world.load import load_world
@@ -16,6 +17,7 @@ import fidelity
 from fidelity import part_a, spearman, spread_within_routes
 from fidelity_runs import route_of, simulate, simulate_all
 from published_runs import Configuration, LeftOut, repeated, routes_in, singles
+from published_world import as_seen
 
 
 @pytest.fixture(scope="module")
@@ -87,6 +89,17 @@ def test_the_results_do_not_depend_on_the_number_of_jobs(folder: Path) -> None:
     alone = {c.key: simulate(folder, c, range(2)) for c in some}
     assert simulate_all(folder, some, 2, 2) == alone
     assert simulate_all(folder, some, 2, 1) == alone
+
+
+def test_the_racks_that_the_lidars_saw_stand_where_the_panels_of_the_collision_meshes_stand() -> None:
+    racks = [thing for thing in load_world("warehouse").objects if thing.kind.startswith("Shelf")]
+    assert len(racks) == 7
+    for rack in racks:
+        panels = shapely.MultiPolygon([shapely.Polygon(panel) for panel in rack.slices])
+        posts = [shapely.Polygon(post) for post in as_seen(rack)]
+        assert len(posts) > len(rack.slices)
+        assert all(panels.buffer(0.02).covers(post) for post in posts)
+        assert sum(post.area for post in posts) < 0.3 * panels.area
 
 
 def test_the_quick_form_fails_where_a_figure_falls_clearly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,6 +14,7 @@ from rvsg.scenario.agents import HumanAgent
 from rvsg.simulation.archive import pack, run_from_json, run_to_json, unpack
 from rvsg.simulation.embedded import EmbeddedSimulator, simulate_agents
 from rvsg.simulation.options import Noise, profile
+from rvsg.simulation.people.crowd import begins_early
 from rvsg.simulation.rehearsal import empty_room
 from rvsg.simulation.run import Outcome, Run
 from rvsg.world.load import load_world
@@ -170,6 +171,38 @@ def test_the_robot_drives_round_a_standing_person(warehouse: World) -> None:
     assert run.outcome is Outcome.REACHED
     apart = np.hypot(run.trajectory.x - run.trajectory.human_x[:, 0], run.trajectory.y - run.trajectory.human_y[:, 0])
     assert apart.min() > 0.25
+
+
+def test_people_displayed_late_are_not_seen_before_they_begin_to_walk(warehouse: World) -> None:
+    place = (0.0, 0.3)
+    waiting = HumanAgent(name="h", start=place, goals=(place,), pauses_s=(0.0,), start_delay_s=100.0)
+    way = route((-2.0, 0.0, 0.0), (2.0, 0.0, 0.0))
+
+    def path(agents: list[HumanAgent], late: bool) -> np.ndarray:
+        options = profile("default", humans_displayed_late=late)
+        return simulate_agents(empty_room(), way, agents, options=options, seed=1).trajectory.y
+
+    alone = path([], late=True)
+    assert np.array_equal(path([waiting], late=True), alone)
+    seen = path([waiting], late=False)
+    assert seen.size != alone.size or not np.allclose(seen, alone, atol=0.05)
+
+
+def test_who_begins_to_walk_is_seen_a_tick_late(warehouse: World) -> None:
+    walking = [walker(warehouse, "F13", "F14", "F15", "F16"), walker(warehouse, "E17", "F15", "F13")]
+    way = warehouse.route("route_1")
+    now, late = (
+        simulate_agents(warehouse, way, walking, options=profile("default", humans_displayed_late=on), seed=2)
+        for on in (False, True)
+    )
+    assert not equal(now, late)
+    assert late.outcome is Outcome.REACHED
+
+
+@pytest.mark.parametrize(("share", "expected"), [(0.0, 0.0), (0.22, 0.22), (1.0, 1.0)])
+def test_the_share_of_early_starts_is_kept(share: float, expected: float) -> None:
+    early = [begins_early(share, seed) for seed in range(2000)]
+    assert np.mean(early) == pytest.approx(expected, abs=0.03)
 
 
 def test_a_run_holds_the_groups_of_its_people_in_the_store_too(warehouse: World) -> None:

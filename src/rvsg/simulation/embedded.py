@@ -25,6 +25,7 @@ from rvsg.simulation.episode import Recording, new_recording, run_episode
 from rvsg.simulation.localisation import Localisation, known_offset, particle_filter
 from rvsg.simulation.options import SimulatorOptions, profile
 from rvsg.simulation.people import PeopleOptions, initial
+from rvsg.simulation.people.crowd import begins_early
 from rvsg.simulation.robot_state import NOISE_TABLE, Settings, new_state
 from rvsg.simulation.run import Outcome, Run, Trajectory
 from rvsg.simulation.scene import Surroundings
@@ -35,8 +36,10 @@ from rvsg.world.world import Route, World
 Floats = NDArray[np.float64]
 
 NAME = "embedded"
-VERSION = 1
+VERSION = 2
 """Raise it when equal options and seeds give other runs than before."""
+LATE_ROBOT_S = 0.05
+"""How much later the robot begins in the runs in which people begin sooner; from the logs, like their share."""
 _KEPT = 8
 _SURROUNDINGS: OrderedDict[tuple[str, float], Surroundings] = OrderedDict()
 
@@ -184,9 +187,14 @@ def _people_options(options: SimulatorOptions) -> PeopleOptions:
         published_defects=options.human_defects,
         factor_noise=options.noise.human_factors,
         start_jitter_s=(middle + scale * (low - middle), middle + scale * (high - middle)),
-        early_start=min(1.0, scale) * options.human_early_start,
+        early_start=_early_start(options),
         leg_phase_noise=options.noise.gait > 0.0,
     )
+
+
+def _early_start(options: SimulatorOptions) -> float:
+    """The share of runs in which people begin sooner; none where the noise of their start is off."""
+    return min(1.0, options.noise.human_start) * options.human_early_start
 
 
 def _settings(
@@ -201,19 +209,26 @@ def _settings(
     delay = 0.5 * (low + high) + noise.result_delay * (high - low) * (stream(seed, "result").random() - 0.5)
     low, high = options.robot_start_s
     start = 0.5 * (low + high) + noise.robot_start * (high - low) * (stream(seed, "robot/start").random() - 0.5)
+    if begins_early(_early_start(options), seed):
+        start += LATE_ROBOT_S
     scene, closed = around.scene_at(route.start.x, route.start.y)
     offset = (world.map_offset[0] + float(shift[0]), world.map_offset[1] + float(shift[1]))
     phase = 0.0
     if noise.phases > 0.0:
         phase = 0.01 * int(stream(seed, "phases/people").integers(0, 10))
+    scan_phase = 0
+    if noise.phases > 0.0:
+        scan_phase = int(stream(seed, "phases/lidar").integers(0, 10))
     settings = Settings(
         clock=float(clock),
         yaw_gain=float(options.yaw_gain),
         time_limit_s=float(route.time_limit_s),
         result_delay_s=float(max(0.0, delay)),
         people_phase_s=float(phase),
+        scan_phase_ticks=scan_phase,
         robot_start_s=float(start),
         lidar_noise_m=float(options.lidar_noise_m * noise.lidar),
+        humans_displayed_late=options.humans_displayed_late,
         closed=bool(closed),
     )
     return settings, scene, offset

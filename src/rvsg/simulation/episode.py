@@ -28,7 +28,8 @@ LEAD_TICKS = 200
 LOCAL_PERIOD_S = 0.2
 GLOBAL_PERIOD_S = 1.0
 SCAN_TICKS = 10
-"""The lidars, and with them the robot's localisation, run at 10 Hz."""
+"""The lidars, and with them the robot's localisation, run at 10 Hz: a costmap's scan is up to 0.1 s old."""
+OUT_OF_SIGHT_M = 1e9
 TRACK_TICKS = 5
 """Trajectories are recorded every 50 ms of simulated time."""
 
@@ -121,8 +122,8 @@ def prepare(state: State, settings: Settings, phases: Floats) -> None:
 
 
 @inner
-def update_maps(scene: Scene, state: State, settings: Settings, crowd: Crowd, t: float) -> None:
-    """Update each costmap that is due or to be cleared."""
+def update_maps(scene: Scene, state: State, settings: Settings, t: float) -> None:
+    """Update each costmap that is due or to be cleared, with the latest scans."""
     do_local = state.nav[st.CLEAR_LOCAL] != 0
     do_global = state.nav[st.CLEAR_GLOBAL] != 0
     if t >= state.times[st.LOCAL_T] - 1e-9:
@@ -131,8 +132,6 @@ def update_maps(scene: Scene, state: State, settings: Settings, crowd: Crowd, t:
     if t >= state.times[st.GLOBAL_T] - 1e-9:
         state.times[st.GLOBAL_T] += GLOBAL_PERIOD_S * settings.clock
         do_global = True
-    if do_local or do_global:
-        place_legs(state.legs, crowd.x, crowd.y, crowd.yaw, crowd.walked)
     if do_local:
         update_local(scene, state, settings)
     if do_global:
@@ -140,11 +139,23 @@ def update_maps(scene: Scene, state: State, settings: Settings, crowd: Crowd, t:
 
 
 @inner
-def localise_robot(scene: Scene, state: State, crowd: Crowd) -> None:
-    """Let the robot find out where it is; a plan it follows moves with its belief."""
-    place_legs(state.legs, crowd.x, crowd.y, crowd.yaw, crowd.walked)
-    body = state.body
-    if localise(state.own, body[robot.X], body[robot.Y], body[robot.YAW], scene.edges, state.legs):
+def take_scan(scene: Scene, state: State, settings: Settings, crowd: Crowd, t: float) -> None:
+    """Keep what the lidars see now: the robot's pose and people's legs; rays are cast when a costmap wants them.
+
+    With the scan the robot finds out where it is; a plan it follows moves with its belief.
+    """
+    if settings.humans_displayed_late:
+        place_legs(state.legs, crowd.logged_x, crowd.logged_y, crowd.logged_yaw, crowd.walked)
+        for i in range(crowd.x.size):
+            if t < crowd.start_time[i] + PERIOD_S:
+                state.legs[2 * i : 2 * i + 2] = OUT_OF_SIGHT_M
+    else:
+        place_legs(state.legs, crowd.x, crowd.y, crowd.yaw, crowd.walked)
+    x, y, yaw = state.body[robot.X], state.body[robot.Y], state.body[robot.YAW]
+    state.scanned[0] = x
+    state.scanned[1] = y
+    state.scanned[2] = yaw
+    if state.own.counts[ACTIVE] != 0 and localise(state.own, x, y, yaw, scene.edges, state.legs):
         place_path(state)
 
 
@@ -164,6 +175,7 @@ def run_episode(
     set; it is changed in place.
     """
     prepare(state, settings, phases)
+    take_scan(scene, state, settings, crowd, -LEAD_TICKS * robot.STEP_S)
     times = state.times
     body = state.body
     end = settings.time_limit_s * settings.clock
@@ -177,12 +189,12 @@ def run_episode(
     k = -LEAD_TICKS
     while True:
         t = k * robot.STEP_S
-        update_maps(scene, state, settings, crowd, t)
+        update_maps(scene, state, settings, t)
         if t >= people_t - 1e-9:
             people_t += PERIOD_S
             tick(crowd, t, PERIOD_S, body[robot.X], body[robot.Y], body[robot.YAW], body[robot.V])
-        if state.own.counts[ACTIVE] != 0 and k % SCAN_TICKS == 0:
-            localise_robot(scene, state, crowd)
+        if (k - settings.scan_phase_ticks) % SCAN_TICKS == 0:
+            take_scan(scene, state, settings, crowd, t)
         if t >= settings.robot_start_s:
             navigate(scene, state, settings, t)
             if running and state.nav[st.MODE] == st.DONE:

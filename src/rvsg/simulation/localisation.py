@@ -206,7 +206,10 @@ def _normal(own: Localisation) -> float:
 
 @inner
 def _move(own: Localisation, dx: float, dy: float, turn: float) -> None:
-    """Omnidirectional motion model: the way, its direction and the turn, each with noise, for every particle."""
+    """Omnidirectional motion model: the way, its direction and the turn, each with noise, for every particle.
+
+    Yaws are not wrapped, here as in nav2_amcl, so that a cloud about ±π does not fall into two halves of bins.
+    """
     particles = own.particles[0]
     way = math.sqrt(dx * dx + dy * dy)
     direction = wrap(math.atan2(dy, dx) - own.frame[LAST_YAW])
@@ -218,7 +221,7 @@ def _move(own: Localisation, dx: float, dy: float, turn: float) -> None:
         aside = sd * _normal(own)
         particles[i, 0] += ahead * math.cos(heading) + aside * math.sin(heading)
         particles[i, 1] += ahead * math.sin(heading) - aside * math.cos(heading)
-        particles[i, 2] = wrap(particles[i, 2] + turned)
+        particles[i, 2] += turned
 
 
 @inner
@@ -315,7 +318,7 @@ def _resample(own: Localisation) -> None:
             own.particles[1, made, j] = drawn[j]
         made += 1
         cell = math.floor(drawn[0] / BIN_M) * 4096 + math.floor(drawn[1] / BIN_M)
-        kind = cell * 64 + math.floor(drawn[2] / BIN_RAD)
+        kind = cell * 256 + math.floor(drawn[2] / BIN_RAD)
         known = False
         for k in range(kinds):
             if own.bins[k] == kind:

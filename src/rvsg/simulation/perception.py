@@ -31,10 +31,13 @@ from rvsg.simulation.scene import TILE_M, Scene
 def sense(
     scene: Scene, state: State, settings: Settings, mount: tuple[float, float, float]
 ) -> tuple[float, float, float]:
-    """One noisy scan of a lidar into `state.ranges`; its position (x, y) in the world and the first ray's bearing."""
-    yaw = state.body[robot.YAW]
-    x = state.body[robot.X] + mount[0] * math.cos(yaw) - mount[1] * math.sin(yaw)
-    y = state.body[robot.Y] + mount[0] * math.sin(yaw) + mount[1] * math.cos(yaw)
+    """The latest noisy scan of a lidar into `state.ranges`.
+
+    Returns the lidar's position (x, y) in the world and the first ray's bearing when the scan was taken.
+    """
+    yaw = state.scanned[2]
+    x = state.scanned[0] + mount[0] * math.cos(yaw) - mount[1] * math.sin(yaw)
+    y = state.scanned[1] + mount[0] * math.sin(yaw) + mount[1] * math.cos(yaw)
     bearing = yaw + mount[2] - 0.5 * FIELD_OF_VIEW_RAD
     tile = 0
     if scene.tile_columns * scene.tile_rows > 1:

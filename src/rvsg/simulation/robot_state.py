@@ -41,7 +41,8 @@ REALS = dwb.CONTROLLER_REALS + 15
 class Settings(NamedTuple):
     """The numbers of one run: drawn noise and options. Seconds of simulated time, metres, radians.
 
-    `clock`: simulated over wall seconds; `closed`: every lidar ray returns.
+    `clock`: simulated over wall seconds; `scan_phase_ticks`: when in its period of 0.1 s a scan is taken (10 ms);
+    `humans_displayed_late`: see `SimulatorOptions`; `closed`: every lidar ray returns.
     """
 
     clock: float
@@ -49,8 +50,10 @@ class Settings(NamedTuple):
     time_limit_s: float
     result_delay_s: float
     people_phase_s: float
+    scan_phase_ticks: int
     robot_start_s: float
     lidar_noise_m: float
+    humans_displayed_late: bool
     closed: bool
 
 
@@ -63,7 +66,7 @@ class State(NamedTuple):
     (3, 60, 60) both voxel layers and the master map; `layers` (2, rows, columns) the global obstacle layers and
     `global_master` their merger with the static map; `costs`, `potential`, `waiting` flat grids and `buffers`, `cells`
     scratch space of NavFn; `rest` its least cost from every cell to the goal, 1e10 where that is not known.
-    `legs` (2N, 2) what the lidars see of people.
+    `scanned` (3,) the robot's pose and `legs` (2N, 2) what the lidars saw of people, both at the latest scan.
     """
 
     body: Floats
@@ -83,6 +86,7 @@ class State(NamedTuple):
     spans: Ints
     ranges: Floats
     directions: Floats
+    scanned: Floats
     legs: Floats
     noise: Floats
     samples: Floats
@@ -122,6 +126,7 @@ def new_state(
         spans=np.zeros((max(columns, LOCAL_CELLS), 2), np.int64),
         ranges=np.zeros(rays),
         directions=ray_directions(rays),
+        scanned=np.zeros(3),
         legs=np.zeros((2 * humans, 2)),
         noise=np.zeros(NOISE_TABLE),
         samples=samples,
