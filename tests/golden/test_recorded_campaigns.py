@@ -47,7 +47,7 @@ def configurations(name: str, world: World) -> list[dict[str, object]]:
     for call in Recording(demo_folder(name)):
         if call.answer is None or call.purpose not in ("new", "refine", "correct", "P7"):
             continue
-        reply = read_configuration(call.answer.text, human_names(2))
+        reply = read_configuration(call.answer.text, human_names(config.get("humans", 2)))
         assert reply.people is not None
         found = [*reply.findings, *check(reply.people, mission, world)]
         read.append(
@@ -85,6 +85,7 @@ def briefs(name: str, world: World) -> list[Brief]:
                     "mission": Mission(world="warehouse", world_id=world.id, route=route),
                     "requirement": requirement,
                     "kind": "refine" if told.get("feedback") else "new",
+                    "humans": config.get("humans", 2),
                     "seed": int(place[3], 16),
                     "scenario_index": int(place[1]),
                     "configuration_index": int(place[2]),

@@ -87,7 +87,10 @@ def what_it_means(plan: Plan, summary: Summary) -> str:
             f"{verdict.runs}, and not in others. The report replays them"
         ),
     }
-    unsure = f"{runs} do not decide whether {worst} violates {name} ({limit}). More --confirmations can"
+    unsure = (
+        f"{worst} violated {name} ({limit}) in {verdict.violations} of {runs}, which does not decide yet between always, "
+        "sometimes and never. More --confirmations can"
+    )
     return f"What {verdict.status.value} means: {said.get(verdict.status, unsure)}."
 
 
