@@ -88,7 +88,7 @@ def what_it_means(plan: Plan, summary: Summary) -> str:
         ),
     }
     unsure = (
-        f"{worst} violated {name} ({limit}) in {verdict.violations} of {runs}, which does not decide yet between always, "
+        f"{worst} violated {name} ({limit}) in {verdict.violations} of {runs}, which does not decide between always, "
         "sometimes and never. More --confirmations can"
     )
     return f"What {verdict.status.value} means: {said.get(verdict.status, unsure)}."
