@@ -176,8 +176,9 @@ def _remarks(name: str, blocks: Sequence[tuple[str, Cells]]) -> list[str]:
         return [f"No rows: {UNREPEATED if name != 'rq1' else UNGUIDED}."]
     if not any(DASH in line for _, cells in blocks for line in cells):
         return []
-    without = " sdd needs two described scenarios, and random search describes none;" if name == "rq1" else ""
-    return [f"{DASH}: no value.{without}{' a' if without else ' A'}ll others need runs that have one."]
+    if name == "rq1":
+        return [f"{DASH}: no value. sdd needs two described scenarios; random search describes none."]
+    return [f"{DASH}: no value. ssd and the number of runs are one number each, without spread or test."]
 
 
 def _latex(name: str, way: str, blocks: Sequence[tuple[str, Cells]], notes: Sequence[str]) -> str:
