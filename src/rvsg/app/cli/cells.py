@@ -231,13 +231,14 @@ def _share_of_budget(cells: Cells) -> dict[str, Any]:
 
 def _run_all(cells: Sequence[Cell], jobs: int, folder: Path) -> None:
     """Run the cells, as many side by side as there are jobs; an interruption reaches each of them once."""
-    from rvsg.app.cli.run import termination_as_interrupt
+    from rvsg.app.cli.interruption import interruptible
 
     waiting, running = deque(cells), list[Cell]()
     lines: queue.Queue[tuple[Cell, str | None]] = queue.Queue()
     try:
-        with termination_as_interrupt():
+        with interruptible() as interruption:
             while waiting or running:
+                interruption.check()
                 while waiting and (free := jobs - sum(cell.jobs for cell in running)) > 0:
                     cell = waiting.popleft()
                     running.append(cell)

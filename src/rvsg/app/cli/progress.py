@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from types import TracebackType
 from typing import Self
 
@@ -20,10 +21,21 @@ from rvsg.simulation.run import Run
 
 
 class CampaignProgress:
-    """Watches a campaign and shows how far it is; `done` runs were made before."""
+    """Watches a campaign and shows how far it is; `attempts` were made before.
 
-    def __init__(self, plan: Plan, attempts: list[Attempt], *, quiet: bool = False) -> None:
+    `check` is called between runs: it may raise KeyboardInterrupt.
+    """
+
+    def __init__(
+        self,
+        plan: Plan,
+        attempts: list[Attempt],
+        *,
+        quiet: bool = False,
+        check: Callable[[], None] = lambda: None,
+    ) -> None:
         self.plan = plan
+        self.check = check
         self.worst: float | None = None
         self.runs = sum(len(a.measurements) + len(a.failures) for a in attempts)
         self.made = 0
@@ -60,6 +72,7 @@ class CampaignProgress:
 
     def proposing(self, brief: Brief) -> None:
         """Show which configuration is under way."""
+        self.check()
         if self.bar:
             place = f"scenario {brief.scenario_index + 1}"
             if self.plan.refinements:
@@ -84,6 +97,7 @@ class CampaignProgress:
 
     def ran(self, run: Run | Failure) -> None:
         """One run more."""
+        self.check()
         self.runs += 1
         self.made += 1
         if self.bar:

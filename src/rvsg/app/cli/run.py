@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
-import signal
-import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
-from types import FrameType
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -218,6 +214,7 @@ def _same_or_empty(stored: dict[str, Any], asked: dict[str, Any], ledger: Ledger
 
 def _work(wired: Wired, ledger: Any, folder: Path, *, resumed: bool) -> list[Attempt]:
     """The campaign itself; an interruption says how to go on."""
+    from rvsg.app.cli.interruption import interruptible
     from rvsg.app.cli.progress import CampaignProgress
     from rvsg.campaign.loop import run_campaign
     from rvsg.errors import BudgetSpent, GenerationError, Interrupted, SimulationError
@@ -237,10 +234,13 @@ def _work(wired: Wired, ledger: Any, folder: Path, *, resumed: bool) -> list[Att
         say(f"Resuming {folder}: {there} there already." if known else f"Beginning again in {folder}.")
     how = f"Resume with: rvsg run --out {folder}"
     try:
-        with termination_as_interrupt():
+        with interruptible() as interruption:
             if len(known) < plan.attempts or not any(a.purpose == "confirmation" for a in known):
                 wired.warm_up(say)
-            with CampaignProgress(plan, known) as progress, wired.simulations(ledger, say) as simulations:
+            with (
+                CampaignProgress(plan, known, check=interruption.check) as progress,
+                wired.simulations(ledger, say) as simulations,
+            ):
                 if watch := getattr(wired.generator, "watch", None):
                     watch(progress.calling)
                 return run_campaign(plan, wired.strategy(ledger), wired.parts(ledger, simulations, progress))
@@ -252,23 +252,6 @@ def _work(wired: Wired, ledger: Any, folder: Path, *, resumed: bool) -> list[Att
     except (GenerationError, SimulationError):
         say(f"Everything so far is kept. {how}")
         raise
-
-
-@contextlib.contextmanager
-def termination_as_interrupt() -> Iterator[None]:
-    """Treat SIGTERM (a CI service that cancels) like Ctrl-C while a campaign runs; only the main thread can."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGTERM, _as_interrupt)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
-
-
-def _as_interrupt(number: int, frame: FrameType | None) -> None:
-    raise KeyboardInterrupt
 
 
 def _write(wired: Wired, ledger: Any, attempts: list[Attempt], folder: Path) -> Summary:
