@@ -132,7 +132,7 @@ def test_other_measured_values_are_told_and_change_no_prompt(warehouse: World) -
     moved = refine.replace(feedback=refine.feedback.replace(mean=refine.feedback.mean + 0.5))
     generator = VlmGenerator(replay=demo_folder("warehouse-route_1-R1"), strict=True)
     generator.propose(moved, warehouse)
-    assert [note for note in generator.notes if "1 of the recorded answers" in note]
+    assert [note for note in generator.notes if "1 recorded answer was" in note]
 
 
 def test_the_shipped_description_is_the_one_the_model_gave(warehouse: World) -> None:

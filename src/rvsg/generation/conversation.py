@@ -91,10 +91,8 @@ class VlmGenerator:
         """What a user should be told at the end: where a replay diverged from its record."""
         if not self._moved:
             return self.wiring.notes()
-        moved = (
-            f"Replay: {self._moved} of the recorded answers were given to other measured values or people than "
-            "today's; the prompts tell the recorded ones."
-        )
+        answers = "1 recorded answer was" if self._moved == 1 else f"{self._moved} recorded answers were"
+        moved = f"Replay: {answers} given to other measured values or people than today's; the prompts tell those."
         return (*self.wiring.notes(), moved)
 
     def watch(self, tell: Tell) -> None:
