@@ -21,8 +21,8 @@ class Noise(Record):
     others as they were. `human_factors` concerns humans whose force factors are drawn, `clock` the ratio of
     simulated to wall time, `localisation` the offset of the robot's map
     (AMCL draws equal numbers in every run where it is 0), `human_start` and `robot_start` when they
-    begin to move, `phases` the timers of people, smoother and costmaps, `lidar` the ranges, `gait` the legs' phase,
-    `log_interval` the rows of the log, `result_delay` the time from reaching the goal to the last row.
+    begin to move, `phases` the timers of people, scans, smoother and costmaps, `lidar` the ranges, `gait` the legs'
+    phase, `log_interval` the rows of the log, `result_delay` the time from reaching the goal to the last row.
     """
 
     human_factors: Scale = 1.0
