@@ -44,7 +44,7 @@ class CampaignConfig(Record):
     """Everything `rvsg run` can be told.
 
     `generator` None is chance for the strategy `random`, the VLM where a model or a replay is named, else the
-    heuristic. `abreast` None is what suits the strategy. `jobs` None is one per core. `out` None is a folder under
+    heuristic. `jobs` None is one per core. `out` None is a folder under
     `runs/` named for what is asked.
     """
 
@@ -62,7 +62,7 @@ class CampaignConfig(Record):
     repeats: Positive = 5
     confirmations: Annotated[int, Field(ge=0, le=100_000)] = 30
     memory: Annotated[int, Field(ge=0, le=1000)] = 10
-    abreast: Annotated[int | None, Field(ge=1, le=1000)] = None
+    abreast: Annotated[int, Field(ge=1, le=1000)] = 1
     seed: NotNegative = 0
     jobs: Annotated[int | None, Field(ge=1, le=1024)] = None
     executor: str = "processes"

@@ -113,7 +113,6 @@ def wire(config: CampaignConfig) -> Wired:
     check_start(route, world)
     requirement = requirement_of(config.requirement).for_time_limit(route.time_limit_s)
     strategy_class = plugins.find("strategy", config.strategy)
-    config = config.replace(abreast=config.abreast or abreast_of(strategy_class))
     simulator = plugins.make("simulator", config.simulator, config.simulator_options)
     generator = plugins.make("generator", config.generator_name, generator_options(config))
     plugins.able("store", config.store, config.store_options, given=1)
@@ -197,11 +196,6 @@ def generator_options(config: CampaignConfig) -> dict[str, Any]:
     return {"folder": str(config.folder), **reached, **config.generator_options}
 
 
-def abreast_of(strategy_class: Any) -> int:
-    """How many attempts a strategy has under way where nobody says it: its `abreast`, or one."""
-    return int(getattr(strategy_class, "abreast", 1))
-
-
 def jobs_of(config: CampaignConfig) -> int:
     """Worker processes: as asked, or one per core that is ours."""
     if config.jobs:
@@ -216,7 +210,7 @@ def with_defaults(stored: dict[str, Any]) -> dict[str, Any]:
     """Stored settings with the defaults of what a later version added; as they are where they are no such settings."""
     try:
         plan = Plan.model_validate(stored["plan"]).model_dump(mode="json")
-        config = CampaignConfig.model_validate({"abreast": plan["abreast"]} | stored["config"]).deciding()
+        config = CampaignConfig.model_validate(stored["config"]).deciding()
     except (KeyError, TypeError, ValidationError):
         return stored
     return stored | {"plan": plan, "config": config}
@@ -240,8 +234,6 @@ def command_for(config: CampaignConfig, *, out: Path | None = None) -> str:
     defaults = CampaignConfig()
     for key, value in config.model_dump(mode="json").items():
         if key in ("out", *MACHINE, "junit", "fail_on_violation", "seed") or key.endswith("_options"):
-            continue
-        if key == "abreast" and value == abreast_of(plugins.find("strategy", config.strategy)):
             continue
         if value != getattr(defaults, key):
             words += [f"--{key.replace('_', '-')}", str(value)]

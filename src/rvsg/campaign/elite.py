@@ -25,7 +25,6 @@ class EliteStrategy(StudyStrategy):
     """
 
     name = "elite"
-    abreast = 4
 
     def _known(self, index: int) -> int:
         """All drafts have to be known before the first refinement, and else all but those under way."""

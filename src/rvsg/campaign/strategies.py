@@ -49,8 +49,6 @@ class StudyStrategy:
     """
 
     name = "study"
-    abreast = 1
-    """Attempts under way at a time where the plan is not told another number: the study's memory is sequential."""
 
     def __init__(self, plan: Plan, feedback_of: FeedbackOf) -> None:
         self.plan = plan
@@ -126,8 +124,6 @@ class ClimbStrategy(StudyStrategy):
     """As the study's, but a refinement starts from the best configuration of the scenario so far, not from the last."""
 
     name = "climb"
-    abreast = 4
-    """Each climb is a chain of its own, and its configurations depend on those of no other."""
 
     def _refines(self, measured: list[Attempt]) -> int:
         best = worst_by_mean(measured, self.plan.requirement)

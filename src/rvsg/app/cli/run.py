@@ -47,7 +47,7 @@ def run(
     memory: Annotated[int | None, typer.Option(min=0, help="Earlier scenarios a new one is told of. [10]")] = None,
     abreast: Annotated[
         int | None,
-        typer.Option(min=1, help="Attempts under way at a time (study 1, climb and elite 4)."),
+        typer.Option(min=1, help="Attempts under way at a time; more of them keep more cores busy. [1]"),
     ] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Everything random follows from it. [0]")] = None,
     jobs: Annotated[int | None, typer.Option(min=1, help="Worker processes. [one per core]")] = None,
