@@ -10,7 +10,6 @@ from __future__ import annotations
 import contextlib
 import itertools
 import json
-import os
 import queue
 import re
 import shlex
@@ -37,7 +36,7 @@ CELLS = "cells.json"
 LISTED = ("route", "requirement")
 PATIENCE_S = 20.0
 """So long a cell that is interrupted may take to keep what it has."""
-CHILD = "import sys; from rvsg.app.cli.cells import cell_main; sys.exit(cell_main())"
+CHILD = "import sys; from rvsg.app.cli.cell import main; sys.exit(main())"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -133,23 +132,6 @@ def found_in(folder: Path) -> tuple[Plan, Summary] | None:
             return None
         plan = Plan.model_validate(settings[0]["plan"])
         return plan, summarise(plan, list(ledger.attempts(plan.name)))
-
-
-def cell_main() -> int:
-    """The process of one cell: its settings as JSON on standard input, words for people on standard error."""
-    from rvsg.app.cli.frame import guarded
-    from rvsg.app.cli.run import find
-
-    threading.Thread(target=_end_with_parent, args=(os.getppid(),), daemon=True).start()
-    values = json.loads(sys.stdin.read())
-    return guarded(lambda: find({}, values), ["run", "--out", str(values["out"])])
-
-
-def _end_with_parent(parent: int) -> None:
-    """End this cell when its parent was killed, as if it were killed too: it resumes."""
-    while os.getppid() == parent:
-        time.sleep(1.0)
-    os._exit(1)
 
 
 def _stored(folder: Path) -> dict[str, Any]:

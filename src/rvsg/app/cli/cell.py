@@ -1,0 +1,26 @@
+"""One campaign of several in a process of its own; `cells` begins it."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import threading
+import time
+
+from rvsg.app.cli.frame import guarded
+from rvsg.app.cli.run import find
+
+
+def main() -> int:
+    """The process of one cell: its settings as JSON on standard input, words for people on standard error."""
+    threading.Thread(target=_end_with_parent, args=(os.getppid(),), daemon=True).start()
+    values = json.loads(sys.stdin.read())
+    return guarded(lambda: find({}, values), ["run", "--out", str(values["out"])])
+
+
+def _end_with_parent(parent: int) -> None:
+    """End this cell when its parent was killed, as if it were killed too: it resumes."""
+    while os.getppid() == parent:
+        time.sleep(1.0)
+    os._exit(1)
