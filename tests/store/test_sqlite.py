@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import shutil
 import sqlite3
 import threading
 from concurrent.futures import ThreadPoolExecutor
@@ -279,3 +280,21 @@ def test_a_store_that_may_not_be_written_is_read(tmp_path: Path, monkeypatch: py
         with pytest.raises(StoreError, match="a store"):
             ledger.keep(an_attempt(1)[1])
     assert path.read_bytes() == before and [p.name for p in tmp_path.iterdir()] == [path.name]
+
+
+def test_a_store_that_may_not_be_written_is_read_with_what_a_killed_campaign_left_in_its_log(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, second = an_attempt()[0], an_attempt(1)[0]
+    path, copy = tmp_path / "a.sqlite", tmp_path / "copy"
+    with SqliteLedger(path) as ledger:
+        ledger.append(first, [])
+    copy.mkdir()
+    with SqliteLedger(path) as ledger:
+        ledger.append(second, [])
+        for file in tmp_path.glob("a.sqlite*"):  # as a kill would leave them
+            shutil.copy(file, copy / file.name)
+    assert (copy / "a.sqlite-wal").stat().st_size
+    monkeypatch.setattr("os.access", lambda *_: False)
+    with SqliteLedger(copy / "a.sqlite", create=False) as ledger:
+        assert list(ledger.attempts("test")) == [first, second]

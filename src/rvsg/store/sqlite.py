@@ -11,6 +11,7 @@ import hashlib
 import json
 import os
 import sqlite3
+import time
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
@@ -59,6 +60,8 @@ _runs = sa.Table(
     sa.Column("arrays", sa.LargeBinary),
     sa.Column("checksum", sa.Text),
 )
+PATIENCE_S = 30.0
+"""So long another process may hold the file."""
 _CHECKSUMS_SINCE = 2
 """The store version from which on runs have a checksum."""
 
@@ -230,6 +233,8 @@ class SqliteLedger:
             reason += "; another process holds it"
         if "not a database" in reason:
             reason = "this is no RVSG store (file is not a database)"
+        if "unable to open" in reason and _has_log(self.path):
+            reason += f". What was kept last stands in {self.path.name}-wal; copy the folder to where it may be written"
         if "full" in reason:
             reason += ". Make room there; the same command goes on."
         return StoreError(f"{self.path}: {reason}")
@@ -268,20 +273,36 @@ def _may_write(path: Path) -> bool:
     return os.access(path, os.W_OK) and os.access(path.parent, os.W_OK)
 
 
+def _has_log(path: Path) -> bool:
+    log = path.with_name(f"{path.name}-wal")
+    return log.exists() and log.stat().st_size > 0
+
+
 def _engine(path: Path, *, readonly: bool) -> sa.Engine:
-    if readonly:  # SQLite would still make files beside it, for locks, where it is not told that nobody writes
-        uri = f"file:{quote(str(path.absolute()))}?immutable=1"
+    if readonly:
+        # SQLite would still make files beside it, for locks, where it is not told that nobody writes. Told so, it
+        # passes over a log that is left there by a campaign under way or killed, with what was committed last.
+        how = "mode=ro" if _has_log(path) else "immutable=1"
+        uri = f"file:{quote(str(path.absolute()))}?{how}"
         return sa.create_engine(
             "sqlite://", creator=lambda: sqlite3.connect(uri, uri=True, check_same_thread=False), poolclass=sa.NullPool
         )
-    engine = sa.create_engine(sa.URL.create("sqlite", database=str(path)), connect_args={"timeout": 30.0})
+    engine = sa.create_engine(sa.URL.create("sqlite", database=str(path)), connect_args={"timeout": PATIENCE_S})
     sa.event.listen(engine, "connect", _configure)
     return engine
 
 
 def _configure(connection: Any, _: Any) -> None:
     cursor = connection.cursor()
-    cursor.execute("PRAGMA journal_mode=WAL")
+    deadline = time.monotonic() + PATIENCE_S
+    while True:
+        try:
+            cursor.execute("PRAGMA journal_mode=WAL")
+            break
+        except sqlite3.OperationalError as error:  # SQLite does not wait here where another process opens a new store
+            if "locked" not in str(error) or time.monotonic() > deadline:
+                raise
+            time.sleep(0.02)
     cursor.execute("PRAGMA synchronous=NORMAL")
     cursor.close()
 
