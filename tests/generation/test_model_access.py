@@ -26,7 +26,8 @@ from tests.generation.loopback import (
 from rvsg.errors import BudgetSpent, InputError, ModelUnavailable
 from rvsg.generation.vlm.access import Limits, ModelAccess
 from rvsg.generation.vlm.budget import Budget, Budgeted
-from rvsg.generation.vlm.messages import Message, Picture, Request
+from rvsg.generation.vlm.faults import Fault, _said
+from rvsg.generation.vlm.messages import Answer, Message, Picture, Request
 from rvsg.generation.vlm.model import Scripted
 from rvsg.generation.vlm.pacing import Paced
 from rvsg.generation.vlm.recording import Recorded, Recording
@@ -337,6 +338,17 @@ def test_a_safety_filter_is_a_refusal_however_it_is_told(behaviour: Behaviour) -
     assert answer.finish == "refused"
 
 
+def test_a_refusal_as_an_error_does_not_spend_a_budget_of_dollars(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(self: ModelAccess, asked: Request) -> Answer:
+        raise Fault("a safety filter refused it.", refused=True)
+
+    monkeypatch.setattr(ModelAccess, "_try", refuse)
+    budgeted = Budgeted(ModelAccess("openai-chat:gpt-4.1"), Budget(usd=1.0))
+    for number in (1, 2):
+        assert budgeted.ask(request(number)).finish == "refused"
+    assert 0.0 < budgeted.spent.cost_usd < 0.01
+
+
 def test_a_wait_before_another_try_is_told_without_a_key() -> None:
     with serving(echoes_headers_then_fails(500), says("ok")) as server:
         model, _ = access(server.url)
@@ -410,3 +422,8 @@ def test_threads_ask_side_by_side_on_connections_of_their_own() -> None:
         with ThreadPoolExecutor(3) as pool:
             answers = list(pool.map(model.ask, [request(n) for n in range(1, 7)]))
     assert [answer.text for answer in answers] == ["ok"] * 6
+
+
+def test_a_key_is_hidden_where_a_long_reply_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("LAB_API_KEY", "abcdefghijQRSTUVWXYZ0123456789")
+    assert "abcdefghij" not in _said(ValueError("." * 580 + " abcdefghijQRSTUVWXYZ0123456789"))

@@ -124,7 +124,7 @@ class ModelAccess:
 
     def knows_price(self) -> bool:
         """Whether the cost of a call can be told."""
-        return self._prices is not None or _listed_price(self._provider, self._model)
+        return self._prices is not None or _listed_price(self._provider, self._model, Usage(input_tokens=1)) is not None
 
     def prepare(self) -> None:
         """Find out before the first call whether the client is installed and has its key; InputError where not."""
@@ -209,8 +209,9 @@ class ModelAccess:
     def _refused(self, fault: Fault, request: Request, tries: int) -> Answer:
         """A refusal that came as an error, as the answer it is; what it cost is not told."""
         usage = Usage(input_tokens=estimated_input_tokens(request), estimated=True, tries=tries)
-        if self._prices is not None:
-            usage = usage.model_copy(update={"cost_usd": _priced(usage, self._prices)})
+        prices = self._prices
+        cost = _priced(usage, prices) if prices is not None else _listed_price(self._provider, self._model, usage)
+        usage = usage.model_copy(update={"cost_usd": cost})
         return Answer(text=hide_secrets(fault.told), model=self._model, finish="refused", usage=usage)
 
     def _foreign(self, request: Request) -> tuple[Any, list[Any], Any, Any]:
@@ -323,18 +324,19 @@ def _priced(usage: Usage, prices: tuple[float, float, float]) -> float:
     return (fresh * prices[0] + usage.cached_tokens * prices[1] + usage.output_tokens * prices[2]) / 1e6
 
 
-def _listed_price(provider: str, model: str) -> bool:
+def _listed_price(provider: str, model: str, usage: Usage) -> float | None:
+    """What the usage costs by public price lists, in dollars; None where they do not know the model."""
     try:
         from genai_prices import Usage as Counted
         from genai_prices import calc_price
     except ImportError:
-        return False
+        return None
     listed = {"openai-chat": "openai", "openai-responses": "openai", "google-gla": "google"}.get(provider, provider)
+    counted = Counted(input_tokens=usage.input_tokens, output_tokens=usage.output_tokens)
     try:
-        calc_price(Counted(input_tokens=1), model_ref=model, provider_id=listed)
+        return float(calc_price(counted, model_ref=model, provider_id=listed).total_price)
     except LookupError:
-        return False
-    return True
+        return None
 
 
 def _checked_address(base_url: str | None, provider: str) -> str | None:

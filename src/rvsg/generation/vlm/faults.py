@@ -175,7 +175,7 @@ def _said(error: Exception) -> str:
     words = inner.get("message") if isinstance(inner, dict) else inner
     text = str(words) if isinstance(words, str) and words.strip() else str(error)
     place = f"HTTP {status}, " if status is not None and text is not str(error) else ""
-    return _sentence(hide_secrets(_one_line(place + text)))
+    return _sentence(_one_line(hide_secrets(place + text)))
 
 
 def _told_missing(provider: str, error: Exception) -> str:
