@@ -140,3 +140,18 @@ def test_cells_do_not_go_into_the_folder_of_one_campaign(tmp_path: Path, capsys:
     main(["run", *SMALL, "--out", out])
     assert main(["run", *SMALL, *ASKED, "--out", out]) == 2
     assert "single campaign" in capsys.readouterr().err
+
+
+def test_a_list_of_cells_that_is_damaged_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "cells.json").write_text("5")
+    assert main(["run", "--out", str(tmp_path)]) == 2
+    assert "cells.json: cannot be read" in capsys.readouterr().err
+
+
+def test_the_command_that_repeats_cells_has_the_whole_budget(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked = ["--route", "route_1", "--route", "route_2", "--budget-calls", "9", "--out", str(tmp_path / "all")]
+    assert main(["run", *SMALL, *asked, "--json"]) in (0, 2)
+    told = capsys.readouterr()
+    assert "--budget-calls 9" in json.loads(told.out)["command"]

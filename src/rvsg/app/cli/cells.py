@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
 CELLS = "cells.json"
 LISTED = ("route", "requirement")
+BUDGETS = ("budget_calls", "budget_tokens", "budget_usd")
 PATIENCE_S = 20.0
 """So long a cell that is interrupted may take to keep what it has."""
 CHILD = "import sys; from rvsg.app.cli.cell import main; sys.exit(main())"
@@ -75,7 +76,7 @@ def cells_of(from_file: dict[str, Any], given: dict[str, Any]) -> Cells | None:
     stored = _stored(Path(asked["out"])) if asked.get("out") else {}
     values = {**stored, **asked}
     names = {key: _names(values.get(key, CampaignConfig.model_fields[key].default)) for key in LISTED}
-    if not stored and names.keys() and all(len(found) == 1 and found != ["all"] for found in names.values()):
+    if not stored and all(len(found) == 1 and found != ["all"] for found in names.values()):
         return None
     rest = {key: value for key, value in values.items() if key not in LISTED}
     routes, requirements = _every(names, rest.get("world", "warehouse"))
@@ -139,7 +140,7 @@ def _stored(folder: Path) -> dict[str, Any]:
         return dict(json.loads((folder / CELLS).read_text(encoding="utf-8")))
     except FileNotFoundError:
         return {}
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, TypeError) as error:
         raise InputError(f"{folder / CELLS}: cannot be read: {error}. Choose another --out.") from None
 
 
@@ -201,7 +202,7 @@ def _share_of_budget(cells: Cells) -> dict[str, Any]:
     """What a model may cost in each cell: what is asked for is for all of them together, in equal parts."""
     count = len(cells.routes) * len(cells.requirements)
     share: dict[str, Any] = {}
-    for key in ("budget_calls", "budget_tokens", "budget_usd"):
+    for key in BUDGETS:
         budget = cells.values.get(key)
         if budget is None or count == 1:
             continue
@@ -312,7 +313,8 @@ def _write_and_show(
         write_whole(Path(config.junit), junit_of([(plan, summary) for _, plan, summary in found]))
     asked = [("--route", name) for name in cells.routes] + [("--requirement", name) for name in cells.requirements]
     words = [word for pair in asked for word in pair]
-    rest = command_for(config.replace(route="route_1", requirement="R1")).removeprefix("rvsg run ")
+    whole = {key: cells.values.get(key) for key in BUDGETS}  # not the part of one cell
+    rest = command_for(config.replace(route="route_1", requirement="R1", **whole)).removeprefix("rvsg run ")
     command = f"rvsg run {shlex.join(words)} {rest}"
     if as_json:
         listed = [
