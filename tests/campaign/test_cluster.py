@@ -101,6 +101,32 @@ def test_a_worker_that_dies_costs_at_most_its_own_run(cluster, tmp_path: Path, a
         assert any("made again alone" in line for line in told)
 
 
+def test_a_run_is_made_again_when_what_is_under_way_beside_it_is_done(cluster) -> None:
+    class Slow(KinematicSimulator):
+        def run(self, scenario: Scenario, world: World, *, seed: int) -> Run:
+            time.sleep(0.3)
+            return super().run(scenario, world, seed=seed)
+
+    scenario = alone(plan(scenarios=1, refinements=0, repeats=1, confirmations=0))[0].proposal.scenario
+    assert scenario is not None
+    executor = Cluster(address=cluster.scheduler_address)
+    executor.begin(Slow(), warehouse(), lambda _: None)
+    beside = [executor.submit(scenario, seed) for seed in range(4)]
+    assert isinstance(executor.again(scenario, 9), Run)
+    assert all(future.status == "finished" for future in beside)
+    executor.stop(kill=True)
+
+
+@pytest.mark.parametrize("error", [TimeoutError("the physics took too long"), FileNotFoundError("no mesh.dae")])
+def test_an_error_of_the_simulator_is_none_of_the_connection(cluster, error: Exception) -> None:
+    class Broken(KinematicSimulator):
+        def run(self, scenario: Scenario, world: World, *, seed: int) -> Run:
+            raise error
+
+    with pytest.raises(type(error), match=str(error)):
+        campaign(plan(), cluster.scheduler_address, [], Broken())
+
+
 def test_a_scheduler_that_is_not_there_is_one_message() -> None:
     with pytest.raises(InputError, match=r"tcp://127.0.0.1:9 .*`dask scheduler`"):
         campaign(plan(), "tcp://127.0.0.1:9", [], patience_s=1.0)

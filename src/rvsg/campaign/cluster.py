@@ -106,21 +106,16 @@ class Cluster:
         distributed = _distributed()
         seen = time.monotonic()
         while True:
+            failed = submitted.status == "error"  # then what is raised is of the simulator, not of the connection
             try:
                 found: Run | Failure = submitted.result(timeout=LOOK_S)
             except distributed.KilledWorker as killed:
                 raise WorkerDied from killed
-            except TimeoutError:
-                if self._client.status not in ("running", "connecting"):
-                    raise SimulationError(LOST) from None
-                if self._look():
-                    seen = time.monotonic()
-                elif time.monotonic() - seen > self.patience_s:
-                    raise SimulationError(
-                        f"The cluster has had no worker for {self.patience_s:g} s. Start workers and resume."
-                    ) from None
-            except (OSError, CancelledError):
-                raise SimulationError(LOST) from None
+            except (OSError, CancelledError) as error:
+                if failed:
+                    raise
+                if submitted.status != "error":
+                    seen = self._still(seen, error)
             else:
                 self._under_way.discard(submitted)
                 submitted.release()
@@ -130,22 +125,38 @@ class Cluster:
         """Make a run alone: when all others under way are done, or have turned out to kill as well."""
         distributed = _distributed()
         self._tell("Several workers of the cluster died under one run; it is made again alone.")
-        waiting = [future for future in self._under_way if future.status == "pending"]
-        while waiting:
-            with_result = distributed.wait(waiting, timeout=None, return_when="FIRST_COMPLETED")
-            waiting = list(with_result.not_done)
+        seen = time.monotonic()
+        while waiting := [future for future in self._under_way if future.status == "pending"]:
+            try:
+                with self._client.as_current():  # it is no default client, which `wait` would take
+                    distributed.wait(waiting, timeout=LOOK_S, return_when="FIRST_COMPLETED")
+            except (OSError, CancelledError) as error:
+                seen = self._still(seen, error)
         return self.result(self.submit(scenario, seed))
+
+    def _still(self, seen: float, error: BaseException) -> float:
+        """When there was a worker last, after nothing came; SimulationError where the cluster is gone."""
+        if not isinstance(error, TimeoutError) or self._client.status not in ("running", "connecting"):
+            raise SimulationError(LOST) from None
+        if self._look():
+            return time.monotonic()
+        if time.monotonic() - seen > self.patience_s:
+            raise SimulationError(
+                f"The cluster has had no worker for {self.patience_s:g} s. Start workers and resume."
+            ) from None
+        return seen
 
     def stop(self, *, kill: bool) -> None:
         """Leave the cluster as it was found."""
         client, self._client = self._client, None
         if client is None:
             return
+        left = list(self._under_way)
         self._under_way.clear()
         try:
             if client.status == "running":
                 if kill:
-                    client.cancel(list(client.futures), force=True)
+                    client.cancel(left, force=True)
                 if hasattr(self, "_token"):
                     client.unregister_worker_plugin(self._token)
         except (OSError, TimeoutError):
