@@ -1,6 +1,6 @@
 """The SQLite ledger: one file, one transaction per attempt, every record by its content id.
 
-The file is in WAL mode with full synchronisation at commit points: what was committed survives a kill. Its
+The file is in WAL mode: what was committed survives a kill (the last of it not a loss of power). Its
 `user_version` is the number of migrations applied, its `application_id` says it is ours.
 """
 
