@@ -155,3 +155,12 @@ def test_the_command_that_repeats_cells_has_the_whole_budget(
     assert main(["run", *SMALL, *asked, "--json"]) in (0, 2)
     told = capsys.readouterr()
     assert "--budget-calls 9" in json.loads(told.out)["command"]
+
+
+def test_two_cells_that_would_share_a_folder_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "r.yaml"
+    words = "{title: N, text: Keep away., metric: dto, worse: smaller, unit: m, limit: 1.0}"
+    file.write_text(f'"N 1": {words}\nN_1: {words}\n')
+    asked = ["--requirement", f"{file}#N 1", "--requirement", f"{file}#N_1"]
+    assert main(["run", *SMALL, *asked, "--out", str(tmp_path / "all")]) == 2
+    assert "Two of the campaigns would be kept in" in capsys.readouterr().err

@@ -194,6 +194,8 @@ def _wired(cells: Cells) -> list[Cell]:
         folder = cells.folder / re.sub(r"[^\w.+-]+", "_", name)
         if name in found:
             raise InputError(f"Two of the requirements are called {wired.plan.requirement.name}. Rename one of them.")
+        if any(folder == cell.folder for cell in found.values()):
+            raise InputError(f"Two of the campaigns would be kept in {folder}. Rename a route or a requirement.")
         found[name] = Cell(name=name, wired=wired, values=values | {"out": str(folder), "junit": None})
     return list(found.values())
 
