@@ -375,3 +375,35 @@ def test_a_full_disk_is_no_defect_of_the_program(tmp_path: Path, a_run: dict, st
     assert done.returncode == 2
     if stream == "stdout":
         assert "No space left on device" in done.stderr and "defect" not in done.stderr
+
+
+@pytest.mark.parametrize("option", ["stop_gap_m=abc", "stop_gap_m=-5", "robot_speed_m_s=.inf", "robot_speed_m_s=nan"])
+def test_options_of_the_kinematic_simulator_that_are_no_numbers_are_refused(refused, option: str) -> None:
+    said = refused("run", *SMALL, "--simulator-option", option)
+    assert re.search(rf"{option.split('=')[0]} must be a number from", said)
+
+
+def test_a_number_that_yaml_takes_for_a_word_is_a_number(tmp_path: Path) -> None:
+    arguments = ["--simulator-option", "stop_gap_m=5e-1", "--confirmations", "0", "--out", str(tmp_path / "one")]
+    assert main(["run", *SMALL, *arguments]) == 0
+
+
+@pytest.mark.parametrize("content", [None, "", "{}", '{"address": 5}'])
+def test_a_scheduler_file_without_a_scheduler_is_refused_at_once(refused, tmp_path: Path, content: str | None) -> None:
+    pytest.importorskip("distributed")
+    if content is not None:
+        (tmp_path / "s.json").write_text(content)
+    said = refused("run", *SMALL, "--executor", "cluster", "--executor-option", "scheduler_file=s.json")
+    assert "scheduler_file s.json" in said
+
+
+def test_junit_into_a_folder_is_refused_before_the_work(refused) -> None:
+    assert "this is a folder" in refused("run", *SMALL, "--junit", ".", "--out", "one")
+
+
+def test_a_reader_that_goes_away_is_no_violation(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "rvsg", "run", *SMALL, "--out", str(tmp_path / "one")]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL)
+    assert process.stderr is not None
+    process.stderr.close()
+    assert process.wait(timeout=60) == 3

@@ -19,8 +19,8 @@ from rvsg.generation.vlm.budget import NO_CALL
 from rvsg.world.documents import DocumentError, mistakes_of, read_yaml, validated
 from rvsg.world.records import Record
 
-Positive = Annotated[int, Field(ge=1, le=100_000)]
-NotNegative = Annotated[int, Field(ge=0)]
+Positive = Annotated[int, Field(ge=1, le=100_000, strict=True)]
+NotNegative = Annotated[int, Field(ge=0, strict=True)]
 
 PATHS = ("out", "prompts", "replay", "junit")
 """Keys whose value is a path; `world` and `requirement` are one where such a thing exists beside the file."""

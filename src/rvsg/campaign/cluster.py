@@ -8,6 +8,7 @@ API: distributed 2024.8 and later (`Client.register_plugin`), https://distribute
 
 from __future__ import annotations
 
+import json
 import logging
 import pickle
 import platform
@@ -17,6 +18,7 @@ import time
 import uuid
 from collections.abc import Callable
 from concurrent.futures import CancelledError
+from pathlib import Path
 from typing import Any
 
 import rvsg
@@ -34,6 +36,18 @@ LOST = "The connection to the cluster's scheduler is lost. Start it again, with 
 INSTALL = "The executor \"cluster\" needs Dask: pip install 'rvsg[cluster]'"
 
 
+def _check_scheduler_file(path: Path) -> None:
+    """Raise ValueError where this is not what a Dask scheduler writes; Dask itself would wait for ever."""
+    try:
+        written = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ValueError(f"scheduler_file {path} cannot be read: {error.strerror}. Is the scheduler running?") from None
+    except ValueError:
+        written = None
+    if not isinstance(written, dict) or not isinstance(written.get("address"), str):
+        raise ValueError(f"scheduler_file {path} holds no scheduler's address: it is not what `dask scheduler` writes")
+
+
 class Cluster:
     """The workers of a Dask cluster.
 
@@ -46,8 +60,10 @@ class Cluster:
             raise ValueError("give either address (of the scheduler, e.g. tcp://10.0.0.1:8786) or scheduler_file")
         if address is not None and not re.fullmatch(r"[a-z]+://\S+:\d+", address):
             raise ValueError(f"address must look like tcp://10.0.0.1:8786, got {address}")
-        if not patience_s > 0:
-            raise ValueError(f"patience_s must be positive, got {patience_s}")
+        if scheduler_file is not None:
+            _check_scheduler_file(Path(str(scheduler_file)))
+        if isinstance(patience_s, bool) or not isinstance(patience_s, int | float) or not 0 < patience_s <= 86_400:
+            raise ValueError(f"patience_s must be a number of seconds, over 0 and at most a day, got {patience_s!r}")
         self.address = address
         self.scheduler_file = scheduler_file
         self.patience_s = patience_s

@@ -33,8 +33,9 @@ class KinematicSimulator:
     name = "kinematic"
 
     def __init__(self, *, robot_speed_m_s: float = 0.5, stop_gap_m: float = 0.4) -> None:
-        if robot_speed_m_s <= 0:
-            raise ValueError("robot_speed_m_s must be positive")
+        for name, value, least in (("robot_speed_m_s", robot_speed_m_s, 0.01), ("stop_gap_m", stop_gap_m, 0.0)):
+            if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value <= 100.0:
+                raise ValueError(f"{name} must be a number from {least:g} to 100, got {value!r}")
         self.robot_speed_m_s = robot_speed_m_s
         self.stop_gap_m = stop_gap_m
 

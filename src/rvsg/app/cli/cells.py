@@ -97,11 +97,19 @@ def run_cells(cells: Cells, *, as_json: bool) -> int:
         raise InputError(f"{cells.folder}: this folder holds a single campaign. Choose another --out for several.")
     all_of_them = _wired(cells)
     make_folder(cells.folder)
-    kept = cells.values | {"route": list(cells.routes), "requirement": list(cells.requirements)}
+    stored = _stored(cells.folder)
+    listed = {
+        key: list(dict.fromkeys([*_names(stored.get(key, [])), *asked]))
+        for key, asked in (("route", cells.routes), ("requirement", cells.requirements))
+    }
+    kept = cells.values | listed
+    others = len(listed["route"]) * len(listed["requirement"]) - len(all_of_them)
     with alone_in(cells.folder):
         write_whole(cells.folder / CELLS, json.dumps(kept, indent=2, ensure_ascii=False) + "\n")
         jobs = jobs_of(all_of_them[0].wired.config)
-        say(f"{len(all_of_them)} campaigns in {cells.folder}, {min(jobs, len(all_of_them))} side by side.")
+        say(f"Campaigns in {cells.folder}: {len(all_of_them)}, of which {min(jobs, len(all_of_them))} side by side.")
+        if others:
+            say(f"{others} more in this folder were not asked for now; they go on with: rvsg run --out {cells.folder}")
         if share := _share_of_budget(cells):
             told = ", ".join(f"--{key.replace('_', '-')} {value:g}" for key, value in share.items())
             say(f"The budget is for all of them together; each may spend its part: {told}.")
@@ -138,7 +146,7 @@ def found_in(folder: Path) -> tuple[Plan, Summary] | None:
 def _stored(folder: Path) -> dict[str, Any]:
     try:
         return dict(json.loads((folder / CELLS).read_text(encoding="utf-8")))
-    except FileNotFoundError:
+    except (FileNotFoundError, NotADirectoryError):
         return {}
     except (OSError, ValueError, TypeError) as error:
         raise InputError(f"{folder / CELLS}: cannot be read: {error}. Choose another --out.") from None

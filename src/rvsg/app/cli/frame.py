@@ -105,6 +105,9 @@ def _root(verbs: Mapping[str, Verb]) -> Any:
                 return super().invoke(ctx)
             except KeyboardInterrupt:
                 raise Interrupted("Interrupted. What was finished is kept.") from None
+            except BrokenPipeError:  # before Click makes of it exit code 1, which means "violated"
+                _nobody_reads()
+                raise Interrupted("Nobody reads the output any more. What was finished is kept.") from None
 
     app = typer.Typer(
         cls=Frame,
@@ -149,13 +152,17 @@ def _tell(message: str) -> None:
         print(message, file=sys.stderr, flush=True)
 
 
+def _nobody_reads() -> None:
+    """The reader of our output went away (`rvsg ... | head`): no defect, but not done either. Write to nowhere."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    for stream in (sys.stdout, sys.stderr):
+        os.dup2(nowhere, stream.fileno())
+
+
 def _report_defect(error: Exception, arguments: Sequence[str]) -> int:
     """Say what happened, how to see more and where to report it: this is our mistake, not the user's."""
     if isinstance(error, BrokenPipeError):
-        # The reader of our output went away (`rvsg ... | head`): no defect, but not done either, and nobody listens.
-        nowhere = os.open(os.devnull, os.O_WRONLY)
-        for stream in (sys.stdout, sys.stderr):
-            os.dup2(nowhere, stream.fileno())
+        _nobody_reads()
         return 3
     if isinstance(error, OSError) and error.errno in NO_ROOM:
         _tell(f"Error: {error.strerror}: {error.filename or 'the output'} could not be written whole. Make room there.")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from typing import Any
 
 from rvsg.errors import InputError
@@ -19,6 +20,10 @@ def _pair(kind: str, pair: str) -> tuple[str, Any]:
     if not equals or not name:
         raise InputError(f"--{kind}-option {pair!r}: expected NAME=VALUE")
     try:
-        return name, yaml.safe_load(value)
+        read = yaml.safe_load(value)
     except yaml.YAMLError as error:
         raise InputError(f"--{kind}-option {pair!r}: the value cannot be read: {error}") from None
+    if isinstance(read, str):
+        with contextlib.suppress(ValueError):
+            return name, float(read)  # 1e2 and nan, which YAML takes for words
+    return name, read

@@ -11,6 +11,7 @@ import typer
 
 from rvsg.app.cli.console import console, print_json, say
 from rvsg.app.cli.frame import verb
+from rvsg.errors import InputError
 
 if TYPE_CHECKING:
     from rvsg.app.config import CampaignConfig
@@ -123,6 +124,8 @@ def find(from_file: dict[str, Any], given: dict[str, Any]) -> tuple[Wired, Summa
     from rvsg.report.files import write_whole
 
     config = effective(None, from_file, given)
+    if config.junit and Path(config.junit).is_dir():
+        raise InputError(f"--junit {config.junit}: this is a folder; name the file to write.")
     folder = config.folder
     kept_by = _same_store(folder, config)
     stored = _stored(folder)
@@ -148,7 +151,6 @@ def find(from_file: dict[str, Any], given: dict[str, Any]) -> tuple[Wired, Summa
 def _same_store(folder: Path, config: CampaignConfig) -> dict[str, Any]:
     """The store that keeps the folder's campaign, as settings; empty without one. InputError where another is asked."""
     from rvsg.app.folder import store_of
-    from rvsg.errors import InputError
 
     known = store_of(folder)
     if known is None:
@@ -162,7 +164,6 @@ def _stored(folder: Path) -> dict[str, Any] | None:
     """The settings of the campaign kept there; None where there is none."""
     from rvsg.app.folder import opened, store_of
     from rvsg.app.wiring import with_defaults
-    from rvsg.errors import InputError
 
     known = store_of(folder)
     if known is None:
@@ -178,7 +179,6 @@ def _stored(folder: Path) -> dict[str, Any] | None:
 def _no_model_options_in_vain(config: CampaignConfig, given: dict[str, Any]) -> None:
     """Refuse options of a model on the command line where no model is asked; those of a file are only told."""
     from rvsg.app.wiring import VLM_OPTIONS
-    from rvsg.errors import InputError
 
     if config.generator_name == "vlm":
         return
@@ -197,7 +197,6 @@ def _same_or_empty(stored: dict[str, Any], asked: dict[str, Any], ledger: Ledger
     So a wrong name of a model, found out by the first call, can be mended in the same folder.
     """
     from rvsg.app.wiring import differences
-    from rvsg.errors import InputError
 
     found = differences(stored, asked)
     forget = getattr(ledger, "forget_empty", None)
