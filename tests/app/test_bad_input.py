@@ -365,7 +365,7 @@ def test_a_result_that_could_not_be_written_is_refused_before_the_work(
         assert out.split("/")[0] in told and "seed" not in told
 
 
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
+@pytest.mark.skipif(not Path("/dev/full").is_char_device(), reason="needs a device that is always full")
 @pytest.mark.parametrize("stream", ["stdout", "stderr"])
 def test_a_full_disk_is_no_defect_of_the_program(tmp_path: Path, a_run: dict, stream: str) -> None:
     with Path("/dev/full").open("w") as full:

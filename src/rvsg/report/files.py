@@ -13,6 +13,9 @@ def write_whole(path: Path, text: str) -> None:
     """Write a file so that it is there whole or not at all, its folder made; FileError where it cannot be."""
     draft = path.with_name(f".{path.name}.{os.getpid()}")
     try:
+        if path.exists() and not path.is_file() and not path.is_dir():
+            path.write_text(text, encoding="utf-8")  # a device or a pipe is written to, not replaced
+            return
         path.parent.mkdir(parents=True, exist_ok=True)
         draft.write_text(text, encoding="utf-8")
         draft.replace(path)

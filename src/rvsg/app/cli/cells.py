@@ -146,7 +146,7 @@ def found_in(folder: Path) -> tuple[Plan, Summary] | None:
 def _stored(folder: Path) -> dict[str, Any]:
     try:
         return dict(json.loads((folder / CELLS).read_text(encoding="utf-8")))
-    except (FileNotFoundError, NotADirectoryError):
+    except FileNotFoundError:
         return {}
     except (OSError, ValueError, TypeError) as error:
         raise InputError(f"{folder / CELLS}: cannot be read: {error}. Choose another --out.") from None

@@ -27,7 +27,12 @@ def say(*what: Any, **how: Any) -> None:
 def _console(stream: Any) -> Console:
     from rich.console import Console
 
-    return Console(file=stream, stderr=True)
+    class Teller(Console):
+        def on_broken_pipe(self) -> None:
+            """Leave it to the frame: by itself rich ends with exit code 1, which means "violated"."""
+            raise
+
+    return Teller(file=stream, stderr=True)
 
 
 def console() -> Console:
