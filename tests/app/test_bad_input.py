@@ -99,10 +99,30 @@ def test_a_campaign_file_that_is_absent_is_named(refused) -> None:
     assert "nowhere.yaml" in refused("run", "nowhere.yaml")
 
 
-def test_an_output_folder_that_cannot_be_written_is_named(refused, tmp_path: Path) -> None:
+SEVERAL = ["--route", "route_1", "--route", "route_2"]
+
+
+@pytest.mark.parametrize("several", [[], SEVERAL])
+def test_a_file_in_the_place_of_the_output_folder_is_called_one(refused, tmp_path: Path, several: list[str]) -> None:
     (tmp_path / "file").write_text("in the way")
-    told = refused("run", *SMALL, "--out", "file/below")
-    assert "file/below" in told and "--out" in told
+    assert "file: this is no folder, and --out file needs one" in refused("run", *SMALL, *several, "--out", "file")
+    told = refused("run", *SMALL, *several, "--out", "file/below")
+    assert "file: this is no folder, and --out file/below needs one" in told
+
+
+@pytest.mark.parametrize("several", [[], SEVERAL])
+def test_a_folder_of_other_files_is_not_written_into(refused, tmp_path: Path, several: list[str]) -> None:
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "report.html").write_text("of another program")
+    told = refused("run", *SMALL, *several, "--out", "mine")
+    assert "mine: this folder holds no campaign but other files (report.html)" in told
+
+
+def test_templates_and_recorded_calls_may_be_there_before_a_campaign(tmp_path: Path) -> None:
+    for name in ("prompts", "vlm"):
+        (tmp_path / "one" / name).mkdir(parents=True)
+    (tmp_path / "one" / ".hidden").touch()
+    assert main(["run", *SMALL, "--confirmations", "0", "--out", str(tmp_path / "one")]) == 0
 
 
 def test_an_option_a_plug_in_does_not_take_is_named(refused) -> None:

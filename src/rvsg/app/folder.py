@@ -17,11 +17,15 @@ if TYPE_CHECKING:
     from rvsg.campaign.attempt import Ledger
 
 LEDGER = "ledger.sqlite"
+CELLS = "cells.json"
+"""The settings of several campaigns of one command, whose folders stand beside it."""
 STORE = "store.json"
 """Says which store keeps the campaign where that is not SQLite, so that resuming and reporting find it."""
 CONFIG = "campaign.yaml"
 REPORT = "report.html"
 BEST = "best_scenario.json"
+BEFOREHAND = ("prompts", "vlm")
+"""What a user may put into the folder of a campaign before it begins: templates, and recorded calls of a model."""
 
 
 def store_of(folder: Path) -> tuple[str, dict[str, Any]] | None:
@@ -61,6 +65,27 @@ def reading(store: Path) -> Iterator[Ledger]:
         yield ledger
     finally:
         ledger.close()
+
+
+def check_out(folder: Path) -> None:
+    """Refuse an output folder that is a file, or that holds what no campaign made: it could be replaced."""
+    nearest = next((path for path in (folder, *folder.parents) if os.path.lexists(path)), Path())
+    if not nearest.is_dir():
+        raise FileError(nearest, f"this is no folder, and --out {folder} needs one. Choose another --out.")
+    if nearest != folder:
+        return
+    try:
+        found = {path.name for path in folder.iterdir() if not path.name.startswith(".")}
+    except OSError as error:
+        raise FileError(folder, f"the folder cannot be read: {error.strerror}. Choose another --out.") from None
+    foreign = sorted(found.difference(BEFOREHAND))
+    if foreign and not found.intersection((LEDGER, STORE, CELLS)):
+        listed = ", ".join(foreign[:3]) + (", ..." if len(foreign) > 3 else "")
+        raise FileError(
+            folder,
+            f"this folder holds no campaign but other files ({listed}), which could be replaced. Choose a new or an "
+            "empty folder as --out.",
+        )
 
 
 def make_folder(folder: Path) -> None:

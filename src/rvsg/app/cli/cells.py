@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from rvsg.campaign.plan import Plan
     from rvsg.report.summary import Summary
 
-CELLS = "cells.json"
 LISTED = ("route", "requirement")
 BUDGETS = ("budget_calls", "budget_tokens", "budget_usd")
 PATIENCE_S = 20.0
@@ -88,11 +87,12 @@ def cells_of(from_file: dict[str, Any], given: dict[str, Any]) -> Cells | None:
 
 def run_cells(cells: Cells, *, as_json: bool) -> int:
     """Run or resume the campaigns of all cells, show what was found, and return the exit code."""
-    from rvsg.app.folder import alone_in, make_folder, store_of
+    from rvsg.app.folder import CELLS, alone_in, check_out, make_folder, store_of
     from rvsg.app.wiring import jobs_of
     from rvsg.report.files import write_whole
 
     begin = time.monotonic()
+    check_out(cells.folder)
     if store_of(cells.folder) is not None:
         raise InputError(f"{cells.folder}: this folder holds a single campaign. Choose another --out for several.")
     all_of_them = _wired(cells)
@@ -144,9 +144,11 @@ def found_in(folder: Path) -> tuple[Plan, Summary] | None:
 
 
 def _stored(folder: Path) -> dict[str, Any]:
+    from rvsg.app.folder import CELLS
+
     try:
         return dict(json.loads((folder / CELLS).read_text(encoding="utf-8")))
-    except FileNotFoundError:
+    except (FileNotFoundError, NotADirectoryError):
         return {}
     except (OSError, ValueError, TypeError) as error:
         raise InputError(f"{folder / CELLS}: cannot be read: {error}. Choose another --out.") from None

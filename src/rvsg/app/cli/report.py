@@ -35,9 +35,8 @@ def report(
     json: Annotated[bool, typer.Option("--json", help="Print the result as JSON on standard output.")] = False,
 ) -> None:
     """Write the page of a campaign, finished or not, and print its ranked scenarios."""
-    from rvsg.app.cli.cells import CELLS
     from rvsg.app.cli.tables import cells_table, confirmation_line, ranked_table
-    from rvsg.app.folder import store_of
+    from rvsg.app.folder import CELLS, store_of
     from rvsg.errors import InputError
     from rvsg.report.files import write_whole
     from rvsg.report.junit import junit_of

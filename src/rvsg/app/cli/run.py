@@ -119,7 +119,7 @@ def run_campaign_of(
 def find(from_file: dict[str, Any], given: dict[str, Any]) -> tuple[Wired, Summary]:
     """Run or resume a campaign and write what was found."""
     from rvsg.app.config import effective
-    from rvsg.app.folder import CONFIG, alone_in, make_folder, opened
+    from rvsg.app.folder import CONFIG, alone_in, check_out, make_folder, opened
     from rvsg.app.wiring import wire
     from rvsg.report.files import write_whole
 
@@ -127,6 +127,7 @@ def find(from_file: dict[str, Any], given: dict[str, Any]) -> tuple[Wired, Summa
     if config.junit and Path(config.junit).is_dir():
         raise InputError(f"--junit {config.junit}: this is a folder; name the file to write.")
     folder = config.folder
+    check_out(folder)
     kept_by = _same_store(folder, config)
     stored = _stored(folder)
     if stored is not None:
