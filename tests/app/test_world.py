@@ -120,13 +120,15 @@ def test_a_folder_with_a_world_is_only_replaced_when_told(tmp_path: Path, capsys
         (["draw", "office", "--colours", "pink"], 'no palette "pink"'),
         (["draw", "office", "--window", "1,2,3"], "four numbers"),
         (["show", "nowhere"], 'no world "nowhere"'),
-        (["check", "nowhere"], "holds no world.yaml"),
+        (["check", "nowhere"], 'There is no world "nowhere"'),
+        (["check", "map.yaml"], "map.yaml: this is a file; a world is a folder"),
     ],
 )
 def test_a_misspelt_name_or_absurd_size_is_one_message(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], arguments: list[str], says: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    (tmp_path / "map.yaml").touch()
     assert main(["world", *arguments]) == 2
     assert says in capsys.readouterr().err
 

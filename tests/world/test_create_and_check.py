@@ -237,8 +237,9 @@ def test_isolated_parts_and_unknown_space_are_told(tmp_path: Path) -> None:
 
 
 def test_a_folder_without_world_and_a_broken_one_are_told(tmp_path: Path, folder: Path) -> None:
+    (tmp_path / "empty").mkdir()
     with pytest.raises(FileError, match="holds no world"):
-        check_world(tmp_path / "nothing")
+        check_world(tmp_path / "empty")
     (folder / "labels.yaml").write_text("areas: [")
     (folder / "routes.yaml").write_text("route: []")
     remarks = check_world(folder)

@@ -119,6 +119,9 @@ def test_a_place_where_no_world_is_says_what_is_missing(tmp_path: Path) -> None:
         load_world(tmp_path)
     with pytest.raises(UnknownName, match="Or give the folder"):
         load_world(tmp_path / "nowhere")
+    (tmp_path / "file").touch()
+    with pytest.raises(FileError, match="file: this is a file; a world is a folder"):
+        load_world(tmp_path / "file")
 
 
 @pytest.mark.parametrize("name", shipped_worlds())

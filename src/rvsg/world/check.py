@@ -17,7 +17,7 @@ from rvsg.errors import FileError
 from rvsg.world.create import robot_stands
 from rvsg.world.documents import Document, DocumentError, Problem, read_yaml
 from rvsg.world.grid import GridSpec
-from rvsg.world.load import read_world, told_apart
+from rvsg.world.load import read_world, told_apart, world_folder
 from rvsg.world.named_areas import unknown_areas
 from rvsg.world.raster import outermost
 from rvsg.world.records import Pose
@@ -50,10 +50,7 @@ class Remark:
 
 def check_world(folder: str | Path) -> tuple[Remark, ...]:
     """All findings on a world folder: unreadable files first, then whatever can be judged of the rest."""
-    folder = Path(folder)
-    folder = folder.parent if folder.name == "world.yaml" else folder
-    if not (folder / "world.yaml").is_file():
-        raise FileError(folder, "the folder holds no world.yaml; `rvsg world new` makes a world folder from a map")
+    folder = world_folder(folder)
     problems: list[Problem] = []
     try:
         world = read_world(folder, problems)

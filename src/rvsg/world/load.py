@@ -32,16 +32,25 @@ def load_world(name_or_path: str | Path) -> World:
     Raises UnknownName where there is no such world, FileError (DocumentError: everything at once) where its files
     cannot be used.
     """
-    path = Path(name_or_path)
     if isinstance(name_or_path, str) and name_or_path in shipped_worlds():
         return _shipped(name_or_path)
-    if path.name == "world.yaml" and path.is_file():
-        return read_world(path.parent)
-    if path.is_dir():
-        if not (path / "world.yaml").is_file():
-            raise FileError(path, "the folder holds no world.yaml; `rvsg world new` makes a world folder from a map")
-        return read_world(path)
-    raise UnknownName("world", str(name_or_path), shipped_worlds(), hint="Or give the folder of your own world.")
+    return read_world(world_folder(name_or_path))
+
+
+def world_folder(path: str | Path) -> Path:
+    """The folder of a world, given by itself or by its world.yaml.
+
+    Raises UnknownName where there is no such folder, FileError where it is a file or holds no world.
+    """
+    path = Path(path)
+    folder = path.parent if path.name == "world.yaml" else path
+    if folder.is_file():
+        raise FileError(folder, "this is a file; a world is a folder that holds a world.yaml.")
+    if not folder.is_dir():
+        raise UnknownName("world", str(path), shipped_worlds(), hint="Or give the folder of your own world.")
+    if not (folder / "world.yaml").is_file():
+        raise FileError(folder, "the folder holds no world.yaml; `rvsg world new` makes a world folder from a map")
+    return folder
 
 
 @lru_cache(maxsize=8)
