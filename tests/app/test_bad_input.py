@@ -185,8 +185,16 @@ def test_a_number_that_is_none_is_refused(refused, tmp_path: Path, scenario: dic
 
 
 def test_a_scenario_of_another_world_is_refused(refused, tmp_path: Path, scenario: dict) -> None:
+    (tmp_path / "s.json").write_text(json.dumps(scenario))
+    told = refused("simulate", "s.json", "--world", "office", "--out", "runs.jsonl")
+    assert "made for warehouse (world-" in told and "--world office is another world (world-" in told
+    assert "changed" not in told
+
+
+def test_a_scenario_of_a_world_that_has_changed_is_refused(refused, tmp_path: Path, scenario: dict) -> None:
     scenario["mission"]["world_id"] = "world-0000000000000000"
-    assert "world-0000000000000000" in simulate(refused, tmp_path, scenario)
+    told = simulate(refused, tmp_path, scenario)
+    assert "world-0000000000000000" in told and "have changed" in told
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", "{}", "null", '{"people": 3}'])
@@ -351,6 +359,9 @@ def a_run(tmp_path: Path, scenario: dict, monkeypatch: pytest.MonkeyPatch) -> di
         ({"mood": 1}, 'there is no key "mood"'),
         ({"time_limit_s": -1.0}, "time_limit_s must be positive, got -1"),
         ({"arrays": {}}, "lacks the array"),
+        ({"robot_radius_m": -0.3}, "robot_radius_m must be positive, got -0.3"),
+        ({"human_radius_m": [0.3, -0.3]}, "human_radius_m[1] must be positive, got -0.3"),
+        ({"clock_ratio": 0.0}, "clock_ratio must be positive, got 0"),
     ],
 )
 def test_a_run_that_is_wrong_is_told_in_words(refused, tmp_path: Path, a_run: dict, change: dict, said: str) -> None:
@@ -363,6 +374,24 @@ def test_a_run_without_a_moment_is_refused(refused, tmp_path: Path, a_run: dict)
     empty = {name: [] for name in a_run["arrays"]}
     (tmp_path / "wrong.jsonl").write_text(json.dumps(a_run | {"arrays": empty}) + "\n")
     assert "holds no moment" in refused("evaluate", "wrong.jsonl")
+
+
+@pytest.mark.parametrize("array", ["trajectory.t", "log.t"])
+@pytest.mark.parametrize(
+    ("at", "value", "said"),
+    [
+        (0, -1.0, "{} must begin at 0 s or later, got -1."),
+        (3, 0.0, "{} must increase, but {}[3] is 0 s after "),
+        (1, 0.0, "{} must increase, but {}[1] is 0 s after 0 s."),
+    ],
+)
+def test_a_run_in_which_time_does_not_pass_is_refused(
+    refused, tmp_path: Path, a_run: dict, array: str, at: int, value: float, said: str
+) -> None:
+    a_run["arrays"][array][at] = value
+    (tmp_path / "wrong.jsonl").write_text(json.dumps(a_run) + "\n")
+    told = refused("evaluate", "wrong.jsonl")
+    assert f"wrong.jsonl:1: {said.replace('{}', array)}" in told
 
 
 def test_a_run_that_is_given_twice_counts_once(a_run: dict, capsys: pytest.CaptureFixture[str]) -> None:

@@ -14,6 +14,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TypeVar
 
+import numpy as np
 import pydantic
 
 from rvsg.errors import FileError, InputError
@@ -91,14 +92,30 @@ def read_runs(paths: Iterable[Path]) -> list[Run]:
                 run = run_from_json(line)
             except InputError as error:
                 raise FileError(path, f"{_told(error)}.", line=number) from None
-            if not len(run.trajectory):
-                raise FileError(path, "this run holds no moment; its arrays are empty.", line=number)
-            if not run.time_limit_s > 0:
-                raise FileError(path, f"time_limit_s must be positive, got {run.time_limit_s:g}.", line=number)
+            if wrong := _impossible(run):
+                raise FileError(path, wrong, line=number)
             runs.append(run)
     if not runs:
         raise InputError("There is no run in the files given; `rvsg simulate SCENARIO --out RUNS` makes some.")
     return runs
+
+
+def _impossible(run: Run) -> str:
+    """What of a run cannot have happened, in words; empty where there is nothing."""
+    if not len(run.trajectory) or not len(run.log):
+        return "this run holds no moment; its arrays are empty."
+    named = {name: getattr(run, name) for name in ("time_limit_s", "clock_ratio", "robot_radius_m")}
+    radii = enumerate(run.human_radius_m)
+    for name, value in (named | {f"human_radius_m[{human}]": radius for human, radius in radii}).items():
+        if not value > 0:
+            return f"{name} must be positive, got {value:g}."
+    for name, t in (("trajectory.t", run.trajectory.t), ("log.t", run.log.t)):
+        if t[0] < 0:
+            return f"{name} must begin at 0 s or later, got {t[0]:g}."
+        if (late := np.flatnonzero(np.diff(t) <= 0)).size:
+            before, after = late[0], late[0] + 1
+            return f"{name} must increase, but {name}[{after}] is {t[after]:g} s after {t[before]:g} s."
+    return ""
 
 
 def _no_other_record(path: Path, text: str) -> None:

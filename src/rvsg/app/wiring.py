@@ -167,15 +167,20 @@ def check_start(route: Route, world: World) -> None:
 
 
 def world_of(scenario: Scenario, instead: str | None) -> World:
-    """The world a scenario was made for, or another; InputError where it is not the same world any more."""
-    world = load_world(instead or scenario.mission.world)
-    if world.id != scenario.mission.world_id:
+    """The world a scenario was made for, or another place where it is; InputError where it is not that world."""
+    made_for, known = scenario.mission.world, scenario.mission.world_id
+    world = load_world(instead or made_for)
+    if world.id == known:
+        return world
+    if instead:
         raise InputError(
-            f"The scenario was made for {scenario.mission.world} ({scenario.mission.world_id}), but that world is now "
-            f"{world.id}: its map, objects, grid or routes have changed. Propose a new scenario, or give the world it "
-            "was made for with --world."
+            f"The scenario was made for {made_for} ({known}), and --world {instead} is another world ({world.id}). "
+            "Leave --world away, or give the place where the world it was made for is now."
         )
-    return world
+    raise InputError(
+        f"The scenario was made for {made_for} ({known}), but that world is now {world.id}: its map, objects, grid or "
+        "routes have changed. Propose a new scenario, or give a copy of the world it was made for with --world."
+    )
 
 
 def check_scenario(scenario: Scenario, world: World) -> tuple[str, ...]:
