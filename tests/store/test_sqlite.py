@@ -3,6 +3,7 @@ from __future__ import annotations
 import shutil
 import sqlite3
 import threading
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -114,6 +115,50 @@ def test_an_altered_record_is_noticed(tmp_path: Path) -> None:
     connection.close()
     with SqliteLedger(path) as ledger, pytest.raises(StoreError, match="not what was stored"):
         list(ledger.attempts("test"))
+
+
+def truncated(path: Path) -> None:
+    with path.open("r+b") as file:
+        file.truncate(path.stat().st_size // 2)
+
+
+def after(statement: str) -> Callable[[Path], None]:
+    def change(path: Path) -> None:
+        connection = sqlite3.connect(path)
+        connection.execute(statement)
+        connection.commit()
+        connection.close()
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("damage", "said"),
+    [
+        (truncated, "malformed"),
+        (after("DROP TABLE attempts"), "no such table: attempts"),
+        (after("UPDATE campaigns SET settings = '{'"), "the settings of campaign 'test' are not what was stored"),
+        (after("UPDATE campaigns SET settings = CAST(x'7bb4' AS TEXT)"), "a text in it is not what was stored"),
+        (after("UPDATE campaigns SET name = NULL"), "the name of a campaign is not what was stored"),
+        (after("UPDATE attempts SET record = x'00'"), "attempt 0 of campaign 'test' is not what was stored"),
+        (after("DELETE FROM runs"), "there is no run"),
+    ],
+)
+def test_a_damaged_store_says_what_is_lost_and_what_to_do(
+    tmp_path: Path, damage: Callable[[Path], None], said: str
+) -> None:
+    attempt, run = an_attempt()
+    path = tmp_path / "a.sqlite"
+    with SqliteLedger(path) as ledger:
+        ledger.begin("test", {"some": "settings"})
+        ledger.append(attempt, [run])
+    damage(path)
+    with pytest.raises(StoreError) as told, SqliteLedger(path) as ledger:
+        for name in ledger.campaigns():
+            ledger.settings(name)
+            list(ledger.attempts(name))
+        ledger.run(run.id)
+    assert said in str(told.value) and "restore it from a copy, or repeat the campaign" in str(told.value)
 
 
 def test_an_attempt_stored_before_a_field_was_added_is_read(tmp_path: Path) -> None:

@@ -62,6 +62,8 @@ _runs = sa.Table(
 )
 PATIENCE_S = 30.0
 """So long another process may hold the file."""
+DAMAGED = ("malformed", "no such table", "no such column", "unsupported file format")
+"""What SQLite says of a file that lost a part."""
 _CHECKSUMS_SINCE = 2
 """The store version from which on runs have a checksum."""
 
@@ -133,13 +135,18 @@ class SqliteLedger:
         query = sa.select(_campaigns.c.settings).where(_campaigns.c.name == campaign)
         with self._translated(), self._engine.connect() as connection:
             text = connection.execute(query).scalar_one_or_none()
-        return None if text is None else dict(json.loads(text))
+        try:
+            return None if text is None else dict(json.loads(text))
+        except (ValueError, TypeError):
+            raise self._damaged(f"the settings of campaign {campaign!r} are not what was stored") from None
 
     def campaigns(self) -> tuple[str, ...]:
         """The names of all campaigns, those with attempts only included, in the order they were begun."""
         with self._translated(), self._engine.connect() as connection:
             begun = connection.execute(sa.select(_campaigns.c.name).order_by(sa.text("rowid"))).scalars().all()
             others = connection.execute(sa.select(_attempts.c.campaign).distinct()).scalars().all()
+        if not all(isinstance(name, str) for name in (*begun, *others)):
+            raise self._damaged("the name of a campaign is not what was stored")
         return tuple(dict.fromkeys([*begun, *sorted(others)]))
 
     def keep(self, run: Run) -> None:
@@ -183,15 +190,15 @@ class SqliteLedger:
             rows = connection.execute(query).all()
         for position, kept_id, record in rows:
             # The text is verified, not the parsed record: an older one lacks the fields that came later.
-            if text_id(Attempt.__name__.lower(), record) != kept_id:
-                raise StoreError(f"{self.path}: attempt {position} of {campaign!r} is not what was stored")
+            if not isinstance(record, str) or text_id(Attempt.__name__.lower(), record) != kept_id:
+                raise self._damaged(f"attempt {position} of campaign {campaign!r} is not what was stored")
             yield self._parsed(record, f"attempt {position} of {campaign!r}")
 
     def run(self, run_id: str) -> Run:
         """The run of that id; StoreError where there is none."""
         found = self.find(run_id)
         if found is None:
-            raise StoreError(f"{self.path}: there is no run {run_id!r}")
+            raise self._damaged(f"there is no run {run_id!r}")
         return found
 
     def find(self, run_id: str) -> Run | None:
@@ -203,16 +210,13 @@ class SqliteLedger:
         if row is None:
             return None
         if row.checksum is not None and row.checksum != _checksum(row.header, row.arrays):
-            raise StoreError(
-                f"{self.path}: {run_id} is not what was stored: it lost the checksum it was kept with, so the file was "
-                "damaged or changed from outside. Restore it from a copy, or repeat the campaign in another --out."
-            )
+            raise self._damaged(f"{run_id} is not what was stored: it lost the checksum it was kept with")
         try:
             run = unpack(row.header, row.arrays)
         except (ValidationError, InputError, ValueError, OSError, zipfile.BadZipFile, zlib.error) as error:
-            raise StoreError(f"{self.path}: {run_id} cannot be read: {error}") from None
+            raise self._damaged(f"{run_id} cannot be read ({error})") from None
         if run.id != run_id:
-            raise StoreError(f"{self.path}: {run_id} is not what was stored")
+            raise self._damaged(f"{run_id} is not what was stored")
         return run
 
     def _parsed(self, record: str, what: str) -> Attempt:
@@ -224,15 +228,25 @@ class SqliteLedger:
                 f"newer RVSG? {error}"
             ) from None
 
+    def _damaged(self, what: str) -> StoreError:
+        return StoreError(
+            f"{self.path}: {what}. The file was damaged or changed from outside: restore it from a copy, or repeat the "
+            "campaign in another --out."
+        )
+
     def _translated(self) -> _Translated:
         return _Translated(self)
 
     def _error(self, error: DatabaseError) -> StoreError:
         reason = str(error.orig)
+        if any(sign in reason for sign in DAMAGED):
+            return self._damaged(reason)
+        if "decode to UTF-8" in reason:  # the message goes on with all of the text
+            return self._damaged("a text in it is not what was stored")
         if "locked" in reason:
             reason += "; another process holds it"
         if "not a database" in reason:
-            reason = "this is no RVSG store (file is not a database)"
+            reason = "this is no RVSG store (file is not a database). If it was one, restore it from a copy."
         if "unable to open" in reason and _has_log(self.path):
             reason += f". What was kept last stands in {self.path.name}-wal; copy the folder to where it may be written"
         if "full" in reason:
@@ -252,6 +266,8 @@ class _Translated:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: object) -> None:
         if isinstance(error, DatabaseError):
             raise self._ledger._error(error) from None
+        if isinstance(error, UnicodeDecodeError):  # of a message of SQLite that quotes what is damaged
+            raise self._ledger._damaged("its tables are not what was stored") from None
 
 
 def _keep(connection: sa.Connection, run: Run) -> None:
@@ -330,7 +346,7 @@ def _version(connection: sa.Connection, path: Path) -> int:
     application = int(connection.exec_driver_sql("PRAGMA application_id").scalar_one())
     tables = int(connection.exec_driver_sql("SELECT count(*) FROM sqlite_master").scalar_one())
     if application != APPLICATION_ID and (tables or version or application):
-        raise StoreError(f"{path}: this is an SQLite file of another program, not an RVSG store")
+        raise StoreError(f"{path}: this is an SQLite file of another program, not an RVSG store. Choose another.")
     if version > len(MIGRATIONS):
         raise NewerStore(
             f"{path}: written by a newer RVSG (store version {version}; this is RVSG {rvsg.__version__} and knows "
