@@ -113,7 +113,7 @@ def budgets(published: list[Row], honest: list[Row]) -> str:
 def main() -> None:
     """Write the two figures."""
     store, out = Path(sys.argv[1]), Path(sys.argv[2])
-    with SqliteLedger(store / "ledger.sqlite" if store.is_dir() else store, create=False) as ledger:
+    with SqliteLedger.existing(store / "ledger.sqlite" if store.is_dir() else store) as ledger:
         material = gather(ledger)
         published, honest = build(material)
         (out / "winners-curse.svg").write_text(curse(material), encoding="utf-8")

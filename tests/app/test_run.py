@@ -24,7 +24,7 @@ SMALL = [
 
 def records(folder: Path) -> list[str]:
     """Everything a campaign keeps: its attempts and its runs, as text."""
-    with SqliteLedger(folder / LEDGER, create=False) as ledger:
+    with SqliteLedger.existing(folder / LEDGER) as ledger:
         (name,) = ledger.campaigns()
         attempts = list(ledger.attempts(name))
         runs = [ledger.run(m.run_id).trajectory.x.tobytes().hex() for a in attempts for m in a.measurements]

@@ -66,7 +66,8 @@ def test_a_campaign_file_chooses_the_store(tmp_path: Path) -> None:
     [
         (["--store", "jsn"], 'There is no store "jsn". Did you mean "json"'),
         (["--store", "json", "--store-option", "endng=x"], 'has no option "endng". Did you mean "ending"'),
-        (["--store", "sqlite", "--store-option", "fast=1"], 'The store "sqlite" has no option "fast"'),
+        (["--store", "sqlite", "--store-option", "fast=1"], 'The store "sqlite" has no option "fast". It takes none'),
+        (["--store-option", "create=5"], 'The store "sqlite" has no option "create". It takes none'),
     ],
 )
 def test_a_store_that_cannot_be_made_is_told_before_anything_is_written(
@@ -75,6 +76,21 @@ def test_a_store_that_cannot_be_made_is_told_before_anything_is_written(
     assert main(["run", *SMALL, *asked, "--out", str(tmp_path / "out")]) == 2
     assert said in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+def test_a_store_that_fails_when_it_is_made_is_not_taken_for_that_of_the_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def refuse(self: JsonLedger, path: Path, *, ending: str = "json") -> None:
+        raise ValueError("the disk of it is away")
+
+    out = tmp_path / "one"
+    with monkeypatch.context() as broken:
+        broken.setattr(JsonLedger, "__init__", refuse)
+        assert main(["run", *SMALL, "--store", "json", "--out", str(out)]) == 2
+    assert "the disk of it is away" in capsys.readouterr().err
+    assert main(["run", *SMALL, "--out", str(out)]) == 0  # SQLite keeps it now
+    assert not (out / "store.json").exists()
 
 
 def test_a_campaign_stays_in_its_store(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

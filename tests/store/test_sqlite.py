@@ -100,7 +100,7 @@ def test_a_file_that_is_no_database_is_refused(tmp_path: Path) -> None:
 
 def test_an_absent_store_is_not_made_where_it_is_only_read(tmp_path: Path) -> None:
     with pytest.raises(StoreError, match="no store here"):
-        SqliteLedger(tmp_path / "a.sqlite", create=False)
+        SqliteLedger.existing(tmp_path / "a.sqlite")
     assert not (tmp_path / "a.sqlite").exists()
 
 
@@ -320,7 +320,7 @@ def test_a_store_that_may_not_be_written_is_read(tmp_path: Path, monkeypatch: py
             ledger.append(attempt, [run])
     before = path.read_bytes()
     monkeypatch.setattr("os.access", lambda *_: False)
-    with SqliteLedger(path, create=False) as ledger:
+    with SqliteLedger.existing(path) as ledger:
         assert list(ledger.attempts("test")) == [attempt] and same(ledger.run(run.id), run)
         with pytest.raises(StoreError, match="a store"):
             ledger.keep(an_attempt(1)[1])
@@ -341,5 +341,5 @@ def test_a_store_that_may_not_be_written_is_read_with_what_a_killed_campaign_lef
             shutil.copy(file, copy / file.name)
     assert (copy / "a.sqlite-wal").stat().st_size
     monkeypatch.setattr("os.access", lambda *_: False)
-    with SqliteLedger(copy / "a.sqlite", create=False) as ledger:
+    with SqliteLedger.existing(copy / "a.sqlite") as ledger:
         assert list(ledger.attempts("test")) == [first, second]

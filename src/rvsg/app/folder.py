@@ -42,10 +42,10 @@ def store_of(folder: Path) -> tuple[str, dict[str, Any]] | None:
 @contextlib.contextmanager
 def opened(folder: Path, store: str, options: Mapping[str, Any]) -> Iterator[Ledger]:
     """The store of a folder, open; a plug-in is given the path `ledger.NAME` in the folder, and its options."""
-    if store != "sqlite":
-        write_whole(folder / STORE, json.dumps({"store": store, "options": dict(options)}, indent=2) + "\n")
     ledger = plugins.make("store", store, options, folder / f"ledger.{store}")
     try:
+        if store != "sqlite":  # and only now: a store that cannot be made keeps nothing
+            write_whole(folder / STORE, json.dumps({"store": store, "options": dict(options)}, indent=2) + "\n")
         yield ledger
     finally:
         ledger.close()
@@ -60,7 +60,7 @@ def reading(store: Path) -> Iterator[Ledger]:
     else:
         from rvsg.store.sqlite import SqliteLedger
 
-        ledger = SqliteLedger(store / LEDGER if store.is_dir() else store, create=False)
+        ledger = SqliteLedger.existing(store / LEDGER if store.is_dir() else store)
     try:
         yield ledger
     finally:

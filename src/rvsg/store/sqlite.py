@@ -71,19 +71,28 @@ _CHECKSUMS_SINCE = 2
 class SqliteLedger:
     """A ledger in one SQLite file, made where absent. Use it as a context manager, or `close` it.
 
-    `create` False raises StoreError where the file is absent, and opens one that may not be written for reading.
     NewerStore where a newer RVSG wrote it.
     """
 
-    def __init__(self, path: str | Path, *, create: bool = True) -> None:
-        self.path = Path(path)
-        if not self.path.exists() and not create:
-            raise StoreError(f"{self.path}: there is no store here. `rvsg run --out DIR` makes DIR/ledger.sqlite.")
-        if self.path.is_dir():
-            raise StoreError(f"{self.path}: this is a folder; a store is a file in it.")
-        if not create and not self.path.stat().st_size:
-            raise StoreError(f"{self.path}: the file is empty, so it is no store.")
-        self.readonly = not create and not _may_write(self.path)
+    def __init__(self, path: str | Path) -> None:
+        self._open(Path(path), readonly=False)
+
+    @classmethod
+    def existing(cls, path: str | Path) -> Self:
+        """The ledger of a file that is there, for reading where it may not be written; StoreError where it is not."""
+        path = Path(path)
+        if not path.exists():
+            raise StoreError(f"{path}: there is no store here. `rvsg run --out DIR` makes DIR/ledger.sqlite.")
+        if not path.stat().st_size:
+            raise StoreError(f"{path}: the file is empty, so it is no store.")
+        ledger = cls.__new__(cls)
+        ledger._open(path, readonly=not _may_write(path))
+        return ledger
+
+    def _open(self, path: Path, *, readonly: bool) -> None:
+        if path.is_dir():
+            raise StoreError(f"{path}: this is a folder; a store is a file in it.")
+        self.path, self.readonly = path, readonly
         self._engine = _engine(self.path, readonly=self.readonly)
         try:
             with self._translated(), self._engine.connect() as connection:
