@@ -54,6 +54,19 @@ def test_another_store_keeps_the_same_campaign_and_is_found_again(tmp_path: Path
     assert kept(out, ending="txt") == records(tmp_path / "one")
 
 
+def test_the_next_prompt_of_a_campaign_is_of_what_its_store_keeps(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    small, out = [*SMALL, "--strategy", "study", "--store", "json"], tmp_path / "one"
+    assert main(["run", *small, "--out", str(out)]) == 0
+    assert main(["prompt", str(out)]) == 2
+    assert "the campaign is finished" in capsys.readouterr().err
+    for file in sorted((out / "ledger.json").glob("*/0*.json"))[1:]:
+        file.unlink()
+    assert main(["prompt", str(out)]) == 0
+    assert "the changed configuration" in capsys.readouterr().out
+
+
 def test_a_campaign_file_chooses_the_store(tmp_path: Path) -> None:
     file = tmp_path / "c.yaml"
     file.write_text("store: json\nstore_options: {ending: text}\nscenarios: 1\nout: here\nconfirmations: 0\n")

@@ -97,18 +97,16 @@ def _config(campaign: Path | None, given: dict[str, Any]) -> CampaignConfig:
 
 def _next_brief(config: CampaignConfig) -> tuple[Brief, World]:
     """What the campaign would ask for next: from its ledger where it has one, else the first attempt."""
-    from rvsg.app.folder import LEDGER
+    from rvsg.app.folder import reading, store_of
     from rvsg.app.wiring import wire
     from rvsg.campaign.ranking import search_attempts
     from rvsg.errors import InputError
-    from rvsg.store.sqlite import SqliteLedger
 
     asking_nobody = {"generator": "heuristic", "model": None, "base_url": None, "prompts": None, "replay": None}
     wired = wire(config.model_copy(update={**asking_nobody, "generator_options": {}, **_NO_BUDGET}))
-    file = config.folder / LEDGER
-    if not file.exists():
+    if store_of(config.folder) is None:
         return wired.strategy(None).ask()[0], wired.world
-    with SqliteLedger(file) as ledger:
+    with reading(config.folder) as ledger:
         strategy = wired.strategy(ledger)
         known = ledger.campaigns()
         for attempt in search_attempts(list(ledger.attempts(known[0] if known else wired.plan.name))):
