@@ -81,7 +81,7 @@ def test_cells_that_are_stopped_resume_to_identical_records(
     _, told = process.communicate(timeout=60)
     if how is not signal.SIGKILL:
         assert process.returncode == 3
-        assert f"Resume with: rvsg run --out {out}" in told
+        assert f" -m rvsg run --out {out}" in told
         assert "Traceback" not in told
     deadline = time.monotonic() + 20
     code = 2

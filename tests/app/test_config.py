@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import shlex
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -10,7 +12,9 @@ import yaml
 
 from rvsg.app.cli import VERBS
 from rvsg.app.cli.frame import full_command
+from rvsg.app.cli.options import pairs
 from rvsg.app.config import CampaignConfig, effective, read_campaign_file
+from rvsg.app.wiring import command_for, resume_command
 
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "campaign-file.md"
 
@@ -74,3 +78,27 @@ def test_a_requirement_of_a_file_beside_the_campaign_file_is_found_with_either_m
     file = tmp_path / "campaign.yaml"
     file.write_text(f"requirement: 'mine.yaml{mark}near'\n", encoding="utf-8")
     assert read_campaign_file(file)["requirement"] == str(tmp_path / f"mine.yaml{mark}near")
+
+
+def test_the_command_to_resume_names_all_that_is_not_kept_with_the_campaign() -> None:
+    of_the_campaign = {"route": "route_2", "simulator_options": {"profile": "precise"}, "seed": 3}
+    of_the_moment = {
+        "out": "my runs/one",
+        "executor": "cluster",
+        "executor_options": {"address": "tcp://10.0.0.1:8786", "patience_s": 5},
+        "fail_on_violation": True,
+        "junit": "junit.xml",
+        "budget_usd": 2.5,
+    }
+    command = resume_command(CampaignConfig(**of_the_campaign, **of_the_moment))
+    assert command == (
+        "rvsg run --out 'my runs/one' --executor cluster --executor-option address=tcp://10.0.0.1:8786 "
+        "--executor-option patience_s=5 --fail-on-violation --junit junit.xml --budget-usd 2.5"
+    )
+
+
+def test_options_of_a_plug_in_are_told_as_they_are_read() -> None:
+    options = {"noise": {"lidar": 0}, "fast": True, "limit": None, "profile": "precise"}
+    words = shlex.split(command_for(CampaignConfig(simulator_options=options)))
+    given = [word for option, word in pairwise(words) if option == "--simulator-option"]
+    assert pairs("simulator", given) == options

@@ -1,12 +1,14 @@
 import subprocess
 import sys
 import time
+from pathlib import Path
 from types import ModuleType
 
 import pytest
 import typer
 
 from rvsg.app.cli import VERBS, main
+from rvsg.app.cli.console import as_started
 from rvsg.app.cli.frame import Verb, command_line, full_command, verb
 from rvsg.errors import BudgetSpent, InputError, Interrupted
 
@@ -50,6 +52,32 @@ def test_a_user_error_is_one_message_without_a_traceback(probe: ModuleType, caps
     captured = capsys.readouterr()
     assert captured.err == "Error: the file is empty\n"
     assert captured.out == ""
+
+
+@pytest.mark.parametrize(
+    ("program", "search_path", "typed"),
+    [
+        ("{here}/.venv/bin/rvsg", "/usr/bin", ".venv/bin/rvsg run --seed 0"),
+        (".venv/bin/rvsg", "/usr/bin", ".venv/bin/rvsg run --seed 0"),
+        ("{here}/.venv/bin/rvsg", "{here}/.venv/bin", "rvsg run --seed 0"),
+        ("{here}/rvsg", "/usr/bin", "./rvsg run --seed 0"),
+        ("/opt/my tools/rvsg", "/usr/bin", "'/opt/my tools/rvsg' run --seed 0"),
+        ("{here}/src/rvsg/__main__.py", "/usr/bin", ".venv/bin/python -m rvsg run --seed 0"),
+        ("{here}/src/rvsg/__main__.py", "{here}/.venv/bin", "python -m rvsg run --seed 0"),
+        ("/usr/lib/pytest/__main__.py", "/usr/bin", "rvsg run --seed 0"),
+    ],
+)
+def test_a_command_that_is_told_begins_as_this_one_was_begun(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, program: str, search_path: str, typed: str
+) -> None:
+    (tmp_path / ".venv" / "bin").mkdir(parents=True)
+    for name in ("rvsg", "python"):
+        (tmp_path / ".venv" / "bin" / name).symlink_to("/bin/sh")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PATH", search_path.format(here=tmp_path))
+    monkeypatch.setattr(sys, "argv", [program.format(here=tmp_path)])
+    monkeypatch.setattr(sys, "executable", str(tmp_path / ".venv" / "bin" / "python"))
+    assert as_started("rvsg run --seed 0") == typed
 
 
 def test_debug_shows_the_traceback(probe: ModuleType, capsys: pytest.CaptureFixture[str]) -> None:

@@ -101,7 +101,7 @@ def test_a_killed_campaign_resumes_to_identical_records(tmp_path: Path, whole: l
     assert 5 <= kept < 52
     if how is not signal.SIGKILL:
         assert process.returncode == 3
-        assert f"Resume with: rvsg run --out {folder}" in told
+        assert f" -m rvsg run --out {folder} --jobs 1\n" in told
         assert "Traceback" not in told
     assert main(["run", "--out", str(folder)]) == 0
     assert records(folder) == whole

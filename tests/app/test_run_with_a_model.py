@@ -111,7 +111,8 @@ def test_a_service_that_cannot_answer_stops_the_campaign_with_one_message_and_it
 def test_a_spent_budget_ends_with_code_3_and_a_larger_one_goes_on(capsys: pytest.CaptureFixture[str]) -> None:
     with serving(says(GOOD)) as server:
         assert run(server.url, "--budget-calls", "1") == 3
-        assert "1 of 1 calls" in capsys.readouterr().err
+        told = capsys.readouterr().err
+        assert "1 of 1 calls" in told and "Resume with: rvsg run --out c --jobs 1 --budget-...\n" in told
         assert main(["run", "--out", "c", "--budget-calls", "5", "--jobs", "1"]) == 0
         assert len(server.requests) == 2
         assert (

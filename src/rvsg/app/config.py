@@ -26,17 +26,9 @@ PATHS = ("out", "prompts", "replay", "junit")
 """Keys whose value is a path; `world` and `requirement` are one where such a thing exists beside the file."""
 MACHINE = ("jobs", "executor", "executor_options")
 """Keys of the machine, not of the campaign: where and by how many processes the runs are made."""
-BESIDE = (
-    *MACHINE,
-    "store",
-    "store_options",
-    "out",
-    "fail_on_violation",
-    "junit",
-    "budget_usd",
-    "budget_calls",
-    "budget_tokens",
-)
+BUDGETS = ("budget_calls", "budget_tokens", "budget_usd")
+"""Keys of what the calls of a model may cost."""
+BESIDE = (*MACHINE, "store", "store_options", "out", "fail_on_violation", "junit", *BUDGETS)
 """Keys that do not decide the records: they may differ when a campaign is resumed."""
 
 

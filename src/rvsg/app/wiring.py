@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shlex
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from rvsg.app import plugins
-from rvsg.app.config import MACHINE, CampaignConfig
+from rvsg.app.config import BESIDE, MACHINE, CampaignConfig
 from rvsg.campaign.loop import Parts, Watcher, feedback_from
 from rvsg.campaign.measuring import Measuring
 from rvsg.campaign.parallel import Executor, Simulations
@@ -235,17 +236,31 @@ def differences(known: dict[str, Any], asked: dict[str, Any], prefix: str = "") 
 
 def command_for(config: CampaignConfig, *, out: Path | None = None) -> str:
     """The exact command that repeats a campaign: every option that is not the default, and always the seed."""
-    words = ["rvsg", "run"]
-    defaults = CampaignConfig()
-    for key, value in config.model_dump(mode="json").items():
-        if key in ("out", *MACHINE, "junit", "fail_on_violation", "seed") or key.endswith("_options"):
-            continue
-        if value != getattr(defaults, key):
-            words += [f"--{key.replace('_', '-')}", str(value)]
-    for kind in ("generator", "simulator", "store"):
-        for name, value in getattr(config, f"{kind}_options").items():
-            words += [f"--{kind}-option", f"{name}={value}"]
+    words = _options(config, without=("out", *MACHINE, "junit", "fail_on_violation", "seed"))
     words += ["--seed", str(config.seed)]
     if out is not None:
         words += ["--out", str(out)]
-    return shlex.join(words)
+    return shlex.join(["rvsg", "run", *words])
+
+
+def resume_command(config: CampaignConfig, *, without: Sequence[str] = ()) -> str:
+    """The command that goes on with a campaign: its folder, and the options that are not kept with it."""
+    kept = [key for key in CampaignConfig.model_fields if key not in BESIDE]
+    words = _options(config, without=("out", "store", "store_options", *kept, *without))
+    return shlex.join(["rvsg", "run", "--out", str(config.folder), *words])
+
+
+def _options(config: CampaignConfig, *, without: Sequence[str]) -> list[str]:
+    """The options of `rvsg run` that give these settings: those that are not the default."""
+    words: list[str] = []
+    defaults = CampaignConfig()
+    for key, value in config.model_dump(mode="json").items():
+        option = f"--{key.replace('_', '-')}"
+        if key in without or value == getattr(defaults, key):
+            continue
+        if isinstance(value, dict):
+            for name, each in value.items():
+                words += [option.removesuffix("s"), f"{name}={each if isinstance(each, str) else json.dumps(each)}"]
+        else:
+            words += [option] if value is True else [option, str(value)]
+    return words

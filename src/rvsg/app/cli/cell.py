@@ -13,7 +13,11 @@ from rvsg.app.cli.run import find
 
 
 def main() -> int:
-    """The process of one cell: its settings as JSON on standard input, words for people on standard error."""
+    """The process of one cell: its settings as JSON on standard input, words for people on standard error.
+
+    Its one argument is how the program that began it was begun: the commands it tells are begun so too.
+    """
+    del sys.argv[0]
     threading.Thread(target=_end_with_parent, args=(os.getppid(),), daemon=True).start()
     values = json.loads(sys.stdin.read())
     return guarded(lambda: find({}, values), ["run", "--out", str(values["out"])])

@@ -24,7 +24,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rvsg.app.cli.console import console, print_json, say
+from rvsg.app.cli.console import as_started, console, print_json, say
 from rvsg.errors import InputError, Interrupted
 
 if TYPE_CHECKING:
@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from rvsg.report.summary import Summary
 
 LISTED = ("route", "requirement")
-BUDGETS = ("budget_calls", "budget_tokens", "budget_usd")
 PATIENCE_S = 20.0
 """So long a cell that is interrupted may take to keep what it has."""
 CHILD = "import sys; from rvsg.app.cli.cell import main; sys.exit(main())"
@@ -109,22 +108,27 @@ def run_cells(cells: Cells, *, as_json: bool) -> int:
         jobs = jobs_of(all_of_them[0].wired.config)
         say(f"Campaigns in {cells.folder}: {len(all_of_them)}, of which {min(jobs, len(all_of_them))} side by side.")
         if others:
-            say(f"{others} more in this folder were not asked for now; they go on with: rvsg run --out {cells.folder}")
+            say(f"{others} more in this folder were not asked for now; they go on with: {_resume(cells)}")
         if share := _share_of_budget(cells):
             told = ", ".join(f"--{key.replace('_', '-')} {value:g}" for key, value in share.items())
             say(f"The budget is for all of them together; each may spend its part: {told}.")
         all_of_them[0].wired.warm_up(say)
-        _run_all(all_of_them, jobs, cells.folder)
+        _run_all(all_of_them, jobs, _resume(cells))
         found = [(cell, found_in(cell.folder)) for cell in all_of_them if cell.code == 0]
         summaries = [(cell, *result) for cell, result in found if result is not None]
         _write_and_show(cells, all_of_them, summaries, time.monotonic() - begin, as_json=as_json)
     if broken := [cell for cell in all_of_them if cell.code != 0]:
         for cell in broken:
             say(f"{cell.name}: not finished. {cell.told[-1] if cell.told else ''}")
-        say(f"The same command goes on with what is not finished: rvsg run --out {cells.folder}")
+        say(f"The same command goes on with what is not finished: {_resume(cells)}")
         return max(cell.code or 0 for cell in broken)
     fail = all_of_them[0].wired.config.fail_on_violation
     return 1 if fail and any(summary.violated for _, _, summary in summaries) else 0
+
+
+def _resume(cells: Cells) -> str:
+    """The command that goes on with all campaigns of the folder; their settings are kept there."""
+    return as_started(shlex.join(["rvsg", "run", "--out", str(cells.folder)]))
 
 
 def found_in(folder: Path) -> tuple[Plan, Summary] | None:
@@ -212,6 +216,8 @@ def _wired(cells: Cells) -> list[Cell]:
 
 def _share_of_budget(cells: Cells) -> dict[str, Any]:
     """What a model may cost in each cell: what is asked for is for all of them together, in equal parts."""
+    from rvsg.app.config import BUDGETS
+
     count = len(cells.routes) * len(cells.requirements)
     share: dict[str, Any] = {}
     for key in BUDGETS:
@@ -224,8 +230,10 @@ def _share_of_budget(cells: Cells) -> dict[str, Any]:
     return share
 
 
-def _run_all(cells: Sequence[Cell], jobs: int, folder: Path) -> None:
-    """Run the cells, as many side by side as there are jobs; an interruption reaches each of them once."""
+def _run_all(cells: Sequence[Cell], jobs: int, resume: str) -> None:
+    """Run the cells, as many side by side as there are jobs; an interruption reaches each of them once.
+
+    `resume` is the command that goes on with them."""
     from rvsg.app.cli.interruption import interruptible
 
     waiting, running = deque(cells), list[Cell]()
@@ -247,7 +255,7 @@ def _run_all(cells: Sequence[Cell], jobs: int, folder: Path) -> None:
                     say(f"{cell.name}: {line}")
     except KeyboardInterrupt:
         _end(running)
-        raise Interrupted(f"Interrupted; what was finished is kept. Resume with: rvsg run --out {folder}") from None
+        raise Interrupted(f"Interrupted; what was finished is kept. Resume with: {resume}") from None
     except BaseException:
         _end(running)
         raise
@@ -257,7 +265,7 @@ def _start(cell: Cell, jobs: int, lines: queue.Queue[tuple[Cell, str | None]]) -
     """Start the process of a cell in a group of its own: Ctrl-C in a terminal is for us, who pass it on once."""
     cell.jobs = jobs
     cell.process = subprocess.Popen(  # noqa: S603
-        [sys.executable, "-c", CHILD],
+        [sys.executable, "-c", CHILD, sys.argv[0]],
         stdin=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
@@ -315,6 +323,7 @@ def _write_and_show(
     as_json: bool,
 ) -> None:
     from rvsg.app.cli.tables import cells_table
+    from rvsg.app.config import BUDGETS
     from rvsg.app.folder import REPORT
     from rvsg.app.wiring import command_for
     from rvsg.report.files import write_whole
@@ -340,4 +349,4 @@ def _write_and_show(
     say(f"{len(found)} of {len(all_of_them)} campaigns done in {spent_s:.0f} s; kept in {cells.folder}")
     for cell, _, _ in found:
         say(f"Report: {cell.folder / REPORT}")
-    say(f"Repeat it with: {command}")
+    say(f"Repeat it with: {as_started(command)}")

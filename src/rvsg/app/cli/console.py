@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import json
+import os
+import shlex
+import shutil
 import sys
 from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -38,3 +42,24 @@ def _console(stream: Any) -> Console:
 def console() -> Console:
     """The rich console on the present standard error."""
     return _console(sys.stderr)
+
+
+def as_started(command: str) -> str:
+    """A command line `rvsg ...` as it is typed here: begun in the way this program was, e.g. as `.venv/bin/rvsg`.
+
+    For what people are told only: nothing that is recorded or reported depends on how the program was begun.
+    """
+    program = Path(sys.argv[0])
+    if program.name == "__main__.py" and program.parent.name == "rvsg":
+        return f"{_typed(Path(sys.executable))} -m {command}"
+    return _typed(program) + command.removeprefix("rvsg") if program.stem == "rvsg" else command
+
+
+def _typed(program: Path) -> str:
+    """The name of a program where the shell finds it by that; else its path, from here where it lies below."""
+    # Links are not followed: what one in a virtual environment leads to is another program.
+    found, whole = shutil.which(program.name), program.absolute()
+    if found and Path(found).absolute() == whole:
+        return program.name
+    typed = str(whole.relative_to(Path.cwd()) if whole.is_relative_to(Path.cwd()) else whole)
+    return shlex.quote(typed if os.sep in typed else f".{os.sep}{typed}")

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rvsg.app.cli.console import print_json, say
+from rvsg.app.cli.console import as_started, print_json, say
 from rvsg.app.cli.frame import verb
 from rvsg.app.cli.model_options import (
     BaseUrl,
@@ -106,7 +106,8 @@ def describe(
         place = out if out is not None else None if world in shipped_worlds() else Path(world)
         say(f"Stored in {store_description(loaded, description, place)}")
         if not description.reviewed:
-            say(f"Nobody has reviewed it yet: rvsg describe {world} --review")
+            review_it = as_started(shlex.join(["rvsg", "describe", world, "--review"]))
+            say(f"Nobody has reviewed it yet: {review_it}")
     if json:
         print_json(description.model_dump(mode="json"))
 
@@ -142,9 +143,8 @@ def _stored(description: Description | None, world: str) -> Description:
     from rvsg.errors import InputError
 
     if description is None:
-        raise InputError(
-            f"{world} has no description yet. Let a model write it: rvsg describe {world} --model PROVIDER:NAME"
-        )
+        write_it = as_started(shlex.join(["rvsg", "describe", world, "--model", "PROVIDER:NAME"]))
+        raise InputError(f"{world} has no description yet. Let a model write it: {write_it}")
     return description
 
 

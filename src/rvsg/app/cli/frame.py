@@ -16,6 +16,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 import rvsg
+from rvsg.app.cli.console import as_started
 from rvsg.errors import Interrupted, RvsgError
 
 HELP = """Find, confirm and explain human behaviours that make a mobile robot violate its requirements, in simulation.
@@ -170,7 +171,7 @@ def _report_defect(error: Exception, arguments: Sequence[str]) -> int:
     if _debugging(arguments):
         traceback.print_exc()
     where = traceback.extract_tb(error.__traceback__)[-1]
-    shown = shlex.join(["rvsg", "--debug", *(a for a in arguments if a != "--debug")])
+    shown = as_started(shlex.join(["rvsg", "--debug", *(a for a in arguments if a != "--debug")]))
     _tell(
         f"Error in RVSG itself: {type(error).__name__}: {error} (line {where.lineno} of {where.filename})\n"
         f"This is a defect of the program, not of your input. To see all of it: {shown}\n"

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rvsg.app.cli.console import console, print_json, say
+from rvsg.app.cli.console import as_started, console, print_json, say
 from rvsg.app.cli.frame import verb
 
 if TYPE_CHECKING:
@@ -82,9 +83,10 @@ def _report(path: Path, html: Path | None, world: str | None, *, optional: bool)
         if not planned and optional:
             return None
         if not planned and known:
+            tables = as_started(shlex.join(["rvsg", "report", str(path), "--tables", "DIR"]))
             raise InputError(
                 f"{path}: this store holds imported results ({len(known)} campaigns) and none of `rvsg run`, so there "
-                f"is no page to write. Write the study's tables of it: rvsg report {path} --tables DIR"
+                f"is no page to write. Write the study's tables of it: {tables}"
             )
         if not planned:
             raise InputError(f"{path}: this store holds no campaign yet; `rvsg run --out DIR` makes one.")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rvsg.app.cli.console import console, print_json, say
+from rvsg.app.cli.console import as_started, console, print_json, say
 from rvsg.app.cli.frame import verb
 from rvsg.errors import InputError
 
@@ -216,6 +217,8 @@ def _work(wired: Wired, ledger: Any, folder: Path, *, resumed: bool) -> list[Att
     """The campaign itself; an interruption says how to go on."""
     from rvsg.app.cli.interruption import interruptible
     from rvsg.app.cli.progress import CampaignProgress
+    from rvsg.app.config import BUDGETS
+    from rvsg.app.wiring import resume_command
     from rvsg.campaign.loop import run_campaign
     from rvsg.errors import BudgetSpent, GenerationError, Interrupted, SimulationError
     from rvsg.report.summary import counted
@@ -232,7 +235,7 @@ def _work(wired: Wired, ledger: Any, folder: Path, *, resumed: bool) -> list[Att
     if resumed:
         there = counted(len(known), "attempt is", "attempts are")
         say(f"Resuming {folder}: {there} there already." if known else f"Beginning again in {folder}.")
-    how = f"Resume with: rvsg run --out {folder}"
+    how = f"Resume with: {as_started(resume_command(wired.config))}"
     try:
         with interruptible() as interruption:
             if len(known) < plan.attempts or not any(a.purpose == "confirmation" for a in known):
@@ -246,9 +249,11 @@ def _work(wired: Wired, ledger: Any, folder: Path, *, resumed: bool) -> list[Att
                 return run_campaign(plan, wired.strategy(ledger), wired.parts(ledger, simulations, progress))
     except KeyboardInterrupt:
         kept = counted(len(list(ledger.attempts(plan.name))), "finished attempt is", "finished attempts are")
-        raise Interrupted(f"Interrupted; {kept} kept. {how}\nWhat there is so far: rvsg report {folder}") from None
+        so_far = as_started(shlex.join(["rvsg", "report", str(folder)]))
+        raise Interrupted(f"Interrupted; {kept} kept. {how}\nWhat there is so far: {so_far}") from None
     except BudgetSpent as spent:
-        raise BudgetSpent(f"{spent} Everything so far is kept. {how} --budget-...") from None
+        larger = as_started(resume_command(wired.config, without=BUDGETS))
+        raise BudgetSpent(f"{spent} Everything so far is kept. Resume with: {larger} --budget-...") from None
     except (GenerationError, SimulationError):
         say(f"Everything so far is kept. {how}")
         raise
@@ -325,4 +330,4 @@ def _show(wired: Wired, summary: Summary, folder: Path, spent_s: float, *, as_js
     for note in getattr(wired.generator, "notes", ()):
         say(note)
     say(f"Report: {folder / REPORT}")
-    say(f"Repeat it with: {command}")
+    say(f"Repeat it with: {as_started(command)}")

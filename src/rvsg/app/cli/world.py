@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from rvsg.app.cli.console import print_json, say
+from rvsg.app.cli.console import as_started, print_json, say
 from rvsg.app.cli.frame import verb
 
 if TYPE_CHECKING:
@@ -375,7 +376,8 @@ def _show_created(created: Created, remarks: tuple[Remark, ...], folder: Path) -
     if str(folder) in shipped_worlds():
         say(f"Note: a world that ships has this name too; where a world is asked for, write ./{folder}.")
     _show_remarks(remarks)
-    say(f"Next: edit labels.yaml and routes.yaml (they are proposals), then: rvsg world draw {folder}")
+    draw = as_started(shlex.join(["rvsg", "world", "draw", str(folder)]))
+    say(f"Next: edit labels.yaml and routes.yaml (they are proposals), then: {draw}")
 
 
 def _show_remarks(remarks: tuple[Remark, ...]) -> None:
