@@ -1,7 +1,45 @@
+import io
+
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from rich.console import Console
+from tests.campaign.parts import MemoryLedger
+from tests.report.test_page import campaign
 
-from rvsg.app.cli.tables import without_common_beginning
+from rvsg.app.cli.tables import cells_table, without_common_beginning
+from rvsg.campaign.plan import Plan
+from rvsg.report.summary import Summary, summarise
+
+
+@pytest.fixture(scope="module")
+def found() -> tuple[Plan, Summary]:
+    the_plan, attempts = campaign(MemoryLedger())
+    return the_plan, summarise(the_plan, attempts)
+
+
+def drawn(*cells: tuple[Plan, Summary], width: int) -> list[str]:
+    paper = io.StringIO()
+    Console(file=paper, width=width).print(cells_table(cells))
+    return paper.getvalue().splitlines()
+
+
+@pytest.mark.parametrize("width", [78, 80, 100])
+def test_several_campaigns_with_long_names_and_values_fit_a_terminal(found: tuple[Plan, Summary], width: int) -> None:
+    the_plan, summary = found
+    route = the_plan.mission.route.replace(name="from_the_loading_dock")
+    requirement = the_plan.requirement.replace(name="keeps_its_distance", unit="m/s^3")
+    long = the_plan.replace(mission=the_plan.mission.replace(route=route), requirement=requirement)
+    lines = drawn((long, summary.replace(confirmed=None)), found, width=width)
+    assert all(len(line) <= width for line in lines)
+    assert lines[1].split() == ["campaign", "worst", "[95", "%]", "verdict", "violated"]
+    assert "…" not in "".join(lines)
+    assert sum("*" in line for line in lines) == 2  # the one that is not confirmed, and what that means
+    assert lines[-1].rstrip() == "* of the search alone, not confirmed in fresh runs"
+
+
+def test_campaigns_that_are_all_confirmed_need_no_remark(found: tuple[Plan, Summary]) -> None:
+    assert "*" not in "".join(drawn(found, width=80))
 
 
 def test_words_that_all_begin_with_are_left_away() -> None:

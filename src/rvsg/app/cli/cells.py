@@ -24,7 +24,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rvsg.app.cli.console import as_started, console, print_json, say
+from rvsg.app.cli.console import as_started, print_json, say
 from rvsg.errors import InputError, Interrupted
 
 if TYPE_CHECKING:
@@ -345,7 +345,7 @@ def _write_and_show(
             for cell, plan, summary in found
         ]
         print_json({"campaigns": listed, "out": str(cells.folder), "command": command})
-    say(cells_table([(plan, summary) for _, plan, summary in found], width=console().width))
+    say(cells_table([(plan, summary) for _, plan, summary in found]))
     say(f"{len(found)} of {len(all_of_them)} campaigns done in {spent_s:.0f} s; kept in {cells.folder}")
     for cell, _, _ in found:
         say(f"Report: {cell.folder / REPORT}")

@@ -55,7 +55,7 @@ def report(
     if json and found:
         print_json({"campaigns": told} if several else told[0])
     if several:
-        say(cells_table([(plan, summary) for plan, summary, _ in found], width=console().width))
+        say(cells_table([(plan, summary) for plan, summary, _ in found]))
     elif found:
         plan, summary, _ = found[0]
         say(ranked_table(plan, summary, width=console().width))

@@ -19,9 +19,6 @@ from rvsg.report.summary import Summary, counted, interval, number
 WITHOUT_SCENARIO = 56
 """Characters of a row without the scenario's description."""
 
-WITHOUT_NAMES = 58
-"""Characters of a row of several campaigns without route and requirement."""
-
 STYLES = {
     Status.PASS: "green",
     Status.FAIL: "bold red",
@@ -75,12 +72,10 @@ def _about_inconclusive(summary: Summary, rows: int) -> str:
     )
 
 
-def cells_table(found: Sequence[tuple[Plan, Summary]], *, width: int = 80) -> Table:
+def cells_table(found: Sequence[tuple[Plan, Summary]]) -> Table:
     """What campaigns on several routes and requirements found, one a line: its worst scenario in fresh runs."""
-    table = Table(box=SIMPLE_HEAD, pad_edge=False)
-    room = max(11, (width - WITHOUT_NAMES) // 2)
-    table.add_column("route", overflow="fold", max_width=room)
-    table.add_column("requirement", overflow="fold", max_width=room)
+    table = Table(box=SIMPLE_HEAD, pad_edge=False, caption_justify="left")
+    table.add_column("campaign", overflow="fold", min_width=len("campaign"))
     table.add_column("worst [95 %]", justify="right", no_wrap=True)
     table.add_column("verdict", no_wrap=True)
     table.add_column("violated", no_wrap=True)
@@ -88,16 +83,18 @@ def cells_table(found: Sequence[tuple[Plan, Summary]], *, width: int = 80) -> Ta
         confirmed = summary.confirmed.verdict if summary.confirmed else None
         verdict = confirmed or (summary.ranking[0].verdict if summary.ranking else None)
         requirement, unit = plan.requirement, plan.requirement.unit
-        where, what = plan.mission.route.name, requirement.name
+        name = f"{plan.mission.route.name} {requirement.name}"
         if verdict is None:
-            table.add_row(where, what, "–", Text("no valid scenario", style="dim"), "")
+            table.add_row(name, "–", Text("no scenario", style="dim"), "")
             continue
         often = ""
         if verdict.violation_probability is not None and verdict.violation_interval is not None:
             low, high = verdict.violation_interval
             often = f"{verdict.violation_probability:.2f} [{low:.2f}, {high:.2f}]"
-        said = verdict.status.value + ("" if confirmed else ", not confirmed")
-        table.add_row(where, what, interval(verdict, unit), Text(said, style=STYLES[verdict.status]), often)
+        if not confirmed:
+            table.caption = "* of the search alone, not confirmed in fresh runs"
+        said = verdict.status.value + ("" if confirmed else "*")
+        table.add_row(name, interval(verdict, unit), Text(said, style=STYLES[verdict.status]), often)
     return table
 
 
