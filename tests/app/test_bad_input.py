@@ -184,6 +184,28 @@ def test_a_number_that_is_none_is_refused(refused, tmp_path: Path, scenario: dic
     assert "speed_m_s" in simulate(refused, tmp_path, scenario)
 
 
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"speed": 1.0}, 'there is no key "speed" in people.humans[0]. Did you mean "speed_m_s"? Known: name, tasks,'),
+        ({"speed_m_s": "fast", "moods": []}, "expected a number, got 'fast'; there is no key \"moods\""),
+    ],
+)
+def test_what_is_wrong_with_a_scenario_ends_with_one_full_stop(
+    refused, tmp_path: Path, scenario: dict, change: dict, said: str
+) -> None:
+    scenario["people"]["humans"][0] |= change
+    told = simulate(refused, tmp_path, scenario)
+    assert said in told
+    assert told.endswith(".\n") and ".." not in told and ".;" not in told
+
+
+def test_a_time_limit_that_is_none_is_refused(refused, tmp_path: Path, scenario: dict) -> None:
+    scenario["mission"]["route"]["time_limit_s"] = -1
+    told = simulate(refused, tmp_path, scenario)
+    assert "mission.route.time_limit_s: expected a value greater than 0, got -1" in told
+
+
 def test_a_scenario_of_another_world_is_refused(refused, tmp_path: Path, scenario: dict) -> None:
     (tmp_path / "s.json").write_text(json.dumps(scenario))
     told = refused("simulate", "s.json", "--world", "office", "--out", "runs.jsonl")

@@ -43,7 +43,7 @@ def test_of_a_name_or_a_pose_only_the_form_that_was_written_is_judged() -> None:
 
 def test_a_misspelt_key_of_an_alternative_form_is_suggested_as_it_is_written() -> None:
     found = problems("name: w\nmap: {form: objects}\n", WorldFile)
-    assert 'labels.yaml:2: there is no key "form" in map. Did you mean "from"? Known: from, resolution_m.' in found
+    assert 'labels.yaml:2: there is no key "form" in map. Did you mean "from"? Known: from, resolution_m' in found
 
 
 @pytest.mark.parametrize(

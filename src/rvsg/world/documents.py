@@ -256,9 +256,9 @@ def _misspelt(key: str, place: str, model: type[BaseModel] | None) -> str:
     known = [field.alias or name for name, field in model.model_fields.items()] if model is not None else []
     near = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
     where = f" in {place}" if place else ""
-    asked = f' Did you mean "{near[0]}"?' if near else ""
-    listed = f" Known: {', '.join(known)}." if known else ""
-    return f'there is no key "{key}"{where}.{asked}{listed}'
+    asked = f'. Did you mean "{near[0]}"?' if near else "." if known else ""
+    listed = f" Known: {', '.join(known)}" if known else ""
+    return f'there is no key "{key}"{where}{asked}{listed}'
 
 
 def _model_at(model: type[BaseModel], loc: Key) -> type[BaseModel] | None:

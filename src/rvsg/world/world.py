@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from rvsg.errors import UnknownName
 from rvsg.world.grid import Grid, GridSpec
@@ -64,7 +66,7 @@ class Route(Record):
     name: str
     start: Pose
     goal: Pose
-    time_limit_s: float
+    time_limit_s: Annotated[float, Field(gt=0, le=36_000)]
     via: tuple[str, ...] = ()
     through: tuple[Pose, ...] = ()
     purpose: str = ""
