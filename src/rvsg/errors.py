@@ -26,6 +26,11 @@ from collections.abc import Iterable
 from pathlib import Path
 
 
+def how_to_install(extra: str) -> str:
+    """The command that installs what an optional part of RVSG needs, for those who began as the README says."""
+    return f"in your clone, .venv/bin/pip install -c constraints.txt -e '.[{extra}]'"
+
+
 class RvsgError(Exception):
     """Anything RVSG reports to its user in one message."""
 

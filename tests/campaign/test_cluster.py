@@ -23,7 +23,7 @@ from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.simulation.run import Run
 from rvsg.world.world import World
 
-distributed = pytest.importorskip("distributed", reason="Dask is not installed (pip install 'rvsg[cluster]')")
+distributed = pytest.importorskip("distributed", reason="Dask is not installed (the extra `cluster`)")
 
 from rvsg.campaign.cluster import Cluster, versions  # noqa: E402
 

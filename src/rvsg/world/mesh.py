@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.errors import FileError, InputError
+from rvsg.errors import FileError, InputError, how_to_install
 from rvsg.world.safe_xml import parse_xml, read_bytes
 
 Floats = NDArray[np.float64]
@@ -223,14 +223,10 @@ def _trimesh(path: Path) -> Any:
     try:
         import trimesh
     except ImportError:
-        raise InputError(
-            f"{path} is a mesh; reading it needs the optional extra: pip install 'rvsg[mesh]' (trimesh, pycollada)."
-        ) from None
+        raise InputError(f"{path} is a mesh; reading it needs trimesh: {how_to_install('mesh')}") from None
     if path.suffix.lower() == ".dae":
         try:
             import collada  # noqa: F401
         except ImportError:
-            raise InputError(
-                f"{path} is a COLLADA mesh; reading it needs the optional extra: pip install 'rvsg[mesh]'."
-            ) from None
+            raise InputError(f"{path} is a COLLADA mesh; it needs pycollada: {how_to_install('mesh')}") from None
     return trimesh

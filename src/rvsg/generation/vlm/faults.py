@@ -7,7 +7,7 @@ import re
 from dataclasses import dataclass
 from typing import Any
 
-from rvsg.errors import InputError
+from rvsg.errors import InputError, how_to_install
 from rvsg.generation.vlm.secrets import hide_secrets
 
 KEY_VARIABLE = "RVSG_API_KEY"
@@ -181,7 +181,7 @@ def _said(error: Exception) -> str:
 def _told_missing(provider: str, error: Exception) -> str:
     extra = {"anthropic": "anthropic", "google": "google", "google-gla": "google"}.get(provider, "vlm")
     missing = f" (Missing: {error.name})" if isinstance(error, ImportError) and error.name else ""
-    return f"it needs a package that is not installed: in your clone, .venv/bin/pip install -e '.[{extra}]'.{missing}"
+    return f"it needs a package that is not installed: {how_to_install(extra)}.{missing}"
 
 
 def _sentence(text: str) -> str:

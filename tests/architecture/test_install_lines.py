@@ -1,0 +1,30 @@
+"""Pages and messages say one way to install what is optional: that of somebody who began as the README says."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from rvsg.errors import how_to_install
+
+ROOT = Path(__file__).parents[2]
+READ = [ROOT / "README.md", *(ROOT / "docs").rglob("*.md"), *(ROOT / "src").rglob("*.py")]
+EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+FORM = r"\.venv/bin/pip install -c constraints\.txt -e '\.\[{}\]'"
+
+
+@pytest.mark.parametrize("extra", EXTRAS)
+def test_the_command_installs_an_extra_into_the_environment_of_the_readme(extra: str) -> None:
+    assert re.search(FORM.format(extra), how_to_install(extra))
+
+
+def test_what_is_optional_is_installed_in_one_way() -> None:
+    for path in READ:
+        text = path.read_text(encoding="utf-8")
+        assert "rvsg[" not in text, path
+        assert text.count("-e '.[") == len(re.findall(FORM.format(r"[\w{}]+"), text)), path
+        named = re.findall(FORM.format(r"(\w+)"), text) + re.findall(r"how_to_install\([\"'](\w+)[\"']\)", text)
+        assert set(named) <= set(EXTRAS), path
