@@ -13,6 +13,7 @@ import pytest
 
 from rvsg.app.cli import main
 from rvsg.app.folder import LEDGER
+from rvsg.app.records import check_writable
 from rvsg.store.sqlite import SqliteLedger
 
 SMALL = ["--simulator", "kinematic", "--strategy", "random", "--scenarios", "1", "--refinements", "0", "--jobs", "1"]
@@ -430,10 +431,54 @@ def test_a_result_that_could_not_be_written_is_refused_before_the_work(
     (tmp_path / "folder").mkdir()
     (tmp_path / "file").write_text("")
     capsys.readouterr()
-    for verb in ("simulate", "shrink"):
-        assert main([verb, "s.json", "--simulator", "kinematic", "--out", out]) == 2
+    for asked in (["simulate", "s.json", *SMALL[:2]], ["shrink", "s.json", *SMALL[:2]], ["propose"]):
+        assert main([*asked, "--out", out]) == 2
         told = capsys.readouterr().err
-        assert out.split("/")[0] in told and "seed" not in told
+        assert out.split("/")[0] in told and "seed" not in told and "valid" not in told
+
+
+@pytest.mark.parametrize("several", [[], SEVERAL])
+def test_junit_below_a_file_is_refused_before_the_work(refused, tmp_path: Path, several: list[str]) -> None:
+    (tmp_path / "file").write_text("")
+    told = refused("run", *SMALL, *several, "--junit", "file/junit.xml", "--out", "one")
+    assert "file/junit.xml: the file cannot be written: file is no folder" in told
+
+
+@pytest.mark.parametrize(
+    "asked",
+    [
+        ("report", "one", "--tables", "file"),
+        ("prompt", "--pictures", "file"),
+        ("prompt", "--copy", "compact-new", "--to", "file"),
+        ("world", "draw", "warehouse", "--what", "labels", "--width", "400", "--out", "file"),
+    ],
+)
+def test_a_file_in_the_place_of_a_folder_for_output_is_told_with_the_option(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], asked: tuple[str, ...]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("file").write_text("")
+    assert main(list(asked)) == 2
+    told = capsys.readouterr().err
+    assert f"file: the output folder cannot be written: a file is in the way. Choose another {asked[-2]}." in told
+
+
+def test_every_verb_makes_the_folders_of_its_output(a_run: dict) -> None:
+    for asked in (
+        ["propose", "--out", "a/b/proposal.json"],
+        ["simulate", "s.json", *SMALL[:2], "--out", "c/d/runs.jsonl"],
+        ["evaluate", "r.jsonl", "--scenario", "s.json", "--feedback", "e/f/feedback.json"],
+        ["run", *SMALL, "--confirmations", "0", "--out", "g/h", "--junit", "i/j/junit.xml"],
+        ["report", "g/h", "--html", "k/l/page.html"],
+        ["prompt", "--copy", "compact-new", "--to", "m/n"],
+    ):
+        assert main(asked) == 0
+        assert Path(asked[-1]).exists()
+
+
+def test_a_device_that_is_no_file_of_ours_may_be_written(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("os.access", lambda *_: False)  # as for a user who may not write into /dev
+    check_writable(Path("/dev/null"))
 
 
 @pytest.mark.skipif(not Path("/dev/full").is_char_device(), reason="needs a device that is always full")

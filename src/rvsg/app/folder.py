@@ -88,17 +88,17 @@ def check_out(folder: Path) -> None:
         )
 
 
-def make_folder(folder: Path) -> None:
-    """Make the folder and prove that files can be written in it; FileError where not."""
+def make_folder(folder: Path, *, option: str = "--out") -> None:
+    """Make the folder that an option names and prove that files can be written in it; FileError where not."""
     probe = folder / f".writable-{os.getpid()}"
     try:
         folder.mkdir(parents=True, exist_ok=True)
         probe.write_bytes(b"")
         probe.unlink()
     except OSError as error:
-        raise FileError(
-            folder, f"the output folder cannot be written: {error.strerror or error}. Choose another --out."
-        ) from None
+        in_the_way = isinstance(error, FileExistsError | NotADirectoryError)
+        reason = "a file is in the way" if in_the_way else error.strerror or error
+        raise FileError(folder, f"the output folder cannot be written: {reason}. Choose another {option}.") from None
 
 
 @contextlib.contextmanager

@@ -50,11 +50,16 @@ def write_text(path: Path, text: str) -> None:
 
 
 def check_writable(path: Path) -> None:
-    """Refuse a file that cannot be written, before the work whose result it is to hold; FileError says why."""
+    """Refuse a file that cannot be written, before the work whose result it is to hold; FileError says why.
+
+    A folder that is not there yet is no reason: every verb makes those of its output, so that no work is in vain.
+    """
     if str(path) == "-":
         return
     if path.is_dir():
         raise FileError(path, "this is a folder; give the name of a file.")
+    if path.exists() and not path.is_file():
+        return  # a device or a pipe is written to where it is
     nearest = next((folder for folder in path.parents if folder.exists()), Path())
     if not nearest.is_dir() or not os.access(nearest, os.W_OK | os.X_OK):
         raise FileError(path, f"the file cannot be written: {nearest} is no folder that can be written.")

@@ -22,4 +22,6 @@ def write_whole(path: Path, text: str) -> None:
     except OSError as error:
         with contextlib.suppress(OSError):
             draft.unlink(missing_ok=True)
-        raise FileError(path, f"the file cannot be written: {error.strerror or error}.") from None
+        in_the_way = isinstance(error, FileExistsError | NotADirectoryError)
+        reason = f"{path.parent} is no folder" if in_the_way else error.strerror or error
+        raise FileError(path, f"the file cannot be written: {reason}.") from None

@@ -87,11 +87,14 @@ def cells_of(from_file: dict[str, Any], given: dict[str, Any]) -> Cells | None:
 def run_cells(cells: Cells, *, as_json: bool) -> int:
     """Run or resume the campaigns of all cells, show what was found, and return the exit code."""
     from rvsg.app.folder import CELLS, alone_in, check_out, make_folder, store_of
+    from rvsg.app.records import check_writable
     from rvsg.app.wiring import jobs_of
     from rvsg.report.files import write_whole
 
     begin = time.monotonic()
     check_out(cells.folder)
+    if junit := cells.values.get("junit"):
+        check_writable(Path(junit))
     if store_of(cells.folder) is not None:
         raise InputError(f"{cells.folder}: this folder holds a single campaign. Choose another --out for several.")
     all_of_them = _wired(cells)

@@ -25,6 +25,7 @@ def import_study(
     Every metric is computed anew from the logs and compared with the logged one. What cannot be trusted is not
     imported and listed with its reason; unknown waypoint names are kept and listed.
     """
+    from rvsg.app.folder import make_folder
     from rvsg.report.import_study import find_campaigns, write_findings
     from rvsg.report.import_study import import_study as read
     from rvsg.store.sqlite import SqliteLedger
@@ -33,7 +34,7 @@ def import_study(
     place = load_world(world)
     find_campaigns(folder, [])  # before a store is made for nothing
     store = out if out.suffix in (".sqlite", ".db") else out / "ledger.sqlite"
-    store.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(store.parent)
     findings = store.with_name("findings.csv")
     added_to = store.exists()
     with SqliteLedger(store) as ledger:

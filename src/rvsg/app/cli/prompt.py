@@ -141,7 +141,7 @@ def _copied(name: str, folder: Path) -> Path:
     if path.exists():
         raise InputError(f"{path} is there already; it is not overwritten.")
     text = template_text(name)
-    make_folder(folder)
+    make_folder(folder, option="--to")
     write_whole(path, text)
     return path
 
@@ -149,7 +149,7 @@ def _copied(name: str, folder: Path) -> Path:
 def _write_pictures(folder: Path, pictures: Any) -> None:
     from rvsg.app.folder import make_folder
 
-    make_folder(folder)
+    make_folder(folder, option="--pictures")
     for picture in pictures:
         path = folder / f"{picture.name.replace(' ', '_')}.png"
         path.write_bytes(picture.png)

@@ -45,11 +45,12 @@ def propose(
     from rvsg.app.cli.model_options import CallsShown, told_calls, told_from_record, told_unusable
     from rvsg.app.cli.options import pairs
     from rvsg.app.config import effective
-    from rvsg.app.records import read_record, write_text
+    from rvsg.app.records import check_writable, read_record, write_text
     from rvsg.app.wiring import wire
     from rvsg.scenario.brief import Brief, Feedback
     from rvsg.scenario.validity import warnings
 
+    check_writable(out)
     given = {
         "world": world,
         "route": route,

@@ -108,9 +108,10 @@ def _report(path: Path, html: Path | None, world: str | None, *, optional: bool)
 def _write_tables(stores: list[Path], out: Path) -> None:
     from contextlib import ExitStack
 
-    from rvsg.app.folder import reading
+    from rvsg.app.folder import make_folder, reading
     from rvsg.report.table_files import write_tables
 
+    make_folder(out, option="--tables")
     with ExitStack() as stack:
         ledgers = [stack.enter_context(reading(store)) for store in stores]
         for note in write_tables(*ledgers, out=out):

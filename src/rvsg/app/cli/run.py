@@ -121,12 +121,13 @@ def find(from_file: dict[str, Any], given: dict[str, Any]) -> tuple[Wired, Summa
     """Run or resume a campaign and write what was found."""
     from rvsg.app.config import effective
     from rvsg.app.folder import CONFIG, alone_in, check_out, make_folder, opened
+    from rvsg.app.records import check_writable
     from rvsg.app.wiring import wire
     from rvsg.report.files import write_whole
 
     config = effective(None, from_file, given)
-    if config.junit and Path(config.junit).is_dir():
-        raise InputError(f"--junit {config.junit}: this is a folder; name the file to write.")
+    if config.junit:
+        check_writable(Path(config.junit))
     folder = config.folder
     check_out(folder)
     kept_by = _same_store(folder, config)

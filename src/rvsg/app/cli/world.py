@@ -258,6 +258,7 @@ def _draw(
     world: World, folder: Path, what: str, route: Any, width: int, colours: str, window: Any
 ) -> list[tuple[Path, tuple[str, ...]]]:
     """Draw and write; the paths with what each picture could not show."""
+    from rvsg.app.folder import make_folder
     from rvsg.errors import FileError
     from rvsg.world.picture import png_bytes
     from rvsg.world.svg import floor_plan_svg
@@ -271,7 +272,7 @@ def _draw(
         made.append((f"{name}_{route.name}.png" if route else f"{name}.png", png_bytes(image), told))
     written = []
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        make_folder(folder)
         for file, content, notes in made:
             (folder / file).write_bytes(content)
             written.append((folder / file, notes))
