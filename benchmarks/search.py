@@ -25,6 +25,7 @@ from rvsg.scenario.requirements import load_requirement
 from rvsg.scenario.scenario import Mission
 from rvsg.simulation.run import Run
 from rvsg.world.load import load_world
+from rvsg.world.world import World
 
 
 class Lists:
@@ -68,14 +69,13 @@ class Silent:
         """Nothing."""
 
 
-def campaign(generator: str, strategy: str, args: argparse.Namespace, seed: int, jobs: int) -> list[Attempt]:
-    """All attempts of one campaign."""
-    world = load_world(args.world)
+def plan_of(args: argparse.Namespace, world: World, seed: int) -> Plan:
+    """What is asked of every method; a limit that is a share of the route's time limit is that of this route."""
     route = world.route(args.route)
-    plan = Plan(
+    return Plan(
         name="benchmark",
         mission=Mission(world=args.world, world_id=world.id, route=route),
-        requirement=load_requirement(args.requirement),
+        requirement=load_requirement(args.requirement).for_time_limit(route.time_limit_s),
         humans=args.humans,
         scenarios=args.scenarios,
         refinements=args.refinements,
@@ -84,6 +84,12 @@ def campaign(generator: str, strategy: str, args: argparse.Namespace, seed: int,
         confirmations=0,
         seed=seed,
     )
+
+
+def campaign(generator: str, strategy: str, args: argparse.Namespace, seed: int, jobs: int) -> list[Attempt]:
+    """All attempts of one campaign."""
+    world = load_world(args.world)
+    plan = plan_of(args, world, seed)
     ledger = Lists()
     measuring = Measuring(plan.requirement)
     simulator = plugins.make("simulator", "embedded", {})
@@ -128,8 +134,8 @@ def summary(attempts: list[Attempt], worse: str) -> dict[str, object]:
     }
 
 
-def main() -> None:
-    """Run the methods named on the command line, e.g. `random:random heuristic:study heuristic:climb`."""
+def options() -> argparse.ArgumentParser:
+    """The command line."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("methods", nargs="*", default=["random:random", "heuristic:unguided", "heuristic:study"])
     parser.add_argument("--world", default="warehouse")
@@ -145,7 +151,12 @@ def main() -> None:
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--json", type=Path)
-    args = parser.parse_args()
+    return parser
+
+
+def main() -> None:
+    """Run the methods named on the command line, e.g. `random:random heuristic:study heuristic:climb`."""
+    args = options().parse_args()
     worse = load_requirement(args.requirement).worse
     rows = []
     for method in args.methods:

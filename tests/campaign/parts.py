@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import signal
 from collections.abc import Sequence
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 
@@ -169,6 +172,20 @@ class Counted:
     def run(self, scenario: Scenario, world: World, *, seed: int) -> Run:
         self.runs += 1
         return self.inner.run(scenario, world, seed=seed)
+
+
+class Deadly(KinematicSimulator):
+    """Kills its process for one seed: once, or where `always` every time."""
+
+    def __init__(self, mark: Path, seed: int, always: bool) -> None:
+        super().__init__()
+        self.mark, self.seed, self.always = mark, seed, always
+
+    def run(self, scenario: Scenario, world: World, *, seed: int) -> Run:
+        if seed == self.seed and (self.always or not self.mark.exists()):
+            self.mark.touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+        return super().run(scenario, world, seed=seed)
 
 
 def parts(ledger: Ledger | MemoryLedger, *, simulator: object = None, generator: object = None, jobs: int = 1) -> Parts:

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-import os
-import signal
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from tests.campaign.parts import MemoryLedger, parts, plan, warehouse
+from tests.campaign.parts import Deadly, MemoryLedger, parts, plan, warehouse
 
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.elite import EliteStrategy
@@ -72,20 +70,6 @@ def test_a_campaign_on_a_cluster_keeps_what_it_keeps_in_one_process(cluster) -> 
     told: list[str] = []
     assert campaign(the_plan, cluster.scheduler_address, told) == alone(the_plan)
     assert told == [f"2 workers of the cluster at {cluster.scheduler_address} make the runs."]
-
-
-class Deadly(KinematicSimulator):
-    """Kills its process for one seed: once, or where `always` every time."""
-
-    def __init__(self, mark: Path, seed: int, always: bool) -> None:
-        super().__init__()
-        self.mark, self.seed, self.always = mark, seed, always
-
-    def run(self, scenario: Scenario, world: World, *, seed: int) -> Run:
-        if seed == self.seed and (self.always or not self.mark.exists()):
-            self.mark.touch()
-            os.kill(os.getpid(), signal.SIGKILL)
-        return super().run(scenario, world, seed=seed)
 
 
 @pytest.mark.parametrize("always", [False, True])

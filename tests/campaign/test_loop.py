@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import dataclasses
-import os
 import subprocess
 import sys
 import time
@@ -10,7 +9,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 from hypothesis.strategies import integers
-from tests.campaign.parts import REQUIREMENT, Counted, MemoryLedger, WalkGenerator, parts, plan, warehouse
+from tests.campaign.parts import REQUIREMENT, Counted, Deadly, MemoryLedger, WalkGenerator, parts, plan, warehouse
 
 from rvsg.campaign.attempt import Attempt, Measurement
 from rvsg.campaign.elite import EliteStrategy
@@ -321,20 +320,6 @@ def test_a_simulator_that_makes_no_run_at_all_stops_the_campaign() -> None:
     with pytest.raises(SimulationError, match="no display"):
         run(ledger, simulator=Broken())
     assert ledger.kept == []
-
-
-class Deadly(KinematicSimulator):
-    """Kills its process once for one seed; where `always`, every time."""
-
-    def __init__(self, mark: Path, seed: int, always: bool) -> None:
-        super().__init__()
-        self.mark, self.seed, self.always = mark, seed, always
-
-    def run(self, scenario: Scenario, world: World, *, seed: int) -> Run:
-        if seed == self.seed and (self.always or not self.mark.exists()):
-            self.mark.touch()
-            os._exit(13)
-        return super().run(scenario, world, seed=seed)
 
 
 @pytest.mark.filterwarnings("ignore:A worker stopped while some jobs were given to the executor")
