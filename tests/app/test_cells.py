@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import html
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -14,6 +16,7 @@ import pytest
 from tests.app.test_run import records
 
 from rvsg.app.cli import main
+from rvsg.app.cli.cells import folders_in
 from rvsg.app.folder import LEDGER
 from rvsg.store.sqlite import SqliteLedger
 
@@ -52,8 +55,13 @@ def test_cells_side_by_side_keep_what_each_keeps_alone(
     assert len(ET.parse(junit).getroot()) == 4
     assert "4 of 4 campaigns done" in captured.err
     assert told["command"].startswith("rvsg run --route route_1 --route route_2 --requirement R1 --requirement R3")
+    overview = (out / "report.html").read_text()
+    assert re.findall(r'href="([^"]+)"', overview) == [f"{route}-{r}/report.html" for route, r in PAIRS]
+    assert told["command"] in html.unescape(overview)
+    (out / "report.html").unlink()
     assert main(["report", str(out), "--json"]) == 0
     assert len(json.loads(capsys.readouterr().out)["campaigns"]) == 4
+    assert (out / "report.html").read_text() == overview
 
 
 def test_a_campaign_file_may_list_routes_and_requirements(tmp_path: Path, alone: dict[str, list[str]]) -> None:
@@ -131,6 +139,7 @@ def test_cells_that_are_not_asked_for_now_stay_in_the_list(tmp_path: Path, capsy
     assert main(["run", *SMALL, *two, "--out", str(out)]) == 0
     assert main(["run", "--out", str(out), "--route", "route_1"]) == 0
     assert "1 more in this folder were not asked for now" in capsys.readouterr().err
+    assert "2 campaigns in warehouse" in (out / "report.html").read_text()
     assert main(["run", "--out", str(out)]) == 0
     assert "2 of 2 campaigns done" in capsys.readouterr().err
 
@@ -150,6 +159,14 @@ def test_cells_do_not_go_into_the_folder_of_one_campaign(tmp_path: Path, capsys:
     main(["run", *SMALL, "--out", out])
     assert main(["run", *SMALL, *ASKED, "--out", out]) == 2
     assert "single campaign" in capsys.readouterr().err
+
+
+def test_the_tenth_route_comes_after_the_second(tmp_path: Path) -> None:
+    for name in ("route_10-R1", "route_2-R1", "route_2-R10", "route_2-R9", "hall-R1", "none"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / (LEDGER if name != "none" else "notes")).touch()
+    kept = [path.name for path in folders_in(tmp_path)]
+    assert kept == ["hall-R1", "route_2-R1", "route_2-R9", "route_2-R10", "route_10-R1"]
 
 
 def test_a_list_of_cells_that_is_damaged_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -59,7 +59,7 @@ def render_page(
     best = best_attempt(attempts, plan.requirement)
     shown = _shown_runs(plan, summary.confirmed or best, run_of) if best else []
     plan_of_floor = floor_plan(world)
-    template = _environment().get_template("page.html")
+    template = environment().get_template("page.html")
     return template.render(
         version=rvsg.__version__,
         plan=plan,
@@ -69,7 +69,7 @@ def render_page(
         if plan.requirement.threshold is not None
         else "",
         summary=summary,
-        headline=_headline(plan, summary),
+        headline=headline(plan, summary),
         best=best,
         scenario=best.proposal.scenario if best else None,
         shown_tasks=SHOWN_TASKS,
@@ -94,7 +94,8 @@ def render_page(
 HUMAN_COLOURS = ("#d9630a", "#0b8f7a", "#a23bb8", "#8a6d00", "#c2255c", "#3f7d20", "#5b5fc7", "#9c4a2f")
 
 
-def _environment() -> jinja2.Environment:
+def environment() -> jinja2.Environment:
+    """What renders the pages: everything in them is escaped, and a name that is not given is an error."""
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("rvsg.report", "templates"),
         autoescape=True,
@@ -106,8 +107,8 @@ def _environment() -> jinja2.Environment:
     return environment
 
 
-def _headline(plan: Plan, summary: Summary) -> dict[str, str]:
-    """The one sentence of the page, and the tone in which it is said."""
+def headline(plan: Plan, summary: Summary) -> dict[str, str]:
+    """What a campaign found in one sentence, in a word (`chip`), and the `tone` in which it is said."""
     confirmed = summary.confirmed.verdict if summary.confirmed else None
     name = plan.requirement.name
     if not summary.ranking:

@@ -19,7 +19,7 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -104,10 +104,10 @@ def run_cells(cells: Cells, *, as_json: bool) -> int:
         key: list(dict.fromkeys([*_names(stored.get(key, [])), *asked]))
         for key, asked in (("route", cells.routes), ("requirement", cells.requirements))
     }
-    kept = cells.values | listed
+    settings = cells.values | listed
     others = len(listed["route"]) * len(listed["requirement"]) - len(all_of_them)
     with alone_in(cells.folder):
-        write_whole(cells.folder / CELLS, json.dumps(kept, indent=2, ensure_ascii=False) + "\n")
+        write_whole(cells.folder / CELLS, json.dumps(settings, indent=2, ensure_ascii=False) + "\n")
         jobs = jobs_of(all_of_them[0].wired.config)
         say(f"Campaigns in {cells.folder}: {len(all_of_them)}, of which {min(jobs, len(all_of_them))} side by side.")
         if others:
@@ -117,8 +117,9 @@ def run_cells(cells: Cells, *, as_json: bool) -> int:
             say(f"The budget is for all of them together; each may spend its part: {told}.")
         all_of_them[0].wired.warm_up(say)
         _run_all(all_of_them, jobs, _resume(cells))
-        found = [(cell, found_in(cell.folder)) for cell in all_of_them if cell.code == 0]
-        summaries = [(cell, *result) for cell, result in found if result is not None]
+        kept = {path: found for path in folders_in(cells.folder) if (found := found_in(path)) is not None}
+        write_overview_in(cells.folder, kept)
+        summaries = [(cell, *kept[cell.folder]) for cell in all_of_them if cell.code == 0 and cell.folder in kept]
         _write_and_show(cells, all_of_them, summaries, time.monotonic() - begin, as_json=as_json)
     if broken := [cell for cell in all_of_them if cell.code != 0]:
         for cell in broken:
@@ -129,9 +130,42 @@ def run_cells(cells: Cells, *, as_json: bool) -> int:
     return 1 if fail and any(summary.violated for _, _, summary in summaries) else 0
 
 
+def _command(cells: Cells) -> str:
+    """The exact command that repeats the campaigns, with the budget that is for all of them together."""
+    from rvsg.app.config import effective
+    from rvsg.app.wiring import command_for
+
+    asked = [("--route", name) for name in cells.routes] + [("--requirement", name) for name in cells.requirements]
+    words = [word for pair in asked for word in pair]
+    rest = command_for(effective(None, {}, cells.values)).removeprefix("rvsg run ")
+    return f"rvsg run {shlex.join(words)} {rest}"
+
+
 def _resume(cells: Cells) -> str:
     """The command that goes on with all campaigns of the folder; their settings are kept there."""
     return as_started(shlex.join(["rvsg", "run", "--out", str(cells.folder)]))
+
+
+def write_overview_in(folder: Path, kept: Mapping[Path, tuple[Plan, Summary]]) -> None:
+    """Write the page over the campaigns kept in a folder; `kept` is what each found so far, by its own folder."""
+    from rvsg.app.folder import REPORT
+    from rvsg.report.overview import write_overview
+
+    cells = cells_of({}, {"out": str(folder)})
+    if kept and cells is not None:
+        missing = len(cells.routes) * len(cells.requirements) - len(kept)
+        reported = [(f"{path.name}/{REPORT}", *found) for path, found in kept.items()]
+        write_overview(folder / REPORT, reported, command=_command(cells), missing=missing)
+
+
+def folders_in(folder: Path) -> list[Path]:
+    """The folders of the campaigns kept in a folder, route_2 before route_10."""
+    from rvsg.app.folder import store_of
+
+    def order(path: Path) -> list[tuple[int, str]]:
+        return [(int(part) if part.isdecimal() else -1, part) for part in re.split(r"(\d+)", path.name)]
+
+    return sorted((path for path in folder.iterdir() if path.is_dir() and store_of(path)), key=order)
 
 
 def found_in(folder: Path) -> tuple[Plan, Summary] | None:
@@ -326,20 +360,14 @@ def _write_and_show(
     as_json: bool,
 ) -> None:
     from rvsg.app.cli.tables import cells_table
-    from rvsg.app.config import BUDGETS
     from rvsg.app.folder import REPORT
-    from rvsg.app.wiring import command_for
     from rvsg.report.files import write_whole
     from rvsg.report.junit import junit_of
 
     config = all_of_them[0].wired.config
     if config.junit:
         write_whole(Path(config.junit), junit_of([(plan, summary) for _, plan, summary in found]))
-    asked = [("--route", name) for name in cells.routes] + [("--requirement", name) for name in cells.requirements]
-    words = [word for pair in asked for word in pair]
-    whole = {key: cells.values.get(key) for key in BUDGETS}  # not the part of one cell
-    rest = command_for(config.replace(route="route_1", requirement="R1", **whole)).removeprefix("rvsg run ")
-    command = f"rvsg run {shlex.join(words)} {rest}"
+    command = _command(cells)
     if as_json:
         listed = [
             summary.model_dump(mode="json", exclude={"confirmed": {"brief", "proposal"}})
@@ -347,9 +375,9 @@ def _write_and_show(
             | {"out": str(cell.folder), "report": str(cell.folder / REPORT)}
             for cell, plan, summary in found
         ]
-        print_json({"campaigns": listed, "out": str(cells.folder), "command": command})
+        overview = {"out": str(cells.folder), "report": str(cells.folder / REPORT), "command": command}
+        print_json({"campaigns": listed, **overview})
     say(cells_table([(plan, summary) for _, plan, summary in found]))
     say(f"{len(found)} of {len(all_of_them)} campaigns done in {spent_s:.0f} s; kept in {cells.folder}")
-    for cell, _, _ in found:
-        say(f"Report: {cell.folder / REPORT}")
+    say(f"Reports: {cells.folder / REPORT}")
     say(f"Repeat it with: {as_started(command)}")

@@ -35,15 +35,19 @@ def report(
     ] = False,
     json: Annotated[bool, typer.Option("--json", help="Print the result as JSON on standard output.")] = False,
 ) -> None:
-    """Write the page of a campaign, finished or not, and print its ranked scenarios."""
+    """Write the page of a campaign, finished or not, and print its ranked scenarios.
+
+    For the folder of several campaigns: the page of each, and an overview that leads to them.
+    """
+    from rvsg.app.cli.cells import folders_in, write_overview_in
     from rvsg.app.cli.tables import cells_table, confirmation_line, ranked_table
-    from rvsg.app.folder import CELLS, store_of
+    from rvsg.app.folder import CELLS, REPORT
     from rvsg.errors import InputError
     from rvsg.report.files import write_whole
     from rvsg.report.junit import junit_of
 
     several = store.is_dir() and (store / CELLS).exists()
-    paths = sorted(cell for cell in store.iterdir() if cell.is_dir() and store_of(cell)) if several else [store]
+    paths = folders_in(store) if several else [store]
     if tables is not None:
         _write_tables([*paths, *(also or ())], tables)
     if several and html is not None:
@@ -55,12 +59,13 @@ def report(
     if json and found:
         print_json({"campaigns": told} if several else told[0])
     if several:
+        write_overview_in(store, {page.parent: (plan, summary) for plan, summary, page in found})
         say(cells_table([(plan, summary) for plan, summary, _ in found]))
+        say(f"Reports: {store / REPORT}")
     elif found:
-        plan, summary, _ = found[0]
+        plan, summary, page = found[0]
         say(ranked_table(plan, summary, width=console().width))
         say(confirmation_line(plan, summary))
-    for _, _, page in found:
         say(f"Report: {page}")
     if fail_on_violation and any(summary.violated for _, summary, _ in found):
         raise typer.Exit(1)

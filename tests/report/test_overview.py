@@ -1,0 +1,75 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from tests.campaign.parts import MemoryLedger
+from tests.report.test_page import NastyGenerator, Reader, campaign
+
+from rvsg.evaluation.verdict import Status
+from rvsg.report.overview import Reported, render_overview, write_overview
+from rvsg.report.summary import summarise
+
+
+def reported(link: str = "route_1-R1/report.html", status: Status | None = None, **changes: object) -> Reported:
+    the_plan, attempts = campaign(MemoryLedger(), **changes)
+    summary = summarise(the_plan, attempts)
+    if status and summary.confirmed and summary.confirmed.verdict:
+        verdict = summary.confirmed.verdict.replace(status=status)
+        summary = summary.replace(confirmed=summary.confirmed.replace(verdict=verdict))
+    return link, the_plan, summary
+
+
+def page(*each: Reported, missing: int = 0) -> str:
+    return render_overview(each, command="rvsg run --seed 7", missing=missing)
+
+
+def test_the_overview_is_whole_and_leads_to_the_reports_beside_it_alone() -> None:
+    text = page(reported(), reported("Gang_Süd-R 1/report.html"))
+    reader = Reader()
+    reader.feed(text)
+    assert reader.open == []
+    assert reader.refers == ["route_1-R1/report.html", "Gang_S%C3%BCd-R%201/report.html"]
+    assert "//" not in text and "script" not in reader.tags
+    assert "2 campaigns in warehouse" in text and "rvsg run --seed 7" in text
+
+
+def test_words_of_a_model_stay_words() -> None:
+    reader = Reader()
+    reader.feed(page(reported(generator=NastyGenerator())))
+    assert "script" not in reader.tags and "img" not in reader.tags
+
+
+def test_a_campaign_is_told_by_its_fresh_runs_with_the_limit_they_are_judged_by() -> None:
+    link, the_plan, summary = reported()
+    assert summary.confirmed and summary.confirmed.verdict and summary.confirmed.verdict.interval
+    text = page((link, the_plan, summary))
+    low, high = summary.confirmed.verdict.interval
+    assert f"[{low:.3g}, {high:.3g}] m" in text
+    assert "≥ 1 m" in text and "12 + 5" in text
+
+
+@pytest.mark.parametrize(
+    ("statuses", "said"),
+    [
+        ((Status.FAIL, Status.PASS), "In 1 of 2 campaigns the worst scenario found violates its requirement."),
+        ((Status.FLAKY, Status.INCONCLUSIVE), "In 1 of 2 campaigns the worst scenario found violates its"),
+        ((Status.PASS, Status.PASS), "In 2 campaigns no worst scenario found violates its requirement."),
+        ((Status.PASS, Status.UNJUDGED), "1 of 2 campaigns passed; no other is decided."),
+    ],
+)
+def test_the_headline_counts_what_fresh_runs_decided(statuses: tuple[Status, ...], said: str) -> None:
+    assert said in page(*(reported(status=status) for status in statuses))
+
+
+def test_what_is_not_finished_or_has_not_begun_is_told() -> None:
+    the_plan, attempts = campaign(MemoryLedger())
+    text = page(("a", the_plan, summarise(the_plan, attempts[:2])), ("b", the_plan, summarise(the_plan, [])), missing=3)
+    assert ">not confirmed<" in text and ">no result<" in text and "3 more not begun" in text
+    assert "0 of 2 campaigns passed" in text
+
+
+def test_equal_campaigns_give_equal_overviews(tmp_path: Path) -> None:
+    for name in ("one.html", "two.html"):
+        write_overview(tmp_path / name, [reported()], command="rvsg run")
+    assert (tmp_path / "one.html").read_bytes() == (tmp_path / "two.html").read_bytes()
