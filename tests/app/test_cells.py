@@ -169,10 +169,28 @@ def test_the_tenth_route_comes_after_the_second(tmp_path: Path) -> None:
     assert kept == ["hall-R1", "route_2-R1", "route_2-R9", "route_2-R10", "route_10-R1"]
 
 
-def test_a_list_of_cells_that_is_damaged_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "cells.json").write_text("5")
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ("5", "cells.json: cannot be read"),
+        ('{"route": 5}', "cells.json: this is not what was kept: route[0]: expected text"),
+        ('{"rout": ["route_1"]}', 'cells.json: this is not what was kept: there is no key "rout"'),
+    ],
+)
+def test_a_list_of_cells_that_is_damaged_is_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], content: str, said: str
+) -> None:
+    (tmp_path / "cells.json").write_text(content)
     assert main(["run", "--out", str(tmp_path)]) == 2
-    assert "cells.json: cannot be read" in capsys.readouterr().err
+    assert said in capsys.readouterr().err
+
+
+def test_a_report_of_campaigns_that_have_not_begun_says_how_to_begin(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "cells.json").write_text('{"route": ["route_1", "route_2"]}')
+    assert main(["report", str(tmp_path)]) == 2
+    assert f"none of its campaigns has begun. Begin them: rvsg run --out {tmp_path}" in capsys.readouterr().err
 
 
 def test_the_command_that_repeats_cells_has_the_whole_budget(

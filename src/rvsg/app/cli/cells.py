@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rvsg.app.cli.console import as_started, print_json, say
-from rvsg.errors import InputError, Interrupted
+from rvsg.errors import FileError, InputError, Interrupted
 
 if TYPE_CHECKING:
     from rvsg.app.wiring import Wired
@@ -185,14 +185,24 @@ def found_in(folder: Path) -> tuple[Plan, Summary] | None:
 
 
 def _stored(folder: Path) -> dict[str, Any]:
+    """The settings of the campaigns kept in a folder; empty where there are none."""
+    from pydantic import ValidationError
+
+    from rvsg.app.config import CampaignFile
     from rvsg.app.folder import CELLS
+    from rvsg.world.documents import mistakes_of
 
     try:
-        return dict(json.loads((folder / CELLS).read_text(encoding="utf-8")))
+        stored = dict(json.loads((folder / CELLS).read_text(encoding="utf-8")))
+        CampaignFile.model_validate(stored)
     except (FileNotFoundError, NotADirectoryError):
         return {}
+    except ValidationError as error:
+        wrong = "; ".join(mistakes_of(error, CampaignFile))
+        raise FileError(folder / CELLS, f"this is not what was kept: {wrong}. Choose another --out.") from None
     except (OSError, ValueError, TypeError) as error:
-        raise InputError(f"{folder / CELLS}: cannot be read: {error}. Choose another --out.") from None
+        raise FileError(folder / CELLS, f"cannot be read: {error}. Choose another --out.") from None
+    return stored
 
 
 def _same(stored: dict[str, Any], asked: dict[str, Any], folder: Path) -> None:

@@ -48,6 +48,9 @@ def report(
 
     several = store.is_dir() and (store / CELLS).exists()
     paths = folders_in(store) if several else [store]
+    if not paths:
+        begin = as_started(shlex.join(["rvsg", "run", "--out", str(store)]))
+        raise InputError(f"{store}: none of its campaigns has begun. Begin them: {begin}")
     if tables is not None:
         _write_tables([*paths, *(also or ())], tables)
     if several and html is not None:
