@@ -25,7 +25,7 @@ from rvsg.simulation.episode import Recording, new_recording, run_episode
 from rvsg.simulation.localisation import Localisation, known_offset, particle_filter
 from rvsg.simulation.options import SimulatorOptions, profile
 from rvsg.simulation.people import PeopleOptions, initial
-from rvsg.simulation.people.crowd import begins_early
+from rvsg.simulation.people.crowd import PERIOD_S, beginning, begins_early
 from rvsg.simulation.robot_state import NOISE_TABLE, Settings, new_state
 from rvsg.simulation.run import Outcome, Run, Trajectory
 from rvsg.simulation.scene import Surroundings
@@ -36,10 +36,12 @@ from rvsg.world.world import Route, World
 Floats = NDArray[np.float64]
 
 NAME = "embedded"
-VERSION = 2
+VERSION = 3
 """Raise it when equal options and seeds give other runs than before."""
-LATE_ROBOT_S = 0.05
+LATE_ROBOT_S = 0.035
 """How much later the robot begins in the runs in which people begin sooner; from the logs, like their share."""
+LONG_INTERVALS = 0.57
+"""The share of the log's rows that come 0.51 s after the one before, not 0.50 s; from 20 892 intervals in the logs."""
 _KEPT = 8
 _SURROUNDINGS: OrderedDict[tuple[str, float], Surroundings] = OrderedDict()
 
@@ -214,11 +216,12 @@ def _settings(
     scene, closed = around.scene_at(route.start.x, route.start.y)
     offset = (world.map_offset[0] + float(shift[0]), world.map_offset[1] + float(shift[1]))
     phase = 0.0
-    if noise.phases > 0.0:
-        phase = 0.01 * int(stream(seed, "phases/people").integers(0, 10))
     scan_phase = 0
     if noise.phases > 0.0:
+        phase = 0.01 * int(stream(seed, "phases/people").integers(0, 10))
         scan_phase = int(stream(seed, "phases/lidar").integers(0, 10))
+    if options.human_ticks_from_start:
+        phase = beginning(_people_options(options), seed) % PERIOD_S
     settings = Settings(
         clock=float(clock),
         yaw_gain=float(options.yaw_gain),
@@ -275,9 +278,13 @@ def _phases(options: SimulatorOptions, seed: int) -> Floats:
 
 
 def _intervals(options: SimulatorOptions, seed: int, route: Route) -> Floats:
-    """Wall seconds between rows of the log: the first feedback message, every 10 ms, after 0.5 s."""
+    """Wall seconds between rows of the log: the first feedback message, every 10 ms, after 0.5 s.
+
+    In the published logs that is the 50th message, or, as often as `LONG_INTERVALS` says, the 51st; nothing between.
+    """
     rows = int(route.time_limit_s / 0.5) + 4
-    return 0.505 + options.noise.log_interval * 0.01 * (stream(seed, "log").random(rows) - 0.5)
+    long = stream(seed, "log").random(rows) < LONG_INTERVALS
+    return 0.5 + 0.01 * (LONG_INTERVALS + options.noise.log_interval * (long - LONG_INTERVALS))
 
 
 def _goals(route: Route, offset: tuple[float, float], in_map_frame: bool) -> Floats:

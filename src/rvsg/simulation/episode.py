@@ -212,9 +212,9 @@ def run_episode(
             if t >= end - 1e-9:
                 write_log(record, t / settings.clock, body, acceleration, crowd)
                 return
-            if t >= next_row - 1e-9:
-                write_log(record, t / settings.clock, body, acceleration, crowd)
-                next_row = t + intervals[rows % intervals.size] * settings.clock
+            if t >= next_row * settings.clock - 0.5 * robot.STEP_S:
+                write_log(record, next_row, body, acceleration, crowd)
+                next_row += intervals[rows % intervals.size]
                 rows += 1
         forward, left = robot.advance(body, settings.yaw_gain)
         acceleration = math.sqrt(forward * forward + left * left)

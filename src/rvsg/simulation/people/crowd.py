@@ -25,10 +25,12 @@ PERIOD_S = 0.1
 """People move every 0.1 s of simulated time (the study's HuNavSim ran at 10 Hz)."""
 LEG_PERIOD_M = 1.2
 EARLY_S = 0.2
-PUBLISHED_START_S = (-0.208, -0.108)
-PUBLISHED_EARLY_START = 0.22
-"""When the study's people began to walk: read off the positions of human 1 in the first 1.1 s of 284 published runs in
-which it begins at least 4 m from the robot. The first tick follows up to 0.1 s later."""
+PUBLISHED_START_S = (-0.115, -0.105)
+PUBLISHED_EARLY_START = 0.21
+"""When the study's people began: their first tick, which moves nobody but turns to the second waypoint. Read off the
+positions of human 1, which follow from the number of ticks to within a millimetre as long as it is far from the robot,
+in 515 published runs. The tick that first moves somebody comes 0 to 0.01 s before the first row, in the early runs 0.2 s
+sooner; where a human stands on the robot, it decides on which side the human leaves."""
 CODES = {
     Behaviour.REGULAR: 1,
     Behaviour.IMPASSIVE: 2,
@@ -45,7 +47,7 @@ class PeopleOptions(Record):
     `published_defects` replicates HuNavSim as the published study ran it (docs/explanation/people.md lists the
     defects one by one). `factor_noise` scales the spread of drawn force factors (0: everybody has the mean).
     `start_jitter_s` bounds the uniform time at which people may begin to walk, the same for all of them in one run,
-    measured from the run's first row; with the chance `early_start` they begin `EARLY_S` sooner.
+    measured from the run's first row; with the chance `early_start` they begin `EARLY_S` sooner (`beginning`).
     `leg_phase_noise` says whether people begin at a random point of their gait. A social force below
     `neglect_m_s2` per pair is left out; the published profile leaves out none.
     """
@@ -128,6 +130,13 @@ def begins_early(chance: float, seed: int) -> bool:
     return bool(stream(seed, "people/early").random() < chance)
 
 
+def beginning(options: PeopleOptions, seed: int) -> float:
+    """When people may begin to walk in a run, seconds from the first row."""
+    low, high = options.start_jitter_s
+    time = float(stream(seed, "people/start").uniform(low, high)) if high > low else low
+    return time - EARLY_S if begins_early(options.early_start, seed) else time
+
+
 def initial(agents: Sequence[HumanAgent], world: World, *, options: PeopleOptions | None = None, seed: int) -> Crowd:
     """Everybody at the start. Draws factors, start jitter and gait phase from named streams of the run's seed.
 
@@ -148,10 +157,7 @@ def initial(agents: Sequence[HumanAgent], world: World, *, options: PeopleOption
     start = np.array([agent.start for agent in agents], dtype=np.float64).reshape(-1, 2)
     drawn = [_drawn(agent, i, options, seed) for i, agent in enumerate(agents)]
     names = {group: k for k, group in enumerate(sorted({a.group for a in agents if a.group is not None}))}
-    low, high = options.start_jitter_s
-    jitter = stream(seed, "people/start").uniform(low, high) if high > low else low
-    if begins_early(options.early_start, seed):
-        jitter -= EARLY_S
+    begin = beginning(options, seed)
     phase = stream(seed, "people/gait").uniform(0.0, LEG_PERIOD_M, n) if options.leg_phase_noise else np.zeros(n)
     boxes, origins = boxes_of(world.objects) if published else (np.zeros((0, 6)), np.zeros((0, 3)))
     surfaces = None if published else _surfaces(world)
@@ -179,7 +185,7 @@ def initial(agents: Sequence[HumanAgent], world: World, *, options: PeopleOption
         goal_count=codes([len(agent.goals) for agent in agents]),
         goal_index=np.zeros(n, np.int64),
         pause_left=np.zeros(n),
-        start_time=column([agent.start_delay_s + jitter for agent in agents]),
+        start_time=column([agent.start_delay_s + begin for agent in agents]),
         speed=column([agent.speed_m_s for agent in agents]),
         radius=column([agent.radius_m for agent in agents]),
         height=column([_HEIGHTS[i % len(_HEIGHTS)] for i in range(n)]),
