@@ -5,13 +5,20 @@
 DIR is a folder laid out as the study's published results. Part A runs the best and worst scenarios again as often as
 the study did; part B runs every single-run configuration with several seeds. The profile is `published-study`.
 
-`spearman` is the mean over routes of the rank correlation within a route, between scenario means (part A) or between
-a configuration's mean over seeds and its one published value (part B). `spearman_route_centred` (part A) is one
-correlation over all scenarios, each less its route's mean. `bias_sd` is simulated less published, in units of the
-mean within-route standard deviation of the published single runs. `sd_ratio` is the mean within-scenario standard
-deviation, simulated over published; `a12_distance` the mean of |A12 - 0.5|; `ks_share` the share of scenarios whose
-Kolmogorov-Smirnov test gives p < 0.05. `expected_jerk` compares the simulator's phase-averaged jerk with the
-published sampled one.
+`spearman` is the mean over routes of the rank correlation within a route, between scenario means (part A) or between a
+configuration's mean over seeds and its one published value (part B). `spearman_route_centred` (part A) is one
+correlation over all scenarios, each less its route's mean. `ceiling` (part A) is what a simulator that draws from the
+published distribution itself would reach: the mean correlation of resampled with published means, a little too high as
+the same runs stand for the truth. `bias_sd` is simulated less published, in units of the mean within-route standard
+deviation of the published single runs. `sd_ratio` is the mean within-scenario standard deviation, simulated over
+published; `a12_distance` the mean of |A12 - 0.5|; `ks_share` the share of scenarios whose Kolmogorov-Smirnov test gives
+p < 0.05. `rank_p` (part B) is the p-value of a chi-squared test that the rank of the published value among the
+simulated ones is uniform, as it is where both come from one distribution. `expected_jerk` compares the simulator's
+phase-averaged jerk with the published sampled one.
+
+Runs are compared with runs of their kind: a simulated run takes its clock ratio from the logs of the same session,
+people begin early as often as in the repeated or the single runs, and single runs in which human 2 stays where it began
+are left out on both sides.
 """
 
 from __future__ import annotations
@@ -33,6 +40,7 @@ from published_runs import METHODS, Configuration, LeftOut, repeated, routes_in,
 from rvsg.errors import InputError
 from rvsg.evaluation.statistics import vargha_delaney
 
+RESAMPLES = 200
 QUICK_STEP = 3
 QUICK_REPEATS = 8
 QUICK_SEEDS = 2
@@ -101,12 +109,39 @@ def part_a(configurations: Sequence[Configuration], results: Results, metric: st
         "spearman": _mean(within),
         "spearman_route_centred": spearman([a for a, _ in centred], [b for _, b in centred]),
         "spearman_by_route": per_route,
+        "ceiling": ceiling(configurations, metric),
         "bias_sd": _finite(bias / spread if spread else math.nan),
         "bias": _finite(bias),
         "sd_ratio": _finite(sim_sd / real_sd if real_sd else math.nan),
         "a12_distance": _mean(abs(vargha_delaney(sim, real) - 0.5) for real, sim in pairs),
         "ks_share": _mean(float(stats.ks_2samp(real, sim).pvalue < 0.05) for real, sim in pairs),
     }
+
+
+def ceiling(configurations: Sequence[Configuration], metric: str) -> float | None:
+    """The mean within-route correlation of scenario means between the published runs and as many drawn from them."""
+    rng = np.random.default_rng(0)
+    found: list[float | None] = []
+    for group in _by_route(configurations).values():
+        runs = [np.asarray(_real(c, metric)) for c in group]
+        means = [float(values.mean()) for values in runs]
+        found.append(_mean(spearman([rng.choice(v, v.size).mean() for v in runs], means) for _ in range(RESAMPLES)))
+    return _mean(found)
+
+
+def rank_p(configurations: Sequence[Configuration], results: Results, metric: str) -> float | None:
+    """How well the ranks of the published values among the simulated ones agree with uniform ones (p-value).
+
+    Ranks of tied values are spread evenly over their places.
+    """
+    counts = np.zeros(max((len(results[c.key]) for c in configurations), default=0) + 1)
+    for c in configurations:
+        real = _real(c, metric)[0]
+        simulated = np.asarray(_simulated(results, c, metric))
+        if len(simulated) + 1 == len(counts) and np.isfinite(simulated).all():
+            below, equal = int((simulated < real).sum()), int((simulated == real).sum())
+            counts[below : below + equal + 1] += 1.0 / (equal + 1)
+    return float(stats.chisquare(counts).pvalue) if counts.sum() > 0 else None
 
 
 def part_b(configurations: Sequence[Configuration], results: Results, metric: str, spread: float) -> dict[str, Any]:
@@ -125,6 +160,7 @@ def part_b(configurations: Sequence[Configuration], results: Results, metric: st
         "spearman_by_route": per_route,
         "bias_sd": _finite(bias / spread if spread else math.nan),
         "bias": _finite(bias),
+        "rank_p": rank_p(configurations, results, metric),
         "bias_by_route": bias_by_route,
     }
 
@@ -144,7 +180,10 @@ def benchmark(folder: Path, routes: list[str], *, seeds: int, repeats: int, jobs
     a = [entry for entry in read_a if isinstance(entry, Configuration)]
     every = [entry for entry in read_b if isinstance(entry, Configuration)]
     b = every[::step]
-    results = simulate_all(folder, a, repeats, jobs) | simulate_all(folder, b, seeds, jobs)
+    single = simulate_all(folder, b, seeds, jobs)
+    frozen = sum(run["frozen"] > 0.0 for runs in single.values() for run in runs)
+    kept = {key: [run for run in runs if not run["frozen"]] or runs for key, runs in single.items()}
+    results = simulate_all(folder, a, repeats, jobs) | kept
     spreads = {metric: spread_within_routes(every, metric) for metric in (*METRICS, "expected_jerk")}
     runs_b = [run for c in b for run in results[c.key]]
     return {
@@ -156,12 +195,14 @@ def benchmark(folder: Path, routes: list[str], *, seeds: int, repeats: int, jobs
         },
         "method_means_dto": _method_means(b, results),
         "routes": routes,
-        "episodes": sum(len(runs) for runs in results.values()),
+        "method_means_dto_se": _method_errors(b, results),
+        "episodes": len(a) * repeats + len(b) * seeds,
         "wall_s": time.perf_counter() - began,
         "seeds": seeds,
         "repeats": repeats,
         "scenarios": {"part_a": len(a), "part_b": len(b)},
         "left_out": {entry.key: entry.reason for entry in left_out},
+        "left_out_simulated": frozen,
         "dropped_rows": "row 0 of every repeated scenario: the run that selected it",
     }
 
@@ -176,6 +217,17 @@ def _method_means(configurations: Sequence[Configuration], results: Results) -> 
     return means
 
 
+def _method_errors(configurations: Sequence[Configuration], results: Results) -> dict[str, float | None]:
+    """Standard errors of the differences of the method means: published runs are single, so these are not small."""
+    errors: dict[str, float | None] = {}
+    for method in METHODS:
+        mine = [c for c in configurations if c.method == method]
+        if len(mine) > 1:
+            differences = [float(np.nanmean(_simulated(results, c, "dto"))) - _real(c, "dto")[0] for c in mine]
+            errors[method] = _finite(float(np.std(differences, ddof=1)) / math.sqrt(len(mine)))
+    return errors
+
+
 def table(result: dict[str, Any]) -> str:
     """The figures as text."""
 
@@ -184,8 +236,11 @@ def table(result: dict[str, Any]) -> str:
 
     lines = [f"routes {', '.join(result['routes'])}; {result['episodes']} episodes in {result['wall_s']:.0f} s"]
     for part, columns in (
-        ("part_a", ("spearman", "spearman_route_centred", "bias_sd", "sd_ratio", "a12_distance", "ks_share")),
-        ("part_b", ("spearman", "bias_sd", "bias")),
+        (
+            "part_a",
+            ("spearman", "ceiling", "spearman_route_centred", "bias_sd", "sd_ratio", "a12_distance", "ks_share"),
+        ),
+        ("part_b", ("spearman", "bias_sd", "bias", "rank_p")),
     ):
         lines += [
             "",
@@ -205,10 +260,12 @@ def table(result: dict[str, Any]) -> str:
             lines.append(f"{metric:14}" + " ".join(cell(figures[c]) for c in columns) + f"   {routes}")
     lines += ["", f"completed: {result['completed']}"]
     lines += [
-        f"dto of {m}: published {cell(p).strip()}, simulated {cell(s).strip()}"
+        f"dto of {m}: published {cell(p).strip()}, simulated {cell(s).strip()}, "
+        f"standard error of the difference {cell(result['method_means_dto_se'].get(m)).strip()}"
         for m, (p, s) in result["method_means_dto"].items()
     ]
     lines += [f"left out {key}: {reason}" for key, reason in result["left_out"].items()]
+    lines += [f"left out {result['left_out_simulated']} simulated single runs in which human 2 stayed where it began"]
     lines += [f"left out {result['dropped_rows']}"]
     return "\n".join(lines)
 

@@ -9,9 +9,10 @@ from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
 
+import numpy as np
 from loky import get_reusable_executor
 
-from published_runs import Configuration, Values, resting_pose
+from published_runs import EARLY_STARTS_REPEATED, FROZEN_M, Configuration, Values, resting_pose
 from published_world import published_world
 from rvsg.errors import InputError
 from rvsg.evaluation.metrics import measure
@@ -62,12 +63,15 @@ def seed_of(key: str, index: int) -> int:
 
 
 def simulate(folder: Path, configuration: Configuration, repeats: Sequence[int]) -> list[Values]:
-    """Metrics of fresh runs of one configuration, as the study's client would have logged them."""
+    """Metrics of fresh runs of one configuration, as the study's client would have logged them.
+
+    `frozen` says that human 2 stayed where it began; of the published single runs such ones are left out.
+    """
     world = world_of(folder)
     route = route_of(folder, configuration.route)
-    options = profile("published-study", settling_m=(0.0, 0.0))
     found = []
     for index in repeats:
+        options = profile("published-study", settling_m=(0.0, 0.0), **session_of(configuration, index))
         run = simulate_agents(
             world,
             route,
@@ -78,8 +82,19 @@ def simulate(folder: Path, configuration: Configuration, repeats: Sequence[int])
         )
         values = measure(run, [*(f"{name}_logged" for name in METRICS), "expected_jerk"])
         known = {name.removesuffix("_logged"): math.nan if v is None else v for name, v in values.items()}
-        found.append({**known, "completed": float(run.completed)})
+        x, y = run.log.human_x[:, 1:2], run.log.human_y[:, 1:2]
+        frozen = x.size > 0 and bool((np.hypot(x - x[0], y - y[0]) <= FROZEN_M).all())
+        found.append({**known, "completed": float(run.completed), "frozen": float(frozen)})
     return found
+
+
+def session_of(configuration: Configuration, index: int) -> dict[str, float]:
+    """Options of the machine that ran a configuration: for each repeat the clock of one of its session's runs."""
+    options: dict[str, float] = {"human_early_start": EARLY_STARTS_REPEATED} if configuration.repeated else {}
+    if configuration.clocks:
+        drawn = configuration.clocks[seed_of(f"{configuration.key}/clock", index) % len(configuration.clocks)]
+        options |= {"clock_ratio": drawn, "clock_ratio_sd": 0.0, "clock_slow_share": 0.0}
+    return options
 
 
 def simulate_all(folder: Path, configurations: Sequence[Configuration], repeats: int, jobs: int) -> Results:

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import csv
 import math
+import statistics
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
+from itertools import pairwise
 from pathlib import Path
 
 from rvsg.errors import InputError
 from rvsg.scenario.agents import HumanAgent
 from rvsg.scenario.study_format import read_study_configuration
+from rvsg.simulation.robot import MAX_V_M_S
 from rvsg.world.grid import Grid
 from rvsg.world.records import Pose
 
@@ -28,13 +32,21 @@ COLUMNS = {
 }
 """Metric ids and the columns of the study's log.csv that hold them."""
 FROZEN_M = 0.3
+"""A human 2 that never came farther from its start was held by forces; such single runs are left out."""
+EARLY_STARTS_REPEATED = 0.01
+"""Of the repeated runs people began early in about 1 %, of the single ones in 21 % (`PUBLISHED_EARLY_START`)."""
+STRAIGHT_ROWS = 5
 
 Values = dict[str, float]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Configuration:
-    """One configuration with its published runs: `runs` holds the metrics of each, `completed` whether it arrived."""
+    """One configuration with its published runs: `runs` holds the metrics of each, `completed` whether it arrived.
+
+    `clocks`: simulated over wall seconds of the runs of its session, all of one method and route; `repeated`: one of
+    the scenarios that were run again and again.
+    """
 
     key: str
     method: str
@@ -42,6 +54,8 @@ class Configuration:
     agents: tuple[HumanAgent, ...]
     runs: tuple[Values, ...]
     completed: tuple[bool, ...]
+    clocks: tuple[float, ...] = ()
+    repeated: bool = False
 
 
 @dataclass(frozen=True)
@@ -69,23 +83,25 @@ def repeated(folder: Path, routes: list[str], grid: Grid) -> Iterator[Configurat
                 place = folder / f"{kind}_scenario" / method / route / "0"
                 if (place / "log.csv").is_file():
                     key = f"{kind}/{method}/{route}"
-                    yield _configuration(place, 0, key, method, route, grid, rows=slice(1, None))
+                    clocks = clock_ratios(place, 1)
+                    yield _configuration(place, 0, key, method, route, grid, clocks, rows=slice(1, None))
 
 
 def singles(folder: Path, routes: list[str], grid: Grid) -> Iterator[Configuration | LeftOut]:
     """All configurations that were run once."""
     for method in METHODS:
         for route in routes:
+            clocks = clock_ratios(folder / method / route)
             for place in sorted((folder / method / route).glob("*/"), key=lambda p: (len(p.name), p.name)):
                 if not (place / "log.csv").is_file():
                     continue
                 for k in range(len(_rows(place / "log.csv"))):
                     key = f"{method}/{route}/{place.name}/{k}"
-                    yield _configuration(place, k, key, method, route, grid, rows=slice(k, k + 1))
+                    yield _configuration(place, k, key, method, route, grid, clocks, rows=slice(k, k + 1))
 
 
 def _configuration(
-    place: Path, k: int, key: str, method: str, route: str, grid: Grid, *, rows: slice
+    place: Path, k: int, key: str, method: str, route: str, grid: Grid, clocks: tuple[float, ...], *, rows: slice
 ) -> Configuration | LeftOut:
     files = [path for path in sorted(place.glob(f"*_{k}.json")) if "_scenario_" not in path.name]
     if len(files) != 1:
@@ -105,7 +121,36 @@ def _configuration(
         agents=agents,
         runs=tuple({metric: float(row[column]) for metric, column in COLUMNS.items()} for row in found),
         completed=tuple(row["completed"] == "True" for row in found),
+        clocks=clocks,
+        repeated=rows.start == 1,
     )
+
+
+@lru_cache(maxsize=64)
+def clock_ratios(folder: Path, first: int = 0) -> tuple[float, ...]:
+    """Simulated over wall seconds of every run logged in a folder, from log number `first` on; read off the robot's
+    speed where it drives straight, since its top speed is 0.5 m per simulated second.
+
+    The published runs are not alike: most single runs came from a machine with ratios of 0.963 and 0.985, the repeated
+    ones and one method's first route from one with 0.976 and 0.990.
+    """
+    logs = sorted(folder.rglob("log_*.csv"), key=lambda p: (str(p.parent), int(p.stem.removeprefix("log_"))))
+    ratios = [_clock_ratio(log) for log in logs if int(log.stem.removeprefix("log_")) >= first]
+    return tuple(ratio for ratio in ratios if ratio is not None)
+
+
+def _clock_ratio(log: Path) -> float | None:
+    """The median over the intervals between two rows at full speed and hardly turning; None where these are few."""
+    with log.open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    found = []
+    for a, b in pairwise(rows):
+        if all(
+            float(row["robot_speed"]) > 0.4985 and abs(float(row["robot_angular_velocity_z"])) < 0.2 for row in (a, b)
+        ):
+            way = math.dist((float(a["robot_x"]), float(a["robot_y"])), (float(b["robot_x"]), float(b["robot_y"])))
+            found.append(way / (float(b["timestamp"]) - float(a["timestamp"])) / MAX_V_M_S)
+    return statistics.median(found) if len(found) >= STRAIGHT_ROWS else None
 
 
 def resting_pose(folder: Path, route: str) -> Pose | None:

@@ -140,7 +140,7 @@ def test_numbers_that_make_no_sense_are_refused_before_the_start(warehouse: Worl
     with pytest.raises(InputError, match="finite"):
         simulate_agents(warehouse, bad, [], seed=0)
     with pytest.raises(InputError, match="time limit"):
-        simulate_agents(warehouse, route(FREE_START, FREE_GOAL, limit=0.0), [], seed=0)
+        simulate_agents(warehouse, route(FREE_START, FREE_GOAL, limit=3601.0), [], seed=0)
     with pytest.raises(InputError, match="lidar_rays"):
         profile(lidar_rays=0)
     with pytest.raises(UnknownName, match="published-study"):
@@ -203,6 +203,30 @@ def test_who_begins_to_walk_is_seen_a_tick_late(warehouse: World) -> None:
 def test_the_share_of_early_starts_is_kept(share: float, expected: float) -> None:
     early = [begins_early(share, seed) for seed in range(2000)]
     assert np.mean(early) == pytest.approx(expected, abs=0.03)
+
+
+def test_published_people_move_for_the_first_time_at_the_first_row(warehouse: World) -> None:
+    agents = [walker(warehouse, "F13", "F14", "F15", "F16")]
+    options = profile("published-study", human_early_start=0.0)
+    for seed in range(6):
+        run = simulate_agents(warehouse, warehouse.route("route_1"), agents, options=options, seed=seed)
+        moved = np.hypot(
+            run.trajectory.human_x[:, 0] - agents[0].start[0], run.trajectory.human_y[:, 0] - agents[0].start[1]
+        )
+        # Moved by the tick at 0 or 10 ms before: 0.06 m at the first or second of the rows of 50 ms.
+        assert 0.0 < moved[1] < 0.08
+        # The log shows people as they were before the last tick.
+        assert run.log.human_x[0, 0] == agents[0].start[0]
+
+
+def test_rows_of_the_log_come_at_the_50th_or_the_51st_message(warehouse: World) -> None:
+    run = simulate_agents(warehouse, warehouse.route("route_1"), [], options=profile("published-study"), seed=3)
+    intervals = np.diff(run.log.t)[:-1]
+    assert set(np.round(intervals, 6)) == {0.5, 0.51}
+    without = simulate_agents(
+        warehouse, warehouse.route("route_1"), [], options=profile("published-study", noise={"log_interval": 0}), seed=3
+    )
+    assert np.allclose(np.diff(without.log.t)[:-1], 0.5057)
 
 
 def test_a_run_holds_the_groups_of_its_people_in_the_store_too(warehouse: World) -> None:

@@ -31,8 +31,10 @@ SHIFT = (0.2, -0.15)
 
 
 @kernel
-def take_in(own: Localisation, x: float, y: float, yaw: float, edges: np.ndarray, legs: np.ndarray) -> bool:
-    return localise(own, x, y, yaw, edges, legs)
+def take_in(
+    own: Localisation, x: float, y: float, yaw: float, edges: np.ndarray, legs: np.ndarray, t: float = 0.0
+) -> bool:
+    return localise(own, t, x, y, yaw, edges, legs)
 
 
 @kernel
@@ -135,3 +137,26 @@ def test_a_beam_counts_most_where_it_ends_on_something() -> None:
 def test_a_map_without_obstacles_scores_evenly() -> None:
     empty = OccupancyMap(cells=np.zeros((5, 5), np.uint8), resolution=0.05, origin=Pose(x=0, y=0))
     assert len(np.unique(beam_scores(empty))) == 1
+
+
+def test_an_estimate_holds_for_the_robots_pose_a_second_later() -> None:
+    occupancy, edges = room()
+    own = particle_filter(beam_scores(occupancy), occupancy, 818, (1.5, 4.0, 0.0), 0.01, np.random.default_rng(0))
+    legs = np.zeros((0, 2))
+    held, estimates = [own.present.copy()], []
+    for k in range(40):
+        take_in(own, 1.5 + 0.05 * k, 4.0, 0.0, edges, legs, 0.1 * k)
+        held.append(own.present.copy())
+        estimates.append(own.frame[:3].copy())
+    assert not held[10].any()
+    for k in range(10, 40):
+        assert held[k + 1] == pytest.approx(estimates[k - 10], abs=1e-12)
+
+
+def test_more_estimates_than_can_wait_are_not_lost() -> None:
+    occupancy, edges = room()
+    own = particle_filter(beam_scores(occupancy), occupancy, 818, (1.5, 4.0, 0.0), 0.01, np.random.default_rng(0))
+    for k in range(12):
+        take_in(own, 1.5 + 0.3 * k, 4.0, 0.0, edges, np.zeros((0, 2)), 0.01 * k)
+    take_in(own, 1.5 + 0.3 * 11, 4.0, 0.0, edges, np.zeros((0, 2)), 1.11)
+    assert own.present == pytest.approx(own.frame[:3], abs=1e-12)

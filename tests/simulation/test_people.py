@@ -325,9 +325,9 @@ class TestObstacles:
 
     def test_the_robots_body_is_an_obstacle_too(self) -> None:
         none = np.zeros((0, 6)), np.zeros((0, 3))
-        x, y, found = point_towards_origin(1.0, 0.0, 0.96, *none, 0.0, 0.0, 0.0)
+        x, y, found = point_towards_origin(0.5, 0.0, 0.96, *none, 0.0, 0.0, 0.0)
         assert found
-        assert (x, y) == pytest.approx((1.0 - (0.96 - 0.345) / 0.96, 0.0))
+        assert (x, y) == pytest.approx((0.5 * 0.345 / 0.96, 0.0))
         x, y, found = point_towards_origin(1.7, 0.0, 0.96, *none, 0.0, 0.0, 0.0)
         assert (x, y) == pytest.approx((0.3585, 0.0))
         assert not point_towards_origin(3.0, 0.0, 0.96, *none, 0.0, 0.0, 0.0)[2]

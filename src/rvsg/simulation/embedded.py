@@ -284,7 +284,8 @@ def _intervals(options: SimulatorOptions, seed: int, route: Route) -> Floats:
     """
     rows = int(route.time_limit_s / 0.5) + 4
     long = stream(seed, "log").random(rows) < LONG_INTERVALS
-    return 0.5 + 0.01 * (LONG_INTERVALS + options.noise.log_interval * (long - LONG_INTERVALS))
+    spread = options.noise.log_interval * (long.astype(np.float64) - LONG_INTERVALS)
+    return np.asarray(0.5 + 0.01 * (LONG_INTERVALS + spread), np.float64)
 
 
 def _goals(route: Route, offset: tuple[float, float], in_map_frame: bool) -> Floats:

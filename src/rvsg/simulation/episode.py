@@ -155,7 +155,7 @@ def take_scan(scene: Scene, state: State, settings: Settings, crowd: Crowd, t: f
     state.scanned[0] = x
     state.scanned[1] = y
     state.scanned[2] = yaw
-    if state.own.counts[ACTIVE] != 0 and localise(state.own, x, y, yaw, scene.edges, state.legs):
+    if state.own.counts[ACTIVE] != 0 and localise(state.own, t, x, y, yaw, scene.edges, state.legs):
         place_path(state)
 
 

@@ -8,6 +8,10 @@ omnidirectional motion model, all odometry noise 0.2, likelihood field, 60 beams
 an update after 0.25 m (per axis) or 0.2 rad. One thing could not be read anywhere and was chosen by the published paths
 of runs without people near (docs/explanation/fidelity.md): the spread of the first particles, that of a pose set by
 hand in RViz. One difference: the estimate is the mean of all particles, not of their heaviest cluster.
+
+AMCL stamps its estimate a second into the future (its transform tolerance). Who asks where the robot is now in the
+map, as the planner and the global costmap do, gets the estimate of a second ago; who asks without a time how the map
+lies in the odometry's frame, as DWB and the goal checker do for the plan, gets the newest.
 """
 
 from __future__ import annotations
@@ -45,23 +49,31 @@ POPULATION_ERROR = 0.05
 POPULATION_Z = 0.99
 BIN_M = 0.5
 BIN_RAD = math.radians(10.0)
+TAKES_EFFECT_S = 1.0
+"""The transform tolerance of AMCL: after that time an estimate holds for the robot's pose in the map."""
+PENDING = 8
 NORMALS = 65_536
 UNIFORMS = 16_384
 
 MAP_X, MAP_Y, MAP_YAW, LAST_X, LAST_Y, LAST_YAW = range(6)
-PARTICLES, NORMAL_AT, UNIFORM_AT, UPDATES, ACTIVE = range(5)
+PARTICLES, NORMAL_AT, UNIFORM_AT, UPDATES, ACTIVE, WAITING = range(6)
 
 
 class Localisation(NamedTuple):
     """The map's place in the world as the robot believes it, and the particle filter that finds it.
 
-    `frame` (6,): map from world as x, y, yaw (metres, radians), then the robot's pose in the world at the last update.
+    `frame` (6,): map from world as x, y, yaw (metres, radians) by the newest estimate, then the robot's pose in the
+    world at the last update; `present` (3,): map from world by the estimate that holds for the robot's pose now;
+    `coming` (8, 4): when the next ones hold (s), and they.
     `particles` (2, 2000, 3): poses in the map, and scratch space; `sums` (2000,) running sums of their weights;
-    `counts` (5,): number of particles, places in the tables `normals` and `uniforms`, updates, whether it is active.
+    `counts` (6,): number of particles, places in the tables `normals` and `uniforms`, updates, whether it is active,
+    how many estimates are to come.
     `scores` (rows, columns): what a beam that ends in a cell adds to a weight; `outside` the same off the map.
     """
 
     frame: Floats
+    present: Floats
+    coming: Floats
     particles: Floats
     sums: Floats
     counts: Ints
@@ -83,9 +95,11 @@ def known_offset(x: float, y: float) -> Localisation:
     none = np.zeros((2, 0, 3))
     return Localisation(
         frame=np.array([-x, -y, 0.0, 0.0, 0.0, 0.0]),
+        present=np.array([-x, -y, 0.0]),
+        coming=np.zeros((0, 4)),
         particles=none,
         sums=np.zeros(0),
-        counts=np.zeros(5, np.int64),
+        counts=np.zeros(6, np.int64),
         normals=np.zeros(1),
         uniforms=np.zeros(1),
         bins=np.zeros(1, np.int64),
@@ -114,13 +128,15 @@ def particle_filter(
     """
     skip = max(1, (rays - 1) // (MAX_BEAMS - 1))
     angles = np.arange(0, rays, skip) * (FIELD_OF_VIEW_RAD / (rays - 1))
-    counts = np.zeros(5, np.int64)
+    counts = np.zeros(6, np.int64)
     particles = np.zeros((2, MAX_PARTICLES, 3))
     particles[0] = np.array(start) + rng.standard_normal((MAX_PARTICLES, 3)) * START_SD
     counts[PARTICLES] = MAX_PARTICLES
     counts[ACTIVE] = 1
     return Localisation(
         frame=np.array([0.0, 0.0, 0.0, *start]),
+        present=np.zeros(3),
+        coming=np.zeros((PENDING, 4)),
         particles=particles,
         sums=np.zeros(MAX_PARTICLES),
         counts=counts,
@@ -173,11 +189,12 @@ def to_world(frame: Floats, x: float, y: float) -> tuple[float, float]:
 
 
 @inner
-def localise(own: Localisation, x: float, y: float, yaw: float, edges: Floats, legs: Floats) -> bool:
-    """Take in a front scan at the pose (x, y, yaw) if the robot moved enough since the last one; says if it did.
+def localise(own: Localisation, t: float, x: float, y: float, yaw: float, edges: Floats, legs: Floats) -> bool:
+    """Take in a front scan of time t at the pose (x, y, yaw) if the robot moved enough; says if it did.
 
     The first scan is always taken in. `edges` (E, 4) and `legs` (L, 2) are what the lidar sees, in the world.
     """
+    _hold(own, t)
     dx = x - own.frame[LAST_X]
     dy = y - own.frame[LAST_Y]
     turn = wrap(yaw - own.frame[LAST_YAW])
@@ -192,8 +209,32 @@ def localise(own: Localisation, x: float, y: float, yaw: float, edges: Floats, l
     _weigh(own)
     _resample(own)
     _estimate(own, x, y, yaw)
+    _announce(own, t)
     own.counts[UPDATES] += 1
     return True
+
+
+@inner
+def _announce(own: Localisation, t: float) -> None:
+    """The newest estimate will hold for the robot's pose in a second."""
+    if own.counts[WAITING] == PENDING:
+        _hold(own, own.coming[0, 0])
+    row = own.coming[own.counts[WAITING]]
+    row[0] = t + TAKES_EFFECT_S
+    for j in range(3):
+        row[1 + j] = own.frame[j]
+    own.counts[WAITING] += 1
+
+
+@inner
+def _hold(own: Localisation, t: float) -> None:
+    """Let the estimates whose time has come hold for the robot's pose."""
+    while own.counts[WAITING] > 0 and own.coming[0, 0] <= t + 1e-9:
+        for j in range(3):
+            own.present[j] = own.coming[0, 1 + j]
+        own.counts[WAITING] -= 1
+        for i in range(own.counts[WAITING]):
+            own.coming[i, :] = own.coming[i + 1, :]
 
 
 @inner

@@ -38,7 +38,7 @@ def has_passed(state: State) -> bool:
     g = state.nav[st.GOAL]
     if g >= state.goals.shape[0] - 1:
         return False
-    x, y = to_map(state.own.frame, state.body[robot.X], state.body[robot.Y])
+    x, y = to_map(state.own.present, state.body[robot.X], state.body[robot.Y])
     if (state.goals[g, 0] - x) ** 2 + (state.goals[g, 1] - y) ** 2 > PASSED_GOAL_M**2:
         return False
     state.nav[st.GOAL] = g + 1
@@ -53,7 +53,7 @@ def plan_route(scene: Scene, state: State, t: float) -> bool:
     the local window would otherwise draw the robot away from it.
     """
     nav = state.nav
-    x, y = to_map(state.own.frame, state.body[robot.X], state.body[robot.Y])
+    x, y = to_map(state.own.present, state.body[robot.X], state.body[robot.Y])
     g = nav[st.GOAL]
     count = plan(
         state.path[0], 0, x, y, state.goals[g, 0], state.goals[g, 1], state.global_master, state.costs, scene.reach,
@@ -74,7 +74,7 @@ def plan_route(scene: Scene, state: State, t: float) -> bool:
 
 @inner
 def place_path(state: State) -> None:
-    """Put the plan, which was made in the map, into the world where the robot believes the map to lie."""
+    """Put the plan, which was made in the map, into the world where the newest estimate puts the map."""
     for i in range(state.nav[dwb.PLAN_BEGIN], state.nav[dwb.PLAN_END]):
         state.path[1, i, 0], state.path[1, i, 1] = to_world(state.own.frame, state.path[0, i, 0], state.path[0, i, 1])
 

@@ -100,14 +100,14 @@ def update_global(scene: Scene, state: State, settings: Settings) -> None:
     if everywhere:
         state.nav[st.CLEAR_GLOBAL] = 0
         state.layers[:] = UNKNOWN
-    turn = state.own.frame[MAP_YAW]
-    x, y = to_map(state.own.frame, state.body[robot.X], state.body[robot.Y])
+    turn = state.own.present[MAP_YAW]
+    x, y = to_map(state.own.present, state.body[robot.X], state.body[robot.Y])
     column = (x - scene.origin_x) / scene.resolution
     row = (y - scene.origin_y) / scene.resolution
     for side in range(2):
         layer = state.layers[side]
         x, y, bearing = sense(scene, state, settings, FRONT if side == 0 else REAR)
-        x, y = to_map(state.own.frame, x, y)
+        x, y = to_map(state.own.present, x, y)
         observe(
             layer, state.ranges, state.directions, (x - scene.origin_x) / scene.resolution,
             (y - scene.origin_y) / scene.resolution, bearing + turn, scene.resolution, 0.0,

@@ -28,9 +28,9 @@ EARLY_S = 0.2
 PUBLISHED_START_S = (-0.115, -0.105)
 PUBLISHED_EARLY_START = 0.21
 """When the study's people began: their first tick, which moves nobody but turns to the second waypoint. Read off the
-positions of human 1, which follow from the number of ticks to within a millimetre as long as it is far from the robot,
-in 515 published runs. The tick that first moves somebody comes 0 to 0.01 s before the first row, in the early runs 0.2 s
-sooner; where a human stands on the robot, it decides on which side the human leaves."""
+positions of human 1, which follow from the number of ticks to within a millimetre as long as it is far from the
+robot, in 515 published runs. The tick that first moves somebody comes 0 to 0.01 s before the first row, in the early
+runs 0.2 s sooner; where a human stands on the robot, it decides on which side the human leaves."""
 CODES = {
     Behaviour.REGULAR: 1,
     Behaviour.IMPASSIVE: 2,

@@ -19,9 +19,9 @@ REACH_M = 2.0
 ROBOT_HALF_LENGTH_M = 0.3585
 ROBOT_HALF_WIDTH_M = 0.2485
 ROBOT_HEIGHT_M = 0.345
-"""The bounding box of the TIAGo OMNI base: 0.717 x 0.497 m as its body in the URDF, higher than that body (0.308 m), as
-two antennas stand on it. Their mesh was not at hand; 0.345 m is how the published humans were pushed by it: driven by the
-logged robot, simulated ones stay nearest to the logged ones with that height (0.335 and 0.355 are worse)."""
+"""The bounding box of the TIAGo OMNI base: 0.717 x 0.497 m as its body in the URDF, but higher than its 0.308 m,
+as two antennas stand on it. Their mesh was not at hand; the height is read off how the published humans were pushed by
+it: among people driven past the logged robot they stay nearest to the logged ones (0.335 and 0.355 are worse)."""
 
 
 @kernel
