@@ -1,6 +1,6 @@
 """How well the embedded simulator agrees with the published study's runs.
 
-    python benchmarks/fidelity.py DIR [--routes 1 2 3] [--seeds 4] [--repeats 29] [--jobs 2] [--json] [--quick]
+    python benchmarks/fidelity.py DIR [--routes 1 2 3] [--seeds 4] [--repeats 29] [--jobs 2] [--json] [--quick] [--seed 0]
 
 DIR is a folder laid out as the study's published results. Part A runs the best and worst scenarios again as often as
 the study did; part B runs every single-run configuration with several seeds. The profile is `published-study`.
@@ -169,8 +169,13 @@ def _finite(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
-def benchmark(folder: Path, routes: list[str], *, seeds: int, repeats: int, jobs: int, step: int = 1) -> dict[str, Any]:
-    """Run both parts and gather the figures. `step` > 1 takes only every step-th single-run configuration."""
+def benchmark(
+    folder: Path, routes: list[str], *, seeds: int, repeats: int, jobs: int, step: int = 1, seed: int = 0
+) -> dict[str, Any]:
+    """Run both parts and gather the figures. `step` > 1 takes only every step-th single-run configuration.
+
+    Another `seed` gives other runs throughout: how much the figures differ is how much of them is luck.
+    """
     began = time.perf_counter()
     folder = folder.resolve()
     grid = world_of(folder).grid
@@ -180,10 +185,10 @@ def benchmark(folder: Path, routes: list[str], *, seeds: int, repeats: int, jobs
     a = [entry for entry in read_a if isinstance(entry, Configuration)]
     every = [entry for entry in read_b if isinstance(entry, Configuration)]
     b = every[::step]
-    single = simulate_all(folder, b, seeds, jobs)
+    single = simulate_all(folder, b, seeds, jobs, seed)
     frozen = sum(run["frozen"] > 0.0 for runs in single.values() for run in runs)
     kept = {key: [run for run in runs if not run["frozen"]] or runs for key, runs in single.items()}
-    results = simulate_all(folder, a, repeats, jobs) | kept
+    results = simulate_all(folder, a, repeats, jobs, seed) | kept
     spreads = {metric: spread_within_routes(every, metric) for metric in (*METRICS, "expected_jerk")}
     runs_b = [run for c in b for run in results[c.key]]
     return {
@@ -198,6 +203,7 @@ def benchmark(folder: Path, routes: list[str], *, seeds: int, repeats: int, jobs
         "method_means_dto_se": _method_errors(b, results),
         "episodes": len(a) * repeats + len(b) * seeds,
         "wall_s": time.perf_counter() - began,
+        "seed": seed,
         "seeds": seeds,
         "repeats": repeats,
         "scenarios": {"part_a": len(a), "part_b": len(b)},
@@ -278,6 +284,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seeds", type=int, default=4, help="runs per single-run configuration")
     parser.add_argument("--repeats", type=int, default=29, help="runs per repeated scenario")
     parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--seed", type=int, default=0, help="another seed gives other runs throughout")
     parser.add_argument("--json", action="store_true")
     parser.add_argument(
         "--quick", action="store_true", help="every third scenario, few repeats, against accepted figures"
@@ -296,10 +303,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.error(str(error))
     if args.quick:
         result = benchmark(
-            args.folder, routes, seeds=QUICK_SEEDS, repeats=QUICK_REPEATS, jobs=args.jobs, step=QUICK_STEP
+            args.folder,
+            routes,
+            seeds=QUICK_SEEDS,
+            repeats=QUICK_REPEATS,
+            jobs=args.jobs,
+            step=QUICK_STEP,
+            seed=args.seed,
         )
     else:
-        result = benchmark(args.folder, routes, seeds=args.seeds, repeats=args.repeats, jobs=args.jobs)
+        result = benchmark(args.folder, routes, seeds=args.seeds, repeats=args.repeats, jobs=args.jobs, seed=args.seed)
     print(json.dumps(result, indent=2, allow_nan=False) if args.json else table(result))
     return judge_quick(result, accept=args.accept) if args.quick else 0
 

@@ -57,12 +57,13 @@ def route_of(folder: Path, name: str) -> Route:
     return route if pose is None else route.model_copy(update={"start": pose})
 
 
-def seed_of(key: str, index: int) -> int:
+def seed_of(key: str, index: int, seed: int = 0) -> int:
     """The seed of one repeat of one configuration: a hash, so that no two configurations share their noise."""
-    return int.from_bytes(hashlib.sha256(f"{key}#{index}".encode()).digest()[:4], "little")
+    name = f"{key}#{index}" + (f"#{seed}" if seed else "")
+    return int.from_bytes(hashlib.sha256(name.encode()).digest()[:4], "little")
 
 
-def simulate(folder: Path, configuration: Configuration, repeats: Sequence[int]) -> list[Values]:
+def simulate(folder: Path, configuration: Configuration, repeats: Sequence[int], seed: int = 0) -> list[Values]:
     """Metrics of fresh runs of one configuration, as the study's client would have logged them.
 
     `frozen` says that human 2 stayed where it began; of the published single runs such ones are left out.
@@ -71,13 +72,13 @@ def simulate(folder: Path, configuration: Configuration, repeats: Sequence[int])
     route = route_of(folder, configuration.route)
     found = []
     for index in repeats:
-        options = profile("published-study", settling_m=(0.0, 0.0), **session_of(configuration, index))
+        options = profile("published-study", settling_m=(0.0, 0.0), **session_of(configuration, index, seed))
         run = simulate_agents(
             world,
             route,
             configuration.agents,
             options=options,
-            seed=seed_of(configuration.key, index),
+            seed=seed_of(configuration.key, index, seed),
             scenario_id=configuration.key,
         )
         values = measure(run, [*(f"{name}_logged" for name in METRICS), "expected_jerk"])
@@ -88,22 +89,24 @@ def simulate(folder: Path, configuration: Configuration, repeats: Sequence[int])
     return found
 
 
-def session_of(configuration: Configuration, index: int) -> dict[str, float]:
+def session_of(configuration: Configuration, index: int, seed: int = 0) -> dict[str, float]:
     """Options of the machine that ran a configuration: for each repeat the clock of one of its session's runs."""
     options: dict[str, float] = {"human_early_start": EARLY_STARTS_REPEATED} if configuration.repeated else {}
     if configuration.clocks:
-        drawn = configuration.clocks[seed_of(f"{configuration.key}/clock", index) % len(configuration.clocks)]
+        drawn = configuration.clocks[seed_of(f"{configuration.key}/clock", index, seed) % len(configuration.clocks)]
         options |= {"clock_ratio": drawn, "clock_ratio_sd": 0.0, "clock_slow_share": 0.0}
     return options
 
 
-def simulate_all(folder: Path, configurations: Sequence[Configuration], repeats: int, jobs: int) -> Results:
+def simulate_all(
+    folder: Path, configurations: Sequence[Configuration], repeats: int, jobs: int, seed: int = 0
+) -> Results:
     """`simulate` for many, in parallel; the results do not depend on `jobs`."""
     if jobs <= 1:
-        return {c.key: simulate(folder, c, range(repeats)) for c in configurations}
+        return {c.key: simulate(folder, c, range(repeats), seed) for c in configurations}
     executor = get_reusable_executor(max_workers=jobs, timeout=300)
     chunks = [(c, range(at, min(at + 8, repeats))) for c in configurations for at in range(0, repeats, 8)]
-    futures = [executor.submit(simulate, folder, c, chunk) for c, chunk in chunks]
+    futures = [executor.submit(simulate, folder, c, chunk, seed) for c, chunk in chunks]
     results: Results = {c.key: [] for c in configurations}
     for (configuration, _), future in zip(chunks, futures, strict=True):
         results[configuration.key] += future.result()

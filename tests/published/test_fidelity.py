@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +15,9 @@ from rvsg.world.load import load_world
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 import fidelity
-from fidelity import part_a, spearman, spread_within_routes
-from fidelity_runs import route_of, simulate, simulate_all
-from published_runs import Configuration, LeftOut, repeated, routes_in, singles
+from fidelity import ceiling, part_a, rank_p, spearman, spread_within_routes
+from fidelity_runs import route_of, session_of, simulate, simulate_all
+from published_runs import Configuration, LeftOut, clock_ratios, repeated, routes_in, singles
 from published_world import as_seen
 
 
@@ -64,6 +65,52 @@ def test_a_simulator_that_turns_the_order_round_scores_the_opposite() -> None:
 def test_a_correlation_without_spread_is_none() -> None:
     assert spearman([1, 1, 1], [1, 2, 3]) is None
     assert spearman([1, 2], [1, 2]) is None
+
+
+def test_the_ceiling_falls_where_means_are_hidden_in_noise() -> None:
+    rng = np.random.default_rng(2)
+
+    def scenarios(noise: float) -> list[Configuration]:
+        return [configuration(f"s{i}", list(i + rng.normal(0, noise, 29))) for i in range(6)]
+
+    clear, hidden = ceiling(scenarios(0.1), "dto"), ceiling(scenarios(20.0), "dto")
+    assert clear == pytest.approx(1.0)
+    assert hidden is not None
+    assert hidden < 0.85
+
+
+def test_ranks_are_uniform_only_where_both_sides_draw_alike() -> None:
+    rng = np.random.default_rng(3)
+    singles_ = [configuration(f"s{i}", [rng.normal()]) for i in range(300)]
+    alike = {c.key: [{"dto": rng.normal()} for _ in range(4)] for c in singles_}
+    shifted = {c.key: [{"dto": rng.normal() + 0.5} for _ in range(4)] for c in singles_}
+    constant = {c.key: [{"dto": c.runs[0]["dto"]}] * 4 for c in singles_}
+    fair, unfair = rank_p(singles_, alike, "dto"), rank_p(singles_, shifted, "dto")
+    assert fair is not None
+    assert unfair is not None
+    assert fair > 0.01
+    assert unfair < 1e-4
+    assert rank_p(singles_, constant, "dto") == pytest.approx(1.0)
+
+
+def test_a_run_takes_the_clock_of_its_session() -> None:
+    plain = configuration("a", [1.0])
+    assert session_of(plain, 0) == {}
+    again = replace(plain, clocks=(0.97, 0.99), repeated=True)
+    drawn = [session_of(again, index) for index in range(40)]
+    assert {options["clock_ratio"] for options in drawn} == {0.97, 0.99}
+    assert all(options["human_early_start"] < 0.05 for options in drawn)
+    assert [session_of(again, index, seed=1) for index in range(40)] != drawn
+
+
+def test_the_clock_is_read_off_straight_driving(tmp_path: Path) -> None:
+    header = "timestamp,robot_x,robot_y,robot_speed,robot_angular_velocity_z"
+    rows = [f"{0.5 * k},{0.5 * 0.5 * 0.98 * k},0.0,0.5,0.0" for k in range(9)]
+    turning = [f"{0.5 * k},{0.1 * k},0.0,0.5,0.5" for k in range(9)]
+    for name, lines in (("log_0", rows), ("log_1", turning), ("log_2", rows[:3])):
+        (tmp_path / f"{name}.csv").write_text("\n".join([header, *lines]) + "\n")
+    assert clock_ratios(tmp_path) == pytest.approx((0.98,))
+    assert clock_ratios(tmp_path, 1) == ()
 
 
 def test_the_published_runs_are_all_there(folder: Path) -> None:
