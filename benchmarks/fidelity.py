@@ -1,6 +1,7 @@
 """How well the embedded simulator agrees with the published study's runs.
 
-    python benchmarks/fidelity.py DIR [--routes 1 2 3] [--seeds 4] [--repeats 29] [--jobs 2] [--json] [--quick] [--seed 0]
+    python benchmarks/fidelity.py DIR [--routes 1 2 3] [--seeds 4] [--repeats 29] [--jobs 2] [--json] [--quick]
+                                   [--seed 0]
 
 DIR is a folder laid out as the study's published results. Part A runs the best and worst scenarios again as often as
 the study did; part B runs every single-run configuration with several seeds. The profile is `published-study`.
