@@ -6,6 +6,7 @@
     ├── InputError                what the user gave is wrong (exit code 2)
     │   ├── FileError             ... in a file: knows its path and, where it can, the line
     │   ├── UnknownName           ... names something that does not exist: knows "did you mean"
+    │   ├── Unfit                 ... a key whose value does not fit what the other keys say: knows the key
     │   └── InvalidScenario       ... a scenario the checker refuses: knows every finding
     ├── SimulationError           a simulator could not run a valid scenario
     ├── GenerationError           a generator could not answer (never a merely bad answer: that is a Proposal)
@@ -63,6 +64,14 @@ class UnknownName(InputError):
         listed = ", ".join(self.known[:30]) + (", ..." if len(self.known) > 30 else "")
         known_text = f" Known: {listed}." if self.known else ""
         super().__init__(f'There is no {kind} "{name}".{asked}{known_text}{" " + hint if hint else ""}')
+
+
+class Unfit(InputError):
+    """The value of a key does not fit what the other keys beside it say."""
+
+    def __init__(self, key: str, message: str) -> None:
+        self.key = key
+        super().__init__(message)
 
 
 class InvalidScenario(InputError):

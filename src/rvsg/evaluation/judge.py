@@ -28,6 +28,7 @@ from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
+from rvsg.errors import Unfit
 from rvsg.evaluation.metrics import METRICS, measure, metric
 from rvsg.evaluation.signals import formula, robustness
 from rvsg.evaluation.statistics import clopper_pearson, mean_interval
@@ -95,12 +96,46 @@ def objective(run: Run, requirement: Requirement, *, world: World | None = None)
     return measure(run, [requirement.metric], world=world)[requirement.metric]
 
 
-def check_requirement(requirement: Requirement) -> None:
-    """Raise UnknownName or FormulaError where the requirement's metric or formula cannot be measured."""
+def check_requirement(requirement: Requirement) -> Requirement:
+    """The requirement in the unit of its metric, which is filled in where it is left out.
+
+    UnknownName or FormulaError where its metric or formula cannot be measured; Unfit where its unit, its direction or
+    its share of the time limit is not one of its metric.
+    """
     if requirement.formula is not None:
         formula(requirement.formula)
-    elif requirement.metric is not None:
-        metric(requirement.metric)
+        return requirement
+    assert requirement.metric is not None
+    known = metric(requirement.metric)
+    if requirement.unit and _plain(requirement.unit) != _plain(known.unit):
+        raise Unfit(
+            "unit",
+            f"{known.id} is measured in {known.unit}, got {requirement.unit!r}. "
+            f"Write the limit in {known.unit}, with `unit: {_quoted(known.unit)}`, or leave the unit out.",
+        )
+    if requirement.limit_share is not None and known.unit != "s":
+        raise Unfit(
+            "limit_share",
+            f"is a share of the route's time limit, and {known.id} is measured in {known.unit}, not in s. "
+            f"Give `limit` in {known.unit} instead.",
+        )
+    if known.worse not in ("neither", requirement.worse):
+        raise Unfit(
+            "worse",
+            f"{known.id} is worse when {known.worse}, got {requirement.worse!r}. Write `worse: {known.worse}`; what "
+            "must not be too good either can be asked with a formula, e.g. `always distance_to_person < 3`.",
+        )
+    return requirement.replace(unit=known.unit)
+
+
+def _plain(unit: str) -> str:
+    """A unit as an ordinary keyboard has it: m/s³, m/s^3 and m/s3 are one."""
+    return unit.translate(str.maketrans("²³", "23", "^ "))
+
+
+def _quoted(unit: str) -> str:
+    """A unit as it has to stand in YAML."""
+    return f'"{unit}"' if unit in ("1", "%") else unit
 
 
 def judge(requirement: Requirement, objectives: Sequence[float | None], *, procedure: Procedure = DEFAULT) -> Verdict:

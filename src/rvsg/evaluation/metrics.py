@@ -104,7 +104,7 @@ _PERFORMANCE = [
     *_both("goal_distance_min", "Minimum distance to the goal", "m", "larger", f.goal_distance_minimum),
     *_one("goal_distance", "Final distance to the goal", "m", "larger", f.goal_distance_final),
     _logged("goal_distance", "Final distance to the goal", "m", "larger", f.goal_distance_final_logged),
-    *_both("speed", "Mean speed", "m/s", "smaller", f.mean_speed),
+    *_both("speed", "Mean speed", "m/s", "neither", f.mean_speed),
     *_both("turn_rate", "Mean turn rate", "rad/s", "neither", f.mean_turn_rate),
     *_both("acceleration", "Mean inertial acceleration", "m/s²", "larger", f.mean_inertial_acceleration),
     *_both("human_speed", "Mean speed of the humans", "m/s", "neither", f.mean_human_speed),

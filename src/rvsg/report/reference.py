@@ -28,7 +28,7 @@ the positions of robot and people at 2 Hz.
 
 USER_FILES = """A requirement names a metric or a [temporal formula](temporal-formulas.md), the direction that is worse,
 and the limit beyond which a run violates it. These ship with RVSG; choose one by its name, `rvsg run --requirement
-clearance`, or write your own file of the same layout and give `--requirement my.yaml:wide_berth`:
+clearance`, or write your own file of the same layout and give `--requirement my.yaml#wide_berth`:
 
 ```yaml
 wide_berth:
@@ -37,9 +37,14 @@ wide_berth:
   metric: min_distance        # or  formula: always (distance_to_person > 0.5)
   worse: smaller
   limit: 0.5                  # or  limit_share: 0.95, a share of the route's time limit
-  unit: m
+  unit: m                     # that of the metric; may be left out
   source: our risk assessment
 ```
+
+The limit is in the unit of the metric ([metrics](metrics.md) lists them) and is never converted: another `unit` is
+refused, a missing one is filled in, and `m/s3` is `m/s³`. `worse` must be the metric's own direction; a metric that
+has none there (`neither`) takes both. `limit_share` is for metrics in seconds. A formula's robustness has the unit that
+you give it.
 
 The limits are choices to start from, each with its reason. Mistakes in a file are all told at once with their lines.
 """

@@ -8,7 +8,7 @@ A file maps names to requirements::
       metric: min_distance        # or formula: always (distance_to_person > 0.5)
       worse: smaller
       limit: 0.5
-      unit: m
+      unit: m                     # that of the metric; may be left out
       source: our risk assessment
 """
 
@@ -21,11 +21,11 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from rvsg.errors import FileError, InputError, UnknownName
+from rvsg.errors import FileError, InputError, Unfit, UnknownName
 from rvsg.scenario.requirement import Requirement
 from rvsg.world.documents import Document, DocumentError, Problem, read_yaml
 
-Check = Callable[[Requirement], None]
+Check = Callable[[Requirement], Requirement]
 _FIELDS = sorted(set(Requirement.model_fields) - {"name"})
 
 
@@ -44,7 +44,7 @@ def load_requirement(name_or_path: str | Path, *, check: Check | None = None) ->
     """A shipped requirement by its name, or one of a user's file as `file.yaml` or `file.yaml#name`.
 
     `file.yaml` alone must hold exactly one. Raises UnknownName, or FileError with the line of every mistake; `check`
-    is called with every requirement of a user's file, what InputError it raises is such a mistake.
+    completes every requirement of a user's file, what InputError it raises is such a mistake.
     """
     text = str(name_or_path)
     if text in _shipped():
@@ -93,9 +93,9 @@ def load_requirements(path: Path, *, check: Check | None = None) -> dict[str, Re
             mistakes.append(document.problem(message, str(name)))
         try:
             read = Requirement.model_validate({"name": str(name), **fields})
-            if check is not None:
-                check(read)
-            found[str(name)] = read
+            found[str(name)] = check(read) if check is not None else read
+        except Unfit as error:
+            mistakes.append(document.problem(f"{name}.{error.key}: {error}", str(name), error.key))
         except InputError as error:
             measured = "formula" if "formula" in fields else "metric"
             mistakes.append(document.problem(f"{name}.{measured}: {error}", str(name), measured))
