@@ -14,7 +14,12 @@ from dataclasses import dataclass
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.plan import Plan
 from rvsg.campaign.ranking import search_attempts
+from rvsg.evaluation.verdict import Verdict
 from rvsg.report.summary import number
+from rvsg.scenario.requirement import Requirement
+
+LETTER = 6.5
+"""Pixels that a letter of the words in a chart takes at most, on average."""
 
 
 @dataclass(frozen=True)
@@ -46,14 +51,19 @@ def span(values: Sequence[float]) -> tuple[float, float]:
     return low - air, high + air
 
 
+def _range(requirement: Requirement, verdicts: Sequence[Verdict]) -> list[float]:
+    """What the axis of a chart of verdicts spans at the least: the limit, the means and the ends of their intervals."""
+    values = [v for verdict in verdicts for v in (verdict.mean, *(verdict.interval or ()))]
+    return [value for value in (requirement.threshold, *values) if value is not None]
+
+
 def confirmation_chart(plan: Plan, selected: Attempt, confirmed: Attempt) -> str:
     """Every objective by which the scenario was selected and every fresh one, as dots with mean and interval."""
     old, new = selected.verdict, confirmed.verdict
     assert old is not None and new is not None
     limit = plan.requirement.threshold
-    values = [*old.objectives, *new.objectives, *(old.interval or ()), *([limit] if limit is not None else [])]
     width, height = 640, 176
-    x = Scale(*span(values), 116, width - 16)
+    x = Scale(*span([*_range(plan.requirement, (old, new)), *old.objectives, *new.objectives]), 116, width - 16)
     unit = plan.requirement.unit
     parts = [_frame(width, height, f"Objective values of the selecting and of the fresh runs, {unit}")]
     for tick in ticks(x.low, x.high):
@@ -69,14 +79,14 @@ def confirmation_chart(plan: Plan, selected: Attempt, confirmed: Attempt) -> str
             up = y + 9 * math.sin(place * 2.4)
             parts.append(
                 f'<circle class="{kind}" cx="{x(value):.1f}" cy="{up:.1f}" r="4.5">'
-                f"<title>{number(value, unit)}</title></circle>"
+                f"<title>{_e(number(value, unit))}</title></circle>"
             )
         if verdict.mean is not None:
             low, high = verdict.interval or (verdict.mean, verdict.mean)
             parts.append(f'<line class="{kind} bar" x1="{x(low):.1f}" x2="{x(high):.1f}" y1="{y + 22}" y2="{y + 22}"/>')
             parts.append(
                 f'<path class="{kind} mark" d="M{x(verdict.mean):.1f} {y + 16}v12"><title>mean '
-                f"{number(verdict.mean, unit)}</title></path>"
+                f"{_e(number(verdict.mean, unit))}</title></path>"
             )
     return "".join([*parts, "</svg>"])
 
@@ -87,23 +97,23 @@ def search_chart(plan: Plan, attempts: Sequence[Attempt]) -> str:
     if not done:
         return ""
     limit, unit = plan.requirement.threshold, plan.requirement.unit
-    values = [v for a in done if a.verdict for v in (a.verdict.mean, *(a.verdict.interval or ())) if v is not None]
+    said = f"limit {number(limit, unit)}" if limit is not None else ""
     width, height = 960, 280
-    y = Scale(*span([*values, *([limit] if limit is not None else [])]), height - 44, 14)
-    x = Scale(-0.5, max(a.index for a in done) + 0.5, 58, width - 12)
+    y = Scale(*span(_range(plan.requirement, [a.verdict for a in done if a.verdict])), height - 44, 14)
+    right = width - 12 - LETTER * len(said)  # the limit's words stand beside the data, not on them
+    x = Scale(-0.5, max(a.index for a in done) + 0.5, 58, right)
     groups: dict[int, list[Attempt]] = {}
     for attempt in done:
         groups.setdefault(attempt.brief.scenario_index, []).append(attempt)
     parts = [_frame(width, height, f"Mean objective of every attempt in the order of the search, {unit}")]
     parts += [_band(group, x, y) for group in list(groups.values())[::2]]
     for tick in ticks(y.low, y.high):
-        parts.append(f'<line class="grid" x1="58" x2="{width - 12}" y1="{y(tick):.1f}" y2="{y(tick):.1f}"/>')
+        parts.append(f'<line class="grid" x1="58" x2="{right:.1f}" y1="{y(tick):.1f}" y2="{y(tick):.1f}"/>')
         parts.append(f'<text class="axis" x="50" y="{y(tick) + 4:.1f}" text-anchor="end">{number(tick)}</text>')
     if limit is not None:
         parts.append(
-            f'<line class="limit" x1="58" x2="{width - 12}" y1="{y(limit):.1f}" y2="{y(limit):.1f}"/>'
-            f'<text class="limit" x="{width - 14}" y="{y(limit) - 5:.1f}" text-anchor="end">'
-            f"limit {number(limit, unit)}</text>"
+            f'<line class="limit" x1="58" x2="{right:.1f}" y1="{y(limit):.1f}" y2="{y(limit):.1f}"/>'
+            f'<text class="limit" x="{right + 6:.1f}" y="{y(limit) + 4:.1f}">{_e(said)}</text>'
         )
     parts += [_course(scenario, group, x, y, unit, few=len(groups) <= 25) for scenario, group in groups.items()]
     parts.append(f'<text class="axis" x="{width / 2}" y="{height - 6}" text-anchor="middle">scenario</text>')
@@ -124,7 +134,7 @@ def _course(scenario: int, group: Sequence[Attempt], x: Scale, y: Scale, unit: s
             parts.append(f'<line class="spread" x1="{at:.1f}" x2="{at:.1f}" y1="{y(low):.1f}" y2="{y(high):.1f}"/>')
         parts.append(
             f'<circle class="new" cx="{at:.1f}" cy="{y(verdict.mean):.1f}" r="3.5"><title>scenario {scenario + 1}, '
-            f"configuration {attempt.brief.configuration_index + 1}: {number(verdict.mean, unit)}</title></circle>"
+            f"configuration {attempt.brief.configuration_index + 1}: {_e(number(verdict.mean, unit))}</title></circle>"
         )
     if few:
         middle = x((group[0].index + group[-1].index) / 2)
@@ -150,7 +160,7 @@ def _limit(x: float, limit: float, unit: str, top: float, bottom: float, *, room
     side = f'x="{x + 5:.1f}"' if x + 90 < room else f'x="{x - 5:.1f}" text-anchor="end"'
     return (
         f'<line class="limit" x1="{x:.1f}" x2="{x:.1f}" y1="{top}" y2="{bottom}"/>'
-        f'<text class="limit" {side} y="{top + 8}">limit {number(limit, unit)}</text>'
+        f'<text class="limit" {side} y="{top + 8}">{_e(f"limit {number(limit, unit)}")}</text>'
     )
 
 
