@@ -23,9 +23,10 @@ from rvsg.simulation.dwb import Rollouts, samples
 from rvsg.simulation.dwb import rollouts as new_rollouts
 from rvsg.simulation.episode import Recording, new_recording, run_episode
 from rvsg.simulation.localisation import Localisation, known_offset, particle_filter
-from rvsg.simulation.options import SimulatorOptions, profile
+from rvsg.simulation.options import PROFILES, SimulatorOptions, profile
 from rvsg.simulation.people import PeopleOptions, initial
 from rvsg.simulation.people.crowd import PERIOD_S, beginning, begins_early
+from rvsg.simulation.rehearsal import rehearsal
 from rvsg.simulation.robot_state import NOISE_TABLE, Settings, new_state
 from rvsg.simulation.run import Outcome, Run, Trajectory
 from rvsg.simulation.scene import Surroundings
@@ -389,9 +390,9 @@ def warm_up(report: Callable[[str], None] | None = None) -> float:
     fresh = not any(cache_folder().glob("**/episode.run_episode*.nbc"))
     if fresh and report is not None:
         report("compiling the simulator for this machine; this happens once and takes up to a minute")
-    from rvsg.simulation.rehearsal import rehearse
-
-    rehearse()
+    world, route, humans = rehearsal()
+    for name in PROFILES:
+        simulate_agents(world, route, humans, options=profile(name))
     taken = time.perf_counter() - started
     if fresh and report is not None:
         report(f"compiled in {taken:.0f} s, kept in {cache_folder()}")

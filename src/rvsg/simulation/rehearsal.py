@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from rvsg.scenario.agents import HumanAgent
-from rvsg.simulation.options import profile
 from rvsg.world.grid import Grid
 from rvsg.world.records import Pose
 from rvsg.world.world import OccupancyMap, Route, World
@@ -28,11 +27,8 @@ def empty_room() -> World:
     )
 
 
-def rehearse() -> None:
-    """Run half a second with one human in either profile."""
-    from rvsg.simulation.embedded import simulate_agents
-
+def rehearsal() -> tuple[World, Route, list[HumanAgent]]:
+    """The room, a route of half a second through it, and one human."""
     route = Route(name="rehearsal", start=Pose(x=-1.0, y=0.0), goal=Pose(x=1.5, y=0.5), time_limit_s=0.5)
     human = HumanAgent(name="human", start=(0.5, 1.0), goals=((0.5, 1.0), (0.5, -1.0)), pauses_s=(0.0, 0.0))
-    for name in ("default", "published-study"):
-        simulate_agents(empty_room(), route, [human], options=profile(name))
+    return empty_room(), route, [human]
