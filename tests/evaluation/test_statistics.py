@@ -61,3 +61,13 @@ def test_holm_multiplies_by_the_number_of_tests_left_and_never_decreases():
 )
 def test_magnitudes_are_those_of_vargha_and_delaney(a12, name):
     assert magnitude_of(a12) == name
+
+
+def test_an_interval_of_few_runs_does_not_explode() -> None:
+    # Mean distances of five fresh runs of a first campaign: two pairs lie close together.
+    runs = [1.028, 1.426, 0.951, 1.365, 1.443]
+    found = mean_interval(runs)
+    assert found is not None
+    reach = 2.776 * np.std(runs, ddof=1) / np.sqrt(5)
+    assert found[0] == pytest.approx(np.mean(runs) - 2.0 * reach, abs=1e-3)
+    assert np.mean(runs) < found[1] < np.mean(runs) + 2.0 * reach
