@@ -40,7 +40,7 @@ def report(
     For the folder of several campaigns: the page of each, and an overview that leads to them.
     """
     from rvsg.app.cli.cells import folders_in, write_overview_in
-    from rvsg.app.cli.tables import cells_table, confirmation_line, ranked_table
+    from rvsg.app.cli.tables import cells_table
     from rvsg.app.folder import CELLS, REPORT
     from rvsg.errors import InputError
     from rvsg.report.files import write_whole
@@ -64,14 +64,49 @@ def report(
     if several:
         write_overview_in(store, {page.parent: (plan, summary) for plan, summary, page in found})
         say(cells_table([(plan, summary) for plan, summary, _ in found]))
+        _say_unfinished(store, [(plan, summary) for plan, summary, _ in found])
         say(f"Reports: {store / REPORT}")
     elif found:
-        plan, summary, page = found[0]
-        say(ranked_table(plan, summary, width=console().width))
-        say(confirmation_line(plan, summary))
-        say(f"Report: {page}")
+        _say_found(store, *found[0])
     if fail_on_violation and any(summary.violated for _, summary, _ in found):
         raise typer.Exit(1)
+
+
+def _say_found(store: Path, plan: Plan, summary: Summary, page: Path) -> None:
+    """What one campaign found, and where it was cut off: how far it came, and how it goes on."""
+    from rvsg.app.cli.tables import confirmation_line, how_far, ranked_table
+
+    if summary.ranking:
+        say(ranked_table(plan, summary, width=console().width))
+    if summary.complete:
+        say(confirmation_line(plan, summary))
+    else:
+        say(f"The campaign is not finished: {how_far(plan, summary)}.{_go_on(store)}")
+    say(f"Report: {page}")
+
+
+def _say_unfinished(folder: Path, found: list[tuple[Plan, Summary]]) -> None:
+    """Which of several campaigns were cut off or never began, and how they go on."""
+    from rvsg.app.cli.cells import cells_of
+    from rvsg.app.cli.tables import how_far
+
+    cut_off = [(plan, summary) for plan, summary in found if not summary.complete]
+    for plan, summary in cut_off:
+        say(f"{plan.mission.route.name} {plan.requirement.name} is not finished: {how_far(plan, summary)}.")
+    cells = cells_of({}, {"out": str(folder)})
+    not_begun = len(cells.routes) * len(cells.requirements) - len(found) if cells else 0
+    if not_begun:
+        say(f"{not_begun} more {'has' if not_begun == 1 else 'have'} not begun.")
+    if cut_off or not_begun:
+        say(_go_on(folder).lstrip())
+
+
+def _go_on(store: Path) -> str:
+    """The command that goes on with what a folder keeps; empty for a ledger that is in no folder of a campaign."""
+    from rvsg.app.folder import LEDGER
+
+    folder = store if store.is_dir() else store.parent if store.name == LEDGER else None
+    return f" Go on with: {as_started(shlex.join(['rvsg', 'run', '--out', str(folder)]))}" if folder else ""
 
 
 def _report(path: Path, html: Path | None, world: str | None, *, optional: bool) -> tuple[Plan, Summary, Path] | None:

@@ -85,7 +85,7 @@ def cells_table(found: Sequence[tuple[Plan, Summary]]) -> Table:
         requirement, unit = plan.requirement, plan.requirement.unit
         name = f"{plan.mission.route.name} {requirement.name}"
         if verdict is None:
-            table.add_row(name, "–", Text("no scenario", style="dim"), "")
+            table.add_row(name, "–", Text("no scenario" if summary.complete else "unfinished", style="dim"), "")
             continue
         often = ""
         if verdict.violation_probability is not None and verdict.violation_interval is not None:
@@ -106,6 +106,14 @@ def without_common_beginning(texts: list[str]) -> list[str]:
         columns = takewhile(lambda column: len(set(column)) == 1, zip(*words, strict=False))
         same = min(len(list(columns)), min(len(each) for each in words) - 1)
     return [" ".join(each[same:]) for each in words]
+
+
+def how_far(plan: Plan, summary: Summary) -> str:
+    """How far a campaign came that is not finished."""
+    done = summary.accounting.search_attempts
+    if done >= plan.attempts:
+        return f"all {counted(done, 'attempt')} of the search, the confirmation is missing"
+    return f"{done} of {counted(plan.attempts, 'attempt')} of the search"
 
 
 def confirmation_line(plan: Plan, summary: Summary) -> str:
