@@ -7,14 +7,16 @@ dies hard, what was under way in it is made again, and a run that is suspected o
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
-from types import TracebackType
+from multiprocessing import resource_tracker
+from types import FrameType, TracebackType
 from typing import Any, Protocol, Self
 
 from rvsg.campaign.attempt import Failure
@@ -24,7 +26,10 @@ from rvsg.simulation.run import Run, run_id
 from rvsg.simulation.simulator import Simulator
 from rvsg.world.world import World
 
+ENDING = (signal.SIGINT, signal.SIGTERM)
 ORPHAN_CHECK_S = 2.0
+STOP_S = 5.0
+"""So long processes that are killed may take; they end without us where that is not enough."""
 
 
 class WorkerDied(Exception):
@@ -180,20 +185,21 @@ class Processes:
 
     def submit(self, scenario: Scenario, seed: int) -> Future[Run | Failure]:
         """Ask for a run."""
-        if self._pool is None:
-            from loky import ProcessPoolExecutor
+        from loky import ProcessPoolExecutor
 
-            self._pool = ProcessPoolExecutor(
-                max_workers=self.jobs,
-                initializer=_prepare,
-                initargs=self._shared,
-                env={"OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"},
-            )
-        try:
-            future: Future[Run | Failure] = self._pool.submit(_work, scenario, seed)
-        except BrokenProcessPool as broken:
-            future = Future()
-            future.set_exception(broken)
+        with _undisturbed():
+            if self._pool is None:
+                self._pool = ProcessPoolExecutor(
+                    max_workers=self.jobs,
+                    initializer=_prepare,
+                    initargs=(os.getpid(), self._shared),
+                    env={"OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"},
+                )
+            try:
+                future: Future[Run | Failure] = self._pool.submit(_work, scenario, seed)
+            except BrokenProcessPool as broken:
+                future = Future()
+                future.set_exception(broken)
         return future
 
     def result(self, submitted: Future[Run | Failure]) -> Run | Failure:
@@ -216,7 +222,12 @@ class Processes:
         """End the processes."""
         if self._pool is not None:
             pool, self._pool = self._pool, None
-            pool.shutdown(wait=True, kill_workers=kill)
+            if not kill:
+                pool.shutdown(wait=True)
+                return
+            ending = threading.Thread(target=pool.shutdown, kwargs={"kill_workers": True}, daemon=True)
+            ending.start()
+            ending.join(STOP_S)
 
 
 def _attempt_run(simulator: Simulator, world: World, scenario: Scenario, seed: int) -> Run | Failure:
@@ -226,14 +237,51 @@ def _attempt_run(simulator: Simulator, world: World, scenario: Scenario, seed: i
         return Failure(seed=seed, reason=str(error))
 
 
+@contextlib.contextmanager
+def _undisturbed() -> Iterator[None]:
+    """Hold Ctrl-C and SIGTERM back while processes are begun: a pool that is begun by half cannot be ended.
+
+    A signal is handled in the main thread whichever thread it reaches, so its handler is replaced; and it is blocked,
+    which the processes inherit: Ctrl-C in a terminal reaches them too, and they are to live until they are ended.
+    Whoever asks a second time does not want to wait, and is passed on at once.
+    """
+    heard: list[int] = []
+    handlers: dict[int, Any] = {}
+
+    def hold(number: int, frame: FrameType | None) -> None:
+        heard.append(number)
+        if len(heard) > 1 and callable(handlers[number]):
+            handlers[number](number, frame)
+
+    blocked = None
+    try:
+        if threading.current_thread() is threading.main_thread():
+            for number in ENDING:
+                handlers[number] = signal.getsignal(number)
+                signal.signal(number, hold)
+        if hasattr(signal, "pthread_sigmask"):
+            resource_tracker.ensure_running()  # else it begins with the first process, and unblocks them again
+            blocked = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
+        yield
+    finally:
+        if blocked is not None:
+            signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
+        for ending, handler in handlers.items():
+            signal.signal(ending, handler)
+        if heard:
+            signal.raise_signal(heard[0])
+
+
 _worker: dict[str, Any] = {}
 
 
-def _prepare(simulator: Simulator, world: World) -> None:
+def _prepare(parent: int, shared: tuple[Simulator, World]) -> None:
     """Set a worker process up; Ctrl-C is for the parent, which then ends the workers."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_end_with_parent, args=(os.getppid(),), daemon=True).start()
-    _worker.update(simulator=simulator, world=world)
+    if hasattr(signal, "pthread_sigmask"):  # it began with both held back
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING)
+    threading.Thread(target=_end_with_parent, args=(parent,), daemon=True).start()
+    _worker.update(zip(("simulator", "world"), shared, strict=True))
 
 
 def _end_with_parent(parent: int) -> None:

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from rvsg.app.cli.frame import Verb, command_line
+from rvsg.app.cli.interruption import until_gone
 
 VERBS: dict[str, Verb] = {
     "world": Verb("world", "Make a world from a map, check it, draw it, show it"),
@@ -29,9 +30,9 @@ VERBS: dict[str, Verb] = {
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line and return its exit code.
+    """Run the command line and return its exit code; without `argv` it is that of this process, signals included.
 
     0 done; 1 done, and a requirement is violated where the user asked to be told; 2 usage or input error;
     3 interrupted but resumable; 4 an error in RVSG itself.
     """
-    return command_line(VERBS, argv)
+    return command_line(VERBS, argv) if argv is not None else until_gone(lambda: command_line(VERBS))

@@ -9,6 +9,7 @@ import threading
 import time
 
 from rvsg.app.cli.frame import guarded
+from rvsg.app.cli.interruption import until_gone
 from rvsg.app.cli.run import find
 
 
@@ -19,6 +20,10 @@ def main() -> int:
     """
     del sys.argv[0]
     threading.Thread(target=_end_with_parent, args=(os.getppid(),), daemon=True).start()
+    return until_gone(_find)
+
+
+def _find() -> int:
     values = json.loads(sys.stdin.read())
     return guarded(lambda: find({}, values), ["run", "--out", str(values["out"])])
 

@@ -356,7 +356,7 @@ def _end(running: Sequence[Cell]) -> None:
     try:
         for process in processes:
             process.wait(timeout=max(0.1, deadline - time.monotonic()))
-    except (subprocess.TimeoutExpired, KeyboardInterrupt):
+    except subprocess.TimeoutExpired:
         for process in processes:
             process.kill()
 

@@ -17,6 +17,7 @@ from typer.core import TyperCommand, TyperGroup
 
 import rvsg
 from rvsg.app.cli.console import as_started
+from rvsg.app.cli.interruption import interruptible
 from rvsg.errors import Interrupted, RvsgError
 
 HELP = """Find, confirm and explain human behaviours that make a mobile robot violate its requirements, in simulation.
@@ -59,7 +60,8 @@ def command_line(verbs: Mapping[str, Verb], argv: Sequence[str] | None = None) -
 def guarded(work: Callable[[], object], arguments: Sequence[str]) -> int:
     """Do the work of a command and return its exit code: every error becomes a message; never raises."""
     try:
-        work()
+        with interruptible():
+            work()
     except SystemExit as end:
         return end.code if isinstance(end.code, int) else 0 if end.code is None else 2
     except RvsgError as error:
