@@ -238,6 +238,21 @@ def test_a_violation_is_told_by_the_exit_code_only_where_asked(tmp_path: Path) -
     assert main(["report", str(tmp_path / "one"), "--fail-on-violation"]) == 1
 
 
+def test_a_violation_in_few_fresh_runs_fails_the_build_though_fail_or_flaky_is_open(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    strict = tmp_path / "strict.yaml"
+    strict.write_text("far: {title: Far, text: Keep 100 m., metric: dto, worse: smaller, limit: 100.0}\n")
+    folder, junit = tmp_path / "one", tmp_path / "junit.xml"
+    asked = ["--fail-on-violation", "--junit", str(junit), "--out", str(folder)]
+    assert main(["run", *SMALL, "--requirement", f"{strict}#far", "--confirmations", "8", *asked]) == 1
+    assert "INCONCLUSIVE (violated; FAIL or FLAKY is still open)" in " ".join(capsys.readouterr().err.split())
+    assert '<failure message="INCONCLUSIVE (violated; FAIL or FLAKY is still open)' in junit.read_text()
+    page = (folder / "report.html").read_text()
+    assert '<span class="chip bad">violated</span>' in page
+    assert "violates far in 8 of 8 fresh runs; FAIL or FLAKY is still open (INCONCLUSIVE)." in page
+
+
 def test_a_simulator_that_fails_says_that_what_there_is_is_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

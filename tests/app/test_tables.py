@@ -9,6 +9,7 @@ from tests.report.test_page import campaign
 
 from rvsg.app.cli.tables import cells_table, without_common_beginning
 from rvsg.campaign.plan import Plan
+from rvsg.evaluation.verdict import Status
 from rvsg.report.summary import Summary, summarise
 
 
@@ -40,6 +41,17 @@ def test_several_campaigns_with_long_names_and_values_fit_a_terminal(found: tupl
 
 def test_campaigns_that_are_all_confirmed_need_no_remark(found: tuple[Plan, Summary]) -> None:
     assert "*" not in "".join(drawn(found, width=80))
+
+
+def test_a_violation_of_which_fail_or_flaky_is_open_is_marked(found: tuple[Plan, Summary]) -> None:
+    the_plan, summary = found
+    assert summary.confirmed and summary.confirmed.verdict
+    verdict = summary.confirmed.verdict.replace(status=Status.INCONCLUSIVE, violations=8, runs=8)
+    shown = summary.replace(confirmed=summary.confirmed.replace(verdict=verdict))
+    lines = drawn((the_plan, shown), width=80)
+    assert "INCONCLUSIVE†" in "".join(lines)
+    assert lines[-1].rstrip() == "† violated; FAIL or FLAKY is still open."
+    assert "†" not in "".join(drawn(found, width=80))
 
 
 def test_words_that_all_begin_with_are_left_away() -> None:

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 from tests.evaluation.runs import run_of, trajectory
 
-from rvsg.evaluation.judge import Procedure, judge, next_repeats, objective
+from rvsg.evaluation.judge import DEFAULT, Procedure, judge, next_repeats, objective, still_open, violated
 from rvsg.evaluation.verdict import Status
 from rvsg.scenario.requirement import Requirement
 
@@ -29,6 +29,28 @@ def test_a_scenario_that_does_both_is_flaky_after_a_few_runs():
     assert verdict.violation_probability == 0.5
     low, high = verdict.violation_interval
     assert low < 0.5 < high
+
+
+def test_a_violation_is_sure_before_it_is_known_whether_it_is_constant():
+    verdict = judge(NEAR, [BAD] * 8)
+    assert verdict.status is Status.INCONCLUSIVE
+    assert violated(verdict) and still_open(verdict)
+    assert "violated in more than 2% of runs (wrong in at most 5% of such verdicts); FAIL or FLAKY is" in verdict.reason
+    assert not violated(judge(NEAR, [BAD])) and not violated(judge(NEAR, [GOOD] * 8))
+    assert not still_open(judge(NEAR, [BAD] * 15))
+
+
+@given(st.integers(0, 60), st.integers(0, 60))
+def test_what_fails_or_is_flaky_is_violated_and_what_passes_is_not(bad, good):
+    status = DEFAULT.status(bad, bad + good)
+    if status is not Status.INCONCLUSIVE:
+        assert DEFAULT.violated(bad, bad + good) == (status in (Status.FAIL, Status.FLAKY))
+
+
+def test_how_many_more_runs_a_verdict_takes_depends_on_the_verdict():
+    assert DEFAULT.fewest_for(5, 5) == {Status.FLAKY: 2, Status.FAIL: 10}
+    assert DEFAULT.fewest_for(0, 5) == {Status.FLAKY: 2, Status.PASS: 10}
+    assert DEFAULT.fewest_for(2, 29) == {}
 
 
 def test_runs_without_judgement_are_counted_apart_and_decide_nothing():

@@ -62,6 +62,15 @@ def test_the_headline_counts_what_fresh_runs_decided(statuses: tuple[Status, ...
     assert said in page(*(reported(status=status) for status in statuses))
 
 
+def test_a_violation_of_which_fail_or_flaky_is_open_is_counted_and_coloured_as_one() -> None:
+    link, the_plan, summary = reported(status=Status.INCONCLUSIVE)
+    assert summary.confirmed and summary.confirmed.verdict
+    verdict = summary.confirmed.verdict.replace(violations=8, runs=8)
+    text = page((link, the_plan, summary.replace(confirmed=summary.confirmed.replace(verdict=verdict))))
+    assert "In 1 of 1 campaign the worst scenario found violates its requirement." in text
+    assert text.count('<span class="chip bad"') == 2 and "FAIL or FLAKY is still open (INCONCLUSIVE)" in text
+
+
 def test_what_is_not_finished_or_has_not_begun_is_told() -> None:
     the_plan, attempts = campaign(MemoryLedger())
     text = page(("a", the_plan, summarise(the_plan, attempts[:2])), ("b", the_plan, summarise(the_plan, [])), missing=3)

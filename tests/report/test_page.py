@@ -148,6 +148,17 @@ def test_junit_has_a_case_per_scenario_and_the_confirmation() -> None:
     assert "confirmation" in suite[-1].attrib["name"]
 
 
+def test_in_junit_a_violation_of_which_fail_or_flaky_is_open_is_a_failure_that_says_so() -> None:
+    the_plan, attempts = campaign(MemoryLedger())
+    unsure = {"status": Status.INCONCLUSIVE, "violations": 8, "runs": 8}
+    changed = [a.replace(verdict=a.verdict.replace(**unsure)) for a in attempts if a.verdict]
+    summary = summarise(the_plan, changed)
+    suite = ET.fromstring(junit_xml(the_plan, summary))[0]
+    assert summary.violated and suite.attrib["failures"] == "1"
+    assert "violated; FAIL or FLAKY is still open" in suite[-1][0].attrib["message"]
+    assert all("the confirmation decides" in case[0].attrib["message"] for case in suite[:-1])
+
+
 @pytest.mark.parametrize("status", list(Status))
 def test_in_junit_the_confirmation_decides_and_what_is_not_sure_is_skipped_with_its_reason(status: Status) -> None:
     the_plan, attempts = campaign(MemoryLedger())

@@ -13,6 +13,10 @@ and, with e = `error_rate`:
                                 wrong with probability at most e if q <= rare or q >= 1 - rare
     INCONCLUSIVE otherwise: more runs are needed, or the budget is spent.
 
+FAIL and FLAKY both imply low >= 1 / e: the requirement is violated more than rarely. That alone is what `violated`
+asks, so it is known, with the same error rate, before it is known which of the two it is: 8 violations in 8 runs are
+INCONCLUSIVE between FAIL and FLAKY, and violated. With the defaults 2 violations in 2 runs are enough, one is not.
+
 These are Wald's sequential probability ratio tests (1945), combined for three hypotheses as by Sobel and Wald (1949),
 with the bounds e and 1/e instead of Wald's approximations: by Ville's inequality each ratio crosses its bound wrongly
 with probability at most e *however long one looks*, so runs may be added in batches, stopped at any time and resumed.
@@ -73,6 +77,19 @@ class Procedure(Record):
             return Status.FLAKY
         return Status.INCONCLUSIVE
 
+    def violated(self, violations: int, runs: int) -> bool:
+        """Whether these counts show that more than rarely a run violates the requirement."""
+        return self.log_ratios(violations, runs)[0] >= math.log(1 / self.error_rate)
+
+    def fewest_for(self, violations: int, runs: int) -> dict[Status, int]:
+        """For each status that the budget can still reach, the smallest number of further runs; the fewest first."""
+        found: dict[Status, int] = {}
+        for more in range(self.max_runs - runs + 1):
+            for bad in range(more + 1):
+                found.setdefault(self.status(violations + bad, runs + more), more)
+        found.pop(Status.INCONCLUSIVE, None)
+        return found
+
     def fewest_more(self, violations: int, runs: int) -> int:
         """The smallest number of further runs after which the status can be decided at all; 0 if it is."""
         for more in range(self.max_runs - runs + 1):
@@ -83,6 +100,8 @@ class Procedure(Record):
 
 
 DEFAULT = Procedure()
+OPEN = "FAIL or FLAKY is still open"
+"""What is told of a verdict that is `still_open`."""
 
 
 def objective(run: Run, requirement: Requirement, *, world: World | None = None) -> float | None:
@@ -161,6 +180,16 @@ def judge(requirement: Requirement, objectives: Sequence[float | None], *, proce
     )
 
 
+def violated(verdict: Verdict, *, procedure: Procedure = DEFAULT) -> bool:
+    """Whether the runs say that the requirement is violated: FAIL, FLAKY, or one of the two and nothing else."""
+    return verdict.status in (Status.FAIL, Status.FLAKY) or still_open(verdict, procedure=procedure)
+
+
+def still_open(verdict: Verdict, *, procedure: Procedure = DEFAULT) -> bool:
+    """Whether it is violated for sure, but not yet whether nearly always (FAIL) or sometimes (FLAKY)."""
+    return verdict.status is Status.INCONCLUSIVE and procedure.violated(verdict.violations, verdict.runs)
+
+
 def _least(requirement: Requirement) -> float | None:
     """The smallest objective there can be; None for robustness, a metric that can be negative, and one of a plug-in."""
     known = METRICS.get(requirement.metric) if requirement.metric is not None else None
@@ -189,15 +218,18 @@ def _reason(status: Status, violations: int, runs: int, undefined: int, procedur
     verb = "violates" if violations == 1 else "violate"
     counted = f"{violations} of {_runs(runs)} {verb} the requirement{without}"
     sure = f"wrong in at most {procedure.error_rate:.0%} of such verdicts"
+    unsure = (
+        f"the budget of {_runs(procedure.max_runs)} is spent before the verdict is sure"
+        if runs + undefined >= procedure.max_runs
+        else "too few runs for a verdict"
+    )
+    if procedure.violated(violations, runs):
+        unsure = f"it is violated in more than {procedure.rare:.0%} of runs ({sure}); {OPEN}, {unsure}"
     said = {
         Status.PASS: f"it is violated in fewer than {procedure.often:.0%} of runs ({sure})",
         Status.FAIL: f"it is violated in more than {1 - procedure.often:.0%} of runs ({sure})",
         Status.FLAKY: f"it is sometimes violated and sometimes not ({sure})",
-        Status.INCONCLUSIVE: (
-            f"the budget of {_runs(procedure.max_runs)} is spent before the verdict is sure"
-            if runs + undefined >= procedure.max_runs
-            else "too few runs for a verdict"
-        ),
+        Status.INCONCLUSIVE: unsure,
     }[status]
     return f"{counted}: {said}"
 

@@ -7,12 +7,14 @@ from collections.abc import Iterable
 from xml.sax.saxutils import escape, quoteattr
 
 from rvsg.campaign.plan import Plan
+from rvsg.evaluation.judge import violated
 from rvsg.evaluation.verdict import Status, Verdict
-from rvsg.report.summary import VIOLATED, Summary, interval, number
+from rvsg.report.summary import Summary, interval, number, status_in_words
 
 
 def junit_xml(plan: Plan, summary: Summary) -> str:
-    """The XML. The verdict that decides is the confirmation's, as for the exit code: violated is a failure.
+    """The XML. The verdict that decides is the confirmation's, as for the exit code: violated is a failure, also where
+    FAIL or FLAKY is still open.
 
     The scenarios of the search are then passed, or skipped with what they measured: few runs, looked at because they
     were extreme, rank them and decide nothing. Without a confirmation their verdicts decide. A verdict that is not sure
@@ -46,14 +48,14 @@ def _suite(plan: Plan, summary: Summary) -> str:
 
 
 def _case(suite: str, name: str, verdict: Verdict, plan: Plan, decides: bool) -> str:
-    said = f"{verdict.status.value}: {interval(verdict, plan.requirement.unit)}"
+    said = f"{status_in_words(verdict)}: {interval(verdict, plan.requirement.unit)}"
     if plan.requirement.threshold is not None:
         said += f", limit {number(plan.requirement.threshold, plan.requirement.unit)}"
     whole = f"{said}. {verdict.reason}"
     body = f"<system-out>{_text(whole)}</system-out>"
-    if verdict.status in VIOLATED and decides:
+    if violated(verdict) and decides:
         body = f"<failure message={_attribute(said)}>{_text(verdict.reason)}</failure>"
-    elif verdict.status in VIOLATED:
+    elif violated(verdict):
         body = f"<skipped message={_attribute(f'{whole}. In the search; the confirmation decides')}/>"
     elif verdict.status in (Status.INCONCLUSIVE, Status.UNJUDGED):
         body = f"<skipped message={_attribute(whole)}/>"

@@ -22,10 +22,11 @@ from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.feedback import gaps, momentary_name, momentary_value
 from rvsg.campaign.plan import Plan
 from rvsg.campaign.ranking import best_attempt, rule
+from rvsg.evaluation.judge import OPEN, still_open, violated
 from rvsg.evaluation.verdict import Status, Verdict
 from rvsg.report.charts import confirmation_chart, search_chart
 from rvsg.report.files import write_whole
-from rvsg.report.summary import VIOLATED, Accounting, Summary, counted, interval, number, summarise
+from rvsg.report.summary import Accounting, Summary, counted, interval, number, summarise
 from rvsg.scenario.scenario import Human
 from rvsg.simulation.run import Run
 from rvsg.world.records import Pose
@@ -119,13 +120,15 @@ def headline(plan: Plan, summary: Summary) -> dict[str, str]:
     if confirmed.status is Status.UNJUDGED:
         text = f"{name} sets no limit: the worst scenario measures {interval(confirmed, plan.requirement.unit)}."
         return {"tone": "quiet", "chip": "no limit", "text": text}
-    tone = "bad" if confirmed.status in VIOLATED else "good" if confirmed.status is Status.PASS else "quiet"
+    chip = "violated" if still_open(confirmed) else confirmed.status.value
     text = (
         f"The worst scenario found violates {name} in {confirmed.violations} of {counted(confirmed.runs, 'fresh run')}."
         if confirmed.violations
         else f"The worst scenario found does not violate {name} in any of {counted(confirmed.runs, 'fresh run')}."
     )
-    return {"tone": tone, "chip": confirmed.status.value, "text": text}
+    if still_open(confirmed):
+        text = f"{text.removesuffix('.')}; {OPEN} (INCONCLUSIVE)."
+    return {"tone": _tone(confirmed), "chip": chip, "text": text}
 
 
 def _tiles(plan: Plan, summary: Summary) -> list[dict[str, str]]:
@@ -206,6 +209,7 @@ def _rows(plan: Plan, summary: Summary, attempts: Sequence[Attempt]) -> list[dic
                 "violated": f"{entry.verdict.violations} of {entry.verdict.runs}" if _judged(entry.verdict) else "–",
                 "status": entry.verdict.status.value,
                 "tone": _tone(entry.verdict),
+                "means": f"violated; {OPEN}" if still_open(entry.verdict) else "",
                 "tasks": [_tasks(human) for human in scenario.people.humans],
                 "repairs": [f"{repair.human}: {repair.what}" for repair in by_index[entry.attempt].proposal.repairs],
             }
@@ -218,7 +222,7 @@ def _judged(verdict: Verdict) -> bool:
 
 
 def _tone(verdict: Verdict) -> str:
-    return "bad" if verdict.status in VIOLATED else "good" if verdict.status is Status.PASS else "quiet"
+    return "bad" if violated(verdict) else "good" if verdict.status is Status.PASS else "quiet"
 
 
 def _tasks(human: Human) -> dict[str, Any]:

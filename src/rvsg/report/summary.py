@@ -7,11 +7,10 @@ from collections.abc import Iterable, Sequence
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.plan import Plan
 from rvsg.campaign.ranking import ranking, search_attempts
-from rvsg.evaluation.verdict import Status, Verdict
+from rvsg.evaluation.judge import OPEN, still_open, violated
+from rvsg.evaluation.verdict import Verdict
 from rvsg.scenario.scenario import Scenario
 from rvsg.world.records import Record
-
-VIOLATED = (Status.FAIL, Status.FLAKY)
 
 
 class Ranked(Record):
@@ -44,7 +43,8 @@ class Accounting(Record):
 
 
 class Summary(Record):
-    """A campaign so far. `violated`: the confirmation says so, or without one any verdict of the search."""
+    """A campaign so far. `violated`: the confirmation says so (FAIL, FLAKY, or one of the two for sure), or without
+    one any verdict of the search."""
 
     campaign: str
     complete: bool
@@ -67,7 +67,7 @@ def summarise(plan: Plan, attempts: Sequence[Attempt]) -> Summary:
         complete=len(searched) >= plan.attempts and (confirmed is not None or not plan.confirmations or not ranked),
         ranking=ranked,
         confirmed=confirmed,
-        violated=any(verdict.status in VIOLATED for verdict in decided),
+        violated=any(violated(verdict) for verdict in decided),
         accounting=account(attempts),
     )
 
@@ -91,6 +91,11 @@ def account(attempts: Iterable[Attempt]) -> Accounting:
         output_tokens=sum(call.output_tokens for call in calls),
         cost_usd=sum(cost for cost in costs if cost is not None) if None not in costs else None,
     )
+
+
+def status_in_words(verdict: Verdict) -> str:
+    """The status, and of one that is open between FAIL and FLAKY that it is violated."""
+    return f"{verdict.status.value} (violated; {OPEN})" if still_open(verdict) else verdict.status.value
 
 
 def in_short(scenario: Scenario) -> str:

@@ -59,6 +59,7 @@ def demo(
 
 def what_it_means(plan: Plan, summary: Summary) -> str:
     """What the verdict says, and what it does not, in words for somebody who sees one for the first time."""
+    from rvsg.evaluation.judge import still_open
     from rvsg.evaluation.verdict import Status
     from rvsg.report.summary import counted, number
 
@@ -87,9 +88,10 @@ def what_it_means(plan: Plan, summary: Summary) -> str:
             f"{verdict.runs}, and not in others. The report replays them"
         ),
     }
+    between = "always and sometimes" if still_open(verdict) else "always, sometimes and never"
     unsure = (
-        f"{worst} violated {name} ({limit}) in {verdict.violations} of {runs}, which does not decide between always, "
-        "sometimes and never. More --confirmations can"
+        f"{worst} violated {name} ({limit}) in {verdict.violations} of {runs}, which does not decide between "
+        f"{between}. More --confirmations can"
     )
     return f"What {verdict.status.value} means: {said.get(verdict.status, unsure)}."
 

@@ -33,9 +33,9 @@ def evaluate(
     from rvsg.campaign.feedback import feedback_of
     from rvsg.campaign.measuring import Measuring
     from rvsg.errors import InputError
-    from rvsg.evaluation.judge import DEFAULT, next_repeats
+    from rvsg.evaluation.judge import DEFAULT, next_repeats, violated
     from rvsg.generation.generator import Proposal
-    from rvsg.report.summary import VIOLATED, interval, number
+    from rvsg.report.summary import interval, number, status_in_words
     from rvsg.scenario.brief import Brief
 
     asked = requirement_of(requirement)
@@ -82,8 +82,12 @@ def evaluate(
         )
     for measured in measurements:
         say(f"seed {measured.seed}: {number(measured.objective, asked.unit)}, {measured.outcome}")
-    say(f"{asked.name} {asked.title}: {verdict.status.value}; {interval(verdict, asked.unit)}. {verdict.reason}")
+    say(f"{asked.name} {asked.title}: {status_in_words(verdict)}; {interval(verdict, asked.unit)}. {verdict.reason}")
     if more:
-        say(f"At least {more} more run{'s' if more > 1 else ''} can decide it (budget: {DEFAULT.max_runs} in all).")
-    if fail_on_violation and verdict.status in VIOLATED:
+        left = DEFAULT.max_runs - len(measurements)
+        fewest = DEFAULT.fewest_for(verdict.violations, verdict.runs).items()
+        each = ", ".join(f"{count} for {status.value}" for status, count in fewest if count <= left)
+        can = f"More runs can decide it: at least {each}" if each else f"{left} more cannot decide it"
+        say(f"{can} (budget: {DEFAULT.max_runs} in all).")
+    if fail_on_violation and violated(verdict):
         raise typer.Exit(1)

@@ -12,9 +12,9 @@ from rich.text import Text
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.plan import Plan
 from rvsg.campaign.ranking import rule
-from rvsg.evaluation.judge import DEFAULT
-from rvsg.evaluation.verdict import Status
-from rvsg.report.summary import Summary, counted, interval, number
+from rvsg.evaluation.judge import DEFAULT, OPEN, still_open
+from rvsg.evaluation.verdict import Status, Verdict
+from rvsg.report.summary import Summary, counted, interval, number, status_in_words
 
 WITHOUT_SCENARIO = 56
 """Characters of a row without the scenario's description."""
@@ -26,6 +26,17 @@ STYLES = {
     Status.INCONCLUSIVE: "dim",
     Status.UNJUDGED: "dim",
 }
+
+
+MARK_OPEN = f"† violated; {OPEN}."
+
+
+def _marked(verdict: Verdict) -> str:
+    return verdict.status.value + ("†" if still_open(verdict) else "")
+
+
+def _style(verdict: Verdict) -> str:
+    return STYLES[Status.FLAKY] if still_open(verdict) else STYLES[verdict.status]
 
 
 def ranked_table(plan: Plan, summary: Summary, *, width: int = 80, rows: int = 10) -> Table:
@@ -56,19 +67,21 @@ def ranked_table(plan: Plan, summary: Summary, *, width: int = 80, rows: int = 1
             str(entry.rank),
             Text(f"{entry.scenario + 1}. {name}"),
             Text(interval(verdict, requirement.unit)),
-            Text(verdict.status.value + counted, style=STYLES[verdict.status]),
+            Text(_marked(verdict) + counted, style=_style(verdict)),
         )
     return table
 
 
 def _about_inconclusive(summary: Summary, rows: int) -> str:
     """What INCONCLUSIVE means, where a row says it: 5 violations in 5 runs look sure and are not."""
-    if all(entry.verdict.status is not Status.INCONCLUSIVE for entry in summary.ranking[:rows]):
+    unsure = [entry.verdict for entry in summary.ranking[:rows] if entry.verdict.status is Status.INCONCLUSIVE]
+    if not unsure:
         return ""
     least = next(n for n in count(1) if DEFAULT.status(n, n) is not Status.INCONCLUSIVE)
+    open_too = f" {MARK_OPEN}" if any(map(still_open, unsure)) else ""
     return (
         f" INCONCLUSIVE: too few runs for a verdict; even if all violate it takes {least} to be wrong in at most "
-        f"{DEFAULT.error_rate:.0%} of cases. The search ranks, the confirmation decides."
+        f"{DEFAULT.error_rate:.0%} of cases.{open_too} The search ranks, the confirmation decides."
     )
 
 
@@ -79,6 +92,7 @@ def cells_table(found: Sequence[tuple[Plan, Summary]]) -> Table:
     table.add_column("worst [95 %]", justify="right", no_wrap=True)
     table.add_column("verdict", no_wrap=True)
     table.add_column("violated", no_wrap=True)
+    opened = unconfirmed = False
     for plan, summary in found:
         confirmed = summary.confirmed.verdict if summary.confirmed else None
         verdict = confirmed or (summary.ranking[0].verdict if summary.ranking else None)
@@ -91,10 +105,13 @@ def cells_table(found: Sequence[tuple[Plan, Summary]]) -> Table:
         if verdict.violation_probability is not None and verdict.violation_interval is not None:
             low, high = verdict.violation_interval
             often = f"{verdict.violation_probability:.2f} [{low:.2f}, {high:.2f}]"
-        if not confirmed:
-            table.caption = "* of the search alone, not confirmed in fresh runs"
-        said = verdict.status.value + ("" if confirmed else "*")
-        table.add_row(name, interval(verdict, unit), Text(said, style=STYLES[verdict.status]), often)
+        unconfirmed = unconfirmed or not confirmed
+        said = _marked(verdict) + ("" if confirmed else "*")
+        table.add_row(name, interval(verdict, unit), Text(said, style=_style(verdict)), often)
+        opened = opened or still_open(verdict)
+    notes = [MARK_OPEN] if opened else []
+    notes += ["* of the search alone, not confirmed in fresh runs"] if unconfirmed else []
+    table.caption = "\n".join(notes) or None
     return table
 
 
@@ -128,7 +145,7 @@ def confirmation_line(plan: Plan, summary: Summary) -> str:
     said = (
         f"Confirmation of scenario {confirmed.brief.scenario_index + 1} in "
         f"{counted(len(confirmed.measurements), 'fresh run')}{_of_budget(plan, confirmed)}: "
-        f"{verdict.status.value}; {interval(verdict, unit)}"
+        f"{status_in_words(verdict)}; {interval(verdict, unit)}"
     )
     if verdict.violation_probability is not None and verdict.violation_interval is not None:
         low, high = verdict.violation_interval
