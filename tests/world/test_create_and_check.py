@@ -358,3 +358,55 @@ def test_an_activity_of_an_unknown_area_is_told_with_its_line_and_what_was_meant
     remark = found(check_world(folder), 'names "Desk 3", which is no labelled area; did you mean "Desk')
     assert remark.problem.line == lines.index("  - tidy Desk 3") + 1
     assert not any("Desk 1 to" in r.problem.message for r in check_world(folder))
+
+
+@pytest.mark.parametrize(
+    ("yaw", "radians"), [(90, "1.5708"), (45, "0.7854"), (180, "3.1416"), (270, "4.7124"), (-135, "-2.3562")]
+)
+def test_every_yaw_in_degrees_is_told_with_its_radians(folder: Path, yaw: int, radians: str) -> None:
+    pose = f"{{x: 0, y: 2, yaw: {yaw}}}"
+    replace_routes(folder, f"name: r, start: {pose}, goal: {{x: 10, y: 2}}, time_limit_s: 60")
+    told = [str(r) for r in check_world(folder) if "if degrees are meant, write" in str(r)]
+    assert len(told) == 1 and told[0].endswith(radians), told
+
+
+def test_a_pose_farther_than_the_earth_is_round_is_told_to_be_no_metres(folder: Path) -> None:
+    replace_routes(folder, "name: r, start: {x: 1.0e+9, y: 2, yaw: 0}, goal: {x: 10, y: 2}, time_limit_s: 60")
+    assert "is not in metres" in str(found(check_world(folder), "1e+09").problem)
+
+
+def test_mistakes_of_several_kinds_in_the_routes_are_told_at_once(folder: Path) -> None:
+    replace_routes(
+        folder,
+        "name: a, start: {x: .nan, y: 2}, goal: {x: 400, y: 2}, time_limit_s: 60",
+        "name: b, start: {x: 0, y: 2}, goal: ZZ9, time_limit_s: soon",
+        "name: c, start: {x: 401, y: 2}, goal: {x: 10, y: 2}, time_limit_s: 60, via: [H155]",
+        "name: d, start: {x: 402, y: 2}, goal: {x: 10, y: 2}, time_limit_s: 60",
+        "goal: {x: 403, y: 2}",
+        "name: f, start: {x: 0, y: 2}, goal: {x: 10, y: 2}, through: [{x: 404, y: 2}, ZZ8], time_limit_s: 3",
+    )
+    remarks = check_world(folder)
+    expected = [
+        (2, "routes[0].start.x: expected a finite number"),
+        (2, "the goal of a (400, 2) lies outside the map"),
+        (3, "routes[1].time_limit_s: expected a number"),
+        (3, 'there is no waypoint "ZZ9"'),
+        (4, 'there is no waypoint "H155"'),
+        (4, "the start of c (401, 2) lies outside the map"),
+        (5, "the start of d (402, 2) lies outside the map"),
+        (6, '"name" is missing'),
+        (6, "the goal of routes[4] (403, 2) lies outside the map"),
+        (7, "the pose to pass of f (404, 2) lies outside the map"),
+        (7, 'there is no waypoint "ZZ8"'),
+    ]
+    for line, says in expected:
+        assert found(remarks, says).problem.line == line, says
+    texts = [str(remark) for remark in remarks]
+    assert len(texts) == len(set(texts))
+
+
+def test_a_world_with_a_faulty_route_is_still_refused_with_every_mistake_of_its_file(folder: Path) -> None:
+    replace_routes(folder, "name: a, start: {x: .nan, y: 2}, goal: ZZ9, time_limit_s: soon")
+    with pytest.raises(FileError) as told:
+        load_world(folder)
+    assert "expected a finite number" in str(told.value) and "expected a number" in str(told.value)

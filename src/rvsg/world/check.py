@@ -17,7 +17,7 @@ from rvsg.errors import FileError
 from rvsg.world.create import robot_stands
 from rvsg.world.documents import Document, DocumentError, Problem, read_yaml
 from rvsg.world.grid import GridSpec
-from rvsg.world.load import read_world, told_apart, world_folder
+from rvsg.world.load import places_in, read_world, route_names, routes_in, told_apart, world_folder
 from rvsg.world.named_areas import unknown_areas
 from rvsg.world.raster import outermost
 from rvsg.world.records import Pose
@@ -155,16 +155,20 @@ class _Checker:
     def _check_routes(self) -> None:
         from scipy.ndimage import label
 
-        if not self.world.routes:
-            if not self.routes.value.get("routes"):  # else those that are there are all told to be wrong
-                message = "there are no routes: write one before you run a campaign"
-                self._say(self.routes, message, "routes", serious=True)
+        if not routes_in(self.routes):
+            message = "there are no routes: write one before you run a campaign"
+            self._say(self.routes, message, "routes", serious=True)
             return
         radius = self.spec.robot_clearance_m
         parts, _ = label((self.robot.field >= radius) & (self.robot.field > 0))
-        written = told_apart(self.routes, "routes", [str(entry["name"]) for entry in self.routes.value["routes"]])
-        for route in self.world.routes:
-            index = written.index(route.name)  # a route with an unknown waypoint is in the file, not in the world
+        sound = {route.name: route for route in self.world.routes}
+        for index, name in enumerate(told_apart(self.routes, "routes", route_names(self.routes))):
+            route = sound.get(name)
+            if route is None:  # what is wrong there is told; its poses may be wrong too
+                for place_key, place in places_in(routes_in(self.routes)[index]):
+                    if isinstance(place, Pose):
+                        self._check_pose(name, str(place_key[0]), place, ("routes", index, *place_key), radius, parts)
+                continue
             before = len(self.remarks)
             stops = [("start", route.start), *(("through", p) for p in route.through), ("goal", route.goal)]
             counts: dict[str, int] = {}
@@ -174,7 +178,7 @@ class _Checker:
                 if what == "through":
                     key = (*key, counts.get(what, 0))
                 counts[what] = counts.get(what, 0) + 1
-                places.append(self._check_pose(route, what, pose, key, radius, parts))
+                places.append(self._check_pose(route.name, what, pose, key, radius, parts))
             serious = any(remark.serious for remark in self.remarks[before:])
             if not serious and (0 in places or len(set(places)) > 1):
                 message = (
@@ -185,10 +189,10 @@ class _Checker:
             self._check_time(index, route)
 
     def _check_pose(
-        self, route: Route, what: str, pose: Pose, key: Sequence[str | int], radius: float, parts: Any
+        self, route: str, what: str, pose: Pose, key: Sequence[str | int], radius: float, parts: Any
     ) -> int:
         """Judge one pose; the number of the part of the robot's floor it lies on, 0 for none."""
-        at = f"the {'pose to pass' if what == 'through' else what} of {route.name} ({pose.x:g}, {pose.y:g})"
+        at = f"the {'pose to pass' if what == 'through' else what} of {route} ({pose.x:g}, {pose.y:g})"
         clear = self.robot.clearance(pose.x, pose.y)
         if abs(pose.yaw) > 2 * math.pi:
             message = f"{at}: a yaw of {pose.yaw:g} radians is more than a turn; if degrees are meant, write "

@@ -16,6 +16,7 @@ SMALLEST_AREA_M2 = 1e-4
 FARTHEST_M, LARGEST_M = 100_000.0, 10_000.0
 FINEST_M, COARSEST_M = 0.01, 1.0  # of a map drawn from objects
 HIGHEST_LIDAR_M = 5.0
+MOST_YAW_RAD = 100.0
 Metres = Annotated[float, Field(ge=-FARTHEST_M, le=FARTHEST_M)]
 Ring = Annotated[tuple[tuple[Metres, Metres], ...], Field(min_length=3)]
 
@@ -190,8 +191,14 @@ class RouteEntry(Record):
     @classmethod
     def _within_reach(cls, places: Pose | str | tuple[Pose | str, ...]) -> Pose | str | tuple[Pose | str, ...]:
         for place in places if isinstance(places, tuple) else (places,):
-            if isinstance(place, Pose) and not (_near((place.x, place.y)) and abs(place.yaw) <= 100):
-                raise ValueError(f"the pose ({place.x:g}, {place.y:g}, {place.yaw:g}) is not in metres and radians")
+            if not isinstance(place, Pose):
+                continue
+            pose = f"the pose ({place.x:g}, {place.y:g}, {place.yaw:g})"
+            if not _near((place.x, place.y)):
+                raise ValueError(f"{pose} is not in metres: x and y must be within 100 km")
+            if abs(place.yaw) > MOST_YAW_RAD:
+                radians = f"{math.radians(place.yaw):.4f}"
+                raise ValueError(f"{pose} is not in radians; if degrees are meant, write yaw: {radians}")
         return places
 
     @classmethod

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
+from pydantic import ValidationError
+
 from rvsg.errors import FileError, InputError, UnknownName
 from rvsg.world.build import build_world
-from rvsg.world.documents import Document, DocumentError, Model, Problem, read_document, read_yaml, validated
+from rvsg.world.documents import Document, DocumentError, Key, Model, Problem, read_document, read_yaml, validated
 from rvsg.world.files import DerivedMap, LabelsFile, ObjectsFile, RouteEntry, RoutesFile, WorldFile
 from rvsg.world.nav2_map import read_map
 from rvsg.world.occupancy import occupancy_from_objects
@@ -61,8 +64,8 @@ def _shipped(name: str) -> World:
 def read_world(folder: Path, problems: list[Problem] | None = None) -> World:
     """Read the world in a folder.
 
-    With a list for `problems`, names of waypoints that do not exist are noted there and left out instead of raised, and
-    objects, areas and routes whose name was given before are noted and named by their line.
+    With a list for `problems`, names of waypoints that do not exist are noted there and left out instead of raised, as
+    are routes with a mistake; objects, areas and routes whose name was given before are noted and named by their line.
     """
     head_document = read_yaml(folder / "world.yaml")
     mistakes: tuple[Problem, ...] = ()
@@ -74,10 +77,10 @@ def read_world(folder: Path, problems: list[Problem] | None = None) -> World:
     objects = parts.objects()
     areas, area_document = parts.areas()
     routes, route_document = parts.routes()
-    occupancy = parts.occupancy(objects, routes, head_document)
+    occupancy = parts.occupancy(objects, route_document, head_document)
     parts.stop_at_problems()
     assert occupancy is not None
-    drafts = tuple(_draft(entry) for entry in routes)
+    drafts = tuple(_draft(entry) for entry in routes.values())
     try:
         world = build_world(
             name=head.name,
@@ -113,6 +116,7 @@ class _Parts:
         self.folder = folder
         self.head = head
         self.problems = list(problems)
+        self.noted = noted
         self.doubles = self.problems if noted is None else noted  # where they are noted, the rest is judged too
 
     def _read(self, name: str, model: type[Model]) -> tuple[Model, Document] | None:
@@ -142,22 +146,33 @@ class _Parts:
         areas = (entry.area() for entry in read[0].areas)
         return tuple(a.model_copy(update={"name": name}) for a, name in zip(areas, names, strict=True)), read[1]
 
-    def routes(self) -> tuple[tuple[RouteEntry, ...], Document | None]:
-        read = self._read(self.head.routes, RoutesFile)
-        if read is None:
-            return (), None
-        names = self._no_doubles(read[1], "routes", [entry.name for entry in read[0].routes])
-        routes = (entry.model_copy(update={"name": name}) for entry, name in zip(read[0].routes, names, strict=True))
-        return tuple(routes), read[1]
+    def routes(self) -> tuple[dict[int, RouteEntry], Document | None]:
+        """The routes by their place in the file; where mistakes are noted, without those that have one."""
+        try:
+            document = read_yaml(_beside(self.folder, self.head.routes))
+        except FileError as error:
+            self.problems.append(Problem(error.path, error.line, error.reason))
+            return {}, None
+        try:
+            entries = dict(enumerate(validated(document, RoutesFile).routes))
+        except DocumentError as error:
+            if self.noted is None or not routes_in(document):
+                self.problems.extend(error.problems)
+                return {}, None
+            self.noted.extend(error.problems)
+            entries = _sound_routes(document)
+        names = self._no_doubles(document, "routes", route_names(document))
+        return {i: entry.model_copy(update={"name": names[i]}) for i, entry in entries.items()}, document
 
     def occupancy(
-        self, objects: tuple[SolidObject, ...], routes: tuple[RouteEntry, ...], document: Document
+        self, objects: tuple[SolidObject, ...], routes: Document | None, document: Document
     ) -> OccupancyMap | None:
         try:
             if isinstance(self.head.map, DerivedMap):
                 if self.problems:  # what the map would be drawn from is not all known
                     return None
-                seeds = [(r.start.x, r.start.y) for r in routes if isinstance(r.start, Pose)]
+                places = [place for entry in routes_in(routes) for place in places_in(entry)]
+                seeds = [(pose.x, pose.y) for key, pose in places if key == ("start",) and isinstance(pose, Pose)]
                 return occupancy_from_objects(objects, resolution_m=self.head.map.resolution_m, seeds=seeds)
             return read_map(_beside(self.folder, self.head.map))
         except DocumentError as error:
@@ -182,6 +197,46 @@ class _Parts:
     def stop_at_problems(self) -> None:
         if self.problems:
             raise DocumentError(self.problems)
+
+
+def routes_in(document: Document | None) -> list[object]:
+    """What is listed in routes.yaml, sound or not; empty where there is no list."""
+    listed = document.value.get("routes") if document and isinstance(document.value, dict) else None
+    return listed if isinstance(listed, list) else []
+
+
+def route_names(document: Document) -> list[str]:
+    """The names of what is listed in routes.yaml, by their place where there is none."""
+    found = [entry.get("name") if isinstance(entry, dict) else None for entry in routes_in(document)]
+    return [name if isinstance(name, str) else f"routes[{index}]" for index, name in enumerate(found)]
+
+
+def places_in(entry: object) -> list[tuple[Key, Pose | str]]:
+    """Every place of a route's entry that can be read, with its keys: also of one that is wrong elsewhere."""
+    given = entry if isinstance(entry, dict) else {}
+    listed: list[tuple[Key, object]] = [((key,), given[key]) for key in ("start", "goal") if key in given]
+    for key in ("through", "via"):
+        values = given.get(key)
+        listed += [((key, index), value) for index, value in enumerate(values if isinstance(values, list) else [])]
+    read = [(key, _place(value)) for key, value in listed if key[0] != "via" or isinstance(value, str)]
+    return [(key, place) for key, place in read if place is not None]
+
+
+def _place(given: object) -> Pose | str | None:
+    """A pose or the name of a waypoint as a route may hold it; None for anything else."""
+    try:
+        return RouteEntry.model_validate({"name": "any", "start": given, "goal": "any", "time_limit_s": 1}).start
+    except ValidationError:
+        return None
+
+
+def _sound_routes(document: Document) -> dict[int, RouteEntry]:
+    """The entries of routes.yaml that have no mistake, by their place in the file."""
+    found = {}
+    for index, entry in enumerate(routes_in(document)):
+        with contextlib.suppress(ValidationError):
+            found[index] = RouteEntry.model_validate(entry)
+    return found
 
 
 def told_apart(document: Document, key: str, names: Sequence[str]) -> list[str]:
@@ -212,7 +267,7 @@ def _draft(entry: RouteEntry) -> Route:
 
 def _checked(
     world: World,
-    entries: tuple[RouteEntry, ...],
+    entries: dict[int, RouteEntry],
     areas: Document | None,
     routes: Document | None,
     noted: list[Problem] | None,
@@ -224,15 +279,12 @@ def _checked(
             for j, name in enumerate(area.waypoints):
                 problems += _waypoint_problems(world, name, areas, ("areas", i, "waypoints", j))
     finished = []
-    for i, entry in enumerate(entries):
-        places = [("start", entry.start), ("goal", entry.goal)]
-        named: list[tuple[tuple[str | int, ...], str]] = [((k,), p) for k, p in places if isinstance(p, str)]
-        named += [(("through", j), p) for j, p in enumerate(entry.through) if isinstance(p, str)]
-        named += [(("via", j), name) for j, name in enumerate(entry.via)]
+    for i, given in enumerate(routes_in(routes)):
+        named = [(key, place) for key, place in places_in(given) if isinstance(place, str)]
         found = [p for key, name in named for p in _waypoint_problems(world, name, routes, ("routes", i, *key))]
         problems += found
-        if not found:
-            finished.append(_route(entry, world))
+        if not found and i in entries:
+            finished.append(_route(entries[i], world))
     if problems and noted is None:
         raise DocumentError(problems)
     if noted is not None and problems:
