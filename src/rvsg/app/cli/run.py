@@ -36,9 +36,15 @@ def run(
     requirement: Annotated[
         list[str] | None, typer.Option(help="A shipped requirement, or FILE.yaml#NAME; repeat it for several. [R1]")
     ] = None,
-    generator: Annotated[str | None, typer.Option(help="Who writes scenarios: heuristic, random, vlm.")] = None,
-    strategy: Annotated[str | None, typer.Option(help="study, climb, elite, unguided, random. [study]")] = None,
-    simulator: Annotated[str | None, typer.Option(help="embedded; kinematic: no physics. [embedded]")] = None,
+    generator: Annotated[
+        str | None, typer.Option(help="Who writes scenarios: heuristic, random, vlm, or a plug-in.")
+    ] = None,
+    strategy: Annotated[
+        str | None, typer.Option(help="study, climb, elite, unguided, random, or a plug-in. [study]")
+    ] = None,
+    simulator: Annotated[
+        str | None, typer.Option(help="embedded; kinematic: no physics; or a plug-in. [embedded]")
+    ] = None,
     humans: Annotated[int | None, typer.Option(min=1, max=100, help="People in a scenario. [2]")] = None,
     scenarios: Annotated[int | None, typer.Option(min=1, help="Scenarios to find. [10]")] = None,
     refinements: Annotated[int | None, typer.Option(min=0, help="Refinements of each scenario. [4]")] = None,
@@ -54,9 +60,9 @@ def run(
     seed: Annotated[int | None, typer.Option(min=0, help="Everything random follows from it. [0]")] = None,
     jobs: Annotated[int | None, typer.Option(min=1, help="Worker processes. [one per core]")] = None,
     executor: Annotated[
-        str | None, typer.Option(help="Where runs are made: processes (of --jobs), cluster. [processes]")
+        str | None, typer.Option(help="Where runs are made: processes (of --jobs), cluster, or a plug-in. [processes]")
     ] = None,
-    store: Annotated[str | None, typer.Option(help="What keeps the campaign. [sqlite]")] = None,
+    store: Annotated[str | None, typer.Option(help="What keeps the campaign: sqlite, or a plug-in. [sqlite]")] = None,
     out: Annotated[str | None, typer.Option(help="Folder of the campaign; an existing one is resumed.")] = None,
     model: Annotated[str | None, typer.Option(help="VLM, e.g. openai-chat:gpt-4.1.")] = None,
     base_url: Annotated[str | None, typer.Option(help="Address of an OpenAI-compatible server.")] = None,
@@ -82,6 +88,8 @@ def run(
     runs that violate the limit, then by the mean objective. The first is confirmed in fresh runs until the verdict is
     sure (wrong in at most 5 % of cases) or `confirmations` are spent; without a limit in exactly so many. Everything
     is kept in the folder --out; the same command on an existing folder resumes.
+
+    A plug-in that is installed beside RVSG is given by its name, like what ships with RVSG.
 
     Several routes or requirements are a campaign for each pair, side by side, each in a folder of its own in --out.
     """
