@@ -281,7 +281,7 @@ def test_other_settings_are_listed_once_and_as_options(tmp_path: Path, monkeypat
     capsys.readouterr()
     assert main(["run", *SMALL, "--out", "c", "--route", "route_2", "--seed", "3"]) == 2
     told = capsys.readouterr().err
-    assert "config.route: 'route_1', now 'route_2'" in told
+    assert "  - route: 'route_1', now 'route_2'" in told and "leave these options out" in told
     assert "plan." not in told
 
 

@@ -125,7 +125,7 @@ def test_resuming_with_other_settings_is_refused_and_names_them(
     main(["run", *SMALL, "--out", str(tmp_path / "one")])
     before = records(tmp_path / "one")
     assert main(["run", "--out", str(tmp_path / "one"), "--seed", "8"]) == 2
-    assert "config.seed: 0, now 8" in capsys.readouterr().err
+    assert "  - seed: 0, now 8" in capsys.readouterr().err
     assert records(tmp_path / "one") == before
 
 

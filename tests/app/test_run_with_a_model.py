@@ -149,7 +149,7 @@ def test_a_wrong_model_is_mended_in_the_same_folder_while_nothing_is_kept(capsys
         assert run(server.url, "--model", "openai-chat:vision-2", scenarios=1) == 0, capsys.readouterr().err
         capsys.readouterr()
         assert run(server.url, "--model", "openai-chat:vision-3", scenarios=1) == 2
-    assert "config.model: 'openai-chat:vision-2', now 'openai-chat:vision-3'" in capsys.readouterr().err
+    assert "  - model: 'openai-chat:vision-2', now 'openai-chat:vision-3'" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("verb", [["run"], ["propose"], ["describe", "warehouse"]])

@@ -157,3 +157,9 @@ def test_an_attempt_without_an_objective_has_no_feedback() -> None:
     )
     with pytest.raises(ValueError, match="no feedback"):
         feedback_of(empty, [], requirement=REQUIREMENT, grid=warehouse().grid)
+
+
+@pytest.mark.parametrize(("gap_m", "said"), [(0.007, "closest approach"), (0.0, "contact"), (-0.01, "contact")])
+def test_only_bodies_that_touch_are_said_to_be_in_contact(gap_m: float, said: str) -> None:
+    run = a_run(np.abs(np.linspace(-2.0, 2.0, 41)) + gap_m)
+    assert decisive_moments(run, warehouse().grid)[0].note == said

@@ -64,6 +64,7 @@ def test_a_requirement_without_a_limit_is_not_judged():
     verdict = judge(NEAR.model_copy(update={"limit": None}), [GOOD, BAD])
     assert verdict.status is Status.UNJUDGED
     assert verdict.violation_interval is None
+    assert "limit" not in verdict.reason  # the status says that there is none
     assert verdict.mean == 0.5
 
 

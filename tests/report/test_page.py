@@ -5,16 +5,18 @@ import json
 import re
 import xml.etree.ElementTree as ET
 
+import numpy as np
 import pytest
 from tests.campaign.parts import MemoryLedger, WalkGenerator, parts, plan, warehouse
 
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.loop import feedback_from, run_campaign
 from rvsg.campaign.strategies import RandomStrategy, StudyStrategy
+from rvsg.evaluation.judge import judge
 from rvsg.evaluation.verdict import Status
 from rvsg.generation.generator import Proposal
 from rvsg.report.junit import junit_xml
-from rvsg.report.page import render_page
+from rvsg.report.page import _curse, _not_to_contact, render_page
 from rvsg.report.summary import summarise
 from rvsg.scenario.brief import Brief
 from rvsg.world.world import World
@@ -104,6 +106,35 @@ def test_the_page_says_what_the_confirmation_measured() -> None:
     assert f"{verdict.violations} of {verdict.runs}" in text or "in any of 5 fresh runs" in text
     assert "seeds took no part in the choice" in text
     assert "rvsg run --seed 7" in text
+
+
+def test_a_gap_that_is_nearly_contact_is_not_shown_as_contact() -> None:
+    assert _not_to_contact(np.array([0.0002, 0.007, 0.0, -0.0002, -0.02])).tolist() == [0.001, 0.007, 0.0, 0.0, -0.02]
+    ledger = MemoryLedger()
+    assert 'if (gap <= 0) return "in contact";' in page(*campaign(ledger), ledger)
+
+
+@pytest.mark.parametrize(
+    ("selected", "fresh", "said"),
+    [
+        (
+            (0.40, 0.44),
+            (0.42, 0.46, 0.43, 0.45),
+            "They are milder by 0.02 m, which chance among these runs can explain",
+        ),
+        ((0.10, 0.11, 0.12), (0.50, 0.51, 0.52), "more than chance among these runs explains (Welch"),
+        ((0.4, 0.4, 0.4), (0.3, 0.35, 0.3, 0.4, 0.3, 0.3), "They are no milder: nothing here says that the choice was"),
+    ],
+)
+def test_what_the_choice_did_is_said_as_far_as_the_numbers_carry(
+    selected: tuple[float, ...], fresh: tuple[float, ...], said: str
+) -> None:
+    the_plan, attempts = campaign(MemoryLedger())
+    summary = summarise(the_plan, attempts)
+    assert summary.confirmed
+    best = summary.ranking[0].replace(verdict=judge(the_plan.requirement, selected))
+    confirmed = summary.confirmed.replace(verdict=judge(the_plan.requirement, fresh))
+    assert said in _curse(the_plan, summary.replace(ranking=(best,), confirmed=confirmed))
 
 
 def test_equal_campaigns_give_equal_pages() -> None:

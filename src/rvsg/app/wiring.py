@@ -176,7 +176,7 @@ def world_of(scenario: Scenario, instead: str | None) -> World:
     if instead:
         raise InputError(
             f"The scenario was made for {made_for} ({known}), and --world {instead} is another world ({world.id}). "
-            "Leave --world away, or give the place where the world it was made for is now."
+            "Leave --world out, or give the place where the world it was made for is now."
         )
     raise InputError(
         f"The scenario was made for {made_for} ({known}), but that world is now {world.id}: its map, objects, grid or "

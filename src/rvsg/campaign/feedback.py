@@ -107,7 +107,7 @@ def decisive_moments(run: Run, grid: Grid, *, at_most: int = 4) -> tuple[Moment,
     gap = gaps(run)
     nearest = gap.min(axis=1)
     found = [
-        (index, "contact" if nearest[index] <= 0.02 else "closest approach")
+        (index, "contact" if nearest[index] <= 0.0 else "closest approach")
         for index in _approaches(path.t, nearest)[: max(1, at_most - 2)]
     ]
     braking = _hardest_braking(path)

@@ -214,7 +214,7 @@ def next_repeats(
 def _reason(status: Status, violations: int, runs: int, undefined: int, procedure: Procedure) -> str:
     without = f"; {_runs(undefined)} {'holds' if undefined == 1 else 'hold'} no judgement" if undefined else ""
     if status is Status.UNJUDGED:
-        return f"the requirement sets no limit{without}"
+        return f"{_runs(runs)} {'is' if runs == 1 else 'are'} measured and none is judged{without}"
     verb = "violates" if violations == 1 else "violate"
     counted = f"{violations} of {_runs(runs)} {verb} the requirement{without}"
     sure = f"wrong in at most {procedure.error_rate:.0%} of such verdicts"

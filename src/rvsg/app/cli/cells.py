@@ -220,7 +220,7 @@ def _same(stored: dict[str, Any], asked: dict[str, Any], folder: Path) -> None:
         listed = "\n".join(f"  - {line}" for line in found)
         raise InputError(
             f"{folder}: this folder holds campaigns with other settings:\n{listed}\n"
-            "To resume them, leave these options away; for new ones choose another --out."
+            "To resume them, leave these options out; for new ones choose another --out."
         )
 
 

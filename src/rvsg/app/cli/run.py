@@ -196,7 +196,7 @@ def _no_model_options_in_vain(config: CampaignConfig, given: dict[str, Any]) -> 
     if in_vain := [f"--{key.replace('_', '-')}" for key in VLM_OPTIONS if key in given]:
         raise InputError(
             f'{", ".join(in_vain)}: this campaign uses the generator "{config.generator_name}", and only "vlm" takes '
-            "such options. Leave them away, or use --generator vlm."
+            "such options. Leave them out, or use --generator vlm."
         )
     if told := [key for key in VLM_OPTIONS if getattr(config, key) not in (None, "compact")]:
         say(f'The generator is "{config.generator_name}": {", ".join(told)} in the campaign file have no effect.')
@@ -214,11 +214,11 @@ def _same_or_empty(stored: dict[str, Any], asked: dict[str, Any], ledger: Ledger
     if found and forget is not None and forget(ledger.campaigns()[0]):
         return
     if found:
-        found = [line for line in found if line.startswith("config.")] or found
+        found = [line.removeprefix("config.") for line in found if line.startswith("config.")] or found
         listed = "\n".join(f"  - {line}" for line in found)
         raise InputError(
             f"{folder}: this folder holds a campaign with other settings:\n{listed}\n"
-            "To resume it, leave these options away; for a new campaign choose another --out."
+            "To resume it, leave these options out; for a new campaign choose another --out."
         )
 
 

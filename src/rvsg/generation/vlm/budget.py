@@ -13,7 +13,7 @@ from rvsg.generation.vlm.model import Model
 from rvsg.world.records import Record
 
 NO_CALL = (
-    "a budget of 0 allows no call. Leave it away for no limit; without a model --replay answers from recorded calls, "
+    "a budget of 0 allows no call. Leave it out for no limit; without a model --replay answers from recorded calls, "
     "and the heuristic generator needs none"
 )
 
