@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import sqlite3
 import subprocess
@@ -15,6 +16,7 @@ import pytest
 from rvsg.app.cli import main
 from rvsg.app.folder import LEDGER
 from rvsg.store.sqlite import SqliteLedger
+from rvsg.world.load import SHIPPED
 
 SMALL = [
     *("--simulator", "kinematic", "--strategy", "random", "--scenarios", "3", "--refinements", "1"),
@@ -280,3 +282,27 @@ def test_a_simulator_that_fails_says_that_what_there_is_is_kept(
         search = [a for a in ledger.attempts(ledger.campaigns()[0]) if a.purpose == "search"]
     assert [len(a.measurements) for a in search] == [2, 2, 1, 2, 2, 2]
     assert [failure.reason for a in search for failure in a.failures] == ["the display is gone"]
+
+
+def test_a_campaign_with_files_of_its_own_goes_on_in_any_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copytree(SHIPPED / "warehouse", tmp_path / "mine")
+    (tmp_path / "sub" / "elsewhere").mkdir(parents=True)
+    (tmp_path / "sub" / "rules.yaml").write_text(
+        "near: {title: Near, text: Keep away., metric: dto, worse: smaller, limit: 1.0, unit: m}\n"
+    )
+    (tmp_path / "sub" / "c.yaml").write_text("world: ../mine\nrequirement: rules.yaml#near\nout: res\n")
+    monkeypatch.chdir(tmp_path)
+    assert main(["run", "sub/c.yaml", *SMALL]) == 0
+    whole = records(tmp_path / "sub" / "res")
+    monkeypatch.chdir(tmp_path / "sub" / "elsewhere")
+    out = ["--out", str(tmp_path / "sub" / "res")]
+    assert main(["run", *out]) == 0
+    assert main(["run", *out, "--world", "../../mine"]) == 0, "the same world in other words"
+    assert main(["report", out[1]]) == 0
+    assert main(["run", "../res/campaign.yaml", "--jobs", "1", "--out", "again"]) == 0
+    assert main(["prompt", out[1]]) == 2 and "is finished" in capsys.readouterr().err
+    shutil.copytree(tmp_path / "mine", "other")
+    assert main(["run", *out, "--world", "other"]) == 2
+    assert records(tmp_path / "sub" / "res") == whole

@@ -134,10 +134,10 @@ def read_campaign_file(path: Path) -> dict[str, Any]:
 
 def _beside(path: Path, name: str) -> str:
     """A name as it stands, or as a path where such a thing exists beside the campaign file."""
-    return str(path.parent / name) if (path.parent / _file_of(name)).exists() else name
+    return str(path.parent / name) if (path.parent / file_of(name)).exists() else name
 
 
-def _file_of(reference: str) -> str:
+def file_of(reference: str) -> str:
     """The file in `my.yaml#name` or `my.yaml:name`; the whole reference where it names no part."""
     return re.sub(r"(\.ya?ml)[#:].*", r"\1", reference)
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 import os
 import shlex
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ from pydantic import ValidationError
 
 from rvsg.app import plugins
 from rvsg.app.config import BESIDE, MACHINE, CampaignConfig
+from rvsg.app.places import spelt_out
 from rvsg.campaign.loop import Parts, Watcher, feedback_from
 from rvsg.campaign.measuring import Measuring
 from rvsg.campaign.parallel import Executor, Simulations
@@ -42,7 +43,7 @@ VLM_OPTIONS = (
 
 @dataclass(frozen=True, kw_only=True)
 class Wired:
-    """A campaign that can begin: its plan and its parts, checked."""
+    """A campaign that can begin: its plan and its parts, checked; `places` are its paths and where they are."""
 
     config: CampaignConfig
     plan: Plan
@@ -51,6 +52,12 @@ class Wired:
     simulator: Simulator
     strategy_class: Any
     executor: Executor | None
+    places: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def file(self) -> str:
+        """The campaign as a campaign file that means the same wherever it is read."""
+        return CampaignConfig(**spelt_out(self.config.model_dump(), self.places)).to_yaml()
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -107,15 +114,19 @@ class Wired:
         )
 
 
-def wire(config: CampaignConfig) -> Wired:
-    """Look everything up and make it; raises an InputError for the first thing that cannot be used."""
-    world = load_world(config.world)
+def wire(config: CampaignConfig, places: Mapping[str, str] | None = None) -> Wired:
+    """Look everything up and make it; raises an InputError for the first thing that cannot be used.
+
+    `places` says where paths of a campaign are that was begun in another folder.
+    """
+    places = places or {}
+    world = load_world(places.get(config.world, config.world))
     route = world.route(config.route)
     check_start(route, world)
-    requirement = requirement_of(config.requirement).for_time_limit(route.time_limit_s)
+    requirement = requirement_of(places.get(config.requirement, config.requirement)).for_time_limit(route.time_limit_s)
     strategy_class = plugins.find("strategy", config.strategy)
     simulator = plugins.make("simulator", config.simulator, config.simulator_options)
-    generator = plugins.make("generator", config.generator_name, generator_options(config))
+    generator = plugins.make("generator", config.generator_name, generator_options(config, places))
     plugins.able("store", config.store, config.store_options, given=1)
     plan = Plan(
         name=f"{world.name}-{route.name}-{requirement.name}-{config.generator_name}-{config.strategy}-{config.seed}",
@@ -138,6 +149,7 @@ def wire(config: CampaignConfig) -> Wired:
         simulator=simulator,
         strategy_class=strategy_class,
         executor=executor_of(config),
+        places=places,
     )
 
 
@@ -194,11 +206,12 @@ def check_scenario(scenario: Scenario, world: World) -> tuple[str, ...]:
     return tuple(f"warning: {finding}" for finding in warnings(scenario.people, scenario.mission, world))
 
 
-def generator_options(config: CampaignConfig) -> dict[str, Any]:
+def generator_options(config: CampaignConfig, places: Mapping[str, str]) -> dict[str, Any]:
     """What the generator is made with: its own options, and for a VLM how it is reached and kept within bounds."""
     if config.generator_name != "vlm":
         return dict(config.generator_options)
     reached = {name: getattr(config, name) for name in VLM_OPTIONS if getattr(config, name) is not None}
+    reached |= {name: places.get(reached[name], reached[name]) for name in ("prompts", "replay") if name in reached}
     return {"folder": str(config.folder), **reached, **config.generator_options}
 
 

@@ -113,6 +113,8 @@ def _report(path: Path, html: Path | None, world: str | None, *, optional: bool)
     """Write the page of the campaign kept there; where it is `optional`, None if there is no campaign of `rvsg run`."""
     from rvsg.app.config import CampaignConfig
     from rvsg.app.folder import REPORT, reading
+    from rvsg.app.places import FROM
+    from rvsg.app.places import places as places_of
     from rvsg.app.wiring import command_for
     from rvsg.campaign.plan import Plan
     from rvsg.errors import InputError
@@ -135,12 +137,13 @@ def _report(path: Path, html: Path | None, world: str | None, *, optional: bool)
             raise InputError(f"{path}: this store holds no campaign yet; `rvsg run --out DIR` makes one.")
         plan = Plan.model_validate(planned[0]["plan"])
         attempts = list(ledger.attempts(plan.name))
+        places = places_of(planned[0]["config"], planned[0].get(FROM))
         page = html or (path if path.is_dir() else path.parent) / REPORT
         write_page(
             page,
             plan,
             attempts,
-            world=load_world(world or plan.mission.world),
+            world=load_world(world or places.get(plan.mission.world, plan.mission.world)),
             run_of=ledger.run,
             command=command_for(CampaignConfig.model_validate(planned[0]["config"])),
             simulator=planned[0]["simulator"]["name"],

@@ -129,10 +129,14 @@ def find(from_file: dict[str, Any], given: dict[str, Any]) -> tuple[Wired, Summa
     """Run or resume a campaign and write what was found."""
     from rvsg.app.config import effective
     from rvsg.app.folder import CONFIG, alone_in, check_out, make_folder, opened
+    from rvsg.app.places import FROM, as_kept
+    from rvsg.app.places import places as places_of
     from rvsg.app.records import check_writable
     from rvsg.app.wiring import wire
     from rvsg.report.files import write_whole
 
+    begun_in: object = str(Path.cwd())
+    places: dict[str, str] = {}
     config = effective(None, from_file, given)
     if config.junit:
         check_writable(Path(config.junit))
@@ -141,8 +145,10 @@ def find(from_file: dict[str, Any], given: dict[str, Any]) -> tuple[Wired, Summa
     kept_by = _same_store(folder, config)
     stored = _stored(folder)
     if stored is not None:
-        config = effective(stored["config"] | kept_by, from_file, given)
-    wired = wire(config)
+        begun_in = stored.pop(FROM, None)
+        places = places_of(stored["config"], begun_in)
+        config = effective(stored["config"] | kept_by, as_kept(from_file, places), as_kept(given, places))
+    wired = wire(config, places)
     if stored is not None:
         wired = wired.in_words_of(stored, say)
     _no_model_options_in_vain(config, given)
@@ -151,8 +157,8 @@ def find(from_file: dict[str, Any], given: dict[str, Any]) -> tuple[Wired, Summa
         if stored is not None:
             _same_or_empty(stored, wired.settings, ledger, folder)
         if ledger.settings(wired.plan.name) is None:
-            ledger.begin(wired.plan.name, wired.settings)
-        write_whole(folder / CONFIG, config.to_yaml())
+            ledger.begin(wired.plan.name, wired.settings | {FROM: begun_in or str(Path.cwd())})
+        write_whole(folder / CONFIG, wired.file)
         attempts = _work(wired, ledger, folder, resumed=stored is not None)
         summary = _write(wired, ledger, attempts, folder)
     _show_lost(attempts)
