@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 import json
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -19,6 +20,7 @@ from rvsg.app.cli import main
 from rvsg.app.cli.cells import folders_in
 from rvsg.app.folder import LEDGER
 from rvsg.store.sqlite import SqliteLedger
+from rvsg.world.load import SHIPPED
 
 SMALL = [
     *("--simulator", "kinematic", "--strategy", "random", "--scenarios", "2", "--refinements", "1"),
@@ -209,3 +211,36 @@ def test_two_cells_that_would_share_a_folder_are_refused(tmp_path: Path, capsys:
     asked = ["--requirement", f"{file}#N 1", "--requirement", f"{file}#N_1"]
     assert main(["run", *SMALL, *asked, "--out", str(tmp_path / "all")]) == 2
     assert "Two of the campaigns would be kept in" in capsys.readouterr().err
+
+
+def test_a_pair_that_is_added_is_one_pair(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "all"
+    assert main(["run", *SMALL, "--route", "route_1", "--route", "route_2", "--out", str(out)]) == 0
+    assert main(["run", "--out", str(out), "--route", "route_1", "--requirement", "R3"]) == 0
+    capsys.readouterr()
+    assert main(["run", "--out", str(out), "--json"]) == 0
+    told = capsys.readouterr()
+    assert "3 of 3 campaigns done" in told.err
+    names = {f"{route}-{requirement}" for route, requirement in PAIRS} - {"route_2-R3"}
+    assert {path.name for path in folders_in(out)} == names
+    first, second = json.loads(told.out)["command"].split(" && ")
+    assert first.startswith("rvsg run --route route_1 --requirement R1 --requirement R3 --strategy")
+    assert second.startswith("rvsg run --route route_2 --requirement R1 --strategy")
+    assert main(["run", "--out", str(out), "--requirement", "R2"]) == 0
+    assert {path.name for path in folders_in(out)} == names | {"route_1-R2", "route_2-R2"}
+
+
+def test_cells_with_a_world_of_their_own_go_on_in_any_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shutil.copytree(SHIPPED / "warehouse", tmp_path / "mine")
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path)
+    asked = ["--route", "route_1", "--route", "route_2"]
+    assert main(["run", *SMALL, *asked, "--world", "mine", "--out", "all"]) == 0
+    shutil.rmtree(tmp_path / "all" / "route_2-R1")
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    assert main(["run", "--out", "../all"]) == 0
+    assert main(["report", "../all"]) == 0
+    again = {path.name: records(path) for path in folders_in(tmp_path / "all")}
+    monkeypatch.chdir(tmp_path)
+    assert main(["run", *SMALL, *asked, "--world", "mine", "--out", "new"]) == 0
+    assert {path.name: records(path) for path in folders_in(tmp_path / "new")} == again

@@ -19,7 +19,7 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -32,7 +32,10 @@ if TYPE_CHECKING:
     from rvsg.campaign.plan import Plan
     from rvsg.report.summary import Summary
 
+Pair = tuple[str, str]
 LISTED = ("route", "requirement")
+PAIRS = "pairs"
+"""The key of the pairs that were asked for: not every route of the folder with every requirement."""
 PATIENCE_S = 20.0
 """So long a cell that is interrupted may take to keep what it has."""
 CHILD = "import sys; from rvsg.app.cli.cell import main; sys.exit(main())"
@@ -40,12 +43,23 @@ CHILD = "import sys; from rvsg.app.cli.cell import main; sys.exit(main())"
 
 @dataclass(frozen=True, kw_only=True)
 class Cells:
-    """What is asked: every route with every requirement; `values` are all other settings."""
+    """What is asked: pairs of a route and a requirement; `values` are all other settings.
+
+    `kept` are the pairs that the folder holds already, `places` the settings' paths and where they are, seen from the
+    present folder, and `begun_in` the folder that relative ones are read from.
+    """
 
     folder: Path
-    routes: tuple[str, ...]
-    requirements: tuple[str, ...]
+    pairs: tuple[Pair, ...]
     values: dict[str, Any]
+    kept: tuple[Pair, ...]
+    places: dict[str, str]
+    begun_in: str
+
+    @property
+    def all_pairs(self) -> tuple[Pair, ...]:
+        """The pairs of the folder with those that are asked for now."""
+        return tuple(dict.fromkeys([*self.kept, *self.pairs]))
 
 
 @dataclass(kw_only=True)
@@ -69,24 +83,51 @@ class Cell:
 def cells_of(from_file: dict[str, Any], given: dict[str, Any]) -> Cells | None:
     """The cells that are asked for, those kept in the folder included; None where it is one ordinary campaign."""
     from rvsg.app.config import CampaignConfig, effective
+    from rvsg.app.places import FROM, as_kept
+    from rvsg.app.places import places as places_of
 
     asked = {**from_file, **given}
     stored = _stored(Path(asked["out"])) if asked.get("out") else {}
+    begun_in = stored.pop(FROM, None) or str(Path.cwd())
+    every_stored = itertools.product(*(_names(stored.get(key, [])) for key in LISTED))
+    kept = tuple((route, requirement) for route, requirement in stored.pop(PAIRS, every_stored))
+    places = places_of(stored, begun_in)
+    asked = as_kept(asked, places)
     values = {**stored, **asked}
     names = {key: _names(values.get(key, CampaignConfig.model_fields[key].default)) for key in LISTED}
     if not stored and all(len(found) == 1 and found != ["all"] for found in names.values()):
         return None
     rest = {key: value for key, value in values.items() if key not in LISTED}
-    routes, requirements = _every(names, rest.get("world", "warehouse"))
+    world = rest.get("world", "warehouse")
+    routes, requirements = _every(names, places.get(world, world))
     default = effective(None, {}, rest | {"route": "+".join(names["route"]), "requirement": "+".join(requirements)})
     rest["out"] = str(default.folder)
     _same(stored, values, default.folder)
-    return Cells(folder=default.folder, routes=routes, requirements=requirements, values=rest)
+    every = tuple(itertools.product(routes, requirements))
+    return Cells(
+        folder=default.folder,
+        pairs=_asked(every, [key in asked for key in LISTED], kept),
+        values=rest,
+        kept=kept,
+        places=places,
+        begun_in=begun_in,
+    )
+
+
+def _asked(every: Sequence[Pair], given: Sequence[bool], kept: Sequence[Pair]) -> tuple[Pair, ...]:
+    """The pairs that are meant: where only routes or only requirements are given, those kept of each, or all of a
+    new one; where neither is, those kept."""
+    if not kept or all(given):
+        return tuple(every)
+    named = given.index(True) if any(given) else 0
+    old = {pair[named] for pair in kept}
+    return tuple(pair for pair in every if pair in kept or pair[named] not in old)
 
 
 def run_cells(cells: Cells, *, as_json: bool) -> int:
     """Run or resume the campaigns of all cells, show what was found, and return the exit code."""
     from rvsg.app.folder import CELLS, alone_in, check_out, make_folder, store_of
+    from rvsg.app.places import FROM
     from rvsg.app.records import check_writable
     from rvsg.app.wiring import jobs_of
     from rvsg.report.files import write_whole
@@ -99,13 +140,9 @@ def run_cells(cells: Cells, *, as_json: bool) -> int:
         raise InputError(f"{cells.folder}: this folder holds a single campaign. Choose another --out for several.")
     all_of_them = _wired(cells)
     make_folder(cells.folder)
-    stored = _stored(cells.folder)
-    listed = {
-        key: list(dict.fromkeys([*_names(stored.get(key, [])), *asked]))
-        for key, asked in (("route", cells.routes), ("requirement", cells.requirements))
-    }
-    settings = cells.values | listed
-    others = len(listed["route"]) * len(listed["requirement"]) - len(all_of_them)
+    listed = {key: list(dict.fromkeys(pair[at] for pair in cells.all_pairs)) for at, key in enumerate(LISTED)}
+    settings = cells.values | listed | {PAIRS: cells.all_pairs, FROM: cells.begun_in}
+    others = len(cells.all_pairs) - len(all_of_them)
     with alone_in(cells.folder):
         write_whole(cells.folder / CELLS, json.dumps(settings, indent=2, ensure_ascii=False) + "\n")
         jobs = jobs_of(all_of_them[0].wired.config)
@@ -116,7 +153,7 @@ def run_cells(cells: Cells, *, as_json: bool) -> int:
             told = ", ".join(f"--{key.replace('_', '-')} {value:g}" for key, value in share.items())
             say(f"The budget is for all of them together; each may spend its part: {told}.")
         all_of_them[0].wired.warm_up(say)
-        _run_all(all_of_them, jobs, _resume(cells))
+        _run_all(all_of_them, jobs, _resume(cells), cells.begun_in)
         kept = {path: found for path in folders_in(cells.folder) if (found := found_in(path)) is not None}
         write_overview_in(cells.folder, kept)
         summaries = [(cell, *kept[cell.folder]) for cell in all_of_them if cell.code == 0 and cell.folder in kept]
@@ -130,15 +167,24 @@ def run_cells(cells: Cells, *, as_json: bool) -> int:
     return 1 if fail and any(summary.violated for _, _, summary in summaries) else 0
 
 
-def _command(cells: Cells) -> str:
-    """The exact command that repeats the campaigns, with the budget that is for all of them together."""
+def _command(cells: Cells, typed: Callable[[str], str] = str) -> str:
+    """The exact command that repeats the campaigns, with the budget that is for all of them together.
+
+    Where they are not every route with every requirement, it is one command after the other.
+    """
     from rvsg.app.config import effective
     from rvsg.app.wiring import command_for
 
-    asked = [("--route", name) for name in cells.routes] + [("--requirement", name) for name in cells.requirements]
-    words = [word for pair in asked for word in pair]
     rest = command_for(effective(None, {}, cells.values)).removeprefix("rvsg run ")
-    return f"rvsg run {shlex.join(words)} {rest}"
+    together: dict[tuple[str, ...], list[str]] = {}
+    for route in dict.fromkeys(route for route, _ in cells.pairs):
+        requirements = tuple(requirement for of, requirement in cells.pairs if of == route)
+        together.setdefault(requirements, []).append(route)
+    commands = []
+    for requirements, routes in together.items():
+        asked = [("--route", name) for name in routes] + [("--requirement", name) for name in requirements]
+        commands.append(f"rvsg run {shlex.join(word for pair in asked for word in pair)} {rest}")
+    return " && ".join(typed(command) for command in commands)
 
 
 def _resume(cells: Cells) -> str:
@@ -153,7 +199,7 @@ def write_overview_in(folder: Path, kept: Mapping[Path, tuple[Plan, Summary]]) -
 
     cells = cells_of({}, {"out": str(folder)})
     if kept and cells is not None:
-        missing = len(cells.routes) * len(cells.requirements) - len(kept)
+        missing = len(cells.pairs) - len(kept)
         reported = [(f"{path.name}/{REPORT}", *found) for path, found in kept.items()]
         write_overview(folder / REPORT, reported, command=_command(cells), missing=missing)
 
@@ -186,15 +232,18 @@ def found_in(folder: Path) -> tuple[Plan, Summary] | None:
 
 def _stored(folder: Path) -> dict[str, Any]:
     """The settings of the campaigns kept in a folder; empty where there are none."""
-    from pydantic import ValidationError
+    from pydantic import TypeAdapter, ValidationError
 
     from rvsg.app.config import CampaignFile
     from rvsg.app.folder import CELLS
+    from rvsg.app.places import FROM
     from rvsg.world.documents import mistakes_of
 
     try:
         stored = dict(json.loads((folder / CELLS).read_text(encoding="utf-8")))
-        CampaignFile.model_validate(stored)
+        besides = {key: stored[key] for key in (FROM, PAIRS) if key in stored}
+        TypeAdapter(list[Pair]).validate_python(besides.get(PAIRS, []))
+        CampaignFile.model_validate({key: value for key, value in stored.items() if key not in besides})
     except (FileNotFoundError, NotADirectoryError):
         return {}
     except ValidationError as error:
@@ -248,9 +297,9 @@ def _wired(cells: Cells) -> list[Cell]:
 
     found: dict[str, Cell] = {}
     share = _share_of_budget(cells)
-    for route, requirement in itertools.product(cells.routes, cells.requirements):
+    for route, requirement in cells.pairs:
         values = cells.values | share | {"route": route, "requirement": requirement}
-        wired = wire(effective(None, {}, values))
+        wired = wire(effective(None, {}, values), cells.places)
         name = f"{wired.plan.mission.route.name}-{wired.plan.requirement.name}"
         folder = cells.folder / re.sub(r"[^\w.+-]+", "_", name)
         if name in found:
@@ -265,7 +314,7 @@ def _share_of_budget(cells: Cells) -> dict[str, Any]:
     """What a model may cost in each cell: what is asked for is for all of them together, in equal parts."""
     from rvsg.app.config import BUDGETS
 
-    count = len(cells.routes) * len(cells.requirements)
+    count = len(cells.pairs)
     share: dict[str, Any] = {}
     for key in BUDGETS:
         budget = cells.values.get(key)
@@ -277,10 +326,10 @@ def _share_of_budget(cells: Cells) -> dict[str, Any]:
     return share
 
 
-def _run_all(cells: Sequence[Cell], jobs: int, resume: str) -> None:
+def _run_all(cells: Sequence[Cell], jobs: int, resume: str, begun_in: str) -> None:
     """Run the cells, as many side by side as there are jobs; an interruption reaches each of them once.
 
-    `resume` is the command that goes on with them."""
+    `resume` is the command that goes on with them, `begun_in` the folder that their paths are read from."""
     from rvsg.app.cli.interruption import interruptible
 
     waiting, running = deque(cells), list[Cell]()
@@ -292,7 +341,7 @@ def _run_all(cells: Sequence[Cell], jobs: int, resume: str) -> None:
                 while waiting and (free := jobs - sum(cell.jobs for cell in running)) > 0:
                     cell = waiting.popleft()
                     running.append(cell)
-                    _start(cell, max(1, free // (len(waiting) + 1)), lines)
+                    _start(cell, max(1, free // (len(waiting) + 1)), lines, begun_in)
                 cell, line = lines.get()
                 if line is None:
                     running.remove(cell)
@@ -308,7 +357,7 @@ def _run_all(cells: Sequence[Cell], jobs: int, resume: str) -> None:
         raise
 
 
-def _start(cell: Cell, jobs: int, lines: queue.Queue[tuple[Cell, str | None]]) -> None:
+def _start(cell: Cell, jobs: int, lines: queue.Queue[tuple[Cell, str | None]], begun_in: str) -> None:
     """Start the process of a cell in a group of its own: Ctrl-C in a terminal is for us, who pass it on once."""
     cell.jobs = jobs
     cell.process = subprocess.Popen(  # noqa: S603
@@ -320,11 +369,12 @@ def _start(cell: Cell, jobs: int, lines: queue.Queue[tuple[Cell, str | None]]) -
         encoding="utf-8",
         errors="replace",
         start_new_session=True,
+        cwd=begun_in if Path(begun_in).is_dir() else None,
     )
     threading.Thread(target=_listen, args=(cell, lines), daemon=True).start()
     assert cell.process.stdin is not None
     with contextlib.suppress(BrokenPipeError), cell.process.stdin as given:
-        given.write(json.dumps(cell.values | {"jobs": jobs}))
+        given.write(json.dumps(cell.values | {"jobs": jobs, "out": str(cell.folder.absolute())}))
 
 
 def _listen(cell: Cell, lines: queue.Queue[tuple[Cell, str | None]]) -> None:
@@ -390,4 +440,4 @@ def _write_and_show(
     say(cells_table([(plan, summary) for _, plan, summary in found]))
     say(f"{len(found)} of {len(all_of_them)} campaigns done in {spent_s:.0f} s; kept in {cells.folder}")
     say(f"Reports: {cells.folder / REPORT}")
-    say(f"Repeat it with: {as_started(command)}")
+    say(f"Repeat it with: {_command(cells, as_started)}")

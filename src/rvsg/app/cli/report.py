@@ -94,7 +94,7 @@ def _say_unfinished(folder: Path, found: list[tuple[Plan, Summary]]) -> None:
     for plan, summary in cut_off:
         say(f"{plan.mission.route.name} {plan.requirement.name} is not finished: {how_far(plan, summary)}.")
     cells = cells_of({}, {"out": str(folder)})
-    not_begun = len(cells.routes) * len(cells.requirements) - len(found) if cells else 0
+    not_begun = len(cells.pairs) - len(found) if cells else 0
     if not_begun:
         say(f"{not_begun} more {'has' if not_begun == 1 else 'have'} not begun.")
     if cut_off or not_begun:
