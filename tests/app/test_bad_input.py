@@ -14,6 +14,7 @@ import pytest
 from rvsg.app.cli import main
 from rvsg.app.folder import LEDGER
 from rvsg.app.records import check_writable
+from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.store.sqlite import SqliteLedger
 
 SMALL = ["--simulator", "kinematic", "--strategy", "random", "--scenarios", "1", "--refinements", "0", "--jobs", "1"]
@@ -178,6 +179,22 @@ def test_a_path_through_an_obstacle_is_refused(refused, tmp_path: Path, scenario
 def test_a_start_pose_inside_an_obstacle_is_refused(refused, tmp_path: Path, scenario: dict) -> None:
     scenario["mission"]["route"]["start"] = {"x": -5.79, "y": -0.96, "yaw": 0.0}
     assert "start pose (-5.79, -0.96) lies inside an obstacle" in simulate(refused, tmp_path, scenario)
+
+
+@pytest.mark.parametrize("verb", ["simulate", "shrink"])
+def test_a_robot_that_the_simulator_does_not_drive_is_refused(
+    refused, tmp_path: Path, scenario: dict, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture, verb: str
+) -> None:
+    scenario["mission"]["robot"] = "nope"
+    path = tmp_path / "scenario.json"
+    path.write_text(json.dumps(scenario))
+    asked = [verb, str(path), "--simulator", "kinematic", "--out", str(tmp_path / "out")]
+    told = refused(*asked)
+    assert 'scenario.json: mission.robot: There is no robot "nope". Known: tiago_omni.' in told
+    assert "docs/how-to/write-a-plug-in.md" in told
+    monkeypatch.setattr(KinematicSimulator, "robots", ("nope",), raising=False)
+    main(asked)
+    assert "There is no robot" not in capsys.readouterr().err
 
 
 def test_a_number_that_is_none_is_refused(refused, tmp_path: Path, scenario: dict) -> None:

@@ -20,12 +20,12 @@ from rvsg.campaign.measuring import Measuring
 from rvsg.campaign.parallel import Executor, Simulations
 from rvsg.campaign.plan import Plan
 from rvsg.campaign.strategies import Strategy
-from rvsg.errors import InputError, InvalidScenario
+from rvsg.errors import FileError, InputError, InvalidScenario, UnknownName
 from rvsg.evaluation.judge import check_requirement
 from rvsg.generation.generator import Generator
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.requirements import load_requirement
-from rvsg.scenario.scenario import Mission, Scenario
+from rvsg.scenario.scenario import ROBOT, Mission, Scenario
 from rvsg.scenario.validity import check, warnings
 from rvsg.simulation.simulator import Simulator
 from rvsg.world.load import load_world
@@ -206,6 +206,20 @@ def check_scenario(scenario: Scenario, world: World) -> tuple[str, ...]:
     return tuple(f"warning: {finding}" for finding in warnings(scenario.people, scenario.mission, world))
 
 
+def check_robot(path: Path, scenario: Scenario, simulator: Simulator) -> None:
+    """Refuse a scenario of a file whose robot the simulator does not drive.
+
+    A simulator says in `robots` which it drives; one that does not say drives ours alone.
+    """
+    drives = getattr(simulator, "robots", (ROBOT,))
+    if scenario.mission.robot not in drives:
+        hint = (
+            f'The simulator "{simulator.name}" drives no other; another robot comes in with a simulator of its own, '
+            "see docs/how-to/write-a-plug-in.md."
+        )
+        raise FileError(path, f"mission.robot: {UnknownName('robot', scenario.mission.robot, drives, hint=hint)}")
+
+
 def generator_options(config: CampaignConfig, places: Mapping[str, str]) -> dict[str, Any]:
     """What the generator is made with: its own options, and for a VLM how it is reached and kept within bounds."""
     if config.generator_name != "vlm":
@@ -254,6 +268,20 @@ def command_for(config: CampaignConfig, *, out: Path | None = None) -> str:
     if out is not None:
         words += ["--out", str(out)]
     return shlex.join(["rvsg", "run", *words])
+
+
+def command_for_more(config: CampaignConfig, made: int) -> str:
+    """The command that decides what `made` fresh runs left open: the same campaign with more of them, in a new folder.
+
+    The search and the fresh runs made so far are the same again, by their seeds; a model that was recorded is not asked
+    again.
+    """
+    default = CampaignConfig().confirmations
+    runs, recorded = max(default, 2 * made), config.folder / "vlm"
+    replay = str(recorded) if (recorded / "calls.jsonl").exists() else config.replay
+    again = config.replace(confirmations=default, replay=replay)
+    new_folder = config.folder.with_name(f"{config.folder.name}-{runs}")
+    return f"{command_for(again, out=new_folder)} --confirmations {runs}"
 
 
 def resume_command(config: CampaignConfig, *, without: Sequence[str] = ()) -> str:

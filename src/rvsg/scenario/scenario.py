@@ -72,13 +72,17 @@ class HumanConfiguration(Record):
     humans: Annotated[tuple[Human, ...], Field(min_length=1)]
 
 
+ROBOT = "tiago_omni"
+"""The robot of our simulators: TIAGo OMNI base, Nav2 with DWB."""
+
+
 class Mission(Record):
     """What the robot is to do, where: the world by name and content id, the route, the robot by name."""
 
     world: str
     world_id: str
     route: Route
-    robot: str = "tiago_omni"
+    robot: str = ROBOT
 
 
 class Scenario(Record):

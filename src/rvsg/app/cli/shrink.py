@@ -40,7 +40,7 @@ def shrink(
     from rvsg.app import plugins
     from rvsg.app.cli.options import pairs
     from rvsg.app.records import check_writable, read_scenario, write_text
-    from rvsg.app.wiring import check_scenario, requirement_of, world_of
+    from rvsg.app.wiring import check_robot, check_scenario, requirement_of, world_of
     from rvsg.campaign.measuring import Measuring
     from rvsg.campaign.parallel import Simulations
     from rvsg.campaign.shrink import Shrinking, Simplification
@@ -52,6 +52,7 @@ def shrink(
     check_scenario(asked, place)
     wanted = requirement_of(requirement).for_time_limit(asked.mission.route.time_limit_s)
     made = plugins.make("simulator", simulator, pairs("simulator", simulator_option))
+    check_robot(scenario, asked, made)
     prepare = getattr(made, "prepare", None)
     if prepare is not None:
         prepare(say)

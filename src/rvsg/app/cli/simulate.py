@@ -31,7 +31,7 @@ def simulate(
     from rvsg.app import plugins
     from rvsg.app.cli.options import pairs
     from rvsg.app.records import check_writable, read_scenario, runs_text, write_text
-    from rvsg.app.wiring import check_scenario, world_of
+    from rvsg.app.wiring import check_robot, check_scenario, world_of
     from rvsg.campaign.parallel import Simulations
     from rvsg.errors import SimulationError
     from rvsg.simulation.run import Run
@@ -42,6 +42,7 @@ def simulate(
     for doubtful in check_scenario(asked, place):
         say(doubtful)
     made = plugins.make("simulator", simulator, pairs("simulator", simulator_option))
+    check_robot(scenario, asked, made)
     prepare = getattr(made, "prepare", None)
     if prepare is not None:
         prepare(say)
