@@ -2,6 +2,8 @@ from __future__ import annotations
 
 import json
 import os
+import re
+import shlex
 import shutil
 import signal
 import sqlite3
@@ -253,6 +255,27 @@ def test_a_violation_in_few_fresh_runs_fails_the_build_though_fail_or_flaky_is_o
     page = (folder / "report.html").read_text()
     assert '<span class="chip bad">violated</span>' in page
     assert "violates far in 8 of 8 fresh runs; FAIL or FLAKY is still open (INCONCLUSIVE)." in page
+
+
+def test_an_undecided_campaign_says_the_command_that_adds_fresh_runs_to_those_it_made(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    strict = tmp_path / "strict.yaml"
+    strict.write_text("far: {title: Far, text: Keep 100 m., metric: dto, worse: smaller, limit: 100.0}\n")
+    asked = ["--requirement", f"{strict}#far", "--confirmations", "3", "--out", str(tmp_path / "one")]
+    assert main(["run", *SMALL, *asked]) == 0
+    told = re.search(r"the same campaign with more: .*rvsg (run .*)\n", capsys.readouterr().err)
+    assert told is not None
+    again = shlex.split(told[1])
+    assert again[-4:] == ["--out", str(tmp_path / "one-30"), "--confirmations", "30"]
+    assert main(again) == 0
+    assert ": FAIL;" in capsys.readouterr().err
+    seeds = []
+    for name in ("one", "one-30"):
+        with SqliteLedger(tmp_path / name / LEDGER) as ledger:
+            *_, confirmation = ledger.attempts(ledger.campaigns()[0])
+        seeds.append([measured.seed for measured in confirmation.measurements])
+    assert seeds[1][:3] == seeds[0] and len(seeds[1]) == 15
 
 
 def test_a_simulator_that_fails_says_that_what_there_is_is_kept(

@@ -319,7 +319,8 @@ def _show(wired: Wired, summary: Summary, folder: Path, spent_s: float, *, as_js
     """The ranked table, the confirmation, where the report is, and the command that repeats it."""
     from rvsg.app.cli.tables import confirmation_line, ranked_table
     from rvsg.app.folder import REPORT
-    from rvsg.app.wiring import command_for
+    from rvsg.app.wiring import command_for, command_for_more
+    from rvsg.evaluation.verdict import Status
     from rvsg.report.summary import counted
 
     command = command_for(wired.config)
@@ -330,6 +331,10 @@ def _show(wired: Wired, summary: Summary, folder: Path, spent_s: float, *, as_js
         )
     say(ranked_table(wired.plan, summary, width=console().width))
     say(confirmation_line(wired.plan, summary))
+    verdict = summary.confirmed.verdict if summary.confirmed else None
+    if verdict and verdict.status is Status.INCONCLUSIVE:
+        more = as_started(command_for_more(wired.config, summary.accounting.confirmation_runs))
+        say(f"More fresh runs can decide it; the same campaign with more: {more}")
     account = summary.accounting
     say(
         f"{counted(account.search_runs, 'run')} of search and {account.confirmation_runs} of confirmation in "
