@@ -102,3 +102,11 @@ def test_options_of_a_plug_in_are_told_as_they_are_read() -> None:
     words = shlex.split(command_for(CampaignConfig(simulator_options=options)))
     given = [word for option, word in pairwise(words) if option == "--simulator-option"]
     assert pairs("simulator", given) == options
+
+
+@pytest.mark.parametrize(
+    ("requirement", "name"),
+    [("R1", "R1"), ("req/huge.yaml", "huge"), ("req/huge.yaml#f", "f"), ("req/huge.yaml:a b/c", "a_b_c")],
+)
+def test_the_folder_is_named_for_the_requirement_not_for_its_file(requirement: str, name: str) -> None:
+    assert CampaignConfig(requirement=requirement).folder.name == f"warehouse-route_1-{name}-heuristic-study-0"

@@ -87,8 +87,9 @@ class CampaignConfig(Record):
         """Where the campaign is kept."""
         if self.out:
             return Path(self.out)
-        world, requirement = Path(self.world).name, Path(self.requirement).stem
-        return Path("runs") / f"{world}-{self.route}-{requirement}-{self.generator_name}-{self.strategy}-{self.seed}"
+        world, requirement = Path(self.world).name, called(self.requirement)
+        name = f"{world}-{self.route}-{requirement}-{self.generator_name}-{self.strategy}-{self.seed}"
+        return Path("runs") / safe_name(name)
 
     def deciding(self) -> dict[str, Any]:
         """The settings that decide the records, as data."""
@@ -135,6 +136,17 @@ def read_campaign_file(path: Path) -> dict[str, Any]:
 def _beside(path: Path, name: str) -> str:
     """A name as it stands, or as a path where such a thing exists beside the campaign file."""
     return str(path.parent / name) if (path.parent / file_of(name)).exists() else name
+
+
+def called(requirement: str) -> str:
+    """What a requirement is called: its name in its file, or else that of the file."""
+    file = file_of(requirement)
+    return requirement[len(file) + 1 :] or Path(file.removesuffix(".yaml").removesuffix(".yml")).name
+
+
+def safe_name(name: str) -> str:
+    """A name as that of a folder."""
+    return re.sub(r"[^\w.+-]+", "_", name)
 
 
 def file_of(reference: str) -> str:

@@ -82,7 +82,7 @@ class Cell:
 
 def cells_of(from_file: dict[str, Any], given: dict[str, Any]) -> Cells | None:
     """The cells that are asked for, those kept in the folder included; None where it is one ordinary campaign."""
-    from rvsg.app.config import CampaignConfig, effective
+    from rvsg.app.config import CampaignConfig, called, effective
     from rvsg.app.places import FROM, as_kept
     from rvsg.app.places import places as places_of
 
@@ -100,7 +100,8 @@ def cells_of(from_file: dict[str, Any], given: dict[str, Any]) -> Cells | None:
     rest = {key: value for key, value in values.items() if key not in LISTED}
     world = rest.get("world", "warehouse")
     routes, requirements = _every(names, places.get(world, world))
-    default = effective(None, {}, rest | {"route": "+".join(names["route"]), "requirement": "+".join(requirements)})
+    together = {"route": "+".join(names["route"]), "requirement": "+".join(map(called, requirements))}
+    default = effective(None, {}, rest | together)
     rest["out"] = str(default.folder)
     _same(stored, values, default.folder)
     every = tuple(itertools.product(routes, requirements))
@@ -292,7 +293,7 @@ def _every(names: dict[str, list[str]], world: str) -> tuple[tuple[str, ...], tu
 
 def _wired(cells: Cells) -> list[Cell]:
     """Every cell with its parts made, so that a mistake in any of them is told before one begins."""
-    from rvsg.app.config import effective
+    from rvsg.app.config import effective, safe_name
     from rvsg.app.wiring import wire
 
     found: dict[str, Cell] = {}
@@ -301,7 +302,7 @@ def _wired(cells: Cells) -> list[Cell]:
         values = cells.values | share | {"route": route, "requirement": requirement}
         wired = wire(effective(None, {}, values), cells.places)
         name = f"{wired.plan.mission.route.name}-{wired.plan.requirement.name}"
-        folder = cells.folder / re.sub(r"[^\w.+-]+", "_", name)
+        folder = cells.folder / safe_name(name)
         if name in found:
             raise InputError(f"Two of the requirements are called {wired.plan.requirement.name}. Rename one of them.")
         if any(folder == cell.folder for cell in found.values()):
