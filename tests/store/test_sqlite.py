@@ -203,7 +203,7 @@ def test_an_altered_run_is_noticed(tmp_path: Path, change: str) -> None:
     connection.execute(f"UPDATE runs SET {change}")
     connection.commit()
     connection.close()
-    with SqliteLedger(path) as ledger, pytest.raises(StoreError, match=run.id):
+    with pytest.raises(StoreError, match=run.id), SqliteLedger(path) as ledger:
         ledger.find(run.id)
 
 
@@ -283,7 +283,7 @@ def test_a_single_number_changed_in_the_arrays_of_a_run_is_noticed(tmp_path: Pat
         ledger.keep(run)
     run.trajectory.x[3] += 1e-9
     altered(path, ("UPDATE runs SET arrays = ?", (pack(run)[1],)))  # whole, and of the right shape
-    with SqliteLedger(path) as ledger, pytest.raises(StoreError, match="checksum") as refused:
+    with pytest.raises(StoreError, match="checksum") as refused, SqliteLedger(path) as ledger:
         ledger.find(run.id)
     assert str(path) in str(refused.value) and run.id in str(refused.value)
 
@@ -343,3 +343,18 @@ def test_a_store_that_may_not_be_written_is_read_with_what_a_killed_campaign_lef
     monkeypatch.setattr("os.access", lambda *_: False)
     with SqliteLedger.existing(copy / "a.sqlite") as ledger:
         assert list(ledger.attempts("test")) == [first, second]
+
+
+def test_damage_anywhere_in_the_file_is_told_when_it_is_opened(tmp_path: Path) -> None:
+    attempt, run = an_attempt()
+    path = tmp_path / "a.sqlite"
+    with SqliteLedger(path) as ledger:
+        ledger.begin("test", {"some": "settings"})
+        ledger.append(attempt, [run])
+    whole = path.read_bytes()
+    arrays = whole.index(b"PK\x03\x04")
+    for begin, length in ((arrays + 50, 8), (len(whole) // 2, 9000)):
+        path.write_bytes(whole[:begin] + b"\xa5" * length + whole[begin + length :])
+        for opened in (SqliteLedger, SqliteLedger.existing):
+            with pytest.raises(StoreError, match=r"restore it from a copy, or repeat the campaign"):
+                opened(path)

@@ -99,9 +99,21 @@ class SqliteLedger:
                 if not self.readonly:
                     _migrate(connection, self.path)
                 self._version = _version(connection, self.path)
+                self._check(connection)
         except StoreError:
             self.close()
             raise
+
+    def _check(self, connection: sa.Connection) -> None:
+        """Read all of the file once: damage is to be told before work is built on it, not where it happens to show."""
+        told = str(connection.exec_driver_sql("PRAGMA quick_check(1)").scalar_one())
+        if told != "ok":
+            raise self._damaged(told.splitlines()[-1])
+        if self._version < _CHECKSUMS_SINCE:
+            return
+        for row in connection.execute(sa.select(_runs.c.id, _runs.c.header, _runs.c.arrays, _runs.c.checksum)):
+            if not _is_whole(row):
+                raise self._damaged(f"{row.id} is not what was stored: it lost the checksum it was kept with")
 
     def __enter__(self) -> Self:
         return self
@@ -218,7 +230,7 @@ class SqliteLedger:
             row = connection.execute(query).one_or_none()
         if row is None:
             return None
-        if row.checksum is not None and row.checksum != _checksum(row.header, row.arrays):
+        if not _is_whole(row):
             raise self._damaged(f"{run_id} is not what was stored: it lost the checksum it was kept with")
         try:
             run = unpack(row.header, row.arrays)
@@ -286,6 +298,17 @@ def _keep(connection: sa.Connection, run: Run) -> None:
     kept = {"header": header, "arrays": arrays, "checksum": _checksum(header, arrays)}
     row = {"id": run.id, "scenario_id": run.scenario_id, "seed": run.seed} | kept
     connection.execute(_runs.insert().values(row))
+
+
+def _is_whole(row: Any) -> bool:
+    """Whether a run is as it was kept; of one that was kept before there were checksums nobody can say."""
+    if row.checksum is None:
+        return True
+    return (
+        isinstance(row.header, str)
+        and isinstance(row.arrays, bytes)
+        and row.checksum == _checksum(row.header, row.arrays)
+    )
 
 
 def _checksum(header: str, arrays: bytes) -> str:
