@@ -498,6 +498,15 @@ def test_a_device_that_is_no_file_of_ours_may_be_written(monkeypatch: pytest.Mon
     check_writable(Path("/dev/null"))
 
 
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="needs a folder that takes no file, whatever its rights")
+def test_a_junit_file_that_cannot_be_made_is_told_before_the_campaign(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["run", *SMALL, "--out", str(tmp_path / "new"), "--junit", "/proc/x.xml"]) == 2
+    assert "/proc/x.xml: the file cannot be written: /proc is no folder" in capsys.readouterr().err
+    assert not (tmp_path / "new").exists()
+
+
 @pytest.mark.skipif(not Path("/dev/full").is_char_device(), reason="needs a device that is always full")
 @pytest.mark.parametrize("stream", ["stdout", "stderr"])
 def test_a_full_disk_is_no_defect_of_the_program(tmp_path: Path, a_run: dict, stream: str) -> None:

@@ -61,8 +61,13 @@ def check_writable(path: Path) -> None:
     if path.exists() and not path.is_file():
         return  # a device or a pipe is written to where it is
     nearest = next((folder for folder in path.parents if folder.exists()), Path())
-    if not nearest.is_dir() or not os.access(nearest, os.W_OK | os.X_OK):
-        raise FileError(path, f"the file cannot be written: {nearest} is no folder that can be written.")
+    probe = nearest / f".{path.name}.{os.getpid()}"
+    try:  # what a system says of its rights is not all: nobody makes a file in /proc
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        reason = f"{nearest} is no folder that can be written ({error.strerror})"
+        raise FileError(path, f"the file cannot be written: {reason}.") from None
 
 
 def read_record(path: Path, kind: type[Kept]) -> Kept:
