@@ -1,6 +1,8 @@
 import pytest
 
 from rvsg.errors import FileError, UnknownName
+from rvsg.generation.facts import requirement_facts
+from rvsg.report.reference import requirements_page
 from rvsg.scenario.requirements import load_requirement, load_requirements, shipped_requirements
 
 
@@ -49,3 +51,10 @@ def test_an_unknown_name_is_answered_with_the_nearest():
 def test_a_missing_file_is_said_to_be_missing(tmp_path):
     with pytest.raises(FileError):
         load_requirement(tmp_path / "absent.yaml")
+
+
+def test_r1_says_that_only_people_are_measured_in_words_that_no_prompt_holds():
+    r1 = shipped_requirements()["R1"]
+    assert "Only people are measured" in r1.note and "not the nearest approach" in r1.note
+    assert r1.note not in "".join(str(value) for value in requirement_facts(r1).values())
+    assert r1.note in requirements_page()

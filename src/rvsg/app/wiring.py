@@ -32,7 +32,7 @@ from rvsg.world.load import load_world
 from rvsg.world.space import robot_space
 from rvsg.world.world import Route, World
 
-WORDS = ("title", "text", "unit", "measured_as", "source")
+WORDS = ("title", "text", "unit", "measured_as", "note", "source")
 """What of a requirement is said and decides no verdict."""
 
 VLM_OPTIONS = (

@@ -16,12 +16,15 @@ GOAL_ZEROED_M = 0.25
 
 
 def distance_to_obstacles(s: Sampled) -> float | None:
-    """dto = (1/T) sum_t min_i |p_robot(t) - p_i(t)|, centre to centre, over the humans i."""
+    """dto = (1/T) sum_t min_i |p_robot(t) - p_i(t)|, centre to centre, over the humans i: people alone, no walls."""
     return float(s.distance.min(axis=1).mean()) if s.people else None
 
 
 def distance_to_obstacles_logged(s: Sampled) -> float | None:
-    """Mean over samples of max(0, min_i (|p_robot - p_i| - r_robot - r_i)): surface to surface, clamped at 0."""
+    """Mean over samples of max(0, min_i (|p_robot - p_i| - r_robot - r_i)): surface to surface, clamped at 0.
+
+    People alone, no walls.
+    """
     return float(s.clamped_gap.mean()) if s.people else None
 
 

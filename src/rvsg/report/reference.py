@@ -72,5 +72,8 @@ def requirements_page() -> str:
             if requirement.limit_share is not None:
                 limit = f"{requirement.limit_share:.0%} of the route's time limit"
             measure = f"`{requirement.metric}`; violated {beyond} {limit}"
-        lines.append(f"## `{name}`: {requirement.title}\n\n{requirement.text}\n\n{measure}.\n\n{requirement.source}\n")
+        if requirement.measured_as:
+            measure += f". Measured: {requirement.measured_as}"
+        said = [requirement.text, f"{measure}.", requirement.note, requirement.source]
+        lines.append("\n\n".join([f"## `{name}`: {requirement.title}", *filter(None, said)]) + "\n")
     return "\n".join(lines)

@@ -12,7 +12,8 @@ from rvsg.world.records import Record
 class Requirement(Record):
     """A requirement on the robot.
 
-    `text` is what the VLM and the report read, `measured_as` how the objective is measured, in plain words.
+    `text` is what the VLM and the report read, `measured_as` how the objective is measured, in plain words; `note` is
+    what people should know beside that, and no VLM reads it.
     Exactly one of `metric` (the id of a metric) and `formula` (signal temporal logic; its robustness is the
     objective, smaller is worse, violated below 0) is given.
     `limit`: the requirement is violated where the objective is beyond it in the `worse` direction;
@@ -30,6 +31,7 @@ class Requirement(Record):
     limit_share: Annotated[float, Field(gt=0)] | None = None
     unit: str = ""
     measured_as: str = ""
+    note: str = ""
     source: str = ""
 
     @model_validator(mode="after")
