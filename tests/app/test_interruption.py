@@ -108,10 +108,14 @@ def test_ctrl_c_while_the_workers_start_ends_in_order_and_resumes(tmp_path: Path
             "try:\n        signal.raise_signal(2)\n    finally:\n        signal.raise_signal(15)\n",
             f"{AT_ONCE}\n",
         ),
+        (
+            "with interruption.interruptible() as one, one.at_once('Begin again.'):\n        signal.raise_signal(2)\n",
+            "Begin again.\n",
+        ),
         ("threading.Thread(target=time.sleep, args=(50,)).start()\n    return 3\n", ""),
         ("import atexit\n    atexit.register(signal.raise_signal, signal.SIGINT)\n    return 3\n", ""),
     ],
-    ids=["asked twice", "a thread is left", "asked while it leaves"],
+    ids=["asked twice", "asked while it compiles", "a thread is left", "asked while it leaves"],
 )
 def test_a_process_that_was_interrupted_is_soon_gone_without_a_word_of_python(work: str, told: str) -> None:
     done = ended(

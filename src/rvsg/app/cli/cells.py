@@ -127,6 +127,7 @@ def _asked(every: Sequence[Pair], given: Sequence[bool], kept: Sequence[Pair]) -
 
 def run_cells(cells: Cells, *, as_json: bool) -> int:
     """Run or resume the campaigns of all cells, show what was found, and return the exit code."""
+    from rvsg.app.cli.interruption import interruptible
     from rvsg.app.folder import CELLS, alone_in, check_out, make_folder, store_of
     from rvsg.app.places import FROM
     from rvsg.app.records import check_writable
@@ -153,7 +154,8 @@ def run_cells(cells: Cells, *, as_json: bool) -> int:
         if share := _share_of_budget(cells):
             told = ", ".join(f"--{key.replace('_', '-')} {value:g}" for key, value in share.items())
             say(f"The budget is for all of them together; each may spend its part: {told}.")
-        all_of_them[0].wired.warm_up(say)
+        with interruptible() as interruption, interruption.at_once(f"Interrupted. Resume with: {_resume(cells)}"):
+            all_of_them[0].wired.warm_up(say)
         _run_all(all_of_them, jobs, _resume(cells), cells.begun_in)
         kept = {path: found for path in folders_in(cells.folder) if (found := found_in(path)) is not None}
         write_overview_in(cells.folder, kept)

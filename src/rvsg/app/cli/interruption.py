@@ -32,11 +32,24 @@ class Interruption:
     def __init__(self) -> None:
         self.asked = False
         self.code = Interrupted.exit_code
+        self._last_word: str | None = None
 
     def check(self) -> None:
         """Raise KeyboardInterrupt where somebody asked for the end."""
         if self.asked:
             raise KeyboardInterrupt
+
+    @contextlib.contextmanager
+    def at_once(self, last_word: str) -> Iterator[None]:
+        """While nothing is under way that could be lost, the first signal ends the process, after a last word.
+
+        A compiler that is interrupted within its callbacks may hang or crash.
+        """
+        self._last_word = last_word
+        try:
+            yield
+        finally:
+            self._last_word = None
 
     def leave(self, code: int) -> None:
         """The work is done. Where it was interrupted, nothing can change its code any more, nor hold it for long.
@@ -52,10 +65,10 @@ class Interruption:
             held.start()
 
     def _heard(self, number: int, frame: FrameType | None) -> None:
-        if self.asked:
+        if self.asked or self._last_word is not None:
             cursor = SHOW_CURSOR if os.isatty(2) else ""  # a progress bar hides it
             with contextlib.suppress(OSError):
-                os.write(2, f"{cursor}{AT_ONCE}\n".encode())
+                os.write(2, f"{cursor}{self._last_word or AT_ONCE}\n".encode())
             os._exit(self.code)
         self.asked = True
         raise KeyboardInterrupt

@@ -254,7 +254,8 @@ def _work(wired: Wired, ledger: Any, folder: Path, *, resumed: bool) -> list[Att
     try:
         with interruptible() as interruption:
             if len(known) < plan.attempts or not any(a.purpose == "confirmation" for a in known):
-                wired.warm_up(say)
+                with interruption.at_once(f"Interrupted before a run was made. {how}"):
+                    wired.warm_up(say)
             with (
                 CampaignProgress(plan, known, check=interruption.check) as progress,
                 wired.simulations(ledger, say) as simulations,
