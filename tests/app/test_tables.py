@@ -7,7 +7,7 @@ from rich.console import Console
 from tests.campaign.parts import MemoryLedger
 from tests.report.test_page import campaign
 
-from rvsg.app.cli.tables import cells_table, without_common_beginning
+from rvsg.app.cli.tables import cells_table, ranked_table, without_common_beginning
 from rvsg.campaign.plan import Plan
 from rvsg.evaluation.verdict import Status
 from rvsg.report.summary import Summary, summarise
@@ -52,6 +52,26 @@ def test_a_violation_of_which_fail_or_flaky_is_open_is_marked(found: tuple[Plan,
     assert "INCONCLUSIVE†" in "".join(lines)
     assert lines[-1].rstrip() == "† violated; FAIL or FLAKY is still open."
     assert "†" not in "".join(drawn(found, width=80))
+
+
+def test_a_long_objective_takes_its_room_from_the_description_and_not_from_the_rank(
+    found: tuple[Plan, Summary],
+) -> None:
+    the_plan, summary = found
+    values = {
+        "mean": -0.7461,
+        "interval": (-0.7841, -0.7071),
+        "status": Status.INCONCLUSIVE,
+        "violations": 2,
+        "runs": 2,
+    }
+    ranking = tuple(entry.replace(verdict=entry.verdict.replace(**values)) for entry in summary.ranking)
+    paper = io.StringIO()
+    Console(file=paper, width=80).print(ranked_table(the_plan, summary.replace(ranking=ranking), width=80))
+    lines = paper.getvalue().splitlines()
+    assert all(len(line) <= 80 for line in lines) and "verdict, violated runs" in paper.getvalue()
+    row = next(line for line in lines if line.split()[:1] == ["1"])
+    assert "-0.746 [-0.784, -0.707] m" in row and "INCONCLUSIVE† 2/2" in row
 
 
 def test_words_that_all_begin_with_are_left_away() -> None:

@@ -16,8 +16,10 @@ from rvsg.evaluation.judge import DEFAULT, OPEN, still_open
 from rvsg.evaluation.verdict import Status, Verdict
 from rvsg.report.summary import Summary, counted, interval, number, status_in_words
 
-WITHOUT_SCENARIO = 56
-"""Characters of a row without the scenario's description."""
+WITHOUT_TEXT = 35
+"""Characters of a row without the scenario's description and the objective."""
+OBJECTIVE = 21
+"""Characters that an objective usually takes at most."""
 
 STYLES = {
     Status.PASS: "green",
@@ -55,12 +57,14 @@ def ranked_table(plan: Plan, summary: Summary, *, width: int = 80, rows: int = 1
         pad_edge=False,
     )
     table.add_column("#", justify="right", no_wrap=True)
-    room = max(16, width - WITHOUT_SCENARIO)
+    shown = summary.ranking[:rows]
+    longest = max([OBJECTIVE, *(len(interval(entry.verdict, requirement.unit)) for entry in shown)])
+    room = max(12, width - WITHOUT_TEXT - longest)
     table.add_column("scenario", overflow="ellipsis", no_wrap=True, max_width=room)
     table.add_column("objective [95 %]", justify="right", no_wrap=True)
     table.add_column("verdict, violated runs", no_wrap=True)
-    names = without_common_beginning([" ".join(entry.description.split()) for entry in summary.ranking[:rows]])
-    for entry, name in zip(summary.ranking[:rows], names, strict=True):
+    names = without_common_beginning([" ".join(entry.description.split()) for entry in shown])
+    for entry, name in zip(shown, names, strict=True):
         verdict = entry.verdict
         counted = f" {verdict.violations}/{verdict.runs}" if requirement.threshold is not None else ""
         table.add_row(
