@@ -65,7 +65,10 @@ def test_a_long_objective_takes_its_room_from_the_description_and_not_from_the_r
         "violations": 2,
         "runs": 2,
     }
-    ranking = tuple(entry.replace(verdict=entry.verdict.replace(**values)) for entry in summary.ranking)
+    ranking = tuple(
+        entry.replace(verdict=entry.verdict.replace(**values), description=f"{entry.scenario} {'pick goods ' * 9}")
+        for entry in summary.ranking
+    )
     paper = io.StringIO()
     Console(file=paper, width=80).print(ranked_table(the_plan, summary.replace(ranking=ranking), width=80))
     lines = paper.getvalue().splitlines()
