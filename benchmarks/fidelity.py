@@ -38,7 +38,7 @@ from scipy import stats
 
 from fidelity_runs import METRICS, Results, map_folder, simulate_all, world_of
 from published_runs import METHODS, Configuration, LeftOut, repeated, routes_in, singles
-from rvsg.errors import InputError
+from rvsg.core.errors import InputError
 from rvsg.evaluation.statistics import vargha_delaney
 
 RESAMPLES = 200

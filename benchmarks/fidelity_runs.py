@@ -14,7 +14,7 @@ from loky import get_reusable_executor
 
 from published_runs import EARLY_STARTS_REPEATED, FROZEN_M, Configuration, Values, resting_pose
 from published_world import published_world
-from rvsg.errors import InputError
+from rvsg.core.errors import InputError
 from rvsg.evaluation.metrics import measure
 from rvsg.simulation.embedded import simulate_agents
 from rvsg.simulation.options import profile

@@ -11,12 +11,12 @@ from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
 
-from rvsg.errors import InputError
+from rvsg.core.errors import InputError
+from rvsg.core.records import Pose
 from rvsg.scenario.agents import HumanAgent
-from rvsg.scenario.study_format import read_study_configuration
 from rvsg.simulation.robot import MAX_V_M_S
+from rvsg.study.study_format import read_study_configuration
 from rvsg.world.grid import Grid
-from rvsg.world.records import Pose
 
 METHODS = ("distance", "jerk", "reach", "no_req", "random")
 COLUMNS = {

@@ -16,8 +16,8 @@ import numpy as np
 import yaml
 from PIL import Image
 
-from rvsg.world.load import load_world
-from rvsg.world.records import Pose
+from rvsg.core.records import Pose
+from rvsg.world.io.load import load_world
 from rvsg.world.world import OccupancyMap, Polygon, SolidObject, World
 
 MAP_OFFSET_M = (0.15, 0.13)

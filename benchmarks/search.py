@@ -14,17 +14,17 @@ from pathlib import Path
 
 import numpy as np
 
-from rvsg.app import plugins
-from rvsg.app.wiring import Measuring
+from rvsg.api.wiring import Measuring
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.loop import Parts, confirm, feedback_from, run_campaign
 from rvsg.campaign.parallel import Simulations
 from rvsg.campaign.plan import Plan
+from rvsg.core import plugins
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.requirements import load_requirement
 from rvsg.scenario.scenario import Mission
 from rvsg.simulation.run import Run
-from rvsg.world.load import load_world
+from rvsg.world.io.load import load_world
 from rvsg.world.world import World
 
 

@@ -69,7 +69,7 @@ def compilation_s() -> float:
 def benchmark(humans: list[int], episodes: int, compile_first: bool) -> dict[str, Any]:
     """All figures."""
     from rvsg.simulation import embedded
-    from rvsg.world.load import load_world
+    from rvsg.world.io.load import load_world
 
     world = load_world("warehouse")
     warm_s = embedded.warm_up(lambda line: print(line, file=sys.stderr))

@@ -40,10 +40,10 @@ def hall(side: int, seed: int = 1) -> np.ndarray:
 
 def measure(side: int) -> dict[str, object]:
     """Seconds of import (with labels, grid and routes), saving and pictures."""
-    from rvsg.world.birdseye import birdseye
-    from rvsg.world.create import world_from_map
-    from rvsg.world.picture import grid_picture, labelled_map, png_bytes
-    from rvsg.world.save import save_world
+    from rvsg.world.authoring.create import world_from_map
+    from rvsg.world.drawing import grid_picture, labelled_map, png_bytes
+    from rvsg.world.drawing.birdseye import birdseye
+    from rvsg.world.io.save import save_world
 
     seconds: dict[str, float] = {}
     busy = time.process_time()

@@ -2,7 +2,7 @@
 
 import sys
 
-from rvsg.app.cli import main
+from rvsg.cli import main
 
 if __name__ == "__main__":
     sys.exit(main())

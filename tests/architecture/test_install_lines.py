@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from rvsg.errors import how_to_install
+from rvsg.core.errors import how_to_install
 
 ROOT = Path(__file__).parents[2]
 READ = [ROOT / "README.md", *(ROOT / "docs").rglob("*.md"), *(ROOT / "src").rglob("*.py")]

@@ -6,16 +6,16 @@ import pytest
 
 PUBLIC = {
     "rvsg": ["__version__"],
-    "rvsg.errors": [
+    "rvsg.core.errors": [
         *("RvsgError", "InputError", "FileError", "UnknownName", "InvalidScenario", "SimulationError"),
         *("GenerationError", "ModelUnavailable", "BudgetSpent", "ReplayDiverged", "StoreError", "NewerStore"),
         "Interrupted",
     ],
     "rvsg.world.world": ["World", "Area", "Route", "SolidObject", "OccupancyMap", "OrientedBox", "Description"],
     "rvsg.world.grid": ["Grid", "Waypoint"],
-    "rvsg.world.load": ["load_world", "shipped_worlds"],
-    "rvsg.world.picture": ["labelled_map", "grid_picture", "png_bytes"],
-    "rvsg.world.records": ["Record", "Pose", "canonical_json", "content_id"],
+    "rvsg.world.io.load": ["load_world", "shipped_worlds"],
+    "rvsg.world.drawing": ["labelled_map", "grid_picture", "png_bytes"],
+    "rvsg.core.records": ["Record", "Pose", "canonical_json", "content_id"],
     "rvsg.scenario.scenario": ["Mission", "HumanConfiguration", "Human", "Task", "Pause", "Behaviour", "Scenario"],
     "rvsg.scenario.requirement": ["Requirement"],
     "rvsg.scenario.requirements": ["load_requirement", "shipped_requirements"],
@@ -41,7 +41,7 @@ PUBLIC = {
     "rvsg.campaign.conformance": ["check_strategy", "check_ledger"],
     "rvsg.store.sqlite": ["SqliteLedger"],
     "rvsg.report.page": ["render_page", "write_page"],
-    "rvsg.app.cli": ["main", "VERBS"],
+    "rvsg.cli": ["main", "VERBS"],
 }
 
 

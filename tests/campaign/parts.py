@@ -22,7 +22,7 @@ from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Scenario,
 from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.simulation.run import Run
 from rvsg.simulation.simulator import Simulator
-from rvsg.world.load import load_world
+from rvsg.world.io.load import load_world
 from rvsg.world.world import World
 
 REQUIREMENT = Requirement(

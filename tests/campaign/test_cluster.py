@@ -15,7 +15,7 @@ from rvsg.campaign.elite import EliteStrategy
 from rvsg.campaign.loop import feedback_from, run_campaign
 from rvsg.campaign.parallel import Simulations
 from rvsg.campaign.plan import Plan
-from rvsg.errors import InputError, SimulationError
+from rvsg.core.errors import InputError, SimulationError
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.simulation.run import Run

@@ -17,9 +17,9 @@ from rvsg.campaign.loop import feedback_from, run_campaign
 from rvsg.campaign.measuring import Measuring
 from rvsg.campaign.parallel import Simulations
 from rvsg.campaign.ranking import best_attempt, ranking, rule, worst_by_mean
-from rvsg.campaign.seeds import fresh_seeds
 from rvsg.campaign.strategies import ClimbStrategy, RandomStrategy, StudyStrategy, UnguidedStrategy
-from rvsg.errors import BudgetSpent, SimulationError
+from rvsg.core.errors import BudgetSpent, SimulationError
+from rvsg.core.seeds import fresh_seeds
 from rvsg.evaluation.judge import judge
 from rvsg.evaluation.verdict import Status
 from rvsg.generation.generator import Proposal

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from rvsg.world.load import load_world
+from rvsg.world.io.load import load_world
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 from search import options, plan_of

@@ -1,7 +1,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rvsg.campaign.seeds import fresh_seeds, seed_for
+from rvsg.core.seeds import fresh_seeds, seed_for
 
 SEEDS = st.integers(0, 2**63)
 

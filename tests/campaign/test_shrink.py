@@ -5,11 +5,11 @@ from pathlib import Path
 import pytest
 from tests.campaign.parts import REQUIREMENT, Counted, measure, warehouse
 
-from rvsg.app.cli import main
 from rvsg.campaign.measuring import Measuring
 from rvsg.campaign.parallel import Simulations
 from rvsg.campaign.shrink import Shrinking, simpler, size
-from rvsg.errors import InputError
+from rvsg.cli import main
+from rvsg.core.errors import InputError
 from rvsg.scenario.scenario import Behaviour, Human, HumanConfiguration, Mission, Pause, Scenario, Task
 from rvsg.scenario.validity import check
 

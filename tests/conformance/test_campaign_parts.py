@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 from tests.campaign.parts import WalkGenerator, plan, warehouse
 
-from rvsg.app import plugins
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.conformance import check_ledger, check_strategy
 from rvsg.campaign.strategies import StudyStrategy
+from rvsg.core import plugins
 from rvsg.generation.generator import Proposal
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.scenario import Scenario

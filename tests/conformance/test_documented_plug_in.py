@@ -8,8 +8,8 @@ from types import ModuleType
 
 import pytest
 
-from rvsg.app import plugins
-from rvsg.app.cli import main
+from rvsg.cli import main
+from rvsg.core import plugins
 
 PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "write-a-plug-in.md"
 

@@ -7,7 +7,7 @@ from rvsg.generation.conformance import check_generator, odd_briefs
 from rvsg.generation.generator import Generator
 from rvsg.generation.heuristic import HeuristicGenerator
 from rvsg.scenario.scenario import Mission
-from rvsg.world.load import load_world, shipped_worlds
+from rvsg.world.io.load import load_world, shipped_worlds
 
 GENERATORS: list[Generator] = [RandomGenerator(), HeuristicGenerator(tries=5, changes=10)]
 

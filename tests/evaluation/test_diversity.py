@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rvsg.errors import InputError
+from rvsg.core.errors import InputError
 from rvsg.evaluation import sentences
 from rvsg.evaluation.diversity import (
     description_diversity,

@@ -5,7 +5,7 @@ import pytest
 from tests.evaluation.runs import run_of, trajectory
 
 from rvsg.evaluation.metrics import measure
-from rvsg.world.load import load_world
+from rvsg.world.io.load import load_world
 from rvsg.world.space import human_space, robot_space
 
 

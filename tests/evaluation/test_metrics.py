@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.evaluation.runs import run_of, trajectory
 
-from rvsg.errors import UnknownName
+from rvsg.core.errors import UnknownName
 from rvsg.evaluation.metrics import METRICS, measure
 from rvsg.simulation.run import Outcome
 

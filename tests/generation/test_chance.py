@@ -9,7 +9,7 @@ from rvsg.scenario.scenario import Mission
 from rvsg.scenario.validity import warnings
 from rvsg.scenario.validity.sides import parts_of
 from rvsg.world.grid import Grid
-from rvsg.world.load import load_world
+from rvsg.world.io.load import load_world
 
 WORLD = load_world("warehouse")
 MISSION = Mission(world="warehouse", world_id=WORLD.id, route=WORLD.route("route_1"))

@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 import pytest
 
-from rvsg.errors import BudgetSpent, InputError, ModelUnavailable, ReplayDiverged, UnknownName
+from rvsg.core.errors import BudgetSpent, InputError, ModelUnavailable, ReplayDiverged, UnknownName
 from rvsg.generation.conformance import check_generator, odd_briefs
 from rvsg.generation.conversation import VlmGenerator
 from rvsg.generation.generator import Proposal

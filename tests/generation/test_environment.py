@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from rvsg.errors import FileError, GenerationError, InputError
+from rvsg.core.errors import FileError, GenerationError, InputError
 from rvsg.generation.conversation import VlmGenerator
 from rvsg.generation.environment import (
     EnvironmentDialogue,
@@ -20,8 +20,8 @@ from rvsg.generation.environment import (
 from rvsg.generation.prompts import Prompts
 from rvsg.generation.vlm.model import Scripted
 from rvsg.scenario.brief import Brief
-from rvsg.world.load import SHIPPED, load_world
-from rvsg.world.save import save_world
+from rvsg.world.io.load import SHIPPED, load_world
+from rvsg.world.io.save import save_world
 from rvsg.world.world import Description, World
 
 TEXTS = {"layout": "Shelves in the north: six of them.\nBoxes # left.", "grid": "Row E is the main way: E1 to E22."}

@@ -16,7 +16,7 @@ from rvsg.generation.forecast import (
 from rvsg.generation.ground import Ground, nearest_on
 from rvsg.scenario.brief import Feedback, Sample
 from rvsg.scenario.scenario import Human, HumanConfiguration, Pause, Scenario, Task
-from rvsg.world.load import load_world
+from rvsg.world.io.load import load_world
 
 GROUND = Ground(WORLD, MISSION.route)
 FAR = human("E1 → E2: E1 E2", "E2 → E1: E2 E1")

@@ -18,7 +18,7 @@ from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Behaviour, ForceFactors, Human, HumanConfiguration, Mission, Scenario, Task
 from rvsg.scenario.validity import warnings
 from rvsg.scenario.validity.sides import parts_of, sides
-from rvsg.world.load import load_world
+from rvsg.world.io.load import load_world
 
 WORLD = load_world("warehouse")
 MISSION = Mission(world="warehouse", world_id=WORLD.id, route=WORLD.route("route_1"))

@@ -23,7 +23,7 @@ from tests.generation.loopback import (
     sleeps,
 )
 
-from rvsg.errors import BudgetSpent, InputError, ModelUnavailable
+from rvsg.core.errors import BudgetSpent, InputError, ModelUnavailable
 from rvsg.generation.vlm.access import Limits, ModelAccess
 from rvsg.generation.vlm.budget import Budget, Budgeted
 from rvsg.generation.vlm.faults import Fault, _said

@@ -6,11 +6,11 @@ from pathlib import Path
 import pytest
 from jinja2 import Environment, meta
 
-from rvsg.errors import FileError, UnknownName
+from rvsg.core.errors import FileError, UnknownName
 from rvsg.generation.facts import route_facts
 from rvsg.generation.prompts import SHIPPED, Prompts, block, declared_variables, number, quoted, shipped_prompts
 from rvsg.scenario.requirements import shipped_requirements
-from rvsg.world.load import load_world
+from rvsg.world.io.load import load_world
 
 
 def test_the_seven_templates_of_the_method_are_there() -> None:

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from rvsg.app.demos import CAMPAIGN, demo_folder, demos, recorded_description
-from rvsg.errors import ReplayDiverged
+from rvsg.api.demos import CAMPAIGN, demo_folder, demos, recorded_description
+from rvsg.core.errors import ReplayDiverged
 from rvsg.generation.conversation import VlmGenerator
 from rvsg.generation.environment import EnvironmentDialogue
 from rvsg.generation.facts import human_names
@@ -22,7 +22,7 @@ from rvsg.scenario.brief import Brief
 from rvsg.scenario.requirements import load_requirement
 from rvsg.scenario.scenario import Mission, Scenario
 from rvsg.scenario.validity import check
-from rvsg.world.load import load_world
+from rvsg.world.io.load import load_world
 from rvsg.world.world import World
 
 GOLDEN = Path(__file__).parent / "recorded_configurations.json"

@@ -4,10 +4,10 @@ import pytest
 from tests.published_data import published_data
 
 from rvsg.evaluation.metrics import measure
-from rvsg.report.import_study import import_study
-from rvsg.report.study_folder import EXACT, TOLERANCE
 from rvsg.store.sqlite import SqliteLedger
-from rvsg.world.load import load_world
+from rvsg.study.import_study import import_study
+from rvsg.study.study_folder import EXACT, TOLERANCE
+from rvsg.world.io.load import load_world
 
 FOLDER = published_data()
 pytestmark = pytest.mark.skipif(FOLDER is None, reason="the published study's data is not here")

@@ -6,10 +6,10 @@ import pytest
 from tests.published_data import published_data
 
 from rvsg.evaluation.sentences import model_folder
-from rvsg.report.import_study import import_study
-from rvsg.report.table_files import shown, write_tables
 from rvsg.store.sqlite import SqliteLedger
-from rvsg.world.load import load_world
+from rvsg.study.import_study import import_study
+from rvsg.study.table_files import shown, write_tables
+from rvsg.world.io.load import load_world
 
 FOLDER = published_data()
 pytestmark = pytest.mark.skipif(FOLDER is None, reason="the published study's data is not here")

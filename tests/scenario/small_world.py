@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from rvsg.core.records import Pose
 from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Task
 from rvsg.world.grid import Grid, Waypoint
-from rvsg.world.records import Pose
 from rvsg.world.world import Area, OccupancyMap, Route, World
 
 SHELF = {"C3", "C4", "C5"}

@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 from tests.published_data import published_data
 
-from rvsg.errors import FileError, InputError, UnknownName
+from rvsg.core.errors import FileError, InputError, UnknownName
 from rvsg.scenario.agents import decode, reaction_of
 from rvsg.scenario.scenario import Behaviour, Human, HumanConfiguration, Pause, Task
-from rvsg.scenario.study_format import decode_study, read_study_configuration
+from rvsg.study.study_format import decode_study, read_study_configuration
 from rvsg.world.grid import Grid, Waypoint
 
 
@@ -101,7 +101,7 @@ def test_every_published_file_decodes_with_the_known_number_of_dropped_names() -
     data = published_data()
     if data is None:
         pytest.skip("the published data is not here")
-    from rvsg.world.load import load_world
+    from rvsg.world.io.load import load_world
 
     known = load_world("warehouse").grid
     files = [

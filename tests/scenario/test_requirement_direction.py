@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from rvsg.errors import FileError
+from rvsg.core.errors import FileError
 from rvsg.scenario.requirements import load_requirement
 
 SMOOTH = "smooth: {title: Smooth, text: No jerks., metric: jerk, limit: 3%s}\n"

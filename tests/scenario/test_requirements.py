@@ -1,6 +1,6 @@
 import pytest
 
-from rvsg.errors import FileError, UnknownName
+from rvsg.core.errors import FileError, UnknownName
 from rvsg.generation.facts import requirement_facts
 from rvsg.report.reference import requirements_page
 from rvsg.scenario.requirements import load_requirement, load_requirements, shipped_requirements

@@ -9,7 +9,7 @@ from tests.published_data import published_data
 
 from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Task
 from rvsg.scenario.validity import check, repair
-from rvsg.world.load import load_world
+from rvsg.world.io.load import load_world
 
 WORLD = load_world("warehouse")
 MISSION = Mission(world="warehouse", world_id=WORLD.id, route=WORLD.route("route_1"))

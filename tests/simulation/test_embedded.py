@@ -9,7 +9,8 @@ from multiprocessing import get_context
 import numpy as np
 import pytest
 
-from rvsg.errors import InputError, UnknownName
+from rvsg.core.errors import InputError, UnknownName
+from rvsg.core.records import Pose
 from rvsg.scenario.agents import HumanAgent
 from rvsg.simulation.archive import pack, run_from_json, run_to_json, unpack
 from rvsg.simulation.embedded import EmbeddedSimulator, simulate_agents
@@ -17,8 +18,7 @@ from rvsg.simulation.options import Noise, profile
 from rvsg.simulation.people.crowd import begins_early
 from rvsg.simulation.rehearsal import empty_room
 from rvsg.simulation.run import Outcome, Run
-from rvsg.world.load import load_world
-from rvsg.world.records import Pose
+from rvsg.world.io.load import load_world
 from rvsg.world.world import Route, World
 
 

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from rvsg.core.records import Pose
 from rvsg.simulation.compiled import kernel
 from rvsg.simulation.localisation import (
     MAX_PARTICLES,
@@ -24,7 +25,6 @@ from rvsg.simulation.localisation import (
     to_map,
     to_world,
 )
-from rvsg.world.records import Pose
 from rvsg.world.world import OccupancyMap
 
 SHIFT = (0.2, -0.15)

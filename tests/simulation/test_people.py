@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rvsg.errors import InputError
+from rvsg.core.errors import InputError
+from rvsg.core.records import Pose
 from rvsg.scenario.agents import HumanAgent, reaction_of
 from rvsg.scenario.scenario import Behaviour
 from rvsg.simulation.people import Crowd, PeopleOptions, initial, tick
@@ -23,7 +24,6 @@ from rvsg.simulation.people.forces import (
 )
 from rvsg.simulation.people.obstacles import boxes_of, entry_point, point_towards_origin
 from rvsg.world.grid import Grid
-from rvsg.world.records import Pose
 from rvsg.world.world import OccupancyMap, OrientedBox, SolidObject, World
 
 PUBLISHED = PeopleOptions(published_defects=True, leg_phase_noise=False)

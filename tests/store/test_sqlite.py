@@ -12,7 +12,8 @@ import pytest
 from tests.campaign.parts import WalkGenerator, plan, warehouse
 
 from rvsg.campaign.attempt import Attempt
-from rvsg.errors import NewerStore, StoreError
+from rvsg.core.errors import NewerStore, StoreError
+from rvsg.core.records import canonical_json, content_id
 from rvsg.generation.generator import Proposal
 from rvsg.scenario.brief import Brief
 from rvsg.simulation.archive import arrays_of, pack, run_from_json, run_to_json
@@ -20,7 +21,6 @@ from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.simulation.run import Run
 from rvsg.store.migrations import MIGRATIONS
 from rvsg.store.sqlite import SqliteLedger
-from rvsg.world.records import canonical_json, content_id
 
 
 def an_attempt(index: int = 0) -> tuple[Attempt, Run]:

@@ -8,10 +8,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from tests.world.test_load import LABELS, OBJECTS, ROUTES, WORLD
 
-from rvsg.errors import RvsgError
-from rvsg.world.documents import DocumentError, parse_yaml, validated
-from rvsg.world.files import LabelsFile
-from rvsg.world.load import load_world
+from rvsg.core.documents import DocumentError, parse_yaml, validated
+from rvsg.core.errors import RvsgError
+from rvsg.world.io.files import LabelsFile
+from rvsg.world.io.load import load_world
 
 FILES = {"world.yaml": WORLD, "objects.yaml": OBJECTS, "labels.yaml": LABELS, "routes.yaml": ROUTES}
 STRANGE = [

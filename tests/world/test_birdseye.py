@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rvsg.errors import InputError, UnknownName
-from rvsg.world.birdseye import birdseye
-from rvsg.world.load import load_world
-from rvsg.world.picture.oblique import Canvas, Oblique
+from rvsg.core.errors import InputError, UnknownName
+from rvsg.world.drawing.birdseye import birdseye
+from rvsg.world.drawing.oblique import Canvas, Oblique
+from rvsg.world.io.load import load_world
 from rvsg.world.world import World
 
 RED, BLUE = (255, 0, 0), (0, 0, 255)

@@ -10,16 +10,23 @@ import pytest
 from PIL import Image
 from tests.published_data import published_data
 
-from rvsg.errors import FileError
-from rvsg.world.birdseye import birdseye
-from rvsg.world.check import Remark, check_world
-from rvsg.world.create import Created, largest_part, propose_routes, world_from_map, world_from_objects, world_from_sdf
+from rvsg.core.errors import FileError
+from rvsg.world.authoring.check import Remark, check_world
+from rvsg.world.authoring.create import (
+    Created,
+    largest_part,
+    propose_routes,
+    world_from_map,
+    world_from_objects,
+    world_from_sdf,
+)
+from rvsg.world.authoring.named_areas import unknown_areas
+from rvsg.world.authoring.readme import write_readme
+from rvsg.world.drawing import grid_picture, labelled_map
+from rvsg.world.drawing.birdseye import birdseye
 from rvsg.world.grid import GridSpec
-from rvsg.world.load import SHIPPED, load_world
-from rvsg.world.named_areas import unknown_areas
-from rvsg.world.picture import grid_picture, labelled_map
-from rvsg.world.readme import write_readme
-from rvsg.world.save import save_world
+from rvsg.world.io.load import SHIPPED, load_world
+from rvsg.world.io.save import save_world
 
 
 def hall() -> np.ndarray:

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from rvsg.world.documents import DocumentError
-from rvsg.world.files import AreaEntry, ObjectEntry, RouteEntry, WorldFile
+from rvsg.core.documents import DocumentError
 from rvsg.world.grid import GridSpec
-from rvsg.world.load import load_world
+from rvsg.world.io.files import AreaEntry, ObjectEntry, RouteEntry, WorldFile
+from rvsg.world.io.load import load_world
 from rvsg.world.space import human_space, robot_space
 
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "world-files.md"

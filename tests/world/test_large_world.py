@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rvsg.errors import InputError
+from rvsg.core.errors import InputError
+from rvsg.core.records import Pose
 from rvsg.world.build import build_world
+from rvsg.world.drawing import GRID, LABELLED, Picture, draw_plan, png_bytes, tiles
 from rvsg.world.grid import GridSpec
-from rvsg.world.nav2_map import load_nav2_map
+from rvsg.world.io.nav2_map import load_nav2_map
 from rvsg.world.occupancy import write_map
-from rvsg.world.picture import GRID, LABELLED, Picture, draw_plan, png_bytes, tiles
-from rvsg.world.records import Pose
 from rvsg.world.world import Area, OccupancyMap
 
 

@@ -6,13 +6,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from rvsg.errors import InputError
+from rvsg.core.errors import InputError
+from rvsg.core.records import Pose
 from rvsg.world.build import build_world
-from rvsg.world.files import ObjectEntry
 from rvsg.world.grid import GridSpec
+from rvsg.world.io.files import ObjectEntry
 from rvsg.world.lattice import area_waypoints, build_grid, fitting_spacing, row_letters
 from rvsg.world.raster import Frame
-from rvsg.world.records import Pose
 from rvsg.world.space import Space, human_space, space_of
 from rvsg.world.world import Area, OccupancyMap, OrientedBox, Route
 

@@ -3,10 +3,10 @@ from pathlib import Path
 
 import pytest
 
-from rvsg.errors import FileError, RvsgError, UnknownName
-from rvsg.world.documents import DocumentError
-from rvsg.world.load import load_world, shipped_worlds
-from rvsg.world.save import save_world
+from rvsg.core.documents import DocumentError
+from rvsg.core.errors import FileError, RvsgError, UnknownName
+from rvsg.world.io.load import load_world, shipped_worlds
+from rvsg.world.io.save import save_world
 
 WORLD = """\
 name: room

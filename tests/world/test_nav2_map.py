@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from PIL import Image
 from tests.published_data import published_data
 
-from rvsg.errors import FileError
-from rvsg.world.nav2_map import FREE, OCCUPIED, UNKNOWN, load_nav2_map, upright
-from rvsg.world.records import Pose
+from rvsg.core.errors import FileError
+from rvsg.core.records import Pose
+from rvsg.world.io.nav2_map import FREE, OCCUPIED, UNKNOWN, load_nav2_map, upright
 from rvsg.world.world import OccupancyMap
 
 

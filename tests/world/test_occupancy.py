@@ -3,11 +3,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rvsg.errors import InputError
-from rvsg.world.files import ObjectEntry
-from rvsg.world.nav2_map import load_nav2_map
+from rvsg.core.errors import InputError
+from rvsg.core.records import Pose
+from rvsg.world.io.files import ObjectEntry
+from rvsg.world.io.nav2_map import load_nav2_map
 from rvsg.world.occupancy import occupancy_from_objects, write_map
-from rvsg.world.records import Pose
 from rvsg.world.world import OccupancyMap, SolidObject
 
 ROOM = ObjectEntry(

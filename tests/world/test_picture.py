@@ -7,12 +7,12 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from rvsg.errors import InputError, UnknownName
+from rvsg.core.errors import InputError, UnknownName
+from rvsg.core.records import Pose
 from rvsg.world.build import build_world
+from rvsg.world.drawing import GRID, LABELLED, PALETTES, Picture, draw_plan, grid_picture, labelled_map, png_bytes
 from rvsg.world.grid import GridSpec
-from rvsg.world.load import load_world, shipped_worlds
-from rvsg.world.picture import GRID, LABELLED, PALETTES, Picture, draw_plan, grid_picture, labelled_map, png_bytes
-from rvsg.world.records import Pose
+from rvsg.world.io.load import load_world, shipped_worlds
 from rvsg.world.world import OccupancyMap
 
 
@@ -66,8 +66,8 @@ def test_the_same_world_gives_the_same_bytes() -> None:
 
 def test_another_process_draws_the_same_bytes() -> None:
     code = (
-        "import hashlib; from rvsg.world.load import load_world;"
-        "from rvsg.world.picture import grid_picture, png_bytes;"
+        "import hashlib; from rvsg.world.io.load import load_world;"
+        "from rvsg.world.drawing import grid_picture, png_bytes;"
         "print(hashlib.sha256(png_bytes(grid_picture(load_world('warehouse')))).hexdigest())"
     )
     environment = {**os.environ, "PYTHONHASHSEED": "77", "PYTHONPATH": os.pathsep.join(sys.path)}

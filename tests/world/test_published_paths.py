@@ -9,8 +9,8 @@ import pytest
 from scipy.ndimage import distance_transform_edt
 from tests.published_data import published_data
 
-from rvsg.world.load import load_world
-from rvsg.world.nav2_map import load_nav2_map
+from rvsg.world.io.load import load_world
+from rvsg.world.io.nav2_map import load_nav2_map
 from rvsg.world.space import frame_of
 
 DATA = published_data()

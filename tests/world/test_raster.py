@@ -3,8 +3,8 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from rvsg.core.records import Pose
 from rvsg.world.raster import Frame, covering, inside_cells, outline_cells
-from rvsg.world.records import Pose
 
 coordinate = st.floats(-3, 3, allow_nan=False)
 frames = st.builds(

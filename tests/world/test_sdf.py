@@ -14,10 +14,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.published_data import published_data
 
-from rvsg.errors import FileError
-from rvsg.world.mesh import turned_profile
-from rvsg.world.sdf import SdfWorld, load_sdf
-from rvsg.world.solid import solid_objects
+from rvsg.core.errors import FileError
+from rvsg.world.io.mesh import turned_profile
+from rvsg.world.io.sdf import SdfWorld, load_sdf
+from rvsg.world.io.solid import solid_objects
 from rvsg.world.world import Polygon
 
 BOX = "<collision name='c'>{pose}<geometry><box><size>{size}</size></box></geometry></collision>"

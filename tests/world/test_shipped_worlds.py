@@ -6,10 +6,10 @@ from itertools import pairwise
 
 import pytest
 
-from rvsg.world.birdseye import birdseye
-from rvsg.world.check import check_world
-from rvsg.world.load import SHIPPED, load_world, shipped_worlds
-from rvsg.world.picture import png_bytes
+from rvsg.world.authoring.check import check_world
+from rvsg.world.drawing import png_bytes
+from rvsg.world.drawing.birdseye import birdseye
+from rvsg.world.io.load import SHIPPED, load_world, shipped_worlds
 from rvsg.world.route_words import describe_route, length_m, line_of, route_paragraph, waypoints_of
 
 WORLDS = shipped_worlds()

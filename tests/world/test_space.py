@@ -2,9 +2,9 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rvsg.world.files import ObjectEntry
+from rvsg.core.records import Pose
+from rvsg.world.io.files import ObjectEntry
 from rvsg.world.raster import Frame
-from rvsg.world.records import Pose
 from rvsg.world.space import Space, human_space_of, robot_space_of, space_of
 from rvsg.world.world import OccupancyMap, OrientedBox
 

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from rvsg.errors import UnknownName
+from rvsg.core.errors import UnknownName
+from rvsg.core.records import Pose
+from rvsg.world.io.load import load_world, shipped_worlds
 from rvsg.world.lattice import area_waypoints
-from rvsg.world.load import load_world, shipped_worlds
-from rvsg.world.records import Pose
 from rvsg.world.space import human_space, robot_space
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Literal, Protocol
 
+from rvsg.core.records import Record
 from rvsg.evaluation.verdict import Verdict
 from rvsg.generation.generator import Proposal
 from rvsg.scenario.brief import Brief
 from rvsg.simulation.run import Run
-from rvsg.world.records import Record
 
 
 class Measurement(Record):

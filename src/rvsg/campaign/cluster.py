@@ -24,7 +24,7 @@ from typing import Any
 import rvsg
 from rvsg.campaign.attempt import Failure
 from rvsg.campaign.parallel import WorkerDied, _attempt_run
-from rvsg.errors import InputError, SimulationError, how_to_install
+from rvsg.core.errors import InputError, SimulationError, how_to_install
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.run import Run
 from rvsg.simulation.simulator import Simulator

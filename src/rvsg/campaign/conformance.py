@@ -7,7 +7,7 @@ from collections.abc import Callable
 from rvsg.campaign.attempt import Attempt, Ledger
 from rvsg.campaign.plan import Plan
 from rvsg.campaign.strategies import FeedbackOf, Strategy
-from rvsg.errors import StoreError
+from rvsg.core.errors import StoreError
 from rvsg.evaluation.judge import judge
 from rvsg.generation.generator import Proposal
 from rvsg.scenario.brief import Brief, Feedback

@@ -6,8 +6,8 @@ import numpy as np
 
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.ranking import remember, worst_by_mean
-from rvsg.campaign.seeds import seed_for
 from rvsg.campaign.strategies import StudyStrategy
+from rvsg.core.seeds import seed_for
 from rvsg.scenario.brief import Brief
 
 KEEN = 0.5

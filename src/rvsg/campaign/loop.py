@@ -12,9 +12,9 @@ from rvsg.campaign.feedback import feedback_of
 from rvsg.campaign.parallel import Ordered, Simulations
 from rvsg.campaign.plan import Plan
 from rvsg.campaign.ranking import best_attempt, search_attempts
-from rvsg.campaign.seeds import fresh_seeds, seed_for
 from rvsg.campaign.strategies import FeedbackOf, Strategy
-from rvsg.errors import GenerationError, SimulationError
+from rvsg.core.errors import GenerationError, SimulationError
+from rvsg.core.seeds import fresh_seeds, seed_for
 from rvsg.evaluation.judge import DEFAULT, next_repeats
 from rvsg.evaluation.verdict import Verdict
 from rvsg.generation.generator import Generator

@@ -20,7 +20,7 @@ from types import FrameType, TracebackType
 from typing import Any, Protocol, Self
 
 from rvsg.campaign.attempt import Failure
-from rvsg.errors import SimulationError
+from rvsg.core.errors import SimulationError
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.run import Run, run_id
 from rvsg.simulation.simulator import Simulator

@@ -6,9 +6,9 @@ from typing import Annotated
 
 from pydantic import Field
 
+from rvsg.core.records import Record
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission
-from rvsg.world.records import Record
 
 Count = Annotated[int, Field(ge=1, le=100_000)]
 

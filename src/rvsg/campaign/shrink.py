@@ -14,15 +14,15 @@ from dataclasses import dataclass, field
 
 from rvsg.campaign.attempt import Failure, Measurement
 from rvsg.campaign.parallel import Simulations
-from rvsg.campaign.seeds import fresh_seeds
-from rvsg.errors import InputError
+from rvsg.core.errors import InputError
+from rvsg.core.records import Record
+from rvsg.core.seeds import fresh_seeds
 from rvsg.evaluation.verdict import Verdict
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Behaviour, ForceFactors, Human, HumanConfiguration, Scenario, Task
 from rvsg.scenario.validity import check, repair
 from rvsg.simulation.run import Run
 from rvsg.world.grid import Grid
-from rvsg.world.records import Record
 
 
 class Simplification(Record):

@@ -13,7 +13,7 @@ from typing import Protocol
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.plan import Plan
 from rvsg.campaign.ranking import remember, worst_by_mean
-from rvsg.campaign.seeds import seed_for
+from rvsg.core.seeds import seed_for
 from rvsg.scenario.brief import Brief, Feedback, Remembered
 
 FeedbackOf = Callable[[Attempt, Attempt | None], Feedback]

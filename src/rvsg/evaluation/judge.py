@@ -32,14 +32,14 @@ from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
-from rvsg.errors import Unfit
+from rvsg.core.errors import Unfit
+from rvsg.core.records import Record
 from rvsg.evaluation.metrics import METRICS, measure, metric
 from rvsg.evaluation.signals import formula, robustness
 from rvsg.evaluation.statistics import clopper_pearson, mean_interval
 from rvsg.evaluation.verdict import Status, Verdict
 from rvsg.scenario.requirement import Requirement
 from rvsg.simulation.run import Run
-from rvsg.world.records import Record
 from rvsg.world.world import World
 
 

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Literal
 
-from rvsg.errors import UnknownName
+from rvsg.core.errors import UnknownName
 from rvsg.evaluation import formulas as f
 from rvsg.evaluation import hunav, safety
 from rvsg.evaluation.sampled import Sampled

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.errors import FileError, InputError, how_to_install
+from rvsg.core.errors import FileError, InputError, how_to_install
 
 Floats32 = NDArray[np.float32]
 

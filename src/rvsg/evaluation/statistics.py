@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from rvsg.world.records import Record
+from rvsg.core.records import Record
 
 Values = Sequence[float]
 RESAMPLES = 4000

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rvsg.errors import InputError
+from rvsg.core.errors import InputError
 from rvsg.evaluation.temporal import (
     Always,
     Arithmetic,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import Enum
 
-from rvsg.world.records import Record
+from rvsg.core.records import Record
 
 
 class Status(str, Enum):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-from rvsg.errors import GenerationError
+from rvsg.core.errors import GenerationError
 from rvsg.generation.generator import Generator, Proposal
 from rvsg.scenario.brief import Brief, Feedback, Remembered
 from rvsg.scenario.requirement import Requirement

@@ -18,7 +18,8 @@ from typing import Any, Literal
 
 from pydantic import ValidationError
 
-from rvsg.errors import InputError, StoreError
+from rvsg.core.errors import InputError, StoreError
+from rvsg.core.records import canonical_json
 from rvsg.generation.answer import inherited_description
 from rvsg.generation.dialogue import Dialogue
 from rvsg.generation.environment import description_of
@@ -36,7 +37,6 @@ from rvsg.generation.wiring import Access, wired
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.scenario import HumanConfiguration, Scenario
 from rvsg.scenario.validity import Finding, Repair, check, repair
-from rvsg.world.records import canonical_json
 from rvsg.world.world import World
 
 Conversation = Literal["compact", "study"]

@@ -14,7 +14,7 @@ from typing import Any
 import yaml
 from pydantic import ValidationError
 
-from rvsg.errors import FileError, GenerationError, InputError
+from rvsg.core.errors import FileError, GenerationError, InputError
 from rvsg.generation.dialogue import Dialogue
 from rvsg.generation.facts import world_facts
 from rvsg.generation.generator import Call
@@ -24,7 +24,7 @@ from rvsg.generation.replies import read_object
 from rvsg.generation.shape import texts_shape
 from rvsg.generation.vlm.messages import Answer
 from rvsg.generation.vlm.model import Model
-from rvsg.world.load import SHIPPED, load_world
+from rvsg.world.io.load import SHIPPED, load_world
 from rvsg.world.world import Description, World
 
 KEYS = ("layout", "grid")

@@ -6,10 +6,10 @@ from typing import Any, Protocol
 
 from pydantic import Field
 
+from rvsg.core.records import Record
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.scenario import Scenario
 from rvsg.scenario.validity import Finding, Repair
-from rvsg.world.records import Record
 from rvsg.world.world import World
 
 

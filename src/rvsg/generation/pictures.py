@@ -15,7 +15,7 @@ def pictures_of(world: World, route: Route | None = None) -> tuple[Picture, Pict
     """The labelled map (with the route) and the grid picture."""
     key = (world.id, world.title, route.id if route else "")
     if key not in _DRAWN:
-        from rvsg.world.picture import grid_picture, labelled_map, png_bytes
+        from rvsg.world.drawing import grid_picture, labelled_map, png_bytes
 
         labelled = png_bytes(labelled_map(world, width_px=PICTURE_WIDTH_PX, route=route))
         grid = png_bytes(grid_picture(world, width_px=PICTURE_WIDTH_PX))
@@ -36,8 +36,8 @@ def birdseye_of(world: World) -> Picture | None:
         return None
     key = (world.id, world.title)
     if key not in _SEEN:
-        from rvsg.world.birdseye import birdseye
-        from rvsg.world.picture import png_bytes
+        from rvsg.world.drawing import png_bytes
+        from rvsg.world.drawing.birdseye import birdseye
 
         _SEEN.clear()
         _SEEN[key] = Picture(name="bird's-eye view", png=png_bytes(birdseye(world, width_px=PICTURE_WIDTH_PX)))

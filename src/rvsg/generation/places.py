@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from rvsg.core.records import Pose
 from rvsg.world.grid import Grid
-from rvsg.world.records import Pose
 from rvsg.world.world import World
 
 

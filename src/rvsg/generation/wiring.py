@@ -9,7 +9,8 @@ from typing import Annotated, Any, Self
 
 from pydantic import Field, ValidationError, field_validator
 
-from rvsg.errors import InputError, UnknownName
+from rvsg.core.errors import InputError, UnknownName
+from rvsg.core.records import Record
 from rvsg.generation.vlm.access import Limits, ModelAccess
 from rvsg.generation.vlm.budget import NO_CALL, Budget, Budgeted
 from rvsg.generation.vlm.model import Model
@@ -17,7 +18,6 @@ from rvsg.generation.vlm.pacing import Paced
 from rvsg.generation.vlm.recording import Recorded, Recording
 from rvsg.generation.vlm.replay import Replayed
 from rvsg.generation.vlm.watching import Watched
-from rvsg.world.records import Record
 
 DIVERGENCES_TOLD = 3
 

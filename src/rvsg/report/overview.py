@@ -11,9 +11,9 @@ from urllib.parse import quote
 
 import rvsg
 from rvsg.campaign.plan import Plan
+from rvsg.core.files import write_whole
 from rvsg.evaluation.judge import violated
 from rvsg.evaluation.verdict import Status
-from rvsg.report.files import write_whole
 from rvsg.report.page import environment, headline
 from rvsg.report.summary import Summary, counted, interval, number
 from rvsg.scenario.requirement import Requirement

@@ -22,15 +22,15 @@ from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.feedback import gaps, momentary_name, momentary_value, separable
 from rvsg.campaign.plan import Plan
 from rvsg.campaign.ranking import best_attempt, rule
+from rvsg.core.files import write_whole
+from rvsg.core.records import Pose
 from rvsg.evaluation.judge import OPEN, still_open, violated
 from rvsg.evaluation.verdict import Status, Verdict
 from rvsg.report.charts import confirmation_chart, search_chart
-from rvsg.report.files import write_whole
 from rvsg.report.summary import Accounting, Summary, counted, interval, number, summarise
 from rvsg.scenario.scenario import Human
 from rvsg.simulation.run import Run
-from rvsg.world.records import Pose
-from rvsg.world.svg import floor_plan
+from rvsg.world.drawing.svg import floor_plan
 from rvsg.world.world import World
 
 Floats = NDArray[np.float64]

@@ -7,10 +7,10 @@ from collections.abc import Iterable, Sequence
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.plan import Plan
 from rvsg.campaign.ranking import ranking, search_attempts
+from rvsg.core.records import Record
 from rvsg.evaluation.judge import OPEN, still_open, violated
 from rvsg.evaluation.verdict import Verdict
 from rvsg.scenario.scenario import Scenario
-from rvsg.world.records import Record
 
 
 class Ranked(Record):

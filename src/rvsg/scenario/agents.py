@@ -6,9 +6,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from rvsg.core.records import Record
 from rvsg.scenario.scenario import Behaviour, ForceFactors, Human, HumanConfiguration
 from rvsg.world.grid import Grid
-from rvsg.world.records import Record
 
 Point = tuple[float, float]
 

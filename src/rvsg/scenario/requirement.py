@@ -6,7 +6,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from rvsg.world.records import Record
+from rvsg.core.records import Record
 
 
 class Requirement(Record):

@@ -21,9 +21,9 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from rvsg.errors import FileError, InputError, Unfit, UnknownName
+from rvsg.core.documents import Document, DocumentError, Problem, read_yaml
+from rvsg.core.errors import FileError, InputError, Unfit, UnknownName
 from rvsg.scenario.requirement import Requirement
-from rvsg.world.documents import Document, DocumentError, Problem, read_yaml
 
 Check = Callable[[Requirement], Requirement]
 _FIELDS = sorted(set(Requirement.model_fields) - {"name"})

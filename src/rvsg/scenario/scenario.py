@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from rvsg.world.records import Record
+from rvsg.core.records import Record
 from rvsg.world.world import Route
 
 Name = Annotated[str, Field(min_length=1, max_length=120)]

@@ -15,9 +15,9 @@ import pydantic
 from numpy.typing import NDArray
 from pydantic import Field
 
-from rvsg.errors import InputError
+from rvsg.core.errors import InputError
+from rvsg.core.records import Record, canonical_json
 from rvsg.simulation.run import Outcome, Run, Trajectory
-from rvsg.world.records import Record, canonical_json
 
 PER_SAMPLE = ("t", "x", "y", "yaw", "v", "omega", "acceleration")
 PER_HUMAN = ("human_x", "human_y", "human_yaw", "human_speed")

@@ -12,7 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.errors import InputError, SimulationError
+from rvsg.core.errors import InputError, SimulationError
+from rvsg.core.records import Pose
+from rvsg.core.seeds import stream
 from rvsg.scenario.agents import HumanAgent, decode
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation import robot
@@ -30,8 +32,6 @@ from rvsg.simulation.rehearsal import rehearsal
 from rvsg.simulation.robot_state import NOISE_TABLE, Settings, new_state
 from rvsg.simulation.run import Outcome, Run, Trajectory
 from rvsg.simulation.scene import Surroundings
-from rvsg.simulation.seeds import stream
-from rvsg.world.records import Pose
 from rvsg.world.world import Route, World
 
 Floats = NDArray[np.float64]

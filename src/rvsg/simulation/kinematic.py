@@ -14,10 +14,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from rvsg.core.seeds import stream
 from rvsg.scenario.agents import HumanAgent, decode
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.run import Outcome, Run, Trajectory
-from rvsg.simulation.seeds import stream
 from rvsg.world.world import World
 
 Floats = NDArray[np.float64]

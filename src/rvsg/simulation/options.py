@@ -6,10 +6,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationError
 
-from rvsg.errors import InputError, UnknownName
+from rvsg.core.documents import mistakes_of
+from rvsg.core.errors import InputError, UnknownName
+from rvsg.core.records import Record
 from rvsg.simulation.people.crowd import PUBLISHED_EARLY_START, PUBLISHED_START_S
-from rvsg.world.documents import mistakes_of
-from rvsg.world.records import Record
 
 Scale = Annotated[float, Field(ge=0, le=10)]
 

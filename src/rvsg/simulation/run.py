@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.world.records import content_id
+from rvsg.core.records import content_id
 
 Floats = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from rvsg.errors import InputError
+from rvsg.core.errors import InputError
 from rvsg.simulation.compiled import inner, kernel
 from rvsg.simulation.costmap import (
     FREE,

@@ -25,11 +25,11 @@ from sqlalchemy.exc import DatabaseError, IntegrityError
 
 import rvsg
 from rvsg.campaign.attempt import Attempt
-from rvsg.errors import InputError, NewerStore, StoreError
+from rvsg.core.errors import InputError, NewerStore, StoreError
+from rvsg.core.records import canonical_json, text_id
 from rvsg.simulation.archive import pack, unpack
 from rvsg.simulation.run import Run
 from rvsg.store.migrations import APPLICATION_ID, MIGRATIONS
-from rvsg.world.records import canonical_json, text_id
 
 _meta = sa.MetaData()
 _campaigns = sa.Table(

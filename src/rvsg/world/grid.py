@@ -9,8 +9,8 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from rvsg.errors import UnknownName
-from rvsg.world.records import Record
+from rvsg.core.errors import UnknownName
+from rvsg.core.records import Record
 
 Radius = Annotated[float, Field(ge=0, le=5)]
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.errors import InputError
+from rvsg.core.errors import InputError
 from rvsg.world.grid import Grid, GridSpec, Waypoint
 from rvsg.world.raster import Frame, inside_cells, outermost
 from rvsg.world.space import Space

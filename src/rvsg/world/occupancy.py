@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.errors import InputError
+from rvsg.core.errors import InputError
 from rvsg.world.raster import Frame, covering, inside_cells, outline_cells
 from rvsg.world.world import FREE, OCCUPIED, UNKNOWN, OccupancyMap, SolidObject
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.world.records import Pose
+from rvsg.core.records import Pose
 
 Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]

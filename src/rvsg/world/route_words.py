@@ -9,8 +9,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from rvsg.core.records import Pose
 from rvsg.world.grid import Grid
-from rvsg.world.records import Pose
 from rvsg.world.space import human_space
 from rvsg.world.world import Area, Route, World
 

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from rvsg.errors import UnknownName
+from rvsg.core.errors import UnknownName
+from rvsg.core.records import Pose, Record, content_id
 from rvsg.world.grid import Grid, GridSpec
-from rvsg.world.records import Pose, Record, content_id
 
 FREE, OCCUPIED, UNKNOWN = 0, 100, 255  # the values of an occupancy map's cells
 

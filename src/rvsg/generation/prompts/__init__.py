@@ -19,7 +19,7 @@ from jinja2 import BaseLoader, Environment, StrictUndefined, TemplateNotFound, T
 from jinja2.exceptions import SecurityError
 from jinja2.sandbox import SandboxedEnvironment
 
-from rvsg.errors import FileError, UnknownName
+from rvsg.core.errors import FileError, UnknownName
 
 SHIPPED = Path(__file__).parent
 SUFFIX = ".md.j2"

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from typing import Any
 from urllib.parse import urlsplit
 
-from rvsg.errors import InputError, ModelUnavailable
+from rvsg.core.errors import InputError, ModelUnavailable
 from rvsg.generation.vlm.faults import KEY_VARIABLE, LATER, Called, Fault, named_model, translated
 from rvsg.generation.vlm.messages import Answer, Request, Usage, estimated_input_tokens, estimated_tokens
 from rvsg.generation.vlm.secrets import hide_secrets

@@ -7,10 +7,10 @@ from typing import Annotated
 
 from pydantic import Field
 
-from rvsg.errors import BudgetSpent
+from rvsg.core.errors import BudgetSpent
+from rvsg.core.records import Record
 from rvsg.generation.vlm.messages import Answer, Request, Usage, estimated_input_tokens
 from rvsg.generation.vlm.model import Model
-from rvsg.world.records import Record
 
 NO_CALL = (
     "a budget of 0 allows no call. Leave it out for no limit; without a model --replay answers from recorded calls, "

@@ -7,7 +7,7 @@ import re
 from dataclasses import dataclass
 from typing import Any
 
-from rvsg.errors import InputError, how_to_install
+from rvsg.core.errors import InputError, how_to_install
 from rvsg.generation.vlm.secrets import hide_secrets
 
 KEY_VARIABLE = "RVSG_API_KEY"

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Literal
 
-from rvsg.world.records import Record, canonical_json, content_id
+from rvsg.core.records import Record, canonical_json, content_id
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _PIECES = re.compile(r" ?[^\W\d_]+|\d{1,3}|\n+| ?[^\w\s]+|_|[ \t]+")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Protocol
 
-from rvsg.errors import ModelUnavailable
+from rvsg.core.errors import ModelUnavailable
 from rvsg.generation.vlm.messages import Answer, Request, Usage, estimated_input_tokens, estimated_tokens
 
 

@@ -6,7 +6,7 @@ import threading
 import time
 from collections.abc import Callable
 
-from rvsg.errors import InputError
+from rvsg.core.errors import InputError
 from rvsg.generation.vlm.messages import Answer, Request
 from rvsg.generation.vlm.model import Model
 

@@ -19,11 +19,11 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from rvsg.errors import FileError, ModelUnavailable, StoreError
+from rvsg.core.errors import FileError, ModelUnavailable, StoreError
+from rvsg.core.records import Record, canonical_json, content_id
 from rvsg.generation.vlm.budget import Spending
 from rvsg.generation.vlm.messages import Answer, Message, Request
 from rvsg.generation.vlm.model import Model
-from rvsg.world.records import Record, canonical_json, content_id
 
 CALLS, MESSAGES, HISTORIES, PICTURES = "calls.jsonl", "messages.jsonl", "histories.jsonl", "pictures"
 TOLD = "told.jsonl"

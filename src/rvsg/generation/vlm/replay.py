@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections import defaultdict
 
-from rvsg.errors import ReplayDiverged
+from rvsg.core.errors import ReplayDiverged
+from rvsg.core.records import Record
 from rvsg.generation.vlm.messages import Answer, Message, Request
 from rvsg.generation.vlm.recording import RecordedCall, Recording, place_of
-from rvsg.world.records import Record
 
 SHOWN_CHARACTERS = 160
 

@@ -7,10 +7,10 @@ import time
 from collections.abc import Callable
 from typing import Literal
 
+from rvsg.core.records import Record
 from rvsg.generation.vlm.budget import Spending
 from rvsg.generation.vlm.messages import Answer, Request
 from rvsg.generation.vlm.model import Model
-from rvsg.world.records import Record
 
 
 class CallNews(Record):

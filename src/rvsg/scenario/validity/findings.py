@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rvsg.world.records import Record
+from rvsg.core.records import Record
 
 
 class Finding(Record):

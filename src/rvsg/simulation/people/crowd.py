@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from rvsg.errors import InputError
+from rvsg.core.errors import InputError
+from rvsg.core.records import Record
+from rvsg.core.seeds import stream
 from rvsg.scenario.agents import HumanAgent, Reaction
 from rvsg.scenario.scenario import Behaviour, ForceFactors
 from rvsg.simulation.people.obstacles import Surfaces, boxes_of
-from rvsg.simulation.seeds import stream
-from rvsg.world.records import Record
 from rvsg.world.world import World
 
 Floats = NDArray[np.float64]

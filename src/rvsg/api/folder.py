@@ -1,0 +1,117 @@
+"""The folder of a campaign: its ledger, its configuration, its report; one process at a time."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rvsg.core import plugins
+from rvsg.core.errors import FileError, InputError
+from rvsg.core.files import write_whole
+
+if TYPE_CHECKING:
+    from rvsg.campaign.attempt import Ledger
+
+LEDGER = "ledger.sqlite"
+CELLS = "cells.json"
+"""The settings of several campaigns of one command, whose folders stand beside it."""
+STORE = "store.json"
+"""Says which store keeps the campaign where that is not SQLite, so that resuming and reporting find it."""
+CONFIG = "campaign.yaml"
+REPORT = "report.html"
+BEST = "best_scenario.json"
+BEFOREHAND = ("prompts", "vlm")
+"""What a user may put into the folder of a campaign before it begins: templates, and recorded calls of a model."""
+
+
+def store_of(folder: Path) -> tuple[str, dict[str, Any]] | None:
+    """Name and options of the store that keeps the campaign of a folder; None where there is no campaign."""
+    try:
+        told = json.loads((folder / STORE).read_text(encoding="utf-8"))
+        return str(told["store"]), dict(told["options"])
+    except FileNotFoundError:
+        return ("sqlite", {}) if (folder / LEDGER).exists() else None
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise FileError(folder / STORE, f"it does not say which store keeps this campaign ({error}).") from None
+
+
+@contextlib.contextmanager
+def opened(folder: Path, store: str, options: Mapping[str, Any]) -> Iterator[Ledger]:
+    """The store of a folder, open; a plug-in is given the path `ledger.NAME` in the folder, and its options."""
+    ledger = plugins.make("store", store, options, folder / f"ledger.{store}")
+    try:
+        if store != "sqlite":  # and only now: a store that cannot be made keeps nothing
+            write_whole(folder / STORE, json.dumps({"store": store, "options": dict(options)}, indent=2) + "\n")
+        yield ledger
+    finally:
+        ledger.close()
+
+
+@contextlib.contextmanager
+def reading(store: Path) -> Iterator[Ledger]:
+    """The store of a campaign's folder, or the ledger file itself, opened to be read; StoreError where none is."""
+    known = store_of(store) if store.is_dir() else None
+    if known is not None and known[0] != "sqlite":
+        ledger: Ledger = plugins.make("store", known[0], known[1], store / f"ledger.{known[0]}")
+    else:
+        from rvsg.store.sqlite import SqliteLedger
+
+        ledger = SqliteLedger.existing(store / LEDGER if store.is_dir() else store)
+    try:
+        yield ledger
+    finally:
+        ledger.close()
+
+
+def check_out(folder: Path) -> None:
+    """Refuse an output folder that is a file, or that holds what no campaign made: it could be replaced."""
+    nearest = next((path for path in (folder, *folder.parents) if os.path.lexists(path)), Path())
+    if not nearest.is_dir():
+        raise FileError(nearest, f"this is no folder, and --out {folder} needs one. Choose another --out.")
+    if nearest != folder:
+        return
+    try:
+        found = {path.name for path in folder.iterdir() if not path.name.startswith(".")}
+    except OSError as error:
+        raise FileError(folder, f"the folder cannot be read: {error.strerror}. Choose another --out.") from None
+    foreign = sorted(found.difference(BEFOREHAND))
+    if foreign and not found.intersection((LEDGER, STORE, CELLS)):
+        listed = ", ".join(foreign[:3]) + (", ..." if len(foreign) > 3 else "")
+        raise FileError(
+            folder,
+            f"this folder holds no campaign but other files ({listed}), which could be replaced. Choose a new or an "
+            "empty folder as --out.",
+        )
+
+
+def make_folder(folder: Path, *, option: str = "--out") -> None:
+    """Make the folder that an option names and prove that files can be written in it; FileError where not."""
+    probe = folder / f".writable-{os.getpid()}"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        probe.write_bytes(b"")
+        probe.unlink()
+    except OSError as error:
+        in_the_way = isinstance(error, FileExistsError | NotADirectoryError)
+        reason = "a file is in the way" if in_the_way else error.strerror or error
+        raise FileError(folder, f"the output folder cannot be written: {reason}. Choose another {option}.") from None
+
+
+@contextlib.contextmanager
+def alone_in(folder: Path) -> Iterator[None]:
+    """Hold the folder while a campaign runs in it; InputError where another process does. The lock ends with us."""
+    try:
+        import fcntl
+    except ImportError:  # where there is no fcntl the ledger still refuses an attempt that is there already
+        yield
+        return
+    with (folder / ".lock").open("w") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise InputError(f"{folder}: another `rvsg run` works in this folder. Wait for it, or stop it.") from None
+        yield

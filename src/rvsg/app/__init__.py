@@ -1,1 +1,0 @@
-"""The doors: configuration file, plug-in look-up, wiring, command line."""

@@ -1,0 +1,38 @@
+"""The command line: one verb per stage, each in its own module, loaded only when it is used.
+
+To add a verb: write `app/cli/<module>.py` with a Typer named `app` (made by `frame.verb()`; one command, or
+several for a verb with sub-verbs) and add one line to `VERBS`. Raise errors of `rvsg.core.errors`; the frame prints
+them as one message and ends with their exit code. Standard output carries machine-readable results only
+(`console.print_json`); everything for people goes to standard error (`console.say`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from rvsg.cli.frame import Verb, command_line
+from rvsg.cli.interruption import until_gone
+
+VERBS: dict[str, Verb] = {
+    "world": Verb("world", "Make a world from a map, check it, draw it, show it"),
+    "run": Verb("run", "Find, confirm and report scenarios that make the robot violate a requirement"),
+    "propose": Verb("propose", "Ask a generator for one scenario, and show what the checker said"),
+    "simulate": Verb("simulate", "Simulate a scenario and write its runs"),
+    "evaluate": Verb("evaluate", "Measure runs of a scenario, and judge them by a requirement"),
+    "shrink": Verb("shrink", "Find the smallest scenario that violates a requirement about as often"),
+    "report": Verb("report", "Write the page of a stored campaign, and print its ranked scenarios"),
+    "demo": Verb("demo", "Run a recorded campaign again, whose scenarios a vision language model wrote"),
+    "describe": Verb("describe", "Describe a world in words, by a vision language model that looks at it"),
+    "prompt": Verb("prompt", "Print what a model would be asked next in a campaign, without asking it"),
+    "metrics": Verb("metrics", "List the metrics with formula and unit, or measure a run"),
+    "import-study": Verb("import_study", "Import results in the published study's layout into a store"),
+}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit code; without `argv` it is that of this process, signals included.
+
+    0 done; 1 done, and a requirement is violated where the user asked to be told; 2 usage or input error;
+    3 interrupted but resumable; 4 an error in RVSG itself.
+    """
+    return command_line(VERBS, argv) if argv is not None else until_gone(lambda: command_line(VERBS))

@@ -1,0 +1,207 @@
+"""`rvsg describe`: the environment in words, by a model that looks at the pictures, judged by a person."""
+
+from __future__ import annotations
+
+import contextlib
+import datetime
+import os
+import shlex
+import subprocess
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from rvsg.cli.console import as_started, print_json, say
+from rvsg.cli.frame import verb
+from rvsg.cli.model_options import (
+    BaseUrl,
+    BudgetCalls,
+    BudgetTokens,
+    BudgetUsd,
+    CallsShown,
+    CallTimeout,
+    Model,
+    Prices,
+    Record,
+    Replay,
+    Strict,
+    told_calls,
+    told_from_record,
+    wiring_of,
+)
+
+if TYPE_CHECKING:
+    from rvsg.generation.environment import EnvironmentDialogue
+    from rvsg.generation.wiring import Wiring
+    from rvsg.world.world import Description
+
+app = verb()
+REVIEWER = Annotated[str | None, typer.Option(help="Who reviews, kept with the description.")]
+
+
+@app.command()
+def describe(
+    world: Annotated[str, typer.Argument(help="A shipped world or a world folder.")],
+    model: Model = None,
+    base_url: BaseUrl = None,
+    review: Annotated[bool, typer.Option("--review", help="Accept, edit or reject what is written.")] = False,
+    reviewer: REVIEWER = None,
+    out: Annotated[Path | None, typer.Option(help="Store it here: a world folder, or a .yaml of its own.")] = None,
+    prompts: Annotated[Path | None, typer.Option(help="Folder of prompt templates that replace ours.")] = None,
+    record: Record = None,
+    replay: Replay = None,
+    strict: Strict = False,
+    call_timeout: CallTimeout = 180.0,
+    budget_calls: BudgetCalls = None,
+    budget_tokens: BudgetTokens = None,
+    budget_usd: BudgetUsd = None,
+    prices: Prices = None,
+    json: Annotated[bool, typer.Option("--json", help="Print the description as JSON on standard output.")] = False,
+) -> None:
+    """Describe a world in words, by a vision language model that looks at its pictures.
+
+    Three turns: the labelled map, the grid of waypoints, a summary. The description is stored in the world's
+    world.yaml (for a shipped world in your data folder) and goes into every prompt from then on. Without --model the
+    stored description is shown, and with --review reviewed.
+    """
+    from rvsg.generation.environment import EnvironmentDialogue, description_of, store_description
+    from rvsg.generation.prompts import Prompts
+    from rvsg.world.io.load import load_world, shipped_worlds
+
+    loaded = load_world(world)
+    dialogue: EnvironmentDialogue | None = None
+    wiring: Wiring | None = None
+    if model is not None or replay is not None:
+        # What was paid for is kept, and the same command goes on from it.
+        wiring = wiring_of(
+            model,
+            record or (None if replay else Path("runs") / f"describe-{loaded.name}"),
+            base_url=base_url,
+            replay=replay,
+            strict=strict or None,
+            call_timeout_s=call_timeout,
+            budget_calls=budget_calls,
+            budget_tokens=budget_tokens,
+            budget_usd=budget_usd,
+            prices=prices,
+        )
+        dialogue = EnvironmentDialogue(loaded, wiring.model, Prompts(prompts))
+        with CallsShown(wiring), _kept(wiring):
+            description = dialogue.describe()
+        say(told_calls(dialogue.calls))
+        if earlier := told_from_record(wiring):
+            say(earlier)
+        for note in wiring.notes():
+            say(note)
+    else:
+        description = _stored(description_of(loaded), world)
+    if review:
+        description = _reviewed(description, reviewer, _revising(dialogue, wiring) if dialogue else None)
+    else:
+        _show(description)
+    if dialogue is not None or review:
+        place = out if out is not None else None if world in shipped_worlds() else Path(world)
+        say(f"Stored in {store_description(loaded, description, place)}")
+        if not description.reviewed:
+            review_it = as_started(shlex.join(["rvsg", "describe", world, "--review"]))
+            say(f"Nobody has reviewed it yet: {review_it}")
+    if json:
+        print_json(description.model_dump(mode="json"))
+
+
+@contextlib.contextmanager
+def _kept(wiring: Wiring) -> Iterator[None]:
+    """Say, where a call fails or an answer is no use, that nothing that was answered is lost."""
+    from rvsg.core.errors import BudgetSpent, GenerationError, ModelUnavailable
+
+    try:
+        yield
+    except GenerationError as error:
+        recording = wiring.recording
+        if recording is not None and not wiring.replaying and recording.spent().calls:
+            outside = isinstance(error, (ModelUnavailable, BudgetSpent))
+            next_step = "the same command goes on from there" if outside else "to ask anew give another --record"
+            say(f"What was answered is kept in {recording.folder}; {next_step}.")
+        raise
+
+
+def _revising(dialogue: EnvironmentDialogue, wiring: Wiring | None) -> Callable[[str], Description]:
+    """The revision by the model, shown while it is made."""
+
+    def revise(reason: str) -> Description:
+        assert wiring is not None
+        with CallsShown(wiring), _kept(wiring):
+            return dialogue.revise(reason)
+
+    return revise
+
+
+def _stored(description: Description | None, world: str) -> Description:
+    from rvsg.core.errors import InputError
+
+    if description is None:
+        write_it = as_started(shlex.join(["rvsg", "describe", world, "--model", "PROVIDER:NAME"]))
+        raise InputError(f"{world} has no description yet. Let a model write it: {write_it}")
+    return description
+
+
+def _show(description: Description) -> None:
+    reviewed = "not reviewed"
+    if description.reviewed:
+        reviewed = (
+            f"reviewed{f' by {description.reviewer}' if description.reviewer else ''} {description.reviewed_on or ''}"
+        )
+    say(f"Layout\n  {description.layout}\n\nGrid\n  {description.grid}\n\n({reviewed.strip()})")
+
+
+def _reviewed(
+    description: Description, reviewer: str | None, revise: Callable[[str], Description] | None
+) -> Description:
+    """Ask the person until the description is accepted or the review is left."""
+    from rvsg.core.errors import InputError
+    from rvsg.generation.environment import editable, edited
+
+    while True:
+        _show(description)
+        choice = typer.prompt("[a]ccept, [e]dit, [r]eject with a reason, [q]uit without accepting", err=True)
+        choice = choice.strip().lower()[:1]
+        if choice == "a":
+            today = datetime.date.today().isoformat()
+            return description.model_copy(update={"reviewed": True, "reviewer": reviewer, "reviewed_on": today})
+        if choice == "e":
+            text = _in_editor(editable(description))
+            try:
+                description = edited(description, text)
+            except InputError as error:
+                say(f"Not changed: {error}")
+        elif choice == "r" and revise is None:
+            say("A rejection goes back to a model: run this again with --model, or edit the text yourself.")
+        elif choice == "r":
+            reason = typer.prompt("What is wrong", err=True)
+            description = revise(reason) if revise is not None else description
+        elif choice == "q":
+            return description.model_copy(update={"reviewed": False})
+        else:
+            say("Please answer a, e, r or q.")
+
+
+def _in_editor(text: str) -> str:
+    """The text after the user's editor ($VISUAL or $EDITOR) has closed; InputError where that fails."""
+    from rvsg.core.errors import InputError
+
+    editor = os.environ.get("VISUAL") or os.environ.get("EDITOR")
+    if not editor:
+        raise InputError("set EDITOR to the program you edit with, e.g. EDITOR=nano.")
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "description.yaml"
+        file.write_text(text, encoding="utf-8")
+        try:
+            ended = subprocess.run([*shlex.split(editor), str(file)], check=False)  # noqa: S603
+        except OSError as error:
+            raise InputError(f"the editor {editor!r} cannot be started: {error}") from None
+        if ended.returncode != 0:
+            raise InputError(f"the editor {editor!r} ended with code {ended.returncode}.")
+        return file.read_text(encoding="utf-8")

@@ -1,0 +1,182 @@
+"""The frame every verb stands in: lazy verbs, global options, and one place where an error becomes a message."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import importlib
+import os
+import shlex
+import sys
+import traceback
+from collections.abc import Callable, Mapping, Sequence
+from typing import Annotated, Any, NamedTuple
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+
+import rvsg
+from rvsg.cli.console import as_started
+from rvsg.cli.interruption import interruptible
+from rvsg.core.errors import Interrupted, RvsgError
+
+HELP = """Find, confirm and explain human behaviours that make a mobile robot violate its requirements, in simulation.
+
+`rvsg run` is the main job; the other verbs are its stages, reading and writing the same records as files.
+Standard output carries machine-readable results only; everything for people goes to standard error.
+"""
+EPILOG = (
+    "Exit codes: 0 done; 1 done, and a requirement is violated (--fail-on-violation); 2 usage or input error; "
+    "3 interrupted but resumable; 4 an error in RVSG itself."
+)
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
+CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
+
+
+class Verb(NamedTuple):
+    """A verb of the command line: the module under `rvsg.cli` that holds its `app`, and its line in the help."""
+
+    module: str
+    help: str
+
+
+def verb(**settings: Any) -> typer.Typer:
+    """A Typer for a verb's module: plain help, no completion commands, errors left to the frame."""
+    return typer.Typer(
+        rich_markup_mode=None,
+        add_completion=False,
+        pretty_exceptions_enable=False,
+        context_settings=CONTEXT,
+        **settings,
+    )
+
+
+def command_line(verbs: Mapping[str, Verb], argv: Sequence[str] | None = None) -> int:
+    """Parse, load the one verb that is asked for, run it, and return the exit code; never raises."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    return guarded(lambda: _root(verbs).main(args=arguments, prog_name="rvsg"), arguments)
+
+
+def guarded(work: Callable[[], object], arguments: Sequence[str]) -> int:
+    """Do the work of a command and return its exit code: every error becomes a message; never raises."""
+    try:
+        with interruptible():
+            work()
+    except SystemExit as end:
+        return end.code if isinstance(end.code, int) else 0 if end.code is None else 2
+    except RvsgError as error:
+        if _debugging(arguments):
+            traceback.print_exc()
+        _tell(f"Error: {error}" if error.exit_code != 3 else str(error))
+        return error.exit_code
+    except KeyboardInterrupt:
+        _tell("Interrupted.")
+        return 3
+    except Exception as unexpected:
+        return _report_defect(unexpected, arguments)
+    return 0
+
+
+def full_command(verbs: Mapping[str, Verb], name: str) -> Any:
+    """The real command of a verb, its module imported: for the generated reference."""
+    module = importlib.import_module(f"rvsg.cli.{verbs[name].module}")
+    command = typer.main.get_command(module.app)
+    command.name = name
+    return command
+
+
+def _root(verbs: Mapping[str, Verb]) -> Any:
+    """The top command over lazily loaded verbs."""
+
+    class Frame(TyperGroup):
+        """Lists verbs from the table alone and imports a verb's module only to run it."""
+
+        def list_commands(self, ctx: Any) -> list[str]:
+            return list(verbs)
+
+        def get_command(self, ctx: Any, cmd_name: str) -> Any:
+            if cmd_name not in verbs:
+                return None
+            return TyperCommand(cmd_name, help=verbs[cmd_name].help, rich_markup_mode=None)
+
+        def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+            name, found, rest = super().resolve_command(ctx, args)
+            return name, (full_command(verbs, name) if name and found else found), rest
+
+        def invoke(self, ctx: Any) -> Any:
+            try:
+                return super().invoke(ctx)
+            except KeyboardInterrupt:
+                raise Interrupted("Interrupted. What was finished is kept.") from None
+            except BrokenPipeError:  # before Click makes of it exit code 1, which means "violated"
+                _nobody_reads()
+                raise Interrupted("Nobody reads the output any more. What was finished is kept.") from None
+
+    app = typer.Typer(
+        cls=Frame,
+        rich_markup_mode=None,
+        add_completion=False,
+        pretty_exceptions_enable=False,
+        no_args_is_help=True,
+        context_settings=CONTEXT,
+        help=HELP,
+        epilog=EPILOG,
+    )
+
+    @app.callback()
+    def options(
+        version: Annotated[
+            bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and end.")
+        ] = False,
+        debug: Annotated[
+            bool, typer.Option("--debug", envvar="RVSG_DEBUG", help="Show the traceback of an error.")
+        ] = False,
+    ) -> None:
+        """Options before the verb."""
+
+    command = typer.main.get_command(app)
+    # Suggestions for a misspelt verb read this table.
+    command.commands = {name: command.get_command(None, name) for name in verbs}  # type: ignore[attr-defined]
+    return command
+
+
+def _print_version(asked: bool) -> None:
+    if asked:
+        print(rvsg.__version__)
+        raise typer.Exit
+
+
+def _debugging(arguments: Sequence[str]) -> bool:
+    return "--debug" in arguments or os.environ.get("RVSG_DEBUG", "") not in ("", "0")
+
+
+def _tell(message: str) -> None:
+    with contextlib.suppress(OSError):  # where nothing can be told, the exit code still says it
+        print(message, file=sys.stderr, flush=True)
+
+
+def _nobody_reads() -> None:
+    """The reader of our output went away (`rvsg ... | head`): no defect, but not done either. Write to nowhere."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    for stream in (sys.stdout, sys.stderr):
+        os.dup2(nowhere, stream.fileno())
+
+
+def _report_defect(error: Exception, arguments: Sequence[str]) -> int:
+    """Say what happened, how to see more and where to report it: this is our mistake, not the user's."""
+    if isinstance(error, BrokenPipeError):
+        _nobody_reads()
+        return 3
+    if isinstance(error, OSError) and error.errno in NO_ROOM:
+        _tell(f"Error: {error.strerror}: {error.filename or 'the output'} could not be written whole. Make room there.")
+        return 2
+    if _debugging(arguments):
+        traceback.print_exc()
+    where = traceback.extract_tb(error.__traceback__)[-1]
+    shown = as_started(shlex.join(["rvsg", "--debug", *(a for a in arguments if a != "--debug")]))
+    _tell(
+        f"Error in RVSG itself: {type(error).__name__}: {error} (line {where.lineno} of {where.filename})\n"
+        f"This is a defect of the program, not of your input. To see all of it: {shown}\n"
+        f"Please report it with that output and `rvsg --version` ({rvsg.__version__}) to the project's issue tracker."
+    )
+    return 4

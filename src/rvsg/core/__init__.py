@@ -1,0 +1,1 @@
+"""Records, ids, errors, seeds, plug-in look-up and files: what every other room uses."""

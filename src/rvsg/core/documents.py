@@ -1,0 +1,285 @@
+"""YAML files that people write: read safely into records, every mistake reported at once with its file and line."""
+
+from __future__ import annotations
+
+import datetime
+import difflib
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar, get_args
+
+import yaml
+from pydantic import BaseModel, ValidationError
+
+from rvsg.core.errors import FileError
+
+LARGEST_FILE = 20_000_000
+MOST_NODES = 400_000
+MOST_LISTED = 50
+
+Key = tuple[str | int, ...]
+Model = TypeVar("Model", bound=BaseModel)
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One thing wrong in a file: where and what."""
+
+    path: Path
+    line: int | None
+    message: str
+
+    def __str__(self) -> str:
+        return f"{self.path}:{self.line}: {self.message}" if self.line is not None else f"{self.path}: {self.message}"
+
+
+class DocumentError(FileError):
+    """A file, or several that belong together, with everything that is wrong in them."""
+
+    def __init__(self, problems: Iterable[Problem]) -> None:
+        self.problems = tuple(problems)
+        first = self.problems[0]
+        super().__init__(first.path, first.message, line=first.line)
+        if len(self.problems) > 1:
+            listed = "\n".join(f"  - {problem}" for problem in self.problems[:MOST_LISTED])
+            if len(self.problems) > MOST_LISTED:
+                listed += f"\n  and {len(self.problems) - MOST_LISTED} more"
+            self.args = (f"{len(self.problems)} things are wrong:\n{listed}",)
+
+
+@dataclass(frozen=True)
+class Document:
+    """A YAML file as plain values; `lines` maps the path of keys to every value to its line, counted from 1."""
+
+    path: Path
+    value: Any
+    lines: dict[Key, int]
+
+    def line(self, *key: str | int) -> int | None:
+        """The line of the value under this path of keys, or of the nearest value around it."""
+        for length in range(len(key), -1, -1):
+            if key[:length] in self.lines:
+                return self.lines[key[:length]]
+        return None
+
+    def problem(self, message: str, *key: str | int) -> Problem:
+        """A problem of the value under this path of keys."""
+        return Problem(self.path, self.line(*key), message)
+
+
+def read_yaml(path: Path) -> Document:
+    """Read one YAML document with the safe loader; raises FileError (with the line where it can)."""
+    try:
+        size = path.stat().st_size
+        if size > LARGEST_FILE:
+            raise FileError(path, f"the file has {size} bytes; at most {LARGEST_FILE} are read")
+        text = path.read_text(encoding="utf-8-sig")
+    except FileNotFoundError:
+        raise FileError(path, "the file does not exist") from None
+    except UnicodeDecodeError as error:
+        raise FileError(path, f"the file is not UTF-8 text ({error.reason} at byte {error.start})") from None
+    except OSError as error:
+        raise FileError(path, f"the file cannot be read: {error.strerror}") from None
+    return parse_yaml(text, path)
+
+
+def parse_yaml(text: str, path: Path) -> Document:
+    """Parse YAML text that came from `path`."""
+    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)(text)
+    try:
+        node = loader.get_single_node()
+        if node is None:
+            raise FileError(path, "the file is empty")
+        lines: dict[Key, int] = {}
+        _note_lines(node, path, lines)
+        return Document(path, loader.construct_document(node), lines)
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        reason = " ".join(part for part in (error.context, error.problem) if part)
+        raise FileError(path, f"not valid YAML: {reason}", line=mark.line + 1 if mark else None) from None
+    except yaml.YAMLError as error:
+        raise FileError(path, f"not valid YAML: {error}") from None
+    except ValueError as error:  # such as a date with month 13
+        raise FileError(path, f"not valid YAML: {error}") from None
+    finally:
+        loader.dispose()
+
+
+def _note_lines(root: yaml.Node, path: Path, lines: dict[Key, int]) -> None:
+    """Note the line of every value. Bounded, so that a file of nested aliases cannot exhaust the machine."""
+    stack: list[tuple[Key, yaml.Node]] = [((), root)]
+    while stack:
+        key, node = stack.pop()
+        lines.setdefault(key, node.start_mark.line + 1)
+        if len(lines) > MOST_NODES or len(key) > 60:
+            raise FileError(path, "the file is nested too deep or refers to itself", line=node.start_mark.line + 1)
+        if isinstance(node, yaml.SequenceNode):
+            stack.extend(((*key, i), item) for i, item in enumerate(node.value))
+        elif isinstance(node, yaml.MappingNode):
+            seen: set[str] = set()
+            for name, item in node.value:
+                line = name.start_mark.line + 1
+                if not isinstance(name, yaml.ScalarNode):
+                    raise FileError(
+                        path, "not valid YAML: a key is a list or a mapping; is a bracket misplaced?", line=line
+                    )
+                if name.value in seen:
+                    raise FileError(path, f'the key "{name.value}" stands here twice', line=line)
+                seen.add(name.value)
+                lines[(*key, name.value)] = line
+                stack.append(((*key, name.value), item))
+
+
+def read_document(path: Path, model: type[Model]) -> tuple[Model, Document]:
+    """Read a YAML file into a record; raises DocumentError with every mistake, or FileError for unreadable text."""
+    document = read_yaml(path)
+    return validated(document, model), document
+
+
+def validated(document: Document, model: type[Model]) -> Model:
+    """The document as a record; raises DocumentError with every mistake."""
+    if not isinstance(document.value, dict):
+        wanted = ", ".join(model.model_fields)
+        raise DocumentError([document.problem(f"expected keys and values ({wanted}), got {_shown(document.value)}")])
+    try:
+        return model.model_validate(document.value)
+    except ValidationError as error:
+        raise DocumentError(problems_of(error, document, model)) from None
+
+
+def problems_of(error: ValidationError, document: Document, model: type[BaseModel]) -> list[Problem]:
+    """Every error of a validation as a problem with its line, in the order of the file."""
+    details: list[dict[str, Any]] = [dict(detail) for detail in error.errors(include_url=False)]
+    keys = [_file_key(detail["loc"], document) for detail in details]
+    within = Counter(key[:length] for key in keys for length in range(len(key) + 1))
+    mapping_wanted = {key for key, detail in zip(keys, details, strict=True) if detail["type"] in _NO_MAPPING}
+    text_wanted = {key for key, detail in zip(keys, details, strict=True) if detail["type"] == "string_type"}
+    found = []
+    for key, detail in zip(keys, details, strict=True):
+        # Where a name or a mapping may stand, pydantic complains of both forms; only the one that was written counts.
+        mapping_given = detail["type"] == "string_type" and isinstance(detail["input"], dict) and within[key] > 1
+        text_given = detail["type"] in _NO_MAPPING and key in text_wanted
+        if detail["type"] == "string_type" and key in mapping_wanted:
+            detail["type"] = "text_or_mapping"
+        if not (mapping_given or text_given):
+            found.append(document.problem(_message(detail, key, model), *key))
+    return sorted(set(found), key=lambda problem: (problem.line or 0, problem.message))
+
+
+def mistakes_of(error: ValidationError, model: type[BaseModel], *, noun: str = "key") -> list[str]:
+    """Every mistake of a validation in words, for values that are in no file; `noun` is what a key is called there."""
+    found = []
+    for detail in error.errors(include_url=False):
+        place = tuple(part for part in detail["loc"] if isinstance(part, int) or part.isidentifier())
+        said = _message(dict(detail), place, model)
+        found.append(said.replace("there is no key", f"there is no {noun}", 1))
+    return list(dict.fromkeys(found))
+
+
+def _file_key(loc: Key, document: Document) -> Key:
+    """The part of pydantic's location that is in the file (it also names branches of unions)."""
+    key: Key = ()
+    for part in loc:
+        for candidate in ((*key, part), (*key, str(part))):
+            if candidate in document.lines:
+                key = candidate
+                break
+    return key
+
+
+_NO_MAPPING = ("model_type", "model_attributes_type")
+
+_SAID = {
+    "text_or_mapping": "expected a name, or keys and values",
+    "string_type": "expected text",
+    "invalid_key": "expected a word as key",
+    "float_type": "expected a number",
+    "float_parsing": "expected a number",
+    "int_type": "expected a whole number",
+    "int_parsing": "expected a whole number",
+    "finite_number": "expected a finite number",
+    "bool_parsing": "expected true or false",
+    "bool_type": "expected true or false",
+    "tuple_type": "expected a list",
+    "list_type": "expected a list",
+    "dict_type": "expected keys and values",
+    "model_type": "expected keys and values",
+    "model_attributes_type": "expected keys and values",
+}
+
+
+def _message(detail: dict[str, Any], key: Key, model: type[BaseModel]) -> str:
+    kind, loc = detail["type"], detail["loc"]
+    place = _place(key)
+    if kind == "extra_forbidden":
+        return _misspelt(str(loc[-1]), _place(key[:-1]), _model_at(model, loc[:-1]))
+    if kind == "missing":
+        if isinstance(loc[-1], int):
+            return f"{place}: expected more values than {_shown(detail['input'])}"
+        return f'{place + ": " if place else ""}"{loc[-1]}" is missing'
+    said = _SAID.get(kind, _of_length(detail) or detail["msg"].removeprefix("Value error, "))
+    if kind == "value_error":
+        return f"{place}: {said}" if place else said
+    said = said.replace("Input should be greater", "expected a value greater")
+    said = said.replace("Input should be less", "expected a value less").replace("Input should be", "expected")
+    if kind == "string_type" and isinstance(detail["input"], bool | int | float | datetime.date):
+        said += " (put it in quotes)"
+    return f"{place}: {said}, got {_shown(detail['input'])}"
+
+
+def _of_length(detail: dict[str, Any]) -> str | None:
+    """What is wrong with a length, in words; None for a mistake of another kind."""
+    bounds = detail.get("ctx", {})
+    match detail["type"]:
+        case "string_too_short":
+            return "expected some text"
+        case "string_too_long":
+            return f"expected at most {bounds['max_length']} characters"
+        case "too_short":
+            return f"expected at least {bounds['min_length']} values"
+        case "too_long":
+            return f"expected at most {bounds['max_length']} values"
+    return None
+
+
+def _place(key: Key) -> str:
+    """A path of keys as people write it: `areas[0].name`."""
+    text = ""
+    for part in key:
+        text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else str(part)
+    return text
+
+
+def _misspelt(key: str, place: str, model: type[BaseModel] | None) -> str:
+    known = [field.alias or name for name, field in model.model_fields.items()] if model is not None else []
+    near = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
+    where = f" in {place}" if place else ""
+    asked = f'. Did you mean "{near[0]}"?' if near else "." if known else ""
+    listed = f" Known: {', '.join(known)}" if known else ""
+    return f'there is no key "{key}"{where}{asked}{listed}'
+
+
+def _model_at(model: type[BaseModel], loc: Key) -> type[BaseModel] | None:
+    """The model whose keys stand at this location."""
+    current: type[BaseModel] | None = model
+    for part in loc:
+        if current is not None and isinstance(part, str) and part in current.model_fields:
+            current = _nested(current.model_fields[part].annotation)
+    return current
+
+
+def _nested(annotation: Any) -> type[BaseModel] | None:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    for inner in get_args(annotation):
+        found = _nested(inner)
+        if found is not None:
+            return found
+    return None
+
+
+def _shown(value: Any) -> str:
+    text = "nothing" if value is None else repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."

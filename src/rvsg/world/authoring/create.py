@@ -1,0 +1,387 @@
+"""From a robot's map or a Gazebo world to a world of its own: grid, first labels and routes, all to be edited."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rvsg.core.documents import read_document
+from rvsg.core.errors import FileError, InputError
+from rvsg.core.records import Pose
+from rvsg.world.authoring.labels import propose_areas
+from rvsg.world.build import build_world
+from rvsg.world.grid import Grid, GridSpec
+from rvsg.world.io.files import COARSEST_M, FARTHEST_M, FINEST_M, HIGHEST_LIDAR_M, ObjectsFile
+from rvsg.world.io.nav2_map import load_nav2_map, upright
+from rvsg.world.io.sdf import load_sdf
+from rvsg.world.lattice import build_grid, fitting_spacing
+from rvsg.world.occupancy import occupancy_from_objects
+from rvsg.world.space import Space, human_space_of, main_floor, robot_space
+from rvsg.world.world import FREE, Area, OccupancyMap, Route, SolidObject, World
+
+ROUTES = 3
+OPEN_M = 2.0
+LONGEST_ROUTE_M = 25.0
+SHORTEST_ROUTE_M = 3.0
+SECONDS_PER_M = 2.5  # the study gives its robot 2 to 2.5 s for a metre
+SHORTEST_LIMIT_S = 15.0
+MOST_LINES = 40  # more rows or columns are hard to read on one picture
+CONNECTED = 0.97
+HALF_LENGTH_M, HALF_WIDTH_M = 0.36, 0.25  # of the robot seen from above, a finger's breadth added
+TURNING_M = 0.45  # room in which a robot of 0.7 x 0.5 m turns on the spot
+
+
+@dataclass(frozen=True, kw_only=True)
+class Created:
+    """A new world, where it came from, and what its maker should know."""
+
+    world: World
+    source: str
+    notes: tuple[str, ...]
+
+
+def world_from_map(
+    path: str | Path,
+    *,
+    name: str,
+    title: str = "",
+    grid_spec: GridSpec | None = None,
+    free_thresh: float | None = None,
+) -> Created:
+    """A world from a Nav2 map: labels from free-standing obstacles and open floor, routes between them.
+
+    A map with a turned origin is laid along the axes of its frame. Raises FileError for a map that cannot be used.
+    """
+    read = load_nav2_map(path, free_thresh=free_thresh)
+    occupancy = upright(read.occupancy)
+    notes = list(read.notes)
+    if occupancy is not read.occupancy and read.occupancy.origin.yaw:
+        notes.append(
+            f"the map was turned by its origin's yaw of {read.occupancy.origin.yaw:g} rad onto the axes of the map "
+            "frame; positions are the same."
+        )
+    try:
+        return _created(name, title, (), occupancy, grid_spec, str(path), notes)
+    except FileError:
+        raise
+    except InputError as error:
+        raise FileError(path, f"{error}") from None
+
+
+def world_from_sdf(
+    path: str | Path,
+    *,
+    name: str,
+    title: str = "",
+    grid_spec: GridSpec | None = None,
+    model_paths: Sequence[Path] = (),
+    lidar_height_m: float = 0.21,
+    floor_m: float = 0.0,
+    resolution_m: float = 0.05,
+    box_for_unreadable: bool = False,
+    without: Sequence[str] = (),
+) -> Created:
+    """A world from a Gazebo world: its solid objects, the map a lidar would draw of them, labels by kind, routes.
+
+    Raises DocumentError with everything that is wrong in the SDF files at once, InputError for absurd sizes.
+    """
+    _refuse_absurd_sizes(resolution_m, lidar_height_m, floor_m)
+    read = load_sdf(
+        path,
+        model_paths=model_paths,
+        lidar_height_m=lidar_height_m,
+        floor_m=floor_m,
+        box_for_unreadable=box_for_unreadable,
+        without=without,
+    )
+    try:
+        notes = list(read.notes)
+        occupancy = _mapped(read.objects, resolution_m, notes)
+        return _created(
+            name, title, read.objects, occupancy, grid_spec, str(path), notes, lidar_height_m=lidar_height_m
+        )
+    except FileError:
+        raise
+    except InputError as error:
+        raise FileError(path, f"{error}") from None
+
+
+def world_from_objects(
+    path: str | Path,
+    *,
+    name: str,
+    title: str = "",
+    grid_spec: GridSpec | None = None,
+    lidar_height_m: float = 0.21,
+    resolution_m: float = 0.05,
+) -> Created:
+    """A world from our own file of objects (oriented boxes and polygons), mapped as a lidar would see them."""
+    _refuse_absurd_sizes(resolution_m, lidar_height_m)
+    file, _ = read_document(Path(path), ObjectsFile)
+    objects = tuple(entry.solid(lidar_height_m) for entry in file.objects)
+    try:
+        notes: list[str] = []
+        occupancy = _mapped(objects, resolution_m, notes)
+        return _created(name, title, objects, occupancy, grid_spec, str(path), notes, lidar_height_m=lidar_height_m)
+    except FileError:
+        raise
+    except InputError as error:
+        raise FileError(path, f"{error}") from None
+
+
+def _refuse_absurd_sizes(resolution_m: float, lidar_height_m: float, floor_m: float = 0.0) -> None:
+    """InputError for what world.yaml would not take back, and for what is no number (every comparison fails then)."""
+    if not FINEST_M <= resolution_m <= COARSEST_M:
+        raise InputError(f"the resolution must be {FINEST_M:g} to {COARSEST_M:g} metres per cell, got {resolution_m:g}")
+    if not 0 < lidar_height_m <= HIGHEST_LIDAR_M:
+        raise InputError(
+            f"the lidar plane must be above the floor and at most {HIGHEST_LIDAR_M:g} m high, got {lidar_height_m:g} m"
+        )
+    if not abs(floor_m) <= FARTHEST_M:
+        raise InputError(f"the height of the floor must be metres in the world, got {floor_m:g}")
+
+
+def _mapped(objects: Sequence[SolidObject], resolution_m: float, notes: list[str]) -> OccupancyMap:
+    """The map a lidar would draw; where no wall encloses the floor, with OPEN_M of floor round the objects."""
+    occupancy = occupancy_from_objects(objects, resolution_m=resolution_m)
+    cells = occupancy.cells
+    if not any((edge == FREE).any() for edge in (cells[0], cells[-1], cells[:, 0], cells[:, -1])):
+        return occupancy
+    notes.append(f"no wall encloses the floor: {OPEN_M:g} m of it round the objects are taken as free.")
+    return occupancy_from_objects(objects, resolution_m=resolution_m, margin_m=OPEN_M)
+
+
+def _created(
+    name: str,
+    title: str,
+    objects: Sequence[SolidObject],
+    occupancy: OccupancyMap,
+    spec: GridSpec | None,
+    source: str,
+    notes: list[str],
+    *,
+    lidar_height_m: float = 0.21,
+) -> Created:
+    spec = fitting_spec(spec or GridSpec(), human_space_of(objects, occupancy))
+    areas = propose_areas(objects, occupancy)
+    world = build_world(
+        name=name,
+        title=title or name.replace("_", " ").replace("-", " ").capitalize(),
+        objects=objects,
+        occupancy=occupancy,
+        areas=areas,
+        grid_spec=spec,
+        lidar_height_m=lidar_height_m,
+    )
+    main = largest_part(world.grid)
+    reached = tuple(area for area in world.areas if main & set(area.waypoints))
+    if len(reached) < len(world.areas):
+        left = [area for area in world.areas if area not in reached]
+        notes.append(f"people cannot walk to {len(left)} places found: not labelled. A finer grid may reach them.")
+        reached = renumbered(reached)
+    world = replace(world, areas=reached)
+    if grid_is_coarse(world.grid):
+        notes.append(f"the map is large, so the grid is {world.grid.spacing_m:g} m wide; --spacing makes it finer.")
+    world = replace(world, routes=propose_routes(world))
+    if not world.routes:
+        notes.append("no route is proposed: the robot fits on too few waypoints. Write some into routes.yaml.")
+    return Created(world=world, source=source, notes=tuple(notes))
+
+
+def fitting_spec(spec: GridSpec, space: Space) -> GridSpec:
+    """An even grid that suits the floor: lines shifted so that they run through narrow places, and where parts of the
+    floor would be cut off from each other, lines nearer together.
+
+    What the specification says of spacing or origin is kept. Raises InputError where nobody fits anywhere.
+    """
+    if spec.rows is not None:
+        return spec
+    floor = main_floor(space, spec.human_clearance_m)
+    if not floor.any():
+        raise InputError(
+            f"the map has no place that is {spec.human_clearance_m:g} m clear of obstacles: is it inverted (negate) "
+            "or all unknown? Else give a smaller --human-clearance"
+        )
+    rows, columns = np.flatnonzero(floor.any(axis=1)), np.flatnonzero(floor.any(axis=0))
+    high, wide = np.ptp(rows) * space.frame.resolution, np.ptp(columns) * space.frame.resolution
+    usual = spec.spacing_m or fitting_spacing(float(high), float(wide))
+    finer = [usual] if spec.spacing_m else [usual, 0.75 * usual, 0.5 * usual]
+    best: tuple[float, GridSpec] | None = None
+    for spacing in finer:
+        if best is not None and max(high, wide) / spacing > MOST_LINES:
+            break
+        tried = spec.model_copy(update={"spacing_m": spacing})
+        if spec.origin is None:
+            tried = tried.model_copy(update={"origin": _best_origin(space, floor, spacing)})
+        grid = build_grid(tried, space, space)
+        share = len(largest_part(grid)) / len(grid.neighbours)
+        if best is None or share > best[0] + 0.02:
+            best = (share, tried)
+        if share >= CONNECTED:
+            break
+    assert best is not None
+    return best[1]
+
+
+def _best_origin(space: Space, floor: NDArray[np.bool_], spacing: float) -> tuple[float, float]:
+    """The point through which grid lines meet most floor, narrow places counting most."""
+    step = max(1, round(spacing / space.frame.resolution))
+    weight = np.where(floor, 1.0 / np.maximum(space.field, 0.1) ** 2, 0.0)
+    rows, columns = weight.shape
+    padded = np.zeros((-(-rows // step) * step, -(-columns // step) * step))
+    padded[:rows, :columns] = weight
+    folded = padded.reshape(padded.shape[0] // step, step, padded.shape[1] // step, step).sum(axis=(0, 2))
+    row, column = np.unravel_index(int(folded.argmax()), folded.shape)
+    x, y = space.frame.to_metres(np.array([column + 0.5, row + 0.5]))
+    return (round(float(x), 3), round(float(y), 3))
+
+
+def largest_part(grid: Grid) -> set[str]:
+    """The names of the largest group of waypoints between which people can walk."""
+    left = dict.fromkeys(grid.neighbours)
+    largest: set[str] = set()
+    while left:
+        stack = [next(iter(left))]
+        part = set(stack)
+        while stack:
+            name = stack.pop()
+            left.pop(name, None)
+            fresh = [other for other in grid.neighbours[name] if other not in part]
+            part.update(fresh)
+            stack += fresh
+        if len(part) > len(largest):
+            largest = part
+    return largest
+
+
+def grid_is_coarse(grid: Grid) -> bool:
+    """Whether the grid is wider than the metre that suits people's paths."""
+    return grid.spacing_m > 1.0
+
+
+def renumbered(areas: Sequence[Area]) -> tuple[Area, ...]:
+    """The areas with the numbers at the end of their names closed up: "Area 2", "Area 5" become "Area 1", "Area 2"."""
+    count: dict[str, int] = {}
+    named = []
+    for area in areas:
+        word, _, number = area.name.rpartition(" ")
+        if word and number.isdigit():
+            count[word] = count.get(word, 0) + 1
+            area = area.model_copy(update={"name": f"{word} {count[word]}"})
+        named.append(area)
+    return tuple(named)
+
+
+# --- routes -------------------------------------------------------------------------------------------------------
+
+
+def propose_routes(world: World, count: int = ROUTES) -> tuple[Route, ...]:
+    """Routes between areas far apart, each about as long as the longest walk but at most 25 m, from different places.
+
+    Only waypoints on which the robot fits are used, and hops between them.
+    """
+    ends = _ends(world)
+    drivable = grid_of_robot(world.grid)
+    walks = []
+    for i, (start, area_a) in enumerate(ends):
+        for goal, area_b in ends[i + 1 :]:
+            path = drivable.shortest_path(start, goal)
+            if path is None:
+                continue
+            if not _ends_fit(world, path):
+                continue
+            length = _length(world.grid, path)
+            if length >= SHORTEST_ROUTE_M:
+                walks.append((length, path, area_a, area_b))
+    if not walks:
+        return ()
+    wanted = min(max(w[0] for w in walks), LONGEST_ROUTE_M)
+    walks.sort(key=lambda walk: (abs(walk[0] - wanted), walk[1]))
+    chosen: list[tuple[float, tuple[str, ...], str, str]] = []
+    used: set[str] = set()
+    for strict in (True, False):
+        for walk in walks:
+            if len(chosen) < count and walk not in chosen and not (strict and used & {walk[2], walk[3]}):
+                chosen.append(walk)
+                used |= {walk[2], walk[3]}
+    return tuple(_route(world, f"route_{i}", *walk) for i, walk in enumerate(chosen, start=1))
+
+
+def _ends(world: World) -> list[tuple[str, str]]:
+    """For every area the waypoint it is best driven to, with the area's name; at most twenty.
+
+    Best is where the robot can turn, then what is nearest to the middle of the area.
+    """
+    space = robot_space(world)
+    ends: list[tuple[str, str]] = []
+    for area in world.areas:
+        middle = np.mean(np.array(area.outline), axis=0)
+        fit = [world.grid.by_name[name] for name in area.waypoints if world.grid.by_name[name].robot]
+        if fit:
+            tight = {w.name: space.clearance(w.x, w.y) < TURNING_M for w in fit}
+            best = min(fit, key=lambda w: (tight[w.name], math.dist((w.x, w.y), middle), w.name))
+            if best.name not in {name for name, _ in ends}:
+                ends.append((best.name, area.name))
+    step = max(1, math.ceil(len(ends) / 20))
+    return ends[::step]
+
+
+def grid_of_robot(grid: Grid) -> Grid:
+    """The part of the grid on which the robot fits."""
+    fits = {w.name for w in grid.waypoints if w.human and w.robot}
+    waypoints = tuple(w if w.name in fits else w.model_copy(update={"human": False}) for w in grid.waypoints)
+    return grid.model_copy(
+        update={"waypoints": waypoints, "hops": tuple(hop for hop in grid.hops if hop[0] in fits and hop[1] in fits)}
+    )
+
+
+def _length(grid: Grid, path: Sequence[str]) -> float:
+    return sum(math.dist(grid.position(a), grid.position(b)) for a, b in pairwise(path))
+
+
+def _ends_fit(world: World, path: Sequence[str]) -> bool:
+    """Whether the robot stands free at both ends of a path, looking along it."""
+    points = [world.grid.position(p) for p in path]
+    space = robot_space(world)
+    return all(
+        robot_stands(space, Pose(x=at[0], y=at[1], yaw=_heading(a, b)))
+        for at, a, b in ((points[0], points[0], points[1]), (points[-1], points[-2], points[-1]))
+    )
+
+
+def _heading(a: tuple[float, float], b: tuple[float, float]) -> float:
+    return round(math.atan2(b[1] - a[1], b[0] - a[0]), 2)
+
+
+def _route(world: World, name: str, length: float, path: tuple[str, ...], area_a: str, area_b: str) -> Route:
+    points = [world.grid.position(p) for p in path]
+
+    return Route(
+        name=name,
+        start=Pose(x=points[0][0], y=points[0][1], yaw=_heading(points[0], points[1])),
+        goal=Pose(x=points[-1][0], y=points[-1][1], yaw=_heading(points[-2], points[-1])),
+        time_limit_s=time_limit_s(length),
+        via=path,
+        purpose=f"from {area_a} to {area_b}",
+    )
+
+
+def robot_stands(space: Space, pose: Pose) -> bool:
+    """Whether the robot's footprint at this pose (metres, radians) is clear of obstacles."""
+    along, across = np.meshgrid(
+        np.linspace(-HALF_LENGTH_M, HALF_LENGTH_M, 15), np.linspace(-HALF_WIDTH_M, HALF_WIDTH_M, 11)
+    )
+    c, s = math.cos(pose.yaw), math.sin(pose.yaw)
+    points = np.stack([pose.x + c * along - s * across, pose.y + s * along + c * across], axis=-1)
+    return bool((space.clearances(points) > 0.0).all())
+
+
+def time_limit_s(length_m: float) -> float:
+    """A sensible time limit for a way of this length, in steps of 5 s."""
+    return max(SHORTEST_LIMIT_S, 5.0 * math.ceil(SECONDS_PER_M * length_m / 5.0))

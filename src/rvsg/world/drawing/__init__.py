@@ -1,0 +1,69 @@
+"""Pictures of a world for people and vision language models: a labelled map and the grid of waypoints.
+
+The same world gives the same bytes. Colours, size and what is shown can be chosen; a route can be drawn on them.
+"""
+
+from __future__ import annotations
+
+import io
+
+from PIL import Image
+
+from rvsg.world.drawing.palette import PALETTES, Palette
+from rvsg.world.drawing.plan import GRID, LABELLED, LAYERS, Picture, draw_plan
+from rvsg.world.drawing.tiles import Tile, tiles
+from rvsg.world.drawing.view import Window
+from rvsg.world.world import Route, World
+
+__all__ = [
+    "GRID",
+    "LABELLED",
+    "LAYERS",
+    "PALETTES",
+    "Picture",
+    "Tile",
+    "draw_plan",
+    "grid_picture",
+    "labelled_map",
+    "png_bytes",
+    "tiles",
+]
+
+
+def labelled_map(
+    world: World,
+    *,
+    width_px: int = 1600,
+    route: Route | None = None,
+    colours: str | Palette = "light",
+    show: frozenset[str] = LABELLED,
+    window: Window | None = None,
+) -> Image.Image:
+    """The floor plan with its labelled areas, seen from above, about `width_px` pixels wide."""
+    title = f"{world.title}: labelled areas" + (f" and {route.name}" if route else "")
+    return draw_plan(
+        world, show=show, width_px=width_px, route=route, colours=colours, window=window, title=title
+    ).image
+
+
+def grid_picture(
+    world: World,
+    *,
+    width_px: int = 1600,
+    route: Route | None = None,
+    colours: str | Palette = "light",
+    show: frozenset[str] = GRID,
+    window: Window | None = None,
+) -> Image.Image:
+    """The floor plan with the grid of named waypoints on which people can stand, about `width_px` pixels wide."""
+    title = f"{world.title}: grid of waypoints" + (f" and {route.name}" if route else "")
+    return draw_plan(
+        world, show=show, width_px=width_px, route=route, colours=colours, window=window, title=title
+    ).image
+
+
+def png_bytes(image: Image.Image) -> bytes:
+    """The picture as PNG; the same picture gives the same bytes."""
+    buffer = io.BytesIO()
+    image.save(buffer, format="PNG", optimize=False, compress_level=6)
+    return buffer.getvalue()

@@ -1,0 +1,70 @@
+"""The lowest layers of a floor plan: the floor as the map shows it, and the objects that stand on it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rvsg.world.drawing.sheet import FINE, Sheet
+from rvsg.world.space import frame_of, solid_cells, world_map
+from rvsg.world.world import FREE, OCCUPIED, SolidObject, World
+
+Floats = NDArray[np.float64]
+
+THICK_WALL_M = 0.3  # what the map shows thicker than this is drawn as a thing with an edge
+
+
+def draw_floor(sheet: Sheet, world: World, guides: tuple[list[float], list[float]], *, hidden: bool) -> None:
+    """The occupancy map as coloured floor with faint lines; what is unknown looks like outside.
+
+    `hidden`: without the cells that belong to objects, as these are drawn themselves.
+    """
+    from scipy.ndimage import binary_dilation, binary_erosion
+
+    occupancy = world_map(world)
+    frame = frame_of(occupancy)
+    ink = sheet.palette
+    colours = np.array([ink.outside, ink.floor, ink.wall, ink.guide, ink.thing], np.uint8)
+    kind = np.zeros(frame.shape, np.uint8)
+    kind[occupancy.cells == FREE] = 1
+    kind[occupancy.cells == OCCUPIED] = 2
+    thick = max(1, round(THICK_WALL_M / 2 / frame.resolution))
+    kind[binary_erosion(kind == 2, iterations=thick)] = 4
+    if hidden and world.objects:
+        kind[binary_dilation(solid_cells(world.objects, frame), np.ones((5, 5), bool)) & (kind == 2)] = 1
+    left, top, right, bottom = sheet.view.plan
+    across = left + (np.arange((right - left) * FINE) + 0.5) / FINE
+    all_down = top + (np.arange((bottom - top) * FINE) + 0.5) / FINE
+    on_row, on_column = _lines(all_down, guides[0]), _lines(across, guides[1])
+    bands = []
+    for first in range(0, len(all_down), 256):  # in bands, so that a large page needs little memory
+        down = all_down[first : first + 256]
+        found = frame.looked_up(kind, sheet.view.metres(np.stack(np.meshgrid(across, down), axis=-1)))
+        found[(found == 1) & (on_row[first : first + 256, None] | on_column)] = 3
+        bands.append(colours[found])
+    sheet.paste(np.concatenate(bands), left, top)
+
+
+def _lines(pixels: Floats, at: list[float]) -> NDArray[np.bool_]:
+    """Which of the pixels along one side belong to lines one pixel wide."""
+    lines = np.zeros(len(pixels), bool)
+    for place in at:
+        lines |= np.abs(pixels - place) <= 0.5
+    return lines
+
+
+def is_wall(thing: SolidObject) -> bool:
+    """Whether an object is drawn as part of the building."""
+    return bool(thing.holes) or "wall" in thing.kind.lower()
+
+
+def draw_objects(sheet: Sheet, objects: tuple[SolidObject, ...]) -> None:
+    """Walls first, then things, by their footprints."""
+    for thing in sorted(objects, key=lambda o: (not is_wall(o), o.box.size[2], o.name)):
+        ring = sheet.view.pixels(np.array(thing.footprint))
+        fill = sheet.palette.wall if is_wall(thing) else sheet.palette.thing
+        if thing.holes:
+            sheet.holed(ring, [sheet.view.pixels(np.array(hole)) for hole in thing.holes], fill)
+        else:
+            edge = sheet.palette.wall if is_wall(thing) else sheet.palette.thing_edge
+            sheet.polygon(ring, fill=fill, edge=edge, width=1.0)

@@ -1,0 +1,196 @@
+"""What surrounds a floor plan: title, rulers with row letters and column numbers, scale bar, compass and legend."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import pairwise
+
+import numpy as np
+
+from rvsg.world.drawing.palette import Colour
+from rvsg.world.drawing.placing import SMALLEST_TEXT, text_size
+from rvsg.world.drawing.sheet import Sheet
+from rvsg.world.grid import Waypoint
+from rvsg.world.world import Route, World
+
+Sign = Callable[[float, float], None]
+
+BAR_LENGTHS_M = (0.5, 1, 2, 5, 10, 20, 50, 100)
+
+
+def draw_title(sheet: Sheet, title: str) -> None:
+    """The title above the plan, shortened where it is too long."""
+    left, _, right, _ = sheet.view.plan
+    size = round(24 * sheet.unit)
+    text = " ".join(title.split())
+    while text_size(text, size)[0] > right - left and len(text) > 8:
+        text = text[:-4].rstrip() + "..."
+    sheet.write_at(text, left, 26 * sheet.unit, size, sheet.palette.ink, anchor="l", bold=True)
+
+
+def draw_rulers(sheet: Sheet, world: World) -> tuple[list[float], list[float]]:
+    """Letters of the rows at the left and right, numbers of the columns above and below.
+
+    Returns where faint lines belong, in pixels: down the page for rows, across it for columns.
+    """
+    view, ink = sheet.view, sheet.palette
+    left, top, right, bottom = view.plan
+    away = 20 * sheet.unit
+    size = round(19 * sheet.unit)
+    guides: tuple[list[float], list[float]] = ([], [])
+    rows: dict[int, list[Waypoint]] = {}
+    columns: dict[int, list[Waypoint]] = {}
+    for waypoint in world.grid.waypoints:
+        rows.setdefault(waypoint.row, []).append(waypoint)
+        columns.setdefault(waypoint.column, []).append(waypoint)
+    for index, at in _readable(sheet, world.grid.rows, rows, axis=1, size=size):
+        if top < at < bottom:
+            guides[0].append(at)
+            for x in (left - away, right + away):
+                sheet.write_at(world.grid.rows[index], x, at, size, ink.ink, bold=True)
+    for index, at in _readable(sheet, world.grid.columns, columns, axis=0, size=size):
+        if left < at < right:
+            guides[1].append(at)
+            for y in (top - away, bottom + away):
+                sheet.write_at(world.grid.columns[index], at, y, size, ink.ink, bold=True)
+    return guides
+
+
+def _readable(
+    sheet: Sheet, names: tuple[str, ...], lines: dict[int, list[Waypoint]], *, axis: int, size: int
+) -> list[tuple[int, float]]:
+    """The index of each row or column that is named, with its place along the ruler: all, or every 2nd, 5th, .."""
+    places = [
+        float(np.median(sheet.view.pixels(np.array([[w.x, w.y] for w in lines[index]]))[:, axis]))
+        for index in range(len(names))
+    ]
+    halves = [text_size(name, size)[axis] / 2 for name in names]
+    for step in (1, 2, 5, 10, 20, 50, 100):
+        shown = range(0, len(names), step)
+        if all(places[b] - halves[b] > places[a] + halves[a] + 4 for a, b in pairwise(shown)):
+            break
+    return [(index, places[index]) for index in shown]
+
+
+def draw_footer(
+    sheet: Sheet, world: World, show: frozenset[str], kinds: dict[str, Colour], route: Route | None
+) -> float:
+    """Scale bar and compass, and with the legend in words what the signs mean and how the plan lies.
+
+    Returns where the page ends, in pixels from its top.
+    """
+    unit = sheet.unit
+    left, _, right, bottom = sheet.view.plan
+    first = bottom + (44 if "rulers" in show else 16) * unit + 14 * unit
+    x = _scale_bar(sheet, left + 4 * unit, first)
+    x = _compass(sheet, x + 50 * unit, first)
+    if "legend" not in show:
+        return first + 24 * unit
+    size = max(SMALLEST_TEXT + 1, round(17 * unit))
+    x += 40 * unit
+    line = first
+    for draw, text in _legend(sheet, world, show, kinds, route):
+        width = text_size(text, size)[0] + 30 * unit
+        if x + width > right:
+            x, line = left + 4 * unit, line + 30 * unit
+        draw(x + 9 * unit, line)
+        sheet.write_at(text, x + 24 * unit, line, size, sheet.palette.ink, anchor="l")
+        x += width + 16 * unit
+    return _sentences(sheet, world, show, left + 4 * unit, line + 32 * unit, size) + 18 * unit
+
+
+def _scale_bar(sheet: Sheet, x: float, y: float) -> float:
+    scale, unit, ink = sheet.view.scale, sheet.unit, sheet.palette.ink
+    length = max((m for m in BAR_LENGTHS_M if m * scale <= 200 * unit), default=BAR_LENGTHS_M[0])
+    end = x + length * scale
+    sheet.line(np.array([[x, y], [end, y]]), ink, 2.5)
+    for at in (x, end):
+        sheet.line(np.array([[at, y - 6 * unit], [at, y + 6 * unit]]), ink, 2.5)
+    word = sheet.write_at(f"{length:g} m", end + 10 * unit, y, round(17 * unit), ink, anchor="l")
+    return word.box[2]
+
+
+def _compass(sheet: Sheet, x: float, y: float) -> float:
+    """Two arrows that say where x and y point."""
+    unit, ink = sheet.unit, sheet.palette.ink
+    length, size = 24 * unit, round(17 * unit)
+    origin = np.array([x + (length if sheet.view.up == "x" else 0), y + 10 * unit])
+    upwards = "x" if sheet.view.up == "x" else "y"
+    sideways, sign = ("y", -1.0) if sheet.view.up == "x" else ("x", 1.0)
+    for name, way in ((upwards, np.array([0.0, -1.0])), (sideways, np.array([sign, 0.0]))):
+        tip = origin + way * length
+        across = np.array([-way[1], way[0]])
+        sheet.line(np.array([origin, tip]), ink, 2.0)
+        head = np.array(
+            [tip + way * 4 * unit, tip - way * 6 * unit + across * 5 * unit, tip - way * 6 * unit - across * 5 * unit]
+        )
+        sheet.polygon(head, fill=ink)
+        beside = tip + (np.array([12.0, 0.0]) * unit if way[0] == 0 else way * 14 * unit)
+        sheet.write_at(name, float(beside[0]), float(beside[1]), size, ink)
+    return x + length + 20 * unit
+
+
+def _legend(
+    sheet: Sheet, world: World, show: frozenset[str], kinds: dict[str, Colour], route: Route | None
+) -> list[tuple[Sign, str]]:
+    """What is in the legend: how to draw each sign, and its meaning."""
+    unit, ink = sheet.unit, sheet.palette
+
+    def swatch(colour: Colour) -> Sign:
+        def draw(x: float, y: float) -> None:
+            half = 8 * unit
+            ring = np.array([[x - half, y - half], [x + half, y - half], [x + half, y + half], [x - half, y + half]])
+            sheet.polygon(ring, fill=ink.tinted(colour), edge=colour, width=1.8)
+
+        return draw
+
+    entries: list[tuple[Sign, str]] = []
+    if "waypoints" in show:
+        entries.append((lambda x, y: sheet.dot(x, y, 5 * unit, fill=ink.dot), "waypoint"))
+        if any(w.human and not w.robot for w in world.grid.waypoints):
+            entries.append(
+                (
+                    lambda x, y: sheet.dot(x, y, 5 * unit, fill=ink.floor, edge=ink.dot),
+                    "waypoint too narrow for the robot",
+                )
+            )
+    if len(kinds) <= 8 and len(set(kinds.values())) == len(kinds):
+        entries += [(swatch(colour), kind) for kind, colour in kinds.items()]
+    if route is not None:
+        entries.append(
+            (lambda x, y: sheet.line(np.array([[x - 10 * unit, y], [x + 10 * unit, y]]), ink.route, 4.0), route.name)
+        )
+    return entries
+
+
+def _sentences(sheet: Sheet, world: World, show: frozenset[str], x: float, y: float, size: int) -> float:
+    """How the plan lies, how the grid is numbered and what could not be shown; returns the last line's place."""
+    x0, y0, x1, y1 = sheet.view.window
+    towards = ("up", "left") if sheet.view.up == "x" else ("right", "up")
+    said = [f"{x1 - x0:.0f} m along x ({towards[0]}), {y1 - y0:.0f} m along y ({towards[1]})."]
+    rows, columns, spec = world.grid.rows, world.grid.columns, world.grid_spec
+    if "rulers" in show and rows:
+        down, across = _ways(sheet, world)
+        said.append(f"Rows {rows[0]} to {rows[-1]} from {down}, columns {columns[0]} to {columns[-1]} from {across}.")
+        if spec is not None and spec.rows is None and world.grid.spacing_m:
+            said.append(f"Waypoints {world.grid.spacing_m:g} m apart.")
+    said += [note[0].upper() + note[1:] + "." for note in sheet.notes[:2]]
+    lines = [""]
+    for word in " ".join(said).split():
+        longer = f"{lines[-1]} {word}".strip()
+        if text_size(longer, size)[0] > sheet.view.plan[2] - x:
+            lines.append(word)
+        else:
+            lines[-1] = longer
+    lines = lines[:5]
+    for i, line in enumerate(lines):
+        sheet.write_at(line, x, y + i * 1.4 * size, size, sheet.palette.faint_ink, anchor="l")
+    return y + (len(lines) - 1) * 1.4 * size
+
+
+def _ways(sheet: Sheet, world: World) -> tuple[str, str]:
+    """In which way rows and columns are counted; explicit coordinates may count from the bottom or the right."""
+    points = world.grid.waypoints
+    (x0, y0), (x1, y1) = sheet.view.pixels(np.array([[w.x, w.y] for w in (points[0], points[-1])]))
+    down = "top to bottom" if y0 <= y1 else "bottom to top"
+    return down, "left to right" if x0 <= x1 else "right to left"

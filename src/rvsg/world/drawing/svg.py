@@ -1,0 +1,195 @@
+"""The floor plan as SVG in metres, for pages that draw trajectories over it.
+
+The plan lies as in the pictures. Its user units are metres; `FloorPlan.matrix` turns world coordinates into them::
+
+    <svg viewBox="{plan.view_box}">{plan.shapes}<g transform="{plan.matrix}"> ... world metres ... </g></svg>
+
+Shapes carry classes and no colours (`floor`, `wall`, `thing`, `area`, `area-name`, `waypoint`, `waypoint narrow`), so
+that a page gives them its own; `floor_plan_svg` adds the colours of a palette and stands alone.
+"""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rvsg.world.drawing.areas import area_words
+from rvsg.world.drawing.floor import is_wall
+from rvsg.world.drawing.palette import Colour, Palette, palette
+from rvsg.world.drawing.placing import Word
+from rvsg.world.drawing.view import View, Window, view_of
+from rvsg.world.space import frame_of, solid_cells, world_map
+from rvsg.world.world import FREE, OCCUPIED, World
+
+Floats = NDArray[np.float64]
+SHOWN_PX = 800
+
+
+@dataclass(frozen=True)
+class FloorPlan:
+    """The parts of an SVG floor plan.
+
+    `view_box` (left, top, width, height in metres) and `matrix` (world to user units) are as SVG's attributes are
+    written; `shapes` are the elements that stand inside the `svg` element.
+    """
+
+    view_box: str
+    matrix: str
+    shapes: str
+
+
+def floor_plan(
+    world: World,
+    *,
+    window: Window | None = None,
+    areas: bool = True,
+    waypoints: bool = False,
+    shown_px: int = SHOWN_PX,
+) -> FloorPlan:
+    """The floor plan of a world or of a window of it (x_min, y_min, x_max, y_max in metres).
+
+    The areas' names are sized and placed to be read where the plan is shown about `shown_px` pixels wide.
+    """
+    view = view_of(world, width_px=shown_px, window=window, margins=(0, 0, 0, 0))
+    x0, y0, x1, y1 = view.window
+    if view.up == "y":
+        matrix, box = "matrix(1 0 0 -1 0 0)", (x0, -y1, x1 - x0, y1 - y0)
+    else:
+        matrix, box = "matrix(0 -1 -1 0 0 0)", (-y1, -x1, y1 - y0, x1 - x0)
+    parts = [f'<g class="plan" transform="{matrix}">', *_cells(world), *_objects(world)]
+    if areas:
+        parts += [
+            f'<polygon class="area kind-{i}" points="{_points(area.outline)}">'
+            f"<title>{html.escape(area.name)}</title></polygon>"
+            for area, i in zip(world.areas, _kinds(world), strict=True)
+        ]
+    if waypoints:
+        parts += [
+            f'<circle class="waypoint{"" if w.robot else " narrow"}" cx="{w.x:g}" cy="{w.y:g}" r="0.06">'
+            f"<title>{html.escape(w.name)}</title></circle>"
+            for w in world.grid.waypoints
+            if w.human
+        ]
+    parts.append("</g>")
+    if areas:
+        parts += [_text(word, view, box) for word in area_words(world, view)]
+    return FloorPlan(" ".join(_number(v) for v in box), matrix, "\n".join(parts))
+
+
+def floor_plan_svg(
+    world: World,
+    *,
+    width_px: int = 1000,
+    window: Window | None = None,
+    areas: bool = True,
+    waypoints: bool = False,
+    colours: str | Palette = "light",
+) -> str:
+    """The floor plan as an SVG document that stands alone, `width_px` CSS pixels wide."""
+    plan = floor_plan(world, window=window, areas=areas, waypoints=waypoints, shown_px=width_px)
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="{plan.view_box}" width="{width_px}" role="img" '
+        f'aria-label="Floor plan of {html.escape(world.title, quote=True)}">\n'
+        f"<style>{style(world, palette(colours))}</style>\n{plan.shapes}\n</svg>\n"
+    )
+
+
+def style(world: World, ink: Palette) -> str:
+    """The style sheet that gives the shapes of a floor plan the colours of a palette."""
+    rules = [
+        f".plan .floor{{fill:{_css(ink.floor)}}}",
+        f".plan .wall{{fill:{_css(ink.wall)}}}",
+        f".plan .thing{{fill:{_css(ink.thing)};stroke:{_css(ink.thing_edge)};stroke-width:.02}}",
+        f".plan .waypoint{{fill:{_css(ink.dot)}}}",
+        f".plan .narrow{{fill:{_css(ink.floor)};stroke:{_css(ink.dot)};stroke-width:.02}}",
+        f".area-name{{font-family:sans-serif;font-weight:600;text-anchor:middle;dominant-baseline:central;"
+        f"fill:{_css(ink.ink)};paint-order:stroke;stroke:{_css(ink.floor)};stroke-width:.06;stroke-linejoin:round}}",
+    ]
+    for i, colour in enumerate(ink.kind_colours(area.kind for area in world.areas).values()):
+        tint = f"fill:{_css(colour)};fill-opacity:{ink.tint};stroke:{_css(colour)};stroke-width:.03"
+        rules.append(f".plan .kind-{i}{{{tint}}}")
+    return "".join(rules)
+
+
+def _kinds(world: World) -> list[int]:
+    order = list(dict.fromkeys(area.kind for area in world.areas))
+    return [order.index(area.kind) for area in world.areas]
+
+
+def _objects(world: World) -> list[str]:
+    """Walls first, then things; a hole is a part of the same path."""
+    parts = []
+    for thing in sorted(world.objects, key=lambda o: (not is_wall(o), o.box.size[2], o.name)):
+        rings = "".join(f"M{_points(ring)}z" for ring in (thing.footprint, *thing.holes))
+        kind = "wall" if is_wall(thing) else "thing"
+        title = html.escape(thing.name)
+        parts.append(f'<path class="{kind}" fill-rule="evenodd" d="{rings}"><title>{title}</title></path>')
+    return parts
+
+
+def _cells(world: World) -> list[str]:
+    """The free floor, and what the map shows occupied without an object standing there, as merged rectangles."""
+    occupancy = world_map(world)
+    frame = frame_of(occupancy)
+    occupied = occupancy.cells == OCCUPIED
+    if world.objects:
+        from scipy.ndimage import binary_dilation
+
+        occupied &= ~binary_dilation(solid_cells(world.objects, frame), np.ones((5, 5), bool))
+    floor = (occupancy.cells == FREE) | ((occupancy.cells == OCCUPIED) & ~occupied)
+    paths = []
+    for kind, cells in (("floor", floor | occupied), ("wall", occupied)):
+        rings = []
+        for left, bottom, right, top in rectangles(cells):
+            corners = frame.to_metres(np.array([[left, bottom], [right, bottom], [right, top], [left, top]], float))
+            rings.append(f"M{_points(corners)}z")
+        if rings:
+            paths.append(f'<path class="{kind}" d="{"".join(rings)}"/>')
+    return paths
+
+
+def rectangles(cells: NDArray[np.bool_]) -> list[tuple[int, int, int, int]]:
+    """Rectangles (first column, first row, end column, end row) that cover exactly the true cells, without overlap."""
+    found = []
+    open_runs: dict[tuple[int, int], int] = {}  # run of columns -> row where it began
+    for row in range(cells.shape[0] + 1):
+        runs: set[tuple[int, int]] = set()
+        if row < cells.shape[0]:
+            edges = np.flatnonzero(np.diff(cells[row].astype(np.int8), prepend=0, append=0))
+            runs = {(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)}
+        ended = sorted(set(open_runs) - runs)
+        found += [(left, open_runs.pop((left, right)), right, row) for left, right in ended]
+        for run in runs:
+            open_runs.setdefault(run, row)
+    return found
+
+
+def _text(word: Word, view: View, box: Sequence[float]) -> str:
+    """A placed word as text of the same size and length."""
+    x = box[0] + (word.centre[0] - view.left) / view.scale
+    y = box[1] + (word.centre[1] - view.top) / view.scale
+    size = word.size / view.scale
+    turn = f' transform="rotate(-90 {x:.2f} {y:.2f})"' if word.turned else ""
+    lines = word.text.split("\n")
+    spans = "".join(
+        f'<tspan x="{x:.2f}" y="{y + (i - (len(lines) - 1) / 2) * size * 1.14:.2f}">{html.escape(line)}</tspan>'
+        for i, line in enumerate(lines)
+    )
+    return f'<text class="area-name" font-size="{size * 0.92:.3f}"{turn}>{spans}</text>'
+
+
+def _points(ring: Iterable[Sequence[float]] | Floats) -> str:
+    return " ".join(f"{_number(x)},{_number(y)}" for x, y in ring)
+
+
+def _number(value: float) -> str:
+    """To the millimetre, without needless zeros."""
+    return f"{round(value, 3) + 0.0:.3f}".rstrip("0").rstrip(".")
+
+
+def _css(colour: Colour) -> str:
+    return "#{:02x}{:02x}{:02x}".format(*colour)

@@ -1,0 +1,551 @@
+"""Bad input: exit code 2, one clear message on standard error, nothing on standard output, nothing written half."""
+
+from __future__ import annotations
+
+import json
+import re
+import sqlite3
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from rvsg.api.folder import LEDGER
+from rvsg.api.record_files import check_writable
+from rvsg.cli import main
+from rvsg.simulation.kinematic import KinematicSimulator
+from rvsg.store.sqlite import SqliteLedger
+
+SMALL = ["--simulator", "kinematic", "--strategy", "random", "--scenarios", "1", "--refinements", "0", "--jobs", "1"]
+
+
+@pytest.fixture
+def refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    """Run a command in an empty folder that it must leave as it was; returns the message."""
+
+    def run(*arguments: str) -> str:
+        monkeypatch.chdir(tmp_path)
+        before = _content(tmp_path)
+        assert main(list(arguments)) == 2
+        captured = capsys.readouterr()
+        assert captured.out == ""
+        assert "Traceback" not in captured.err
+        assert captured.err.strip()
+        assert _content(tmp_path) == before
+        return captured.err
+
+    return run
+
+
+def _content(folder: Path) -> dict[str, bytes]:
+    return {str(path): path.read_bytes() if path.is_file() else b"" for path in folder.rglob("*")}
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "meant"),
+    [
+        ("--world", "warehous", "warehouse"),
+        ("--route", "route1", "route_1"),
+        ("--requirement", "r1", "R1"),
+        ("--generator", "heuristics", "heuristic"),
+        ("--strategy", "studdy", "study"),
+        ("--simulator", "embeded", "embedded"),
+    ],
+)
+def test_an_unknown_name_is_answered_with_the_nearest(refused, option: str, value: str, meant: str) -> None:
+    assert re.search(rf'Did you mean "{meant}"', refused("run", *SMALL, option, value))
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [
+        ("--scenarios", "0"),
+        ("--scenarios", "-3"),
+        ("--repeats", "0"),
+        ("--refinements", "-1"),
+        ("--humans", "0"),
+        ("--humans", "101"),
+        ("--jobs", "0"),
+        ("--seed", "-1"),
+        ("--confirmations", "-1"),
+        ("--scenarios", "many"),
+        ("--budget-usd", "-1"),
+        ("--conversation", "chat"),
+    ],
+)
+def test_a_number_or_word_that_makes_no_sense_is_refused(refused, option: str, value: str) -> None:
+    told = refused("run", *SMALL, option, value)
+    assert option in told or option.removeprefix("--").replace("-", "_") in told
+
+
+def test_a_misspelt_key_of_the_campaign_file_is_found_at_its_line(refused, tmp_path: Path) -> None:
+    (tmp_path / "c.yaml").write_text("world: warehouse\nroute: route_1\nscenarois: 3\n")
+    told = refused("run", "c.yaml")
+    assert "c.yaml:3:" in told and 'Did you mean "scenarios"' in told
+
+
+def test_every_mistake_of_the_campaign_file_is_told_at_once(refused, tmp_path: Path) -> None:
+    (tmp_path / "c.yaml").write_text("scenarios: 0\nrepeats: many\nsed: 3\n")
+    told = refused("run", "c.yaml")
+    assert all(f"c.yaml:{line}:" in told for line in (1, 2, 3))
+
+
+@pytest.mark.parametrize("text", ["- a list\n", "world: [unclosed\n", "world: a\nworld: b\n", "\x00"])
+def test_a_campaign_file_that_is_none_is_refused_with_its_name(refused, tmp_path: Path, text: str) -> None:
+    (tmp_path / "c.yaml").write_text(text)
+    assert "c.yaml" in refused("run", "c.yaml")
+
+
+def test_a_campaign_file_that_is_absent_is_named(refused) -> None:
+    assert "nowhere.yaml" in refused("run", "nowhere.yaml")
+
+
+SEVERAL = ["--route", "route_1", "--route", "route_2"]
+
+
+@pytest.mark.parametrize("several", [[], SEVERAL])
+def test_a_file_in_the_place_of_the_output_folder_is_called_one(refused, tmp_path: Path, several: list[str]) -> None:
+    (tmp_path / "file").write_text("in the way")
+    assert "file: this is no folder, and --out file needs one" in refused("run", *SMALL, *several, "--out", "file")
+    told = refused("run", *SMALL, *several, "--out", "file/below")
+    assert "file: this is no folder, and --out file/below needs one" in told
+
+
+@pytest.mark.parametrize("several", [[], SEVERAL])
+def test_a_folder_of_other_files_is_not_written_into(refused, tmp_path: Path, several: list[str]) -> None:
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "report.html").write_text("of another program")
+    told = refused("run", *SMALL, *several, "--out", "mine")
+    assert "mine: this folder holds no campaign but other files (report.html)" in told
+
+
+def test_templates_and_recorded_calls_may_be_there_before_a_campaign(tmp_path: Path) -> None:
+    for name in ("prompts", "vlm"):
+        (tmp_path / "one" / name).mkdir(parents=True)
+    (tmp_path / "one" / ".hidden").touch()
+    assert main(["run", *SMALL, "--confirmations", "0", "--out", str(tmp_path / "one")]) == 0
+
+
+def test_an_option_a_plug_in_does_not_take_is_named(refused) -> None:
+    assert "warp" in refused("run", *SMALL, "--simulator-option", "warp=9")
+    assert "NAME=VALUE" in refused("run", *SMALL, "--simulator-option", "warp")
+
+
+def test_a_vlm_without_a_model_says_what_to_give(refused) -> None:
+    assert "--model" in refused("run", "--generator", "vlm")
+
+
+def test_a_store_of_a_newer_version_is_left_alone(refused, tmp_path: Path) -> None:
+    (tmp_path / "old").mkdir()
+    SqliteLedger(tmp_path / "old" / LEDGER).close()
+    connection = sqlite3.connect(tmp_path / "old" / LEDGER)
+    connection.execute("PRAGMA user_version=99")
+    connection.commit()
+    connection.close()
+    assert "newer RVSG" in refused("run", *SMALL, "--out", "old")
+    assert "newer RVSG" in refused("report", "old")
+
+
+def test_a_report_of_nothing_says_so(refused) -> None:
+    assert "no store here" in refused("report", "nowhere")
+
+
+@pytest.fixture
+def scenario(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> dict:
+    assert main(["propose", "--generator", "random", "--seed", "1"]) == 0
+    found = json.loads(capsys.readouterr().out)["scenario"]
+    assert isinstance(found, dict)
+    return found
+
+
+def simulate(refused, tmp_path: Path, scenario: dict) -> str:
+    (tmp_path / "s.json").write_text(json.dumps(scenario))
+    return refused("simulate", "s.json", "--out", "runs.jsonl")
+
+
+def test_a_waypoint_that_does_not_exist_is_refused(refused, tmp_path: Path, scenario: dict) -> None:
+    scenario["people"]["humans"][0]["tasks"][0]["path"][1] = "Z99"
+    told = simulate(refused, tmp_path, scenario)
+    assert "Z99" in told and "waypoint 2" in told
+
+
+def test_a_path_through_an_obstacle_is_refused(refused, tmp_path: Path, scenario: dict) -> None:
+    path = scenario["people"]["humans"][0]["tasks"][0]["path"]
+    scenario["people"]["humans"][0]["tasks"][0]["path"] = [path[0], path[-1]]
+    assert scenario["people"]["humans"][0]["name"] in simulate(refused, tmp_path, scenario)
+
+
+def test_a_start_pose_inside_an_obstacle_is_refused(refused, tmp_path: Path, scenario: dict) -> None:
+    scenario["mission"]["route"]["start"] = {"x": -5.79, "y": -0.96, "yaw": 0.0}
+    assert "start pose (-5.79, -0.96) lies inside an obstacle" in simulate(refused, tmp_path, scenario)
+
+
+@pytest.mark.parametrize("verb", ["simulate", "shrink"])
+def test_a_robot_that_the_simulator_does_not_drive_is_refused(
+    refused, tmp_path: Path, scenario: dict, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture, verb: str
+) -> None:
+    scenario["mission"]["robot"] = "nope"
+    path = tmp_path / "scenario.json"
+    path.write_text(json.dumps(scenario))
+    asked = [verb, str(path), "--simulator", "kinematic", "--out", str(tmp_path / "out")]
+    told = refused(*asked)
+    assert 'scenario.json: mission.robot: There is no robot "nope". Known: tiago_omni.' in told
+    assert "docs/how-to/write-a-plug-in.md" in told
+    monkeypatch.setattr(KinematicSimulator, "robots", ("nope",), raising=False)
+    main(asked)
+    assert "There is no robot" not in capsys.readouterr().err
+
+
+def test_a_number_that_is_none_is_refused(refused, tmp_path: Path, scenario: dict) -> None:
+    scenario["people"]["humans"][0]["speed_m_s"] = float("nan")
+    assert "speed_m_s" in simulate(refused, tmp_path, scenario)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"speed": 1.0}, 'there is no key "speed" in people.humans[0]. Did you mean "speed_m_s"? Known: name, tasks,'),
+        ({"speed_m_s": "fast", "moods": []}, "expected a number, got 'fast'; there is no key \"moods\""),
+    ],
+)
+def test_what_is_wrong_with_a_scenario_ends_with_one_full_stop(
+    refused, tmp_path: Path, scenario: dict, change: dict, said: str
+) -> None:
+    scenario["people"]["humans"][0] |= change
+    told = simulate(refused, tmp_path, scenario)
+    assert said in told
+    assert told.endswith(".\n") and ".." not in told and ".;" not in told
+
+
+def test_a_time_limit_that_is_none_is_refused(refused, tmp_path: Path, scenario: dict) -> None:
+    scenario["mission"]["route"]["time_limit_s"] = -1
+    told = simulate(refused, tmp_path, scenario)
+    assert "mission.route.time_limit_s: expected a value greater than 0, got -1" in told
+
+
+def test_a_scenario_of_another_world_is_refused(refused, tmp_path: Path, scenario: dict) -> None:
+    (tmp_path / "s.json").write_text(json.dumps(scenario))
+    told = refused("simulate", "s.json", "--world", "office", "--out", "runs.jsonl")
+    assert "made for warehouse (world-" in told and "--world office is another world (world-" in told
+    assert "changed" not in told
+
+
+def test_a_scenario_of_a_world_that_has_changed_is_refused(refused, tmp_path: Path, scenario: dict) -> None:
+    scenario["mission"]["world_id"] = "world-0000000000000000"
+    told = simulate(refused, tmp_path, scenario)
+    assert "world-0000000000000000" in told and "have changed" in told
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", "{}", "null", '{"people": 3}'])
+def test_a_file_that_holds_no_scenario_is_named(refused, tmp_path: Path, text: str) -> None:
+    (tmp_path / "s.json").write_text(text)
+    assert "s.json" in refused("simulate", "s.json")
+
+
+def test_a_truncated_run_is_found_at_its_line(
+    refused, tmp_path: Path, scenario: dict, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "s.json").write_text(json.dumps(scenario))
+    runs = tmp_path / "runs.jsonl"
+    asked = ["simulate", str(tmp_path / "s.json"), "--simulator", "kinematic", "--repeats", "2", "--out", str(runs)]
+    assert main(asked) == 0
+    assert main(["evaluate", str(runs), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["verdict"]["runs"] == 2
+    runs.write_text(runs.read_text()[:-500])
+    assert "runs.jsonl:2:" in refused("evaluate", "runs.jsonl")
+
+
+@pytest.mark.parametrize(
+    ("kind", "name"), [("generator", "heuristic"), ("generator", "random"), ("simulator", "kinematic")]
+)
+def test_an_option_that_a_plug_in_does_not_take_is_told_without_python(refused, kind: str, name: str) -> None:
+    told = refused("run", *SMALL, f"--{kind}", name, f"--{kind}-option", "foo=1")
+    assert f'The {kind} "{name}" has no option "foo"' in told and "Known options: " in told
+    assert "__init__" not in told
+
+
+@pytest.mark.parametrize(
+    ("option", "said"),
+    [
+        ("lidar_ray=3", 'there is no option "lidar_ray". Did you mean "lidar_rays"? Known: profile,'),
+        ("noise={lidr: 0}", 'there is no option "lidr" in noise. Did you mean "lidar"? Known: '),
+        ("lidar_rays=many", "lidar_rays: expected a whole number, got 'many'"),
+        ("lidar_range_m=.nan", "lidar_range_m: expected a finite number"),
+        ("profile=published_study", 'Did you mean "published-study"'),
+    ],
+)
+def test_a_wrong_option_of_the_simulator_is_told_with_the_nearest_and_all(refused, option: str, said: str) -> None:
+    assert said in refused("run", "--simulator-option", option)
+
+
+@pytest.mark.parametrize(
+    "option", [("--model", "openai-chat:x"), ("--budget-calls", "3"), ("--replay", "r"), ("--conversation", "study")]
+)
+@pytest.mark.parametrize("generator", ["heuristic", "random"])
+def test_an_option_of_a_model_that_nobody_asks_is_refused(refused, option: tuple[str, str], generator: str) -> None:
+    told = refused("run", *SMALL, "--generator", generator, *option)
+    assert option[0] in told and generator in told and "--generator vlm" in told
+
+
+def test_a_folder_of_prompts_that_does_not_exist_is_told(refused) -> None:
+    assert "nowhere: there is no such folder" in refused("prompt", "--prompts", "nowhere")
+
+
+def test_other_settings_are_listed_once_and_as_options(tmp_path: Path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["run", *SMALL, "--repeats", "1", "--confirmations", "0", "--out", "c"]) == 0
+    capsys.readouterr()
+    assert main(["run", *SMALL, "--out", "c", "--route", "route_2", "--seed", "3"]) == 2
+    told = capsys.readouterr().err
+    assert "  - route: 'route_1', now 'route_2'" in told and "leave these options out" in told
+    assert "plan." not in told
+
+
+@pytest.mark.parametrize("verb", [("evaluate",), ("metrics", "--run")])
+def test_a_proposal_in_the_place_of_runs_is_not_called_broken_json(
+    tmp_path: Path, monkeypatch, capsys, verb: tuple[str, ...]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["propose", "--out", "p.json"]) == 0
+    capsys.readouterr()
+    assert main([*verb, "p.json"]) == 2
+    told = capsys.readouterr().err
+    assert "p.json: this holds no runs" in told
+    assert "not JSON" not in told
+
+
+def test_an_empty_name_of_the_output_folder_is_refused(refused) -> None:
+    assert "out: expected some text" in refused("run", *SMALL, "--out", "")
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        ('{"a": "b', "unterminated string, at character 7"),
+        ("", "the file is empty"),
+        ("[]", "the whole file: expected keys and values"),
+    ],
+)
+def test_a_broken_scenario_file_is_told_with_what_and_where(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], content: str, told: str
+) -> None:
+    (tmp_path / "s.json").write_text(content, encoding="utf-8")
+    assert main(["simulate", str(tmp_path / "s.json")]) == 2
+    assert told in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("content", "told"), [(None, "calls.jsonl does not exist"), ("{br", "holds no whole recorded call")]
+)
+def test_a_replay_folder_without_a_call_says_whether_the_file_is_missing_or_broken(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], content: str | None, told: str
+) -> None:
+    if content is not None:
+        (tmp_path / "calls.jsonl").write_text(content, encoding="utf-8")
+    assert main(["run", *SMALL[:2], "--replay", str(tmp_path), "--out", str(tmp_path / "out")]) == 2
+    assert told in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_report_of_imported_results_names_the_tables(refused, tmp_path: Path) -> None:
+    with SqliteLedger(tmp_path / "ledger.sqlite") as ledger:
+        ledger.begin("distance/route_1/0", {"imported": "here"})
+    told = refused("report", ".")
+    assert "imported results" in told and "--tables" in told
+
+
+def test_a_ranking_says_what_inconclusive_means(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", *SMALL, "--out", str(tmp_path / "one")]) == 0
+    told = " ".join(capsys.readouterr().err.split())
+    assert "INCONCLUSIVE: too few runs for a verdict; even if all violate it takes 15" in told
+
+
+@pytest.mark.parametrize("verb", ["simulate", "evaluate", "shrink", "report", "run"])
+@pytest.mark.parametrize("what", ["absent", "empty", "folder", "binary"])
+def test_a_file_that_is_none_is_named_and_left_as_it_is(refused, tmp_path: Path, verb: str, what: str) -> None:
+    path = tmp_path / what
+    if what == "folder":
+        path.mkdir()
+    elif what != "absent":
+        path.write_bytes(b"" if what == "empty" else b"\xff\xfe\x00\x01binary")
+    before = path.read_bytes() if path.is_file() else None
+    if verb == "run" and what == "empty":
+        path.write_bytes(b"nonsense: 1")
+        before = path.read_bytes()
+    told = refused(verb, what)
+    assert what in told or "no run in the files" in told
+    assert "Traceback" not in told
+    assert (path.read_bytes() if path.is_file() else None) == before
+
+
+def test_runs_in_the_place_of_a_scenario_are_called_runs(refused, a_run: dict) -> None:
+    assert "these are runs; expected the scenario" in refused("simulate", "r.jsonl")
+
+
+@pytest.fixture
+def a_run(tmp_path: Path, scenario: dict, monkeypatch: pytest.MonkeyPatch) -> dict:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "s.json").write_text(json.dumps(scenario))
+    assert main(["simulate", "s.json", "--simulator", "kinematic", "--out", "r.jsonl"]) == 0
+    return json.loads((tmp_path / "r.jsonl").read_text())
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"outcome": "x"}, "outcome: expected 'the goal was reached'"),
+        ({"seed": "many"}, "seed: expected a whole number, got 'many'"),
+        ({"mood": 1}, 'there is no key "mood"'),
+        ({"time_limit_s": -1.0}, "time_limit_s must be positive, got -1"),
+        ({"arrays": {}}, "lacks the array"),
+        ({"robot_radius_m": -0.3}, "robot_radius_m must be positive, got -0.3"),
+        ({"human_radius_m": [0.3, -0.3]}, "human_radius_m[1] must be positive, got -0.3"),
+        ({"clock_ratio": 0.0}, "clock_ratio must be positive, got 0"),
+    ],
+)
+def test_a_run_that_is_wrong_is_told_in_words(refused, tmp_path: Path, a_run: dict, change: dict, said: str) -> None:
+    (tmp_path / "wrong.jsonl").write_text(json.dumps(a_run | change) + "\n")
+    told = refused("evaluate", "wrong.jsonl")
+    assert said in told and "wrong.jsonl:1:" in told and "pydantic" not in told
+
+
+def test_a_run_without_a_moment_is_refused(refused, tmp_path: Path, a_run: dict) -> None:
+    empty = {name: [] for name in a_run["arrays"]}
+    (tmp_path / "wrong.jsonl").write_text(json.dumps(a_run | {"arrays": empty}) + "\n")
+    assert "holds no moment" in refused("evaluate", "wrong.jsonl")
+
+
+@pytest.mark.parametrize("array", ["trajectory.t", "log.t"])
+@pytest.mark.parametrize(
+    ("at", "value", "said"),
+    [
+        (0, -1.0, "{} must begin at 0 s or later, got -1."),
+        (3, 0.0, "{} must increase, but {}[3] is 0 s after "),
+        (1, 0.0, "{} must increase, but {}[1] is 0 s after 0 s."),
+    ],
+)
+def test_a_run_in_which_time_does_not_pass_is_refused(
+    refused, tmp_path: Path, a_run: dict, array: str, at: int, value: float, said: str
+) -> None:
+    a_run["arrays"][array][at] = value
+    (tmp_path / "wrong.jsonl").write_text(json.dumps(a_run) + "\n")
+    told = refused("evaluate", "wrong.jsonl")
+    assert f"wrong.jsonl:1: {said.replace('{}', array)}" in told
+
+
+def test_a_run_that_is_given_twice_counts_once(a_run: dict, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["evaluate", "r.jsonl", "r.jsonl", "--json"]) == 0
+    captured = capsys.readouterr()
+    assert json.loads(captured.out)["verdict"]["runs"] == 1
+    assert "1 of 2 runs are given twice" in captured.err
+
+
+@pytest.mark.parametrize("out", ["folder", "file/below.json"])
+def test_a_result_that_could_not_be_written_is_refused_before_the_work(
+    tmp_path: Path, a_run: dict, capsys: pytest.CaptureFixture[str], out: str
+) -> None:
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "file").write_text("")
+    capsys.readouterr()
+    for asked in (["simulate", "s.json", *SMALL[:2]], ["shrink", "s.json", *SMALL[:2]], ["propose"]):
+        assert main([*asked, "--out", out]) == 2
+        told = capsys.readouterr().err
+        assert out.split("/")[0] in told and "seed" not in told and "valid" not in told
+
+
+@pytest.mark.parametrize("several", [[], SEVERAL])
+def test_junit_below_a_file_is_refused_before_the_work(refused, tmp_path: Path, several: list[str]) -> None:
+    (tmp_path / "file").write_text("")
+    told = refused("run", *SMALL, *several, "--junit", "file/junit.xml", "--out", "one")
+    assert "file/junit.xml: the file cannot be written: file is no folder" in told
+
+
+@pytest.mark.parametrize(
+    "asked",
+    [
+        ("report", "one", "--tables", "file"),
+        ("prompt", "--pictures", "file"),
+        ("prompt", "--copy", "compact-new", "--to", "file"),
+        ("world", "draw", "warehouse", "--what", "labels", "--width", "400", "--out", "file"),
+    ],
+)
+def test_a_file_in_the_place_of_a_folder_for_output_is_told_with_the_option(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], asked: tuple[str, ...]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("file").write_text("")
+    assert main(list(asked)) == 2
+    told = capsys.readouterr().err
+    assert f"file: the output folder cannot be written: a file is in the way. Choose another {asked[-2]}." in told
+
+
+def test_every_verb_makes_the_folders_of_its_output(a_run: dict) -> None:
+    for asked in (
+        ["propose", "--out", "a/b/proposal.json"],
+        ["simulate", "s.json", *SMALL[:2], "--out", "c/d/runs.jsonl"],
+        ["evaluate", "r.jsonl", "--scenario", "s.json", "--feedback", "e/f/feedback.json"],
+        ["run", *SMALL, "--confirmations", "0", "--out", "g/h", "--junit", "i/j/junit.xml"],
+        ["report", "g/h", "--html", "k/l/page.html"],
+        ["prompt", "--copy", "compact-new", "--to", "m/n"],
+    ):
+        assert main(asked) == 0
+        assert Path(asked[-1]).exists()
+
+
+def test_a_device_that_is_no_file_of_ours_may_be_written(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("os.access", lambda *_: False)  # as for a user who may not write into /dev
+    check_writable(Path("/dev/null"))
+
+
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="needs a folder that takes no file, whatever its rights")
+def test_a_junit_file_that_cannot_be_made_is_told_before_the_campaign(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["run", *SMALL, "--out", str(tmp_path / "new"), "--junit", "/proc/x.xml"]) == 2
+    assert "/proc/x.xml: the file cannot be written: /proc is no folder" in capsys.readouterr().err
+    assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.skipif(not Path("/dev/full").is_char_device(), reason="needs a device that is always full")
+@pytest.mark.parametrize("stream", ["stdout", "stderr"])
+def test_a_full_disk_is_no_defect_of_the_program(tmp_path: Path, a_run: dict, stream: str) -> None:
+    with Path("/dev/full").open("w") as full:
+        streams = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE} | {stream: full}
+        command = [sys.executable, "-m", "rvsg", "evaluate", "r.jsonl", "--json"]
+        done = subprocess.run(command, **streams, text=True, cwd=tmp_path)
+    assert done.returncode == 2
+    if stream == "stdout":
+        assert "No space left on device" in done.stderr and "defect" not in done.stderr
+
+
+@pytest.mark.parametrize("option", ["stop_gap_m=abc", "stop_gap_m=-5", "robot_speed_m_s=.inf", "robot_speed_m_s=nan"])
+def test_options_of_the_kinematic_simulator_that_are_no_numbers_are_refused(refused, option: str) -> None:
+    said = refused("run", *SMALL, "--simulator-option", option)
+    assert re.search(rf"{option.split('=')[0]} must be a number from", said)
+
+
+def test_a_number_that_yaml_takes_for_a_word_is_a_number(tmp_path: Path) -> None:
+    arguments = ["--simulator-option", "stop_gap_m=5e-1", "--confirmations", "0", "--out", str(tmp_path / "one")]
+    assert main(["run", *SMALL, *arguments]) == 0
+
+
+@pytest.mark.parametrize("content", [None, "", "{}", '{"address": 5}'])
+def test_a_scheduler_file_without_a_scheduler_is_refused_at_once(refused, tmp_path: Path, content: str | None) -> None:
+    pytest.importorskip("distributed")
+    if content is not None:
+        (tmp_path / "s.json").write_text(content)
+    said = refused("run", *SMALL, "--executor", "cluster", "--executor-option", "scheduler_file=s.json")
+    assert "scheduler_file s.json" in said
+
+
+def test_junit_into_a_folder_is_refused_before_the_work(refused) -> None:
+    assert "this is a folder" in refused("run", *SMALL, "--junit", ".", "--out", "one")
+
+
+def test_a_reader_that_goes_away_is_no_violation(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "rvsg", "run", *SMALL, "--out", str(tmp_path / "one")]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL)
+    assert process.stderr is not None
+    process.stderr.close()
+    assert process.wait(timeout=60) == 3

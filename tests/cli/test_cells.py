@@ -1,0 +1,246 @@
+"""Several routes and requirements in one command."""
+
+from __future__ import annotations
+
+import html
+import json
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import pytest
+from tests.cli.test_run import records
+
+from rvsg.api.folder import LEDGER
+from rvsg.cli import main
+from rvsg.cli.cells import folders_in
+from rvsg.store.sqlite import SqliteLedger
+from rvsg.world.io.load import SHIPPED
+
+SMALL = [
+    *("--simulator", "kinematic", "--strategy", "random", "--scenarios", "2", "--refinements", "1"),
+    *("--repeats", "2", "--confirmations", "4", "--seed", "7"),
+]
+PAIRS = [("route_1", "R1"), ("route_1", "R3"), ("route_2", "R1"), ("route_2", "R3")]
+ASKED = ["--route", "route_1", "--route", "route_2", "--requirement", "R1", "--requirement", "R3"]
+
+
+@pytest.fixture(scope="module")
+def alone(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[str]]:
+    """The records of every cell, run alone."""
+    folder = tmp_path_factory.mktemp("alone")
+    found = {}
+    for route, requirement in PAIRS:
+        out = folder / f"{route}-{requirement}"
+        assert main(["run", *SMALL, "--route", route, "--requirement", requirement, "--out", str(out)]) == 0
+        found[out.name] = records(out)
+    return found
+
+
+@pytest.mark.parametrize("jobs", ["1", "3"])
+def test_cells_side_by_side_keep_what_each_keeps_alone(
+    tmp_path: Path, alone: dict[str, list[str]], jobs: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "all"
+    junit = tmp_path / "junit.xml"
+    assert main(["run", *SMALL, *ASKED, "--out", str(out), "--jobs", jobs, "--json", "--junit", str(junit)]) == 0
+    captured = capsys.readouterr()
+    told = json.loads(captured.out)
+    assert [(c["route"], c["requirement"]) for c in told["campaigns"]] == PAIRS
+    assert {name: records(out / name) for name in alone} == alone
+    assert all((out / name / "report.html").exists() for name in alone)
+    assert len(ET.parse(junit).getroot()) == 4
+    assert "4 of 4 campaigns done" in captured.err
+    assert told["command"].startswith("rvsg run --route route_1 --route route_2 --requirement R1 --requirement R3")
+    overview = (out / "report.html").read_text()
+    assert re.findall(r'href="([^"]+)"', overview) == [f"{route}-{r}/report.html" for route, r in PAIRS]
+    assert told["command"] in html.unescape(overview)
+    (out / "report.html").unlink()
+    assert main(["report", str(out), "--json"]) == 0
+    assert len(json.loads(capsys.readouterr().out)["campaigns"]) == 4
+    assert (out / "report.html").read_text() == overview
+
+
+def test_a_campaign_file_may_list_routes_and_requirements(tmp_path: Path, alone: dict[str, list[str]]) -> None:
+    file = tmp_path / "c.yaml"
+    file.write_text(
+        "route: [route_1, route_2]\nrequirement: [R1]\nsimulator: kinematic\nstrategy: random\nscenarios: 2\n"
+        "refinements: 1\nrepeats: 2\nconfirmations: 4\nseed: 7\nout: all\n"
+    )
+    assert main(["run", str(file)]) == 0
+    assert sorted(path.name for path in (tmp_path / "all").iterdir() if path.is_dir()) == ["route_1-R1", "route_2-R1"]
+    assert records(tmp_path / "all" / "route_2-R1") == alone["route_2-R1"]
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
+def test_cells_that_are_stopped_resume_to_identical_records(
+    tmp_path: Path, alone: dict[str, list[str]], how: signal.Signals
+) -> None:
+    out = tmp_path / "all"
+    command = [sys.executable, "-m", "rvsg", "run", *SMALL, *ASKED, "--out", str(out), "--jobs", "2"]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True)
+    deadline = time.monotonic() + 60
+    while time.monotonic() < deadline and not _attempts(out / "route_1-R1" / LEDGER):
+        time.sleep(0.02)
+    process.send_signal(how)
+    _, told = process.communicate(timeout=60)
+    if how is not signal.SIGKILL:
+        assert process.returncode == 3
+        assert f" -m rvsg run --out {out}" in told
+        assert "Traceback" not in told
+    deadline = time.monotonic() + 20
+    code = 2
+    while code == 2 and time.monotonic() < deadline:  # where all were killed, the cells notice it within a second
+        code = main(["run", "--out", str(out)])
+        time.sleep(0.2)
+    assert code == 0
+    assert {name: records(out / name) for name in alone} == alone
+
+
+def _attempts(ledger_file: Path) -> int:
+    if not ledger_file.exists() or ledger_file.stat().st_size == 0:
+        return 0
+    with SqliteLedger(ledger_file) as ledger:
+        return sum(len(list(ledger.attempts(name))) for name in ledger.campaigns())
+
+
+@pytest.mark.parametrize(
+    ("asked", "said"),
+    [
+        (["--route", "route_1", "--route", "rout_2"], 'Did you mean "route_2"'),
+        (["--requirement", "R1", "--requirement", "R17"], 'Did you mean "R1"'),
+    ],
+)
+def test_a_mistake_in_one_cell_is_told_before_any_begins(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], asked: list[str], said: str
+) -> None:
+    assert main(["run", *SMALL, *asked, "--out", str(tmp_path / "all")]) == 2
+    assert said in capsys.readouterr().err
+    assert not (tmp_path / "all").exists()
+
+
+def test_cells_keep_their_settings_and_more_may_be_added(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], alone: dict[str, list[str]]
+) -> None:
+    out = str(tmp_path / "all")
+    assert main(["run", *SMALL, "--route", "route_1", "--route", "route_2", "--out", out]) == 0
+    assert main(["run", "--out", out, "--seed", "8"]) == 2
+    assert "seed: 7, now 8" in capsys.readouterr().err
+    assert main(["run", "--out", out, "--requirement", "R1", "--requirement", "R3"]) == 0
+    assert records(tmp_path / "all" / "route_2-R3") == alone["route_2-R3"]
+
+
+def test_cells_that_are_not_asked_for_now_stay_in_the_list(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "all"
+    two = ["--route", "route_1", "--route", "route_2"]
+    assert main(["run", *SMALL, *two, "--out", str(out)]) == 0
+    assert main(["run", "--out", str(out), "--route", "route_1"]) == 0
+    assert "1 more in this folder were not asked for now" in capsys.readouterr().err
+    assert "2 campaigns in warehouse" in (out / "report.html").read_text()
+    assert main(["run", "--out", str(out)]) == 0
+    assert "2 of 2 campaigns done" in capsys.readouterr().err
+
+
+def test_a_violation_in_any_cell_is_told_by_the_exit_code_where_asked(tmp_path: Path) -> None:
+    file = tmp_path / "r.yaml"
+    words = "text: Keep away.\n  metric: dto\n  worse: smaller\n  unit: m\n"
+    file.write_text(f"never:\n  title: N\n  {words}  limit: 99.0\nalways:\n  title: A\n  {words}  limit: 0.0\n")
+    asked = ["--requirement", f"{file}#never", "--requirement", f"{file}#always", "--confirmations", "15"]
+    assert main(["run", *SMALL, *asked, "--out", str(tmp_path / "all"), "--fail-on-violation"]) == 1
+    assert main(["report", str(tmp_path / "all")]) == 0
+    assert main(["report", str(tmp_path / "all"), "--fail-on-violation"]) == 1
+
+
+def test_cells_do_not_go_into_the_folder_of_one_campaign(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = str(tmp_path / "one")
+    main(["run", *SMALL, "--out", out])
+    assert main(["run", *SMALL, *ASKED, "--out", out]) == 2
+    assert "single campaign" in capsys.readouterr().err
+
+
+def test_the_tenth_route_comes_after_the_second(tmp_path: Path) -> None:
+    for name in ("route_10-R1", "route_2-R1", "route_2-R10", "route_2-R9", "hall-R1", "none"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / (LEDGER if name != "none" else "notes")).touch()
+    kept = [path.name for path in folders_in(tmp_path)]
+    assert kept == ["hall-R1", "route_2-R1", "route_2-R9", "route_2-R10", "route_10-R1"]
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ("5", "cells.json: cannot be read"),
+        ('{"route": 5}', "cells.json: this is not what was kept: route[0]: expected text"),
+        ('{"rout": ["route_1"]}', 'cells.json: this is not what was kept: there is no key "rout"'),
+    ],
+)
+def test_a_list_of_cells_that_is_damaged_is_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], content: str, said: str
+) -> None:
+    (tmp_path / "cells.json").write_text(content)
+    assert main(["run", "--out", str(tmp_path)]) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_a_report_of_campaigns_that_have_not_begun_says_how_to_begin(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "cells.json").write_text('{"route": ["route_1", "route_2"]}')
+    assert main(["report", str(tmp_path)]) == 2
+    assert f"none of its campaigns has begun. Begin them: rvsg run --out {tmp_path}" in capsys.readouterr().err
+
+
+def test_the_command_that_repeats_cells_has_the_whole_budget(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked = ["--route", "route_1", "--route", "route_2", "--budget-calls", "9", "--out", str(tmp_path / "all")]
+    assert main(["run", *SMALL, *asked, "--json"]) in (0, 2)
+    told = capsys.readouterr()
+    assert "--budget-calls 9" in json.loads(told.out)["command"]
+
+
+def test_two_cells_that_would_share_a_folder_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "r.yaml"
+    words = "{title: N, text: Keep away., metric: dto, worse: smaller, unit: m, limit: 1.0}"
+    file.write_text(f'"N 1": {words}\nN_1: {words}\n')
+    asked = ["--requirement", f"{file}#N 1", "--requirement", f"{file}#N_1"]
+    assert main(["run", *SMALL, *asked, "--out", str(tmp_path / "all")]) == 2
+    assert "Two of the campaigns would be kept in" in capsys.readouterr().err
+
+
+def test_a_pair_that_is_added_is_one_pair(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "all"
+    assert main(["run", *SMALL, "--route", "route_1", "--route", "route_2", "--out", str(out)]) == 0
+    assert main(["run", "--out", str(out), "--route", "route_1", "--requirement", "R3"]) == 0
+    capsys.readouterr()
+    assert main(["run", "--out", str(out), "--json"]) == 0
+    told = capsys.readouterr()
+    assert "3 of 3 campaigns done" in told.err
+    names = {f"{route}-{requirement}" for route, requirement in PAIRS} - {"route_2-R3"}
+    assert {path.name for path in folders_in(out)} == names
+    first, second = json.loads(told.out)["command"].split(" && ")
+    assert first.startswith("rvsg run --route route_1 --requirement R1 --requirement R3 --strategy")
+    assert second.startswith("rvsg run --route route_2 --requirement R1 --strategy")
+    assert main(["run", "--out", str(out), "--requirement", "R2"]) == 0
+    assert {path.name for path in folders_in(out)} == names | {"route_1-R2", "route_2-R2"}
+
+
+def test_cells_with_a_world_of_their_own_go_on_in_any_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shutil.copytree(SHIPPED / "warehouse", tmp_path / "mine")
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path)
+    asked = ["--route", "route_1", "--route", "route_2"]
+    assert main(["run", *SMALL, *asked, "--world", "mine", "--out", "all"]) == 0
+    shutil.rmtree(tmp_path / "all" / "route_2-R1")
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    assert main(["run", "--out", "../all"]) == 0
+    assert main(["report", "../all"]) == 0
+    again = {path.name: records(path) for path in folders_in(tmp_path / "all")}
+    monkeypatch.chdir(tmp_path)
+    assert main(["run", *SMALL, *asked, "--world", "mine", "--out", "new"]) == 0
+    assert {path.name: records(path) for path in folders_in(tmp_path / "new")} == again

@@ -1,0 +1,85 @@
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from rvsg.api.demos import CAMPAIGN, demo_folder, demos
+from rvsg.cli import main
+from rvsg.cli.demo import what_it_means
+from rvsg.evaluation.verdict import Status
+from rvsg.scenario.requirements import load_requirement
+
+
+def test_a_recorded_campaign_runs_strictly_without_a_model_and_says_what_its_verdict_means(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("RVSG_DATA_DIR", str(tmp_path / "data"))
+    out = tmp_path / "demo"
+    code = main(
+        [
+            "demo",
+            "warehouse-route_1-R1",
+            "--strict",
+            "--out",
+            str(out),
+            "--repeats",
+            "1",
+            "--confirmations",
+            "1",
+            "--jobs",
+            "1",
+            "--json",
+        ]
+    )
+    captured = capsys.readouterr()
+    assert code == 0, captured.err
+    result = json.loads(captured.out)
+    assert result["accounting"]["calls"] == 9
+    assert len(result["ranking"]) == 3
+    assert not (out / "vlm").exists()
+    assert "What INCONCLUSIVE means" in captured.err
+    assert "the present prompts differ" not in captured.err
+
+
+def test_demos_are_listed_and_a_wrong_name_is_answered(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["demo", "--list"]) == 0
+    assert capsys.readouterr().out.split() == list(demos())
+    assert main(["demo", "warehouse-route_1-R7"]) == 2
+    assert "Did you mean" in capsys.readouterr().err
+
+
+def test_recorded_campaigns_hold_no_pictures_keys_or_paths_of_a_machine() -> None:
+    for name in demos():
+        folder = demo_folder(name)
+        found = {path.name for path in folder.iterdir()}
+        assert found - {"histories.jsonl", "told.jsonl"} == {CAMPAIGN, "calls.jsonl", "messages.jsonl"}
+        text = "".join(path.read_text() for path in folder.iterdir())
+        assert not re.search(r"sk-|/home/|/root/|/work|127\.0\.0\.1", text)
+        assert len(text) < 400_000
+
+
+@pytest.mark.parametrize(
+    ("status", "told"),
+    [
+        (Status.PASS, "That is about this scenario alone: the model's 2 scenarios did not break the requirement"),
+        (Status.FAIL, "makes the robot violate R1 (1.2 m) reliably, in 15 of 15 fresh runs"),
+        (Status.FLAKY, "in some runs, 15 of 15, and not in others"),
+        (Status.INCONCLUSIVE, "in 15 of 15 fresh runs, which does not decide between always and sometimes"),
+    ],
+)
+def test_a_demo_says_what_its_verdict_means(status: Status, told: str) -> None:
+    verdict = SimpleNamespace(status=status, runs=15, violations=15)
+    summary: Any = SimpleNamespace(confirmed=SimpleNamespace(verdict=verdict), ranking=[1, 2])
+    plan: Any = SimpleNamespace(requirement=load_requirement("R1"))
+    assert told in what_it_means(plan, summary)
+
+
+def test_a_demo_without_confirmation_says_that_its_values_were_selected() -> None:
+    plan: Any = SimpleNamespace(requirement=load_requirement("R1"))
+    summary: Any = SimpleNamespace(confirmed=None, ranking=[1, 2, 3])
+    assert "a little too bad" in what_it_means(plan, summary)

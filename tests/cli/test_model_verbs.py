@@ -1,0 +1,100 @@
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+from rvsg.api.demos import demo_folder, recorded_description
+from rvsg.cli import main
+from rvsg.world.io.load import load_world
+from rvsg.world.io.save import save_world
+
+
+@pytest.fixture(autouse=True)
+def _own_folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RVSG_DATA_DIR", str(tmp_path / "data"))
+    monkeypatch.chdir(tmp_path)
+
+
+def test_a_prompt_is_printed_without_calling_a_model(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["prompt", "--route", "route_2", "--requirement", "R3", "--conversation", "study"]) == 0
+    printed = capsys.readouterr()
+    assert "Step 1: describe a scenario" in printed.out
+    assert "Efficiency" in printed.out
+    assert "route_2" in printed.out
+    assert "input tokens, 2 pictures" in printed.err
+    assert not Path("runs").exists()
+
+
+def test_the_prompt_of_a_campaign_file_has_its_own_templates(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "c.yaml").write_text("route: route_3\nprompts: mine\n")
+    assert main(["prompt", "--copy", "compact-new", "--to", "mine"]) == 0
+    assert main(["prompt", "--copy", "compact-new", "--to", "mine"]) == 2
+    override = tmp_path / "mine" / "compact-new.md.j2"
+    override.write_text("{# declares: memory #}\nSurprise me.\n")
+    capsys.readouterr()
+    assert main(["prompt", "c.yaml", "--json", "--pictures", "shown"]) == 0
+    messages = json.loads(capsys.readouterr().out)
+    assert messages[-1]["text"] == "Surprise me.\n"
+    assert "route_3" in messages[1]["text"]
+    assert {path.name for path in Path("shown").iterdir()} == {"labelled_map.png", "grid_of_waypoints.png"}
+
+
+def test_a_proposal_from_a_record_shows_what_the_checker_said(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["propose", "--replay", str(demo_folder("warehouse-route_1-R1"))]) == 0
+    printed = capsys.readouterr()
+    assert json.loads(printed.out)["calls"][0]["model"] == "vision-assistant"
+    assert "valid as first answered" in printed.err
+
+
+def test_a_world_is_described_from_a_record_accepted_and_stored(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    save_world(load_world("warehouse").__class__(**{**vars_of("warehouse"), "description": None}), tmp_path / "mine")
+    answers = iter(["x", "r", "a"])
+    monkeypatch.setattr("typer.prompt", lambda *_, **__: next(answers))
+    assert main(["describe", str(tmp_path / "mine")]) == 2
+    assert "has no description yet" in capsys.readouterr().err
+    replay = str(recorded_description("warehouse"))
+    assert main(["describe", str(tmp_path / "mine"), "--replay", replay]) == 0
+    assert load_world(tmp_path / "mine").description is not None
+    assert main(["describe", str(tmp_path / "mine"), "--review", "--reviewer", "Ada"]) == 0
+    told = capsys.readouterr().err
+    assert "Please answer a, e, r or q." in told
+    assert "run this again with --model" in told
+    reviewed = load_world(tmp_path / "mine").description
+    assert reviewed is not None
+    assert (reviewed.reviewed, reviewed.reviewer) == (True, "Ada")
+    assert reviewed.reviewed_on
+
+
+def test_a_description_is_edited_in_the_editor_and_a_broken_edit_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    editor = tmp_path / "editor.py"
+    editor.write_text(
+        "import pathlib, sys\n"
+        "done = pathlib.Path('edited_once')\n"
+        "text = 'layout: A new layout.\\ngrid: A new grid.' if done.exists() else 'layout: only this'\n"
+        "done.touch()\n"
+        "pathlib.Path(sys.argv[1]).write_text(text)\n"
+    )
+    monkeypatch.delenv("VISUAL", raising=False)
+    monkeypatch.setenv("EDITOR", f"{sys.executable} {editor}")
+    answers = iter(["e", "e", "a"])
+    monkeypatch.setattr("typer.prompt", lambda *_, **__: next(answers))
+    assert main(["describe", "warehouse", "--review", "--out", "mine.yaml", "--json"]) == 0
+    printed = capsys.readouterr()
+    assert "Not changed" in printed.err
+    assert json.loads(printed.out)["layout"] == "A new layout."
+    assert yaml.safe_load(Path("mine.yaml").read_text())["grid"] == "A new grid."
+
+
+def vars_of(name: str) -> dict[str, object]:
+    world = load_world(name)
+    return {field: getattr(world, field) for field in world.__dataclass_fields__}

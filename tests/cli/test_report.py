@@ -1,0 +1,91 @@
+"""`rvsg report` in the terminal: what a campaign found, and how far one came that was cut off."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+from tests.cli.test_run import SMALL, records
+
+from rvsg.api.folder import LEDGER
+from rvsg.cli import main
+from rvsg.scenario.scenario import Scenario
+from rvsg.simulation.kinematic import KinematicSimulator
+from rvsg.simulation.run import Run
+from rvsg.world.world import World
+
+Told = pytest.CaptureFixture[str]
+
+
+def cut_off(out: Path, before_run: int, *asked: str) -> None:
+    """A campaign of 6 attempts with 2 runs each and 4 to confirm, interrupted before one of its runs."""
+    original, made = KinematicSimulator.run, []
+
+    def interrupted(self: KinematicSimulator, scenario: Scenario, world: World, *, seed: int) -> Run:
+        made.append(seed)
+        if len(made) == before_run:
+            raise KeyboardInterrupt
+        return original(self, scenario, world, seed=seed)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(KinematicSimulator, "run", interrupted)
+        assert main(["run", *SMALL, *asked, "--out", str(out)]) == 3
+
+
+@pytest.mark.parametrize(
+    ("before_run", "how_far", "ranked"),
+    [
+        (1, "0 of 6 attempts of the search", False),
+        (7, "3 of 6 attempts of the search", True),
+        (14, "all 6 attempts of the search, the confirmation is missing", True),
+    ],
+)
+def test_a_campaign_that_was_cut_off_says_how_far_it_came_and_how_to_go_on(
+    tmp_path: Path, capsys: Told, before_run: int, how_far: str, ranked: bool
+) -> None:
+    cut_off(tmp_path / "one", before_run)
+    capsys.readouterr()
+    for store in (tmp_path / "one", tmp_path / "one" / LEDGER):
+        assert main(["report", str(store)]) == 0
+        told = capsys.readouterr().err
+        go_on = f"rvsg run --out {tmp_path / 'one'}"
+        assert f"The campaign is not finished: {how_far}. Go on with: {go_on}\n" in told
+        assert "No valid scenario" not in told and "not confirmed" not in told
+        assert ("verdict" in told) is ranked
+    assert main(go_on.split()[1:]) == 0
+    assert "Confirmation of scenario" in capsys.readouterr().err
+
+
+def test_a_copied_ledger_that_was_cut_off_gives_no_command_that_cannot_go_on(tmp_path: Path, capsys: Told) -> None:
+    cut_off(tmp_path / "one", 7)
+    copy = shutil.copy(tmp_path / "one" / LEDGER, tmp_path / "copy.sqlite")
+    capsys.readouterr()
+    assert main(["report", str(copy)]) == 0
+    told = capsys.readouterr().err
+    assert "not finished: 3 of 6 attempts of the search.\n" in told
+    assert "Go on with" not in told
+
+
+def test_of_several_campaigns_each_that_was_cut_off_or_never_began_is_told(tmp_path: Path, capsys: Told) -> None:
+    folder = tmp_path / "all"
+    asked = ["--route", "route_1", "--route", "route_2", "--route", "route_3"]
+    assert main(["run", *SMALL, *asked, "--out", str(folder)]) == 0
+    whole = records(folder / "route_2-R1")
+    for name in ("route_1-R1", "route_2-R1", "route_3-R1"):
+        shutil.rmtree(folder / name)
+    cut_off(folder / "route_1-R1", 1)
+    cut_off(folder / "route_2-R1", 7, "--route", "route_2")
+    capsys.readouterr()
+    assert main(["report", str(folder)]) == 0
+    told = capsys.readouterr().err
+    assert "no scenario" not in told
+    assert "route_1 R1 is not finished: 0 of 6 attempts of the search.\n" in told
+    assert "route_2 R1 is not finished: 3 of 6 attempts of the search.\n" in told
+    assert "1 more has not begun.\n" in told
+    assert f"Go on with: rvsg run --out {folder}\n" in told
+    assert main(["run", "--out", str(folder)]) == 0
+    assert records(folder / "route_2-R1") == whole
+    capsys.readouterr()
+    assert main(["report", str(folder)]) == 0
+    assert "Go on with" not in capsys.readouterr().err

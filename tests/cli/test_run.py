@@ -1,0 +1,331 @@
+from __future__ import annotations
+
+import json
+import os
+import re
+import shlex
+import shutil
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import pytest
+
+from rvsg.api.folder import LEDGER
+from rvsg.cli import main
+from rvsg.store.sqlite import SqliteLedger
+from rvsg.world.io.load import SHIPPED
+
+SMALL = [
+    *("--simulator", "kinematic", "--strategy", "random", "--scenarios", "3", "--refinements", "1"),
+    *("--repeats", "2", "--confirmations", "4", "--jobs", "1"),
+]
+
+
+def records(folder: Path) -> list[str]:
+    """Everything a campaign keeps: its attempts and its runs, as text."""
+    with SqliteLedger.existing(folder / LEDGER) as ledger:
+        (name,) = ledger.campaigns()
+        attempts = list(ledger.attempts(name))
+        runs = [ledger.run(m.run_id).trajectory.x.tobytes().hex() for a in attempts for m in a.measurements]
+    return [attempt.to_json() for attempt in attempts] + runs
+
+
+def test_a_campaign_leaves_its_ledger_its_page_its_best_scenario_and_its_configuration(tmp_path: Path) -> None:
+    out = tmp_path / "one"
+    assert main(["run", *SMALL, "--out", str(out), "--junit", str(tmp_path / "junit.xml")]) == 0
+    left = {path.name for path in out.iterdir()}
+    assert {"ledger.sqlite", "report.html", "best_scenario.json", "campaign.yaml"} <= left
+    assert not [name for name in left if name.endswith(("-wal", "-shm"))]
+    assert len(ET.parse(tmp_path / "junit.xml").getroot()[0]) == 7
+
+
+def test_standard_output_holds_the_json_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", *SMALL, "--out", str(tmp_path / "one"), "--json"]) == 0
+    captured = capsys.readouterr()
+    told = json.loads(captured.out)
+    assert told["complete"] and len(told["ranking"]) == 6
+    assert told["accounting"]["search_runs"] == 12
+    assert told["confirmed"]["verdict"]["runs"] == 4
+    assert "Repeat it with: rvsg run" in captured.err
+
+
+def test_without_json_standard_output_is_empty(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", *SMALL, "--out", str(tmp_path / "one")]) == 0
+    assert capsys.readouterr().out == ""
+
+
+def test_the_command_that_is_printed_repeats_the_campaign(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    main(["run", *SMALL, "--seed", "7", "--out", str(tmp_path / "one"), "--json"])
+    command = json.loads(capsys.readouterr().out)["command"].split()
+    assert command[:2] == ["rvsg", "run"] and command[-2:] == ["--seed", "7"]
+    main([*command[1:], "--out", str(tmp_path / "two")])
+    assert records(tmp_path / "one") == records(tmp_path / "two")
+
+
+def test_the_stored_configuration_repeats_the_campaign(tmp_path: Path) -> None:
+    main(["run", *SMALL, "--seed", "7", "--out", str(tmp_path / "one")])
+    assert main(["run", str(tmp_path / "one" / "campaign.yaml"), "--out", str(tmp_path / "two")]) == 0
+    assert records(tmp_path / "one") == records(tmp_path / "two")
+
+
+def test_one_job_and_two_end_with_identical_records(tmp_path: Path) -> None:
+    main(["run", *SMALL, "--seed", "7", "--out", str(tmp_path / "one")])
+    main(["run", *SMALL, "--seed", "7", "--out", str(tmp_path / "two"), "--jobs", "2"])
+    assert records(tmp_path / "one") == records(tmp_path / "two")
+
+
+LONG = [*SMALL, "--scenarios", "8", "--repeats", "3", "--seed", "7"]
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    """The records of an uninterrupted campaign."""
+    folder = tmp_path_factory.mktemp("whole")
+    main(["run", *LONG, "--out", str(folder)])
+    return records(folder)
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
+def test_a_killed_campaign_resumes_to_identical_records(tmp_path: Path, whole: list[str], how: signal.Signals) -> None:
+    folder = tmp_path / "killed"
+    command = [sys.executable, "-m", "rvsg", "run", *LONG, "--out", str(folder)]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 60
+    while _runs_kept(folder) < 5:
+        assert process.poll() is None and time.monotonic() < deadline
+        time.sleep(0.005)
+    os.kill(process.pid, how)
+    _, told = process.communicate(timeout=30)
+    kept = _runs_kept(folder)
+    assert 5 <= kept < 52
+    if how is not signal.SIGKILL:
+        assert process.returncode == 3
+        assert f" -m rvsg run --out {folder} --jobs 1\n" in told
+        assert "Traceback" not in told
+    assert main(["run", "--out", str(folder)]) == 0
+    assert records(folder) == whole
+
+
+def _runs_kept(folder: Path) -> int:
+    if not (folder / LEDGER).exists():
+        return 0
+    connection = sqlite3.connect(folder / LEDGER)
+    try:
+        return int(connection.execute("SELECT count(*) FROM runs").fetchone()[0])
+    except sqlite3.OperationalError:  # the table is not there yet
+        return 0
+    finally:
+        connection.close()
+
+
+def test_resuming_with_other_settings_is_refused_and_names_them(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    main(["run", *SMALL, "--out", str(tmp_path / "one")])
+    before = records(tmp_path / "one")
+    assert main(["run", "--out", str(tmp_path / "one"), "--seed", "8"]) == 2
+    assert "  - seed: 0, now 8" in capsys.readouterr().err
+    assert records(tmp_path / "one") == before
+
+
+def test_a_campaign_from_before_a_setting_was_added_is_resumed(tmp_path: Path) -> None:
+    out = tmp_path / "one"
+    main(["run", *SMALL, "--out", str(out)])
+    before = records(out)
+    connection = sqlite3.connect(out / LEDGER)
+    (text,) = connection.execute("SELECT settings FROM campaigns").fetchone()
+    settings = json.loads(text)
+    del settings["plan"]["memory"], settings["config"]["memory"]
+    connection.execute("UPDATE campaigns SET settings = ?", (json.dumps(settings),))
+    connection.execute("DELETE FROM attempts WHERE position = 6")
+    connection.commit()
+    connection.close()
+    assert main(["run", "--out", str(out)]) == 0
+    assert records(out) == before
+
+
+def test_a_campaign_from_before_attempts_were_abreast_goes_on_one_by_one(tmp_path: Path) -> None:
+    out, small = tmp_path / "one", [*SMALL, "--strategy", "elite", "--confirmations", "0"]
+    main(["run", *small, "--out", str(out)])
+    before = records(out)
+    main(["run", *small, "--out", str(tmp_path / "other"), "--abreast", "4"])
+    assert records(tmp_path / "other") != before  # how many are under way decides what is tried
+    connection = sqlite3.connect(out / LEDGER)
+    (text,) = connection.execute("SELECT settings FROM campaigns").fetchone()
+    settings = json.loads(text)
+    del settings["plan"]["abreast"], settings["config"]["abreast"]
+    connection.execute("UPDATE campaigns SET settings = ?", (json.dumps(settings),))
+    connection.execute("DELETE FROM attempts WHERE position > 3")
+    connection.commit()
+    connection.close()
+    assert main(["run", "--out", str(out)]) == 0
+    assert records(out) == before
+
+
+def reworded(ledger_file: Path, **changes: object) -> None:
+    """As if the requirement had been other when the campaign was begun."""
+    connection = sqlite3.connect(ledger_file)
+    (text,) = connection.execute("SELECT settings FROM campaigns").fetchone()
+    settings = json.loads(text)
+    settings["plan"]["requirement"] |= changes
+    connection.execute("UPDATE campaigns SET settings = ?", (json.dumps(settings),))
+    connection.execute("DELETE FROM attempts WHERE position > 3")
+    connection.commit()
+    connection.close()
+
+
+def test_a_campaign_whose_requirement_is_worded_otherwise_today_is_resumed_in_its_words(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, study = tmp_path / "one", [*SMALL, "--strategy", "study"]
+    main(["run", *study, "--out", str(out)])
+    verdicts = [json.loads(text)["verdict"] for text in records(out) if text.startswith("{")]
+    reworded(out / LEDGER, text="Mind the people.", title="Keep off")
+    assert main(["run", "--out", str(out)]) == 0
+    assert "worded otherwise today (title, text)" in capsys.readouterr().err
+    resumed = [json.loads(text) for text in records(out) if text.startswith("{")]
+    assert [attempt["verdict"] for attempt in resumed] == verdicts
+    assert {a["brief"]["requirement"]["text"] for a in resumed[4:6]} == {"Mind the people."}
+
+
+@pytest.mark.parametrize("change", [{"limit": 1.3}, {"metric": "min_distance"}, {"worse": "larger"}])
+def test_a_campaign_whose_requirement_judges_otherwise_today_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], change: dict[str, object]
+) -> None:
+    out = tmp_path / "one"
+    main(["run", *SMALL, "--out", str(out)])
+    reworded(out / LEDGER, **change)
+    assert main(["run", "--out", str(out)]) == 2
+    assert f"plan.requirement.{next(iter(change))}" in capsys.readouterr().err
+
+
+def test_a_campaign_that_never_got_to_an_attempt_is_not_told_to_have_zero(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "one"
+    main(["run", *SMALL, "--out", str(out)])
+    connection = sqlite3.connect(out / LEDGER)
+    connection.execute("DELETE FROM attempts")
+    connection.commit()
+    connection.close()
+    capsys.readouterr()
+    assert main(["run", "--out", str(out)]) == 0
+    told = capsys.readouterr().err
+    assert "Beginning again" in told and "0 attempts" not in told
+
+
+def test_two_processes_do_not_share_a_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from rvsg.api.folder import alone_in, make_folder
+
+    folder = tmp_path / "one"
+    make_folder(folder)
+    with alone_in(folder):
+        assert main(["run", *SMALL, "--out", str(folder)]) == 2
+    assert "another `rvsg run` works in this folder" in capsys.readouterr().err
+    assert not (folder / LEDGER).exists()
+
+
+def test_a_violation_is_told_by_the_exit_code_only_where_asked(tmp_path: Path) -> None:
+    strict = tmp_path / "strict.yaml"
+    strict.write_text(
+        "far:\n  title: Far away\n  text: Nobody is nearer than 100 m.\n  metric: dto\n  worse: smaller\n"
+        "  limit: 100.0\n  unit: m\n  source: a test\n"
+    )
+    asked = ["run", *SMALL, "--requirement", f"{strict}#far", "--confirmations", "16"]
+    assert main([*asked, "--out", str(tmp_path / "one")]) == 0
+    assert main([*asked, "--out", str(tmp_path / "one"), "--fail-on-violation"]) == 1
+    assert main(["report", str(tmp_path / "one"), "--fail-on-violation"]) == 1
+
+
+def test_a_violation_in_few_fresh_runs_fails_the_build_though_fail_or_flaky_is_open(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    strict = tmp_path / "strict.yaml"
+    strict.write_text("far: {title: Far, text: Keep 100 m., metric: dto, worse: smaller, limit: 100.0}\n")
+    folder, junit = tmp_path / "one", tmp_path / "junit.xml"
+    asked = ["--fail-on-violation", "--junit", str(junit), "--out", str(folder)]
+    assert main(["run", *SMALL, "--requirement", f"{strict}#far", "--confirmations", "8", *asked]) == 1
+    assert "INCONCLUSIVE (violated; FAIL or FLAKY is still open)" in " ".join(capsys.readouterr().err.split())
+    assert '<failure message="INCONCLUSIVE (violated; FAIL or FLAKY is still open)' in junit.read_text()
+    page = (folder / "report.html").read_text()
+    assert '<span class="chip bad">violated</span>' in page
+    assert "violates far in 8 of 8 fresh runs; FAIL or FLAKY is still open (INCONCLUSIVE)." in page
+
+
+def test_an_undecided_campaign_says_the_command_that_adds_fresh_runs_to_those_it_made(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    strict = tmp_path / "strict.yaml"
+    strict.write_text("far: {title: Far, text: Keep 100 m., metric: dto, worse: smaller, limit: 100.0}\n")
+    asked = ["--requirement", f"{strict}#far", "--confirmations", "3", "--out", str(tmp_path / "one")]
+    assert main(["run", *SMALL, *asked]) == 0
+    told = re.search(r"the same campaign with more: .*rvsg (run .*)\n", capsys.readouterr().err)
+    assert told is not None
+    again = shlex.split(told[1])
+    assert again[-4:] == ["--out", str(tmp_path / "one-30"), "--confirmations", "30"]
+    assert main(again) == 0
+    assert ": FAIL;" in capsys.readouterr().err
+    seeds = []
+    for name in ("one", "one-30"):
+        with SqliteLedger(tmp_path / name / LEDGER) as ledger:
+            *_, confirmation = ledger.attempts(ledger.campaigns()[0])
+        seeds.append([measured.seed for measured in confirmation.measurements])
+    assert seeds[1][:3] == seeds[0] and len(seeds[1]) == 15
+
+
+def test_a_simulator_that_fails_says_that_what_there_is_is_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from rvsg.core.errors import SimulationError
+    from rvsg.simulation.kinematic import KinematicSimulator
+
+    made: list[int] = []
+    run = KinematicSimulator.run
+
+    def failing(self, scenario, world, *, seed):
+        made.append(seed)
+        if len(made) > 5:
+            raise SimulationError("the display is gone")
+        return run(self, scenario, world, seed=seed)
+
+    monkeypatch.setattr(KinematicSimulator, "run", failing)
+    before = signal.getsignal(signal.SIGTERM)
+    assert main(["run", *SMALL, "--out", str(tmp_path / "one")]) == 2
+    told = capsys.readouterr().err
+    assert "the display is gone" in told and "Everything so far is kept. Resume with" in told
+    assert signal.getsignal(signal.SIGTERM) is before
+    monkeypatch.setattr(KinematicSimulator, "run", run)
+    assert main(["run", "--out", str(tmp_path / "one")]) == 0
+    with SqliteLedger(tmp_path / "one" / LEDGER) as ledger:
+        search = [a for a in ledger.attempts(ledger.campaigns()[0]) if a.purpose == "search"]
+    assert [len(a.measurements) for a in search] == [2, 2, 1, 2, 2, 2]
+    assert [failure.reason for a in search for failure in a.failures] == ["the display is gone"]
+
+
+def test_a_campaign_with_files_of_its_own_goes_on_in_any_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copytree(SHIPPED / "warehouse", tmp_path / "mine")
+    (tmp_path / "sub" / "elsewhere").mkdir(parents=True)
+    (tmp_path / "sub" / "rules.yaml").write_text(
+        "near: {title: Near, text: Keep away., metric: dto, worse: smaller, limit: 1.0, unit: m}\n"
+    )
+    (tmp_path / "sub" / "c.yaml").write_text("world: ../mine\nrequirement: rules.yaml#near\nout: res\n")
+    monkeypatch.chdir(tmp_path)
+    assert main(["run", "sub/c.yaml", *SMALL]) == 0
+    whole = records(tmp_path / "sub" / "res")
+    monkeypatch.chdir(tmp_path / "sub" / "elsewhere")
+    out = ["--out", str(tmp_path / "sub" / "res")]
+    assert main(["run", *out]) == 0
+    assert main(["run", *out, "--world", "../../mine"]) == 0, "the same world in other words"
+    assert main(["report", out[1]]) == 0
+    assert main(["run", "../res/campaign.yaml", "--jobs", "1", "--out", "again"]) == 0
+    assert main(["prompt", out[1]]) == 2 and "is finished" in capsys.readouterr().err
+    shutil.copytree(tmp_path / "mine", "other")
+    assert main(["run", *out, "--world", "other"]) == 2
+    assert records(tmp_path / "sub" / "res") == whole

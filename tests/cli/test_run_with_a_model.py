@@ -1,0 +1,240 @@
+"""Whole campaigns against a real HTTP server: they go on, or stop with a clear message, and lose nothing."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from tests.generation.loopback import Behaviour, drops_in_mid_reply, fails, raw, says, serving
+
+from rvsg.cli import main
+from rvsg.cli.cells import _wired as wired_cells
+from rvsg.cli.cells import cells_of
+
+KEY = "sk-campaign-secret-key-42424242"
+GOOD = json.dumps(
+    {
+        "analysis": "They meet.",
+        "description": "Restocking.",
+        "humans": [
+            {
+                "name": "Human 1",
+                "tasks": [
+                    {"task": "Area 2 → Area 3", "path": ["G10", "G11"]},
+                    {"task": "Area 3 → Area 2", "path": ["G11", "G10"]},
+                ],
+            },
+            {
+                "name": "Human 2",
+                "tasks": [
+                    {"task": "Shelf 6 → Shelf 5", "path": ["D22", "E21", "D20"]},
+                    {"task": "Shelf 5 → Shelf 6", "path": ["D20", "E21", "D22"]},
+                ],
+            },
+        ],
+    }
+)
+
+
+@pytest.fixture(autouse=True)
+def _environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RVSG_API_KEY", KEY)
+    monkeypatch.setenv("RVSG_DATA_DIR", str(tmp_path / "data"))
+    monkeypatch.chdir(tmp_path)
+
+
+def run(url: str, *more: str, scenarios: int = 2) -> int:
+    options = ["--model", "openai-chat:vision-1", "--base-url", url, "--simulator", "kinematic", "--out", "c"]
+    counts = ["--scenarios", str(scenarios), "--refinements", "0", "--repeats", "1", "--confirmations", "0"]
+    quick = ["--jobs", "1", "--generator-option", "tries=2", "--generator-option", "call_timeout_s=5"]
+    return main(["run", *options, *counts, *quick, *more])
+
+
+def nothing_leaks(*texts: str) -> None:
+    for text in texts:
+        assert KEY not in text
+    for path in Path("c").rglob("*"):
+        assert not path.is_file() or KEY.encode() not in path.read_bytes(), path
+
+
+def test_refusals_and_rubbish_become_attempts_with_problems_and_the_campaign_goes_on(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    refuses: Behaviour = says(None, refusal=f"I cannot, and {KEY} is my key.")  # type: ignore[arg-type]
+    with serving(refuses, says(""), says("x" * 200_000), says(GOOD)) as server:
+        code = run(server.url, "--json")
+    printed = capsys.readouterr()
+    assert code == 0, printed.err
+    result = json.loads(printed.out)
+    assert result["accounting"]["calls"] == 4
+    assert len(result["ranking"]) == 1
+    nothing_leaks(printed.out, printed.err)
+    assert "1 attempt of 2 came without a scenario" in printed.err
+    assert "1 was refused (by the model or a safety filter): try another model" in printed.err
+    assert "1 was empty" in printed.err
+
+
+def test_a_service_that_drops_and_stumbles_is_asked_again(capsys: pytest.CaptureFixture[str]) -> None:
+    with serving(drops_in_mid_reply, says(GOOD)) as server:
+        assert run(server.url, "--generator-option", "first_wait_s=0.01", scenarios=1) == 0
+    nothing_leaks(capsys.readouterr().err)
+
+
+@pytest.mark.parametrize(
+    ("behaviour", "told"),
+    [
+        (fails(401, f"bad key {KEY}"), "RVSG_API_KEY"),
+        (fails(404, "no such model"), '"vision-1"'),
+        (fails(429, "later", {"Retry-After": "9999"}), "9999 s"),
+        (raw(b"<html>"), "as JSON"),
+        (fails(500, f"broken, {KEY}"), "Run the same command later"),
+    ],
+)
+def test_a_service_that_cannot_answer_stops_the_campaign_with_one_message_and_it_resumes(
+    behaviour: Behaviour, told: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with serving(says(GOOD), behaviour) as server:
+        code = run(server.url, "--generator-option", "first_wait_s=0.01")
+        stopped = capsys.readouterr().err
+        assert code == 2
+        assert told in stopped
+        assert "Traceback" not in stopped
+        nothing_leaks(stopped)
+        asked = len(server.requests)
+        server.script[:] = [says(GOOD)]
+        assert main(["run", "--out", "c", "--jobs", "1"]) == 0
+        assert len(server.requests) == asked + 1
+    assert "1 attempt is there already" in capsys.readouterr().err
+
+
+def test_a_spent_budget_ends_with_code_3_and_a_larger_one_goes_on(capsys: pytest.CaptureFixture[str]) -> None:
+    with serving(says(GOOD)) as server:
+        assert run(server.url, "--budget-calls", "1") == 3
+        told = capsys.readouterr().err
+        assert "1 of 1 calls" in told and "Resume with: rvsg run --out c --jobs 1 --budget-...\n" in told
+        assert main(["run", "--out", "c", "--budget-calls", "5", "--jobs", "1"]) == 0
+        assert len(server.requests) == 2
+        assert (
+            main(
+                [
+                    "run",
+                    "--out",
+                    "again",
+                    "--replay",
+                    "c/vlm",
+                    "--simulator",
+                    "kinematic",
+                    "--scenarios",
+                    "2",
+                    "--refinements",
+                    "0",
+                    "--repeats",
+                    "1",
+                    "--confirmations",
+                    "0",
+                    "--jobs",
+                    "1",
+                ]
+            )
+            == 0
+        )
+        assert len(server.requests) == 2
+
+
+def test_a_wrong_model_is_mended_in_the_same_folder_while_nothing_is_kept(capsys: pytest.CaptureFixture[str]) -> None:
+    with serving(fails(404, "no such model"), says(GOOD)) as server:
+        assert run(server.url, scenarios=1) == 2
+        assert '"vision-1"' in capsys.readouterr().err
+        assert run(server.url, "--model", "openai-chat:vision-2", scenarios=1) == 0, capsys.readouterr().err
+        capsys.readouterr()
+        assert run(server.url, "--model", "openai-chat:vision-3", scenarios=1) == 2
+    assert "  - model: 'openai-chat:vision-2', now 'openai-chat:vision-3'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("verb", [["run"], ["propose"], ["describe", "warehouse"]])
+@pytest.mark.parametrize("option", ["--budget-usd", "--budget-calls", "--budget-tokens"])
+def test_a_budget_of_nothing_is_refused_before_anything_is_asked(
+    verb: list[str], option: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with serving(says(GOOD)) as server:
+        asked = [*verb, "--model", "openai-chat:vision-1", "--base-url", server.url, option, "0"]
+        assert main(asked) == 2
+        assert server.requests == []
+    assert "a budget of 0 allows no call" in capsys.readouterr().err
+
+
+def test_a_description_that_fails_half_way_keeps_what_was_paid_for_and_goes_on_from_it(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    texts = json.dumps({"layout": "Shelves above.", "grid": "Row E."})
+    describe = ["describe", "warehouse", "--model", "openai-chat:vision-1", "--out", "d.yaml"]
+    with serving(says("the layout"), says("the grid"), fails(401, f"bad key {KEY}"), says(texts)) as server:
+        assert main([*describe, "--base-url", server.url]) == 2
+        stopped = capsys.readouterr().err
+        assert "the same command goes on from there" in stopped
+        assert "layout: answered after" in stopped
+        assert main([*describe, "--base-url", server.url]) == 0
+        told = capsys.readouterr().err
+        assert "2 calls were answered at no cost from runs/describe-warehouse" in told
+        assert len(server.requests) == 4
+    assert "Shelves above." in Path("d.yaml").read_text()
+    for text in (stopped, told, *(p.read_text() for p in Path().rglob("*") if p.suffix in (".jsonl", ".yaml"))):
+        assert KEY not in text
+
+
+@pytest.mark.parametrize(
+    ("behaviour", "told"),
+    [
+        (says(None, refusal="I cannot."), "refused to look at the map. I cannot."),  # type: ignore[arg-type]
+        (says(""), "answered nothing"),
+        (says("no JSON"), "it held no such JSON"),
+        (says('{"layout": "x', finish_reason="length"), "cut off by the limit of tokens"),
+    ],
+)
+def test_an_answer_that_describes_nothing_is_told_and_kept(
+    behaviour: Behaviour, told: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with serving(says("the layout"), behaviour) as server:
+        describe = ["describe", "warehouse", "--model", "openai-chat:vision-1", "--base-url", server.url]
+        assert main([*describe, "--out", "d.yaml"]) == 2
+    said = capsys.readouterr().err
+    assert told in said
+    assert "kept in runs/describe-warehouse; to ask anew give another --record" in said
+    assert not Path("d.yaml").exists()
+
+
+def test_a_proposal_says_what_it_spends_and_that_nothing_came_of_it(capsys: pytest.CaptureFixture[str]) -> None:
+    with serving(says('{"humans": [', finish_reason="length")) as server:
+        priced = ["--generator-option", "prices=2.0,0.5,8.0"]
+        model = ["--model", "openai-chat:vision-1", "--base-url", server.url]
+        assert main(["propose", *model, *priced, "--budget-calls", "2", "--generator-option", "corrections=1"]) == 0
+    said = capsys.readouterr().err
+    assert "Asking openai-chat:vision-1: new" in said
+    assert "correct: answered after 0 s; 0.0023 USD so far" in said
+    assert "2 were cut off by the limit of tokens: raise max_output_tokens" in said
+    assert "No scenario came of it." in said
+
+
+def test_progress_shows_the_call_under_way_why_it_waits_and_what_was_spent(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with serving(fails(500, "busy"), says(GOOD)) as server:
+        code = run(
+            server.url, "--generator-option", "first_wait_s=0.01", "--generator-option", "prices=2,0.5,8", scenarios=1
+        )
+    told = capsys.readouterr().err
+    assert code == 0, told
+    assert "new: the service failed. It said: HTTP 500, busy. Waits 0 s, then try 2 of 2." in told
+    assert "left; model 0.0012 USD" in told
+
+
+def test_a_budget_is_for_all_the_campaigns_of_a_command_together(capsys: pytest.CaptureFixture[str]) -> None:
+    two = ["--route", "route_1", "--route", "route_3"]
+    assert run("http://127.0.0.1:9/v1", *two, "--budget-calls", "1") == 2
+    assert "less than one for each of the 2 campaigns" in capsys.readouterr().err
+    budgets = {"budget_usd": 3.0, "budget_calls": 5, "generator_options": {"prices": "2,0.5,8"}}
+    given = {"route": ["route_1", "route_3"], "model": "openai-chat:x", "base_url": "http://127.0.0.1:9/v1", **budgets}
+    cells = cells_of({}, given)
+    assert cells is not None
+    assert [(cell.values["budget_usd"], cell.values["budget_calls"]) for cell in wired_cells(cells)] == [(1.5, 2)] * 2

@@ -1,0 +1,129 @@
+"""The stages by hand give what the campaign gives."""
+
+from __future__ import annotations
+
+import io
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+from rvsg.api.folder import LEDGER
+from rvsg.api.record_files import read_runs
+from rvsg.cli import main
+from rvsg.scenario.brief import Feedback
+from rvsg.simulation.conformance import same_run
+from rvsg.store.sqlite import SqliteLedger
+
+KINEMATIC = ["--simulator", "kinematic"]
+
+
+@pytest.fixture
+def proposal(tmp_path: Path) -> Path:
+    path = tmp_path / "proposal.json"
+    assert main(["propose", "--generator", "random", "--seed", "5", "--out", str(path)]) == 0
+    return path
+
+
+def test_propose_shows_the_checker_and_writes_a_valid_scenario(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["propose", "--generator", "random", "--seed", "5"]) == 0
+    captured = capsys.readouterr()
+    assert "valid as first answered" in captured.err
+    assert json.loads(captured.out)["scenario"]["mission"]["route"]["name"] == "route_1"
+
+
+def test_repeats_have_the_next_seeds_and_do_not_depend_on_the_jobs(proposal: Path, tmp_path: Path) -> None:
+    asked = ["simulate", str(proposal), *KINEMATIC, "--seed", "9", "--repeats", "3"]
+    main([*asked, "--out", str(tmp_path / "one.jsonl")])
+    main([*asked, "--jobs", "2", "--out", str(tmp_path / "two.jsonl")])
+    assert (tmp_path / "one.jsonl").read_bytes() == (tmp_path / "two.jsonl").read_bytes()
+    assert [run.seed for run in read_runs([tmp_path / "one.jsonl"])] == [9, 10, 11]
+
+
+def test_evaluate_judges_all_runs_of_a_scenario_and_refuses_two_scenarios(
+    proposal: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    runs, other = tmp_path / "a.jsonl", tmp_path / "b.jsonl"
+    main(["simulate", str(proposal), *KINEMATIC, "--repeats", "16", "--out", str(runs)])
+    main(["propose", "--generator", "random", "--seed", "6", "--out", str(tmp_path / "other.json")])
+    main(["simulate", str(tmp_path / "other.json"), *KINEMATIC, "--out", str(other)])
+    capsys.readouterr()
+    assert main(["evaluate", str(runs), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["verdict"]["runs"] == 16 == len(told["measurements"])
+    assert told["verdict"]["status"] in ("PASS", "FAIL", "FLAKY", "INCONCLUSIVE")
+    assert (told["next_repeats"] > 0) == (told["verdict"]["status"] == "INCONCLUSIVE")
+    assert main(["evaluate", str(runs), str(other)]) == 2
+    assert "different scenarios" in capsys.readouterr().err
+
+
+def test_a_refinement_by_hand_is_told_what_was_measured(
+    proposal: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    runs, feedback, refined = tmp_path / "r.jsonl", tmp_path / "f.json", tmp_path / "refined.json"
+    main(["simulate", str(proposal), *KINEMATIC, "--repeats", "4", "--out", str(runs)])
+    assert main(["evaluate", str(runs), "--feedback", str(feedback)]) == 2  # which scenario?
+    assert not feedback.exists()
+    assert main(["evaluate", str(runs), "--scenario", str(proposal), "--feedback", str(feedback)]) == 0
+    told = Feedback.from_json(feedback.read_text())
+    assert len(told.objectives) == 4 and told.moments and told.series
+    asked = ["propose", "--generator", "heuristic", "--generator-option", "tries=3"]
+    assert main([*asked, "--feedback", str(feedback), "--out", str(refined)]) == 0
+    before = json.loads(proposal.read_text())["scenario"]
+    after = json.loads(refined.read_text())["scenario"]
+    assert after["people"] != before["people"]
+    assert before["description"] == ""  # so the refinement tells of everybody
+    assert all(name in after["description"] for name in ("Human 1", "Human 2"))
+
+
+def test_stages_stand_in_a_pipe(
+    proposal: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "stdin", io.StringIO(proposal.read_text()))
+    assert main(["simulate", "-", *KINEMATIC]) == 0
+    monkeypatch.setattr(sys, "stdin", io.StringIO(capsys.readouterr().out))
+    assert main(["evaluate", "-", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["verdict"]["runs"] == 1
+
+
+def test_a_run_of_a_campaign_is_made_again_from_its_seed(tmp_path: Path) -> None:
+    out, again = tmp_path / "campaign", tmp_path / "again.jsonl"
+    small = [*KINEMATIC, "--strategy", "random", "--scenarios", "1", "--refinements", "1", "--confirmations", "2"]
+    main(["run", *small, "--jobs", "1", "--out", str(out)])
+    with SqliteLedger(out / LEDGER) as ledger:
+        attempts = list(ledger.attempts(ledger.campaigns()[0]))
+        kept = ledger.run(attempts[-1].measurements[1].run_id)
+    seed = str(kept.seed)
+    assert main(["simulate", str(out / "best_scenario.json"), *KINEMATIC, "--seed", seed, "--out", str(again)]) == 0
+    assert same_run(read_runs([again])[0], kept)
+
+
+def test_a_report_is_written_again_from_the_ledger(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "campaign"
+    small = [*KINEMATIC, "--strategy", "random", "--scenarios", "1", "--refinements", "1", "--confirmations", "2"]
+    main(["run", *small, "--jobs", "1", "--out", str(out), "--json"])
+    first = json.loads(capsys.readouterr().out)
+    page = (out / "report.html").read_bytes()
+    (out / "report.html").unlink()
+    assert main(["report", str(out), "--json"]) == 0
+    assert (out / "report.html").read_bytes() == page
+    again = json.loads(capsys.readouterr().out)
+    assert all(again[key] == first[key] for key in again)
+
+
+def test_metrics_measures_every_run_of_a_file_and_names_the_file_that_holds_none(
+    proposal: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    runs, one = tmp_path / "runs.jsonl", tmp_path / "one.json"
+    main(["simulate", str(proposal), *KINEMATIC, "--repeats", "2", "--out", str(runs)])
+    one.write_text(runs.read_text().splitlines()[0])
+    capsys.readouterr()
+    assert main(["metrics", "dto", "--run", str(runs)]) == 0
+    both = json.loads(capsys.readouterr().out)
+    assert main(["metrics", "dto", "--run", str(one)]) == 0
+    assert both[0] == json.loads(capsys.readouterr().out)
+    assert len(both) == 2
+    one.write_text("nothing\n")
+    assert main(["metrics", "--run", str(one)]) == 2
+    assert "one.json:1: this is not JSON" in capsys.readouterr().err

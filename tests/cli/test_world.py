@@ -1,0 +1,179 @@
+"""`rvsg world` as its user meets it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from rvsg.cli import main
+
+
+def write_map(folder: Path, **header: object) -> Path:
+    pixels = np.full((120, 160), 254, np.uint8)
+    pixels[:2] = pixels[-2:] = 0
+    pixels[:, :2] = pixels[:, -2:] = 0
+    pixels[50:70, 60:100] = 0
+    Image.fromarray(pixels).save(folder / "m.pgm")
+    given = {"image": "m.pgm", "resolution": 0.05, "origin": "[0, 0, 0]", "negate": 0, "occupied_thresh": 0.65,
+             "free_thresh": 0.196, **header}  # fmt: skip
+    (folder / "m.yaml").write_text("".join(f"{k}: {v}\n" for k, v in given.items()))
+    return folder / "m.yaml"
+
+
+def test_from_a_map_to_a_checked_and_drawn_world(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    world = tmp_path / "hall"
+    assert main(["world", "new", str(world), "--map", str(write_map(tmp_path)), "--title", "Hall", "--json"]) == 0
+    told = capsys.readouterr()
+    assert json.loads(told.out)["title"] == "Hall"
+    assert "rvsg world draw" in told.err
+    assert {p.name for p in world.iterdir()} == {
+        "README.md", "labels.yaml", "map.png", "map.yaml", "routes.yaml", "world.yaml"}  # fmt: skip
+    assert main(["world", "check", str(world)]) == 0
+    assert main(["world", "draw", str(world), "--route", "route_1", "--width", "600"]) == 0
+    assert {p.name for p in (world / "pictures").iterdir()} >= {
+        "labels_route_1.png", "grid_route_1.png", "birdseye_route_1.png"}  # fmt: skip
+    assert main(["world", "draw", str(world), "--what", "svg", "--out", str(tmp_path)]) == 0
+    assert (tmp_path / "plan.svg").read_text().lstrip().startswith("<")
+    assert main(["world", "show", str(world)]) == 0
+    assert "The robot starts at" in capsys.readouterr().err
+
+
+def test_a_large_grid_is_also_drawn_in_parts(tmp_path: Path) -> None:
+    world = tmp_path / "fine"
+    assert main(["world", "new", str(world), "--map", str(write_map(tmp_path)), "--spacing", "0.2"]) == 0
+    assert main(["world", "draw", str(world), "--what", "grid", "--width", "500"]) == 0
+    assert len(list((world / "pictures").glob("grid_part_*.png"))) > 1
+
+
+def test_the_check_ends_with_2_if_something_is_wrong_and_says_where(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    world = tmp_path / "hall"
+    main(["world", "new", str(world), "--map", str(write_map(tmp_path))])
+    (world / "labels.yaml").write_text("areas:\n  - {name: Far, rectangle: [90, 90, 95, 95]}\n")
+    capsys.readouterr()
+    assert main(["world", "check", str(world), "--json"]) == 2
+    told = capsys.readouterr()
+    assert "labels.yaml:2" in told.err
+    assert any(remark["serious"] and remark["line"] == 2 for remark in json.loads(told.out))
+
+
+def test_shipped_worlds_are_listed_and_shown_by_name(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["world", "list", "--json"]) == 0
+    assert {"hospital", "office", "warehouse"} <= {world["name"] for world in json.loads(capsys.readouterr().out)}
+    assert main(["world", "list"]) == 0
+    assert main(["world", "check", "office"]) == 0
+    assert "Nothing is wrong." in capsys.readouterr().err
+    assert main(["world", "show", "office", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["routes"][0]["description"].startswith("The robot starts")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ([], "give exactly one of --map, --sdf and --objects"),
+        (["--map", "m.yaml", "--sdf", "w.sdf"], "got --map and --sdf"),
+        (["--map", "gone.yaml"], "gone.yaml: the file does not exist"),
+        (["--sdf", "gone.world"], "gone.world: there is no such file"),
+        (["--objects", "gone.yaml"], "the file does not exist"),
+        (["--map", "m.yaml", "--spacing", "0"], "the grid cannot be laid so: spacing_m"),
+        (["--map", "m.yaml", "--human-clearance", "4"], "no place that is 4 m clear"),
+        (["--map", "m.yaml", "--robot-clearance", "-1"], "robot_clearance_m"),
+    ],
+)
+def test_a_mistake_is_one_message_and_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], arguments: list[str], says: str
+) -> None:
+    write_map(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    assert main(["world", "new", "made", *arguments]) == 2
+    told = capsys.readouterr().err
+    assert says in told
+    assert "Traceback" not in told
+    assert not (tmp_path / "made").exists()
+
+
+def test_a_folder_with_a_world_is_only_replaced_when_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    command = ["world", "new", str(tmp_path / "w"), "--map", str(write_map(tmp_path))]
+    assert main(command) == 0
+    (tmp_path / "w" / "labels.yaml").write_text("areas: []\n")
+    assert main(command) == 2
+    assert "already holds a world; --force replaces it" in capsys.readouterr().err
+    assert (tmp_path / "w" / "labels.yaml").read_text() == "areas: []\n"
+    assert main([*command, "--force"]) == 0
+    (tmp_path / "busy").mkdir()
+    (tmp_path / "busy" / "thesis.txt").write_text("x")
+    assert main(["world", "new", str(tmp_path / "busy"), "--map", str(tmp_path / "m.yaml")]) == 2
+    assert "is not empty" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["draw", "offfice"], 'Did you mean "office"?'),
+        (["draw", "office", "--route", "route_9"], 'no route "route_9"'),
+        (["draw", "office", "--width", "10"], "400 to 6000 pixels wide"),
+        (["draw", "office", "--colours", "pink"], 'no palette "pink"'),
+        (["draw", "office", "--window", "1,2,3"], "four numbers"),
+        (["show", "nowhere"], 'no world "nowhere"'),
+        (["check", "nowhere"], 'There is no world "nowhere"'),
+        (["check", "map.yaml"], "map.yaml: this is a file; a world is a folder"),
+    ],
+)
+def test_a_misspelt_name_or_absurd_size_is_one_message(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], arguments: list[str], says: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "map.yaml").touch()
+    assert main(["world", *arguments]) == 2
+    assert says in capsys.readouterr().err
+
+
+BOXES = "objects:\n  - {name: Hut, box: {center: [0, 0, 1], size: [8, 8, 2], yaw: 0}}\n"
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "reason"),
+    [
+        ("--resolution", "0", "0.01 to 1 metres per cell, got 0"),
+        ("--resolution", "nan", "0.01 to 1 metres per cell, got nan"),
+        ("--lidar-height", "nan", "the lidar plane must be above the floor"),
+        ("--lidar-height", "9", "at most 5 m high, got 9 m"),
+    ],
+)
+def test_absurd_sizes_of_a_drawn_map_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str, value: str, reason: str
+) -> None:
+    (tmp_path / "objects.yaml").write_text(BOXES)
+    command = ["world", "new", str(tmp_path / "w"), "--objects", str(tmp_path / "objects.yaml"), option, value]
+    assert main(command) == 2
+    assert reason in capsys.readouterr().err
+    assert not (tmp_path / "w").exists()
+
+
+def test_an_option_that_would_change_nothing_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    given = ["--without", "robot", "--resolution", "0.1"]
+    assert main(["world", "new", str(tmp_path / "w"), "--map", str(write_map(tmp_path)), *given]) == 2
+    told = capsys.readouterr().err
+    assert "--without goes with --sdf" in told
+    assert "--resolution goes with --sdf or --objects; got --map" in told
+
+
+def test_a_window_beside_the_world_is_refused_with_where_the_world_lies(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["world", "draw", "office", "--out", str(tmp_path / "p"), "--window", "100,100,120,120"]) == 2
+    assert "shows nothing of the world, which spans x" in capsys.readouterr().err
+    assert not (tmp_path / "p").exists()
+
+
+def test_a_picture_that_cannot_show_a_window_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    asked = ["world", "draw", "office", "--out", str(tmp_path), "--width", "500", "--window", "1,1,9,9", "--what"]
+    assert main([*asked, "birdseye"]) == 0
+    assert "birdseye.png\n  shows the whole world" in capsys.readouterr().err
+    assert main([*asked, "labels"]) == 0
+    assert "whole world" not in capsys.readouterr().err
