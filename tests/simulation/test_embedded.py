@@ -8,15 +8,21 @@ from multiprocessing import get_context
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
-from rvsg.core.errors import InputError, UnknownName
+from rvsg.core.errors import InputError, SimulationError, UnknownName
 from rvsg.core.records import Pose
 from rvsg.scenario.agents import HumanAgent
+from rvsg.simulation import robot
 from rvsg.simulation.archive import pack, run_from_json, run_to_json, unpack
+from rvsg.simulation.compiled import kernel
 from rvsg.simulation.embedded import EmbeddedSimulator, simulate_agents
+from rvsg.simulation.episode import Episode, Outside
+from rvsg.simulation.navigator import choose_dwb
 from rvsg.simulation.options import Noise, profile
 from rvsg.simulation.people.crowd import begins_early
 from rvsg.simulation.rehearsal import empty_room
+from rvsg.simulation.robot_state import State
 from rvsg.simulation.run import Outcome, Run
 from rvsg.world.io.load import load_world
 from rvsg.world.world import Route, World
@@ -239,3 +245,58 @@ def test_a_run_holds_the_groups_of_its_people_in_the_store_too(warehouse: World)
     assert run.human_groups == (2, 2, None)
     assert unpack(*pack(run)).human_groups == (2, 2, None)
     assert run_from_json(run_to_json(run)).human_groups == (2, 2, None)
+
+
+class TestOutside:
+    """What is computed outside of the compiled loop, which is left for it and entered again."""
+
+    def test_dwb_called_from_outside_and_a_probe_give_the_same_run(self, warehouse: World) -> None:
+        agents = [walker(warehouse, "G13", "F13", "F14")]
+        probed: list[tuple[float, float, float]] = []
+
+        def choose(episode: Episode) -> tuple[float, float] | None:
+            answer = np.zeros(3)
+            ask_dwb(episode.state, answer)
+            return (answer[1], answer[2]) if answer[0] else None
+
+        def probe(episode: Episode) -> None:
+            probed.append((episode.t, episode.state.body[robot.X], episode.state.body[robot.V]))
+
+        route = warehouse.route("route_1")
+        plain = simulate_agents(warehouse, route, agents, seed=1)
+        outside = simulate_agents(warehouse, route, agents, seed=1, outside=Outside(control=choose, probe=probe))
+        assert equal(plain, outside)
+        rows = np.array(probed)
+        path = plain.trajectory
+        assert np.array_equal(rows, np.column_stack([path.t, path.x, path.v])[: len(rows)])
+        assert len(path) - len(rows) <= 1
+
+    def test_a_local_planner_without_a_command_gives_up(self, warehouse: World) -> None:
+        route = warehouse.route("route_1")
+        run = simulate_agents(warehouse, route, [], outside=Outside(control=lambda _: None))
+        assert run.recoveries > 0
+        assert np.abs(run.trajectory.v).max() <= 0.05 + 1e-12
+
+    @pytest.mark.parametrize(("verdict", "outcome"), [(True, Outcome.REACHED), (False, Outcome.ABORTED)])
+    def test_a_whole_stack_drives_the_base_and_ends_the_run(self, verdict: bool, outcome: Outcome) -> None:
+        def drive(episode: Episode) -> tuple[float, float] | bool:
+            return verdict if episode.t >= 2.0 else (0.4, 0.0)
+
+        run = simulate_agents(
+            empty_room(), route((-1.0, 0.0, 0.0), (1.0, 0.0, 0.0)), [], outside=Outside(stack=drive, stack_ticks=10)
+        )
+        assert run.outcome is outcome
+        assert run.trajectory.t[-1] < 2.2
+        assert run.trajectory.x[-1] == pytest.approx(-1.0 + 0.4 * 1.9, abs=0.05)
+        assert run.trajectory.y[-1] == 0.0
+
+    def test_an_answer_that_is_not_finite_is_an_error(self, warehouse: World) -> None:
+        with pytest.raises(SimulationError):
+            simulate_agents(
+                warehouse, warehouse.route("route_1"), [], outside=Outside(control=lambda _: (math.nan, 0.0))
+            )
+
+
+@kernel
+def ask_dwb(state: State, answer: NDArray[np.float64]) -> None:
+    choose_dwb(state, answer)

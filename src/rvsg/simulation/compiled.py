@@ -1,59 +1,101 @@
-"""How kernels are compiled: by numba, without Python, cached on disk under the hash of the simulator's sources.
+"""Compilation of the simulator's kernels with numba, and the cache that keeps the compiled code.
 
-numba checks only a kernel's own file when it loads it from its cache; a kernel it calls may have changed since.
-The cache therefore lives in a folder named after the hash of *all* sources of this room.
+The cache is addressed by content. A kernel is loaded only where its own code, the code of every kernel it calls, the
+constants they read, the layout of its arguments, and the versions of Python, numba, llvmlite and the processor are
+those it was compiled with. Path and age of the source files do not matter, so a cache can be copied between machines.
 """
 
 from __future__ import annotations
 
 import hashlib
 import os
+import pickle
+import sys
 import tempfile
-from collections.abc import Callable
+import uuid
+from collections.abc import Callable, Iterator
+from enum import Enum
 from functools import cache
 from pathlib import Path
+from types import CodeType, FunctionType, ModuleType
 from typing import Any, TypeVar, cast
 
-from numba import config, njit
+import llvmlite
+import numba
+import numpy as np
+from numba import njit
+from numba.core import types
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
+from numba.core.dispatcher import Dispatcher
+from numba.core.serialize import dumps as numba_dumps
+from numba.experimental import structref
 
 F = TypeVar("F", bound=Callable[..., object])
 
-
-@cache
-def sources_hash() -> str:
-    """16 hexadecimal digits over every source file of the simulation room: the version of the compiled code."""
-    folder = Path(__file__).parent
-    digest = hashlib.sha256()
-    for path in sorted(folder.rglob("*.py")):
-        digest.update(path.relative_to(folder).as_posix().encode())
-        digest.update(path.read_bytes())
-    return digest.hexdigest()[:16]
+FORMAT = 1
+"""Raise it to make every compiled kernel obsolete."""
+_PACKAGE = __name__.split(".", maxsplit=1)[0]
+_FIELDS: dict[type, tuple[str, ...]] = {}
 
 
-@cache
-def checkout_hash() -> str:
-    """8 hexadecimal digits over the place and age of the sources: numba keeps a cache for just these."""
-    folder = Path(__file__).resolve().parent
-    digest = hashlib.sha256(str(folder).encode())
-    for path in sorted(folder.rglob("*.py")):
-        digest.update(str(path.stat().st_mtime_ns).encode())
-    return digest.hexdigest()[:8]
+def kernel(function: F) -> F:
+    """Compile `function` at its first call, or load it from the cache.
+
+    Arithmetic follows IEEE 754: division by zero gives an infinity or NaN.
+    """
+    return _compiled(function)
+
+
+def inner(function: F) -> F:
+    """Compile a function that only kernels call.
+
+    It has no entry point for Python, which halves its compilation time. Calling it from Python ends the process; a
+    test calls it from a kernel of its own.
+    """
+    return _compiled(function, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+
+
+def by_reference(cls: Any) -> Any:
+    """Make the by-reference form of a NamedTuple class, named `<class>Ref`, in the class's module.
+
+    Kernels pass it as one pointer instead of copying every field, and read the fields by the same names. A kernel
+    makes it from a tuple's values: `SceneRef(*scene)`.
+    """
+    module = sys.modules[cls.__module__]
+    name = f"{cls.__name__}Ref"
+
+    def preprocess_fields(self: Any, fields: Any) -> Any:
+        return tuple((field, types.unliteral(kind)) for field, kind in fields)
+
+    body = {"preprocess_fields": preprocess_fields, "__module__": cls.__module__, "__qualname__": f"{name}Type"}
+    kind = structref.register(type(f"{name}Type", (types.StructRef,), body))
+    proxy = type(name, (structref.StructRefProxy,), {"__module__": cls.__module__, "__qualname__": name})
+    structref.define_constructor(proxy, kind, cls._fields)
+    structref.define_boxing(kind, proxy)
+    _FIELDS[proxy] = cls._fields
+    # The cache pickles types by name, so both must be found in the module.
+    setattr(module, f"{name}Type", kind)
+    setattr(module, name, proxy)
+    return proxy
 
 
 @cache
 def cache_folder() -> Path:
-    """Where compiled kernels are kept: NUMBA_CACHE_DIR, XDG_CACHE_HOME, ~/.cache, or the system's temporary folder."""
+    """Return the folder of compiled kernels: in NUMBA_CACHE_DIR, XDG_CACHE_HOME, ~/.cache or the temporary folder."""
     choices = [
         Path(os.environ["NUMBA_CACHE_DIR"]) if os.environ.get("NUMBA_CACHE_DIR") else None,
         Path(os.environ["XDG_CACHE_HOME"]) / "rvsg" if os.environ.get("XDG_CACHE_HOME") else None,
         Path("~/.cache/rvsg"),
         Path(tempfile.gettempdir()) / f"rvsg-{os.getuid() if hasattr(os, 'getuid') else 'user'}",
     ]
+    name = f"kernels-{FORMAT}-py{sys.version_info[0]}{sys.version_info[1]}-numba{numba.__version__}-llvmlite" + (
+        llvmlite.__version__
+    )
     for choice in choices:
         if choice is None:
             continue
         try:
-            folder = choice.expanduser() / f"kernels-{sources_hash()}-{checkout_hash()}"
+            folder = choice.expanduser() / name
             folder.mkdir(parents=True, exist_ok=True)
         except (OSError, RuntimeError):
             continue
@@ -62,24 +104,197 @@ def cache_folder() -> Path:
     return Path(tempfile.mkdtemp(prefix="rvsg-kernels-"))
 
 
-def kernel(function: F) -> F:
-    """Compile `function` at its first call, or load it from the cache. IEEE arithmetic: NaN and ±inf keep meaning."""
-    return _compiled(function)
+def is_cached(function: Callable[..., object]) -> bool:
+    """Whether the cache holds this kernel, as it is now, for this processor."""
+    dispatcher = cast(Any, function)
+    return any(cache_folder().glob(f"{dispatcher._cache.stem(dispatcher.targetctx.codegen())}-*.nbc"))
 
 
-def inner(function: F) -> F:
-    """A kernel that only kernels call: it has no door for Python, which halves its time of compilation.
+class _Folder(_CacheLocator):
+    """Place of compiled kernels: one folder for all, whatever the path and age of the source."""
 
-    Calling it from Python is an error that ends the process; a test calls it from a kernel of its own.
+    @classmethod
+    def from_function(cls, function: Any, file: str) -> _Folder:
+        """Return the locator of a function."""
+        return cls()
+
+    def get_cache_path(self) -> str:
+        """Return the folder."""
+        return str(cache_folder())
+
+    def get_source_stamp(self) -> int:
+        """Return a constant: a file's name holds the content it was compiled from."""
+        return FORMAT
+
+    def get_disambiguator(self) -> str:
+        """Return nothing: see `get_source_stamp`."""
+        return ""
+
+
+class _Implementation(CompileResultCacheImpl):
+    """Numba's serialisation of compiled code, in our folder."""
+
+    _locator_classes = [_Folder]  # type: ignore[list-item]  # noqa: RUF012
+
+
+class _Files:
+    """One file per kernel, content and signature, so that processes with other sources can share the folder."""
+
+    def load(self, key: str) -> Any:
+        """Return the stored data; None where there is none or it cannot be read."""
+        try:
+            return pickle.loads((cache_folder() / f"{key}.nbc").read_bytes())  # noqa: S301
+        except (OSError, EOFError, pickle.UnpicklingError):
+            return None
+
+    def save(self, key: str, data: Any) -> None:
+        """Store data under a key in one step."""
+        path = cache_folder() / f"{key}.nbc"
+        temporary = path.with_suffix(f".{uuid.uuid4().hex[:16]}.tmp")
+        try:
+            temporary.write_bytes(numba_dumps(data))
+            temporary.replace(path)
+        finally:
+            temporary.unlink(missing_ok=True)
+
+    def flush(self) -> None:
+        """Do nothing: other contents are other files."""
+
+
+class _ContentCache(FunctionCache):
+    """Cache of one kernel, addressed by content.
+
+    Numba freezes the constants that a kernel reads when it compiles it first. A process in which a constant changed
+    after that (a test that patches it) neither loads nor saves that kernel any more.
     """
-    return _compiled(function, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+
+    _impl_class = _Implementation
+
+    def __init__(self, function: Any, flags: dict[str, Any]) -> None:
+        super().__init__(function)
+        self._cache_file: Any = _Files()
+        self._flags = flags
+        self._frozen: str | None = None
+        self._callees: set[_ContentCache] = set()
+
+    def content(self) -> str:
+        """Return the hash of everything that compiled code of this kernel depends on, as numba has frozen it."""
+        if self._frozen is None:
+            self._frozen = self._py_func.__qualname__  # what kernels that call each other see of this one
+            self._frozen = self._current()
+        return self._frozen
+
+    def stem(self, codegen: Any) -> str:
+        """Return the part of a file's name that all signatures share: function, content and processor."""
+        version = _hash(self.content(), repr(codegen.magic_tuple()))
+        return f"{self._py_func.__module__.rsplit('.', 1)[-1]}.{self._py_func.__name__}-{version}"
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Load compiled code; None where there is none or a constant changed since the first compilation."""
+        return super().load_overload(sig, target_context) if self._is_unchanged(set()) else None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Save compiled code, unless a constant changed since the first compilation."""
+        if self._is_unchanged(set()):
+            super().save_overload(sig, data)
+
+    def _current(self) -> str:
+        return _hash(repr(sorted(self._flags.items())), *_pieces(self._py_func, {self._py_func}, self._callees))
+
+    def _is_unchanged(self, seen: set[Any]) -> bool:
+        """Whether the kernel and all that it calls read the constants with which they were first compiled."""
+        if self in seen:
+            return True
+        seen.add(self)
+        return self.content() == self._current() and all(callee._is_unchanged(seen) for callee in list(self._callees))
+
+    def _index_key(self, sig: Any, codegen: Any) -> str:
+        return f"{self.stem(codegen)}-{_hash(*_layout(sig))}"
+
+
+def _hash(*pieces: str) -> str:
+    """Return 16 hexadecimal digits."""
+    return hashlib.sha256("\0".join(pieces).encode()).hexdigest()[:16]
+
+
+def _pieces(function: Any, seen: set[Any], callees: set[_ContentCache]) -> Iterator[str]:
+    """Yield the code of a function, the constants it reads and what the kernels it calls depend on.
+
+    The caches of the kernels it calls are added to `callees`.
+    """
+    yield f"{function.__module__}.{function.__qualname__}"
+    for code in _codes(function.__code__):
+        yield code.co_code.hex()
+        yield repr([constant for constant in code.co_consts if not isinstance(constant, CodeType)])
+        yield repr((code.co_names, code.co_varnames, code.co_freevars))
+        for name in code.co_names:
+            if name in function.__globals__:
+                yield name
+                yield from _value(function.__globals__[name], code.co_names, seen, callees)
+    yield repr(function.__defaults__)
+    for cell in function.__closure__ or ():
+        yield from _value(cell.cell_contents, (), seen, callees)
+
+
+def _codes(code: CodeType) -> Iterator[CodeType]:
+    """Yield a code object and those of the functions and comprehensions inside it."""
+    yield code
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            yield from _codes(constant)
+
+
+def _value(value: Any, names: tuple[str, ...], seen: set[Any], callees: set[_ContentCache]) -> Iterator[str]:
+    """Yield the content of a global that a kernel reads; of a module of ours, those attributes that `names` holds."""
+    if isinstance(value, Dispatcher):
+        found = getattr(value, "_cache", None)
+        if value.py_func in seen:
+            yield f"{value.py_func.__module__}.{value.py_func.__qualname__}"
+        elif isinstance(found, _ContentCache):
+            callees.add(found)
+            yield found.content()
+        else:
+            yield from _pieces(value.py_func, seen | {value.py_func}, callees)
+    elif isinstance(value, ModuleType):
+        yield value.__name__
+        if value.__name__.split(".", maxsplit=1)[0] == _PACKAGE:
+            for name in names:
+                if name in vars(value):
+                    yield name
+                    yield from _value(vars(value)[name], names, seen, callees)
+    elif isinstance(value, np.ndarray):
+        yield f"{value.dtype}{value.shape}{hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()}"
+    elif isinstance(value, type):
+        yield f"{value.__module__}.{value.__qualname__}{_FIELDS.get(value, getattr(value, '_fields', ''))}"
+    elif isinstance(value, bool | int | float | complex | str | bytes | Enum | np.generic | None):
+        yield f"{type(value).__name__}:{value!r}"
+    elif isinstance(value, tuple | list):
+        for item in value:
+            yield from _value(item, names, seen, callees)
+    elif isinstance(value, FunctionType):
+        if value not in seen:
+            yield from _pieces(value, seen | {value}, callees)
+    else:
+        yield f"{type(value).__qualname__}:{getattr(value, '__name__', '')}"
+
+
+def _layout(kind: Any) -> Iterator[str]:
+    """Yield the field names of the named tuples among the types of a signature, which numba's types do not compare."""
+    if isinstance(kind, tuple):
+        for each in kind:
+            yield from _layout(each)
+    elif isinstance(kind, types.NamedTuple | types.NamedUniTuple):
+        yield f"{kind.instance_class.__module__}.{kind.instance_class.__name__}{kind.fields}"
+        yield from _layout(tuple(kind.types))
+    elif isinstance(kind, types.StructRef):
+        yield f"{type(kind).__module__}.{type(kind).__qualname__}{tuple(kind.field_dict)}"
+        yield from _layout(tuple(kind.field_dict.values()))
+    else:
+        yield str(kind)
 
 
 def _compiled(function: F, **flags: Any) -> F:
-    before = getattr(config, "CACHE_DIR", "")
-    setattr(config, "CACHE_DIR", str(cache_folder()))  # noqa: B010
-    try:
-        compile_later: Any = njit
-        return cast(F, compile_later(cache=True, error_model="numpy", **flags)(function))
-    finally:
-        setattr(config, "CACHE_DIR", before)  # noqa: B010
+    compile_later: Any = njit
+    dispatcher = compile_later(error_model="numpy", **flags)(function)
+    dispatcher._cache = _ContentCache(function, flags)
+    return cast(F, dispatcher)

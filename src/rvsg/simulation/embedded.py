@@ -19,11 +19,11 @@ from rvsg.scenario.agents import HumanAgent, decode
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation import robot
 from rvsg.simulation import robot_state as st
-from rvsg.simulation.compiled import cache_folder
+from rvsg.simulation.compiled import cache_folder, is_cached
 from rvsg.simulation.costmap import LETHAL
 from rvsg.simulation.dwb import Rollouts, samples
 from rvsg.simulation.dwb import rollouts as new_rollouts
-from rvsg.simulation.episode import Recording, new_recording, run_episode
+from rvsg.simulation.episode import Episode, Outside, Recording, go_on, new_recording
 from rvsg.simulation.localisation import Localisation, known_offset, particle_filter
 from rvsg.simulation.options import PROFILES, SimulatorOptions, profile
 from rvsg.simulation.people import PeopleOptions, initial
@@ -95,11 +95,15 @@ def simulate_agents(
     options: SimulatorOptions | None = None,
     seed: int = 0,
     scenario_id: str = "",
+    outside: Outside | None = None,
 ) -> Run:
     """Simulate one episode of a route among humans given in coordinates.
 
-    A robot that starts in an obstacle or off the map is an Outcome. Raises InputError for numbers that are not
-    finite, a time limit that is not positive and a map that is turned.
+    A robot that starts in an obstacle or off the map is an Outcome. `outside`: what is computed by the caller, not by
+    the compiled loop.
+
+    Raises:
+        InputError: a number is not finite, the time limit is not positive or the map is turned.
     """
     options = options or profile()
     route = _settled(route, options.settling_m)
@@ -119,7 +123,8 @@ def simulate_agents(
         outcome = Outcome.BLOCKED_START
     else:
         state.noise[:] = stream(seed, "lidar").standard_normal(NOISE_TABLE)
-        run_episode(scene, state, settings, crowd, _phases(options, seed), _intervals(options, seed, route), record)
+        phases, intervals = _phases(options, seed), _intervals(options, seed, route)
+        Episode(scene, state, settings, crowd, phases, intervals, record, outside).run()
         outcome = _outcome(state.nav)
     end = goals[-1] + (offset[0], offset[1], 0.0)
     return Run(
@@ -387,7 +392,7 @@ def _trajectory(rows: Floats, humans: Floats, count: int) -> Trajectory:
 def warm_up(report: Callable[[str], None] | None = None) -> float:
     """Load or compile every kernel; says so through `report` only if there is something to compile. Seconds taken."""
     started = time.perf_counter()
-    fresh = not any(cache_folder().glob("**/episode.run_episode*.nbc"))
+    fresh = not is_cached(go_on)
     if fresh and report is not None:
         report("compiling the simulator for this machine; this happens once and takes up to a minute")
     world, route, humans = rehearsal()

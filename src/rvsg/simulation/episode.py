@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rvsg.core.errors import SimulationError
 from rvsg.simulation import robot
 from rvsg.simulation import robot_state as st
 from rvsg.simulation.compiled import inner, kernel
 from rvsg.simulation.costmap import LOCAL_CELLS, LOCAL_RESOLUTION_M
 from rvsg.simulation.lidar import place_legs
-from rvsg.simulation.localisation import ACTIVE, localise
-from rvsg.simulation.navigator import begin_following, navigate, place_path
+from rvsg.simulation.localisation import ACTIVE, LocalisationRef, localise
+from rvsg.simulation.navigator import begin_following, choose_dwb, command, follow, navigate, place_path
 from rvsg.simulation.people import PERIOD_S, Crowd, tick
+from rvsg.simulation.people.crowd import CrowdRef
 from rvsg.simulation.perception import update_global, update_local
-from rvsg.simulation.robot_state import Settings, State
-from rvsg.simulation.scene import Scene
+from rvsg.simulation.robot_state import Settings, State, StateRef
+from rvsg.simulation.scene import Scene, SceneRef
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -159,68 +163,230 @@ def take_scan(scene: Scene, state: State, settings: Settings, crowd: Crowd, t: f
         place_path(state)
 
 
-@kernel
-def run_episode(
-    scene: Scene,
-    state: State,
-    settings: Settings,
-    crowd: Crowd,
-    phases: Floats,
-    intervals: Floats,
-    record: Recording,
-) -> None:
-    """Run until the goal is reached, navigation gives up or the time limit passes; the result is in `state.nav`.
+# Why the loop is left: the run is over, or something computed outside of the compiled loop is due.
+OVER, CONTROL_DUE, STACK_DUE, PROBE_DUE = range(4)
+# Where in a tick the loop goes on.
+TICK_BEGINS, ANSWERED, PROBED = range(3)
+# What the loop keeps from tick to tick, and the answer from outside: whether it is a valid command, forward speed
+# (m/s), yaw rate (rad/s), and how the run ends (RUNNING, REACHED, ABORTED; only asked of a whole stack).
+(TICK, NEXT_ROW, ROWS, PEOPLE_T, FORWARD_SUM, LEFT_SUM, ACCELERATION, END, STAGE, VALID, COMMAND_V, COMMAND_W,
+ RESULT) = range(13)  # fmt: skip
+LOOP_SIZE = 13
 
-    `intervals`: wall seconds between the log's rows. The state must be as `new_state` makes it, with the robot's pose
-    set; it is changed in place.
-    """
+
+class Asked(NamedTuple):
+    """What is computed outside of the compiled loop."""
+
+    control: bool = False
+    """The local planner: it answers every control period with a velocity, or that it has none."""
+    stack: bool = False
+    """The whole navigation stack: it answers every `stack_ticks` with a velocity and whether it has ended."""
+    stack_ticks: int = 5
+    probe_ticks: int = 0
+    """A recorder looks at the state every so many ticks of 10 ms; 0: never."""
+
+
+@kernel
+def bind(scene: Scene, state: State, crowd: Crowd) -> tuple[SceneRef, StateRef, CrowdRef]:
+    """Return the three large tuples by reference."""
+    own = LocalisationRef(*state.own)
+    values = state[:-1] + (own,)  # noqa: RUF005  (numba knows no unpacking here)
+    return SceneRef(*scene), StateRef(*values), CrowdRef(*crowd)
+
+
+@kernel
+def begin(scene: SceneRef, state: StateRef, settings: Settings, crowd: CrowdRef, phases: Floats, loop: Floats) -> None:
+    """Set everything as it is 2 s before the start. `phases` (s) of smoother, local and global costmap."""
     prepare(state, settings, phases)
     take_scan(scene, state, settings, crowd, -LEAD_TICKS * robot.STEP_S)
-    times = state.times
+    loop[:] = 0.0
+    loop[TICK] = -LEAD_TICKS
+    loop[END] = settings.time_limit_s * settings.clock
+    loop[PEOPLE_T] = -LEAD_TICKS * robot.STEP_S + settings.people_phase_s
+
+
+@inner
+def sense_and_walk(scene: SceneRef, state: StateRef, settings: Settings, crowd: CrowdRef, loop: Floats, k: int) -> None:
+    """Update the costmaps, move the people and take a scan, each where it is due."""
+    t = k * robot.STEP_S
+    update_maps(scene, state, settings, t)
+    if t >= loop[PEOPLE_T] - 1e-9:
+        loop[PEOPLE_T] += PERIOD_S
+        body = state.body
+        tick(crowd, t, PERIOD_S, body[robot.X], body[robot.Y], body[robot.YAW], body[robot.V])
+    if (k - settings.scan_phase_ticks) % SCAN_TICKS == 0:
+        take_scan(scene, state, settings, crowd, t)
+
+
+@inner
+def obey(state: StateRef, loop: Floats, t: float) -> None:
+    """Carry out the answer of a whole stack: its velocity goes to the base as it is."""
+    if loop[VALID] != 0.0:
+        command(state, loop[COMMAND_V], loop[COMMAND_W], True, t)
+    if loop[RESULT] != st.RUNNING:
+        command(state, 0.0, 0.0, True, t)
+        state.nav[st.MODE] = st.DONE
+        state.nav[st.RESULT] = int(loop[RESULT])
+
+
+@inner
+def decide(scene: SceneRef, state: StateRef, settings: Settings, loop: Floats, asked: Asked, k: int) -> int:
+    """Let the navigation stack act; return what is due outside, or OVER where nothing is."""
+    t = k * robot.STEP_S
+    if t < settings.robot_start_s:
+        return OVER
+    if asked.stack:
+        state.nav[st.PLANNED] = 1
+        return STACK_DUE if state.nav[st.MODE] != st.DONE and k % asked.stack_ticks == 0 else OVER
+    if navigate(scene, state, settings, t):
+        if asked.control:
+            return CONTROL_DUE
+        choose_dwb(state, loop[VALID:])
+        follow(state, settings, t, loop[VALID:])
+    return OVER
+
+
+@inner
+def write_rows(settings: Settings, state: StateRef, crowd: CrowdRef, intervals: Floats, record: Recording, loop: Floats,
+               k: int) -> bool:  # fmt: skip
+    """Write the rows of trajectory and log that are due; return whether the run is over."""
+    t = k * robot.STEP_S
+    if k % TRACK_TICKS == 0:
+        mean = math.sqrt(loop[FORWARD_SUM] ** 2 + loop[LEFT_SUM] ** 2) / TRACK_TICKS
+        write_track(record, t, state.body, mean, crowd)
+        loop[FORWARD_SUM] = 0.0
+        loop[LEFT_SUM] = 0.0
+    if t >= loop[END] - 1e-9:
+        write_log(record, t / settings.clock, state.body, loop[ACCELERATION], crowd)
+        return True
+    if t >= loop[NEXT_ROW] * settings.clock - 0.5 * robot.STEP_S:
+        write_log(record, loop[NEXT_ROW], state.body, loop[ACCELERATION], crowd)
+        loop[NEXT_ROW] += intervals[int(loop[ROWS]) % intervals.size]
+        loop[ROWS] += 1.0
+    return False
+
+
+@kernel
+def go_on(
+    scene: SceneRef,
+    state: StateRef,
+    settings: Settings,
+    crowd: CrowdRef,
+    intervals: Floats,
+    record: Recording,
+    loop: Floats,
+    asked: Asked,
+) -> int:
+    """Run until the episode is over or something is due outside; return OVER, CONTROL_DUE, STACK_DUE or PROBE_DUE.
+
+    The answer is put into `loop` (VALID, COMMAND_V, COMMAND_W, RESULT) before the next call.
+    """
     body = state.body
-    end = settings.time_limit_s * settings.clock
-    next_row = 0.0
-    rows = 0
-    people_t = -LEAD_TICKS * robot.STEP_S + settings.people_phase_s
-    forward_sum = 0.0
-    left_sum = 0.0
-    acceleration = 0.0
-    running = True
-    k = -LEAD_TICKS
     while True:
+        k = int(loop[TICK])
         t = k * robot.STEP_S
-        update_maps(scene, state, settings, t)
-        if t >= people_t - 1e-9:
-            people_t += PERIOD_S
-            tick(crowd, t, PERIOD_S, body[robot.X], body[robot.Y], body[robot.YAW], body[robot.V])
-        if (k - settings.scan_phase_ticks) % SCAN_TICKS == 0:
-            take_scan(scene, state, settings, crowd, t)
-        if t >= settings.robot_start_s:
-            navigate(scene, state, settings, t)
+        stage = int(loop[STAGE])
+        loop[STAGE] = TICK_BEGINS
+        if stage == TICK_BEGINS:
+            running = state.nav[st.MODE] != st.DONE
+            sense_and_walk(scene, state, settings, crowd, loop, k)
+            due = decide(scene, state, settings, loop, asked, k)
+            if due != OVER:
+                loop[STAGE] = ANSWERED
+                return due
+        if stage == ANSWERED:
+            running = True
+            if asked.stack:
+                obey(state, loop, t)
+            else:
+                follow(state, settings, t, loop[VALID:])
+        if stage != PROBED:
             if running and state.nav[st.MODE] == st.DONE:
-                running = False
-                end = min(end, t + settings.result_delay_s * settings.clock)
-        if t >= times[st.SMOOTH_T] - 1e-9:
-            times[st.SMOOTH_T] += robot.SMOOTHER_PERIOD_S * settings.clock
-            robot.smooth(body, t)
-        if k >= 0:
-            if k % TRACK_TICKS == 0:
-                mean = math.sqrt(forward_sum**2 + left_sum**2) / TRACK_TICKS
-                write_track(record, t, body, mean, crowd)
-                forward_sum = 0.0
-                left_sum = 0.0
-            if t >= end - 1e-9:
-                write_log(record, t / settings.clock, body, acceleration, crowd)
-                return
-            if t >= next_row * settings.clock - 0.5 * robot.STEP_S:
-                write_log(record, next_row, body, acceleration, crowd)
-                next_row += intervals[rows % intervals.size]
-                rows += 1
+                loop[END] = min(loop[END], t + settings.result_delay_s * settings.clock)
+            if t >= state.times[st.SMOOTH_T] - 1e-9:
+                state.times[st.SMOOTH_T] += robot.SMOOTHER_PERIOD_S * settings.clock
+                robot.smooth(body, t)
+            if k >= 0:
+                if write_rows(settings, state, crowd, intervals, record, loop, k):
+                    return OVER
+                if asked.probe_ticks > 0 and k % asked.probe_ticks == 0:
+                    loop[STAGE] = PROBED
+                    return PROBE_DUE
         forward, left = robot.advance(body, settings.yaw_gain)
-        acceleration = math.sqrt(forward * forward + left * left)
-        forward_sum += forward
-        left_sum += left
+        loop[ACCELERATION] = math.sqrt(forward * forward + left * left)
+        loop[FORWARD_SUM] += forward
+        loop[LEFT_SUM] += left
         if k >= 0 and record.counts[2] < record.imu.size:
-            record.imu[record.counts[2]] = acceleration
+            record.imu[record.counts[2]] = loop[ACCELERATION]
             record.counts[2] += 1
-        k += 1
+        loop[TICK] += 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outside:
+    """Parts of a run that are computed outside of the compiled loop. Each gets the episode, to read its state."""
+
+    control: Callable[[Episode], tuple[float, float] | None] | None = None
+    """A local planner: forward speed (m/s) and yaw rate (rad/s), or None where it finds no valid command."""
+    stack: Callable[[Episode], tuple[float, float] | bool] | None = None
+    """A whole navigation stack: a velocity, True where it has reached the goal, False where it gives up."""
+    stack_ticks: int = 5
+    probe: Callable[[Episode], None] | None = None
+    """A recorder."""
+    probe_ticks: int = 5
+
+
+class Episode:
+    """One run, from 2 s before the start until it is over.
+
+    It changes the arrays of `state`, `crowd` and `record` in place. `intervals`: wall seconds between the log's rows.
+    The state must be as `new_state` makes it, with the robot's pose set.
+    """
+
+    def __init__(
+        self, scene: Scene, state: State, settings: Settings, crowd: Crowd, phases: Floats, intervals: Floats,
+        record: Recording, outside: Outside | None = None,
+    ) -> None:  # fmt: skip
+        self.scene, self.state, self.settings, self.crowd, self.record = scene, state, settings, crowd, record
+        self.outside = outside or Outside()
+        self._intervals = intervals
+        self._loop = np.zeros(LOOP_SIZE)
+        self._asked = Asked(
+            control=self.outside.control is not None,
+            stack=self.outside.stack is not None,
+            stack_ticks=self.outside.stack_ticks,
+            probe_ticks=self.outside.probe_ticks if self.outside.probe is not None else 0,
+        )
+        self._references = bind(scene, state, crowd)
+        scene_, state_, crowd_ = self._references
+        begin(scene_, state_, settings, crowd_, phases, self._loop)
+
+    @property
+    def t(self) -> float:
+        """Simulated time since the start, s."""
+        return float(self._loop[TICK]) * robot.STEP_S
+
+    def run(self) -> None:
+        """Run until the goal is reached, navigation gives up or the time limit passes; see `state.nav`."""
+        scene, state, crowd = self._references
+        while True:
+            due = go_on(scene, state, self.settings, crowd, self._intervals, self.record, self._loop, self._asked)
+            if due == OVER:
+                return
+            if due == PROBE_DUE and self.outside.probe is not None:
+                self.outside.probe(self)
+            elif due == CONTROL_DUE and self.outside.control is not None:
+                self._answer(self.outside.control(self))
+            elif due == STACK_DUE and self.outside.stack is not None:
+                answer = self.outside.stack(self)
+                if isinstance(answer, bool):
+                    self._loop[RESULT] = st.REACHED if answer else st.ABORTED
+                else:
+                    self._answer(answer)
+
+    def _answer(self, velocity: tuple[float, float] | None) -> None:
+        self._loop[VALID] = 0.0 if velocity is None else 1.0
+        if velocity is not None:
+            if not (math.isfinite(velocity[0]) and math.isfinite(velocity[1])):
+                raise SimulationError(f"a controller outside of the simulator answered {velocity} at {self.t:.2f} s")
+            self._loop[COMMAND_V], self._loop[COMMAND_W] = velocity

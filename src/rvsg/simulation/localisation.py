@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from rvsg.simulation.compiled import inner
+from rvsg.simulation.compiled import by_reference, inner
 from rvsg.simulation.lidar import FIELD_OF_VIEW_RAD, FRONT, LEG_RADIUS_M, cast_disc, cast_edge
 from rvsg.simulation.robot import wrap
 from rvsg.world.world import OccupancyMap
@@ -88,6 +88,9 @@ class Localisation(NamedTuple):
     resolution: float
     outside: float
     lidar_noise_m: float
+
+
+LocalisationRef = by_reference(Localisation)
 
 
 def known_offset(x: float, y: float) -> Localisation:

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+from numpy.typing import NDArray
+
 from rvsg.simulation import dwb, robot
 from rvsg.simulation import robot_state as st
 from rvsg.simulation.compiled import inner
@@ -12,6 +15,8 @@ from rvsg.simulation.localisation import MAP_YAW, to_map, to_world
 from rvsg.simulation.navfn import plan
 from rvsg.simulation.robot_state import Settings, State
 from rvsg.simulation.scene import Scene
+
+Floats = NDArray[np.float64]
 
 CONTROL_PERIOD_S = 0.05
 REPLAN_PERIOD_S = 1.01
@@ -135,33 +140,44 @@ def at_goal(state: State) -> bool:
 
 
 @inner
-def control_tick(state: State, t: float) -> bool:
-    """One turn of the controller loop. False where following the path has failed."""
+def measured(value: float) -> float:
+    """A velocity as the odometry tells it."""
+    return value if abs(value) > ODOMETRY_DEADBAND else 0.0
+
+
+@inner
+def choose_dwb(state: State, answer: Floats) -> None:
+    """DWB's answer: whether there is a valid command, and which."""
     body = state.body
-    if not has_progress(state, t):
-        return False
-    v = body[robot.V] if abs(body[robot.V]) > ODOMETRY_DEADBAND else 0.0
-    w = body[robot.W] if abs(body[robot.W]) > ODOMETRY_DEADBAND else 0.0
     best = dwb.choose(
         state.nav, state.times, state.scratch, state.memo, state.samples, state.local[st.MASTER],
         state.nav[st.WINDOW_COLUMN], state.nav[st.WINDOW_ROW], state.path[1],
-        goal_yaw(state), body[robot.X], body[robot.Y], body[robot.YAW], v, w,
+        goal_yaw(state), body[robot.X], body[robot.Y], body[robot.YAW], measured(body[robot.V]),
+        measured(body[robot.W]),
     )  # fmt: skip
-    if best < 0:
+    answer[0] = 0.0
+    if best >= 0:
+        answer[0] = 1.0
+        answer[1] = state.samples[best, dwb.SAMPLE_V]
+        answer[2] = state.samples[best, dwb.SAMPLE_W]
+        dwb.remember_turn(state.nav, state.times, answer[1], answer[2], body[robot.X], body[robot.Y], body[robot.YAW])
+
+
+@inner
+def follow(state: State, settings: Settings, t: float, answer: Floats) -> None:
+    """Carry out the local planner's answer; where it has had none for too long, following the path has failed."""
+    if answer[0] == 0.0:
         command(state, 0.0, 0.0, False, t)
         if t - state.times[st.VALID_T] > PATIENCE_S:
-            return False
+            stop_following(state, settings, t)
+            return
     else:
-        wanted_v = state.samples[best, dwb.SAMPLE_V]
-        wanted_w = state.samples[best, dwb.SAMPLE_W]
         state.times[st.VALID_T] = t
-        command(state, wanted_v, wanted_w, False, t)
-        dwb.remember_turn(state.nav, state.times, wanted_v, wanted_w, body[robot.X], body[robot.Y], body[robot.YAW])
+        command(state, answer[1], answer[2], False, t)
     if at_goal(state):
         command(state, 0.0, 0.0, False, t)
         state.nav[st.MODE] = st.DONE
         state.nav[st.RESULT] = st.REACHED
-    return True
 
 
 @inner
@@ -289,37 +305,9 @@ def act(state: State, settings: Settings, t: float) -> None:
 
 
 @inner
-def navigate(scene: Scene, state: State, settings: Settings, t: float) -> None:
-    """What the behaviour tree and the controller do at time t (called every 10 ms).
-
-    A map that is to be cleared is cleared before the next call; who needs it waits for that, as in Nav2.
-    """
+def stop_following(state: State, settings: Settings, t: float) -> None:
+    """Following the path has failed: once again with a cleared local map, then the recovery."""
     nav = state.nav
-    if nav[st.MODE] == st.DONE:
-        return
-    if nav[st.MODE] != st.DRIVE:
-        act(state, settings, t)
-        return
-    if has_passed(state):
-        nav[st.NEED_PLAN] = 1
-    if nav[st.NEED_PLAN] != 0 or t - state.times[st.PLAN_T] >= REPLAN_PERIOD_S * settings.clock - 1e-9:
-        if nav[st.CLEAR_GLOBAL] != 0:
-            return
-        if plan_route(scene, state, t):
-            nav[st.PLAN_RETRIED] = 0
-        elif nav[st.PLAN_RETRIED] == 0:
-            nav[st.PLAN_RETRIED] = 1
-            nav[st.CLEAR_GLOBAL] = 1
-            return
-        else:
-            nav[st.PLAN_RETRIED] = 0
-            recover(state, settings, t)
-            return
-    if t < state.times[st.CONTROL_T] - 1e-9 or nav[st.CLEAR_LOCAL] != 0:
-        return
-    state.times[st.CONTROL_T] += CONTROL_PERIOD_S * settings.clock
-    if control_tick(state, t):
-        return
     if nav[st.FOLLOW_RETRIED] == 0:
         nav[st.FOLLOW_RETRIED] = 1
         command(state, 0.0, 0.0, False, t)
@@ -327,3 +315,39 @@ def navigate(scene: Scene, state: State, settings: Settings, t: float) -> None:
         begin_following(state, t)
     else:
         recover(state, settings, t)
+
+
+@inner
+def navigate(scene: Scene, state: State, settings: Settings, t: float) -> bool:
+    """What the behaviour tree does at time t (called every 10 ms); says whether the local planner is to be asked.
+
+    A map that is to be cleared is cleared before the next call; who needs it waits for that, as in Nav2.
+    """
+    nav = state.nav
+    if nav[st.MODE] == st.DONE:
+        return False
+    if nav[st.MODE] != st.DRIVE:
+        act(state, settings, t)
+        return False
+    if has_passed(state):
+        nav[st.NEED_PLAN] = 1
+    if nav[st.NEED_PLAN] != 0 or t - state.times[st.PLAN_T] >= REPLAN_PERIOD_S * settings.clock - 1e-9:
+        if nav[st.CLEAR_GLOBAL] != 0:
+            return False
+        if plan_route(scene, state, t):
+            nav[st.PLAN_RETRIED] = 0
+        elif nav[st.PLAN_RETRIED] == 0:
+            nav[st.PLAN_RETRIED] = 1
+            nav[st.CLEAR_GLOBAL] = 1
+            return False
+        else:
+            nav[st.PLAN_RETRIED] = 0
+            recover(state, settings, t)
+            return False
+    if t < state.times[st.CONTROL_T] - 1e-9 or nav[st.CLEAR_LOCAL] != 0:
+        return False
+    state.times[st.CONTROL_T] += CONTROL_PERIOD_S * settings.clock
+    if has_progress(state, t):
+        return True
+    stop_following(state, settings, t)
+    return False

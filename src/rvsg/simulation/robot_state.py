@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.simulation import dwb
+from rvsg.simulation.compiled import by_reference
 from rvsg.simulation.costmap import FREE, LOCAL_CELLS, UNKNOWN
 from rvsg.simulation.lidar import ray_directions
 from rvsg.simulation.localisation import Localisation
@@ -93,6 +94,9 @@ class State(NamedTuple):
     memo: dwb.Rollouts
     scratch: dwb.Scratch
     own: Localisation
+
+
+StateRef = by_reference(State)
 
 
 def new_state(

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from rvsg.core.errors import InputError
-from rvsg.simulation.compiled import inner, kernel
+from rvsg.simulation.compiled import by_reference, inner, kernel
 from rvsg.simulation.costmap import (
     FREE,
     INSCRIBED,
@@ -59,6 +59,9 @@ class Scene(NamedTuple):
     tile_columns: int
     tile_rows: int
     tile_reach: float
+
+
+SceneRef = by_reference(Scene)
 
 
 class Surroundings:

@@ -15,6 +15,7 @@ from rvsg.core.records import Record
 from rvsg.core.seeds import stream
 from rvsg.scenario.agents import HumanAgent, Reaction
 from rvsg.scenario.scenario import Behaviour, ForceFactors
+from rvsg.simulation.compiled import by_reference
 from rvsg.simulation.people.obstacles import Surfaces, boxes_of
 from rvsg.world.world import World
 
@@ -123,6 +124,9 @@ class Crowd(NamedTuple):
     raster_y: float
     published: bool
     neglect: float
+
+
+CrowdRef = by_reference(Crowd)
 
 
 def begins_early(chance: float, seed: int) -> bool:
