@@ -108,8 +108,8 @@ def test_the_route_is_told_in_the_users_words_or_in_ours_from_the_route_itself()
     world = load_world("warehouse")
     route = world.route("route_1")
     ours = Prompts().render("_route", {"route": route_facts(route, world)})
-    assert "waypoint G12 in Area 3" in ours and "turns right at F12" in ours and "within 25 s" in ours
+    assert "waypoint G12 in Area 3" in ours and "then right from F12" in ours and "within 25 s" in ours
     assert ours.count("E21") == 2  # as the goal and in the list of waypoints, not said twice over
     told = route.replace(description="Past the <bell>.")
     theirs = Prompts().render("_route", {"route": route_facts(told, world)})
-    assert "Past the" in theirs and "starts at G12" in theirs and "turns right" not in theirs
+    assert "Past the" in theirs and "starts at G12" in theirs and "right from" not in theirs

@@ -70,8 +70,10 @@ def test_poses_to_pass_lead_the_way_and_the_words() -> None:
 
 def test_turns_and_narrow_places_are_told() -> None:
     words = describe_route(load_world("warehouse"), load_world("warehouse").route("route_3"))
-    assert "turns right at E9" in words
-    assert "The way is narrow" in words
+    assert "down first, then left from E9" in words
+    assert "free width" not in words  # its aisles are 1.9 m wide: enough to pass
+    doors = describe_route(load_world("hospital"), load_world("hospital").route("route_2"))
+    assert "near L9 (free width 1.2 m)" in doors
 
 
 @pytest.mark.parametrize("name", WORLDS)

@@ -101,6 +101,27 @@ class Grid(Record):
         beside = next((w for w in self.waypoints if w.column != first.column), first)
         return "x" if abs(beside.y - first.y) > abs(beside.x - first.x) else "y"
 
+    @property
+    def across(self) -> Literal["x", "y"]:
+        """The axis along which columns differ: the other one than `up`."""
+        return "x" if self.up == "y" else "y"
+
+    @cached_property
+    def row_positions(self) -> dict[str, float]:
+        """The coordinate in metres of every row along the `up` axis; the median where its waypoints differ."""
+        return self._positions(self.rows, "row", self.up)
+
+    @cached_property
+    def column_positions(self) -> dict[str, float]:
+        """The coordinate in metres of every column along the `across` axis; the median where its waypoints differ."""
+        return self._positions(self.columns, "column", self.across)
+
+    def _positions(self, names: tuple[str, ...], line: str, axis: str) -> dict[str, float]:
+        found: dict[int, list[float]] = {}
+        for waypoint in self.waypoints:
+            found.setdefault(getattr(waypoint, line), []).append(getattr(waypoint, axis))
+        return {name: sorted(found[i])[len(found[i]) // 2] for i, name in enumerate(names) if i in found}
+
     @cached_property
     def spacing_m(self) -> float:
         """The smallest distance in metres between neighbouring rows or columns; 0 for a single waypoint."""

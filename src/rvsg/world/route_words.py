@@ -1,4 +1,4 @@
-"""A route in words, written from the route itself: where it starts and ends, what it passes, turns, narrow places."""
+"""A route in words: where it starts and ends, what it passes, where it turns and where the way is narrow."""
 
 from __future__ import annotations
 
@@ -11,36 +11,34 @@ from numpy.typing import NDArray
 
 from rvsg.core.records import Pose
 from rvsg.world.grid import Grid
-from rvsg.world.space import human_space
+from rvsg.world.passages import narrow_passages
 from rvsg.world.world import Area, Route, World
 
 Floats = NDArray[np.float64]
 
 TURN_RAD = math.radians(40)
-SHARP_RAD = math.radians(110)
 SHORTCUT_M = 0.6  # bends smaller than this are not worth a word
-NARROW_M = 1.6
 MOST_NARROW = 3
 NEAR_M = 1.5
 MOST_NAMED = 14
 
 
 def route_paragraph(world: World, route: Route) -> str:
-    """What is told of the route: the user's own description where there is one, else the generated paragraph."""
+    """Return the user's own description of the route if it has one, else the generated paragraph."""
     return route.description or describe_route(world, route)
 
 
 def describe_route(world: World, route: Route) -> str:
-    """One paragraph: start and end with their areas and headings, the waypoints passed, turns and narrow places.
+    """Describe a route in one paragraph: start, goal, waypoints on the way, turns and narrow places.
 
-    Directions are those of the pictures. Deterministic: the same world and route give the same words.
+    All directions are those of the picture. The same world and route give the same words.
     """
     way = waypoints_of(world, route)
     line = line_of(world, route)
     start, goal = _place(world, route.start), _place(world, route.goal)
     sentences = [
-        f"The robot starts at {start}, facing {_facing(world.grid, route.start.yaw)} on the picture, and has to reach "
-        f"{goal}, about {length_m(line):.0f} m along its way, within {route.time_limit_s:g} s"
+        f"The robot starts at {start}, facing {_facing(world.grid, route.start.yaw)} on the picture, and must reach "
+        f"{goal}, about {length_m(line):.0f} m away along the route, within {route.time_limit_s:g} s"
         + (f" ({route.purpose})." if route.purpose else ".")
     ]
     if len(way) > 1:
@@ -50,7 +48,7 @@ def describe_route(world: World, route: Route) -> str:
         sentences.append(f"{first[0].upper() + first[1:]} {_place(world, pose)}.")
     passed = _areas_passed(world, line, (route.start, route.goal))
     if passed:
-        sentences.append(f"On its way it comes by {_joined(passed)}.")
+        sentences.append(f"On its way it passes {_joined(passed)}.")
     sentences += _turns(world.grid, line)
     sentences += _narrow_places(world, line)
     sentences.append(f"At the goal it faces {_facing(world.grid, route.goal.yaw)}.")
@@ -58,7 +56,7 @@ def describe_route(world: World, route: Route) -> str:
 
 
 def waypoints_of(world: World, route: Route) -> tuple[str, ...]:
-    """The waypoints a route roughly passes: its own `via`, or the shortest walk by start, poses to pass and goal."""
+    """Return the waypoints a route roughly passes: its `via`, or the shortest walk through its poses."""
     if route.via:
         return route.via
     stops = [world.grid.nearest(pose.x, pose.y) for pose in (route.start, *route.through, route.goal)]
@@ -70,7 +68,7 @@ def waypoints_of(world: World, route: Route) -> tuple[str, ...]:
 
 
 def line_of(world: World, route: Route) -> Floats:
-    """The rough way as points (N, 2) in metres, from start to goal."""
+    """Return the rough way from start to goal as points (N, 2) in metres."""
     names = waypoints_of(world, route)
     points = [world.grid.position(name) for name in names if name in world.grid.by_name]
     start, goal = (route.start.x, route.start.y), (route.goal.x, route.goal.y)
@@ -79,7 +77,7 @@ def line_of(world: World, route: Route) -> Floats:
 
 
 def length_m(line: Floats) -> float:
-    """The length of a line (N, 2) in metres."""
+    """Return the length of a line (N, 2) in metres."""
     return float(np.hypot(*np.diff(line, axis=0).T).sum())
 
 
@@ -100,7 +98,7 @@ def _joined(names: Sequence[str]) -> str:
 
 
 def _place(world: World, pose: Pose) -> str:
-    """ "waypoint G12 in Area 3", "waypoint E21 beside Shelf 6"."""
+    """Name a place: "waypoint G12 in Area 3", "waypoint E21 beside Shelf 6"."""
     name = world.grid.nearest(pose.x, pose.y)
     x, y = world.grid.position(name)
     at = f"waypoint {name}" if math.hypot(x - pose.x, y - pose.y) < 0.3 else f"a place near waypoint {name}"
@@ -111,7 +109,7 @@ def _place(world: World, pose: Pose) -> str:
 
 
 def nearest_area(areas: Sequence[Area], x: float, y: float) -> tuple[Area | None, float]:
-    """The area nearest to a point and how far it is (metres, 0 inside); of several the smallest."""
+    """Return the area nearest to a point and its distance (metres, 0 inside); of several the smallest."""
     from shapely import Point, Polygon
 
     point = Point(x, y)
@@ -126,7 +124,7 @@ def nearest_area(areas: Sequence[Area], x: float, y: float) -> tuple[Area | None
 
 
 def _facing(grid: Grid, yaw: float) -> str:
-    """A heading in words of the picture."""
+    """Return a heading (radians) as a direction on the picture."""
     dx, dy = math.cos(yaw), math.sin(yaw)
     right, up = (dx, dy) if grid.up == "y" else (-dy, dx)
     words = ("right", "up and right", "up", "up and left", "left", "down and left", "down", "down and right")
@@ -134,7 +132,7 @@ def _facing(grid: Grid, yaw: float) -> str:
 
 
 def _areas_passed(world: World, line: Floats, ends: Sequence[Pose]) -> list[str]:
-    """Areas within arm's length of the way, in the order they are met, without those it starts and ends at."""
+    """Return the areas within 1 m of the way in the order of travel, without those at its ends."""
     from shapely import LineString, Point, Polygon
 
     path = LineString(line)
@@ -156,61 +154,36 @@ def _areas_passed(world: World, line: Floats, ends: Sequence[Pose]) -> list[str]
 
 
 def _turns(grid: Grid, line: Floats) -> list[str]:
-    """The turns of the way, small bends left out."""
+    """Return the direction of travel and its changes, in directions of the picture; small bends are left out."""
     from shapely import LineString, get_coordinates
 
     corners = get_coordinates(LineString(line).simplify(SHORTCUT_M))
+    legs = np.diff(corners, axis=0)
+    headings = [math.atan2(leg[1], leg[0]) for leg in legs]
     turns = []
-    for before, at, after in zip(corners, corners[1:], corners[2:], strict=False):
-        a, b = at - before, after - at
-        angle = math.atan2(a[0] * b[1] - a[1] * b[0], float(a @ b))
-        if abs(angle) >= TURN_RAD:
-            sharply = "sharply " if abs(angle) >= SHARP_RAD else ""
-            side = "left" if angle > 0 else "right"
-            turns.append(f"{sharply}{side} at {grid.nearest(float(at[0]), float(at[1]))}")
-    heading = _facing(grid, math.atan2(*(corners[1] - corners[0])[::-1]))
+    for at, before, after in zip(corners[1:], headings, headings[1:], strict=False):
+        if abs(math.remainder(after - before, math.tau)) >= TURN_RAD:
+            turns.append(f"{_facing(grid, after)} from {grid.nearest(float(at[0]), float(at[1]))}")
+    first = _facing(grid, headings[0])
     if not turns:
-        return [f"It drives {heading} without a marked turn."]
-    return [f"It drives {heading} first and turns {_joined(turns)}."]
+        return [f"On the picture it drives {first} without a marked turn."]
+    return [f"On the picture it drives {first} first, then {_joined(turns)}."]
 
 
 def _narrow_places(world: World, line: Floats) -> list[str]:
-    """Where the way leads between obstacles less than NARROW_M apart."""
-    space = human_space(world)
-    samples = sampled(line, 0.1)
-    wide = 2.0 * space.clearances(samples)
-    narrow = (wide > 0.0) & (wide < NARROW_M)
-    runs: list[tuple[float, int]] = []
-    first = None
-    for i, inside in enumerate([*narrow.tolist(), False]):
-        if inside and first is None:
-            first = i
-        elif not inside and first is not None:
-            if i - first >= 3:
-                least = first + int(wide[first:i].argmin())
-                runs.append((float(wide[least]), least))
-            first = None
-    chosen = sorted(sorted(runs)[:MOST_NARROW], key=lambda run: run[1])
+    """Return where the free width across the way is too small for the robot and a person to pass each other."""
     words = []
-    for width, index in chosen:
-        x, y = (float(v) for v in samples[index])
-        between = _between(world, x, y)
-        words.append(f"near {world.grid.nearest(x, y)}{between} (about {width:.1f} m wide)")
-    return [f"The way is narrow {_joined(words)}."] if words else []
-
-
-def _between(world: World, x: float, y: float) -> str:
-    from shapely import Point, Polygon
-
-    near = sorted((float(Polygon(a.outline).distance(Point(x, y))), a.name) for a in world.areas)
-    names = [name for away, name in near if 0.0 < away < NARROW_M][:2]
-    if len(names) == 2:
-        return f", between {names[0]} and {names[1]}"
-    return f", beside {names[0]}" if names else ""
+    for passage in narrow_passages(world, line, most=MOST_NARROW):
+        between = passage.between
+        where = f", between {_joined(between)}" if len(between) > 1 else f", beside {between[0]}" if between else ""
+        words.append(f"near {passage.waypoint}{where} (free width {passage.width_m:.1f} m)")
+    if not words:
+        return []
+    return [f"The robot and a person cannot pass each other {_joined(words)}."]
 
 
 def sampled(line: Floats, step_m: float) -> Floats:
-    """Points along the line every `step_m` metres or less, its corners included."""
+    """Return points along the line every `step_m` metres or less, including its corners."""
     parts = []
     for a, b in pairwise(line):
         count = max(1, math.ceil(float(np.hypot(*(b - a))) / step_m))

@@ -1,0 +1,89 @@
+"""Free widths are measured from wall to wall across the direction of travel."""
+
+import math
+
+import numpy as np
+import pytest
+
+from rvsg.core.records import Pose
+from rvsg.world.build import build_world
+from rvsg.world.grid import GridSpec
+from rvsg.world.passages import free_width_m, narrow_passages, narrowest_passage, widths_m
+from rvsg.world.route_words import describe_route
+from rvsg.world.space import human_space
+from rvsg.world.world import Area, OccupancyMap, Route, World
+
+RESOLUTION_M = 0.05
+
+
+def two_rooms(up: str = "y") -> World:
+    """Two rooms of 5 x 5 m side by side along x; a doorway 1.2 m wide (y 2.0 to 3.2) in the wall between them."""
+    cells = np.zeros((100, 204), np.uint8)
+    cells[[0, -1], :] = cells[:, [0, -1]] = 100
+    cells[:, 100:104] = 100
+    cells[40:64, 100:104] = 0
+    post = Area(name="Post", kind="shelf", outline=((5.0, 0.1), (5.2, 0.1), (5.2, 2.0), (5.0, 2.0)), waypoints=())
+    floor = Area(name="Hall", kind="floor", outline=((0.2, 0.2), (4.8, 0.2), (4.8, 4.8), (0.2, 4.8)), waypoints=())
+    route = Route(
+        name="through",
+        start=Pose(x=1.0, y=2.6),
+        goal=Pose(x=9.0, y=2.6),
+        time_limit_s=30,
+        through=(Pose(x=5.1, y=2.6),),
+    )
+    return build_world(
+        name="two_rooms",
+        occupancy=OccupancyMap(cells=cells, resolution=RESOLUTION_M, origin=Pose(x=0, y=0)),
+        areas=(post, floor),
+        routes=(route,),
+        grid_spec=GridSpec(up="x" if up == "x" else "y", spacing_m=0.5, origin=(0.1, 0.1)),
+    )
+
+
+WAY = np.array([(1.0, 2.6), (9.0, 2.6)])
+
+
+def test_the_width_beside_a_wall_is_that_of_the_room_not_twice_the_clearance() -> None:
+    world = two_rooms()
+    assert free_width_m(world, 2.5, 0.7, yaw=0.0) == pytest.approx(4.9, abs=2 * RESOLUTION_M)
+    assert free_width_m(world, 2.5, 0.7) > 3 * human_space(world).clearance(2.5, 0.7)
+
+
+def test_the_width_in_an_obstacle_is_zero() -> None:
+    assert free_width_m(two_rooms(), 5.1, 1.0, yaw=0.0) == 0.0
+
+
+def test_the_narrow_place_of_a_way_is_the_doorway_with_what_bounds_it() -> None:
+    (passage,) = narrow_passages(two_rooms(), WAY)
+    assert passage.width_m == pytest.approx(1.2, abs=2 * RESOLUTION_M)
+    assert passage.x == pytest.approx(5.1, abs=0.15)
+    assert passage.left is None and passage.right == "Post"  # driving along +x the post is on the right
+    assert narrowest_passage(two_rooms(), WAY) == passage
+
+
+def test_left_and_right_follow_the_direction_of_travel() -> None:
+    (passage,) = narrow_passages(two_rooms(), WAY[::-1])
+    assert (passage.left, passage.right) == ("Post", None)
+
+
+def test_a_wide_way_has_no_narrow_place() -> None:
+    assert narrow_passages(two_rooms(), np.array([(0.6, 0.7), (4.4, 0.7), (4.4, 4.3)])) == ()
+
+
+def test_a_way_askew_does_not_widen_the_doorway() -> None:
+    space = human_space(two_rooms())
+    askew = widths_m(space, np.array([(5.1, 2.6)]), np.array([math.radians(25)]))
+    assert askew[0] == pytest.approx(1.2, abs=0.15)
+
+
+@pytest.mark.parametrize("up", ["x", "y"])
+def test_positions_and_directions_follow_the_axis_that_points_up(up: str) -> None:
+    world = two_rooms(up)
+    grid = world.grid
+    for waypoint in grid.waypoints:
+        row, column = grid.rows[waypoint.row], grid.columns[waypoint.column]
+        assert grid.row_positions[row] == getattr(waypoint, up)
+        assert grid.column_positions[column] == getattr(waypoint, grid.across)
+    words = describe_route(world, world.route("through"))
+    assert f"it drives {'up' if up == 'x' else 'right'} " in words
+    assert "beside Post (free width 1.2 m)" in words
