@@ -16,8 +16,8 @@ from published_runs import EARLY_STARTS_REPEATED, FROZEN_M, Configuration, Value
 from published_world import published_world
 from rvsg.core.errors import InputError
 from rvsg.evaluation.metrics import measure
-from rvsg.simulation.embedded import simulate_agents
-from rvsg.simulation.options import profile
+from rvsg.simulation.embedded.options import profile
+from rvsg.simulation.embedded.simulator import simulate_agents
 from rvsg.world.world import Route, World
 
 METRICS = ("dto", "por", "trg", "rpc", "chc", "pl", "jerk", "tnm", "min_distance")

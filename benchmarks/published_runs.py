@@ -14,7 +14,7 @@ from pathlib import Path
 from rvsg.core.errors import InputError
 from rvsg.core.records import Pose
 from rvsg.scenario.agents import HumanAgent
-from rvsg.simulation.robot import MAX_V_M_S
+from rvsg.simulation.embedded.base import MAX_V_M_S
 from rvsg.study.study_format import read_study_configuration
 from rvsg.world.grid import Grid
 

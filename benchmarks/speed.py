@@ -46,7 +46,7 @@ def walkers(world: Any, count: int, seed: int) -> list[Any]:
 
 def real_time_factor(world: Any, route: str, humans: int, episodes: int) -> tuple[float, float]:
     """Simulated over wall seconds, and over this process's processor seconds, of whole episodes with other seeds."""
-    from rvsg.simulation.embedded import simulate_agents
+    from rvsg.simulation.embedded.simulator import simulate_agents
 
     agents = walkers(world, humans, humans)
     simulate_agents(world, world.route(route), agents, seed=10_000)
@@ -59,7 +59,7 @@ def real_time_factor(world: Any, route: str, humans: int, episodes: int) -> tupl
 
 def compilation_s() -> float:
     """Seconds of a first compilation, in a process with an empty cache."""
-    code = "from rvsg.simulation.embedded import warm_up; print(warm_up())"
+    code = "from rvsg.simulation.embedded.simulator import warm_up; print(warm_up())"
     with tempfile.TemporaryDirectory() as empty:
         environment = {**os.environ, "NUMBA_CACHE_DIR": empty}
         done = subprocess.run([sys.executable, "-c", code], env=environment, check=True, capture_output=True, text=True)
@@ -68,7 +68,7 @@ def compilation_s() -> float:
 
 def benchmark(humans: list[int], episodes: int, compile_first: bool) -> dict[str, Any]:
     """All figures."""
-    from rvsg.simulation import embedded
+    from rvsg.simulation.embedded import simulator as embedded
     from rvsg.world.io.load import load_world
 
     world = load_world("warehouse")

@@ -25,7 +25,7 @@ PUBLIC = {
     "rvsg.generation.generator": ["Generator", "Proposal", "Call"],
     "rvsg.generation.conformance": ["check_generator"],
     "rvsg.simulation.run": ["Run", "Trajectory", "Outcome", "run_id"],
-    "rvsg.simulation.simulator": ["Simulator"],
+    "rvsg.simulation.protocol": ["Simulator"],
     "rvsg.simulation.archive": ["run_to_json", "run_from_json", "pack", "unpack"],
     "rvsg.simulation.conformance": ["check_simulator"],
     "rvsg.evaluation.metrics": ["METRICS", "measure", "metric"],

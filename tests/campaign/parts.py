@@ -20,8 +20,8 @@ from rvsg.scenario.brief import Brief
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Scenario, Task
 from rvsg.simulation.kinematic import KinematicSimulator
+from rvsg.simulation.protocol import Simulator
 from rvsg.simulation.run import Run
-from rvsg.simulation.simulator import Simulator
 from rvsg.world.io.load import load_world
 from rvsg.world.world import World
 

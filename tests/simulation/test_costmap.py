@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rvsg.simulation.costmap import (
+from rvsg.simulation.embedded.navigation.costmap import (
     FREE,
     LETHAL,
     UNKNOWN,
@@ -21,7 +21,7 @@ from rvsg.simulation.costmap import (
     observe,
     shift,
 )
-from rvsg.simulation.lidar import FAR, NO_RETURN, ray_directions
+from rvsg.simulation.embedded.sensing.lidar import FAR, NO_RETURN, ray_directions
 
 Bytes = NDArray[np.uint8]
 

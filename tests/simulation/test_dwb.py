@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rvsg.simulation import dwb
-from rvsg.simulation.costmap import inflate_marks, inflation_kernel
+from rvsg.simulation.embedded.navigation.controllers import dwb
+from rvsg.simulation.embedded.navigation.costmap import inflate_marks, inflation_kernel
 
 Floats = NDArray[np.float64]
 Bytes = NDArray[np.uint8]

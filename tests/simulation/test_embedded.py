@@ -13,16 +13,16 @@ from numpy.typing import NDArray
 from rvsg.core.errors import InputError, SimulationError, UnknownName
 from rvsg.core.records import Pose
 from rvsg.scenario.agents import HumanAgent
-from rvsg.simulation import robot
 from rvsg.simulation.archive import pack, run_from_json, run_to_json, unpack
-from rvsg.simulation.compiled import kernel
-from rvsg.simulation.embedded import EmbeddedSimulator, simulate_agents
-from rvsg.simulation.episode import Episode, Outside
-from rvsg.simulation.navigator import choose_dwb
-from rvsg.simulation.options import Noise, profile
-from rvsg.simulation.people.crowd import begins_early
-from rvsg.simulation.rehearsal import empty_room
-from rvsg.simulation.robot_state import State
+from rvsg.simulation.embedded import base
+from rvsg.simulation.embedded.compiled import kernel
+from rvsg.simulation.embedded.episode import Episode, Outside
+from rvsg.simulation.embedded.navigation.behaviour_tree import choose_dwb
+from rvsg.simulation.embedded.options import Noise, profile
+from rvsg.simulation.embedded.people.crowd import begins_early
+from rvsg.simulation.embedded.rehearsal import empty_room
+from rvsg.simulation.embedded.simulator import EmbeddedSimulator, simulate_agents
+from rvsg.simulation.embedded.state import State
 from rvsg.simulation.run import Outcome, Run
 from rvsg.world.io.load import load_world
 from rvsg.world.world import Route, World
@@ -260,7 +260,7 @@ class TestOutside:
             return (answer[1], answer[2]) if answer[0] else None
 
         def probe(episode: Episode) -> None:
-            probed.append((episode.t, episode.state.body[robot.X], episode.state.body[robot.V]))
+            probed.append((episode.t, episode.state.body[base.X], episode.state.body[base.V]))
 
         route = warehouse.route("route_1")
         plain = simulate_agents(warehouse, route, agents, seed=1)

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from rvsg.scenario.agents import HumanAgent
-from rvsg.simulation.embedded import simulate_agents
-from rvsg.simulation.options import profile
+from rvsg.simulation.embedded.options import profile
+from rvsg.simulation.embedded.simulator import simulate_agents
 from rvsg.simulation.run import Run
 from rvsg.world.io.load import load_world
 from rvsg.world.world import World

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from rvsg.simulation.lidar import FAR, FIELD_OF_VIEW_RAD, NO_RETURN, place_legs, ray_directions, scan
+from rvsg.simulation.embedded.sensing.lidar import FAR, FIELD_OF_VIEW_RAD, NO_RETURN, place_legs, ray_directions, scan
 
 
 @pytest.mark.parametrize("seed", range(4))

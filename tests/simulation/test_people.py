@@ -13,8 +13,8 @@ from rvsg.core.errors import InputError
 from rvsg.core.records import Pose
 from rvsg.scenario.agents import HumanAgent, reaction_of
 from rvsg.scenario.scenario import Behaviour
-from rvsg.simulation.people import Crowd, PeopleOptions, initial, tick
-from rvsg.simulation.people.forces import (
+from rvsg.simulation.embedded.people import Crowd, PeopleOptions, initial, tick
+from rvsg.simulation.embedded.people.forces import (
     coherence_force,
     desired_force,
     gaze_force,
@@ -22,7 +22,7 @@ from rvsg.simulation.people.forces import (
     reach_of,
     social_force,
 )
-from rvsg.simulation.people.obstacles import boxes_of, entry_point, point_towards_origin
+from rvsg.simulation.embedded.people.obstacles import boxes_of, entry_point, point_towards_origin
 from rvsg.world.grid import Grid
 from rvsg.world.world import OccupancyMap, OrientedBox, SolidObject, World
 

@@ -27,7 +27,7 @@ from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.requirements import load_requirement
 from rvsg.scenario.scenario import ROBOT, Mission, Scenario
 from rvsg.scenario.validity import check, warnings
-from rvsg.simulation.simulator import Simulator
+from rvsg.simulation.protocol import Simulator
 from rvsg.world.io.load import load_world
 from rvsg.world.space import robot_space
 from rvsg.world.world import Route, World

@@ -26,8 +26,8 @@ from rvsg.campaign.attempt import Failure
 from rvsg.campaign.parallel import WorkerDied, _attempt_run
 from rvsg.core.errors import InputError, SimulationError, how_to_install
 from rvsg.scenario.scenario import Scenario
+from rvsg.simulation.protocol import Simulator
 from rvsg.simulation.run import Run
-from rvsg.simulation.simulator import Simulator
 from rvsg.world.world import World
 
 LOOK_S = 2.0

@@ -22,8 +22,8 @@ from typing import Any, Protocol, Self
 from rvsg.campaign.attempt import Failure
 from rvsg.core.errors import SimulationError
 from rvsg.scenario.scenario import Scenario
+from rvsg.simulation.protocol import Simulator
 from rvsg.simulation.run import Run, run_id
-from rvsg.simulation.simulator import Simulator
 from rvsg.world.world import World
 
 ENDING = (signal.SIGINT, signal.SIGTERM)

@@ -8,8 +8,8 @@ import numpy as np
 
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.archive import arrays_of, run_from_json, run_to_json
+from rvsg.simulation.protocol import Simulator
 from rvsg.simulation.run import Run, run_id
-from rvsg.simulation.simulator import Simulator
 from rvsg.world.world import World
 
 

@@ -10,9 +10,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.simulation.compiled import kernel
-from rvsg.simulation.lidar import FAR, MIN_RANGE_M, REACH_M
-from rvsg.simulation.robot import HALF_LENGTH_M, HALF_WIDTH_M
+from rvsg.simulation.embedded.base import HALF_LENGTH_M, HALF_WIDTH_M
+from rvsg.simulation.embedded.compiled import kernel
+from rvsg.simulation.embedded.sensing.lidar import FAR, MIN_RANGE_M, REACH_M
 
 Floats = NDArray[np.float64]
 Bytes = NDArray[np.uint8]

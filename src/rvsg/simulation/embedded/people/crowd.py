@@ -15,8 +15,8 @@ from rvsg.core.records import Record
 from rvsg.core.seeds import stream
 from rvsg.scenario.agents import HumanAgent, Reaction
 from rvsg.scenario.scenario import Behaviour, ForceFactors
-from rvsg.simulation.compiled import by_reference
-from rvsg.simulation.people.obstacles import Surfaces, boxes_of
+from rvsg.simulation.embedded.compiled import by_reference
+from rvsg.simulation.embedded.people.obstacles import Surfaces, boxes_of
 from rvsg.world.world import World
 
 Floats = NDArray[np.float64]

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 
-from rvsg.simulation import robot
-from rvsg.simulation import robot_state as st
-from rvsg.simulation.compiled import inner
-from rvsg.simulation.costmap import (
+from rvsg.simulation.embedded import base
+from rvsg.simulation.embedded import state as st
+from rvsg.simulation.embedded.compiled import inner
+from rvsg.simulation.embedded.navigation.costmap import (
     CLEARING_RANGE_M,
     FREE,
     LOCAL_CELLS,
@@ -20,11 +20,11 @@ from rvsg.simulation.costmap import (
     observe,
     shift,
 )
-from rvsg.simulation.lidar import FAR, FIELD_OF_VIEW_RAD, FRONT, REAR, scan
-from rvsg.simulation.localisation import MAP_YAW, to_map
-from rvsg.simulation.navfn import convert
-from rvsg.simulation.robot_state import NOISE_AT, WINDOW_COLUMN, WINDOW_ROW, Settings, State
-from rvsg.simulation.scene import TILE_M, Scene
+from rvsg.simulation.embedded.navigation.planners.navfn import convert
+from rvsg.simulation.embedded.scene import TILE_M, Scene
+from rvsg.simulation.embedded.sensing.lidar import FAR, FIELD_OF_VIEW_RAD, FRONT, REAR, scan
+from rvsg.simulation.embedded.sensing.localisation import MAP_YAW, to_map
+from rvsg.simulation.embedded.state import NOISE_AT, WINDOW_COLUMN, WINDOW_ROW, Settings, State
 
 
 @inner
@@ -62,8 +62,8 @@ def move_window(state: State) -> None:
     The wanted corner lies (60 - 0.5) cells / 2 below the robot.
     """
     half = 0.5 * (LOCAL_CELLS - 0.5)
-    columns = int(state.body[robot.X] / LOCAL_RESOLUTION_M - half - state.nav[WINDOW_COLUMN])
-    rows = int(state.body[robot.Y] / LOCAL_RESOLUTION_M - half - state.nav[WINDOW_ROW])
+    columns = int(state.body[base.X] / LOCAL_RESOLUTION_M - half - state.nav[WINDOW_COLUMN])
+    rows = int(state.body[base.Y] / LOCAL_RESOLUTION_M - half - state.nav[WINDOW_ROW])
     shift(state.local[st.FRONT], columns, rows)
     shift(state.local[st.REAR], columns, rows)
     state.nav[WINDOW_COLUMN] += columns
@@ -87,8 +87,8 @@ def update_local(scene: Scene, state: State, settings: Settings) -> None:
             LOCAL_RESOLUTION_M, VOXEL_SHORTENING_CELLS,
         )  # fmt: skip
         clear_footprint(
-            layer, state.spans, state.body[robot.X] / LOCAL_RESOLUTION_M - left,
-            state.body[robot.Y] / LOCAL_RESOLUTION_M - low, state.body[robot.YAW], LOCAL_RESOLUTION_M,
+            layer, state.spans, state.body[base.X] / LOCAL_RESOLUTION_M - left,
+            state.body[base.Y] / LOCAL_RESOLUTION_M - low, state.body[base.YAW], LOCAL_RESOLUTION_M,
         )  # fmt: skip
     inflate_marks(state.local[st.MASTER], state.local[st.FRONT], state.local[st.REAR], scene.local_costs)
 
@@ -101,7 +101,7 @@ def update_global(scene: Scene, state: State, settings: Settings) -> None:
         state.nav[st.CLEAR_GLOBAL] = 0
         state.layers[:] = UNKNOWN
     turn = state.own.present[MAP_YAW]
-    x, y = to_map(state.own.present, state.body[robot.X], state.body[robot.Y])
+    x, y = to_map(state.own.present, state.body[base.X], state.body[base.Y])
     column = (x - scene.origin_x) / scene.resolution
     row = (y - scene.origin_y) / scene.resolution
     for side in range(2):
@@ -112,7 +112,7 @@ def update_global(scene: Scene, state: State, settings: Settings) -> None:
             layer, state.ranges, state.directions, (x - scene.origin_x) / scene.resolution,
             (y - scene.origin_y) / scene.resolution, bearing + turn, scene.resolution, 0.0,
         )  # fmt: skip
-        clear_footprint(layer, state.spans, column, row, state.body[robot.YAW] + turn, scene.resolution)
+        clear_footprint(layer, state.spans, column, row, state.body[base.YAW] + turn, scene.resolution)
     rows, columns = state.global_master.shape
     # Rays change cells up to their clearing range from a lidar, which sits 0.33 m from the centre; one metre spare
     # covers what the robot moved since.

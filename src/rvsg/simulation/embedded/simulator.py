@@ -17,21 +17,21 @@ from rvsg.core.records import Pose
 from rvsg.core.seeds import stream
 from rvsg.scenario.agents import HumanAgent, decode
 from rvsg.scenario.scenario import Scenario
-from rvsg.simulation import robot
-from rvsg.simulation import robot_state as st
-from rvsg.simulation.compiled import cache_folder, is_cached
-from rvsg.simulation.costmap import LETHAL
-from rvsg.simulation.dwb import Rollouts, samples
-from rvsg.simulation.dwb import rollouts as new_rollouts
-from rvsg.simulation.episode import Episode, Outside, Recording, go_on, new_recording
-from rvsg.simulation.localisation import Localisation, known_offset, particle_filter
-from rvsg.simulation.options import PROFILES, SimulatorOptions, profile
-from rvsg.simulation.people import PeopleOptions, initial
-from rvsg.simulation.people.crowd import PERIOD_S, beginning, begins_early
-from rvsg.simulation.rehearsal import rehearsal
-from rvsg.simulation.robot_state import NOISE_TABLE, Settings, new_state
+from rvsg.simulation.embedded import base
+from rvsg.simulation.embedded import state as st
+from rvsg.simulation.embedded.compiled import cache_folder, is_cached
+from rvsg.simulation.embedded.episode import Episode, Outside, Recording, go_on, new_recording
+from rvsg.simulation.embedded.navigation.controllers.dwb import Rollouts, samples
+from rvsg.simulation.embedded.navigation.controllers.dwb import rollouts as new_rollouts
+from rvsg.simulation.embedded.navigation.costmap import LETHAL
+from rvsg.simulation.embedded.options import PROFILES, SimulatorOptions, profile
+from rvsg.simulation.embedded.people import PeopleOptions, initial
+from rvsg.simulation.embedded.people.crowd import PERIOD_S, beginning, begins_early
+from rvsg.simulation.embedded.rehearsal import rehearsal
+from rvsg.simulation.embedded.scene import Surroundings
+from rvsg.simulation.embedded.sensing.localisation import Localisation, known_offset, particle_filter
+from rvsg.simulation.embedded.state import NOISE_TABLE, Settings, new_state
 from rvsg.simulation.run import Outcome, Run, Trajectory
-from rvsg.simulation.scene import Surroundings
 from rvsg.world.world import Route, World
 
 Floats = NDArray[np.float64]
@@ -117,7 +117,7 @@ def simulate_agents(
     own = _localisation(world, route, options, around, offset, seed)
     rest = around.rest_of_way(scene, goals)
     state = new_state(scene, goals, len(agents), options.lidar_rays, own, rollouts(), rest)
-    state.body[robot.X : robot.YAW + 1] = (route.start.x, route.start.y, robot.wrap(route.start.yaw))
+    state.body[base.X : base.YAW + 1] = (route.start.x, route.start.y, base.wrap(route.start.yaw))
     if blocked:
         _stand_still(record, route.start, crowd)
         outcome = Outcome.BLOCKED_START
@@ -268,7 +268,7 @@ def _localisation(
         around.beam_scores,
         world.occupancy,
         options.lidar_rays,
-        (route.start.x, route.start.y, float(robot.wrap(route.start.yaw))),
+        (route.start.x, route.start.y, float(base.wrap(route.start.yaw))),
         options.lidar_noise_m * options.noise.lidar,
         stream(seed if options.noise.localisation > 0.0 else 0, "localisation"),
     )
@@ -313,7 +313,7 @@ def is_blocked(
 ) -> bool:
     """Whether the robot's footprint at the start lies on an occupied cell, off the map, or in what a lidar sees."""
     cos, sin = math.cos(start.yaw), math.sin(start.yaw)
-    half_length, half_width = robot.HALF_LENGTH_M - 0.01, robot.HALF_WIDTH_M - 0.01
+    half_length, half_width = base.HALF_LENGTH_M - 0.01, base.HALF_WIDTH_M - 0.01
     n = max(3, int(2 * half_length / (0.5 * resolution)))
     forward, left = np.meshgrid(np.linspace(-half_length, half_length, n), np.linspace(-half_width, half_width, n))
     x = start.x + forward * cos - left * sin

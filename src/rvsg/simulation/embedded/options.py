@@ -9,7 +9,7 @@ from pydantic import Field, ValidationError
 from rvsg.core.documents import mistakes_of
 from rvsg.core.errors import InputError, UnknownName
 from rvsg.core.records import Record
-from rvsg.simulation.people.crowd import PUBLISHED_EARLY_START, PUBLISHED_START_S
+from rvsg.simulation.embedded.people.crowd import PUBLISHED_EARLY_START, PUBLISHED_START_S
 
 Scale = Annotated[float, Field(ge=0, le=10)]
 

@@ -23,9 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from rvsg.simulation.compiled import by_reference, inner
-from rvsg.simulation.lidar import FIELD_OF_VIEW_RAD, FRONT, LEG_RADIUS_M, cast_disc, cast_edge
-from rvsg.simulation.robot import wrap
+from rvsg.simulation.embedded.base import wrap
+from rvsg.simulation.embedded.compiled import by_reference, inner
+from rvsg.simulation.embedded.sensing.lidar import FIELD_OF_VIEW_RAD, FRONT, LEG_RADIUS_M, cast_disc, cast_edge
 from rvsg.world.world import OccupancyMap
 
 Floats = NDArray[np.float64]

@@ -7,14 +7,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.simulation import dwb
-from rvsg.simulation.compiled import by_reference
-from rvsg.simulation.costmap import FREE, LOCAL_CELLS, UNKNOWN
-from rvsg.simulation.lidar import ray_directions
-from rvsg.simulation.localisation import Localisation
-from rvsg.simulation.navfn import BUFFER, HIGH
-from rvsg.simulation.robot import BODY_SIZE
-from rvsg.simulation.scene import Scene
+from rvsg.simulation.embedded.base import BODY_SIZE
+from rvsg.simulation.embedded.compiled import by_reference
+from rvsg.simulation.embedded.navigation.controllers import dwb
+from rvsg.simulation.embedded.navigation.costmap import FREE, LOCAL_CELLS, UNKNOWN
+from rvsg.simulation.embedded.navigation.planners.navfn import BUFFER, HIGH
+from rvsg.simulation.embedded.scene import Scene
+from rvsg.simulation.embedded.sensing.lidar import ray_directions
+from rvsg.simulation.embedded.sensing.localisation import Localisation
 
 Floats = NDArray[np.float64]
 Bytes = NDArray[np.uint8]

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
-from rvsg.simulation.compiled import kernel
-from rvsg.simulation.people.crowd import Crowd
-from rvsg.simulation.people.forces import (
+from rvsg.simulation.embedded.compiled import kernel
+from rvsg.simulation.embedded.people.crowd import Crowd
+from rvsg.simulation.embedded.people.forces import (
     coherence_force,
     desired_force,
     gaze_force,
@@ -16,7 +16,7 @@ from rvsg.simulation.people.forces import (
     social_force,
     wrap,
 )
-from rvsg.simulation.people.obstacles import cell_of, on_segment, point_towards_origin, robot_surface
+from rvsg.simulation.embedded.people.obstacles import cell_of, on_segment, point_towards_origin, robot_surface
 
 REGULAR, IMPASSIVE, SURPRISED, SCARED, CURIOUS, THREATENING = 1, 2, 3, 4, 5, 6
 GOAL_RADIUS_M = 0.3

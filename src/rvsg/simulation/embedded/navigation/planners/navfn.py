@@ -11,8 +11,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.simulation.compiled import inner, kernel
-from rvsg.simulation.costmap import INSCRIBED, UNKNOWN
+from rvsg.simulation.embedded.compiled import inner, kernel
+from rvsg.simulation.embedded.navigation.costmap import INSCRIBED, UNKNOWN
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]

@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.simulation.compiled import kernel
-from rvsg.simulation.costmap import INSCRIBED, LOCAL_CELLS, LOCAL_RESOLUTION_M
-from rvsg.simulation.robot import wrap
+from rvsg.simulation.embedded.base import wrap
+from rvsg.simulation.embedded.compiled import kernel
+from rvsg.simulation.embedded.navigation.costmap import INSCRIBED, LOCAL_CELLS, LOCAL_RESOLUTION_M
 
 Floats = NDArray[np.float64]
 Bytes = NDArray[np.uint8]

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from rvsg.core.errors import InputError
-from rvsg.simulation.compiled import by_reference, inner, kernel
-from rvsg.simulation.costmap import (
+from rvsg.simulation.embedded.compiled import by_reference, inner, kernel
+from rvsg.simulation.embedded.navigation.costmap import (
     FREE,
     INSCRIBED,
     LETHAL,
@@ -20,9 +20,9 @@ from rvsg.simulation.costmap import (
     inflate_static,
     inflation_kernel,
 )
-from rvsg.simulation.lidar import REACH_M
-from rvsg.simulation.localisation import beam_scores
-from rvsg.simulation.navfn import conversion, reaches, rest_of_way
+from rvsg.simulation.embedded.navigation.planners.navfn import conversion, reaches, rest_of_way
+from rvsg.simulation.embedded.sensing.lidar import REACH_M
+from rvsg.simulation.embedded.sensing.localisation import beam_scores
 from rvsg.world.world import OccupancyMap, World
 
 Floats = NDArray[np.float64]

@@ -11,18 +11,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.core.errors import SimulationError
-from rvsg.simulation import robot
-from rvsg.simulation import robot_state as st
-from rvsg.simulation.compiled import inner, kernel
-from rvsg.simulation.costmap import LOCAL_CELLS, LOCAL_RESOLUTION_M
-from rvsg.simulation.lidar import place_legs
-from rvsg.simulation.localisation import ACTIVE, LocalisationRef, localise
-from rvsg.simulation.navigator import begin_following, choose_dwb, command, follow, navigate, place_path
-from rvsg.simulation.people import PERIOD_S, Crowd, tick
-from rvsg.simulation.people.crowd import CrowdRef
-from rvsg.simulation.perception import update_global, update_local
-from rvsg.simulation.robot_state import Settings, State, StateRef
-from rvsg.simulation.scene import Scene, SceneRef
+from rvsg.simulation.embedded import base
+from rvsg.simulation.embedded import state as st
+from rvsg.simulation.embedded.compiled import inner, kernel
+from rvsg.simulation.embedded.navigation.behaviour_tree import (
+    begin_following,
+    choose_dwb,
+    command,
+    follow,
+    navigate,
+    place_path,
+)
+from rvsg.simulation.embedded.navigation.costmap import LOCAL_CELLS, LOCAL_RESOLUTION_M
+from rvsg.simulation.embedded.people import PERIOD_S, Crowd, tick
+from rvsg.simulation.embedded.people.crowd import CrowdRef
+from rvsg.simulation.embedded.scene import Scene, SceneRef
+from rvsg.simulation.embedded.sensing.lidar import place_legs
+from rvsg.simulation.embedded.sensing.localisation import ACTIVE, LocalisationRef, localise
+from rvsg.simulation.embedded.sensing.perception import update_global, update_local
+from rvsg.simulation.embedded.state import Settings, State, StateRef
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -55,7 +62,7 @@ class Recording(NamedTuple):
 
 def new_recording(time_limit_s: float, clock: float, humans: int) -> Recording:
     """Space for a run of that length (wall seconds)."""
-    ticks = int(time_limit_s * clock / robot.STEP_S) + 20
+    ticks = int(time_limit_s * clock / base.STEP_S) + 20
     rows = int(time_limit_s / 0.5) + 4
     return Recording(
         track=np.zeros((ticks // TRACK_TICKS + 3, 7)),
@@ -71,11 +78,11 @@ def new_recording(time_limit_s: float, clock: float, humans: int) -> Recording:
 def write_robot(row: Floats, t: float, body: Floats, acceleration: float) -> None:
     """One row of a record: time, pose, velocities, acceleration."""
     row[0] = t
-    row[1] = body[robot.X]
-    row[2] = body[robot.Y]
-    row[3] = body[robot.YAW]
-    row[4] = body[robot.V]
-    row[5] = body[robot.W]
+    row[1] = body[base.X]
+    row[2] = body[base.Y]
+    row[3] = body[base.YAW]
+    row[4] = body[base.V]
+    row[5] = body[base.W]
     row[6] = acceleration
 
 
@@ -112,13 +119,13 @@ def write_log(record: Recording, wall_s: float, body: Floats, acceleration: floa
 @inner
 def prepare(state: State, settings: Settings, phases: Floats) -> None:
     """Set the timers as they are 2 s before the start; `phases` (s) of smoother, local and global map."""
-    state.body[robot.COMMAND_T] = -1e9
+    state.body[base.COMMAND_T] = -1e9
     half = 0.5 * (LOCAL_CELLS - 0.5)
-    state.nav[st.WINDOW_COLUMN] = int(state.body[robot.X] / LOCAL_RESOLUTION_M - half)
-    state.nav[st.WINDOW_ROW] = int(state.body[robot.Y] / LOCAL_RESOLUTION_M - half)
+    state.nav[st.WINDOW_COLUMN] = int(state.body[base.X] / LOCAL_RESOLUTION_M - half)
+    state.nav[st.WINDOW_ROW] = int(state.body[base.Y] / LOCAL_RESOLUTION_M - half)
     state.nav[st.NEED_PLAN] = 1
     state.nav[st.CLEAR_GLOBAL] = 1
-    begin = -LEAD_TICKS * robot.STEP_S
+    begin = -LEAD_TICKS * base.STEP_S
     state.times[st.SMOOTH_T] = begin + phases[0]
     state.times[st.LOCAL_T] = begin + phases[1]
     state.times[st.GLOBAL_T] = begin + phases[2]
@@ -155,7 +162,7 @@ def take_scan(scene: Scene, state: State, settings: Settings, crowd: Crowd, t: f
                 state.legs[2 * i : 2 * i + 2] = OUT_OF_SIGHT_M
     else:
         place_legs(state.legs, crowd.x, crowd.y, crowd.yaw, crowd.walked)
-    x, y, yaw = state.body[robot.X], state.body[robot.Y], state.body[robot.YAW]
+    x, y, yaw = state.body[base.X], state.body[base.Y], state.body[base.YAW]
     state.scanned[0] = x
     state.scanned[1] = y
     state.scanned[2] = yaw
@@ -198,22 +205,22 @@ def bind(scene: Scene, state: State, crowd: Crowd) -> tuple[SceneRef, StateRef, 
 def begin(scene: SceneRef, state: StateRef, settings: Settings, crowd: CrowdRef, phases: Floats, loop: Floats) -> None:
     """Set everything as it is 2 s before the start. `phases` (s) of smoother, local and global costmap."""
     prepare(state, settings, phases)
-    take_scan(scene, state, settings, crowd, -LEAD_TICKS * robot.STEP_S)
+    take_scan(scene, state, settings, crowd, -LEAD_TICKS * base.STEP_S)
     loop[:] = 0.0
     loop[TICK] = -LEAD_TICKS
     loop[END] = settings.time_limit_s * settings.clock
-    loop[PEOPLE_T] = -LEAD_TICKS * robot.STEP_S + settings.people_phase_s
+    loop[PEOPLE_T] = -LEAD_TICKS * base.STEP_S + settings.people_phase_s
 
 
 @inner
 def sense_and_walk(scene: SceneRef, state: StateRef, settings: Settings, crowd: CrowdRef, loop: Floats, k: int) -> None:
     """Update the costmaps, move the people and take a scan, each where it is due."""
-    t = k * robot.STEP_S
+    t = k * base.STEP_S
     update_maps(scene, state, settings, t)
     if t >= loop[PEOPLE_T] - 1e-9:
         loop[PEOPLE_T] += PERIOD_S
         body = state.body
-        tick(crowd, t, PERIOD_S, body[robot.X], body[robot.Y], body[robot.YAW], body[robot.V])
+        tick(crowd, t, PERIOD_S, body[base.X], body[base.Y], body[base.YAW], body[base.V])
     if (k - settings.scan_phase_ticks) % SCAN_TICKS == 0:
         take_scan(scene, state, settings, crowd, t)
 
@@ -232,7 +239,7 @@ def obey(state: StateRef, loop: Floats, t: float) -> None:
 @inner
 def decide(scene: SceneRef, state: StateRef, settings: Settings, loop: Floats, asked: Asked, k: int) -> int:
     """Let the navigation stack act; return what is due outside, or OVER where nothing is."""
-    t = k * robot.STEP_S
+    t = k * base.STEP_S
     if t < settings.robot_start_s:
         return OVER
     if asked.stack:
@@ -250,7 +257,7 @@ def decide(scene: SceneRef, state: StateRef, settings: Settings, loop: Floats, a
 def write_rows(settings: Settings, state: StateRef, crowd: CrowdRef, intervals: Floats, record: Recording, loop: Floats,
                k: int) -> bool:  # fmt: skip
     """Write the rows of trajectory and log that are due; return whether the run is over."""
-    t = k * robot.STEP_S
+    t = k * base.STEP_S
     if k % TRACK_TICKS == 0:
         mean = math.sqrt(loop[FORWARD_SUM] ** 2 + loop[LEFT_SUM] ** 2) / TRACK_TICKS
         write_track(record, t, state.body, mean, crowd)
@@ -259,7 +266,7 @@ def write_rows(settings: Settings, state: StateRef, crowd: CrowdRef, intervals: 
     if t >= loop[END] - 1e-9:
         write_log(record, t / settings.clock, state.body, loop[ACCELERATION], crowd)
         return True
-    if t >= loop[NEXT_ROW] * settings.clock - 0.5 * robot.STEP_S:
+    if t >= loop[NEXT_ROW] * settings.clock - 0.5 * base.STEP_S:
         write_log(record, loop[NEXT_ROW], state.body, loop[ACCELERATION], crowd)
         loop[NEXT_ROW] += intervals[int(loop[ROWS]) % intervals.size]
         loop[ROWS] += 1.0
@@ -284,7 +291,7 @@ def go_on(
     body = state.body
     while True:
         k = int(loop[TICK])
-        t = k * robot.STEP_S
+        t = k * base.STEP_S
         stage = int(loop[STAGE])
         loop[STAGE] = TICK_BEGINS
         if stage == TICK_BEGINS:
@@ -304,15 +311,15 @@ def go_on(
             if running and state.nav[st.MODE] == st.DONE:
                 loop[END] = min(loop[END], t + settings.result_delay_s * settings.clock)
             if t >= state.times[st.SMOOTH_T] - 1e-9:
-                state.times[st.SMOOTH_T] += robot.SMOOTHER_PERIOD_S * settings.clock
-                robot.smooth(body, t)
+                state.times[st.SMOOTH_T] += base.SMOOTHER_PERIOD_S * settings.clock
+                base.smooth(body, t)
             if k >= 0:
                 if write_rows(settings, state, crowd, intervals, record, loop, k):
                     return OVER
                 if asked.probe_ticks > 0 and k % asked.probe_ticks == 0:
                     loop[STAGE] = PROBED
                     return PROBE_DUE
-        forward, left = robot.advance(body, settings.yaw_gain)
+        forward, left = base.advance(body, settings.yaw_gain)
         loop[ACCELERATION] = math.sqrt(forward * forward + left * left)
         loop[FORWARD_SUM] += forward
         loop[LEFT_SUM] += left
@@ -364,7 +371,7 @@ class Episode:
     @property
     def t(self) -> float:
         """Simulated time since the start, s."""
-        return float(self._loop[TICK]) * robot.STEP_S
+        return float(self._loop[TICK]) * base.STEP_S
 
     def run(self) -> None:
         """Run until the goal is reached, navigation gives up or the time limit passes; see `state.nav`."""

@@ -7,14 +7,15 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.simulation import dwb, robot
-from rvsg.simulation import robot_state as st
-from rvsg.simulation.compiled import inner
-from rvsg.simulation.costmap import LETHAL, LOCAL_RESOLUTION_M, footprint_spans
-from rvsg.simulation.localisation import MAP_YAW, to_map, to_world
-from rvsg.simulation.navfn import plan
-from rvsg.simulation.robot_state import Settings, State
-from rvsg.simulation.scene import Scene
+from rvsg.simulation.embedded import base
+from rvsg.simulation.embedded import state as st
+from rvsg.simulation.embedded.compiled import inner
+from rvsg.simulation.embedded.navigation.controllers import dwb
+from rvsg.simulation.embedded.navigation.costmap import LETHAL, LOCAL_RESOLUTION_M, footprint_spans
+from rvsg.simulation.embedded.navigation.planners.navfn import plan
+from rvsg.simulation.embedded.scene import Scene
+from rvsg.simulation.embedded.sensing.localisation import MAP_YAW, to_map, to_world
+from rvsg.simulation.embedded.state import Settings, State
 
 Floats = NDArray[np.float64]
 
@@ -43,7 +44,7 @@ def has_passed(state: State) -> bool:
     g = state.nav[st.GOAL]
     if g >= state.goals.shape[0] - 1:
         return False
-    x, y = to_map(state.own.present, state.body[robot.X], state.body[robot.Y])
+    x, y = to_map(state.own.present, state.body[base.X], state.body[base.Y])
     if (state.goals[g, 0] - x) ** 2 + (state.goals[g, 1] - y) ** 2 > PASSED_GOAL_M**2:
         return False
     state.nav[st.GOAL] = g + 1
@@ -58,7 +59,7 @@ def plan_route(scene: Scene, state: State, t: float) -> bool:
     the local window would otherwise draw the robot away from it.
     """
     nav = state.nav
-    x, y = to_map(state.own.present, state.body[robot.X], state.body[robot.Y])
+    x, y = to_map(state.own.present, state.body[base.X], state.body[base.Y])
     g = nav[st.GOAL]
     count = plan(
         state.path[0], 0, x, y, state.goals[g, 0], state.goals[g, 1], state.global_master, state.costs, scene.reach,
@@ -94,8 +95,8 @@ def goal_yaw(state: State) -> float:
 def begin_following(state: State, t: float) -> None:
     """A new goal for the controller: its loop, progress checker and patience start afresh."""
     state.times[st.CONTROL_T] = t
-    state.times[st.PROGRESS_X] = state.body[robot.X]
-    state.times[st.PROGRESS_Y] = state.body[robot.Y]
+    state.times[st.PROGRESS_X] = state.body[base.X]
+    state.times[st.PROGRESS_Y] = state.body[base.Y]
     state.times[st.PROGRESS_T] = t
     state.times[st.VALID_T] = t
 
@@ -103,23 +104,23 @@ def begin_following(state: State, t: float) -> None:
 @inner
 def command(state: State, v: float, w: float, direct: bool, t: float) -> None:
     """Publish a velocity, through the smoother or (recoveries) past it."""
-    state.body[robot.COMMAND_V] = v
-    state.body[robot.COMMAND_W] = w
-    state.body[robot.COMMAND_T] = t
-    state.body[robot.DIRECT] = 1.0 if direct else 0.0
+    state.body[base.COMMAND_V] = v
+    state.body[base.COMMAND_W] = w
+    state.body[base.COMMAND_T] = t
+    state.body[base.DIRECT] = 1.0 if direct else 0.0
     if direct:
-        state.body[robot.SMOOTH_V] = 0.0
-        state.body[robot.SMOOTH_W] = 0.0
+        state.body[base.SMOOTH_V] = 0.0
+        state.body[base.SMOOTH_W] = 0.0
 
 
 @inner
 def has_progress(state: State, t: float) -> bool:
     """Progress checker: more than 0.5 m from the stored pose within 10 s."""
     times = state.times
-    square = (state.body[robot.X] - times[st.PROGRESS_X]) ** 2 + (state.body[robot.Y] - times[st.PROGRESS_Y]) ** 2
+    square = (state.body[base.X] - times[st.PROGRESS_X]) ** 2 + (state.body[base.Y] - times[st.PROGRESS_Y]) ** 2
     if square > PROGRESS_M**2:
-        times[st.PROGRESS_X] = state.body[robot.X]
-        times[st.PROGRESS_Y] = state.body[robot.Y]
+        times[st.PROGRESS_X] = state.body[base.X]
+        times[st.PROGRESS_Y] = state.body[base.Y]
         times[st.PROGRESS_T] = t
     return t - times[st.PROGRESS_T] <= PROGRESS_TIME_S
 
@@ -128,15 +129,15 @@ def has_progress(state: State, t: float) -> bool:
 def at_goal(state: State) -> bool:
     """Goal checker: within 0.25 m of the plan's end (latched until the next path) and 0.25 rad of the goal's yaw."""
     end = state.nav[dwb.PLAN_END] - 1
-    dx = state.path[1, end, 0] - state.body[robot.X]
-    dy = state.path[1, end, 1] - state.body[robot.Y]
+    dx = state.path[1, end, 0] - state.body[base.X]
+    dy = state.path[1, end, 1] - state.body[base.Y]
     square = dx * dx + dy * dy
     if square <= dwb.XY_TOLERANCE_M**2:
         state.nav[dwb.XY_REACHED] = 1
     if state.nav[dwb.XY_REACHED] == 0:
         return False
     yaw = goal_yaw(state)
-    return abs(robot.wrap(state.body[robot.YAW] - yaw)) <= dwb.YAW_TOLERANCE_RAD
+    return abs(base.wrap(state.body[base.YAW] - yaw)) <= dwb.YAW_TOLERANCE_RAD
 
 
 @inner
@@ -152,15 +153,15 @@ def choose_dwb(state: State, answer: Floats) -> None:
     best = dwb.choose(
         state.nav, state.times, state.scratch, state.memo, state.samples, state.local[st.MASTER],
         state.nav[st.WINDOW_COLUMN], state.nav[st.WINDOW_ROW], state.path[1],
-        goal_yaw(state), body[robot.X], body[robot.Y], body[robot.YAW], measured(body[robot.V]),
-        measured(body[robot.W]),
+        goal_yaw(state), body[base.X], body[base.Y], body[base.YAW], measured(body[base.V]),
+        measured(body[base.W]),
     )  # fmt: skip
     answer[0] = 0.0
     if best >= 0:
         answer[0] = 1.0
         answer[1] = state.samples[best, dwb.SAMPLE_V]
         answer[2] = state.samples[best, dwb.SAMPLE_W]
-        dwb.remember_turn(state.nav, state.times, answer[1], answer[2], body[robot.X], body[robot.Y], body[robot.YAW])
+        dwb.remember_turn(state.nav, state.times, answer[1], answer[2], body[base.X], body[base.Y], body[base.YAW])
 
 
 @inner
@@ -206,9 +207,9 @@ def begin_action(state: State, settings: Settings, t: float) -> None:
     times[st.ACTION_T] = t
     times[st.ACTION_DUE] = t
     times[st.ACTION_DONE] = 0.0
-    times[st.ACTION_X] = state.body[robot.X]
-    times[st.ACTION_Y] = state.body[robot.Y]
-    times[st.ACTION_YAW] = state.body[robot.YAW]
+    times[st.ACTION_X] = state.body[base.X]
+    times[st.ACTION_Y] = state.body[base.Y]
+    times[st.ACTION_YAW] = state.body[base.YAW]
     if action == 0:
         nav[st.CLEAR_LOCAL] = 1
         nav[st.CLEAR_GLOBAL] = 1
@@ -251,9 +252,9 @@ def footprint_hits(state: State, x: float, y: float, yaw: float) -> bool:
 @inner
 def is_blocked(state: State, v: float, w: float, settings: Settings) -> bool:
     """Whether driving on at (v, w) for up to 2 s would hit something; looked at every action period."""
-    x = state.body[robot.X]
-    y = state.body[robot.Y]
-    yaw = state.body[robot.YAW]
+    x = state.body[base.X]
+    y = state.body[base.Y]
+    yaw = state.body[base.YAW]
     ahead = 0.0
     while ahead <= LOOK_AHEAD_S:
         if footprint_hits(state, x + v * ahead * math.cos(yaw), y + v * ahead * math.sin(yaw), yaw + w * ahead):
@@ -279,15 +280,15 @@ def act(state: State, settings: Settings, t: float) -> None:
     v = 0.0
     w = 0.0
     if nav[st.MODE] == st.SPIN:
-        times[st.ACTION_DONE] += abs(robot.wrap(body[robot.YAW] - times[st.ACTION_YAW]))
-        times[st.ACTION_YAW] = body[robot.YAW]
+        times[st.ACTION_DONE] += abs(base.wrap(body[base.YAW] - times[st.ACTION_YAW]))
+        times[st.ACTION_YAW] = body[base.YAW]
         left = SPIN_RAD - times[st.ACTION_DONE]
         if left < 1e-6:
             end_action(state, t)
             return
         w = min(1.0, max(0.4, math.sqrt(2.0 * 3.2 * left)))
     else:
-        done = math.sqrt((body[robot.X] - times[st.ACTION_X]) ** 2 + (body[robot.Y] - times[st.ACTION_Y]) ** 2)
+        done = math.sqrt((body[base.X] - times[st.ACTION_X]) ** 2 + (body[base.Y] - times[st.ACTION_Y]) ** 2)
         if done >= BACK_UP_M:
             end_action(state, t)
             return

@@ -1,0 +1,1 @@
+"""The navigation stack: costmaps, planners, controllers, behaviour tree."""

@@ -1,0 +1,1 @@
+"""Lidars, what the costmaps learn from them, and localisation."""
