@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rvsg.evaluation.sampled import STILL_SPEED_M_S, Flags, Sampled
+from rvsg.evaluation.sampled import CONTACT_APART_S, STILL_SPEED_M_S, Sampled, joined, stretches
 
 REACTION_S = 0.3
 BRAKING_M_S2 = 2.5
@@ -14,15 +14,12 @@ ADVANCING_M = 0.05
 STANDSTILL_WINDOW_S = 5.0
 
 
-def _events(flags: Flags) -> int:
-    """How many separate stretches of True the columns of (N, H) flags hold."""
-    starts = flags[1:] & ~flags[:-1]
-    return int(starts.sum() + flags[0].sum())
-
-
 def contact_events(s: Sampled) -> float | None:
-    """Stretches of time in which the discs of robot and a person touch (gap <= 0), per person."""
-    return float(_events(s.gap <= 0.0)) if s.people else None
+    """Contacts (gap <= 0) of the robot with each person; those less than 0.5 s apart count as one."""
+    if not s.people:
+        return None
+    touching = (stretches(s.gap[:, person] <= 0.0) for person in range(s.people))
+    return float(sum(len(joined(found, s.series.t, CONTACT_APART_S)) for found in touching))
 
 
 def contact_time(s: Sampled) -> float | None:

@@ -8,6 +8,7 @@ has only the log, and its trajectory is the log.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -24,12 +25,31 @@ Flags = NDArray[np.bool_]
 STILL_SPEED_M_S = 0.01
 STILL_TURN_RAD_S = 0.02
 CONTACT_GAP_M = 0.02
+CONTACT_APART_S = 0.5
+"""Contacts with one person with less time between them are one contact."""
 GROUP_SPACE_AHEAD_M = 1.5
 
 
 def wrap(angle: Floats) -> Floats:
     """Angles brought into [-pi, pi)."""
     return (angle + np.pi) % (2 * np.pi) - np.pi
+
+
+def stretches(flags: Flags) -> list[tuple[int, int]]:
+    """Return the first and the last index of each stretch of True in (N,) flags."""
+    edges = np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8))
+    return [(int(a), int(b) - 1) for a, b in zip(np.flatnonzero(edges == 1), np.flatnonzero(edges == -1), strict=True)]
+
+
+def joined(found: Sequence[tuple[int, int]], t: Floats, apart_s: float) -> list[tuple[int, int]]:
+    """Join stretches with less than `apart_s` seconds between them; `t` (N,) are the times of the samples."""
+    result: list[tuple[int, int]] = []
+    for first, last in found:
+        if result and t[first] - t[result[-1][1]] < apart_s:
+            result[-1] = (result[-1][0], last)
+        else:
+            result.append((first, last))
+    return result
 
 
 @dataclass(frozen=True)

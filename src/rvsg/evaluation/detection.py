@@ -1,0 +1,241 @@
+"""Detects the events of a run from its trajectory and outcome.
+
+What a trajectory shows is detected here: contacts, near misses, hard braking, standing still, a blocked goal, people
+who are stuck, arrive or pause, and how the run ended. Replanning, recoveries, contact with obstacles and people's
+reactions are known to the simulator only; a run from which they are absent has none of these events.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rvsg.evaluation.events import (
+    Abort,
+    Arrival,
+    BlockedGoal,
+    Contact,
+    Event,
+    Events,
+    HardBrake,
+    NearMiss,
+    Place,
+    PlaceAt,
+    StandStill,
+    TimeOut,
+)
+from rvsg.evaluation.naming import WaypointNames
+from rvsg.evaluation.people import people_events
+from rvsg.evaluation.sampled import CONTACT_APART_S, Flags, Sampled, joined, stretches, wrap
+from rvsg.scenario.scenario import Scenario
+from rvsg.simulation.run import Outcome, Run
+from rvsg.world.world import World
+
+Floats = NDArray[np.float64]
+
+Reason = Literal["person_ahead", "person_close", "obstacle", "recovery", "contact", "unknown"]
+
+NEAR_MISS_M = 0.25
+"""A gap below this without contact is a near miss: half of the clearance that ISO 3691-4 asks for beside a truck."""
+APART_S = 2.0
+"""Near misses with one person that are closer together than this are one."""
+BRAKE_WINDOW_S = 0.5
+HARD_BRAKE_M_S2 = 0.6
+"""Mean deceleration over the window from which braking is hard; 0.3 m/s lost within half a second."""
+ARRIVING_S = 1.5
+"""Braking in the last seconds before the arrival belongs to the arrival."""
+STANDSTILL_S = 1.0
+BESIDE_M = 1.0
+"""A person with a smaller gap may be the reason for standing still."""
+AHEAD_RAD = np.pi / 3
+OBSTACLE_M = 0.15
+NEAR_M = 2.0
+GOAL_NEAR_M = 3.0
+GOAL_TOLERANCE_M = 0.25
+BLOCKED_S = 1.0
+
+
+def events_of(run: Run, *, world: World | None = None, scenario: Scenario | None = None) -> Events:
+    """Return the events of a run, in order of time.
+
+    Args:
+        world: Names the places, and is needed for events that concern obstacles.
+        scenario: What people are asked to do; with `world` it is needed for people who arrive, pause or are stuck.
+    """
+    s = Sampled(run, run.trajectory, world)
+    if not len(s):
+        return ()
+    at = place_namer(world)
+    found: list[Event] = []
+    if s.people:
+        found += [*contacts(s, at), *near_misses(s, at), *blocked_goals(s, at)]
+    found += [*hard_brakes(s, at), *standstills(s, at), ending(s, at)]
+    if world is not None and scenario is not None and s.people:
+        found += people_events(s, scenario, world, at)
+    return tuple(sorted(found, key=lambda event: event.time_s))
+
+
+def place_namer(world: World | None) -> PlaceAt:
+    """Return a function from x and y in metres to a place with the name of its waypoint."""
+    names = WaypointNames(world.grid) if world is not None else None
+
+    def at(x: float, y: float) -> Place:
+        name = names.nearest(np.array([x]), np.array([y]))[0] if names is not None else ""
+        return Place(x=round(float(x), 3), y=round(float(y), 3), waypoint=name)
+
+    return at
+
+
+def contacts(s: Sampled, at: PlaceAt) -> Iterator[Contact]:
+    """Yield one event for each contact (gap <= 0) of robot and person, as the metric `contacts` counts them."""
+    for person in range(s.people):
+        for first, last in joined(stretches(s.gap[:, person] <= 0.0), s.series.t, CONTACT_APART_S):
+            before = max(0, first - 1)
+            towards = max(0.0, *(float(s.closing_speed[k, person]) for k in (before, first)))
+            yield Contact(
+                **_start(s, first, at),
+                until_s=_time(s, last),
+                person=s.run.human_names[person],
+                closing_speed_m_s=round(towards, 3),
+                robot_speed_m_s=round(float(np.abs(s.series.v[first : last + 1]).max()), 3),
+                bearing_rad=_bearing(s, first, person),
+                overlap_m=round(float(-s.gap[first : last + 1, person].min()), 3),
+                moved_by=_mover(s, before, person),
+            )
+
+
+def _mover(s: Sampled, index: int, person: int) -> Literal["robot", "person", "both", "neither"]:
+    """Return who moves towards whom at a sample: the shares of the closing speed decide."""
+    dx, dy = (axis[index, person] for axis in s.offset)
+    distance = max(float(np.hypot(dx, dy)), 1e-9)
+    robot = sum(v[index] * d for v, d in zip(s.robot_velocity, (dx, dy), strict=True)) / distance
+    other = -sum(v[index, person] * d for v, d in zip(s.human_velocity, (dx, dy), strict=True)) / distance
+    closing = robot + other
+    if closing <= 0.02:
+        return "neither"
+    if robot >= closing / 3 and other >= closing / 3:
+        return "both"
+    return "robot" if robot > other else "person"
+
+
+def near_misses(s: Sampled, at: PlaceAt) -> Iterator[NearMiss]:
+    """Yield one event for each passage with a gap below `NEAR_MISS_M` and without contact."""
+    for person in range(s.people):
+        gap = s.gap[:, person]
+        for first, last in joined(stretches(gap < NEAR_MISS_M), s.series.t, APART_S):
+            closest = first + int(gap[first : last + 1].argmin())
+            moving = float(s.relative_speed[first : last + 1, person].max()) > 0.05
+            if gap[closest] > 0.0 and moving:
+                yield NearMiss(
+                    **_start(s, closest, at),
+                    person=s.run.human_names[person],
+                    gap_m=round(float(gap[closest]), 3),
+                    relative_speed_m_s=round(float(s.relative_speed[closest, person]), 3),
+                    bearing_rad=_bearing(s, closest, person),
+                )
+
+
+def hard_brakes(s: Sampled, at: PlaceAt) -> Iterator[HardBrake]:
+    """Yield one event for each stretch of braking harder than `HARD_BRAKE_M_S2` over half a second, en route."""
+    t, speed = s.series.t, np.abs(s.series.v)
+    later = np.searchsorted(t, t + BRAKE_WINDOW_S - 1e-9)
+    usable = later < len(t)
+    if s.run.completed:
+        usable &= t <= t[-1] - ARRIVING_S
+    window = np.minimum(later, len(t) - 1)
+    span = np.where(usable, t[window] - t, 1.0)
+    drop = np.where(usable, (speed - speed[window]) / np.where(span > 0, span, 1.0), 0.0)
+    for first, last in stretches(drop >= HARD_BRAKE_M_S2 - 1e-9):
+        hardest = first + int(drop[first : last + 1].argmax())
+        end = int(window[last])
+        yield HardBrake(
+            **_start(s, hardest, at),
+            until_s=_time(s, end),
+            deceleration_m_s2=round(float(drop[hardest]), 2),
+            from_speed_m_s=round(float(speed[hardest]), 3),
+            to_speed_m_s=round(float(speed[window[hardest]]), 3),
+            person=_nearest(s, hardest, NEAR_M),
+        )
+
+
+def standstills(s: Sampled, at: PlaceAt) -> Iterator[StandStill]:
+    """Yield one event for each standstill of at least a second between the first movement and the end."""
+    if s.still.all():
+        return
+    begin = int((~s.still).argmax())
+    on_the_way: Flags = s.still & (np.arange(len(s)) >= begin)
+    for first, last in stretches(on_the_way):
+        at_the_goal = s.run.completed and last == len(s) - 1
+        if _time(s, last) - _time(s, first) < STANDSTILL_S - 1e-9 or at_the_goal:
+            continue
+        reason, person = _reason(s, first)
+        yield StandStill(**_start(s, first, at), until_s=_time(s, last), reason=reason, person=person)
+
+
+def _reason(s: Sampled, index: int) -> tuple[Reason, str]:
+    """Return what stands next to the robot at a sample, and the name of the person if it is one."""
+    if s.people:
+        ahead = (s.bearing_of_human[index] < AHEAD_RAD) & (s.gap[index] < BESIDE_M)
+        nearest = int(s.gap[index].argmin())
+        if s.gap[index, nearest] <= 0.0:
+            return "contact", s.run.human_names[nearest]
+        if ahead.any():
+            return "person_ahead", s.run.human_names[int(np.where(ahead, s.gap[index], np.inf).argmin())]
+        if s.gap[index, nearest] < BESIDE_M:
+            return "person_close", s.run.human_names[nearest]
+    if s.obstacle_distance is not None and s.obstacle_distance[index] < s.run.robot_radius_m + OBSTACLE_M:
+        return "obstacle", ""
+    return "unknown", ""
+
+
+def blocked_goals(s: Sampled, at: PlaceAt) -> Iterator[BlockedGoal]:
+    """Yield one event for each time a person occupies the goal while the robot is within 3 m of it."""
+    goal_x, goal_y, _ = s.run.goal
+    for person in range(s.people):
+        reach = s.run.robot_radius_m + s.run.human_radius_m[person] - GOAL_TOLERANCE_M
+        away = np.hypot(s.series.human_x[:, person] - goal_x, s.series.human_y[:, person] - goal_y)
+        for first, last in stretches((away < reach) & (s.goal_distance < GOAL_NEAR_M)):
+            if _time(s, last) - _time(s, first) >= BLOCKED_S - 1e-9:
+                yield BlockedGoal(
+                    time_s=_time(s, first),
+                    place=at(goal_x, goal_y),
+                    until_s=_time(s, last),
+                    person=s.run.human_names[person],
+                )
+
+
+def ending(s: Sampled, at: PlaceAt) -> Event:
+    """Return the event that ends the run."""
+    end = _start(s, len(s) - 1, at)
+    remaining = round(float(s.goal_distance[-1]), 3)
+    match s.run.outcome:
+        case Outcome.REACHED:
+            return Arrival(**end)
+        case Outcome.TIMED_OUT:
+            return TimeOut(**end, remaining_m=remaining)
+        case outcome:
+            return Abort(**end, outcome=outcome, remaining_m=remaining)
+
+
+def _start(s: Sampled, index: int, at: PlaceAt) -> dict[str, Any]:
+    return {"time_s": _time(s, index), "place": at(s.series.x[index], s.series.y[index])}
+
+
+def _time(s: Sampled, index: int) -> float:
+    return round(float(s.series.t[index]), 3)
+
+
+def _bearing(s: Sampled, index: int, person: int) -> float:
+    dx, dy = (axis[index, person] for axis in s.offset)
+    return round(float(wrap(np.arctan2(dy, dx) - s.series.yaw[index])), 3)
+
+
+def _nearest(s: Sampled, index: int, within_m: float) -> str:
+    """Return the name of the nearest person within a gap, else an empty text."""
+    if not s.people:
+        return ""
+    person = int(s.gap[index].argmin())
+    return s.run.human_names[person] if s.gap[index, person] < within_m else ""

@@ -1,0 +1,202 @@
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from typing import get_args
+
+import numpy as np
+import pytest
+from tests.evaluation.runs import run_of, trajectory
+
+from rvsg.evaluation.detection import events_of
+from rvsg.evaluation.events import (
+    EVENTS,
+    Abort,
+    Arrival,
+    BlockedGoal,
+    Contact,
+    Event,
+    HardBrake,
+    NearMiss,
+    PersonPaused,
+    PersonReached,
+    PersonStuck,
+    StandStill,
+    TimeOut,
+)
+from rvsg.evaluation.metrics import measure
+from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Pause, Scenario, Task
+from rvsg.simulation.kinematic import KinematicSimulator
+from rvsg.simulation.run import Outcome
+from rvsg.world.io.load import load_world
+from rvsg.world.world import Route, World
+
+T = np.arange(0.0, 20.001, 0.05)
+REACH = 0.75
+"""The radii of robot and person together, metres."""
+
+
+def of(kind: type, run, **known):
+    return [event for event in events_of(run, **known) if isinstance(event, kind)]
+
+
+def passing(gap: np.ndarray, *, robot_speed=0.0, person_speed=0.0, person_yaw=np.pi):
+    """A robot at the origin that looks along x, and a person straight ahead of it."""
+    return run_of(
+        trajectory(T, 0.0, v=robot_speed, humans=[(gap + REACH, 0.0, person_yaw, person_speed)]), goal=(9.0, 0.0, 0.0)
+    )
+
+
+def dip(at: float, least: float, width: float = 1.0) -> np.ndarray:
+    return 3.0 - (3.0 - least) * np.exp(-(((T - at) / width) ** 2))
+
+
+@pytest.mark.parametrize(
+    ("robot_speed", "person_speed", "person_yaw", "mover"),
+    [(0.5, 0.0, 0.0, "robot"), (0.0, 1.0, np.pi, "person"), (0.5, 0.6, np.pi, "both"), (0.0, 1.0, 0.0, "neither")],
+)
+def test_a_contact_says_who_when_how_fast_and_who_moved_into_whom(robot_speed, person_speed, person_yaw, mover) -> None:
+    gap = np.where((T >= 5) & (T < 7), -0.1, 1.0)
+    (contact,) = of(Contact, passing(gap, robot_speed=robot_speed, person_speed=person_speed, person_yaw=person_yaw))
+    assert (contact.person, contact.moved_by, contact.bearing_rad) == ("Human 1", mover, 0.0)
+    assert contact.time_s == 5.0 and contact.duration_s == pytest.approx(1.95)
+    towards = robot_speed + (person_speed if person_yaw else -person_speed)
+    assert contact.closing_speed_m_s == pytest.approx(max(0.0, towards), abs=1e-3)
+    assert contact.overlap_m == pytest.approx(0.1)
+
+
+def test_contacts_are_those_that_the_metric_counts() -> None:
+    chance = np.random.default_rng(3)
+    for _ in range(20):
+        gap = np.repeat(chance.uniform(-0.3, 0.6, 81), 5)[: len(T)]
+        run = passing(gap)
+        assert len(of(Contact, run)) == measure(run, ["contacts"])["contacts"]
+
+
+def test_a_near_miss_is_told_at_its_closest_and_a_contact_is_none() -> None:
+    (miss,) = of(NearMiss, passing(dip(8, 0.1), robot_speed=0.5))
+    assert miss.time_s == 8.0 and miss.gap_m == pytest.approx(0.1)
+    assert of(NearMiss, passing(dip(8, -0.1), robot_speed=0.5)) == []
+    assert of(NearMiss, passing(dip(8, 0.3), robot_speed=0.5)) == []
+    assert len(of(NearMiss, passing(np.minimum(dip(5, 0.1), dip(12, 0.1)), robot_speed=0.5))) == 2
+
+
+def test_two_bodies_that_stand_beside_each_other_are_no_near_miss() -> None:
+    assert of(NearMiss, passing(np.full(len(T), 0.1))) == []
+
+
+def test_a_hard_brake_is_found_on_the_way_and_not_at_the_goal() -> None:
+    v = np.where(T < 6, 0.5, np.where(T < 10, 0.0, 0.5))
+    (brake,) = of(HardBrake, run_of(trajectory(T, 0.0, v=v), goal=(0.0, 0.0, 0.0)))
+    assert 5.4 <= brake.time_s <= 6.0 and brake.from_speed_m_s == 0.5 and brake.to_speed_m_s == 0.0
+    arriving = np.where(T < 19.5, 0.5, 0.0)
+    assert of(HardBrake, run_of(trajectory(T, 0.0, v=arriving))) == []
+    slowly = np.interp(T, [5, 8], [0.5, 0.0])
+    assert of(HardBrake, run_of(trajectory(T, 0.0, v=slowly))) == []
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "reason"),
+    [(1.2, 0.0, "person_ahead"), (-1.2, 0.0, "person_close"), (0.5, 0.0, "contact"), (4.0, 0.0, "unknown")],
+)
+def test_a_standstill_has_the_reason_that_is_next_to_the_robot(x, y, reason) -> None:
+    v = np.where((T >= 6) & (T < 10), 0.0, 0.5)
+    (stop,) = of(StandStill, run_of(trajectory(T, 0.0, v=v, humans=[(x, y)])))
+    assert (stop.time_s, stop.reason) == (6.0, reason)
+    assert stop.duration_s == pytest.approx(3.95)
+    assert stop.person == ("" if reason == "unknown" else "Human 1")
+
+
+def test_waiting_for_the_goal_and_standing_at_it_are_no_standstill() -> None:
+    v = np.where((T >= 3) & (T < 15), 0.5, 0.0)
+    assert of(StandStill, run_of(trajectory(T, 0.0, v=v))) == []
+    assert len(of(StandStill, run_of(trajectory(T, 0.0, v=v), outcome=Outcome.TIMED_OUT))) == 1
+
+
+def test_a_person_on_the_goal_blocks_it_while_the_robot_is_near() -> None:
+    def blocked(robot_x):
+        return of(BlockedGoal, run_of(trajectory(T, robot_x, humans=[(9.1, 0.0)]), goal=(9.0, 0.0, 0.0)))
+
+    (event,) = blocked(np.linspace(0, 8, len(T)))
+    assert event.person == "Human 1" and 14.5 < event.time_s < 15.5 and event.until_s == 20.0
+    assert blocked(np.linspace(0, 5, len(T))) == []
+
+
+@pytest.mark.parametrize(
+    ("outcome", "kind"),
+    [(Outcome.REACHED, Arrival), (Outcome.TIMED_OUT, TimeOut), (Outcome.ABORTED, Abort), (Outcome.NO_PATH, Abort)],
+)
+def test_the_last_event_is_how_the_run_ended(outcome, kind) -> None:
+    events = events_of(run_of(trajectory(T, 0.0), outcome=outcome, goal=(3.0, 4.0, 0.0)))
+    assert isinstance(events[-1], kind) and events[-1].time_s == 20.0
+    assert kind is Arrival or events[-1].remaining_m == 5.0
+
+
+def test_a_run_without_samples_has_no_events() -> None:
+    assert events_of(run_of(trajectory(np.empty(0), np.empty(0)))) == ()
+
+
+@cache
+def warehouse() -> World:
+    return load_world("warehouse")
+
+
+def scenario_of(*humans: Human) -> Scenario:
+    route: Route = warehouse().route("route_1")
+    mission = Mission(world="warehouse", world_id=warehouse().id, route=route)
+    return Scenario(mission=mission, people=HumanConfiguration(humans=humans))
+
+
+def a_run(scenario: Scenario):
+    return KinematicSimulator().run(scenario, warehouse(), seed=1)
+
+
+def test_people_arrive_and_pause_as_their_tasks_say() -> None:
+    path = warehouse().grid.shortest_path("E15", "H15")
+    there = Task(name="out", path=path, pauses=(Pause(at="H15", duration_s=3.0),))
+    scenario = scenario_of(Human(name="Anna", tasks=(there, Task(name="back", path=path[::-1])), speed_m_s=1.0))
+    events = events_of(a_run(scenario), world=warehouse(), scenario=scenario)
+    reached = [event for event in events if isinstance(event, PersonReached)]
+    assert next((event.task, event.place.waypoint) for event in reached) == ("out", "H15")
+    assert {event.task for event in reached} == {"out", "back"}
+    paused = [event for event in events if isinstance(event, PersonPaused)]
+    assert paused and paused[0].duration_s == pytest.approx(3.0, abs=0.2) and paused[0].place.waypoint == "H15"
+    assert not [event for event in events if isinstance(event, PersonStuck)]
+
+
+def test_a_person_who_does_not_come_on_is_stuck_from_then_on() -> None:
+    path = warehouse().grid.shortest_path("E15", "H15")
+    scenario = scenario_of(Human(name="Anna", tasks=(Task(name="out", path=path),)))
+    start, middle = warehouse().grid.position("E15"), warehouse().grid.position(path[1])
+    walked = [np.interp(T, [0, 4], [start[axis], middle[axis]]) for axis in (0, 1)]
+    run = run_of(trajectory(T, 90.0, 90.0, humans=[(walked[0], walked[1])]))
+    object.__setattr__(run, "human_names", ("Anna",))
+    (stuck,) = of(PersonStuck, run, world=warehouse(), scenario=scenario)
+    assert 2.5 < stuck.time_s < 4.5 and stuck.until_s == 20.0 and stuck.place.waypoint == path[1]
+
+
+def test_somebody_who_walks_to_and_fro_is_not_stuck() -> None:
+    path = warehouse().grid.shortest_path("E15", "F15")
+    scenario = scenario_of(
+        Human(name="Anna", tasks=(Task(name="out", path=path), Task(name="back", path=path[::-1])), speed_m_s=1.5)
+    )
+    events = events_of(a_run(scenario), world=warehouse(), scenario=scenario)
+    assert not [event for event in events if isinstance(event, PersonStuck)]
+
+
+def test_events_survive_json() -> None:
+    path = warehouse().grid.shortest_path("E15", "H15")
+    scenario = scenario_of(Human(name="Anna", tasks=(Task(name="out", path=path), Task(name="b", path=path[::-1]))))
+    events = events_of(a_run(scenario), world=warehouse(), scenario=scenario)
+    assert events and EVENTS.validate_json(EVENTS.dump_json(events)) == events
+    assert [event.time_s for event in events] == sorted(event.time_s for event in events)
+
+
+def test_the_reference_page_names_every_kind_and_every_field() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "reference" / "events.md").read_text(encoding="utf-8")
+    kinds = get_args(get_args(Event)[0])
+    assert len(kinds) == 15
+    for kind in kinds:
+        row = next(line for line in page.splitlines() if line.startswith(f"| `{kind.model_fields['kind'].default}` |"))
+        for name in kind.model_fields.keys() - {"kind", "time_s", "place", "until_s"}:
+            assert f"`{name}`" in row
