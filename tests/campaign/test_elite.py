@@ -11,7 +11,7 @@ from rvsg.scenario.brief import Brief
 def test_it_keeps_the_promises_of_a_strategy() -> None:
     scenario = WalkGenerator().propose(Brief(mission=plan().mission, requirement=None, seed=1), warehouse()).scenario
     assert scenario is not None
-    check_strategy(EliteStrategy, plan(), scenario)
+    check_strategy(EliteStrategy, plan(), scenario, warehouse())
 
 
 def test_every_scenario_is_drafted_once_and_the_best_are_refined_most() -> None:

@@ -17,7 +17,7 @@ from rvsg.campaign.loop import feedback_from, run_campaign
 from rvsg.campaign.measuring import Measuring
 from rvsg.campaign.parallel import Simulations
 from rvsg.campaign.ranking import best_attempt, ranking, rule, worst_by_mean
-from rvsg.campaign.strategies import ClimbStrategy, RandomStrategy, StudyStrategy, UnguidedStrategy
+from rvsg.campaign.strategies import Ask, ClimbStrategy, RandomStrategy, StudyStrategy, UnguidedStrategy
 from rvsg.core.errors import BudgetSpent, SimulationError
 from rvsg.core.seeds import fresh_seeds
 from rvsg.evaluation.judge import judge
@@ -220,7 +220,7 @@ def test_a_strategy_keeps_as_many_attempts_under_way_as_the_plan_says(strategy: 
     counts: list[int] = []
 
     class Counting(strategy):  # type: ignore[misc, valid-type]
-        def ask(self) -> tuple[Brief, ...]:
+        def ask(self) -> tuple[Ask, ...]:
             counts.append(len(super().ask()))
             return super().ask()
 

@@ -10,7 +10,7 @@ from tests.campaign.parts import WalkGenerator, plan, warehouse
 
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.conformance import check_ledger, check_strategy
-from rvsg.campaign.strategies import StudyStrategy
+from rvsg.campaign.strategies import Ask, StudyStrategy
 from rvsg.core import plugins
 from rvsg.generation.generator import Proposal
 from rvsg.scenario.brief import Brief
@@ -32,7 +32,7 @@ def answered(seed: int = 3) -> tuple[Brief, Proposal, Scenario]:
 @pytest.mark.parametrize("abreast", [1, 3, 20])
 @pytest.mark.parametrize("name", plugins.names("strategy"))
 def test_a_strategy_keeps_its_promises(name: str, abreast: int) -> None:
-    check_strategy(plugins.find("strategy", name), plan(scenarios=4, abreast=abreast), answered()[2])
+    check_strategy(plugins.find("strategy", name), plan(scenarios=4, abreast=abreast), answered()[2], warehouse())
 
 
 @pytest.mark.parametrize("name", plugins.names("simulator"))
@@ -49,9 +49,10 @@ def test_a_ledger_keeps_its_promises(name: str, tmp_path: Path) -> None:
 
 
 class Greedy(StudyStrategy):
-    def ask(self) -> tuple[Brief, ...]:
-        briefs = super().ask()
-        return briefs if briefs or len(self.told) > self.plan.attempts else (self._brief(len(self.told), (0, 0)),)
+    def ask(self) -> tuple[Ask, ...]:
+        asks = super().ask()
+        more = Ask(brief=self._brief(len(self.told), (0, 0)))
+        return asks if asks or len(self.told) > self.plan.attempts else (more,)
 
 
 class Forgetful(StudyStrategy):
@@ -62,7 +63,7 @@ class Forgetful(StudyStrategy):
 @pytest.mark.parametrize("bad", [Greedy, Forgetful])
 def test_the_exam_fails_a_strategy_that_asks_too_much_or_forgets(bad: type) -> None:
     with pytest.raises(AssertionError):
-        check_strategy(bad, plan(), answered()[2])
+        check_strategy(bad, plan(), answered()[2], warehouse())
 
 
 class Drifting(KinematicSimulator):

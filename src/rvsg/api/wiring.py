@@ -86,7 +86,7 @@ class Wired:
 
     def strategy(self, ledger: Any) -> Strategy:
         """A fresh strategy that reads its feedback from the ledger."""
-        made: Strategy = self.strategy_class(self.plan, feedback_from(ledger, self.plan, self.world))
+        made: Strategy = self.strategy_class(self.plan, feedback_from(ledger, self.plan, self.world), self.world)
         return made
 
     def warm_up(self, tell: Callable[[str], None]) -> None:

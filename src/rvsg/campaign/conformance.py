@@ -1,46 +1,51 @@
-"""What every Strategy and every Ledger must do. Plug-in writers run these checks in their tests."""
+"""Checks of what every Strategy and every Ledger must do. Run them in the tests of your plug-in."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
-from rvsg.campaign.attempt import Attempt, Ledger
+from rvsg.campaign.attempt import Attempt, Ledger, Measurement
 from rvsg.campaign.plan import Plan
-from rvsg.campaign.strategies import FeedbackOf, Strategy
+from rvsg.campaign.strategies import Ask, FeedbackOf, Strategy
 from rvsg.core.errors import StoreError
+from rvsg.core.seeds import seed_for
 from rvsg.evaluation.judge import judge
 from rvsg.generation.generator import Proposal
-from rvsg.scenario.brief import Brief, Feedback
+from rvsg.scenario.brief import Feedback
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.archive import arrays_of
 from rvsg.simulation.run import Run
+from rvsg.world.world import World
 
-Made = Callable[[Plan, FeedbackOf], Strategy]
+Made = Callable[[Plan, FeedbackOf, World], Strategy]
 
 
-def check_strategy(made: Made, plan: Plan, scenario: Scenario) -> None:
-    """Raises AssertionError naming the first promise that is broken.
+def check_strategy(made: Made, plan: Plan, scenario: Scenario, world: World) -> None:
+    """Check the promises of a strategy; AssertionError names the first broken one.
 
-    A strategy asks for exactly `plan.attempts` briefs, also where every proposal is invalid; asking twice without
-    telling gives the same briefs; told again from the beginning, a fresh one asks for the same (so a campaign
-    resumes); it is of the plan's mission. `scenario` stands for what a generator answers.
+    A strategy spends at most `plan.search_runs` runs and then stops, also where every proposal is invalid. Asking
+    twice without telling gives the same asks. A new one that is told the same attempts continues the same way, so
+    that a campaign resumes. Every ask has the mission and the number of people of the plan. `scenario` stands for
+    what a generator answers.
     """
     for answered in (True, False):
-        told = _play(made, plan, scenario if answered else None)
-        assert len(told) == plan.attempts, f"{len(told)} attempts were asked for, the plan has {plan.attempts}"
+        told = _play(made, plan, scenario if answered else None, world)
+        assert told, "it asks for nothing at all"
         for cut in (0, 1, len(told) // 2, len(told)):
-            strategy = made(plan, _feedback)
+            strategy = made(plan, _feedback, world)
             for attempt in told[:cut]:
                 strategy.tell(attempt)
-            briefs = strategy.ask()
-            assert strategy.ask() == briefs, "asking twice without telling gives different briefs"
-            expected = tuple(attempt.brief for attempt in told[cut : cut + len(briefs)])
-            assert briefs == expected, f"told again, it does not continue the same way after {cut} attempts"
-            assert bool(briefs) == (cut < len(told)), f"after {cut} attempts it asks for {len(briefs)} briefs"
+            asks = strategy.ask()
+            assert strategy.ask() == asks, "asking twice without telling gives different asks"
+            expected = tuple(attempt.brief for attempt in told[cut : cut + len(asks)])
+            continued = tuple(ask.brief for ask in asks)
+            assert continued == expected, f"told again, it does not continue the same way after {cut} attempts"
+            assert bool(asks) == (cut < len(told)), f"after {cut} attempts it asks for {len(asks)} attempts"
         for attempt in told:
             assert attempt.brief.mission == plan.mission, "a brief is of another mission than the plan's"
             assert attempt.brief.humans == plan.humans, "a brief is of another number of humans than the plan's"
-    assert len({a.brief.seed for a in told}) == len(told), "briefs share a seed"
+        answers = [a for a in told if a.proposal.generator == "conformance"]
+        assert len({a.brief.seed for a in answers}) == len(answers), "briefs for the generator share a seed"
 
 
 def check_ledger(opened: Callable[[], Ledger], attempt: Attempt, run: Run) -> None:
@@ -68,22 +73,39 @@ def check_ledger(opened: Callable[[], Ledger], attempt: Attempt, run: Run) -> No
     assert all((kept[key] == given[key]).all() for key in given), "the run is not what was kept"
 
 
-def _play(made: Made, plan: Plan, scenario: Scenario | None) -> list[Attempt]:
-    """Everything a strategy asks for, answered always with the same scenario (None: with nothing valid)."""
-    strategy = made(plan, _feedback)
+def _play(made: Made, plan: Plan, scenario: Scenario | None, world: World) -> list[Attempt]:
+    """Everything a strategy asks for, where the generator always answers `scenario` (None: with nothing valid)."""
+    strategy = made(plan, _feedback, world)
     told: list[Attempt] = []
-    while briefs := strategy.ask():
-        for brief in briefs:
-            told.append(_answered(plan, strategy.name, len(told), brief, scenario))
+    spent: set[tuple[str, int]] = set()
+    while asks := strategy.ask():
+        for ask in asks:
+            told.append(_answered(plan, strategy.name, len(told), ask, scenario))
             strategy.tell(told[-1])
-        assert len(told) <= plan.attempts, f"more than the plan's {plan.attempts} attempts are asked for"
+            spent.update((told[-1].proposal.model_dump_json(), m.seed) for m in told[-1].measurements)
+        assert len(spent) <= plan.search_runs, f"it spends {len(spent)} runs, the plan has {plan.search_runs}"
+        assert len(told) <= plan.search_runs + plan.attempts, f"it does not stop after {len(told)} attempts"
     return told
 
 
-def _answered(plan: Plan, strategy: str, index: int, brief: Brief, scenario: Scenario | None) -> Attempt:
-    verdict = judge(plan.requirement, [1.0 + 0.1 * (index % 3)] * plan.repeats) if scenario else None
-    proposal = Proposal(generator="conformance", scenario=scenario)
-    return Attempt(campaign=plan.name, index=index, strategy=strategy, brief=brief, proposal=proposal, verdict=verdict)
+def _answered(plan: Plan, strategy: str, index: int, ask: Ask, scenario: Scenario | None) -> Attempt:
+    """The attempt of an ask with made-up measurements that differ from attempt to attempt."""
+    proposal = ask.proposal or Proposal(generator="conformance", scenario=scenario)
+    seeds = ask.seeds or [seed_for(plan.seed, "search", index, repeat) for repeat in range(plan.repeats)]
+    value = 1.0 + 0.1 * (index % 3)
+    measurements = tuple(
+        Measurement(run_id=f"run-{index}-{seed}", seed=seed, outcome="reached", values={}, objective=value)
+        for seed in (seeds if proposal.scenario else ())
+    )
+    return Attempt(
+        campaign=plan.name,
+        index=index,
+        strategy=strategy,
+        brief=ask.brief,
+        proposal=proposal,
+        measurements=measurements,
+        verdict=judge(plan.requirement, [value] * len(measurements)) if measurements else None,
+    )
 
 
 def _feedback(attempt: Attempt, previous: Attempt | None) -> Feedback:

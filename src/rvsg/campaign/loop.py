@@ -1,4 +1,8 @@
-"""The loop: ask, propose, simulate, evaluate, tell; then confirm what was found."""
+"""The loop: ask, propose, simulate, evaluate, tell; then confirm what was found.
+
+A strategy returns Asks. An Ask without a proposal goes to the generator; one with a proposal is simulated as it is.
+An Ask may name the seeds of its runs; runs that the ledger holds already are not simulated again.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +16,7 @@ from rvsg.campaign.feedback import feedback_of
 from rvsg.campaign.parallel import Ordered, Simulations
 from rvsg.campaign.plan import Plan
 from rvsg.campaign.ranking import best_attempt, search_attempts
-from rvsg.campaign.strategies import FeedbackOf, Strategy
+from rvsg.campaign.strategies import Ask, FeedbackOf, Strategy
 from rvsg.core.errors import GenerationError, SimulationError
 from rvsg.core.seeds import fresh_seeds, seed_for
 from rvsg.evaluation.judge import DEFAULT, next_repeats
@@ -116,7 +120,7 @@ def _search(plan: Plan, strategy: Strategy, index: int, parts: Parts) -> Iterato
     told the strategy is asked what can be begun beside those that are still under way.
     """
     under_way: deque[tuple[Attempt, list[Ordered]]] = deque()
-    upcoming: deque[Brief] = deque()
+    upcoming: deque[Ask] = deque()
     stopped: GenerationError | None = None
     while True:
         if not upcoming and not stopped:
@@ -138,15 +142,19 @@ def _search(plan: Plan, strategy: Strategy, index: int, parts: Parts) -> Iterato
 
 def attempt(plan: Plan, strategy: str, index: int, brief: Brief, parts: Parts) -> Attempt:
     """One turn: propose, simulate, evaluate, keep."""
-    return _finish(*_begin(plan, strategy, index, brief, parts), parts)
+    return _finish(*_begin(plan, strategy, index, Ask(brief=brief), parts), parts)
 
 
-def _begin(plan: Plan, strategy: str, index: int, brief: Brief, parts: Parts) -> tuple[Attempt, list[Ordered]]:
-    """Propose, and order the runs of what was proposed."""
-    parts.watch.proposing(brief)
-    proposal = parts.generator.propose(brief, parts.simulations.world)
-    turn = Attempt(campaign=plan.name, index=index, strategy=strategy, brief=brief, proposal=proposal)
-    seeds = [seed_for(plan.seed, "search", index, repeat) for repeat in range(plan.repeats)]
+def _begin(plan: Plan, strategy: str, index: int, ask: Ask, parts: Parts) -> tuple[Attempt, list[Ordered]]:
+    """Get the proposal of an ask, from the generator where it holds none, and order its runs."""
+    proposal = ask.proposal
+    if proposal is None:
+        parts.watch.proposing(ask.brief)
+        proposal = parts.generator.propose(ask.brief, parts.simulations.world)
+    turn = Attempt(campaign=plan.name, index=index, strategy=strategy, brief=ask.brief, proposal=proposal)
+    seeds = ask.seeds
+    if seeds is None:
+        seeds = tuple(seed_for(plan.seed, "search", index, repeat) for repeat in range(plan.repeats))
     return turn, _order(turn, seeds, parts)
 
 

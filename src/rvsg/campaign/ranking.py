@@ -42,18 +42,47 @@ def standing(attempt: Attempt, requirement: Requirement) -> tuple[float, float]:
 
 
 def measured(attempts: Iterable[Attempt]) -> list[Attempt]:
-    """The attempts of the search that have an objective."""
-    return [attempt for attempt in search_attempts(attempts) if attempt.mean is not None]
+    """Return the attempts of the search that have an objective, without those that a later one contains.
+
+    An attempt contains an earlier one of the same scenario where it repeats all of its seeds and adds others.
+    """
+    kept: list[Attempt] = []
+    last: dict[str, int] = {}
+    for attempt in search_attempts(attempts):
+        if attempt.mean is None or attempt.proposal.scenario is None:
+            continue
+        before = last.get(attempt.proposal.scenario.id)
+        if before is not None and seeds_of(kept[before]) < seeds_of(attempt):
+            kept[before] = attempt
+            continue
+        last[attempt.proposal.scenario.id] = len(kept)
+        kept.append(attempt)
+    return kept
+
+
+def seeds_of(attempt: Attempt) -> frozenset[int]:
+    """Return the seeds of all runs of an attempt, those that failed included."""
+    return frozenset([*(m.seed for m in attempt.measurements), *(f.seed for f in attempt.failures)])
+
+
+def in_full(attempts: Iterable[Attempt]) -> list[Attempt]:
+    """Return the measured attempts that were not given up early: those with at least half the runs of the most run.
+
+    A strategy that races stops measuring what falls behind. One or two lucky runs do not make a best configuration.
+    """
+    known = measured(attempts)
+    most = max((len(seeds_of(attempt)) for attempt in known), default=0)
+    return [attempt for attempt in known if 2 * len(seeds_of(attempt)) >= most]
 
 
 def best_attempt(attempts: Iterable[Attempt], requirement: Requirement) -> Attempt | None:
-    """The search attempt that ranks first; the earliest of equals; None without any."""
-    return max(measured(attempts), key=lambda a: (standing(a, requirement), -a.index), default=None)
+    """Return the search attempt that ranks first among those measured in full; the earliest of equals; None without."""
+    return max(in_full(attempts), key=lambda a: (standing(a, requirement), -a.index), default=None)
 
 
 def worst_by_mean(attempts: Iterable[Attempt], requirement: Requirement) -> Attempt | None:
-    """The search attempt whose mean objective is worst for the robot; the earliest of equals; None without any."""
-    return max(measured(attempts), key=lambda a: (standing(a, requirement)[1], -a.index), default=None)
+    """Return the search attempt whose mean objective is worst for the robot; the earliest of equals; None without."""
+    return max(in_full(attempts), key=lambda a: (standing(a, requirement)[1], -a.index), default=None)
 
 
 def by_scenario(attempts: Iterable[Attempt]) -> list[list[Attempt]]:

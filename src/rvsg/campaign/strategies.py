@@ -1,43 +1,132 @@
-"""What to attempt next: ask and tell.
+"""What to attempt next: the ask-and-tell protocol of strategies, and the strategies of the published study.
 
-A strategy never simulates; it is told attempts and asked for briefs. Its state is a function of what it was told,
-so a campaign resumes by telling it again from the ledger. All strategies spend the same number of runs: `scenarios`
-times (1 + `refinements`) attempts.
+A strategy never simulates. It returns Asks and receives the Attempts that came of them. Its state is a function of the
+attempts it received, so a campaign resumes by telling a new strategy the attempts of the ledger. All strategies may
+spend the same number of runs, `plan.search_runs`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Generator, Iterable
 from typing import Protocol
 
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.plan import Plan
-from rvsg.campaign.ranking import remember, worst_by_mean
+from rvsg.campaign.ranking import remember, seeds_of, worst_by_mean
+from rvsg.core.records import Record
 from rvsg.core.seeds import seed_for
+from rvsg.generation.generator import Proposal
 from rvsg.scenario.brief import Brief, Feedback, Remembered
+from rvsg.world.world import World
 
 FeedbackOf = Callable[[Attempt, Attempt | None], Feedback]
-"""What an attempt measured, against the attempt before it (None: the first of its scenario)."""
+"""Return the feedback on an attempt, compared with the attempt before it (None: the first of its scenario)."""
+
+
+class Ask(Record):
+    """One attempt that a strategy asks for.
+
+    Without a `proposal` the generator answers the brief. With one, that configuration is simulated as it is and the
+    generator is not called; `brief` then says which scenario and configuration of the campaign it is.
+
+    `seeds` are the seeds of the runs; None stands for `plan.repeats` seeds that no other attempt has. Configurations
+    that share seeds meet the same noise (common random numbers). To add runs to a configuration, ask for its proposal
+    again with more seeds: runs that the ledger holds are not simulated again and cost nothing.
+    """
+
+    brief: Brief
+    proposal: Proposal | None = None
+    seeds: tuple[int, ...] | None = None
 
 
 class Strategy(Protocol):
-    """Anything that chooses briefs. Made as `Strategy(plan, feedback_of)`."""
+    """Anything that chooses what to attempt. Made as `Strategy(plan, feedback_of, world, **options)`."""
 
     @property
     def name(self) -> str:
         """The name it is chosen by."""
         ...
 
-    def ask(self) -> tuple[Brief, ...]:
-        """The briefs that can be attempted now, independently of one another; none when the plan is done.
+    def ask(self) -> tuple[Ask, ...]:
+        """Return the asks that can be attempted now, independently of one another; none when the search ends.
 
-        They continue where the attempts told so far end: brief k becomes attempt `told + k`.
+        They continue where the attempts told so far end: ask k becomes attempt `told + k`.
         """
         ...
 
     def tell(self, attempt: Attempt) -> None:
-        """Learn of an attempt of the search; attempts are told in the order of their index."""
+        """Receive an attempt of the search. Attempts arrive in the order of their index."""
         ...
+
+
+Batches = Generator[list[Ask], list[Attempt], None]
+"""A search as a coroutine: it yields a batch of asks and receives the attempts of that batch, in order."""
+
+
+class BatchStrategy:
+    """A strategy written as a coroutine over batches of asks.
+
+    A batch is chosen from complete batches alone, so the asks are the same for any number of workers, and after a
+    resume. Subclasses implement `search`. The asks of a batch are cut where they would exceed `plan.search_runs`.
+    """
+
+    name = "batch"
+
+    def __init__(self, plan: Plan, feedback_of: FeedbackOf, world: World | None = None) -> None:
+        self.plan = plan
+        self.feedback_of = feedback_of
+        self.world = world
+        self.told: list[Attempt] = []
+        self.used: set[tuple[str | None, int]] = set()
+        self._search: Batches | None = None
+        self._batch: list[Ask] = []
+        self._results: list[Attempt] = []
+
+    def search(self) -> Batches:
+        """Yield batches of asks; receive their attempts."""
+        raise NotImplementedError
+
+    def ask(self) -> tuple[Ask, ...]:
+        """Return the rest of the current batch."""
+        if self._search is None:
+            self._search = self.search()
+            self._take(next(self._search, []))
+        elif self._batch and len(self._results) == len(self._batch):
+            results, self._results = self._results, []
+            try:
+                self._take(self._search.send(results))
+            except StopIteration:
+                self._batch = []
+        return tuple(self._batch[len(self._results) :])
+
+    def tell(self, attempt: Attempt) -> None:
+        """Receive an attempt of the current batch."""
+        self.ask()
+        self.told.append(attempt)
+        self._results.append(attempt)
+        self.used.update((self._key(attempt), seed) for seed in seeds_of(attempt))
+
+    @property
+    def left(self) -> int:
+        """How many runs the search may still spend."""
+        return self.plan.search_runs - len(self.used)
+
+    @staticmethod
+    def _key(attempt: Attempt) -> str | None:
+        scenario = attempt.proposal.scenario
+        return scenario.id if scenario else None
+
+    def _take(self, batch: Iterable[Ask]) -> None:
+        """Keep the asks of a batch that the remaining runs pay for."""
+        left, self._batch = self.left, []
+        for ask in batch:
+            scenario = ask.proposal.scenario.id if ask.proposal and ask.proposal.scenario else None
+            seeds = ask.seeds if ask.seeds is not None else range(self.plan.repeats)
+            cost = sum((scenario, seed) not in self.used for seed in seeds) if scenario else len(seeds)
+            if cost > left:
+                break
+            left -= cost
+            self._batch.append(ask)
 
 
 class StudyStrategy:
@@ -50,13 +139,13 @@ class StudyStrategy:
 
     name = "study"
 
-    def __init__(self, plan: Plan, feedback_of: FeedbackOf) -> None:
+    def __init__(self, plan: Plan, feedback_of: FeedbackOf, world: World | None = None) -> None:
         self.plan = plan
         self.feedback_of = feedback_of
         self.told: list[Attempt] = []
         self._briefs: list[Brief] = []
 
-    def ask(self) -> tuple[Brief, ...]:
+    def ask(self) -> tuple[Ask, ...]:
         """What can be tried now. What is tried as number n follows from the attempts before n + 1 - k, k of the plan.
 
         So up to k attempts are under way at a time, and which they are does not depend on who is done first.
@@ -64,7 +153,7 @@ class StudyStrategy:
         told = len(self.told)
         while (index := len(self._briefs)) < self.plan.attempts and (known := self._known(index)) <= told:
             self._briefs.append(self._next(index, self.told[:known]))
-        return tuple(self._briefs[told:])
+        return tuple(Ask(brief=brief) for brief in self._briefs[told:])
 
     def tell(self, attempt: Attempt) -> None:
         """Learn of an attempt."""
@@ -136,19 +225,21 @@ class UnguidedStrategy:
 
     name = "unguided"
 
-    def __init__(self, plan: Plan, feedback_of: FeedbackOf | None = None) -> None:
+    def __init__(self, plan: Plan, feedback_of: FeedbackOf | None = None, world: World | None = None) -> None:
         self.plan = plan
         self.told = 0
 
-    def ask(self) -> tuple[Brief, ...]:
-        """All that is left: no attempt depends on another."""
+    def ask(self) -> tuple[Ask, ...]:
+        """Return all asks that are left: no attempt depends on another."""
         return tuple(
-            Brief(
-                mission=self.plan.mission,
-                requirement=None,
-                humans=self.plan.humans,
-                seed=seed_for(self.plan.seed, "brief", index),
-                scenario_index=index,
+            Ask(
+                brief=Brief(
+                    mission=self.plan.mission,
+                    requirement=None,
+                    humans=self.plan.humans,
+                    seed=seed_for(self.plan.seed, "brief", index),
+                    scenario_index=index,
+                )
             )
             for index in range(self.told, self.plan.attempts)
         )

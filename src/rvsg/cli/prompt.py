@@ -105,16 +105,16 @@ def _next_brief(config: CampaignConfig) -> tuple[Brief, World]:
     asking_nobody = {"generator": "heuristic", "model": None, "base_url": None, "prompts": None, "replay": None}
     wired = wire(config.model_copy(update={**asking_nobody, "generator_options": {}, **_NO_BUDGET}))
     if store_of(config.folder) is None:
-        return wired.strategy(None).ask()[0], wired.world
+        return wired.strategy(None).ask()[0].brief, wired.world
     with reading(config.folder) as ledger:
         strategy = wired.strategy(ledger)
         known = ledger.campaigns()
         for attempt in search_attempts(list(ledger.attempts(known[0] if known else wired.plan.name))):
             strategy.tell(attempt)
-        briefs = strategy.ask()
-    if not briefs:
-        raise InputError(f"{config.folder}: the campaign is finished; it asks for nothing more.")
-    return briefs[0], wired.world
+        asks = strategy.ask()
+    if not asks:
+        raise InputError(f"{config.folder}: the search is finished. Start another campaign with --out.")
+    return asks[0].brief, wired.world
 
 
 _NO_BUDGET: dict[str, Any] = {"budget_usd": None, "budget_calls": None, "budget_tokens": None}

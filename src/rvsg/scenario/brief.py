@@ -76,13 +76,14 @@ class Brief(Record):
     """What a generator is asked for: one configuration.
 
     `kind` is "new" (a new scenario that differs from `memory`) or "refine" (better tasks and paths for the
-    scenario of `feedback`, whose idea stays). An unguided brief has no requirement, feedback or memory.
+    scenario of `feedback`, whose idea stays). Kind "tune" never reaches a generator: it labels a configuration whose
+    numbers a strategy chose itself. An unguided brief has no requirement, feedback or memory.
     `seed` feeds every random choice of the generator. `scenario_index` and `configuration_index` count from 0.
     """
 
     mission: Mission
     requirement: Requirement | None
-    kind: Literal["new", "refine"] = "new"
+    kind: Literal["new", "refine", "tune"] = "new"
     humans: Annotated[int, Field(ge=1, le=100)] = 2
     seed: Annotated[int, Field(ge=0)]
     scenario_index: Annotated[int, Field(ge=0)] = 0
