@@ -1,0 +1,1 @@
+"""File formats of the field: read and write what other tools of mobile robotics understand."""

@@ -1,0 +1,107 @@
+"""HuNavSim agents files: exact round trips, and conversions that say what they lose."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import yaml
+from tests.exchange.agents_files import BLOCK, FLAT, V2
+
+from rvsg.core.documents import DocumentError
+from rvsg.core.errors import FileError
+from rvsg.exchange.hunav import agents_yaml, export_agents, read_agents, to_humans, write_agents
+from rvsg.scenario.agents import HumanAgent, Reaction
+from rvsg.scenario.scenario import Behaviour, ForceFactors
+
+DIALECTS = {"flat": FLAT, "block": BLOCK, "v2": V2}
+
+
+def written(folder: Path, text: str) -> Path:
+    path = folder / "agents.yaml"
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize("dialect", DIALECTS)
+def test_a_file_read_and_written_holds_the_same_data(tmp_path: Path, dialect: str) -> None:
+    path = written(tmp_path, DIALECTS[dialect])
+    file = read_agents(path)
+    assert file.dialect == dialect
+    assert yaml.safe_load(agents_yaml(file)) == yaml.safe_load(DIALECTS[dialect])
+    write_agents(file, tmp_path / "again.yaml")
+    assert read_agents(tmp_path / "again.yaml") == file
+
+
+def test_numbers_keep_the_type_that_ros_asks_for(tmp_path: Path) -> None:
+    text = agents_yaml(read_agents(written(tmp_path, BLOCK)))
+    assert "duration: 12.0\n" in text
+    assert "type: 5\n" in text
+
+
+def test_an_unknown_behaviour_is_regular_as_in_hunavsim(tmp_path: Path) -> None:
+    waiter, guest = to_humans(read_agents(written(tmp_path, FLAT))).agents
+    assert waiter.behaviour is Behaviour.SCARED
+    assert guest.behaviour is Behaviour.REGULAR
+    assert (guest.speed_m_s, guest.radius_m, guest.yaw, guest.goals) == (0.9, 0.35, 0.5, ((1.0, 1.0),))
+
+
+def test_custom_factors_are_clamped_as_the_loader_clamps_them(tmp_path: Path) -> None:
+    converted = to_humans(read_agents(written(tmp_path, BLOCK)))
+    (agent,) = converted.agents
+    assert agent.factors == ForceFactors(goal=2.0, obstacle=12.0, social=6.0)
+    assert agent.reaction == Reaction(duration_s=12.0, once=False, speed_m_s=1.8, distance_m=1.2, force=18.0)
+    assert agent.group == 2
+    assert len(converted.notes) == 2  # cyclic_goals and goal_radius
+
+
+def test_version_2_goals_come_from_the_shared_table(tmp_path: Path) -> None:
+    converted = to_humans(read_agents(written(tmp_path, V2)))
+    (agent,) = converted.agents
+    assert agent.goals == ((-6.77, -1.636), (-0.588, -1.458))
+    assert agent.factors == "random_normal"
+    assert agent.behaviour is Behaviour.SURPRISED
+    assert len(converted.notes) == 1  # front_dist
+
+
+@pytest.mark.parametrize("dialect", ["block", "v2"])
+def test_agents_of_ours_come_back_equal(tmp_path: Path, dialect: str) -> None:
+    agents = (
+        HumanAgent(name="agent1", start=(1.0, 2.0), goals=((1.0, 2.0), (3.0, 4.0)), pauses_s=(0.0, 0.0), group=1),
+        HumanAgent(
+            name="agent2",
+            start=(0.0, 0.0),
+            goals=((0.0, 0.0), (1.0, 2.0)),
+            pauses_s=(0.0, 0.0),
+            behaviour=Behaviour.CURIOUS,
+            reaction=Reaction(duration_s=20.0, speed_m_s=1.0, distance_m=1.5),
+            factors=ForceFactors(goal=3.0, obstacle=11.0, social=4.0),
+        ),
+    )
+    file, notes = export_agents(agents, map_name="room", dialect=dialect)  # type: ignore[arg-type]
+    assert notes == ()
+    write_agents(file, tmp_path / "out.yaml")
+    back = to_humans(read_agents(tmp_path / "out.yaml"))
+    regular = agents[0].replace(reaction=back.agents[0].reaction)  # the regular never react
+    assert back.agents == (regular, agents[1])
+
+
+def test_what_a_file_cannot_hold_is_said(tmp_path: Path) -> None:
+    agent = HumanAgent(name="a", start=(0, 0), goals=((0, 0), (1, 0)), pauses_s=(3.0, 0.0), start_delay_s=2.0)
+    _, notes = export_agents((agent,), map_name="room")
+    assert len(notes) == 2
+
+
+def test_every_mistake_is_reported_with_its_line(tmp_path: Path) -> None:
+    broken = FLAT.replace("max_vel: 1.5", "max_vel: fast").replace("goals: [g0]", "goals: [g7]")
+    with pytest.raises(DocumentError) as raised:
+        read_agents(written(tmp_path, broken))
+    assert [problem.line for problem in raised.value.problems] == [13, 26]
+
+
+@pytest.mark.parametrize(
+    "text", ["a: 1\n", "hunav_loader: 3\n", "hunav_loader: {ros__parameters: {agents: []}}\n", "["]
+)
+def test_another_file_is_refused(tmp_path: Path, text: str) -> None:
+    with pytest.raises(FileError):
+        read_agents(written(tmp_path, text))
