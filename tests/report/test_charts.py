@@ -6,7 +6,7 @@ import xml.etree.ElementTree as ET
 
 import pytest
 from tests.campaign.parts import REQUIREMENT, MemoryLedger
-from tests.report.test_page import campaign, page
+from tests.report.test_page import campaign
 
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.plan import Plan
@@ -88,10 +88,3 @@ def test_a_unit_is_text_and_never_markup(found: tuple[Plan, list[Attempt]]) -> N
     sly = plan.replace(requirement=REQUIREMENT.replace(unit="<b>&m"))
     for svg in (confirmation_chart(sly, attempts[0], attempts[-1]), search_chart(sly, attempts)):
         assert not list(ET.fromstring(svg).iter("b"))
-
-
-def test_the_charts_of_the_replay_have_level_labels_and_say_where_they_cut() -> None:
-    ledger = MemoryLedger()
-    text = page(*campaign(ledger), ledger)
-    assert "rotate(-90" not in text  # an upright label is longer than a flat chart is high
-    assert 'most > shown ? " (what is more than "' in text

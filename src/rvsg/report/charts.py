@@ -65,7 +65,7 @@ def confirmation_chart(plan: Plan, selected: Attempt, confirmed: Attempt) -> str
     width, height = 640, 176
     x = Scale(*span([*_range(plan.requirement, (old, new)), *old.objectives, *new.objectives]), 116, width - 16)
     unit = plan.requirement.unit
-    parts = [_frame(width, height, f"Objective values of the selecting and of the fresh runs, {unit}")]
+    parts = [_frame(width, height, f"Objective of each run in the search and in the confirmation, {unit}")]
     for tick in ticks(x.low, x.high):
         parts.append(f'<line class="grid" x1="{x(tick):.1f}" x2="{x(tick):.1f}" y1="14" y2="138"/>')
         parts.append(f'<text class="axis" x="{x(tick):.1f}" y="154" text-anchor="middle">{number(tick)}</text>')
@@ -73,14 +73,9 @@ def confirmation_chart(plan: Plan, selected: Attempt, confirmed: Attempt) -> str
     parts.append(f'<text class="axis" x="{(116 + width - 16) / 2}" y="171" text-anchor="middle">{_e(axis)}</text>')
     if limit is not None:
         parts.append(_limit(x(limit), limit, unit, 10, 138, room=width))
-    for y, name, verdict, kind in ((48, "in the search", old, "old"), (104, "fresh runs", new, "new")):
+    for y, name, verdict, kind in ((48, "search", old, "old"), (104, "confirmation", new, "new")):
         parts.append(f'<text class="axis" x="104" y="{y + 4}" text-anchor="end">{name}</text>')
-        for place, value in enumerate(verdict.objectives):
-            up = y + 9 * math.sin(place * 2.4)
-            parts.append(
-                f'<circle class="{kind}" cx="{x(value):.1f}" cy="{up:.1f}" r="4.5">'
-                f"<title>{_e(number(value, unit))}</title></circle>"
-            )
+        parts += _dots(selected if kind == "old" else confirmed, x, y, kind, unit)
         if verdict.mean is not None:
             low, high = verdict.interval or (verdict.mean, verdict.mean)
             parts.append(f'<line class="{kind} bar" x1="{x(low):.1f}" x2="{x(high):.1f}" y1="{y + 22}" y2="{y + 22}"/>')
@@ -89,6 +84,20 @@ def confirmation_chart(plan: Plan, selected: Attempt, confirmed: Attempt) -> str
                 f"{_e(number(verdict.mean, unit))}</title></path>"
             )
     return "".join([*parts, "</svg>"])
+
+
+def _dots(attempt: Attempt, x: Scale, y: float, kind: str, unit: str) -> list[str]:
+    """A dot for each run, which opens it in the replay."""
+    valued = [(m, m.objective) for m in attempt.measurements if m.objective is not None]
+    found = []
+    for place, (measurement, value) in enumerate(valued):
+        up = y + 9 * math.sin(place * 2.4)
+        said = _e(f"{number(value, unit)}, seed {measurement.seed}")
+        found.append(
+            f'<a href="#run={_e(measurement.run_id)}" aria-label="{said}">'
+            f'<circle class="{kind}" cx="{x(value):.1f}" cy="{up:.1f}" r="4.5"><title>{said}</title></circle></a>'
+        )
+    return found
 
 
 def search_chart(plan: Plan, attempts: Sequence[Attempt]) -> str:
@@ -152,7 +161,7 @@ def _band(group: Sequence[Attempt], x: Scale, y: Scale) -> str:
 
 
 def _frame(width: int, height: int, title: str) -> str:
-    return f'<svg class="chart" viewBox="0 0 {width} {height}" role="img" aria-label="{_e(title)}">'
+    return f'<svg class="chart" viewBox="0 0 {width} {height}" role="group" aria-label="{_e(title)}">'
 
 
 def _limit(x: float, limit: float, unit: str, top: float, bottom: float, *, room: float) -> str:

@@ -1,10 +1,10 @@
-"""A campaign as JUnit XML, which continuous integration services read: one test case per scenario, one confirmation."""
+"""The verdicts of a campaign as JUnit XML, for continuous integration."""
 
 from __future__ import annotations
 
 import re
+import xml.etree.ElementTree as ET
 from collections.abc import Iterable
-from xml.sax.saxutils import escape, quoteattr
 
 from rvsg.campaign.plan import Plan
 from rvsg.evaluation.judge import violated
@@ -13,63 +13,57 @@ from rvsg.report.summary import Summary, interval, number, status_in_words
 
 
 def junit_xml(plan: Plan, summary: Summary) -> str:
-    """The XML. The verdict that decides is the confirmation's, as for the exit code: violated is a failure, also where
-    FAIL or FLAKY is still open.
+    """Return a test case for each scenario of the search and one for the confirmation.
 
-    The scenarios of the search are then passed, or skipped with what they measured: few runs, looked at because they
-    were extreme, rank them and decide nothing. Without a confirmation their verdicts decide. A verdict that is not sure
-    or that has no limit to go by is skipped with the reason.
+    Where there is a confirmation, it decides: a scenario that violated the limit in the search is skipped with that
+    reason, because the search selected it for being extreme. A verdict that needs more runs or has no limit is
+    skipped with the reason.
     """
     return junit_of([(plan, summary)])
 
 
 def junit_of(campaigns: Iterable[tuple[Plan, Summary]]) -> str:
-    """The XML of several campaigns, a test suite for each."""
-    suites = "".join(_suite(plan, summary) for plan, summary in campaigns)
-    return f'<?xml version="1.0" encoding="UTF-8"?>\n<testsuites>{suites}</testsuites>\n'
+    """Return the XML of several campaigns, a test suite for each."""
+    suites = ET.Element("testsuites")
+    suites.extend(_suite(plan, summary) for plan, summary in campaigns)
+    ET.indent(suites, "")
+    text = ET.tostring(suites, encoding="unicode")
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n'
 
 
-def _suite(plan: Plan, summary: Summary) -> str:
-    suite = f"rvsg {plan.mission.world} {plan.mission.route.name} {plan.requirement.name}"
+def _suite(plan: Plan, summary: Summary) -> ET.Element:
+    name = _clean(f"rvsg {plan.mission.world} {plan.mission.route.name} {plan.requirement.name}")
+    suite = ET.Element("testsuite", name=name)
     confirmed = summary.confirmed if summary.confirmed and summary.confirmed.verdict else None
-    cases = [
-        _case(suite, f"scenario {entry.scenario + 1}: {entry.description[:120]}", entry.verdict, plan, not confirmed)
-        for entry in sorted(summary.ranking, key=lambda entry: entry.scenario)
-    ]
+    for entry in sorted(summary.ranking, key=lambda entry: entry.scenario):
+        case = f"scenario {entry.scenario + 1}: {entry.description[:120]}"
+        suite.append(_case(name, case, entry.verdict, plan, decides=not confirmed))
     if confirmed and confirmed.verdict:
-        index = confirmed.brief.scenario_index + 1
-        cases.append(_case(suite, f"confirmation of scenario {index} in fresh runs", confirmed.verdict, plan, True))
-    failures = sum("<failure" in case for case in cases)
-    skipped = sum("<skipped" in case for case in cases)
-    return (
-        f'<testsuite name={_attribute(suite)} tests="{len(cases)}" failures="{failures}" errors="0" '
-        f'skipped="{skipped}">\n' + "".join(cases) + "</testsuite>"
-    )
+        case = f"confirmation of scenario {confirmed.brief.scenario_index + 1}"
+        suite.append(_case(name, case, confirmed.verdict, plan, decides=True))
+    counts = {"tests": len(suite), "failures": len(suite.findall("*/failure")), "errors": 0}
+    counts["skipped"] = len(suite.findall("*/skipped"))
+    suite.attrib.update({key: str(count) for key, count in counts.items()})
+    return suite
 
 
-def _case(suite: str, name: str, verdict: Verdict, plan: Plan, decides: bool) -> str:
+def _case(suite: str, name: str, verdict: Verdict, plan: Plan, *, decides: bool) -> ET.Element:
     said = f"{status_in_words(verdict)}: {interval(verdict, plan.requirement.unit)}"
     if plan.requirement.threshold is not None:
         said += f", limit {number(plan.requirement.threshold, plan.requirement.unit)}"
     whole = f"{said}. {verdict.reason}"
-    body = f"<system-out>{_text(whole)}</system-out>"
+    case = ET.Element("testcase", classname=suite, name=_clean(name))
     if violated(verdict) and decides:
-        body = f"<failure message={_attribute(said)}>{_text(verdict.reason)}</failure>"
+        ET.SubElement(case, "failure", message=_clean(said)).text = _clean(verdict.reason)
     elif violated(verdict):
-        body = f"<skipped message={_attribute(f'{whole}. In the search; the confirmation decides')}/>"
+        ET.SubElement(case, "skipped", message=_clean(f"{whole}. In the search; the confirmation decides"))
     elif verdict.status in (Status.INCONCLUSIVE, Status.UNJUDGED):
-        body = f"<skipped message={_attribute(whole)}/>"
-    return f"<testcase classname={_attribute(suite)} name={_attribute(name)}>{body}</testcase>\n"
+        ET.SubElement(case, "skipped", message=_clean(whole))
+    else:
+        ET.SubElement(case, "system-out").text = _clean(whole)
+    return case
 
 
 def _clean(text: str) -> str:
-    """Without the characters that XML 1.0 cannot hold."""
-    return re.sub(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]", "�", text)
-
-
-def _text(text: str) -> str:
-    return escape(_clean(text))
-
-
-def _attribute(text: str) -> str:
-    return quoteattr(_clean(text))
+    """Replace the characters that XML 1.0 cannot hold."""
+    return re.sub(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]", "\ufffd", text)

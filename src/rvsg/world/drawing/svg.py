@@ -2,7 +2,7 @@
 
 The plan lies as in the pictures. Its user units are metres; `FloorPlan.matrix` turns world coordinates into them::
 
-    <svg viewBox="{plan.view_box}">{plan.shapes}<g transform="{plan.matrix}"> ... world metres ... </g></svg>
+    <svg viewBox="{plan.view_box}">{plan.shapes}{plan.names}<g transform="{plan.matrix}"> ... metres ... </g></svg>
 
 Shapes carry classes and no colours (`floor`, `wall`, `thing`, `area`, `area-name`, `waypoint`, `waypoint narrow`), so
 that a page gives them its own; `floor_plan_svg` adds the colours of a palette and stands alone.
@@ -34,12 +34,14 @@ class FloorPlan:
     """The parts of an SVG floor plan.
 
     `view_box` (left, top, width, height in metres) and `matrix` (world to user units) are as SVG's attributes are
-    written; `shapes` are the elements that stand inside the `svg` element.
+    written. `shapes` (floor, walls, things, areas, waypoints) and `names` (the names of the areas) are the elements
+    that stand inside the `svg` element; they are apart so that a page can draw the shapes several times.
     """
 
     view_box: str
     matrix: str
     shapes: str
+    names: str = ""
 
 
 def floor_plan(
@@ -49,10 +51,12 @@ def floor_plan(
     areas: bool = True,
     waypoints: bool = False,
     shown_px: int = SHOWN_PX,
+    tooltips: bool = True,
 ) -> FloorPlan:
     """The floor plan of a world or of a window of it (x_min, y_min, x_max, y_max in metres).
 
-    The areas' names are sized and placed to be read where the plan is shown about `shown_px` pixels wide.
+    The areas' names are sized and placed to be read where the plan is shown about `shown_px` pixels wide. `tooltips`
+    gives the objects their names as titles.
     """
     view = view_of(world, width_px=shown_px, window=window, margins=(0, 0, 0, 0))
     x0, y0, x1, y1 = view.window
@@ -60,7 +64,7 @@ def floor_plan(
         matrix, box = "matrix(1 0 0 -1 0 0)", (x0, -y1, x1 - x0, y1 - y0)
     else:
         matrix, box = "matrix(0 -1 -1 0 0 0)", (-y1, -x1, y1 - y0, x1 - x0)
-    parts = [f'<g class="plan" transform="{matrix}">', *_cells(world), *_objects(world)]
+    parts = [f'<g class="plan" transform="{matrix}">', *_cells(world), *_objects(world, tooltips)]
     if areas:
         parts += [
             f'<polygon class="area kind-{i}" points="{_points(area.outline)}">'
@@ -75,9 +79,8 @@ def floor_plan(
             if w.human
         ]
     parts.append("</g>")
-    if areas:
-        parts += [_text(word, view, box) for word in area_words(world, view)]
-    return FloorPlan(" ".join(_number(v) for v in box), matrix, "\n".join(parts))
+    names = [_text(word, view, box) for word in area_words(world, view)] if areas else []
+    return FloorPlan(" ".join(_number(v) for v in box), matrix, "\n".join(parts), "\n".join(names))
 
 
 def floor_plan_svg(
@@ -94,7 +97,7 @@ def floor_plan_svg(
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="{plan.view_box}" width="{width_px}" role="img" '
         f'aria-label="Floor plan of {html.escape(world.title, quote=True)}">\n'
-        f"<style>{style(world, palette(colours))}</style>\n{plan.shapes}\n</svg>\n"
+        f"<style>{style(world, palette(colours))}</style>\n{plan.shapes}\n{plan.names}\n</svg>\n"
     )
 
 
@@ -120,14 +123,14 @@ def _kinds(world: World) -> list[int]:
     return [order.index(area.kind) for area in world.areas]
 
 
-def _objects(world: World) -> list[str]:
+def _objects(world: World, tooltips: bool) -> list[str]:
     """Walls first, then things; a hole is a part of the same path."""
     parts = []
     for thing in sorted(world.objects, key=lambda o: (not is_wall(o), o.box.size[2], o.name)):
         rings = "".join(f"M{_points(ring)}z" for ring in (thing.footprint, *thing.holes))
         kind = "wall" if is_wall(thing) else "thing"
-        title = html.escape(thing.name)
-        parts.append(f'<path class="{kind}" fill-rule="evenodd" d="{rings}"><title>{title}</title></path>')
+        title = f"<title>{html.escape(thing.name)}</title>" if tooltips else ""
+        parts.append(f'<path class="{kind}" fill-rule="evenodd" d="{rings}">{title}</path>')
     return parts
 
 

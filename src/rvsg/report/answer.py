@@ -1,0 +1,189 @@
+"""The answer of a campaign in words: the verdict, and what else the runs show, each number with the runs it counts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from rvsg.campaign.plan import Plan
+from rvsg.evaluation.judge import OPEN, still_open, violated
+from rvsg.evaluation.verdict import Status, Verdict
+from rvsg.report.facts import AttemptFacts, RunFacts
+from rvsg.report.summary import Summary, counted, interval, number
+from rvsg.report.words import direction, metres, quantity
+
+
+class Piece(NamedTuple):
+    """A part of a sentence. With `runs` it is a link that opens them; `t_s` is the time at which it does."""
+
+    text: str
+    runs: tuple[str, ...] = ()
+    t_s: float | None = None
+
+    @property
+    def address(self) -> str:
+        """The part of the page's address that opens the runs in the replay."""
+        if len(self.runs) == 1:
+            return f"#run={self.runs[0]}" + (f"&t={self.t_s:.1f}" if self.t_s is not None else "")
+        return "#runs=" + ",".join(self.runs)
+
+
+Sentence = list[Piece]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Badge:
+    """A fact in two or three words beside the verdict. `tone` is bad, good, warn or quiet."""
+
+    tone: str
+    text: str
+    runs: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Answer:
+    """The top of the page."""
+
+    tone: str
+    chip: str
+    text: str
+    badges: list[Badge] = field(default_factory=list)
+    sentences: list[Sentence] = field(default_factory=list)
+
+
+def headline(plan: Plan, summary: Summary) -> dict[str, str]:
+    """What a campaign found in one sentence, in a word (`chip`), and the `tone` in which it is shown."""
+    confirmed = summary.confirmed.verdict if summary.confirmed else None
+    name = plan.requirement.name
+    if not summary.ranking:
+        return {"tone": "quiet", "chip": "no result", "text": "No valid scenario has been simulated yet."}
+    if confirmed is None:
+        state = "complete" if summary.complete else "not finished"
+        text = f"The search is {state}. No candidate is confirmed yet."
+        return {"tone": "quiet", "chip": "not confirmed", "text": text}
+    if confirmed.status is Status.UNJUDGED:
+        text = f"{name} has no limit. The worst scenario measures {interval(confirmed, plan.requirement.unit)}."
+        return {"tone": "quiet", "chip": "no limit", "text": text}
+    runs = counted(confirmed.runs, "confirmation run")
+    text = (
+        f"The worst scenario violates {name} in {confirmed.violations} of {runs}."
+        if confirmed.violations
+        else f"The worst scenario violates {name} in none of {runs}."
+    )
+    if still_open(confirmed):
+        text = f"{text.removesuffix('.')}; {OPEN} (INCONCLUSIVE)."
+    chip = "violated" if still_open(confirmed) else confirmed.status.value
+    return {"tone": tone_of(confirmed), "chip": chip, "text": text}
+
+
+def tone_of(verdict: Verdict) -> str:
+    """The tone of a verdict: bad where it is violated, good where it passed."""
+    return "bad" if violated(verdict) else "good" if verdict.status is Status.PASS else "quiet"
+
+
+def answer(plan: Plan, summary: Summary, confirmed: AttemptFacts | None, searched: Sequence[AttemptFacts]) -> Answer:
+    """The top of the page: verdict, badges and sentences. `confirmed` holds the confirmation runs of the finding."""
+    top = headline(plan, summary)
+    if confirmed is None:
+        runs = [run for attempt in searched for run in attempt.runs]
+        badges, sentences = _seen(runs, plan, "search run") if runs else ([], [])
+        return Answer(**top, badges=badges, sentences=sentences)
+    badges, seen = _seen(confirmed.runs, plan, "confirmation run")
+    sentences = [*_judged(plan, confirmed), *seen]
+    others = [run for attempt in searched for run in attempt.runs]
+    touched = [run for run in others if run.contacts]
+    if touched:
+        sentences.append(
+            [
+                Piece("In the search, robot and person touch in "),
+                Piece(f"{len(touched)} of {counted(len(others), 'run')}", _ids(touched)),
+                Piece("."),
+            ]
+        )
+    return Answer(**top, badges=badges, sentences=sentences)
+
+
+def _judged(plan: Plan, confirmed: AttemptFacts) -> list[Sentence]:
+    """How often the limit is violated, and by how much."""
+    verdict, requirement = confirmed.attempt.verdict, plan.requirement
+    if verdict is None or verdict.mean is None:
+        return []
+    limit = requirement.threshold
+    measured = [
+        Piece(f"The {quantity(requirement)} is "),
+        Piece(number(verdict.mean, requirement.unit), _ids(confirmed.runs)),
+        Piece(f" on average ({direction(requirement)}"),
+        Piece(f"; the limit is {number(limit, requirement.unit)})." if limit is not None else ")."),
+    ]
+    worst = confirmed.worst(requirement)
+    if worst is not None and worst.measurement.objective is not None:
+        value = number(worst.measurement.objective, requirement.unit)
+        measured += [Piece(" The worst run measures "), Piece(value, (worst.id,), worst.decisive_s), Piece(".")]
+    if verdict.violation_probability is None or verdict.violation_interval is None:
+        return [measured]
+    low, high = verdict.violation_interval
+    bad = confirmed.violating
+    often = [
+        Piece(f"{requirement.name} is violated in "),
+        Piece(f"{len(bad)} of {counted(len(confirmed.runs), 'confirmation run')}", _ids(bad or confirmed.runs)),
+        Piece(f": {verdict.violation_probability:.0%} ({verdict.confidence:.0%} interval {low:.0%} to {high:.0%})."),
+    ]
+    return [often, measured]
+
+
+def _seen(runs: Sequence[RunFacts], plan: Plan, kind: str) -> tuple[list[Badge], list[Sentence]]:
+    """What the runs show besides the requirement: contacts, arrivals and the smallest gap."""
+    badges, sentences = [], []
+    total = counted(len(runs), kind)
+    touched = [run for run in runs if run.contacts]
+    people = any(run.closest_m is not None for run in runs)
+    if touched:
+        longest, in_longest = max(
+            ((c.duration_s, run) for run in touched for c in run.contacts), key=lambda pair: pair[0]
+        )
+        fastest, in_fastest = max(
+            ((c.closing_speed_m_s, run) for run in touched for c in run.contacts), key=lambda pair: pair[0]
+        )
+        badges.append(Badge(tone="bad", text=f"contact in {len(touched)} of {len(runs)} runs", runs=_ids(touched)))
+        sentences.append(
+            [
+                Piece("Robot and person touch in "),
+                Piece(f"{len(touched)} of {total}", _ids(touched)),
+                Piece("; the longest contact lasts "),
+                Piece(number(longest, "s"), (in_longest.id,), in_longest.contacts[0].time_s),
+                Piece(", the fastest begins at "),
+                Piece(number(fastest, "m/s"), (in_fastest.id,), in_fastest.contacts[0].time_s),
+                Piece(" closing speed."),
+            ]
+        )
+    elif people:
+        badges.append(Badge(tone="good", text="no contact"))
+    late = [run for run in runs if not run.arrived]
+    if late:
+        badges.append(Badge(tone="bad", text=f"{len(late)} of {len(runs)} did not arrive", runs=_ids(late)))
+        limit = number(plan.mission.route.time_limit_s, "s")
+        sentences.append(
+            [
+                Piece("The robot does not reach its goal in "),
+                Piece(f"{len(late)} of {total}", _ids(late)),
+                Piece(f" (time limit {limit})."),
+            ]
+        )
+    else:
+        badges.append(Badge(tone="good", text="all arrived"))
+    met = [run for run in runs if run.closest_m is not None]
+    nearest = min(met, key=lambda run: run.closest_m if run.closest_m is not None else 0.0, default=None)
+    if nearest is not None and not touched:
+        sentences.append(
+            [
+                Piece("No run holds a contact; the smallest gap is "),
+                Piece(metres(nearest.closest_m or 0.0), (nearest.id,), nearest.closest_s),
+                Piece(f", to {nearest.closest_to}."),
+            ]
+        )
+    return badges, sentences
+
+
+def _ids(runs: Iterable[RunFacts]) -> tuple[str, ...]:
+    return tuple(run.id for run in runs)

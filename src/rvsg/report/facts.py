@@ -1,0 +1,149 @@
+"""What each recorded run of a campaign shows: the facts that the page states and links to."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from rvsg.campaign.attempt import Attempt, Measurement
+from rvsg.evaluation.detection import events_of
+from rvsg.evaluation.events import Contact, Event, Recovery, StandStill
+from rvsg.evaluation.sampled import Sampled, stretches
+from rvsg.report.quantity import Curve, decisive_time, judged_curve
+from rvsg.scenario.requirement import Requirement
+from rvsg.scenario.scenario import Scenario
+from rvsg.simulation.run import Run
+from rvsg.world.world import World
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RunFacts:
+    """A run and what happened in it. `closest_m`, `closest_to`, `closest_s`: the smallest gap, to whom and when."""
+
+    run: Run
+    measurement: Measurement
+    violated: bool
+    events: tuple[Event, ...]
+    curve: Curve
+    decisive_s: float
+    closest_m: float | None
+    closest_to: str
+    closest_s: float
+
+    @property
+    def id(self) -> str:
+        """The id of the run."""
+        return self.run.id
+
+    @property
+    def arrived(self) -> bool:
+        """Whether the robot reached its goal in time."""
+        return self.run.completed
+
+    @property
+    def contacts(self) -> tuple[Contact, ...]:
+        """The contacts of the robot with people."""
+        return tuple(event for event in self.events if isinstance(event, Contact))
+
+    @property
+    def lanes(self) -> dict[str, list[tuple[float, float]]]:
+        """The spells that the timeline of the replay shows, in seconds."""
+        return {
+            "contact": [(e.time_s, e.until_s) for e in self.contacts],
+            "standing": [(e.time_s, e.until_s) for e in self.events if isinstance(e, StandStill)],
+            "recovery": [(e.time_s, e.until_s) for e in self.events if isinstance(e, Recovery)],
+            "violated": self.beyond,
+        }
+
+    @property
+    def note(self) -> str:
+        """What else is worth knowing of the run, in a few words."""
+        return "contact" if self.contacts else ""
+
+    beyond: list[tuple[float, float]]
+    """When the judged quantity is beyond its limit, seconds."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AttemptFacts:
+    """The runs of one configuration."""
+
+    attempt: Attempt
+    runs: tuple[RunFacts, ...]
+
+    @property
+    def with_contact(self) -> tuple[RunFacts, ...]:
+        """The runs in which the robot and a person touch."""
+        return tuple(run for run in self.runs if run.contacts)
+
+    @property
+    def violating(self) -> tuple[RunFacts, ...]:
+        """The runs that violate the requirement."""
+        return tuple(run for run in self.runs if run.violated)
+
+    @property
+    def not_arrived(self) -> tuple[RunFacts, ...]:
+        """The runs that end before the goal."""
+        return tuple(run for run in self.runs if not run.arrived)
+
+    def worst(self, requirement: Requirement) -> RunFacts | None:
+        """The run with the worst objective; the first of equals."""
+        valued = [run for run in self.runs if run.measurement.objective is not None]
+        return max(valued, key=lambda run: requirement.badness(run.measurement.objective or 0.0), default=None)
+
+    def nearest(self) -> RunFacts | None:
+        """The run with the smallest gap to a person; the first of equals."""
+        met = [run for run in self.runs if run.closest_m is not None]
+        return min(met, key=lambda run: run.closest_m if run.closest_m is not None else 0.0, default=None)
+
+
+def facts_of(
+    attempts: Iterable[Attempt], requirement: Requirement, world: World, run_of: Callable[[str], Run]
+) -> list[AttemptFacts]:
+    """The facts of every attempt that was simulated, in the order of the attempts."""
+    found = []
+    for attempt in attempts:
+        scenario = attempt.proposal.scenario
+        if scenario is None or not attempt.measurements:
+            continue
+        runs = tuple(run_facts(run_of(m.run_id), m, requirement, world, scenario) for m in attempt.measurements)
+        found.append(AttemptFacts(attempt=attempt, runs=runs))
+    return found
+
+
+def run_facts(
+    run: Run, measurement: Measurement, requirement: Requirement, world: World, scenario: Scenario | None = None
+) -> RunFacts:
+    """The facts of one run."""
+    curve = judged_curve(run, requirement, world)
+    objective = measurement.objective
+    closest, person, at = _closest(run)
+    return RunFacts(
+        run=run,
+        measurement=measurement,
+        violated=objective is not None and requirement.violated_by(objective),
+        events=events_of(run, world=world, scenario=scenario),
+        curve=curve,
+        decisive_s=decisive_time(run, requirement, curve),
+        closest_m=closest,
+        closest_to=person,
+        closest_s=at,
+        beyond=_beyond(curve, requirement),
+    )
+
+
+def _closest(run: Run) -> tuple[float | None, str, float]:
+    if not run.human_names or not len(run.trajectory):
+        return None, "", 0.0
+    gap = Sampled(run, run.trajectory).gap
+    row, person = np.unravel_index(int(gap.argmin()), gap.shape)
+    return float(gap[row, person]), run.human_names[int(person)], float(run.trajectory.t[row])
+
+
+def _beyond(curve: Curve, requirement: Requirement) -> list[tuple[float, float]]:
+    if requirement.threshold is None or not len(curve.t):
+        return []
+    bad = np.array([np.isfinite(v) and requirement.violated_by(float(v)) for v in curve.value])
+    return [(float(curve.t[a]), float(curve.t[b])) for a, b in stretches(bad)]

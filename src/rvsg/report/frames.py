@@ -1,0 +1,154 @@
+"""Still pictures of a run as SVG: an overview of the way and frames of single moments, without JavaScript.
+
+They draw over the floor plan that the page defines once under the id `rvsg-floor`.
+"""
+
+from __future__ import annotations
+
+import html
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rvsg.simulation.run import Run
+
+Floats = NDArray[np.float64]
+Outline = Sequence[tuple[float, float]]
+
+ACROSS_M = 7.5
+HIGH_M = 5.0
+LETTER_M = 0.32
+"""Height of letters in a frame, metres: 11 px and more where a frame is at least 300 px wide."""
+GREY = "#8a94a0"
+
+
+@dataclass(frozen=True)
+class Turn:
+    """World coordinates (m) to those of the floor plan, by its `matrix(a b c d e f)`."""
+
+    a: float
+    b: float
+    c: float
+    d: float
+    e: float
+    f: float
+
+    @classmethod
+    def of(cls, matrix: str) -> Turn:
+        """Read a matrix as SVG writes it."""
+        return cls(*(float(v) for v in matrix[7:-1].replace(",", " ").split()))
+
+    def points(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
+        """The plan's coordinates of world points."""
+        return self.a * x + self.c * y + self.e, self.b * x + self.d * y + self.f
+
+    def point(self, x: float, y: float) -> tuple[float, float]:
+        """The plan's coordinates of one world point."""
+        return self.a * x + self.c * y + self.e, self.b * x + self.d * y + self.f
+
+    def placed(self, x: float, y: float, yaw: float) -> str:
+        """The `transform` that puts a shape in its own frame (x ahead) at a world pose."""
+        px, py = self.point(x, y)
+        return f"matrix({self.a:g} {self.b:g} {self.c:g} {self.d:g} {px:.3f} {py:.3f}) rotate({math.degrees(yaw):.1f})"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Look:
+    """What a still picture draws with: the plan's turn and box, the robot's outline, people's colours by name."""
+
+    turn: Turn
+    view_box: str
+    outline: Outline
+    colours: Mapping[str, str | None]
+
+
+def frame(run: Run, t_s: float, look: Look, label: str) -> str:
+    """The surroundings of the robot at one moment, with the trails up to it."""
+    path = run.trajectory
+    row = min(int(np.searchsorted(path.t, t_s - 1e-9)), len(path) - 1)
+    x, y = look.turn.point(float(path.x[row]), float(path.y[row]))
+    left, top, width, height = (float(v) for v in look.view_box.split())
+    x0 = _kept(x - ACROSS_M / 2, left, left + width - ACROSS_M)
+    y0 = _kept(y - HIGH_M / 2, top, top + height - HIGH_M)
+    parts = [
+        f'<svg class="still" viewBox="{x0:.2f} {y0:.2f} {ACROSS_M:g} {HIGH_M:g}" role="img" aria-label="{_e(label)}">',
+        '<use href="#rvsg-floor"/>',
+        *_trails(run, row + 1, look),
+        *_bodies(run, row, look),
+        "</svg>",
+    ]
+    return "".join(parts)
+
+
+def overview(run: Run, moments: Sequence[float], look: Look, label: str, names: str) -> str:
+    """The whole plan with the way of the robot and of the people it meets; numbered marks for the moments."""
+    path = run.trajectory
+    parts = [
+        f'<svg class="still overview" viewBox="{look.view_box}" role="img" aria-label="{_e(label)}">',
+        '<use href="#rvsg-floor"/>',
+        names,
+        *_trails(run, len(path), look),
+    ]
+    for number, t_s in enumerate(moments, 1):
+        row = min(int(np.searchsorted(path.t, t_s - 1e-9)), len(path) - 1)
+        x, y = look.turn.point(float(path.x[row]), float(path.y[row]))
+        parts.append(
+            f'<g class="pin" transform="translate({x:.2f} {y:.2f})"><circle r="0.34"/>'
+            f'<text y="0.16" font-size="0.46">{number}</text></g>'
+        )
+    return "".join([*parts, "</svg>"])
+
+
+def _kept(value: float, low: float, high: float) -> float:
+    return min(max(value, low), high) if high > low else (low + high) / 2
+
+
+def _trails(run: Run, end: int, look: Look) -> list[str]:
+    path = run.trajectory
+    step = max(1, round(0.25 / max(1e-6, float(np.median(np.diff(path.t)))))) if len(path) > 2 else 1
+    rows = np.unique(np.append(np.arange(0, end, step), end - 1))
+    found = [f'<polyline class="way of-robot" points="{_line(path.x[rows], path.y[rows], look.turn)}"/>']
+    for h, name in enumerate(run.human_names):
+        colour = look.colours.get(name)
+        if colour:
+            points = _line(path.human_x[rows, h], path.human_y[rows, h], look.turn)
+            found.append(f'<polyline class="way" stroke="{colour}" points="{points}"/>')
+    return found
+
+
+def _bodies(run: Run, row: int, look: Look) -> list[str]:
+    path = run.trajectory
+    found = []
+    for h, name in enumerate(run.human_names):
+        colour = look.colours.get(name)
+        x, y, radius = float(path.human_x[row, h]), float(path.human_y[row, h]), run.human_radius_m[h]
+        nose = f"M{radius * 0.95:.2f} 0L{radius * 0.2:.2f} {radius * 0.6:.2f}L{radius * 0.2:.2f} {-radius * 0.6:.2f}Z"
+        found.append(
+            f'<g transform="{look.turn.placed(x, y, float(path.human_yaw[row, h]))}">'
+            f'<circle r="{radius:g}" fill="{colour or GREY}"/><path class="nose" d="{nose}"/></g>'
+        )
+        if colour:
+            px, py = look.turn.point(x, y)
+            found.append(
+                f'<text class="who" x="{px:.2f}" y="{py - radius - 0.12:.2f}" font-size="{LETTER_M}" fill="{colour}">'
+                f"{_e(name)}</text>"
+            )
+    half = max(x for x, _ in look.outline)
+    nose = f"M{half * 0.9:.2f} 0L{half * 0.1:.2f} {half * 0.5:.2f}L{half * 0.1:.2f} {-half * 0.5:.2f}Z"
+    corners = " ".join(f"{x:.3f},{y:.3f}" for x, y in look.outline)
+    pose = look.turn.placed(float(path.x[row]), float(path.y[row]), float(path.yaw[row]))
+    found.append(
+        f'<g transform="{pose}"><polygon class="robot" points="{corners}"/><path class="nose" d="{nose}"/></g>'
+    )
+    return found
+
+
+def _line(x: Floats, y: Floats, turn: Turn) -> str:
+    return " ".join(f"{a:.2f},{b:.2f}" for a, b in zip(*turn.points(x, y), strict=True))
+
+
+def _e(text: str) -> str:
+    return html.escape(text, quote=True)

@@ -1,0 +1,78 @@
+"""What happens in the run that represents a finding, in pictures that need no JavaScript."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+
+from rvsg.evaluation.sampled import Sampled
+from rvsg.report.facts import AttemptFacts, RunFacts
+from rvsg.report.frames import frame, overview
+from rvsg.report.shown import Shown, look_of
+from rvsg.report.words import metres
+
+STILLS = 4
+APART_S = 0.8
+"""Moments closer together than this look alike."""
+
+
+def what_happens(shown: Shown, subject: AttemptFacts) -> dict[str, Any] | None:
+    """What happens in the run that represents the finding: sentences, an overview and frames."""
+    run = subject.worst(shown.plan.requirement) or (subject.runs[0] if subject.runs else None)
+    if run is None:
+        return None
+    look = look_of(shown, subject)
+    times = still_times(run)
+    label = f"Way of the robot and of the people it meets, seed {run.run.seed}"
+    return {
+        "run": run,
+        "which": _which(run, subject),
+        "overview": Markup(overview(run.run, times, look, label, shown.floor.names)),  # noqa: S704
+        "frames": [
+            {
+                "number": place,
+                "t": t,
+                "address": f"#run={run.id}&t={t:.1f}",
+                "caption": caption(run, t),
+                "svg": Markup(frame(run.run, t, look, caption(run, t))),  # noqa: S704
+            }
+            for place, t in enumerate(times, 1)
+        ],
+        "description": subject.attempt.proposal.scenario.description if subject.attempt.proposal.scenario else "",
+    }
+
+
+def _which(run: RunFacts, subject: AttemptFacts) -> str:
+    kind = "confirmation run" if subject.attempt.purpose == "confirmation" else "search run"
+    return f"the worst {kind}, seed {run.run.seed}"
+
+
+def still_times(run: RunFacts) -> list[float]:
+    """At most four moments worth a picture: the decisive one, the closest, a contact, the end; in order."""
+    t = run.run.trajectory.t
+    end = float(t[-1])
+    wanted = [run.decisive_s, run.closest_s, end, *(event.time_s for event in run.contacts[:1]), end / 2, end / 4]
+    found: list[float] = []
+    for time in wanted:
+        if len(found) < STILLS and all(abs(time - other) >= APART_S for other in found):
+            found.append(round(float(time), 1))
+    return sorted(found)
+
+
+def caption(run: RunFacts, t_s: float) -> str:
+    """What a frame shows, in words."""
+    path = run.run.trajectory
+    row = min(int(np.searchsorted(path.t, t_s - 1e-9)), len(path) - 1)
+    text = f"robot at {path.v[row]:.1f} m/s"
+    if run.run.human_names:
+        gap = Sampled(run.run, path).gap[row]
+        person = int(gap.argmin())
+        if gap[person] <= 0.0:
+            text += f", in contact with {run.run.human_names[person]}"
+        else:
+            text += f", {run.run.human_names[person]} {metres(float(gap[person]))} away"
+    if row == len(path) - 1:
+        text += f"; {run.run.outcome.value}"
+    return text

@@ -1,0 +1,213 @@
+"""The data of the replay component (`static/replay.js`): every run at 10 Hz, in centimetres, delta-coded and deflated.
+
+A run is one blob of channels. Each channel holds integers: the first value and then the differences, as zigzag
+varints. `static/replay.js` documents and reads the same layout. The replay is a view: verdicts and counts come from
+the exact records, never from this rounded copy.
+"""
+
+from __future__ import annotations
+
+import base64
+import zlib
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rvsg.evaluation.sampled import Sampled
+from rvsg.report.colours import distinct_colours
+from rvsg.report.quantity import Curve
+from rvsg.scenario.requirement import Requirement
+from rvsg.scenario.scenario import Mission
+from rvsg.simulation.run import Run
+
+Floats = NDArray[np.float64]
+
+PERIOD_S = 0.1
+INVOLVED_M = 2.0
+"""A person who never comes nearer to the robot than this, surface to surface, is drawn grey."""
+FAR_STEP = 5
+"""A person who is not involved in a run is kept at every fifth sample (2 Hz)."""
+LEVELS = 4000
+"""Steps of the judged quantity between its smallest and its largest value."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReplayRun:
+    """A run to replay, with the facts the component shows beside it. `moments` are (time in s, text)."""
+
+    run: Run
+    objective: float | None
+    violated: bool
+    curve: Curve
+    opens_s: float
+    note: str = ""
+    lanes: Mapping[str, Sequence[tuple[float, float]]] = field(default_factory=dict)
+    moments: Sequence[tuple[float, str]] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReplayGroup:
+    """Runs of one configuration. `status` is its verdict; `manners` describes each person by name."""
+
+    id: str
+    label: str
+    purpose: str
+    runs: tuple[ReplayRun, ...]
+    status: str = ""
+    manners: dict[str, str] = field(default_factory=dict)
+
+
+def replay_payload(
+    groups: Sequence[ReplayGroup],
+    *,
+    mission: Mission,
+    requirement: Requirement,
+    waypoints: Sequence[tuple[str, float, float]],
+    matrix: str,
+    quantity: str,
+    footprint: Callable[[Run], Sequence[tuple[float, float]]],
+) -> dict[str, Any]:
+    """Return the JSON data of the component.
+
+    Args:
+        waypoints: Name, x and y (m) of the waypoints of the grid.
+        matrix: From world metres to the units of the floor plan (`FloorPlan.matrix`).
+        quantity: The judged quantity in words.
+        footprint: Gives the outline of the robot of a run in its own frame, m.
+    """
+    route = mission.route
+    return {
+        "version": 1,
+        "period": PERIOD_S,
+        "matrix": [float(v) for v in matrix[7:-1].replace(",", " ").split()],
+        "route": {
+            "start": [route.start.x, route.start.y],
+            "goal": [route.goal.x, route.goal.y],
+            "through": [[pose.x, pose.y] for pose in route.through],
+        },
+        "waypoints": [[name, round(x, 2), round(y, 2)] for name, x, y in waypoints],
+        "requirement": {
+            "name": requirement.name,
+            "quantity": quantity,
+            "unit": requirement.unit,
+            "worse": requirement.worse,
+            "limit": requirement.threshold,
+        },
+        "groups": [_group(group, footprint) for group in groups],
+    }
+
+
+def people_colours(runs: Sequence[Run]) -> dict[str, str | None]:
+    """A colour for each person of the runs by name; None for a person who is not involved in any of them."""
+    names = list(dict.fromkeys(name for run in runs for name in run.human_names))
+    involved = [name for name in names if name in _involved_in(runs)]
+    return dict.fromkeys(names) | dict(zip(involved, distinct_colours(len(involved)), strict=True))
+
+
+def _group(group: ReplayGroup, footprint: Callable[[Run], Sequence[tuple[float, float]]]) -> dict[str, Any]:
+    runs = [each.run for each in group.runs]
+    colours = people_colours(runs)
+    names = list(colours)
+    radii = {name: radius for run in runs for name, radius in zip(run.human_names, run.human_radius_m, strict=True)}
+    return {
+        "id": group.id,
+        "label": group.label,
+        "purpose": group.purpose,
+        "status": group.status,
+        "robot": {
+            "outline": [[round(x, 3), round(y, 3)] for x, y in footprint(runs[0])] if runs else [],
+            "radius": runs[0].robot_radius_m if runs else 0.0,
+        },
+        "people": [
+            {"name": n, "radius": radii[n], "colour": colours[n], "manner": group.manners.get(n, "")} for n in names
+        ],
+        "runs": [_run(each, names) for each in group.runs],
+    }
+
+
+def _involved_in(runs: Iterable[Run]) -> set[str]:
+    """The names of the people who come within 2 m of the robot in at least one run."""
+    found: set[str] = set()
+    for run in runs:
+        if run.human_names and len(run.trajectory):
+            closest = Sampled(run, run.trajectory).gap.min(axis=0)
+            found |= {n for n, gap in zip(run.human_names, closest, strict=True) if gap <= INVOLVED_M}
+    return found
+
+
+def _run(each: ReplayRun, names: Sequence[str]) -> dict[str, Any]:
+    run = each.run
+    coded, samples, far = _coded(run, names)
+    data: dict[str, Any] = {
+        "id": run.id,
+        "seed": run.seed,
+        "objective": each.objective,
+        "violated": each.violated,
+        "outcome": run.outcome.value,
+        "arrived": run.completed,
+        "note": each.note,
+        "t0": round(float(run.trajectory.t[0]), 3) if len(run.trajectory) else 0.0,
+        "samples": samples,
+        "opens": round(each.opens_s, 2),
+        "present": [names.index(name) for name in run.human_names],
+        "far": far,
+        "lanes": {name: [[round(a, 2), round(b, 2)] for a, b in spans] for name, spans in each.lanes.items() if spans},
+        "moments": [[round(t, 2), text] for t, text in each.moments],
+        "blob": coded,
+    }
+    if each.curve.is_known:
+        data["judged"] = _judged(each.curve)
+    return data
+
+
+def _judged(curve: Curve) -> dict[str, Any]:
+    """The curve as numbers of four significant digits; null where there is no judgement yet."""
+    return {
+        "t": [round(float(t), 2) for t in curve.t],
+        "value": [float(f"{v:.4g}") if np.isfinite(v) else None for v in curve.value],
+    }
+
+
+def _coded(run: Run, names: Sequence[str]) -> tuple[str, int, list[int]]:
+    """The blob, its samples per channel, and which of the run's people are kept at 2 Hz.
+
+    Channels: x, y (cm), yaw (0.01 rad), v (cm/s), gap to the nearest person (mm); then x, y (cm), yaw (0.05 rad) of
+    every person of the run.
+    """
+    path = run.trajectory
+    if not len(path):
+        return "", 0, []
+    wanted = np.arange(0.0, float(path.t[-1] - path.t[0]) + PERIOD_S / 2, PERIOD_S) + float(path.t[0])
+    rows = np.clip(np.searchsorted(path.t, wanted - 1e-9), 0, len(path) - 1)
+    gap = Sampled(run, path).gap
+    people = len(run.human_names)
+    nearest = gap.min(axis=1) if people else np.zeros(len(path))
+    channels = [path.x[rows] * 100, path.y[rows] * 100, np.unwrap(path.yaw)[rows] * 100, path.v[rows] * 100]
+    channels.append(_smallest(nearest, rows) * 1000)
+    far = [h for h in range(people) if gap[:, h].min() > INVOLVED_M]
+    for h in range(people):
+        at = rows[:: FAR_STEP if h in far else 1]
+        channels += [path.human_x[at, h] * 100, path.human_y[at, h] * 100, np.unwrap(path.human_yaw[:, h])[at] * 20]
+    body = b"".join(varints(np.round(channel).astype(np.int64)) for channel in channels)
+    return base64.b64encode(zlib.compress(body, 9)).decode(), len(rows), far
+
+
+def _smallest(values: Floats, rows: NDArray[np.intp]) -> Floats:
+    """The smallest value since the row before, so that thinning hides no contact."""
+    starts = np.concatenate([[0], rows[:-1] + 1])
+    return np.array([values[min(a, b) : b + 1].min() for a, b in zip(starts, rows, strict=True)])
+
+
+def varints(values: NDArray[np.int64]) -> bytes:
+    """The first value and the differences of the rest as zigzag varints (7 bits a byte, low bits first)."""
+    steps = np.diff(values, prepend=np.int64(0))
+    out = bytearray()
+    for number in ((steps << 1) ^ (steps >> 63)).tolist():
+        while number >= 0x80:
+            out.append((number & 0x7F) | 0x80)
+            number >>= 7
+        out.append(number)
+    return bytes(out)

@@ -1,0 +1,80 @@
+"""What the parts of the page share: the plan, the attempts and the facts of their runs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from rvsg.campaign.attempt import Attempt
+from rvsg.campaign.plan import Plan
+from rvsg.campaign.ranking import best_attempt
+from rvsg.report.facts import AttemptFacts
+from rvsg.report.frames import Look, Turn
+from rvsg.report.payload import people_colours
+from rvsg.report.robots import footprint_of
+from rvsg.report.summary import Summary
+from rvsg.world.drawing.svg import FloorPlan
+from rvsg.world.world import World
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shown:
+    """What the parts of the page share."""
+
+    plan: Plan
+    world: World
+    attempts: Sequence[Attempt]
+    summary: Summary
+    facts: Sequence[AttemptFacts]
+    floor: FloorPlan
+
+    @property
+    def confirmed(self) -> AttemptFacts | None:
+        """The confirmation runs of the first finding."""
+        wanted = self.summary.confirmed
+        return next((f for f in self.facts if wanted is not None and f.attempt.index == wanted.index), None)
+
+    @property
+    def searched(self) -> list[AttemptFacts]:
+        """The configurations of the search that were simulated."""
+        return [f for f in self.facts if f.attempt.purpose == "search"]
+
+    @property
+    def subject(self) -> AttemptFacts | None:
+        """What the page tells of: the confirmed finding, else the worst candidate."""
+        best = best_attempt(self.attempts, self.plan.requirement)
+        return self.confirmed or next((f for f in self.facts if best and f.attempt.index == best.index), None)
+
+
+def look_of(shown: Shown, facts: AttemptFacts) -> Look:
+    """Return how still pictures of these runs are drawn."""
+    runs = [each.run for each in facts.runs]
+    return Look(
+        turn=Turn.of(shown.floor.matrix),
+        view_box=shown.floor.view_box,
+        outline=footprint_of(runs[0], shown.plan.mission.robot),
+        colours=people_colours(runs),
+    )
+
+
+def in_order(shown: Shown) -> list[AttemptFacts]:
+    """The subject first, then other confirmations, then the search, the ranked configurations before the rest."""
+    rank = {entry.attempt: entry.rank for entry in shown.summary.ranking}
+    subject = shown.subject
+    return sorted(
+        shown.facts,
+        key=lambda f: (
+            f is not subject,
+            f.attempt.purpose != "confirmation",
+            rank.get(f.attempt.index, len(rank) + 1),
+            f.attempt.index,
+        ),
+    )
+
+
+def group_label(facts: AttemptFacts) -> str:
+    """Return what a set of runs is called in menus and tables."""
+    brief, verdict = facts.attempt.brief, facts.attempt.verdict
+    kind = "confirmation" if facts.attempt.purpose == "confirmation" else "search"
+    status = f", {verdict.status.value}" if verdict and facts.attempt.purpose == "confirmation" else ""
+    return f"scenario {brief.scenario_index + 1}, configuration {brief.configuration_index + 1}, {kind}{status}"

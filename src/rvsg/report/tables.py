@@ -1,0 +1,109 @@
+"""The rows of the page's tables: people, findings and candidates, runs."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rvsg.evaluation.judge import OPEN, still_open
+from rvsg.evaluation.verdict import Status, Verdict
+from rvsg.report.answer import tone_of
+from rvsg.report.facts import AttemptFacts
+from rvsg.report.payload import people_colours
+from rvsg.report.shown import Shown, group_label, in_order
+from rvsg.report.summary import interval, number
+from rvsg.report.words import metres
+from rvsg.scenario.scenario import Human
+
+
+def people_rows(subject: AttemptFacts) -> list[dict[str, Any]]:
+    """Return what each person of the scenario is asked to do, with its colour in the replay."""
+    scenario = subject.attempt.proposal.scenario
+    colours = people_colours([each.run for each in subject.runs])
+    return [_tasks(human) | {"colour": colours.get(human.name)} for human in scenario.people.humans] if scenario else []
+
+
+def _tasks(human: Human) -> dict[str, Any]:
+    """A person's work as the page shows it."""
+    return {
+        "name": human.name,
+        "manner": manner(human),
+        "tasks": [
+            {
+                "name": task.name,
+                "path": " ".join(task.path),
+                "pauses": [f"stands {number(pause.duration_s, 's')} at {pause.at}" for pause in task.pauses],
+            }
+            for task in human.tasks
+        ],
+    }
+
+
+def manner(human: Human) -> str:
+    """Return how a person walks and reacts, in a few words."""
+    ways = [f"{human.behaviour.value}, {number(human.speed_m_s, 'm/s')}"]
+    if human.start_delay_s:
+        ways.append(f"starts after {number(human.start_delay_s, 's')}")
+    if human.group is not None:
+        ways.append(f"group {human.group}")
+    return ", ".join(ways)
+
+
+def finding_rows(shown: Shown) -> list[dict[str, Any]]:
+    """Findings and candidates, the worst first. A confirmed scenario shows its confirmation verdict."""
+    by_index = {each.attempt.index: each for each in shown.facts}
+    attempts = {attempt.index: attempt for attempt in shown.attempts}
+    confirmations = {f.attempt.confirms: f for f in shown.facts if f.attempt.purpose == "confirmation"}
+    unit = shown.plan.requirement.unit
+    rows = []
+    for entry in shown.summary.ranking:
+        attempt = attempts[entry.attempt]
+        confirmed = confirmations.get(entry.attempt)
+        facts = confirmed or by_index[entry.attempt]
+        verdict = facts.attempt.verdict or entry.verdict
+        scenario = attempt.proposal.scenario
+        assert scenario is not None
+        rows.append(
+            {
+                "rank": entry.rank,
+                "scenario": entry.scenario,
+                "configuration": entry.configuration,
+                "configurations": entry.configurations,
+                "description": entry.description,
+                "state": "confirmed" if confirmed else "candidate",
+                "objective": interval(verdict, unit),
+                "violated": f"{verdict.violations} of {verdict.runs}" if _judged(verdict) else "–",
+                "status": verdict.status.value,
+                "tone": tone_of(verdict),
+                "means": f"violated; {OPEN}" if still_open(verdict) else "",
+                "contacts": f"{len(facts.with_contact)} of {len(facts.runs)}",
+                "arrived": f"{len(facts.runs) - len(facts.not_arrived)} of {len(facts.runs)}",
+                "address": "#runs=" + ",".join(run.id for run in facts.runs),
+                "people": [_tasks(human) for human in scenario.people.humans],
+                "repairs": [f"{repair.human}: {repair.what}" for repair in attempt.proposal.repairs],
+            }
+        )
+    return rows
+
+
+def _judged(verdict: Verdict) -> bool:
+    return verdict.status is not Status.UNJUDGED
+
+
+def run_rows(shown: Shown) -> list[dict[str, Any]]:
+    """Every recorded run of the campaign, for the table at the end."""
+    unit = shown.plan.requirement.unit
+    return [
+        {
+            "id": run.id,
+            "address": f"#run={run.id}",
+            "of": group_label(facts),
+            "seed": run.run.seed,
+            "objective": number(run.measurement.objective, unit),
+            "violated": run.violated,
+            "outcome": run.run.outcome.value,
+            "contacts": len(run.contacts),
+            "gap": metres(run.closest_m) if run.closest_m is not None else "–",
+        }
+        for facts in in_order(shown)
+        for run in facts.runs
+    ]

@@ -1,0 +1,29 @@
+"""Words for requirements on the page and in the terminal."""
+
+from __future__ import annotations
+
+from rvsg.evaluation.metrics import METRICS
+from rvsg.scenario.requirement import Requirement
+
+
+def quantity(requirement: Requirement) -> str:
+    """The judged quantity in words, with the id of its metric."""
+    if requirement.formula is not None:
+        return "robustness of the formula"
+    known = METRICS.get(requirement.metric or "")
+    if known is None:
+        return requirement.metric or "objective"
+    title = known.title[:1].lower() + known.title[1:] if known.title[1:2].islower() else known.title
+    return f"{title} ({requirement.metric})"
+
+
+def direction(requirement: Requirement) -> str:
+    """Which values are worse, e.g. `lower is worse`."""
+    return "lower is worse" if requirement.worse == "smaller" else "higher is worse"
+
+
+def metres(gap: float) -> str:
+    """A gap as people say it: whole centimetres below 1 m, never rounded down to a contact."""
+    if gap <= 0.0:
+        return "0 cm"
+    return f"{max(1, round(gap * 100))} cm" if gap < 1.0 else f"{gap:.1f} m"
