@@ -114,6 +114,7 @@ _PERFORMANCE = [
 _SAFETY = [
     *_one("contacts", "Contact events", "events", "larger", safety.contact_events, SAFETY),
     *_one("contact_time", "Time in contact", "s", "larger", safety.contact_time, SAFETY),
+    *_one("contact_longest", "Longest contact", "s", "larger", safety.contact_longest, SAFETY),
     *_one("contact_speed", "Relative speed at contact", "m/s", "larger", safety.contact_speed, SAFETY),
     *_one("contact_robot_speed", "Robot's speed in contact", "m/s", "larger", safety.contact_robot_speed, SAFETY),
     *_one("ttc", "Time to collision", "s", "smaller", safety.time_to_collision, SAFETY),

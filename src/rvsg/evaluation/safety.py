@@ -27,6 +27,18 @@ def contact_time(s: Sampled) -> float | None:
     return float(s.dt[(s.closest_gap <= 0.0)[1:]].sum()) if s.people else None
 
 
+def contact_longest(s: Sampled) -> float | None:
+    """Duration of the longest contact with one person, seconds, counted as for `contacts`; 0 without contact."""
+    if not s.people:
+        return None
+    t = s.series.t
+    longest = 0.0
+    for person in range(s.people):
+        for first, last in joined(stretches(s.gap[:, person] <= 0.0), t, CONTACT_APART_S):
+            longest = max(longest, float(t[last] - t[first]))
+    return longest
+
+
 def contact_speed(s: Sampled) -> float | None:
     """Largest speed of the robot relative to a person it touches; 0 without contact."""
     if not s.people:

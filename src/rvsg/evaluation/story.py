@@ -1,0 +1,213 @@
+"""Tells a run in a few plain sentences, generated from its events. Each sentence knows the time it speaks of."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from rvsg.core.records import Record
+from rvsg.evaluation.detection import events_of, place_namer
+from rvsg.evaluation.events import (
+    Abort,
+    Arrival,
+    BlockedGoal,
+    Contact,
+    Event,
+    HardBrake,
+    NearMiss,
+    ObstacleContact,
+    PersonPaused,
+    PersonReached,
+    PersonReacted,
+    PersonStuck,
+    Place,
+    Recovery,
+    Replan,
+    StandStill,
+    TimeOut,
+)
+from rvsg.evaluation.sampled import Sampled
+from rvsg.scenario.scenario import Scenario
+from rvsg.simulation.run import Run
+from rvsg.world.world import World
+
+MOST = 6
+FEWEST = 4
+
+
+class Sentence(Record):
+    """One sentence of a story."""
+
+    text: str
+    time_s: float
+    """The time that the replay seeks for it, seconds since the start of the run."""
+
+
+def story_of(
+    run: Run, *, world: World | None = None, scenario: Scenario | None = None, events: Sequence[Event] | None = None
+) -> tuple[Sentence, ...]:
+    """Return at most six sentences in order of time: the start, what mattered most, and the end.
+
+    Args:
+        world: Names the places.
+        scenario: What people are asked to do.
+        events: The events of the run, if they are known already.
+    """
+    if not len(run.trajectory):
+        return ()
+    found = list(events if events is not None else events_of(run, world=world, scenario=scenario))
+    ends = (Arrival, TimeOut, Abort)
+    middle = [event for event in found if not isinstance(event, ends)]
+    chosen = sorted(middle, key=weight, reverse=True)[: MOST - 2]
+    told = [Sentence(text=in_words(event), time_s=event.time_s) for event in chosen]
+    if len(told) < FEWEST - 2 and not any(isinstance(event, Contact | NearMiss) for event in chosen):
+        told += _closest(run, world)
+    told.sort(key=lambda sentence: sentence.time_s)
+    last = [Sentence(text=_end_in_words(event, run), time_s=event.time_s) for event in found if isinstance(event, ends)]
+    return (_opening(run, world), *told, *last)
+
+
+def weight(event: Event) -> float:
+    """Return how much an event matters for a story; larger matters more."""
+    match event:
+        case Contact():
+            return 100.0 + event.duration_s + 10.0 * event.closing_speed_m_s
+        case ObstacleContact():
+            return 90.0 + event.duration_s
+        case StandStill():
+            return 50.0 + event.duration_s
+        case BlockedGoal():
+            return 45.0 + event.duration_s
+        case HardBrake():
+            return 40.0 + event.deceleration_m_s2
+        case Recovery():
+            return 35.0
+        case NearMiss():
+            return 30.0 + 40.0 * (0.25 - event.gap_m)
+        case PersonStuck():
+            return 28.0 if event.reason == "robot" else 5.0
+        case PersonReacted():
+            return 20.0
+        case Replan():
+            return 15.0
+        case PersonPaused():
+            return 4.0
+        case PersonReached():
+            return 3.0
+        case _:
+            return 0.0
+
+
+def in_words(event: Event) -> str:
+    """Return one sentence that says when, who, where and what."""
+    return f"At {event.time_s:.1f} s {_what(event)}."
+
+
+def _what(event: Event) -> str:
+    where = at_place(event.place)
+    match event:
+        case Contact():
+            return _contact(event)
+        case ObstacleContact():
+            return f"the robot hits an obstacle {where} at {event.speed_m_s:.1f} m/s"
+        case NearMiss():
+            speed = f"a relative speed of {event.relative_speed_m_s:.1f} m/s"
+            return f"the robot passes {event.person} {where} with a gap of {in_metres(event.gap_m)} and {speed}"
+        case HardBrake():
+            near = f"; {event.person} is near" if event.person else ""
+            change = f"from {event.from_speed_m_s:.1f} to {event.to_speed_m_s:.1f} m/s"
+            return f"the robot brakes hard {where}, {change}{near}"
+        case StandStill():
+            return f"the robot stops {where} and stands for {event.duration_s:.1f} s{_because(event)}"
+        case Replan():
+            return f"the robot plans another path {where}, {event.deviation_m:.1f} m beside the one before"
+        case Recovery():
+            action = event.action.replace("_", " ")
+            return f"navigation starts a recovery {where} ({action}, {event.duration_s:.1f} s)"
+        case BlockedGoal():
+            return f"{event.person} stands on the goal for {event.duration_s:.1f} s while the robot is near it"
+        case PersonStuck():
+            by = {"robot": " beside the robot", "person": " beside another person"}.get(event.reason, "")
+            return f"{event.person} is stuck {where}{by} for {event.duration_s:.1f} s"
+        case PersonReached():
+            return f'{event.person} completes "{event.task}" {where}'
+        case PersonPaused():
+            return f"{event.person} pauses {where} for {event.duration_s:.1f} s"
+        case PersonReacted():
+            return f"{event.person} reacts to the robot ({event.behaviour}) {where} until {event.until_s:.1f} s"
+        case TimeOut():
+            return f"the time limit passes; the robot is {in_metres(event.remaining_m)} from its goal"
+        case Abort():
+            return f"{event.outcome.value}; the robot is {in_metres(event.remaining_m)} from its goal"
+        case Arrival():
+            return "the robot reaches its goal"
+
+
+def _contact(event: Contact) -> str:
+    who, where = event.person, at_place(event.place)
+    lasts = f"they touch for {event.duration_s:.1f} s"
+    speed = f"at {event.closing_speed_m_s:.1f} m/s"
+    match event.moved_by:
+        case "robot":
+            return f"the robot moves into {who} {where} {speed}; {lasts}"
+        case "person":
+            return f"{who} walks into the robot {where} {speed}; {lasts}"
+        case "both":
+            return f"the robot and {who} move into each other {where} {speed}; {lasts}"
+        case "neither":
+            return f"the robot and {who} touch {where} for {event.duration_s:.1f} s"
+
+
+def _because(event: StandStill) -> str:
+    return {
+        "contact": f", in contact with {event.person}",
+        "person_ahead": f", {event.person} in front of it",
+        "person_close": f", {event.person} close to it",
+        "obstacle": ", an obstacle close to it",
+        "recovery": ", waiting in a recovery",
+        "unknown": "",
+    }[event.reason]
+
+
+def at_place(place: Place) -> str:
+    """Return `at E15`, or `at (1.2, 3.4)` where the world is not known."""
+    return f"at {place}"
+
+
+def in_metres(value: float) -> str:
+    """Return a length as people say it: centimetres below 1 m."""
+    return f"{value:.1f} m" if abs(value) >= 1.0 else f"{100 * value:.0f} cm"
+
+
+def _opening(run: Run, world: World | None) -> Sentence:
+    path, at = run.trajectory, place_namer(world)
+    start, goal = at(path.x[0], path.y[0]), at(run.goal[0], run.goal[1])
+    away = float(np.hypot(path.x[0] - run.goal[0], path.y[0] - run.goal[1]))
+    text = (
+        f"The robot sets out from {start} to {goal}, {away:.0f} m away, with a time limit of {run.time_limit_s:.0f} s."
+    )
+    return Sentence(text=text, time_s=float(path.t[0]))
+
+
+def _closest(run: Run, world: World | None) -> list[Sentence]:
+    """Tell the closest approach of a run in which nobody comes near."""
+    s = Sampled(run, run.trajectory, world)
+    if not s.people:
+        return []
+    index = int(s.closest_gap.argmin())
+    who = run.human_names[int(s.gap[index].argmin())]
+    where = at_place(place_namer(world)(s.series.x[index], s.series.y[index]))
+    time_s = round(float(s.series.t[index]), 3)
+    gap = in_metres(float(s.closest_gap[index]))
+    text = f"At {time_s:.1f} s {who} comes nearest to the robot {where}, with a gap of {gap}."
+    return [Sentence(text=text, time_s=time_s)]
+
+
+def _end_in_words(event: Event, run: Run) -> str:
+    match event:
+        case TimeOut():
+            late = f"the time limit of {run.time_limit_s:.0f} s passes"
+            return f"At {event.time_s:.1f} s {late}; the robot is {in_metres(event.remaining_m)} from its goal."
+        case _:
+            return in_words(event)
