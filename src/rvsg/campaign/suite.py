@@ -1,0 +1,280 @@
+"""Suites: scenarios that stay, with the verdict you expect of each, and what changed since.
+
+A case passes a suite where its verdict is the expected one. The sequential procedure of `rvsg.evaluation.judge`
+decides each verdict with its declared error rate, so a case changes its state only on statistical evidence; where the
+runs do not decide, the state is unclear, and that is no failure.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from enum import Enum
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from rvsg.core.records import Record
+from rvsg.evaluation.judge import DEFAULT, Procedure, violated
+from rvsg.evaluation.statistics import holm
+from rvsg.evaluation.verdict import Status, Verdict
+from rvsg.scenario.scenario import Scenario
+
+Name = Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[a-z0-9][a-z0-9._-]*$")]
+
+
+class Expectation(Record):
+    """What a case expects of one requirement."""
+
+    requirement: str
+    """Name of a shipped requirement, or FILE.yaml#NAME beside the suite."""
+    expected: Literal["pass", "violation"] = "pass"
+    """`violation` marks a known failure; give the reason."""
+    reason: str = ""
+
+
+class Case(Record):
+    """A scenario of a suite, with a stable name and a title that people read."""
+
+    name: Name
+    """Stable: results of versions are compared by it."""
+    title: Annotated[str, Field(min_length=1, max_length=200)]
+    expectations: Annotated[tuple[Expectation, ...], Field(min_length=1)]
+    scenario: Scenario
+    max_runs: Annotated[int, Field(ge=1, le=10_000)] = DEFAULT.max_runs
+    """Runs at most; the sequential procedure stops as soon as the verdict is decided."""
+
+
+class State(str, Enum):
+    """What a run of a suite says of a case, in the words a person reads."""
+
+    PASSED = "passed"
+    KNOWN_FAILURE = "known failure"
+    FIXED = "fixed"
+    BROKEN = "broken"
+    UNCLEAR = "unclear"
+
+    @property
+    def fails(self) -> bool:
+        """Whether a build that holds this state should fail."""
+        return self is State.BROKEN
+
+
+class CaseResult(Record):
+    """One case judged by one requirement."""
+
+    case: str
+    title: str
+    requirement: str
+    expected: Literal["pass", "violation"]
+    reason: str = ""
+    state: State
+    verdict: Verdict
+    seeds: tuple[int, ...]
+    violations: tuple[bool | None, ...]
+    """For each seed whether the run violates the requirement; None where it holds no judgement."""
+    contacts: int = 0
+    """Runs in which the robot touches a person, whatever the requirement measures."""
+    arrived: int = 0
+    """Runs that reach the goal in time."""
+    seconds: float = 0.0
+    """Simulated seconds of all runs together."""
+    story: tuple[str, ...] = ()
+    """What happens in the worst run, in sentences."""
+
+
+class SuiteResult(Record):
+    """A whole suite, run with one version of the system under test."""
+
+    suite: str
+    version: str
+    """A label of what was run: simulator, stack, robot, or a commit."""
+    simulator: str
+    options: dict[str, Any] = Field(default_factory=dict)
+    cases: tuple[CaseResult, ...]
+
+    @property
+    def broken(self) -> tuple[CaseResult, ...]:
+        """The cases that should pass and do not."""
+        return tuple(case for case in self.cases if case.state.fails)
+
+
+def state_of(expected: Literal["pass", "violation"], verdict: Verdict, *, procedure: Procedure = DEFAULT) -> State:
+    """Return the state of a case from what was expected and the verdict."""
+    if violated(verdict, procedure=procedure):
+        return State.KNOWN_FAILURE if expected == "violation" else State.BROKEN
+    if verdict.status is Status.PASS:
+        return State.FIXED if expected == "violation" else State.PASSED
+    return State.UNCLEAR
+
+
+class Change(str, Enum):
+    """What became of a case from one version to another."""
+
+    FIXED = "fixed"
+    BROKEN = "broken"
+    UNCHANGED = "unchanged"
+    UNCLEAR = "unclear"
+    MISSING = "only in one version"
+
+
+class CaseChange(Record):
+    """A case of two versions, compared on the seeds that both were run with."""
+
+    case: str
+    title: str
+    requirement: str
+    change: Change
+    seeds: int
+    violations: tuple[int, int]
+    """Violating runs of the first and of the second version, on these seeds."""
+    only_first: int
+    """Seeds that violate in the first version alone."""
+    only_second: int
+    """Seeds that violate in the second version alone."""
+    difference: float | None
+    """Share of violating runs, second minus first."""
+    interval: tuple[float, float] | None
+    """95 % interval of the difference, paired."""
+    p: float | None
+    """Exact McNemar test."""
+    p_corrected: float | None
+    """By Holm over all cases of the comparison."""
+
+
+def compare_results(first: SuiteResult, second: SuiteResult, *, error_rate: float = 0.05) -> tuple[CaseChange, ...]:
+    """Compare two versions case by case, on the same seeds.
+
+    A case is fixed or broken where the exact McNemar test, corrected by Holm over all cases, is below `error_rate`;
+    so the chance of one false alarm in the whole comparison is at most that. It is unchanged where the verdicts agree,
+    and unclear where they do not and the test is not sure.
+    """
+    theirs = {(case.case, case.requirement): case for case in second.cases}
+    pairs = [(case, theirs.get((case.case, case.requirement))) for case in first.cases]
+    tested = {f"{case.case}/{case.requirement}": _discordant(case, other) for case, other in pairs if other}
+    p_values = {key: _mcnemar(only_first, only_second) for key, (only_first, only_second, _, _, _) in tested.items()}
+    corrected = holm(p_values)
+    known = {(case.case, case.requirement) for case in first.cases}
+    changes = [
+        _change(case, other, tested, p_values, corrected, error_rate) if other else _missing(case)
+        for case, other in pairs
+    ]
+    changes += [_missing(case) for case in second.cases if (case.case, case.requirement) not in known]
+    return tuple(changes)
+
+
+def _change(
+    case: CaseResult,
+    other: CaseResult,
+    tested: Mapping[str, tuple[int, int, int, int, int]],
+    p_values: Mapping[str, float],
+    corrected: Mapping[str, float],
+    error_rate: float,
+) -> CaseChange:
+    key = f"{case.case}/{case.requirement}"
+    only_first, only_second, a, b, n = tested[key]
+    if corrected[key] < error_rate:
+        change = Change.BROKEN if only_second > only_first else Change.FIXED
+    elif only_first == only_second == 0 or _settled(case.verdict) == _settled(other.verdict) is not None:
+        change = Change.UNCHANGED
+    else:
+        change = Change.UNCLEAR
+    return CaseChange(
+        case=case.case,
+        title=case.title,
+        requirement=case.requirement,
+        change=change,
+        seeds=n,
+        violations=(a, b),
+        only_first=only_first,
+        only_second=only_second,
+        difference=(b - a) / n if n else None,
+        interval=paired_interval(only_first, only_second, a, b, n) if n else None,
+        p=p_values[key],
+        p_corrected=corrected[key],
+    )
+
+
+def _missing(case: CaseResult) -> CaseChange:
+    return CaseChange(
+        case=case.case,
+        title=case.title,
+        requirement=case.requirement,
+        change=Change.MISSING,
+        seeds=0,
+        violations=(0, 0),
+        only_first=0,
+        only_second=0,
+        difference=None,
+        interval=None,
+        p=None,
+        p_corrected=None,
+    )
+
+
+def _discordant(first: CaseResult, second: CaseResult) -> tuple[int, int, int, int, int]:
+    """Seeds that violate only in the first, only in the second, in the first, in the second, and common seeds."""
+    theirs = dict(zip(second.seeds, second.violations, strict=True))
+    pairs = [
+        (mine, theirs[seed])
+        for seed, mine in zip(first.seeds, first.violations, strict=True)
+        if mine is not None and theirs.get(seed) is not None
+    ]
+    only_first = sum(bool(a and not b) for a, b in pairs)
+    only_second = sum(bool(b and not a) for a, b in pairs)
+    return only_first, only_second, sum(bool(a) for a, _ in pairs), sum(bool(b) for _, b in pairs), len(pairs)
+
+
+def _mcnemar(only_first: int, only_second: int) -> float:
+    """The exact two-sided McNemar test (McNemar 1947): the discordant pairs are a fair coin if nothing changed."""
+    from scipy import stats
+
+    discordant = only_first + only_second
+    if discordant == 0:
+        return 1.0
+    return float(stats.binomtest(only_second, discordant, 0.5).pvalue)
+
+
+def paired_interval(
+    only_first: int, only_second: int, first: int, second: int, n: int, confidence: float = 0.95
+) -> tuple[float, float]:
+    """Return an interval of the difference of two paired shares, second minus first.
+
+    Newcombe's method 10 (Statistics in Medicine 17, 1998): Wilson intervals of both shares, combined with the
+    correlation of the pairs. It stays within -1 and 1.
+
+    Args:
+        only_first, only_second: pairs in which only the one is true.
+        first, second: pairs in which the first, and the second, is true.
+        n: pairs, at least 1.
+    """
+    from scipy import stats
+
+    z = float(stats.norm.ppf(0.5 + confidence / 2))
+    (p1, l1, u1), (p2, l2, u2) = _wilson(first, n, z), _wilson(second, n, z)
+    both = first - only_first
+    neither = n - both - only_first - only_second
+    scale = first * (n - first) * second * (n - second)
+    phi = (both * neither - only_first * only_second) / scale**0.5 if scale else 0.0
+    low = ((p2 - l2) ** 2 - 2 * phi * (p2 - l2) * (u1 - p1) + (u1 - p1) ** 2) ** 0.5
+    high = ((u2 - p2) ** 2 - 2 * phi * (u2 - p2) * (p1 - l1) + (p1 - l1) ** 2) ** 0.5
+    return max(-1.0, p2 - p1 - low), min(1.0, p2 - p1 + high)
+
+
+def _wilson(count: int, n: int, z: float) -> tuple[float, float, float]:
+    share = count / n
+    middle = share + z * z / (2 * n)
+    half = z * (share * (1 - share) / n + z * z / (4 * n * n)) ** 0.5
+    scale = 1 + z * z / n
+    return share, max(0.0, (middle - half) / scale), min(1.0, (middle + half) / scale)
+
+
+def _settled(verdict: Verdict) -> bool | None:
+    """Whether a verdict says violated (True), passed (False) or neither (None)."""
+    if verdict.status is Status.PASS:
+        return False
+    return True if violated(verdict) else None
+
+
+def counts(changes: Sequence[CaseChange]) -> dict[Change, int]:
+    """Return how many cases changed how; every kind is there."""
+    return {change: sum(each.change is change for each in changes) for change in Change}

@@ -1,0 +1,132 @@
+"""Suites: states of a case, and what changed from one version to another."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rvsg.campaign.suite import (
+    CaseResult,
+    Change,
+    State,
+    SuiteResult,
+    compare_results,
+    counts,
+    paired_interval,
+    state_of,
+)
+from rvsg.evaluation.judge import judge
+from rvsg.evaluation.verdict import Verdict
+from rvsg.scenario.requirement import Requirement
+
+LIMIT = Requirement(name="X", title="x", text="x", metric="min_distance", worse="smaller", limit=0.5)
+
+
+def verdict(violations: int, runs: int) -> Verdict:
+    return judge(LIMIT, [0.0] * violations + [1.0] * (runs - violations))
+
+
+def result(flags: list[bool | None], name: str = "door") -> CaseResult:
+    known = [flag for flag in flags if flag is not None]
+    made = verdict(sum(known), len(known))
+    return CaseResult(
+        case=name,
+        title=name,
+        requirement="X",
+        expected="pass",
+        state=state_of("pass", made),
+        verdict=made,
+        seeds=tuple(range(len(flags))),
+        violations=tuple(flags),
+    )
+
+
+def suite(*cases: CaseResult) -> SuiteResult:
+    return SuiteResult(suite="s", version="v", simulator="embedded", cases=cases)
+
+
+@pytest.mark.parametrize(
+    ("expected", "violations", "runs", "state"),
+    [
+        ("pass", 0, 20, State.PASSED),
+        ("pass", 18, 18, State.BROKEN),
+        ("pass", 2, 2, State.BROKEN),
+        ("pass", 1, 3, State.UNCLEAR),
+        ("violation", 18, 18, State.KNOWN_FAILURE),
+        ("violation", 0, 20, State.FIXED),
+        ("violation", 0, 3, State.UNCLEAR),
+    ],
+)
+def test_the_state_follows_from_expectation_and_verdict(
+    expected: str, violations: int, runs: int, state: State
+) -> None:
+    assert state_of(expected, verdict(violations, runs)) is state  # type: ignore[arg-type]
+
+
+def test_only_a_broken_case_fails_a_build() -> None:
+    assert [state for state in State if state.fails] == [State.BROKEN]
+
+
+def test_a_case_that_violates_on_every_seed_of_the_new_version_is_broken_and_the_other_way_fixed() -> None:
+    clean, bad = result([False] * 20), result([True] * 20)
+    (broken,) = compare_results(suite(clean), suite(bad))
+    (fixed,) = compare_results(suite(bad), suite(clean))
+    assert (broken.change, fixed.change) == (Change.BROKEN, Change.FIXED)
+    assert broken.difference == 1.0
+    assert broken.interval is not None
+    assert broken.interval[1] == 1.0
+    assert broken.p == pytest.approx(2 * 0.5**20)
+
+
+def test_a_verdict_that_flips_on_few_seeds_is_unclear() -> None:
+    (change,) = compare_results(suite(result([False] * 20)), suite(result([True] * 4 + [False] * 16)))
+    assert change.change is Change.UNCLEAR
+    assert (change.only_first, change.only_second) == (0, 4)
+
+
+def test_runs_without_judgement_and_seeds_of_one_version_alone_do_not_count() -> None:
+    (change,) = compare_results(suite(result([None, False, False])), suite(result([True, False])))
+    assert change.seeds == 1
+
+
+def test_a_case_of_one_version_alone_is_said() -> None:
+    changes = compare_results(suite(result([False], "a")), suite(result([False], "b")))
+    assert [(each.case, each.change) for each in changes] == [("a", Change.MISSING), ("b", Change.MISSING)]
+
+
+def test_identical_versions_raise_no_alarm_in_100_comparisons_of_12_cases() -> None:
+    """Each version draws its own runs from the same violation probabilities: the family-wise error stays below 5 %."""
+    rng = np.random.default_rng(7)
+    alarms = 0
+    for _ in range(100):
+        probabilities = rng.uniform(0.0, 1.0, 12)
+        first, second = (
+            suite(*(result((rng.random(20) < p).tolist(), f"c{k}") for k, p in enumerate(probabilities)))
+            for _ in range(2)
+        )
+        found = counts(compare_results(first, second))
+        alarms += bool(found[Change.BROKEN] or found[Change.FIXED])
+    assert alarms <= 5
+
+
+def test_the_paired_interval_covers_the_true_difference() -> None:
+    """Pairs whose two sides agree in half of the cases, on top of chance: at least 93 of 100 intervals cover."""
+    rng = np.random.default_rng(3)
+    n, p1, p2, draws = 30, 0.3, 0.6, 1000
+    covered = 0
+    for _ in range(draws):
+        shared, same = rng.random(n), rng.random(n) < 0.5
+        first = shared < p1
+        second = np.where(same, shared < p2, rng.random(n) < p2)
+        low, high = paired_interval(
+            int((first & ~second).sum()), int((second & ~first).sum()), int(first.sum()), int(second.sum()), n
+        )
+        covered += low <= p2 - p1 <= high
+    assert covered / draws >= 0.93
+
+
+@pytest.mark.parametrize("n", [1, 2, 30])
+def test_the_paired_interval_stays_within_its_bounds(n: int) -> None:
+    for first, second in ((0, 0), (n, n), (0, n), (n, 0)):
+        low, high = paired_interval(max(0, first - second), max(0, second - first), first, second, n)
+        assert -1.0 <= low <= (second - first) / n <= high <= 1.0
