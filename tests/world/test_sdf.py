@@ -14,6 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.published_data import published_data
 
+from rvsg.core.documents import DocumentError
 from rvsg.core.errors import FileError
 from rvsg.world.io.mesh import turned_profile
 from rvsg.world.io.sdf import SdfWorld, load_sdf
@@ -159,8 +160,8 @@ def test_includes_are_found_through_search_paths_and_posed_by_the_include(tmp_pa
     thing = only(load_sdf(world, model_paths=[tmp_path / "elsewhere"]))
     assert (thing.name, thing.kind, thing.origin[0]) == ("s_1", "shelf", 5.0)
     message = refusal(world)
-    assert '"model://shelf" was not found' in message
-    assert f"\n      {tmp_path / 'w' / 'models'}" in message
+    assert '"shelf" was not found (model://shelf)' in message
+    assert f"{tmp_path / 'w' / 'models'}" in message
     assert "a.world:4" in message
 
 
@@ -365,7 +366,7 @@ def test_frames_in_a_circle_are_refused(tmp_path: Path) -> None:
         ("<!DOCTYPE sdf SYSTEM 'file:///etc/passwd'><sdf/>", "document type or entity"),
         ("<sdf><world>", "not well-formed"),
         ("", "not well-formed"),
-        ("<robot name='r'/>", "expected an SDF file (<sdf>), found <robot>"),
+        ("<html/>", "expected an SDF file (<sdf>) or a URDF file (<robot>), found <html>"),
         ("<sdf version='1.6'><world name='w'/></sdf>", "holds no model"),
         ("<a>" * 300 + "</a>" * 300, "nested more than"),
     ],
@@ -385,9 +386,8 @@ def test_a_file_that_is_no_world_is_refused(tmp_path: Path, text: str, says: str
         (model("a", shape("<mesh/>")), "the mesh has no <uri>"),
         (model("a", shape("<box/>")), "has no <size>"),
         (model("a", box("5000 5000 1")), "is the unit of its mesh right?"),
-        (model("a", box()) + model("a", box(), "5 5 0 0 0 0"), 'the model name "a" is used twice'),
         ("<include/>", "the include has no <uri>"),
-        ("<include><uri>https://fuel.org/models/Table</uri></include>", "nothing is fetched from the network"),
+        ("<include><uri>https://fuel.org/models/Table</uri></include>", "Nothing is downloaded"),
         ("<include><uri>model://../../../etc</uri></include>", "was not found"),
         (
             "<model name='a'><link name='l'><pose relative_to='nowhere'/>" + box() + "</link></model>",
@@ -404,7 +404,7 @@ def test_a_mistake_in_a_world_is_told_with_its_line(tmp_path: Path, inside: str,
 
 def test_all_mistakes_are_told_at_once(tmp_path: Path) -> None:
     message = refusal(write(tmp_path, model("a", box("1 2")) + "\n<include><uri>model://gone</uri></include>"))
-    assert "2 things are wrong" in message
+    assert "3 things are wrong" in message  # the box, the model, the folders searched
 
 
 # --- the study's world ---
@@ -433,3 +433,169 @@ def test_a_pattern_of_models_to_leave_out_that_matches_none_is_refused_with_thei
     assert [thing.name for thing in load_sdf(path, without=["robot*"]).objects] == ["crate"]
     with pytest.raises(FileError, match=r'no model is called "rob", so none can be left out. Models: crate, robot_1'):
         load_sdf(path, without=["rob"])
+
+
+# --- SDF as it is in the wild ---
+
+
+def test_lights_actors_and_plug_ins_are_skipped_with_a_note(tmp_path: Path) -> None:
+    write_model(tmp_path / "models", "lamp", "<light name='l' type='point'/>")
+    write_model(tmp_path / "models", "walker", "<actor name='a'/>")
+    inside = (
+        model("Crate", box())
+        + "<include><uri>model://lamp</uri></include><include><uri>model://walker</uri></include>"
+        + "<actor name='joe'/><plugin name='clock' filename='libclock.so'/><light name='sun'/>"
+    )
+    world = load_sdf(write(tmp_path, inside), without=["lamp", "joe"])
+    assert [thing.name for thing in world.objects] == ["Crate"]
+    notes = " ".join(world.notes)
+    assert all(word in notes for word in ("lamp", "walker", "joe", "clock"))
+
+
+def test_sun_and_ground_plane_need_no_folder_and_can_be_left_out(tmp_path: Path) -> None:
+    inside = (
+        model("Crate", box())
+        + "<include><uri>model://sun</uri></include><include><uri>model://ground_plane</uri></include>"
+        + "<include><uri>https://fuel.gazebosim.org/1.0/OpenRobotics/models/Ground Plane</uri></include>"
+    )
+    path = write(tmp_path, inside)
+    assert len(load_sdf(path).objects) == 1
+    assert len(load_sdf(path, without=["sun", "ground_plane"]).objects) == 1
+
+
+def test_equal_names_get_a_number_and_a_note(tmp_path: Path) -> None:
+    inside = "".join(model("a", box(), f"{5 * i} 0 0.5 0 0 0") for i in range(3))
+    world = load_sdf(write(tmp_path, inside))
+    assert sorted(thing.name for thing in world.objects) == ["a", "a_0", "a_1"]
+    assert sum("second model" in note for note in world.notes) == 2
+
+
+def test_two_links_of_equal_name_are_both_solid(tmp_path: Path) -> None:
+    link = "<link name='l'><pose>{} 0 0.5 0 0 0</pose>" + box() + "</link>"
+    world = load_sdf(write(tmp_path, f"<model name='a'>{link.format(0)}{link.format(9)}</model>"))
+    assert [thing.box.center[0] for thing in world.objects] == pytest.approx([0, 9])
+
+
+@pytest.mark.parametrize("before", [b"\n\n", b"\xef\xbb\xbf", b"\xef\xbb\xbf\r\n"])
+def test_what_stands_before_the_xml_declaration_is_skipped_and_lines_stay_right(tmp_path: Path, before: bytes) -> None:
+    path = write(tmp_path, model("a", box("1 2")))
+    lines = before.count(b"\n")
+    path.write_bytes(before + path.read_bytes())
+    assert f"a.world:{4 + lines}:" in refusal(path)
+
+
+def test_bytes_that_are_not_utf8_do_not_stop_the_import(tmp_path: Path) -> None:
+    path = write(tmp_path, model("a", box()))
+    path.write_bytes(path.read_bytes().replace(b"<world", b"<!-- caf\xe9 --><world"))
+    assert len(load_sdf(path).objects) == 1
+
+
+def test_a_missing_model_is_told_once_and_lenient_imports_the_rest(tmp_path: Path) -> None:
+    gone = "<include><name>{}</name><uri>model://gone</uri></include>"
+    path = write(tmp_path, model("a", box()) + "".join(gone.format(i) for i in range(7)))
+    with pytest.raises(DocumentError) as caught:
+        load_sdf(path, model_paths=[tmp_path / "mine"])
+    about_gone = [p for p in caught.value.problems if "gone" in p.message]
+    assert len(about_gone) == 1 and "7 times" in about_gone[0].message
+    assert any(str(tmp_path / "mine") in p.message for p in caught.value.problems)
+    world = load_sdf(path, lenient=True)
+    assert [thing.name for thing in world.objects] == ["a"]
+    assert any("gone (7)" in note for note in world.notes)
+    assert len(load_sdf(path, without=["gone"]).objects) == 1
+
+
+def test_a_fuel_address_is_read_from_the_local_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for version, size in ((1, "1 1 1"), (12, "3 1 1")):
+        folder = tmp_path / "cache" / "fuel.gazebosim.org" / "openrobotics" / "models" / "big chair" / str(version)
+        folder.mkdir(parents=True)
+        (folder / "model.sdf").write_text(f"<sdf version='1.6'>{model('Chair', box(size))}</sdf>")
+    monkeypatch.setenv("GZ_FUEL_CACHE_PATH", str(tmp_path / "cache"))
+    address = "https://fuel.gazebosim.org/1.0/OpenRobotics/models/Big%20Chair"
+    path = write(tmp_path / "w", f"<include><uri>{address}</uri></include>")
+    assert only(load_sdf(path)).box.size[0] == pytest.approx(3)
+    path = write(tmp_path / "w", f"<include><uri>{address}/1</uri></include>")
+    assert only(load_sdf(path)).box.size[0] == pytest.approx(1)
+
+
+@pytest.mark.parametrize("variable", ["GAZEBO_MODEL_PATH", "GZ_SIM_RESOURCE_PATH"])
+def test_gazebos_variables_are_searched(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, variable: str) -> None:
+    write_model(tmp_path / "elsewhere", "table", model("Table", box()))
+    monkeypatch.setenv(variable, f"/nowhere:{tmp_path / 'elsewhere'}")
+    assert len(load_sdf(write(tmp_path / "w", "<include><uri>model://table</uri></include>")).objects) == 1
+
+
+def test_a_package_address_is_found_from_the_packages_own_root(tmp_path: Path) -> None:
+    package = tmp_path / "checkout-of-shop"
+    write_model(package / "models", "table", model("Table", box()))
+    (package / "package.xml").write_text("<package><name>shop</name></package>")
+    path = write(package / "deep" / "worlds", "<include><uri>package://shop/models/table</uri></include>")
+    assert len(load_sdf(path).objects) == 1
+
+
+def test_a_population_on_a_grid_and_a_drawn_one_are_the_same_every_time(tmp_path: Path) -> None:
+    grid = (
+        "<population name='p'><pose>10 0 0.5 0 0 0</pose>"
+        + model("post", box("1 1 1"), "0 0 0 0 0 0")
+        + "<distribution>"
+        "<type>grid</type><rows>2</rows><cols>3</cols><step>4 4 0</step></distribution></population>"
+    )
+    world = load_sdf(write(tmp_path, grid))
+    assert sorted(thing.box.center[0] for thing in world.objects) == pytest.approx([6, 6, 10, 10, 14, 14])
+    drawn = grid.replace("<type>grid", "<box><size>50 50 0.1</size></box><model_count>5</model_count><type>random")
+    drawn = drawn.replace("<distribution><box>", "<box>").replace(
+        "</model_count><type>", "</model_count><distribution><type>"
+    )
+    path = write(tmp_path, drawn)
+    first, again = load_sdf(path), load_sdf(path)
+    assert len(first.objects) == 5 and first == again
+
+
+def test_a_saved_states_scale_and_deletions_are_applied(tmp_path: Path) -> None:
+    state = (
+        "<state world_name='w'><deletions><name>b</name></deletions>"
+        "<model name='a'><pose>3 0 0.5 0 0 0</pose><scale>2 1 1</scale></model></state>"
+    )
+    thing = only(load_sdf(write(tmp_path, model("a", box("1 1 1")) + model("b", box(), "9 0 0 0 0 0") + state)))
+    assert thing.box.size == pytest.approx((2, 1, 1))
+    assert thing.box.center[0] == pytest.approx(3)
+
+
+def test_a_room_in_urdf_is_read_with_its_joints(tmp_path: Path) -> None:
+    path = tmp_path / "room.urdf"
+    path.write_text(
+        "<robot name='room'><link name='base'/><link name='wall'><collision><origin xyz='0 0 1'/>"
+        "<geometry><box size='4 0.2 2'/></geometry></collision></link>"
+        "<joint name='j' type='fixed'><parent link='base'/><child link='wall'/>"
+        "<origin xyz='5 6 0' rpy='0 0 1.5707963'/></joint></robot>"
+    )
+    thing = only(load_sdf(path))
+    assert thing.box.center == pytest.approx((5, 6, 1))
+    xs = [x for x, _ in thing.footprint]
+    assert max(xs) - min(xs) == pytest.approx(0.2, abs=1e-3)
+
+
+def test_a_heightmap_is_solid_where_it_rises(tmp_path: Path) -> None:
+    from PIL import Image
+
+    ground = np.zeros((65, 65), np.uint8)
+    ground[:20, 40:] = 255  # the image's upper right is at high x and high y
+    Image.fromarray(ground).save(tmp_path / "ground.png")
+    inside = shape("<heightmap><uri>file://ground.png</uri><size>64 64 3</size></heightmap>", "0 0 0 0 0 0")
+    thing = only(load_sdf(write(tmp_path, model("Ground", inside, "0 0 0 0 0 0"))))
+    filled = region(thing.slices)
+    assert filled.contains(shapely.Point(20, 25))
+    assert not filled.contains(shapely.Point(-20, -25)) and not filled.contains(shapely.Point(20, -25))
+
+
+def test_a_glb_mesh_has_y_up(tmp_path: Path) -> None:
+    trimesh = pytest.importorskip("trimesh")
+    (tmp_path / "tall.glb").write_bytes(trimesh.creation.box(extents=(1, 2, 0.5)).export(file_type="glb"))
+    inside = shape("<mesh><uri>tall.glb</uri></mesh>", "0 0 1 0 0 0")
+    thing = only(load_sdf(write(tmp_path, model("a", inside, "0 0 0 0 0 0"))))
+    assert thing.box.size == pytest.approx((1, 0.5, 2))
+
+
+def test_progress_is_told_model_by_model(tmp_path: Path) -> None:
+    lines: list[str] = []
+    load_sdf(write(tmp_path, model("a", box()) + model("b", box(), "9 0 0 0 0 0")), progress=lines.append)
+    assert any("2 of 2" in line for line in lines)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -29,7 +30,7 @@ def new(
     map_file: Annotated[
         Path | None, typer.Option("--map", metavar="FILE", help="A Nav2 map: map.yaml beside its pgm, png or bmp.")
     ] = None,
-    sdf: Annotated[Path | None, typer.Option(metavar="FILE", help="A Gazebo world: .world or .sdf.")] = None,
+    sdf: Annotated[Path | None, typer.Option(metavar="FILE", help="A Gazebo world (.world, .sdf) or a room in URDF.")] = None,
     objects: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Our own objects.yaml: oriented boxes and polygons.")
     ] = None,
@@ -41,7 +42,7 @@ def new(
         float | None, typer.Option(min=0, max=1, help="With --map: instead of the map's own free_thresh.")
     ] = None,
     model_path: Annotated[
-        list[Path] | None, typer.Option(metavar="DIR", help="With --sdf: a folder of models; can be repeated.")
+        list[Path] | None, typer.Option(metavar="DIR", help="With --sdf: a folder of models; repeatable.")
     ] = None,
     lidar_height: Annotated[
         float, typer.Option(help="With --sdf, --objects: height of the lidar plane above the floor, metres.")
@@ -49,10 +50,13 @@ def new(
     floor: Annotated[float, typer.Option(help="With --sdf: height of the floor in the world in metres.")] = 0.0,
     resolution: Annotated[float, typer.Option(help="With --sdf, --objects: metres per cell of the map drawn.")] = 0.05,
     without: Annotated[
-        list[str] | None, typer.Option(metavar="NAME", help="With --sdf: leave out models so named (robot*); repeat.")
+        list[str] | None, typer.Option(metavar="NAME", help="With --sdf: leave out models of this name (robot*); repeatable.")
     ] = None,
     box_for_unreadable: Annotated[
-        bool, typer.Option("--box-for-unreadable", help="With --sdf: use the bounding box of a broken mesh.")
+        bool, typer.Option("--box-for-unreadable", help="With --sdf: replace a mesh that cannot be read by its bounding box.")
+    ] = False,
+    lenient: Annotated[
+        bool, typer.Option("--lenient", help="With --sdf: leave out models and meshes that are missing or unreadable.")
     ] = False,
     force: Annotated[bool, typer.Option("--force", help="Replace the world in a folder that has one.")] = False,
     json: AsJson = False,
@@ -79,6 +83,7 @@ def new(
             "--model-path": (bool(model_path), ("--sdf",)),
             "--without": (bool(without), ("--sdf",)),
             "--box-for-unreadable": (box_for_unreadable, ("--sdf",)),
+            "--lenient": (lenient, ("--sdf",)),
             "--floor": (floor != 0.0, ("--sdf",)),
             "--resolution": (resolution != 0.05, ("--sdf", "--objects")),
             "--lidar-height": (lidar_height != 0.21, ("--sdf", "--objects")),
@@ -100,7 +105,9 @@ def new(
             floor_m=floor,
             resolution_m=resolution,
             box_for_unreadable=box_for_unreadable,
+            lenient=lenient,
             without=without or (),
+            progress=_progress(),
         )
     else:
         assert objects is not None
@@ -205,6 +212,22 @@ def list_worlds(json: AsJson = False) -> None:
 
 
 # --- parts --------------------------------------------------------------------------------------------------------
+
+
+PROGRESS_EVERY_S = 2.0
+
+
+def _progress() -> Callable[[str], None]:
+    """Return a function that shows a line of progress, at most one every two seconds."""
+    last = time.monotonic()
+
+    def show(line: str) -> None:
+        nonlocal last
+        if time.monotonic() - last >= PROGRESS_EVERY_S:
+            last = time.monotonic()
+            say(line)
+
+    return show
 
 
 def _refuse_unused(source: str, options: dict[str, tuple[bool, tuple[str, ...]]]) -> None:

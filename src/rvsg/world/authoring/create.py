@@ -19,7 +19,7 @@ from rvsg.world.build import build_world
 from rvsg.world.grid import Grid, GridSpec
 from rvsg.world.io.files import COARSEST_M, FARTHEST_M, FINEST_M, HIGHEST_LIDAR_M, ObjectsFile
 from rvsg.world.io.nav2_map import load_nav2_map, upright
-from rvsg.world.io.sdf import load_sdf
+from rvsg.world.io.sdf import Progress, load_sdf
 from rvsg.world.lattice import build_grid, fitting_spacing
 from rvsg.world.occupancy import occupancy_from_objects
 from rvsg.world.space import Space, human_space_of, main_floor, robot_space
@@ -85,11 +85,14 @@ def world_from_sdf(
     floor_m: float = 0.0,
     resolution_m: float = 0.05,
     box_for_unreadable: bool = False,
+    lenient: bool = False,
     without: Sequence[str] = (),
+    progress: Progress | None = None,
 ) -> Created:
-    """A world from a Gazebo world: its solid objects, the map a lidar would draw of them, labels by kind, routes.
+    """Make a world from a Gazebo world: its solid objects, the map a lidar would draw of them, labels and routes.
 
-    Raises DocumentError with everything that is wrong in the SDF files at once, InputError for absurd sizes.
+    The options are those of `load_sdf`. Raises DocumentError with everything that is wrong in the SDF files, and
+    InputError for a size out of range.
     """
     _refuse_absurd_sizes(resolution_m, lidar_height_m, floor_m)
     read = load_sdf(
@@ -98,8 +101,12 @@ def world_from_sdf(
         lidar_height_m=lidar_height_m,
         floor_m=floor_m,
         box_for_unreadable=box_for_unreadable,
+        lenient=lenient,
         without=without,
+        progress=progress,
     )
+    if progress:
+        progress(f"Drawing the map, the grid and proposals for labels and routes from {len(read.objects)} objects")
     try:
         notes = list(read.notes)
         occupancy = _mapped(read.objects, resolution_m, notes)

@@ -20,7 +20,7 @@ from rvsg.core.errors import FileError, InputError, how_to_install
 from rvsg.world.io.safe_xml import parse_xml, read_bytes
 
 Floats = NDArray[np.float64]
-FORMATS = {".dae": "dae", ".stl": "stl", ".obj": "obj"}
+FORMATS = {".dae": "dae", ".stl": "stl", ".obj": "obj", ".glb": "glb", ".gltf": "gltf"}
 MOST_TRIANGLES = 2_000_000
 ROUND_SIDES = 32
 
@@ -125,15 +125,19 @@ def _signed_area(outline: Floats) -> float:
     return float(np.dot(x, np.roll(y, -1)) - np.dot(np.roll(x, -1), y)) / 2.0
 
 
-def load_mesh(path: Path, *, submesh: str | None = None, center: bool = False) -> Triangles:
-    """The triangles of a mesh file in metres: a COLLADA file's unit is applied, STL and OBJ are taken as metres.
+_Y_UP_TO_Z_UP = np.array([[1.0, 0, 0, 0], [0, 0, -1.0, 0], [0, 1.0, 0, 0], [0, 0, 0, 1.0]])
 
-    As in Gazebo Classic the COLLADA up axis is ignored. FileError for a file that cannot be read (the message names
+
+def load_mesh(path: Path, *, submesh: str | None = None, center: bool = False) -> Triangles:
+    """Read the triangles of a mesh file in metres, z up.
+
+    A COLLADA file's unit is applied and its up axis ignored, as in Gazebo. STL and OBJ are taken as metres and z up;
+    glTF (glb) is metres and y up by definition. Raises FileError for a file that cannot be read (the message names
     it), for one without triangles, and for `submesh` names that do not exist in it.
     """
     kind = FORMATS.get(path.suffix.lower())
     if kind is None:
-        raise FileError(path, f"mesh format {path.suffix or '(none)'} is not supported; expected dae, stl or obj.")
+        raise FileError(path, f"mesh format {path.suffix or '(none)'} is not supported; expected dae, stl, obj or glb.")
     content = read_bytes(path)
     if kind == "dae":
         parse_xml(path, content, keep=False)
@@ -153,6 +157,8 @@ def load_mesh(path: Path, *, submesh: str | None = None, center: bool = False) -
     if not parts:
         raise FileError(path, "the mesh holds no triangles.")
     mesh = joined(parts).scaled(np.full(3, factor))
+    if kind in ("glb", "gltf"):  # glTF has y up; SDF has z up
+        mesh = mesh.moved(_Y_UP_TO_Z_UP)
     if len(mesh.faces) > MOST_TRIANGLES:
         raise FileError(path, f"the mesh has {len(mesh.faces)} triangles; at most {MOST_TRIANGLES} are read.")
     if not np.isfinite(mesh.vertices).all():

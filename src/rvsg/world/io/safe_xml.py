@@ -49,6 +49,7 @@ def read_xml(path: str | Path) -> Element:
 
 def parse_xml(path: Path, content: bytes, *, keep: bool = True) -> Element:
     """The root element of XML text; with `keep` False only its shape is checked and the root returned empty."""
+    content, line_offset = _tidied(content)
     root: list[Element] = []
     stack: list[Element] = []
     count = 0
@@ -62,7 +63,7 @@ def parse_xml(path: Path, content: bytes, *, keep: bool = True) -> Element:
             raise _Forbidden(f"the file holds more than {MOST_ELEMENTS} elements.")
         if len(stack) >= DEEPEST:
             raise _Forbidden(f"the elements are nested more than {DEEPEST} deep.")
-        element = Element(tag.rpartition(":")[2], dict(attributes), parser.CurrentLineNumber)
+        element = Element(tag.rpartition(":")[2], dict(attributes), parser.CurrentLineNumber + line_offset)
         if keep and stack:
             stack[-1].children.append(element)
         elif not root:
@@ -89,12 +90,31 @@ def parse_xml(path: Path, content: bytes, *, keep: bool = True) -> Element:
         parser.Parse(content, True)
     except expat.ExpatError as error:
         reason = expat.errors.messages[error.code] if error.code in expat.errors.messages else str(error)
-        raise FileError(path, f"this is not well-formed XML: {reason}.", line=error.lineno) from None
+        raise FileError(path, f"this is not well-formed XML: {reason}.", line=error.lineno + line_offset) from None
     except _Forbidden as error:
-        raise FileError(path, str(error), line=parser.CurrentLineNumber) from None
+        raise FileError(path, str(error), line=parser.CurrentLineNumber + line_offset) from None
     except (LookupError, ValueError) as error:
         raise FileError(path, f"this XML cannot be read: {error}.") from None
     return root[0]
+
+
+def _tidied(content: bytes) -> tuple[bytes, int]:
+    """Return the text without what stands before its first `<`, and how many lines that was.
+
+    Gazebo's reader takes blank lines and a byte-order mark before the XML declaration, and bytes that are not UTF-8
+    (read as Latin-1 here).
+    """
+    content = content.removeprefix(b"\xef\xbb\xbf")
+    if content.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return content, 0
+    rest = content.lstrip()
+    skipped = content[: len(content) - len(rest)].count(b"\n")
+    if b"encoding=" not in rest[:200].lower() or b"utf-8" in rest[:200].lower():
+        try:
+            rest.decode("utf-8")
+        except UnicodeDecodeError:
+            rest = rest.decode("latin-1").encode("utf-8")
+    return rest, skipped
 
 
 def read_bytes(path: Path) -> bytes:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -15,13 +15,18 @@ from rvsg.core.documents import DocumentError, Problem
 from rvsg.core.errors import FileError, InputError
 from rvsg.world.io import mesh
 from rvsg.world.io.mesh import Triangles
+from rvsg.world.io.model_files import ModelFiles
 from rvsg.world.io.safe_xml import Element
-from rvsg.world.io.sdf_tree import Frames, Matrix, Model, SdfTree, frames_of, numbers, search_folders
+from rvsg.world.io.sdf_frames import Frames, Matrix, Model, frames_of
+from rvsg.world.io.sdf_shapes import SHAPES, heightmap, numbers
+from rvsg.world.io.sdf_tree import BUILT_IN, SdfTree
 from rvsg.world.io.solid import solid_objects
 from rvsg.world.world import SolidObject
 
 LARGEST_M = 1000.0
 LIDAR_HEIGHT_M = 0.21
+ASKED = "left out because of --without"
+Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,32 +44,43 @@ def load_sdf(
     lidar_height_m: float = LIDAR_HEIGHT_M,
     floor_m: float = 0.0,
     box_for_unreadable: bool = False,
+    lenient: bool = False,
     without: Sequence[str] = (),
+    progress: Progress | None = None,
 ) -> SdfWorld:
-    """Read a `.world` or `.sdf` file.
+    """Read a `.world`, `.sdf` or `.urdf` file.
 
-    `model_paths` are searched first for `model://` includes and meshes; `floor_m` is the height of the floor in the
-    world, which becomes 0; `without` are name patterns (`robot*`) of models to leave out. A mesh that cannot be read
-    is an error, or with `box_for_unreadable` replaced by the box round its vertices, and noted.
+    Args:
+        model_paths: Folders that are searched first for models and meshes.
+        lidar_height_m: Height of the lidar plane above the floor.
+        floor_m: Height of the floor in the file's coordinates; it becomes 0.
+        box_for_unreadable: Replace a mesh that cannot be read by the box around its vertices, and note it.
+        lenient: Leave out models and meshes that are missing or unreadable, and note them.
+        without: Name patterns (`robot*`) of models to leave out.
+        progress: Called with a line of text as the work proceeds.
 
-    Raises DocumentError with everything that is wrong at once (includes not found with the folders searched, cyclic
-    includes, unreadable meshes, bad numbers, a pattern of `without` that no model matches), each with file and line;
-    FileError for a file that is no SDF.
+    Raises:
+        DocumentError: With everything that is wrong, each with file and line.
+        FileError: For a file that is neither SDF nor URDF, or holds nothing solid.
     """
     path = Path(path)
-    tree = SdfTree(search_folders(path, model_paths))
+    tell = progress or (lambda _line: None)
+    tell(f"Reading {path.name}")
+    tree = SdfTree(ModelFiles(path, model_paths), without=without, lenient=lenient)
     reader = _Reader(tree, lidar_height_m, floor_m, box_for_unreadable, tuple(without))
     models = tree.read(path)
-    for model in models:
+    for number, model in enumerate(models, start=1):
+        tell(f"Model {number} of {len(models)}: {model.name}")
         reader.add(model, tree.frames, np.eye(4), model.name)
     reader.refuse_unused_patterns(path)
+    tree.report_missing(path)
     if tree.problems:
         raise DocumentError(tree.problems)
-    objects = _short_names(reader.objects)
+    notes = [*tree.notes]
+    objects = _numbered_names(_short_names(reader.objects), notes)
     if not objects:
         raise FileError(path, "no model of the world stands between the floor and 2 m height: nothing is solid here")
-    _refuse_equal_names(path, objects)
-    return SdfWorld(objects=objects, notes=(*tree.notes, *reader.all_notes()))
+    return SdfWorld(objects=objects, notes=(*notes, *reader.all_notes()))
 
 
 @dataclass
@@ -84,7 +100,7 @@ class _Reader:
         """Add a model's objects and those of the models nested in it."""
         self.met.append(name)
         if any(fnmatchcase(name, pattern) for pattern in self.without):
-            self._ignore("left out as asked", name)
+            self._ignore(ASKED, name)
             return
         inner = frames_of(model, self.tree.problems)
         pose = base @ outer.model_pose(model)
@@ -96,10 +112,11 @@ class _Reader:
 
     def refuse_unused_patterns(self, path: Path) -> None:
         """A pattern that matches nothing is a mistake: what it should leave out (a robot) would become an obstacle."""
+        met = list(dict.fromkeys([*self.met, *self.tree.left_out, *self.tree.missing]))
         for pattern in self.without:
-            if any(fnmatchcase(name, pattern) for name in self.met):
+            if any(fnmatchcase(name, pattern) for name in (*met, *BUILT_IN)):
                 continue
-            listed = ", ".join(self.met[:12]) + (f" and {len(self.met) - 12} more" if len(self.met) > 12 else "")
+            listed = ", ".join(met[:12]) + (f" and {len(met) - 12} more" if len(met) > 12 else "")
             message = f'no model is called "{pattern}", so none can be left out. Models: {listed}'
             self.tree.problems.append(Problem(path, None, message))
 
@@ -108,12 +125,12 @@ class _Reader:
         for placed in model.links.values():
             link_pose = pose @ frames.pose(placed)
             for collision in placed.element.all("collision"):
-                where = frames.pose_of_inner(self.tree, collision, model.path, placed)
+                where = frames.pose_of_inner(self.tree.placed(collision, model.path), placed)
                 surface = self._surface(collision, placed.element, model)
                 if surface is not None:
                     parts.append(surface.moved(_lowered(self.floor_m) @ link_pose @ where))
         if not parts:
-            self._ignore("left out, without a solid collision", name)
+            self._ignore("left out: no solid collision", name)
             return
         whole = mesh.joined(parts)
         size = np.ptp(whole.vertices, axis=0)
@@ -121,7 +138,7 @@ class _Reader:
             name, _kind(model), _lowered(self.floor_m) @ pose, whole, lidar_height_m=self.lidar_height_m
         )
         if not found:
-            self._ignore("left out, being floor or hanging above head height", name)
+            self._ignore("left out: floor, or above head height", name)
         elif float(size[:2].max()) > LARGEST_M:
             message = f'model "{name}" is {size[0]:.0f} x {size[1]:.0f} m wide: is the unit of its mesh right?'
             self.tree.problems.append(Problem(model.path, model.element.line, message))
@@ -142,16 +159,36 @@ class _Reader:
             return None
         shape = geometry.children[0]
         if shape.tag == "mesh":
-            return self._mesh(shape, link, model)
+            return self._scaled(self._mesh(shape, link, model), model)
         if shape.tag in ("empty",):
             return None
-        maker = _SHAPES.get(shape.tag)
+        if shape.tag in ("heightmap", "dem"):
+            return self._scaled(self._terrain(shape, model), model)
+        maker = SHAPES.get(shape.tag)
         if maker is None:
             self.notes.append(f'{model.path.name}:{shape.line}: a <{shape.tag}> in "{model.name}" is not read.')
             return None
         before = len(self.tree.problems)
         surface = maker(shape, model.path, self.tree.problems)
-        return surface if len(self.tree.problems) == before else None
+        return self._scaled(surface, model) if len(self.tree.problems) == before else None
+
+    def _scaled(self, surface: Triangles | None, model: Model) -> Triangles | None:
+        """Apply the scale of a saved state, which Gazebo applies to every shape and not to the poses."""
+        return surface if surface is None or model.scale is None else surface.scaled(model.scale)
+
+    def _terrain(self, shape: Element, model: Model) -> Triangles | None:
+        uri = shape.text_of("uri")
+        found = self.tree.find(uri, shape, model.path) if uri else None
+        if found is None:
+            return None
+        if found.suffix.lower() in (".tif", ".tiff", ".dem"):
+            self.notes.append(f"{model.path.name}:{shape.line}: the elevation model {found.name} is not read.")
+            return None
+        try:
+            return heightmap(shape, found, model.path, self.tree.problems)
+        except FileError as error:
+            self.tree.fault(Problem(error.path, error.line, error.reason), f'the terrain of "{model.name}"')
+            return None
 
     def _mesh(self, shape: Element, link: Element, model: Model) -> Triangles | None:
         uri = shape.text_of("uri")
@@ -185,11 +222,12 @@ class _Reader:
                 self.notes.append(f'{path.name} of "{model.name}" cannot be read; its bounding box is used instead.')
                 return rough
             advice = (
-                "Not even a bounding box can be made out."
+                "It has no readable vertices, so there is no bounding box either."
                 if self.box_for_unreadable
-                else "Mend it, or allow its bounding box instead with --box-for-unreadable."
+                else "Repair it, use its bounding box with --box-for-unreadable, or leave it out with --lenient."
             )
-            self.tree.problems.append(Problem(error.path, error.line, f"{error.reason.rstrip('.')}. {advice}"))
+            problem = Problem(error.path, error.line, f"{error.reason.rstrip('.')}. {advice}")
+            self.tree.fault(problem, f'the mesh {path.name} of "{model.name}"')
         except InputError as error:
             self.tree.problems.append(Problem(model.path, shape.line, str(error)))
         return None
@@ -198,101 +236,29 @@ class _Reader:
         self.ignored.setdefault(reason, []).append(name)
 
     def all_notes(self) -> Iterator[str]:
-        """What was left out or replaced, in sentences."""
+        """Yield sentences on what was left out or replaced."""
         yield from self.notes
+        for tag, names in self.tree.skipped.items():
+            what = f"{len(names)} {_WORDS[tag]}{'s' if len(names) > 1 else ''}"
+            given = [name for name in names if name]
+            yield f"{what} skipped: {_some(given)}." if given else f"{what} skipped."
+        for name in self.tree.asked:
+            self._ignore(ASKED, name)
         for reason, names in self.ignored.items():
-            listed = ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
-            yield f"{len(names)} model{'s' if len(names) > 1 else ''} {reason}: {listed}."
+            yield f"{len(names)} model{'s' if len(names) > 1 else ''} {reason}: {_some(names)}."
+
+
+_WORDS = {"light": "light", "actor": "actor", "plugin": "plug-in", "road": "road", "world": "included world"}
+
+
+def _some(names: Sequence[str]) -> str:
+    return ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
 
 
 def _lowered(floor_m: float) -> Matrix:
     matrix = np.eye(4)
     matrix[2, 3] = -floor_m
     return matrix
-
-
-# --- shapes -------------------------------------------------------------------------------------------------------
-
-
-def _positive(shape: Element, tag: str, count: int, path: Path, problems: list[Problem]) -> list[float]:
-    child = shape.find(tag)
-    if child is None:
-        problems.append(Problem(path, shape.line, f"the <{shape.tag}> has no <{tag}>"))
-        return [1.0] * count
-    before = len(problems)
-    values = numbers(child.text.strip(), count, child, path, problems)
-    if len(problems) > before:
-        return [1.0] * count
-    if min(values) <= 0 or max(values) > 1e5:
-        problems.append(Problem(path, child.line, f"<{tag}> must be positive metres, got {child.text.strip()}"))
-        return [1.0] * count
-    return values
-
-
-def _box(shape: Element, path: Path, problems: list[Problem]) -> Triangles:
-    return mesh.box(np.array(_positive(shape, "size", 3, path, problems)))
-
-
-def _round(make: Callable[[float, float], Triangles]) -> Callable[[Element, Path, list[Problem]], Triangles]:
-    def read(shape: Element, path: Path, problems: list[Problem]) -> Triangles:
-        radius = _positive(shape, "radius", 1, path, problems)[0]
-        return make(radius, _positive(shape, "length", 1, path, problems)[0])
-
-    return read
-
-
-def _sphere(shape: Element, path: Path, problems: list[Problem]) -> Triangles:
-    return mesh.sphere(_positive(shape, "radius", 1, path, problems)[0])
-
-
-def _ellipsoid(shape: Element, path: Path, problems: list[Problem]) -> Triangles:
-    return mesh.sphere(1.0).scaled(np.array(_positive(shape, "radii", 3, path, problems)))
-
-
-def _plane(shape: Element, path: Path, problems: list[Problem]) -> Triangles | None:
-    """A level plane is floor; any other one a thin sheet of its size."""
-    given = shape.find("normal")
-    normal = np.array(numbers(given.text.strip(), 3, given, path, problems) if given is not None else [0.0, 0.0, 1.0])
-    length = float(np.linalg.norm(normal))
-    if length < 1e-9:
-        problems.append(Problem(path, shape.line, "the plane's <normal> is zero"))
-        return None
-    normal = normal / length
-    if abs(normal[2]) > 0.99:
-        return None
-    width, depth = _positive(shape, "size", 2, path, problems) if shape.find("size") is not None else (1.0, 1.0)
-    side = np.cross([0.0, 0.0, 1.0], normal)
-    side /= np.linalg.norm(side)
-    matrix = np.eye(4)
-    matrix[:3, :3] = np.column_stack([side, np.cross(normal, side), normal])
-    return mesh.box(np.array([width, depth, 0.01])).moved(matrix)
-
-
-def _polyline(shape: Element, path: Path, problems: list[Problem]) -> Triangles | None:
-    import shapely
-
-    points = [numbers(p.text.strip(), 2, p, path, problems) for p in shape.all("point")]
-    height = _positive(shape, "height", 1, path, problems)[0]
-    if len(points) > 1 and points[0] == points[-1]:
-        points = points[:-1]
-    if len(points) < 3 or not shapely.Polygon(points).is_valid:
-        problems.append(
-            Problem(path, shape.line, "the <polyline> needs at least three points and must not cross itself")
-        )
-        return None
-    return mesh.prism(np.array(points), 0.0, height)
-
-
-_SHAPES: dict[str, Callable[[Element, Path, list[Problem]], Triangles | None]] = {
-    "box": _box,
-    "cylinder": _round(mesh.cylinder),
-    "capsule": _round(mesh.capsule),
-    "cone": _round(mesh.cone),
-    "sphere": _sphere,
-    "ellipsoid": _ellipsoid,
-    "plane": _plane,
-    "polyline": _polyline,
-}
 
 
 # --- names --------------------------------------------------------------------------------------------------------
@@ -321,9 +287,17 @@ def _short_names(objects: Sequence[SolidObject]) -> tuple[SolidObject, ...]:
     )
 
 
-def _refuse_equal_names(path: Path, objects: Sequence[SolidObject]) -> None:
-    twice = [name for name, count in Counter(thing.name for thing in objects).items() if count > 1]
-    if twice:
-        raise FileError(
-            path, f"several models would be named {', '.join(sorted(twice)[:5])}; give them names of their own"
-        )
+def _numbered_names(objects: Sequence[SolidObject], notes: list[str]) -> tuple[SolidObject, ...]:
+    """Return the objects with names of their own: a name that is taken gets the first free number."""
+    taken = {thing.name for thing in objects}
+    used: set[str] = set()
+    named = []
+    for thing in objects:
+        name = thing.name
+        if name in used:
+            name = next(f"{thing.name}_{n}" for n in count() if f"{thing.name}_{n}" not in taken)
+            notes.append(f'a second model "{thing.name}" is called "{name}".')
+            taken.add(name)
+        used.add(name)
+        named.append(thing if name == thing.name else thing.model_copy(update={"name": name}))
+    return tuple(named)

@@ -1,152 +1,132 @@
-"""An SDF file as a tree of models with their poses: includes followed, frames resolved, nothing fetched.
+"""Read an SDF file as a tree of models with their poses: includes followed, frames resolved, nothing downloaded.
 
-Frames follow the SDF 1.7+ rules (`relative_to`, `attached_to`, `placement_frame`, `__model__`, `a::b`); the older
-`frame` attribute, which Gazebo Classic never gave a meaning, is ignored. A saved `<state>` moves its models.
+Frames follow the SDF 1.7+ rules (`relative_to`, `attached_to`, `placement_frame`, `__model__`, `a::b`). The older
+`frame` attribute, to which Gazebo Classic never gave a meaning, is ignored. A saved `<state>` moves its models.
 """
 
 from __future__ import annotations
 
 import math
-import os
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from itertools import chain, count
 from pathlib import Path
-from urllib.parse import unquote, urlparse
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rvsg.core.documents import Problem
 from rvsg.core.errors import FileError
+from rvsg.world.io.model_files import SCHEMES, WEB, ModelFiles, model_file, model_of, split
+from rvsg.world.io.population import expanded
 from rvsg.world.io.safe_xml import Element, read_xml
+from rvsg.world.io.sdf_frames import Frames, Matrix, Model, Placed
+from rvsg.world.io.sdf_shapes import numbers
+from rvsg.world.io.urdf import as_sdf_model
 
-Matrix = NDArray[np.float64]
-ENVIRONMENT = ("GAZEBO_MODEL_PATH", "GZ_SIM_RESOURCE_PATH", "IGN_GAZEBO_RESOURCE_PATH", "SDF_PATH")
 DEEPEST = 30
+BUILT_IN = ("sun", "ground_plane")  # known without a model folder: nothing of them is solid
+NOT_SOLID = ("light", "actor", "plugin", "world")
 
 
 @dataclass(eq=False)
-class Placed:
-    """Something with a pose in its model: its matrix relative to the frame `relative_to` (None: the model)."""
+class Missing:
+    """A model that was not found: the URI, where it is first used, how often, and where it was looked for."""
 
-    matrix: Matrix
-    relative_to: str | None
-    element: Element
-
-
-@dataclass(eq=False)
-class Model:
-    """A model: where it stands in its parent, its links, frames and nested models."""
-
-    name: str
+    uri: str
     path: Path
-    element: Element
-    place: Placed
-    source: str | None = None
-    placement_frame: str | None = None
-    links: dict[str, Placed] = field(default_factory=dict)
-    frames: dict[str, Placed] = field(default_factory=dict)
-    children: list[Model] = field(default_factory=list)
-
-    @property
-    def folder(self) -> Path:
-        """The folder of the file the model is written in."""
-        return self.path.parent
-
-
-class Frames:
-    """Poses of named frames within one model (or the world), resolved on demand."""
-
-    def __init__(
-        self,
-        owner: Model | None,
-        children: Sequence[Model],
-        problems: list[Problem],
-        path: Path,
-        extra: Mapping[str, Placed] | None = None,
-    ) -> None:
-        self._named: dict[str, Placed] = {}
-        if owner is not None:
-            self._named |= owner.frames | owner.links
-        self._models = {child.name: child for child in children}
-        self._named |= {child.name: child.place for child in children} | dict(extra or {})
-        self._problems = problems
-        self._path = path
-
-    def pose(self, placed: Placed, trail: tuple[str, ...] = ()) -> Matrix:
-        """The pose in the model of something placed in it."""
-        if not placed.relative_to or placed.relative_to in ("__model__", "world"):
-            return placed.matrix
-        return self.named(placed.relative_to, placed.element, trail) @ placed.matrix
-
-    def named(self, name: str, user: Element, trail: tuple[str, ...] = ()) -> Matrix:
-        """The pose in the model of the frame of that name."""
-        if name in ("__model__", "world"):
-            return np.eye(4)
-        head, inner, rest = name.partition("::")
-        placed = self._named.get(name) or self._named.get(head)
-        if placed is None:
-            known = ", ".join(sorted(self._named)) or "none"
-            self._problems.append(Problem(self._path, user.line, f'there is no frame "{name}" here. Known: {known}'))
-            return np.eye(4)
-        if name in trail:
-            circle = " → ".join((*trail[trail.index(name) :], name))
-            self._problems.append(Problem(self._path, user.line, f"frames refer to each other in a circle: {circle}"))
-            return np.eye(4)
-        pose = self.pose(placed, (*trail, name))
-        child = self._models.get(head)
-        if child is not None and name not in self._named:
-            pose = pose @ frames_of(child, self._problems).named(rest, user) if inner else pose
-        return pose
-
-    def pose_of_inner(self, tree: SdfTree, element: Element, path: Path, link: Placed) -> Matrix:
-        """The pose in its link of a collision, which may be given relative to another frame of the model."""
-        placed = tree.placed(element, path)
-        if not placed.relative_to:
-            return placed.matrix
-        return np.asarray(np.linalg.inv(self.pose(link)) @ self.pose(placed))
-
-    def model_pose(self, child: Model) -> Matrix:
-        """The pose of a nested model's own origin: its placement frame is what stands at its `<pose>`."""
-        pose = self.pose(child.place, (child.name,))
-        if child.placement_frame:
-            pose = pose @ np.linalg.inv(frames_of(child, self._problems).named(child.placement_frame, child.element))
-        return pose
-
-
-def frames_of(model: Model, problems: list[Problem]) -> Frames:
-    """The frames inside a model."""
-    return Frames(model, model.children, problems, model.path)
+    line: int
+    searched: tuple[Path, ...]
+    times: int = 0
 
 
 class SdfTree:
-    """Reads a world or model file and everything it includes; gathers what is wrong in `problems`."""
+    """Reads a world or model file and everything it includes.
 
-    def __init__(self, search: Sequence[Path]) -> None:
-        self.search = tuple(search)
+    What is wrong is gathered in `problems`, what was left out or changed in `notes`. `without` are patterns of names
+    whose models need not be found. With `lenient`, files that are missing or unreadable are noted and left out.
+    """
+
+    def __init__(self, files: ModelFiles, *, without: Sequence[str] = (), lenient: bool = False) -> None:
+        self.files = files
+        self.without = tuple(without)
+        self.lenient = lenient
         self.problems: list[Problem] = []
         self.notes: list[str] = []
+        self.left_out: list[str] = []  # names that --without may give although nothing of them is solid
+        self.asked: list[str] = []  # left out because of --without before they were looked for
+        self.skipped: dict[str, list[str]] = {}  # what is not a solid model: tag to names
+        self.missing: dict[str, Missing] = {}
         self._files: dict[Path, Element] = {}
 
     def read(self, path: Path) -> list[Model]:
-        """The models of a `.world` or `.sdf` file, with `place` in the world."""
+        """Return the models of a world, SDF or URDF file, with `place` in the world."""
         root = self._parsed(path)
-        if root.tag != "sdf":
-            raise FileError(path, f"expected an SDF file (<sdf>), found <{root.tag}>", line=root.line)
+        if root.tag == "robot":
+            model = self._model(as_sdf_model(root, path), path, (path.resolve(),))
+            self.frames = Frames(None, [model], self.problems, path)
+            return [model]
+        if root.tag not in ("sdf", "gazebo"):
+            raise FileError(
+                path, f"expected an SDF file (<sdf>) or a URDF file (<robot>), found <{root.tag}>", line=root.line
+            )
         worlds = root.all("world")
         if len(worlds) > 1:
             self.notes.append(f"{path.name} holds {len(worlds)} worlds; the first is read.")
         top = worlds[0] if worlds else root
-        models = list(self._models_in(top, path, (path.resolve(),)))
-        if not models and not self.problems:
+        models = [*self._models_in(top, path, (path.resolve(),)), *self._inserted(top, path)]
+        if not models and not (self.problems or self.missing or self.left_out):
             raise FileError(path, "the file holds no model and includes none", line=top.line)
-        for tag in ("actor", "population", "road"):
-            if found := top.all(tag):
-                self.notes.append(f"{len(found)} <{tag}> left out: only solid models become obstacles.")
-        self._apply_state(top, models)
+        self._skip(top)
+        models = self._apply_state(top, models)
         named = {frame.attributes.get("name", ""): self.placed(frame, path) for frame in top.all("frame")}
         self.frames = Frames(None, models, self.problems, path, named)
         return models
+
+    def fault(self, problem: Problem, left_out: str) -> None:
+        """Report a file that cannot be used; with `lenient` note what is left out because of it."""
+        if self.lenient:
+            self.notes.append(f"{left_out} is left out: {problem}")
+        else:
+            self.problems.append(problem)
+
+    def find(self, uri: str, element: Element, path: Path) -> Path | None:
+        """Return the file or folder of a URI; None, with an entry in `missing` or a problem, if there is none."""
+        scheme, _ = split(uri)
+        if scheme not in SCHEMES:
+            self.problems.append(Problem(path, element.line, f'"{uri}": the scheme {scheme}: is not supported'))
+            return None
+        found = self.files.find(uri, path)
+        if found is None:
+            key = model_of(uri)
+            known = self.missing.setdefault(key, Missing(uri, path, element.line, self.files.searched(uri, path)))
+            known.times += 1
+        return found
+
+    def report_missing(self, world: Path) -> None:
+        """Report every missing model once, and the folders that were searched."""
+        if not self.missing:
+            return
+        folders = list(dict.fromkeys(folder for m in self.missing.values() for folder in m.searched))
+        web = any(split(m.uri)[0] in WEB for m in self.missing.values())
+        where = f"Searched: {', '.join(str(f) for f in folders)}."
+        if self.lenient:
+            names = ", ".join(f"{name} ({m.times})" if m.times > 1 else name for name, m in self.missing.items())
+            self.notes.append(f"{len(self.missing)} models were not found and are left out: {names}. {where}")
+            return
+        for name, m in self.missing.items():
+            times = f", used {m.times} times" if m.times > 1 else ""
+            self.problems.append(Problem(m.path, m.line, f'"{name}" was not found ({m.uri}{times})'))
+        web_said = " Nothing is downloaded: `gz fuel download -u ADDRESS` fills the local cache." if web else ""
+        advice = "Give the folder that holds them with --model-path, or import the rest with --lenient."
+        self.problems.append(Problem(world, None, f"{advice}{web_said} {where}"))
+
+    def _skip(self, top: Element) -> None:
+        for tag in ("light", "actor", "plugin", "road"):
+            for element in top.all(tag):
+                name = element.attributes.get("name") or element.attributes.get("filename", "")
+                self.skipped.setdefault(tag, []).append(name)
+                self.left_out.append(name)
 
     def _parsed(self, path: Path) -> Element:
         key = path.resolve()
@@ -156,16 +136,37 @@ class SdfTree:
 
     def _models_in(self, parent: Element, path: Path, trail: tuple[Path, ...]) -> Iterator[Model]:
         taken: set[str] = set()
-        for element in parent.all("model", "include"):
+        for element, population in self._model_elements(parent, path):
             model = (
                 self._model(element, path, trail) if element.tag == "model" else self._included(element, path, trail)
             )
             if model is None:
                 continue
-            if model.name in taken:
-                self.problems.append(Problem(path, element.line, f'the model name "{model.name}" is used twice'))
+            if population is not None:
+                place = Placed(np.eye(4), None, element)
+                place.matrix[:3, 3] = population[1]
+                place.matrix = self.placed(population[0], path).matrix @ place.matrix @ model.place.matrix
+                model.place = place
+            model.name = self._free_name(model.name, taken, path, element)
             taken.add(model.name)
             yield model
+
+    def _model_elements(
+        self, parent: Element, path: Path
+    ) -> Iterator[tuple[Element, tuple[Element, tuple[float, float, float]] | None]]:
+        for element in parent.all("model", "include"):
+            yield element, None
+        for population in parent.all("population"):
+            for element, place in expanded(population, path, self.problems):
+                yield element, (population, place)
+
+    def _free_name(self, name: str, taken: set[str], path: Path, element: Element) -> str:
+        """Return the name, with a number if it is taken: the first free one from 0, as Gazebo does."""
+        if name not in taken:
+            return name
+        free = next(f"{name}_{number}" for number in count() if f"{name}_{number}" not in taken)
+        self.notes.append(f'{path.name}:{element.line}: a second model "{name}" is called "{free}".')
+        return free
 
     def _model(self, element: Element, path: Path, trail: tuple[Path, ...]) -> Model:
         name = element.attributes.get("name", "")
@@ -174,7 +175,10 @@ class SdfTree:
         model = Model(name=name, path=path, element=element, place=self.placed(element, path))
         model.placement_frame = element.attributes.get("placement_frame")
         for link in element.all("link"):
-            model.links[link.attributes.get("name", "")] = self.placed(link, path)
+            given = link.attributes.get("name", "")
+            numbered = (f"{given}_{i}" for i in count())
+            free = next(n for n in chain([given], numbered) if n not in model.links)
+            model.links[free] = self.placed(link, path)
         for frame in element.all("frame"):
             model.frames[frame.attributes.get("name", "")] = self.placed(frame, path)
         for joint in element.all("joint"):
@@ -189,7 +193,8 @@ class SdfTree:
         if not uri:
             self.problems.append(Problem(path, element.line, "the include has no <uri>"))
             return None
-        found = self._model_file(uri, element, path)
+        name = element.text_of("name")
+        found = self._model_file(uri, element, path, name)
         if found is None:
             return None
         if found.resolve() in trail or len(trail) > DEEPEST:
@@ -198,36 +203,60 @@ class SdfTree:
             return None
         try:
             root = self._parsed(found)
+            inner = as_sdf_model(root, found) if root.tag == "robot" else root.find("model")
         except FileError as error:
-            self.problems.append(Problem(error.path, error.line, error.reason))
+            self.fault(Problem(error.path, error.line, error.reason), f'the model "{name or model_of(uri)}"')
             return None
-        inner = root.find("model")
-        if root.tag != "sdf" or inner is None:
-            message = f"the file included by {path.name}:{element.line} holds no <sdf> with a <model>"
-            self.problems.append(Problem(found, root.line, message))
+        if inner is None:
+            self._skip_included(root, found, element, path, name or model_of(uri))
             return None
         model = self._model(inner, found, (*trail, found.resolve()))
-        model.source = found.parent.name if found.name == "model.sdf" or _config(found.parent) else found.stem
-        model.name = element.text_of("name") or model.name
+        model.source = found.parent.name if model_file(found.parent) == found else found.stem
+        if split(uri)[0] in WEB:
+            model.source = model_of(uri)
+        model.name = name or model.name
         model.placement_frame = element.text_of("placement_frame") or model.placement_frame
         if element.find("pose") is not None:
             model.place = self.placed(element, path)
         return model
 
-    def _apply_state(self, top: Element, models: Sequence[Model]) -> None:
-        """Move the models to where a saved world's `<state>` has them (poses in the world)."""
+    def _skip_included(self, root: Element, found: Path, element: Element, path: Path, name: str) -> None:
+        """Note an included light, actor or plug-in; report an included file that holds nothing known."""
+        held = next((child.tag for child in root.children if child.tag in NOT_SOLID), None)
+        if held is None:
+            message = f"the file included by {path.name}:{element.line} holds no <model>"
+            self.fault(Problem(found, root.line, message), f'"{name}"')
+            return
+        self.skipped.setdefault(held, []).append(name)
+        self.left_out.append(name)
+
+    def _inserted(self, top: Element, path: Path) -> Iterator[Model]:
+        """Yield the models that were added after a saved world was started."""
+        for state in top.all("state"):
+            for inserted in state.all("insertions"):
+                yield from self._models_in(inserted, path, (path.resolve(),))
+
+    def _apply_state(self, top: Element, models: Sequence[Model]) -> list[Model]:
+        """Move and scale the models as a saved world's `<state>` has them; without those it has deleted."""
         states = {m.attributes.get("name"): m for state in top.all("state") for m in state.all("model")}
-        for model in models:
+        deleted = {
+            name.text.strip() for state in top.all("state") for d in state.all("deletions") for name in d.all("name")
+        }
+        left = [model for model in models if model.name not in deleted]
+        for model in left:
             state = states.get(model.name)
-            if state is not None and state.find("pose") is not None:
+            if state is None:
+                continue
+            if state.find("pose") is not None:
                 model.place = self.placed(state, model.path)
                 model.placement_frame = None
-                scale = state.text_of("scale")
-                if scale and any(abs(float(v) - 1.0) > 1e-9 for v in self._numbers(scale, 3, state, model.path)):
-                    self.notes.append(f'model "{model.name}": the scale {scale} of its saved state is not applied.')
+            scale = state.text_of("scale")
+            if scale:
+                model.scale = np.array(self._numbers(scale, 3, state, model.path))
+        return left
 
     def placed(self, element: Element, path: Path) -> Placed:
-        """An element's `<pose>` with the frame it is relative to."""
+        """Return an element's `<pose>` with the frame it is relative to."""
         pose = element.find("pose")
         if pose is None:
             return Placed(np.eye(4), element.attributes.get("attached_to"), element)
@@ -235,7 +264,7 @@ class SdfTree:
         return Placed(self.matrix(pose, path), relative, element)
 
     def matrix(self, pose: Element, path: Path) -> Matrix:
-        """The 4 x 4 matrix of a `<pose>`: x y z roll pitch yaw (radians or degrees) or x y z and a quaternion."""
+        """Return the 4 x 4 matrix of a `<pose>`: x y z and roll pitch yaw, or x y z and a quaternion."""
         text = pose.text.strip()
         if not text:
             return np.eye(4)
@@ -255,81 +284,23 @@ class SdfTree:
     def _numbers(self, text: str, count: int, element: Element, path: Path) -> list[float]:
         return numbers(text, count, element, path, self.problems)
 
-    # --- finding files ---
-
-    def _model_file(self, uri: str, element: Element, path: Path) -> Path | None:
+    def _model_file(self, uri: str, element: Element, path: Path, name: str) -> Path | None:
+        known = model_of(uri)
+        called = [n for n in (name, known) if n]
+        asked = any(fnmatchcase(n, pattern) for n in called for pattern in self.without)
+        if asked or (known.lower().replace(" ", "_") in BUILT_IN and self.files.find(uri, path) is None):
+            self.left_out += called
+            if asked:
+                self.asked.append(name or known)
+            return None
         found = self.find(uri, element, path)
-        if found is None:
-            return None
-        if found.is_file():
+        if found is None or found.is_file():
             return found
-        for candidate in (*_config(found), found / "model.sdf"):
-            if candidate.is_file():
-                return candidate
-        message = f"the model folder {found} holds no model.config that names an SDF file, and no model.sdf"
-        self.problems.append(Problem(path, element.line, message))
-        return None
-
-    def find(self, uri: str, element: Element, path: Path) -> Path | None:
-        """The file or folder of a URI, never from the network; a problem listing the searched folders otherwise."""
-        parsed = urlparse(uri)
-        rest = unquote(parsed.netloc + parsed.path)
-        where = (*self.search, path.parent.parent)
-        if parsed.scheme in ("model", "package"):
-            tries = [folder / rest for folder in where]
-        elif parsed.scheme in ("http", "https"):
-            tries = [folder / rest.rstrip("/").rpartition("/")[2] for folder in where]
-        elif parsed.scheme == "file":
-            tries = [Path(unquote(parsed.path))] if parsed.path.startswith("/") else [folder / rest for folder in where]
-        elif parsed.scheme == "":
-            tries = [path.parent / rest, *(folder / rest for folder in where)]
-        else:
-            self.problems.append(Problem(path, element.line, f'"{uri}": the scheme {parsed.scheme}: is not supported'))
-            return None
-        if ".." not in Path(rest).parts or parsed.scheme == "":
-            for candidate in tries:
-                if candidate.exists():
-                    return candidate
-        listed = "".join(f"\n      {folder}" for folder in dict.fromkeys(str(t.parent) for t in tries))
-        fetched = " (nothing is fetched from the network: download it)" if parsed.scheme in ("http", "https") else ""
-        message = f'"{uri}" was not found{fetched}. Give the folder that holds it with --model-path. Searched:{listed}'
-        self.problems.append(Problem(path, element.line, message))
-        return None
-
-
-def numbers(text: str, count: int, element: Element, path: Path, problems: list[Problem]) -> list[float]:
-    """`count` finite numbers; zeros and a problem where the text is something else."""
-    try:
-        values = [float(part) for part in text.split()]
-    except ValueError:
-        values = []
-    if len(values) == count and all(math.isfinite(v) for v in values):
-        return values
-    problems.append(Problem(path, element.line, f'<{element.tag}> must be {count} finite numbers, got "{text[:80]}"'))
-    return [0.0] * (count - 1) + [1.0]
-
-
-def search_folders(world: Path, given: Sequence[Path] = (), environment: Mapping[str, str] | None = None) -> list[Path]:
-    """Where models are looked for: given folders, those round the world file, Gazebo's variables and its cache."""
-    folder = world.resolve().parent
-    found = [*given, folder, folder / "models", folder.parent / "models", folder.parent]
-    variables = os.environ if environment is None else environment
-    for name in ENVIRONMENT:
-        found += [Path(part) for part in variables.get(name, "").split(os.pathsep) if part]
-    found.append(Path.home() / ".gazebo" / "models")
-    return list(dict.fromkeys(found))
-
-
-def _config(folder: Path) -> list[Path]:
-    """The SDF files that a model folder's model.config names, the newest version first."""
-    config = folder / "model.config"
-    if not config.is_file():
-        return []
-    named = []
-    for sdf in read_xml(config).all("sdf"):
-        version = tuple(int(p) if p.isdigit() else 0 for p in sdf.attributes.get("version", "0").split("."))
-        named.append((version, sdf.text.strip()))
-    return [folder / name for _, name in sorted(named, reverse=True) if name]
+        inner = model_file(found)
+        if inner is None:
+            message = f"the model folder {found} holds no model.config that names an SDF file, and no model.sdf"
+            self.fault(Problem(path, element.line, message), f'the model "{name or known}"')
+        return inner
 
 
 def _from_angles(roll: float, pitch: float, yaw: float) -> Matrix:
