@@ -30,7 +30,9 @@ def new(
     map_file: Annotated[
         Path | None, typer.Option("--map", metavar="FILE", help="A Nav2 map: map.yaml beside its pgm, png or bmp.")
     ] = None,
-    sdf: Annotated[Path | None, typer.Option(metavar="FILE", help="A Gazebo world (.world, .sdf) or a room in URDF.")] = None,
+    sdf: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="A Gazebo world (.world, .sdf) or a room in URDF.")
+    ] = None,
     objects: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Our own objects.yaml: oriented boxes and polygons.")
     ] = None,
@@ -50,10 +52,14 @@ def new(
     floor: Annotated[float, typer.Option(help="With --sdf: height of the floor in the world in metres.")] = 0.0,
     resolution: Annotated[float, typer.Option(help="With --sdf, --objects: metres per cell of the map drawn.")] = 0.05,
     without: Annotated[
-        list[str] | None, typer.Option(metavar="NAME", help="With --sdf: leave out models of this name (robot*); repeatable.")
+        list[str] | None,
+        typer.Option(metavar="NAME", help="With --sdf: leave out models of this name (robot*); repeatable."),
     ] = None,
     box_for_unreadable: Annotated[
-        bool, typer.Option("--box-for-unreadable", help="With --sdf: replace a mesh that cannot be read by its bounding box.")
+        bool,
+        typer.Option(
+            "--box-for-unreadable", help="With --sdf: replace a mesh that cannot be read by its bounding box."
+        ),
     ] = False,
     lenient: Annotated[
         bool, typer.Option("--lenient", help="With --sdf: leave out models and meshes that are missing or unreadable.")
