@@ -1,12 +1,64 @@
-"""RVSG: find, confirm and explain the human behaviours that make a mobile robot violate its requirements.
+"""Find, confirm and explain the human behaviours that make a mobile robot violate its requirements.
 
-The folders stand in the order the data flows, each owns the record it produces, and a folder imports
-only folders upstream of it::
-
-    world <- scenario <- (generation | simulation) <- evaluation <- campaign <- store <- report <- app
-
-Importing this package loads no simulator, database or client of a vision language model.
+This module is the front door: load a world, write or load a scenario, simulate it, judge the runs, search for
+scenarios with a `Campaign`. See docs/how-to/use-rvsg-from-python.md. The names load on first use; `import rvsg` loads
+no simulator, database or client of a language model.
 """
 
-__version__ = "0.1.0"
-__all__ = ["__version__"]
+from __future__ import annotations
+
+import importlib
+from types import ModuleType
+from typing import Any
+
+__version__ = "0.2.0"
+
+_HOME = {
+    "Campaign": "rvsg.api.campaign",
+    "InvalidScenario": "rvsg.core.errors",
+    "Judgement": "rvsg.api.evaluating",
+    "Requirement": "rvsg.scenario.requirement",
+    "Run": "rvsg.simulation.run",
+    "RunSet": "rvsg.api.simulating",
+    "RvsgError": "rvsg.core.errors",
+    "Scenario": "rvsg.scenario.scenario",
+    "Spec": "rvsg.core.plugins",
+    "World": "rvsg.world.world",
+    "check": "rvsg.api.scenarios",
+    "evaluate": "rvsg.api.evaluating",
+    "judge": "rvsg.api.evaluating",
+    "load_requirement": "rvsg.api.requirements",
+    "load_runs": "rvsg.api.simulating",
+    "load_scenario": "rvsg.api.scenarios",
+    "load_world": "rvsg.api.worlds",
+    "propose": "rvsg.api.proposing",
+    "scenario": "rvsg.api.scenarios",
+    "shrink": "rvsg.api.shrinking",
+    "simulate": "rvsg.api.simulating",
+    "walk": "rvsg.api.scenarios",
+}
+"""Every public name, with the module that defines it; `__init__.pyi` declares them for type checkers."""
+
+__all__ = ["__version__", *_HOME]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module 'rvsg' has no attribute {name!r}")
+    return getattr(importlib.import_module(_HOME[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_HOME})
+
+
+class CallableModule(ModuleType):
+    """A sub-package that shares its name with a public function, and is called as that function.
+
+    Importing `rvsg.scenario` binds the sub-package to the attribute `scenario` of this module. Calling it still makes
+    a scenario, so `rvsg.scenario(...)` works whatever was imported before.
+    """
+
+    def __call__(self, *args: Any, **options: Any) -> Any:
+        """Call the public function of the same name."""
+        return __getattr__(self.__name__.rpartition(".")[2])(*args, **options)

@@ -10,12 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
-from rvsg.campaign.attempt import Attempt, Failure, Ledger, Measurement
-from rvsg.campaign.loop import Parts
+from rvsg.campaign.attempt import Attempt, Ledger, Measurement
 from rvsg.campaign.parallel import Simulations
+from rvsg.campaign.parts import Parts
 from rvsg.campaign.plan import Plan
 from rvsg.evaluation.verdict import Status, Verdict
-from rvsg.generation.generator import Proposal
+from rvsg.generation.generator import Generator, Proposal
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Scenario, Task
@@ -50,7 +50,7 @@ def plan(**changes: object) -> Plan:
     return Plan(**{**given, **changes})
 
 
-class WalkGenerator:
+class WalkGenerator(Generator):
     """Everybody walks to and fro on a shortest path between two waypoints drawn from the brief's seed."""
 
     name = "walk"
@@ -76,8 +76,10 @@ class WalkGenerator:
         return Proposal(generator=self.name, scenario=scenario)
 
 
-def distance(run: Run) -> float:
+def distance(run: Run) -> float | None:
     path = run.trajectory
+    if not run.human_names:
+        return None
     away = np.hypot(path.human_x - path.x[:, None], path.human_y - path.y[:, None]).min(axis=1)
     return float(away.mean())
 
@@ -90,17 +92,19 @@ def measure(run: Run) -> Measurement:
 def judge(measurements: Sequence[Measurement], *, budget: int | None = None) -> Verdict:
     values = tuple(m.objective for m in measurements if m.objective is not None)
     violations = sum(REQUIREMENT.violated_by(value) for value in values)
-    mean = float(np.mean(values))
-    spread = float(np.std(values))
+    mean = float(np.mean(values)) if values else None
+    spread = float(np.std(values)) if values else 0.0
+    status = Status.FAIL if violations == len(values) else Status.FLAKY if violations else Status.PASS
     return Verdict(
         requirement="R1",
-        status=Status.FAIL if violations == len(values) else Status.FLAKY if violations else Status.PASS,
+        status=status if values else Status.INCONCLUSIVE,
         objectives=values,
         mean=mean,
-        interval=(mean - spread, mean + spread),
+        interval=(mean - spread, mean + spread) if mean is not None else None,
         violations=violations,
         runs=len(values),
-        violation_probability=violations / len(values),
+        undefined=len(measurements) - len(values),
+        violation_probability=violations / len(values) if values else None,
         violation_interval=(0.0, 1.0),
     )
 
@@ -112,6 +116,12 @@ class MemoryLedger:
         self.kept: list[Attempt] = []
         self.runs: dict[str, Run] = {}
         self._settings: dict[str, dict[str, object]] = {}
+
+    def close(self) -> None:
+        return
+
+    def forget_empty(self, campaign: str) -> bool:
+        return False
 
     def begin(self, campaign: str, settings: dict[str, object]) -> None:
         self._settings[campaign] = dict(settings)
@@ -140,23 +150,7 @@ class MemoryLedger:
         return self.runs.get(run_id)
 
 
-class Watch:
-    """Counts what it is told."""
-
-    def __init__(self) -> None:
-        self.told: list[str] = []
-
-    def proposing(self, brief: Brief) -> None:
-        self.told.append("proposing")
-
-    def ran(self, run: Run | Failure) -> None:
-        self.told.append("ran")
-
-    def attempted(self, attempt: Attempt) -> None:
-        self.told.append("attempted")
-
-
-class Counted:
+class Counted(Simulator):
     """A simulator that counts its runs."""
 
     name = "kinematic"
@@ -196,5 +190,4 @@ def parts(ledger: Ledger | MemoryLedger, *, simulator: object = None, generator:
         measure=measure,
         judge=judge,
         ledger=ledger,  # type: ignore[arg-type]
-        watch=Watch(),
     )

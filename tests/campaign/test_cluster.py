@@ -66,7 +66,7 @@ def alone(the_plan: Plan) -> list[Attempt]:
 
 
 def test_a_campaign_on_a_cluster_keeps_what_it_keeps_in_one_process(cluster) -> None:
-    the_plan = plan(abreast=3)
+    the_plan = plan(max_in_flight=3)
     told: list[str] = []
     assert campaign(the_plan, cluster.scheduler_address, told) == alone(the_plan)
     assert told == [f"2 workers of the cluster at {cluster.scheduler_address} make the runs."]

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from rvsg.api.folder import LEDGER
-from rvsg.api.record_files import check_writable
+from rvsg.api.records import check_writable
 from rvsg.cli import main
 from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.store.sqlite import SqliteLedger

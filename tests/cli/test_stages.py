@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from rvsg.api.folder import LEDGER
-from rvsg.api.record_files import read_runs
+from rvsg.api.records import read_runs
 from rvsg.cli import main
 from rvsg.scenario.brief import Feedback
 from rvsg.simulation.conformance import same_run
@@ -29,7 +29,7 @@ def proposal(tmp_path: Path) -> Path:
 def test_propose_shows_the_checker_and_writes_a_valid_scenario(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["propose", "--generator", "random", "--seed", "5"]) == 0
     captured = capsys.readouterr()
-    assert "valid as first answered" in captured.err
+    assert "valid in the first reply" in captured.err
     assert json.loads(captured.out)["scenario"]["mission"]["route"]["name"] == "route_1"
 
 

@@ -29,10 +29,12 @@ def answered(seed: int = 3) -> tuple[Brief, Proposal, Scenario]:
     return brief, proposal, proposal.scenario
 
 
-@pytest.mark.parametrize("abreast", [1, 3, 20])
+@pytest.mark.parametrize("max_in_flight", [1, 3, 20])
 @pytest.mark.parametrize("name", plugins.names("strategy"))
-def test_a_strategy_keeps_its_promises(name: str, abreast: int) -> None:
-    check_strategy(plugins.find("strategy", name), plan(scenarios=4, abreast=abreast), answered()[2], warehouse())
+def test_a_strategy_keeps_its_promises(name: str, max_in_flight: int) -> None:
+    check_strategy(
+        plugins.find("strategy", name), plan(scenarios=4, max_in_flight=max_in_flight), answered()[2], warehouse()
+    )
 
 
 @pytest.mark.parametrize("name", plugins.names("simulator"))

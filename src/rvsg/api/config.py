@@ -1,4 +1,4 @@
-"""The campaign's configuration: defaults, then the campaign file, then the command line.
+"""The settings of a campaign: defaults, then the campaign file, then the command line.
 
 Every key of the file is an option of `rvsg run` with `-` for `_`, and the other way round. Paths in the file are
 relative to the file.
@@ -7,38 +7,44 @@ relative to the file.
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import pydantic
 import yaml
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, ConfigDict, Field, model_validator
 
+from rvsg.campaign.plan import InFlight
 from rvsg.core.documents import DocumentError, mistakes_of, read_yaml, validated
 from rvsg.core.errors import FileError, InputError
+from rvsg.core.plugins import Spec
 from rvsg.core.records import Record
+from rvsg.evaluation.judge import DEFAULT, Procedure
 from rvsg.generation.vlm.budget import NO_CALL
 
 Positive = Annotated[int, Field(ge=1, le=100_000, strict=True)]
 NotNegative = Annotated[int, Field(ge=0, strict=True)]
 
 PATHS = ("out", "prompts", "replay", "junit")
-"""Keys whose value is a path; `world` and `requirement` are one where such a thing exists beside the file."""
+"""Keys whose value is a path. `world` and `requirement` are paths where such a file exists beside the campaign file."""
 MACHINE = ("jobs", "executor", "executor_options")
-"""Keys of the machine, not of the campaign: where and by how many processes the runs are made."""
+"""Keys of the machine, not of the campaign: where and by how many workers runs are made."""
+RENAMED = {"abreast": "max_in_flight"}
 BUDGETS = ("budget_calls", "budget_tokens", "budget_usd")
-"""Keys of what the calls of a model may cost."""
+"""Keys that limit what the calls of a model cost."""
 BESIDE = (*MACHINE, "store", "store_options", "out", "fail_on_violation", "junit", *BUDGETS)
-"""Keys that do not decide the records: they may differ when a campaign is resumed."""
+"""Keys that do not decide the records and may differ when a campaign is resumed."""
 
 
 class CampaignConfig(Record):
-    """Everything `rvsg run` can be told.
+    """Every setting of `rvsg run`.
 
-    `generator` None is chance for the strategy `random`, the VLM where a model or a replay is named, else the
-    heuristic. `jobs` None is one per core. `out` None is a folder under
-    `runs/` named for what is asked.
+    `generator` None is `random` for the strategy `random`, `vlm` where a model or a replay is named, else `heuristic`.
+    `jobs` None is one per core. `out` None is a folder under `runs/` named for the settings.
     """
+
+    model_config = ConfigDict(populate_by_name=True)
 
     world: str = "warehouse"
     route: str = "route_1"
@@ -53,8 +59,13 @@ class CampaignConfig(Record):
     refinements: Annotated[int, Field(ge=0, le=1000)] = 4
     repeats: Positive = 5
     confirmations: Annotated[int, Field(ge=0, le=100_000)] = 30
+    budget_runs: Annotated[int | None, Field(ge=1, le=10_000_000)] = None
     memory: Annotated[int, Field(ge=0, le=1000)] = 10
-    abreast: Annotated[int, Field(ge=1, le=1000)] = 1
+    max_in_flight: InFlight = 1
+    error_rate: Annotated[float, Field(gt=0, lt=0.5)] = DEFAULT.error_rate
+    rare: Annotated[float, Field(gt=0, lt=0.5)] = DEFAULT.rare
+    often: Annotated[float, Field(gt=0, lt=0.5)] = DEFAULT.often
+    confidence: Annotated[float, Field(gt=0.5, lt=1)] = DEFAULT.confidence
     seed: NotNegative = 0
     jobs: Annotated[int | None, Field(ge=1, le=1024)] = None
     executor: str = "processes"
@@ -72,6 +83,27 @@ class CampaignConfig(Record):
     budget_usd: Annotated[float | None, Field(gt=0)] = None
     budget_calls: Annotated[int | None, Field(ge=1)] = None
     budget_tokens: Annotated[int | None, Field(ge=1)] = None
+
+    @model_validator(mode="after")
+    def _rates_apart(self) -> Self:
+        if self.rare >= self.often:
+            raise ValueError(f"rare ({self.rare:g}) must be smaller than often ({self.often:g})")
+        return self
+
+    @property
+    def judging(self) -> Procedure:
+        """The error rates of every verdict."""
+        return Procedure(error_rate=self.error_rate, rare=self.rare, often=self.often, confidence=self.confidence)
+
+    @property
+    def generator_spec(self) -> Spec:
+        """The generator with its own options."""
+        return Spec(self.generator_name, self.generator_options)
+
+    @property
+    def simulator_spec(self) -> Spec:
+        """The simulator with its options."""
+        return Spec(self.simulator, self.simulator_options)
 
     @property
     def generator_name(self) -> str:
@@ -92,11 +124,11 @@ class CampaignConfig(Record):
         return Path("runs") / safe_name(name)
 
     def deciding(self) -> dict[str, Any]:
-        """The settings that decide the records, as data."""
+        """Return the settings that decide the records, as data."""
         return {key: value for key, value in self.model_dump(mode="json").items() if key not in BESIDE}
 
     def to_yaml(self) -> str:
-        """The effective configuration as a campaign file."""
+        """Return the configuration as a campaign file."""
         values = self.model_dump(mode="json", exclude={"out", *MACHINE, "junit", "fail_on_violation"})
         head = "# The effective configuration of this campaign; `rvsg run THIS_FILE --out ELSEWHERE` repeats it.\n"
         return head + yaml.safe_dump(values, sort_keys=False, allow_unicode=True)
@@ -106,22 +138,23 @@ Names = Annotated[list[str], Field(min_length=1), BeforeValidator(lambda v: v if
 
 
 class CampaignFile(CampaignConfig):
-    """What a campaign file may say: as `CampaignConfig`, but of routes and requirements there may be several."""
+    """The keys of a campaign file: those of `CampaignConfig`, with one or more routes and requirements."""
 
     route: Names = Field(default_factory=lambda: ["route_1"])  # type: ignore[assignment]
     requirement: Names = Field(default_factory=lambda: ["R1"])  # type: ignore[assignment]
 
 
 def read_campaign_file(path: Path) -> dict[str, Any]:
-    """The keys that a campaign file sets, checked, with paths made relative to the present folder.
+    """Return the settings of a campaign file, checked, with paths relative to the current folder.
 
-    DocumentError holds every mistake with its line; a misspelt key is answered with "did you mean".
+    Raises:
+        DocumentError: every mistake with its line; a misspelt key comes with a suggestion.
     """
     document = read_yaml(path)
     if document.value is None:
         return {}
     validated(document, CampaignFile)
-    values = dict(document.value)
+    values = renamed(document.value)
     for key in PATHS:
         if isinstance(values.get(key), str):
             values[key] = str(path.parent / values[key])
@@ -133,38 +166,43 @@ def read_campaign_file(path: Path) -> dict[str, Any]:
     return values
 
 
+def renamed(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return settings under their present names; RVSG 0.1 called `max_in_flight` `abreast`."""
+    return {RENAMED.get(key, key): value for key, value in values.items()}
+
+
 def _beside(path: Path, name: str) -> str:
-    """A name as it stands, or as a path where such a thing exists beside the campaign file."""
+    """Return a name as it stands, or as a path where such a file exists beside the campaign file."""
     return str(path.parent / name) if (path.parent / file_of(name)).exists() else name
 
 
 def called(requirement: str) -> str:
-    """What a requirement is called: its name in its file, or else that of the file."""
+    """Return the name of a requirement in its file, or else that of the file."""
     file = file_of(requirement)
     return requirement[len(file) + 1 :] or Path(file.removesuffix(".yaml").removesuffix(".yml")).name
 
 
 def safe_name(name: str) -> str:
-    """A name as that of a folder."""
+    """Return a name that is safe for a folder."""
     return re.sub(r"[^\w.+-]+", "_", name)
 
 
 def file_of(reference: str) -> str:
-    """The file in `my.yaml#name` or `my.yaml:name`; the whole reference where it names no part."""
+    """Return the file in `my.yaml#name` or `my.yaml:name`; the whole reference where it names no part."""
     return re.sub(r"(\.ya?ml)[#:].*", r"\1", reference)
 
 
 def effective(stored: dict[str, Any] | None, from_file: dict[str, Any], from_options: dict[str, Any]) -> CampaignConfig:
-    """The configuration: defaults or what the resumed campaign was begun with, then the file, then the options."""
-    values = {**(stored or {}), **from_file, **from_options}
+    """Return the configuration: the stored settings or the defaults, then the file, then the options."""
+    values = {**renamed(stored or {}), **renamed(from_file), **renamed(from_options)}
     try:
         return CampaignConfig(**values)
     except pydantic.ValidationError as error:
-        nothing = [e for e in error.errors() if str(e["loc"][0]).startswith("budget_") and e["input"] in (0, "0")]
-        told = [f"{e['loc'][0]}: {NO_CALL}" for e in nothing]
-        known = {f"{e['loc'][0]}: " for e in nothing}
-        told += [m for m in mistakes_of(error, CampaignConfig, noun="option") if not m.startswith(tuple(known))]
-        raise InputError("; ".join(told)) from None
+        empty = [e for e in error.errors() if e["loc"] and e["loc"][0] in BUDGETS and e["input"] in (0, "0")]
+        messages = [f"{e['loc'][0]}: {NO_CALL}" for e in empty]
+        known = tuple(f"{e['loc'][0]}: " for e in empty)
+        messages += [m for m in mistakes_of(error, CampaignConfig, noun="option") if not m.startswith(known)]
+        raise InputError("; ".join(messages)) from None
 
 
 __all__ = ["CampaignConfig", "DocumentError", "FileError", "effective", "read_campaign_file"]

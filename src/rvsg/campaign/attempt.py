@@ -1,4 +1,4 @@
-"""The Attempt, one turn of the loop, and the Ledger that keeps it."""
+"""The Attempt, one turn of the loop, and the Ledger that stores it."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ class Measurement(Record):
     outcome: str
     values: dict[str, float | None]
     objective: float | None = None
+    """The value of the requirement's metric, or the robustness of its formula."""
 
 
 class Failure(Record):
@@ -30,15 +31,17 @@ class Failure(Record):
 
 
 class Attempt(Record):
-    """One proposal, its runs and its verdict. `purpose` tells search from confirmation: never mixed.
+    """One configuration with its runs and its verdict.
 
-    `index` counts attempts of a campaign from 0 in the order they were asked. A confirmation repeats the brief and
-    the proposal of the attempt it confirms: `confirms` is that one's index.
+    Attempts of the search choose; the others never take part in a selection. A "confirmation" repeats a candidate in
+    runs with new seeds. A "baseline" is the mission without people, a "removal" a confirmed scenario without one
+    person, both on the seeds of the confirmation.
     """
 
     campaign: str
     index: int
-    purpose: Literal["search", "confirmation"] = "search"
+    """Position among the attempts of the campaign, from 0, in the order they were asked for."""
+    purpose: Literal["search", "confirmation", "baseline", "removal"] = "search"
     strategy: str
     brief: Brief
     proposal: Proposal
@@ -46,53 +49,65 @@ class Attempt(Record):
     failures: tuple[Failure, ...] = ()
     verdict: Verdict | None = None
     confirms: int | None = None
+    """The index of the attempt that this one confirms or explains; None for the search and the baseline."""
+    without: tuple[str, ...] = ()
+    """The people of that attempt who are left out."""
 
     @property
     def mean(self) -> float | None:
         """The mean objective over the runs; None where there is none."""
         return self.verdict.mean if self.verdict else None
 
+    @property
+    def runs(self) -> int:
+        """How many runs were asked for, those that could not be made included."""
+        return len(self.measurements) + len(self.failures)
+
 
 class Ledger(Protocol):
-    """Where attempts are kept, in order, for ever.
+    """Where attempts and runs are stored, in order, for good.
 
-    As a plug-in it is made with the path that is its own in the campaign's folder, and its options. A run is kept by
-    its content id and may be kept before the attempt it belongs to, so that an interruption loses at most the runs
-    in progress.
+    A plug-in of the kind `store` is made with the path that is its own in the campaign's folder, and its options. A
+    run is stored by its content id, possibly before the attempt it belongs to, so that an interruption loses at most
+    the runs in progress.
     """
 
     def begin(self, campaign: str, settings: Mapping[str, Any]) -> None:
-        """Keep the effective settings of a new campaign; StoreError where others are kept under that name."""
+        """Store the settings of a new campaign; StoreError where others are stored under that name."""
         ...
 
     def settings(self, campaign: str) -> dict[str, Any] | None:
-        """The settings of a campaign; None where it was never begun."""
+        """Return the settings of a campaign; None where it was never begun."""
         ...
 
     def campaigns(self) -> tuple[str, ...]:
-        """The names of all campaigns, in the order they were begun."""
+        """Return the names of all campaigns, in the order they were begun."""
         ...
 
+    def forget_empty(self, campaign: str) -> bool:
+        """Delete a campaign that has no attempt and return True; return False, changing nothing, where it has one."""
+        return False
+
     def close(self) -> None:
-        """Give everything free; nothing is asked of it afterwards."""
+        """Release every resource; no other method is called afterwards."""
         ...
 
     def keep(self, run: Run) -> None:
-        """Keep a run; one of the same id that is known already stays as it is."""
+        """Store a run; where its id is known, nothing changes."""
         ...
 
     def append(self, attempt: Attempt, runs: Sequence[Run]) -> None:
-        """Keep an attempt with its runs, all or nothing; StoreError where its index is taken."""
+        """Store an attempt with its runs, all or nothing; StoreError where its index is taken."""
         ...
 
     def attempts(self, campaign: str) -> Iterator[Attempt]:
-        """The attempts of a campaign in the order of their index."""
+        """Return the attempts of a campaign in the order of their index."""
         ...
 
     def run(self, run_id: str) -> Run:
-        """The run of that id; raises StoreError where there is none."""
+        """Return the run of that id; StoreError where there is none."""
         ...
 
     def find(self, run_id: str) -> Run | None:
-        """The run of that id, or None."""
+        """Return the run of that id, or None."""
         ...

@@ -21,7 +21,7 @@ class EliteStrategy(StudyStrategy):
     often the worse it does by the robot. A scenario's standing is the mean of its two best configurations, so that
     one lucky measurement does not draw all refinements (its refinements, measured independently, bear it out or do
     not); what is refined is its best configuration. Equal cost: scenarios x (1 + refinements) attempts, of which
-    `plan.abreast` are under way at a time: so many refinements are chosen before the first of them is measured.
+    `plan.max_in_flight` are under way at a time: so many refinements are chosen before the first of them is measured.
     """
 
     name = "elite"
@@ -29,7 +29,7 @@ class EliteStrategy(StudyStrategy):
     def _known(self, index: int) -> int:
         """All drafts have to be known before the first refinement, and else all but those under way."""
         drafts = self.plan.scenarios
-        return max(0, drafts if index >= drafts else 0, index + 1 - self.plan.abreast)
+        return max(0, drafts if index >= drafts else 0, index + 1 - self.plan.max_in_flight)
 
     def _next(self, index: int, known: list[Attempt]) -> Brief:
         """A draft as long as there are scenarios to begin, then a refinement of one of the best."""

@@ -1,11 +1,11 @@
-"""From a run to a Measurement and from measurements to a Verdict, by one requirement."""
+"""Measure runs and judge the measurements by one requirement."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 from rvsg.campaign.attempt import Measurement
-from rvsg.evaluation.judge import DEFAULT, judge, objective
+from rvsg.evaluation.judge import DEFAULT, Procedure, judge, objective
 from rvsg.evaluation.metrics import measure
 from rvsg.evaluation.verdict import Verdict
 from rvsg.scenario.requirement import Requirement
@@ -14,14 +14,20 @@ from rvsg.world.world import World
 
 
 class Measuring:
-    """Measures runs with every metric, and judges them by `requirement`; `world` is where the runs took place."""
+    """Measures runs by every metric, and judges them by `requirement`.
 
-    def __init__(self, requirement: Requirement, world: World | None = None) -> None:
+    Args:
+        world: where the runs took place; metrics that concern obstacles need it.
+        procedure: the error rates and the budget of a verdict.
+    """
+
+    def __init__(self, requirement: Requirement, world: World | None = None, *, procedure: Procedure = DEFAULT) -> None:
         self.requirement = requirement
         self.world = world
+        self.procedure = procedure
 
     def measure(self, run: Run) -> Measurement:
-        """Every metric of one run, and the requirement's objective."""
+        """Return every metric of one run, and the requirement's objective."""
         return Measurement(
             run_id=run.id,
             seed=run.seed,
@@ -31,6 +37,6 @@ class Measuring:
         )
 
     def judge(self, measurements: Sequence[Measurement], *, budget: int | None = None) -> Verdict:
-        """The verdict on the runs measured, of which there may be `budget` at most (None: the procedure's own)."""
-        procedure = DEFAULT if budget is None else DEFAULT.replace(max_runs=budget)
+        """Return the verdict on measured runs; `budget` is how many there may be at most (None: the procedure's)."""
+        procedure = self.procedure if budget is None else self.procedure.replace(max_runs=budget)
         return judge(self.requirement, [measurement.objective for measurement in measurements], procedure=procedure)

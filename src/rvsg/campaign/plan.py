@@ -1,46 +1,54 @@
-"""The Plan of a campaign: everything that decides its records, and nothing that does not (no jobs, no folder)."""
+"""The plan of a campaign: everything that decides its records, and nothing else (no jobs, no folder)."""
 
 from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import Field
+from pydantic import AliasChoices, ConfigDict, Field
 
 from rvsg.core.records import Record
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission
 
 Count = Annotated[int, Field(ge=1, le=100_000)]
+InFlight = Annotated[int, Field(ge=1, le=1000, validation_alias=AliasChoices("max_in_flight", "abreast"))]
+"""`abreast` is how RVSG 0.1 wrote it."""
 
 
 class Plan(Record):
     """What a campaign does.
 
-    `scenarios` x (1 + `refinements`) configurations are tried, each in `repeats` runs, or as many runs as
-    `budget_runs` says; a strategy that races gives losing configurations fewer runs and tries more of them. The worst
-    for the robot is confirmed in at most `confirmations` fresh runs (0: not at all), fewer where the verdict is
-    certain earlier. `memory` is how many earlier scenarios the generator is shown for a new one. `abreast` is how many
-    attempts `study`, `climb` and `elite` may have under way at a time: with more of them, more workers are busy, and
-    the strategy learns later what an attempt measured. It is part of the plan because it decides what is tried; the
-    number of workers does not.
+    The search tries `scenarios` x (1 + `refinements`) configurations, each in `repeats` runs, or spends `budget_runs`
+    runs. A strategy that races gives losing configurations fewer runs and tries more of them. Afterwards the
+    configurations that violated the requirement are confirmed, worst first, in at most `confirmations` runs together.
     """
+
+    model_config = ConfigDict(populate_by_name=True)
 
     name: Annotated[str, Field(min_length=1)]
     mission: Mission
     requirement: Requirement
     humans: Annotated[int, Field(ge=1, le=100)] = 2
+    """People in a scenario."""
     scenarios: Count = 10
     refinements: Annotated[int, Field(ge=0, le=1000)] = 4
+    """Refinements of each scenario."""
     repeats: Count = 5
+    """Runs of each configuration of the search."""
     confirmations: Annotated[int, Field(ge=0, le=100_000)] = 30
+    """Confirmation runs of all candidates together; 0: no confirmation."""
     budget_runs: Annotated[int | None, Field(ge=1, le=10_000_000)] = None
+    """Runs of the search; None: `scenarios` x (1 + `refinements`) x `repeats`."""
     memory: Annotated[int, Field(ge=0, le=1000)] = 10
-    abreast: Annotated[int, Field(ge=1, le=1000)] = 1
+    """Earlier scenarios that a new one must differ from."""
+    max_in_flight: InFlight = 1
+    """Attempts that may be in progress at a time. More of them keep more workers busy, and the strategy learns the
+    result of each later. That changes what it tries, so it belongs to the plan; the number of workers does not."""
     seed: Annotated[int, Field(ge=0)] = 0
 
     @property
     def configurations(self) -> int:
-        """Configurations of one scenario: the first and its refinements."""
+        """Configurations of one scenario: the first draft and its refinements."""
         return 1 + self.refinements
 
     @property

@@ -1,11 +1,11 @@
-"""Which configurations did worst by the robot, for two purposes.
+"""Rank configurations by how badly the robot did, for two purposes.
 
-What is *ranked, confirmed and reported* goes by what a test engineer asks: how often is the limit violated? First the
-share of runs that violate it, then the mean objective. A mean alone would put a scenario that never violates before
-one that does so in two of three runs. Without a limit the mean alone ranks, as in the study.
+What is ranked, confirmed and reported goes by the share of runs that violate the limit, then by the mean objective.
+By the mean alone, a scenario that never violates could rank before one that does in two of three runs. Without a
+limit the mean alone ranks, as in the published study.
 
-What *steers the search* (climbing, memory) goes by the mean alone, the study's measure: with a handful of runs the
-share takes few values and hides whether a refinement came nearer to a violation.
+What steers the search (climbing, memory) goes by the mean alone. With a handful of runs the share takes few values
+and hides whether a refinement came closer to a violation.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ def search_attempts(attempts: Iterable[Attempt]) -> list[Attempt]:
 
 
 def rule(requirement: Requirement) -> str:
-    """By what scenarios are ranked, in words."""
+    """Return the ranking rule as a sentence."""
     if requirement.threshold is None:
         return "Ranked by the mean objective."
     return "Ranked by the share of runs that violate the limit, then by the mean objective."
@@ -98,6 +98,20 @@ def ranking(attempts: Iterable[Attempt], requirement: Requirement) -> list[Attem
     best = (best_attempt(group, requirement) for group in by_scenario(attempts))
     chosen = sorted((attempt for attempt in best if attempt is not None), key=lambda a: a.index)
     return sorted(chosen, key=lambda a: standing(a, requirement), reverse=True)
+
+
+def candidates(attempts: Iterable[Attempt], requirement: Requirement) -> list[Attempt]:
+    """Return the configurations worth confirming, in order.
+
+    First the worst configuration of every scenario that violated the limit, the worst scenario first; then the other
+    configurations that did. Where none did, or there is no limit, the configuration that ranks first.
+    """
+    attempts = list(attempts)
+    first = ranking(attempts, requirement)
+    rest = sorted(in_full(attempts), key=lambda a: standing(a, requirement), reverse=True)
+    ordered = list({attempt.index: attempt for attempt in [*first, *rest]}.values())
+    violating = [attempt for attempt in ordered if standing(attempt, requirement)[0] > 0.0]
+    return violating or first[:1]
 
 
 def remember(attempts: Iterable[Attempt], requirement: Requirement, *, last: int) -> tuple[Remembered, ...]:

@@ -133,7 +133,7 @@ class StudyStrategy:
     """The study's method: refine a scenario from what it measured, then ask for one that differs from all before.
 
     A refinement reads the feedback on the last valid configuration of the scenario; as long as a scenario has none,
-    it is asked for anew. With `plan.abreast` k > 1 the scenarios are worked on in groups of k, in turn: every
+    it is asked for anew. With `plan.max_in_flight` k > 1 the scenarios are worked on in groups of k, in turn: every
     refinement still reads the configuration before it, but a scenario is not told of the others of its group.
     """
 
@@ -178,9 +178,9 @@ class StudyStrategy:
 
     def _place(self, index: int) -> tuple[int, int, int]:
         """Scenario and configuration of attempt `index`, and how many scenarios are worked on beside each other."""
-        group, rest = divmod(index, self.plan.abreast * self.plan.configurations)
-        first = group * self.plan.abreast
-        width = min(self.plan.abreast, self.plan.scenarios - first)
+        group, rest = divmod(index, self.plan.max_in_flight * self.plan.configurations)
+        first = group * self.plan.max_in_flight
+        width = min(self.plan.max_in_flight, self.plan.scenarios - first)
         configuration, lane = divmod(rest, width)
         return first + lane, configuration, width
 

@@ -10,7 +10,7 @@ import time
 
 from rvsg.cli.frame import guarded
 from rvsg.cli.interruption import until_gone
-from rvsg.cli.run import find
+from rvsg.cli.run import run_one
 
 
 def main() -> int:
@@ -25,7 +25,7 @@ def main() -> int:
 
 def _find() -> int:
     values = json.loads(sys.stdin.read())
-    return guarded(lambda: find({}, values), ["run", "--out", str(values["out"])])
+    return guarded(lambda: run_one({}, values), ["run", "--out", str(values["out"])])
 
 
 def _end_with_parent(parent: int) -> None:

@@ -83,8 +83,9 @@ class Cell:
 def cells_of(from_file: dict[str, Any], given: dict[str, Any]) -> Cells | None:
     """The cells that are asked for, those kept in the folder included; None where it is one ordinary campaign."""
     from rvsg.api.config import CampaignConfig, called, effective
-    from rvsg.api.paths import FROM, as_kept
-    from rvsg.api.paths import places as places_of
+    from rvsg.api.paths import as_stored as as_kept
+    from rvsg.api.paths import paths_of as places_of
+    from rvsg.api.record import FROM
 
     asked = {**from_file, **given}
     stored = _stored(Path(asked["out"])) if asked.get("out") else {}
@@ -128,8 +129,8 @@ def _asked(every: Sequence[Pair], given: Sequence[bool], kept: Sequence[Pair]) -
 def run_cells(cells: Cells, *, as_json: bool) -> int:
     """Run or resume the campaigns of all cells, show what was found, and return the exit code."""
     from rvsg.api.folder import CELLS, alone_in, check_out, make_folder, store_of
-    from rvsg.api.paths import FROM
-    from rvsg.api.record_files import check_writable
+    from rvsg.api.record import FROM
+    from rvsg.api.records import check_writable
     from rvsg.api.wiring import jobs_of
     from rvsg.cli.interruption import interruptible
     from rvsg.core.files import write_whole
@@ -155,7 +156,7 @@ def run_cells(cells: Cells, *, as_json: bool) -> int:
             told = ", ".join(f"--{key.replace('_', '-')} {value:g}" for key, value in share.items())
             say(f"The budget is for all of them together; each may spend its part: {told}.")
         with interruptible() as interruption, interruption.at_once(f"Interrupted. Resume with: {_resume(cells)}"):
-            all_of_them[0].wired.warm_up(say)
+            all_of_them[0].wired.simulator.prepare(say)
         _run_all(all_of_them, jobs, _resume(cells), cells.begun_in)
         kept = {path: found for path in folders_in(cells.folder) if (found := found_in(path)) is not None}
         write_overview_in(cells.folder, kept)
@@ -175,8 +176,8 @@ def _command(cells: Cells, typed: Callable[[str], str] = str) -> str:
 
     Where they are not every route with every requirement, it is one command after the other.
     """
+    from rvsg.api.commands import command_for
     from rvsg.api.config import effective
-    from rvsg.api.wiring import command_for
 
     rest = command_for(effective(None, {}, cells.values)).removeprefix("rvsg run ")
     together: dict[tuple[str, ...], list[str]] = {}
@@ -239,7 +240,7 @@ def _stored(folder: Path) -> dict[str, Any]:
 
     from rvsg.api.config import CampaignFile
     from rvsg.api.folder import CELLS
-    from rvsg.api.paths import FROM
+    from rvsg.api.record import FROM
     from rvsg.core.documents import mistakes_of
 
     try:
@@ -260,7 +261,7 @@ def _stored(folder: Path) -> dict[str, Any]:
 def _same(stored: dict[str, Any], asked: dict[str, Any], folder: Path) -> None:
     """Cells that are there already keep their settings; more cells may be added."""
     from rvsg.api.config import effective
-    from rvsg.api.wiring import differences
+    from rvsg.api.record import differences
 
     if not stored:
         return

@@ -28,12 +28,10 @@ from rvsg.cli.model_options import (
     Record,
     Replay,
     Strict,
-    told_calls,
-    told_from_record,
-    wiring_of,
 )
 
 if TYPE_CHECKING:
+    from rvsg.api.models import CallNews
     from rvsg.generation.environment import EnvironmentDialogue
     from rvsg.generation.wiring import Wiring
     from rvsg.world.world import Description
@@ -67,6 +65,8 @@ def describe(
     world.yaml (for a shipped world in your data folder) and goes into every prompt from then on. Without --model the
     stored description is shown, and with --review reviewed.
     """
+    from rvsg.api.models import answered_from_record, reach
+    from rvsg.api.words import describe_calls
     from rvsg.generation.environment import EnvironmentDialogue, description_of, store_description
     from rvsg.generation.prompts import Prompts
     from rvsg.world.io.load import load_world, shipped_worlds
@@ -76,7 +76,7 @@ def describe(
     wiring: Wiring | None = None
     if model is not None or replay is not None:
         # What was paid for is kept, and the same command goes on from it.
-        wiring = wiring_of(
+        wiring = reach(
             model,
             record or (None if replay else Path("runs") / f"describe-{loaded.name}"),
             base_url=base_url,
@@ -89,10 +89,10 @@ def describe(
             prices=prices,
         )
         dialogue = EnvironmentDialogue(loaded, wiring.model, Prompts(prompts))
-        with CallsShown(wiring), _kept(wiring):
+        with CallsShown(_watch(wiring)), _kept(wiring):
             description = dialogue.describe()
-        say(told_calls(dialogue.calls))
-        if earlier := told_from_record(wiring):
+        say(describe_calls(dialogue.calls))
+        if earlier := answered_from_record(wiring):
             say(earlier)
         for note in wiring.notes():
             say(note)
@@ -110,6 +110,16 @@ def describe(
             say(f"Nobody has reviewed it yet: {review_it}")
     if json:
         print_json(description.model_dump(mode="json"))
+
+
+def _watch(wiring: Wiring) -> Callable[[Callable[[CallNews], None] | None], None]:
+    """Return what sets who is told of the calls of a model; a replay makes none."""
+
+    def watch(tell: Callable[[CallNews], None] | None) -> None:
+        if not wiring.replaying:
+            wiring.model.tell = tell
+
+    return watch
 
 
 @contextlib.contextmanager
@@ -133,7 +143,7 @@ def _revising(dialogue: EnvironmentDialogue, wiring: Wiring | None) -> Callable[
 
     def revise(reason: str) -> Description:
         assert wiring is not None
-        with CallsShown(wiring), _kept(wiring):
+        with CallsShown(_watch(wiring)), _kept(wiring):
             return dialogue.revise(reason)
 
     return revise

@@ -26,7 +26,7 @@ def metrics(
 
     chosen = list(METRICS.values()) if name is None else [metric(name)]
     if run is not None:
-        from rvsg.api.record_files import read_runs
+        from rvsg.api.records import read_runs
 
         measured = [measure(read, [info.id for info in chosen]) for read in read_runs([run])]
         console.print_json(measured[0] if len(measured) == 1 else measured)

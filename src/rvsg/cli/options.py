@@ -5,12 +5,18 @@ from __future__ import annotations
 import contextlib
 from typing import Any
 
-from rvsg.core.errors import InputError
+from rvsg import Spec
+from rvsg.api.errors import InputError
 
 
 def pairs(kind: str, given: list[str] | None) -> dict[str, Any]:
-    """`NAME=VALUE` options of a plug-in of a kind, the values read as YAML."""
+    """Return the `NAME=VALUE` options of a plug-in, the values read as YAML."""
     return dict(_pair(kind, pair) for pair in given or [])
+
+
+def spec(kind: str, name: str, options: list[str] | None) -> Spec:
+    """Return a plug-in by its name and its `NAME=VALUE` options."""
+    return Spec(name, pairs(kind, options))
 
 
 def _pair(kind: str, pair: str) -> tuple[str, Any]:
@@ -25,5 +31,5 @@ def _pair(kind: str, pair: str) -> tuple[str, Any]:
         raise InputError(f"--{kind}-option {pair!r}: the value cannot be read: {error}") from None
     if isinstance(read, str):
         with contextlib.suppress(ValueError):
-            return name, float(read)  # 1e2 and nan, which YAML takes for words
+            return name, float(read)  # YAML reads 1e2 and nan as text
     return name, read

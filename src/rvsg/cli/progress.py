@@ -1,4 +1,4 @@
-"""Progress of a campaign on standard error: a bar with an estimate on a terminal, a line per scenario elsewhere."""
+"""Progress of a campaign on standard error: a bar with an estimate on a terminal, else a line per scenario."""
 
 from __future__ import annotations
 
@@ -9,21 +9,23 @@ from typing import Self
 
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from rvsg.campaign.attempt import Attempt, Failure
+from rvsg.api.words import describe_spending
+from rvsg.campaign.attempt import Attempt
+from rvsg.campaign.events import Attempted, Confirming, Event, Explaining, Message, ModelCall, Proposing, RunMade
 from rvsg.campaign.plan import Plan
 from rvsg.cli.console import console, say
-from rvsg.cli.model_options import told_spent
 from rvsg.generation.vlm.budget import Spending
 from rvsg.generation.vlm.watching import CallNews
 from rvsg.report.summary import number
 from rvsg.scenario.brief import Brief
-from rvsg.simulation.run import Run
 
 
 class CampaignProgress:
-    """Watches a campaign and shows how far it is; `attempts` were made before.
+    """Shows how far a campaign is; give it every event of the campaign.
 
-    `check` is called between runs: it may raise KeyboardInterrupt.
+    Args:
+        attempts: those made before.
+        check: called with every event; it may raise KeyboardInterrupt.
     """
 
     def __init__(
@@ -70,9 +72,35 @@ class CampaignProgress:
         if self.bar:
             self.bar.stop()
 
-    def proposing(self, brief: Brief) -> None:
-        """Show which configuration is under way."""
+    def __call__(self, event: Event) -> None:
+        """Show an event."""
         self.check()
+        match event:
+            case Message():
+                say(event.text)
+            case Proposing():
+                self._proposing(event.brief)
+            case ModelCall():
+                self._calling(event.news)
+            case RunMade():
+                self.runs += 1
+                self.made += 1
+                if self.bar:
+                    self.bar.update(self.task, completed=self.runs, total=max(self.plan.runs, self.runs))
+            case Attempted():
+                self._attempted(event.attempt)
+            case Confirming():
+                self._describe(f"confirming {event.number} of {event.of}")
+            case Explaining():
+                self._describe("without people" if event.people == 0 else f"without {', '.join(event.without)}")
+
+    def _describe(self, text: str) -> None:
+        if self.bar:
+            self.place = text
+            self.bar.update(self.task, description=self.place)
+
+    def _proposing(self, brief: Brief) -> None:
+        """Show which configuration is in progress."""
         if self.bar:
             place = f"scenario {brief.scenario_index + 1}"
             if self.plan.refinements:
@@ -83,8 +111,8 @@ class CampaignProgress:
             self.place = place + worst
             self.bar.update(self.task, description=self.place + self._spent())
 
-    def calling(self, news: CallNews) -> None:
-        """A call of a model: shown in the bar; that it waits for another try, and why, is a line of its own."""
+    def _calling(self, news: CallNews) -> None:
+        """Show a call of a model in the bar; that it waits, and why, is a line of its own."""
         self.spent = news.spent
         if self.bar:
             doing = {"asked": f": asks {news.model}", "waiting": f": waits for {news.model}", "answered": ""}
@@ -93,21 +121,13 @@ class CampaignProgress:
             say(f"{news.model}, {news.purpose}: {news.why}")
 
     def _spent(self) -> str:
-        return f"; model {told_spent(self.spent)}" if self.spent is not None and self.spent.calls else ""
+        return f"; model {describe_spending(self.spent)}" if self.spent is not None and self.spent.calls else ""
 
-    def ran(self, run: Run | Failure) -> None:
-        """One run more."""
-        self.check()
-        self.runs += 1
-        self.made += 1
-        if self.bar:
-            self.bar.advance(self.task)
-
-    def attempted(self, attempt: Attempt) -> None:
-        """An attempt more; without a terminal a line at the end of every scenario, with an estimate."""
+    def _attempted(self, attempt: Attempt) -> None:
+        """Without a terminal, print a line with an estimate at the end of every scenario."""
         self._note(attempt)
         last = (attempt.index + 1) % self.plan.configurations == 0
-        if self.bar or self.quiet or attempt.purpose == "confirmation" or not last:
+        if self.bar or self.quiet or attempt.purpose != "search" or not last:
             return
         spent = time.monotonic() - self.begin
         left = spent / self.made * (self.plan.runs - self.runs) if self.made else 0.0

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-import contextlib
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from rvsg.cli.console import say
 from rvsg.cli.frame import verb
+
+if TYPE_CHECKING:
+    from rvsg.api.proposing import Proposal
+    from rvsg.api.wiring import Wired
 
 app = verb()
 
@@ -43,12 +46,11 @@ def propose(
     Writes the proposal as JSON; `rvsg simulate` reads it. With --feedback the proposal refines an earlier scenario.
     """
     from rvsg.api.config import effective
-    from rvsg.api.record_files import check_writable, read_record, write_text
+    from rvsg.api.proposing import Feedback, proposal_json, propose_as
+    from rvsg.api.records import check_writable, read_record, write_text
     from rvsg.api.wiring import wire
-    from rvsg.cli.model_options import CallsShown, told_calls, told_from_record, told_unusable
+    from rvsg.cli.model_options import CallsShown
     from rvsg.cli.options import pairs
-    from rvsg.scenario.brief import Brief, Feedback
-    from rvsg.scenario.validity import warnings
 
     check_writable(out)
     given = {
@@ -70,47 +72,26 @@ def propose(
         "generator_options": pairs("generator", generator_option),
     }
     wired = wire(effective(None, {}, given))
-    told = read_record(feedback, Feedback) if feedback else None
-    brief = Brief(
-        mission=wired.plan.mission,
-        requirement=None if unguided else wired.plan.requirement,
-        kind="refine" if told else "new",
-        humans=humans,
-        seed=seed,
-        configuration_index=1 if told else 0,
-        feedback=told,
-    )
-    wiring = getattr(wired.generator, "wiring", None)
-    with CallsShown(wiring) if wiring is not None else contextlib.nullcontext():
-        proposal = wired.generator.propose(brief, wired.world)
-    write_text(out, proposal.to_json())
-    if proposal.scenario is not None:
-        say(proposal.scenario.description or "(no description)")
-    say(f"{proposal.generator}: {_checked(len(proposal.first_findings), proposal.corrections)}")
-    for finding in proposal.first_findings:
-        say(f"  found: {finding}")
-    for repair in proposal.repairs:
-        say(f"  repaired: {repair.human}, {repair.task}: {repair.what}")
-    for problem in proposal.problems:
-        say(f"  left: {problem}")
-    if proposal.scenario is not None:
-        for doubtful in warnings(proposal.scenario.people, proposal.scenario.mission, wired.world):
-            say(f"  warning: {doubtful}")
+    learned = read_record(feedback, Feedback) if feedback else None
+    with CallsShown(wired.generator.watch):
+        proposal = propose_as(wired, unguided=unguided, feedback=learned)
+    write_text(out, proposal_json(proposal))
+    _show(wired, proposal)
+
+
+def _show(wired: Wired, proposal: Proposal) -> None:
+    """Print what the checker said, and what the calls of a model cost."""
+    from rvsg.api.words import describe_calls, describe_proposal, describe_unusable
+
+    for line in describe_proposal(proposal, wired.world):
+        say(line)
     if proposal.calls:
-        say(told_calls(proposal.calls))
-        if unusable := told_unusable(proposal.calls):
+        say(describe_calls(proposal.calls))
+        if unusable := describe_unusable(proposal.calls):
             say(unusable)
-        if replay is None:
+        if wired.config.replay is None:
             say(f"Recorded in {wired.config.folder / 'vlm'}")
-        if earlier := (told_from_record(wiring) if wiring is not None else None):
-            say(earlier)
-        for note in getattr(wired.generator, "notes", ()):
+        for note in wired.generator.notes:
             say(note)
     if proposal.scenario is None:
         say("No scenario came of it.")
-
-
-def _checked(findings: int, corrections: int) -> str:
-    if not findings:
-        return "valid as first answered"
-    return f"{findings} findings in the first answer, {corrections} corrections asked for"

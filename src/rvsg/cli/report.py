@@ -55,19 +55,20 @@ def report(
         _write_tables([*paths, *(also or ())], tables)
     if several and html is not None:
         raise InputError(f"{store}: {len(paths)} campaigns have a page each; --html names one. Report them one by one.")
-    found = [reported for path in paths if (reported := _report(path, html, world, optional=tables is not None))]
+    found = [each for path in paths for each in _report(path, html, world, optional=tables is not None)]
     if junit:
         write_whole(junit, junit_of([(plan, summary) for plan, summary, _ in found]))
     told = [summary.model_dump(mode="json", exclude={"confirmed": {"brief", "proposal"}}) for _, summary, _ in found]
     if json and found:
-        print_json({"campaigns": told} if several else told[0])
+        print_json({"campaigns": told} if several or len(told) > 1 else told[0])
     if several:
         write_overview_in(store, {page.parent: (plan, summary) for plan, summary, page in found})
         say(cells_table([(plan, summary) for plan, summary, _ in found]))
         _say_unfinished(store, [(plan, summary) for plan, summary, _ in found])
         say(f"Reports: {store / REPORT}")
-    elif found:
-        _say_found(store, *found[0])
+    else:
+        for each in found:
+            _say_found(store, *each)
     if fail_on_violation and any(summary.violated for _, summary, _ in found):
         raise typer.Exit(1)
 
@@ -109,46 +110,17 @@ def _go_on(store: Path) -> str:
     return f" Go on with: {as_started(shlex.join(['rvsg', 'run', '--out', str(folder)]))}" if folder else ""
 
 
-def _report(path: Path, html: Path | None, world: str | None, *, optional: bool) -> tuple[Plan, Summary, Path] | None:
-    """Write the page of the campaign kept there; where it is `optional`, None if there is no campaign of `rvsg run`."""
-    from rvsg.api.config import CampaignConfig
-    from rvsg.api.folder import REPORT, reading
-    from rvsg.api.paths import FROM
-    from rvsg.api.paths import places as places_of
-    from rvsg.api.wiring import command_for
-    from rvsg.campaign.plan import Plan
-    from rvsg.core.errors import InputError
-    from rvsg.report.page import write_page
-    from rvsg.report.summary import summarise
-    from rvsg.world.io.load import load_world
+def _report(path: Path, html: Path | None, world: str | None, *, optional: bool) -> list[tuple[Plan, Summary, Path]]:
+    """Write the page of every campaign stored there; none where it is `optional` and there is no campaign."""
+    from rvsg.api.index import campaigns_in
 
-    with reading(path) as ledger:
-        known = ledger.campaigns()
-        planned = [s for name in known if (s := ledger.settings(name)) and "plan" in s]
-        if not planned and optional:
-            return None
-        if not planned and known:
-            tables = as_started(shlex.join(["rvsg", "report", str(path), "--tables", "DIR"]))
-            raise InputError(
-                f"{path}: this store holds imported results ({len(known)} campaigns) and none of `rvsg run`, so there "
-                f"is no page to write. Write the study's tables of it: {tables}"
-            )
-        if not planned:
-            raise InputError(f"{path}: this store holds no campaign yet; `rvsg run --out DIR` makes one.")
-        plan = Plan.model_validate(planned[0]["plan"])
-        attempts = list(ledger.attempts(plan.name))
-        places = places_of(planned[0]["config"], planned[0].get(FROM))
-        page = html or (path if path.is_dir() else path.parent) / REPORT
-        write_page(
-            page,
-            plan,
-            attempts,
-            world=load_world(world or places.get(plan.mission.world, plan.mission.world)),
-            run_of=ledger.run,
-            command=command_for(CampaignConfig.model_validate(planned[0]["config"])),
-            simulator=planned[0]["simulator"]["name"],
-        )
-    return plan, summarise(plan, attempts), page
+    found = campaigns_in(path, optional=optional)
+    pages = []
+    for campaign in found:
+        page = html if html is not None and len(found) == 1 else campaign.page(several=len(found) > 1)
+        campaign.report(page, world=world)
+        pages.append((campaign.plan, campaign.summary(), page))
+    return pages
 
 
 def _write_tables(stores: list[Path], out: Path) -> None:

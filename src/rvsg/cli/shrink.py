@@ -18,8 +18,8 @@ def shrink(
     scenario: Annotated[Path, typer.Argument(help="A scenario or a proposal as JSON; - is standard input.")],
     requirement: Annotated[str, typer.Option(help="A shipped requirement, or FILE.yaml#NAME.")] = "R1",
     repeats: Annotated[int, typer.Option(min=1, help="Runs of every simpler scenario.")] = 12,
-    confirmations: Annotated[int, typer.Option(min=1, help="Fresh runs of the original and the smallest.")] = 20,
-    keep: Annotated[float, typer.Option(min=0.01, max=1.0, help="Share of the violations that must stay.")] = 0.8,
+    confirmations: Annotated[int, typer.Option(min=1, help="Confirmation runs of the original and the smallest.")] = 20,
+    keep: Annotated[float, typer.Option(min=0.01, max=1.0, help="Share of the violations that has to stay.")] = 0.8,
     seed: Annotated[int, typer.Option(min=0, help="Seed of everything.")] = 0,
     world: Annotated[str | None, typer.Option(help="Instead of the world the scenario names.")] = None,
     simulator: Annotated[str, typer.Option(help="embedded; kinematic: no physics.")] = "embedded",
@@ -34,56 +34,46 @@ def shrink(
 ) -> None:
     """Find the smallest scenario that violates a requirement about as often.
 
-    People, tasks, pauses and delays are taken away one by one as long as the violations stay. What is left explains
-    the violation. Fresh runs at the end tell how often the original and the smallest scenario violate it.
+    People, tasks, pauses and delays are removed one by one as long as the violations stay. What is left explains the
+    violation. Confirmation runs with new seeds show how often the original and the smallest scenario violate it.
     """
-    from rvsg.api.record_files import check_writable, read_scenario, write_text
-    from rvsg.api.wiring import check_robot, check_scenario, requirement_of, world_of
-    from rvsg.campaign.measuring import Measuring
-    from rvsg.campaign.parallel import Simulations
-    from rvsg.campaign.shrink import Shrinking, Simplification
-    from rvsg.cli.options import pairs
-    from rvsg.core import plugins
-    from rvsg.report.summary import counted
+    import rvsg
+    from rvsg.api.records import check_writable, write_text
+    from rvsg.api.scenarios import load_scenario_in, scenario_json
+    from rvsg.api.shrinking import Simplification
+    from rvsg.api.words import counted
+    from rvsg.cli.options import spec
 
     check_writable(out)
-    asked = read_scenario(scenario)
-    place = world_of(asked, world)
-    check_scenario(asked, place)
-    wanted = requirement_of(requirement).for_time_limit(asked.mission.route.time_limit_s)
-    made = plugins.make("simulator", simulator, pairs("simulator", simulator_option))
-    check_robot(scenario, asked, made)
-    prepare = getattr(made, "prepare", None)
-    if prepare is not None:
-        prepare(say)
-    measuring = Measuring(wanted, place)
+    asked, place = load_scenario_in(scenario, world)
 
-    def told(step: Simplification) -> None:
+    def tried(step: Simplification) -> None:
         violated = f"violated in {step.violations} of {counted(step.runs, 'run')}"
         say(f"{'kept' if step.kept else 'no  '}  {violated}: {step.what}")
 
-    with Simulations(made, place, jobs=jobs) as simulations:
-        found = Shrinking(
-            requirement=wanted,
-            simulations=simulations,
-            measure=measuring.measure,
-            judge=measuring.judge,
-            seed=seed,
-            repeats=repeats,
-            confirmations=confirmations,
-            keep=keep,
-            watch=told,
-        )(asked)
+    shrunk = rvsg.shrink(
+        asked,
+        requirement,
+        repeats=repeats,
+        confirmations=confirmations,
+        keep=keep,
+        seed=seed,
+        jobs=jobs,
+        simulator=spec("simulator", simulator, simulator_option),
+        world=place,
+        on_step=tried,
+        on_message=say,
+    )
     for name, people, verdict in (
-        ("original", found.original.people, found.before),
-        ("smallest", found.smallest.people, found.after),
+        ("original", shrunk.original.people, shrunk.before),
+        ("smallest", shrunk.smallest.people, shrunk.after),
     ):
         tasks = sum(len(human.tasks) for human in people.humans)
         say(
-            f"{name}: {counted(len(people.humans), 'human')}, {counted(tasks, 'task')}; "
-            f"{wanted.name} violated in {verdict.violations} of {counted(verdict.runs, 'fresh run')}"
+            f"{name}: {counted(len(people.humans), 'human')}, {counted(tasks, 'task')}; {verdict.requirement} violated "
+            f"in {verdict.violations} of {counted(verdict.runs, 'confirmation run')}"
         )
     if json:
-        print_json(found.model_dump(mode="json"))
+        print_json(shrunk.model_dump(mode="json"))
     else:
-        write_text(out, found.smallest.to_json())
+        write_text(out, scenario_json(shrunk.smallest))

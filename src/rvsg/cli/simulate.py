@@ -28,30 +28,20 @@ def simulate(
 
     The scenario is checked first: an unknown waypoint or a path through an obstacle never reaches a simulator.
     """
-    from rvsg.api.record_files import check_writable, read_scenario, runs_text, write_text
-    from rvsg.api.wiring import check_robot, check_scenario, world_of
-    from rvsg.campaign.parallel import Simulations
-    from rvsg.cli.options import pairs
-    from rvsg.core import plugins
-    from rvsg.core.errors import SimulationError
-    from rvsg.simulation.run import Run
+    import rvsg
+    from rvsg.api.records import check_writable, runs_text, write_text
+    from rvsg.api.scenarios import check_valid, load_scenario_in
+    from rvsg.cli.options import spec
 
     check_writable(out)
-    asked = read_scenario(scenario)
-    place = world_of(asked, world)
-    for doubtful in check_scenario(asked, place):
-        say(doubtful)
-    made = plugins.make("simulator", simulator, pairs("simulator", simulator_option))
-    check_robot(scenario, asked, made)
-    prepare = getattr(made, "prepare", None)
-    if prepare is not None:
-        prepare(say)
-    runs = []
-    with Simulations(made, place, jobs=jobs) as simulations:
-        for ordered in [simulations.order(asked, seed + repeat) for repeat in range(repeats)]:
-            found = ordered.result()
-            if not isinstance(found, Run):
-                raise SimulationError(f"seed {found.seed}: {found.reason}")
-            runs.append(found)
-            say(f"seed {found.seed}: {found.outcome.value}, after {found.trajectory.t[-1]:.1f} s")
+    asked, place = load_scenario_in(scenario, world)
+    for doubtful in check_valid(asked, place):
+        say(f"warning: {doubtful}")
+
+    def made(run: rvsg.Run) -> None:
+        say(f"seed {run.seed}: {run.outcome.value}, after {run.trajectory.t[-1]:.1f} s")
+
+    seeds = range(seed, seed + repeats)
+    chosen = spec("simulator", simulator, simulator_option)
+    runs = rvsg.simulate(asked, seeds, jobs=jobs, simulator=chosen, world=place, on_run=made, on_message=say)
     write_text(out, runs_text(runs))

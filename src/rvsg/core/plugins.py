@@ -1,6 +1,6 @@
-"""Finds plug-ins by name: the only place that reads entry points. Built-ins register as third-party ones do.
+"""Look plug-ins up by name. This is the only module that reads entry points; built-in plug-ins use them, too.
 
-A plug-in is loaded only when it is asked for; a name that does not exist is answered with "did you mean".
+A plug-in is loaded when it is asked for. An unknown name raises UnknownName, which suggests the nearest one.
 """
 
 from __future__ import annotations
@@ -9,9 +9,12 @@ import difflib
 from collections.abc import Mapping
 from importlib.metadata import EntryPoint, entry_points
 from inspect import signature
-from typing import Any
+from typing import Annotated, Any
+
+from pydantic import Field
 
 from rvsg.core.errors import InputError, UnknownName
+from rvsg.core.records import Record
 
 KINDS = {
     "generator": "rvsg.generators",
@@ -19,64 +22,109 @@ KINDS = {
     "strategy": "rvsg.strategies",
     "executor": "rvsg.executors",
     "store": "rvsg.stores",
+    "metric": "rvsg.metrics",
 }
+"""Every kind of plug-in, with its entry point group."""
+
+
+class Spec(Record):
+    """A plug-in as data: its registered name and its options. This is what a record keeps of a plug-in."""
+
+    name: Annotated[str, Field(min_length=1)]
+    options: dict[str, Any] = Field(default_factory=dict)
+
+    def __init__(self, name: str, options: Mapping[str, Any] | None = None, **unknown: Any) -> None:
+        super().__init__(**{"name": name, "options": dict(options or {}), **unknown})
+
+    @classmethod
+    def of(cls, given: str | Spec) -> Spec:
+        """Return `given` as a Spec; a name stands for the plug-in with its default options."""
+        return given if isinstance(given, Spec) else cls(given)
+
+    def __str__(self) -> str:
+        options = ", ".join(f"{key}={value!r}" for key, value in self.options.items())
+        return f"{self.name}({options})" if options else self.name
 
 
 def names(kind: str) -> tuple[str, ...]:
-    """The names of all plug-ins of a kind, e.g. `generator`."""
-    return tuple(sorted(_found(kind)))
+    """Return the names of all plug-ins of a kind, e.g. `generator`."""
+    return tuple(sorted(_registered(kind)))
 
 
 def find(kind: str, name: str) -> Any:
-    """The class registered under this name; UnknownName, or InputError where its module cannot be loaded."""
-    found = _found(kind)
-    if name not in found:
-        raise UnknownName(kind, name, found)
+    """Return the class registered under a name.
+
+    Raises:
+        UnknownName: no plug-in of this kind has this name.
+        InputError: its module cannot be imported.
+    """
+    registered = _registered(kind)
+    if name not in registered:
+        raise UnknownName(kind, name, registered)
     try:
-        return found[name].load()
+        return registered[name].load()
     except (ImportError, AttributeError) as error:
         raise InputError(
-            f'The {kind} "{name}" ({found[name].value}) cannot be loaded: {error}. Is what it needs installed?'
+            f'Cannot load the {kind} "{name}" ({registered[name].value}): {error}. Check that its package is installed.'
         ) from error
 
 
 def make(kind: str, name: str, options: Mapping[str, Any], *given: Any) -> Any:
-    """An instance of a plug-in with these options, after what is `given` to every plug-in of the kind."""
-    plugin = able(kind, name, options, given=len(given))
+    """Return an instance of a plug-in, made as `Plugin(*given, **options)`.
+
+    Raises:
+        UnknownName, InputError: the plug-in does not exist, or does not accept the options.
+    """
+    plugin = check_options(kind, name, options, given=len(given))
     try:
         return plugin(*given, **options)
     except (TypeError, ValueError) as error:
-        raise InputError(f'The {kind} "{name}" cannot be made with {dict(options) or "no options"}: {error}') from error
+        raise InputError(f'Cannot make the {kind} "{name}" with {dict(options) or "no options"}: {error}') from error
 
 
-def able(kind: str, name: str, options: Mapping[str, Any], *, given: int = 0) -> Any:
-    """The class of a plug-in that takes these options; `given` is how many values every plug-in of the kind is given.
+def check_options(kind: str, name: str, options: Mapping[str, Any], *, given: int = 0) -> Any:
+    """Return the class of a plug-in after checking that it accepts the options.
 
-    InputError says which option it does not take, which one may be meant, and which there are.
+    Args:
+        given: how many positional values every plug-in of this kind receives.
+
+    Raises:
+        InputError: names the option that is not accepted, the nearest one, and all that are.
     """
     plugin = find(kind, name)
-    if unknown := _not_taken(plugin, options, given):
-        known = _taken(plugin)[given:]
+    if unknown := _not_accepted(plugin, options, given):
+        known = _accepted(plugin)[given:]
         near = difflib.get_close_matches(unknown[0], known, n=1, cutoff=0.5)
-        asked = f' Did you mean "{near[0]}"?' if near else ""
+        hint = f' Did you mean "{near[0]}"?' if near else ""
         listed = f"Known options: {', '.join(known)}." if known else "It takes none."
-        raise InputError(f'The {kind} "{name}" has no option "{unknown[0]}".{asked} {listed}')
+        raise InputError(f'The {kind} "{name}" has no option "{unknown[0]}".{hint} {listed}')
     return plugin
 
 
-def _taken(plugin: Any) -> tuple[str, ...]:
-    """The options a plug-in takes by name."""
+def check_complete(kind: str, plugin: object, protocol: type) -> None:
+    """Raise InputError where a plug-in lacks a member of its protocol; names every missing one."""
+    members = [name for name in dir(protocol) if not name.startswith("_")]
+    missing = [name for name in members if not hasattr(plugin, name)]
+    if missing:
+        raise InputError(
+            f"The {kind} {type(plugin).__name__} lacks {', '.join(missing)}. Derive it from "
+            f"{protocol.__module__}.{protocol.__name__}, which has defaults for what is optional."
+        )
+
+
+def _accepted(plugin: Any) -> tuple[str, ...]:
+    """Return the parameters a plug-in accepts by name."""
     return tuple(
         p.name for p in signature(plugin).parameters.values() if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)
     )
 
 
-def _not_taken(plugin: Any, options: Mapping[str, Any], given: int) -> list[str]:
-    """The options that a plug-in does not take; none where it takes any."""
+def _not_accepted(plugin: Any, options: Mapping[str, Any], given: int) -> list[str]:
+    """Return the options that a plug-in does not accept; none where it accepts any."""
     if any(p.kind is p.VAR_KEYWORD for p in signature(plugin).parameters.values()):
         return []
-    return sorted(options.keys() - set(_taken(plugin)[given:]))
+    return sorted(options.keys() - set(_accepted(plugin)[given:]))
 
 
-def _found(kind: str) -> dict[str, EntryPoint]:
+def _registered(kind: str) -> dict[str, EntryPoint]:
     return {point.name: point for point in entry_points(group=KINDS[kind])}

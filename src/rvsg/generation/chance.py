@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from rvsg.generation.answer import answer, nowhere_to_walk
-from rvsg.generation.generator import Proposal
+from rvsg.generation.generator import Generator, Proposal
 from rvsg.generation.places import Place, places_of
 from rvsg.generation.seeding import rng_of
 from rvsg.scenario.brief import Brief
@@ -24,7 +24,7 @@ from rvsg.world.world import World
 HUMAN_RADIUS_M = 0.4
 
 
-class RandomGenerator:
+class RandomGenerator(Generator):
     """Random search: tasks between random areas. Refinements are drawn anew like everything else.
 
     `tasks` is the smallest and largest number of tasks of a person. `individuals`: as in the study, everybody but

@@ -24,7 +24,7 @@ from rvsg.generation.answer import inherited_description
 from rvsg.generation.dialogue import Dialogue
 from rvsg.generation.environment import description_of
 from rvsg.generation.facts import brief_facts, configuration_object, human_names, world_facts
-from rvsg.generation.generator import Proposal
+from rvsg.generation.generator import Generator, Proposal
 from rvsg.generation.pictures import pictures_of
 from rvsg.generation.prompts import Prompts, number
 from rvsg.generation.replies import Reply, read_configuration, read_description, read_path_lines
@@ -51,7 +51,7 @@ class _Judged:
     findings: tuple[Finding, ...]
 
 
-class VlmGenerator:
+class VlmGenerator(Generator):
     """Answers briefs by a conversation with a vision language model.
 
     `model` is a model's name (`openai-chat:gpt-4.1`) or anything with `ask`; None where `replay` names a folder of
@@ -95,8 +95,8 @@ class VlmGenerator:
         moved = f"Replay: {answers} given to other measured values or people than today's; the prompts tell those."
         return (*self.wiring.notes(), moved)
 
-    def watch(self, tell: Tell) -> None:
-        """Tell of every call while it is made; of a replay there is nothing to tell."""
+    def watch(self, tell: Tell | None) -> None:
+        """Tell of every call while it is made; None ends it. A replay makes no calls."""
         if not self.wiring.replaying:
             self.wiring.model.tell = tell
 

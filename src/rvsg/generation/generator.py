@@ -7,6 +7,7 @@ from typing import Any, Protocol
 from pydantic import Field
 
 from rvsg.core.records import Record
+from rvsg.generation.vlm.watching import Tell
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.scenario import Scenario
 from rvsg.scenario.validity import Finding, Repair
@@ -50,14 +51,31 @@ class Proposal(Record):
 
 
 class Generator(Protocol):
-    """Anything that answers a Brief. Deterministic: an equal brief (its seed included) gives an equal proposal,
-    except where an outside model answers, which is then recorded."""
+    """Anything that answers a Brief.
+
+    It is deterministic: an equal brief (its seed included) gives an equal proposal, except where an outside model
+    answers, which is then recorded. Derive a generator from this class: everything but `name` and `propose` has a
+    default.
+    """
 
     @property
     def name(self) -> str:
-        """The name it is chosen by."""
+        """The registered name."""
         ...
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a person should know after the last proposal, e.g. where a replay diverged from its record."""
+        return ()
+
+    def watch(self, tell: Tell | None) -> None:
+        """Tell of every call of a model while it is made; None ends it. Without a model there is nothing to tell."""
+        return
 
     def propose(self, brief: Brief, world: World) -> Proposal:
         """Answer the brief; a bad answer is a Proposal with problems, only a missing one is a GenerationError."""
         ...
+
+    def close(self) -> None:
+        """Release every resource. May be called again."""
+        return

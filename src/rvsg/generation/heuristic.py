@@ -17,7 +17,7 @@ from rvsg.generation.aims import FINALISTS, Aim, aim_of, promise
 from rvsg.generation.answer import answer, nowhere_to_walk
 from rvsg.generation.changes import Changing
 from rvsg.generation.forecast import Forecast, Forecaster
-from rvsg.generation.generator import Proposal
+from rvsg.generation.generator import Generator, Proposal
 from rvsg.generation.ground import ground_of
 from rvsg.generation.places import Place, places_of
 from rvsg.generation.seeding import rng_of
@@ -36,7 +36,7 @@ MATES = {Aim.DELAY: 0.4}
 """How often somebody is drawn as a mate of the person before, by the aim: two people hold a robot up twice as much."""
 
 
-class HeuristicGenerator:
+class HeuristicGenerator(Generator):
     """Plans people's work from the map, the route and what was measured. Deterministic: the brief's seed draws.
 
     `tries` people are drawn for every one that is kept, `changes` variants for every refinement. `individuals`: as

@@ -67,9 +67,9 @@ class Human(Record):
 
 
 class HumanConfiguration(Record):
-    """What all the people do: one to N humans."""
+    """What all the people do. Without humans it is a baseline: the mission alone."""
 
-    humans: Annotated[tuple[Human, ...], Field(min_length=1)]
+    humans: tuple[Human, ...]
 
 
 ROBOT = "tiago_omni"

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from rvsg.core.seeds import stream
 from rvsg.scenario.agents import HumanAgent, decode
 from rvsg.scenario.scenario import Scenario
+from rvsg.simulation.protocol import Simulator
 from rvsg.simulation.run import Outcome, Run, Trajectory
 from rvsg.world.world import World
 
@@ -26,7 +27,7 @@ PERIOD_S = 0.05
 VERSION = 1
 
 
-class KinematicSimulator:
+class KinematicSimulator(Simulator):
     """Runs scenarios without physics. `robot_speed_m_s` while it drives; it stops for a human nearer than `stop_gap_m`
     within 60 degrees of its heading."""
 
@@ -50,8 +51,7 @@ class KinematicSimulator:
         agents = decode(scenario.people, world.grid)
         time = np.arange(0.0, route.time_limit_s + PERIOD_S / 2, PERIOD_S)
         walks = [_walk(agent, time, stream(seed, f"human {agent.name}")) for agent in agents]
-        human_x = np.stack([walk[0] for walk in walks], axis=1)
-        human_y = np.stack([walk[1] for walk in walks], axis=1)
+        human_x, human_y, human_yaw, human_speed = (_columns(walks, k, len(time)) for k in range(4))
         radii = np.array([agent.radius_m for agent in agents])
         path = _robot_path(scenario, world)
         outcome = Outcome.NO_PATH if path is None else Outcome.TIMED_OUT
@@ -69,8 +69,8 @@ class KinematicSimulator:
             acceleration=np.abs(_rate(v, time[:n])),
             human_x=human_x[:n],
             human_y=human_y[:n],
-            human_yaw=np.stack([walk[2] for walk in walks], axis=1)[:n],
-            human_speed=np.stack([walk[3] for walk in walks], axis=1)[:n],
+            human_yaw=human_yaw[:n],
+            human_speed=human_speed[:n],
         )
         return Run(
             scenario_id=scenario.id,
@@ -124,6 +124,11 @@ def _robot_path(scenario: Scenario, world: World) -> Floats | None:
         points += [grid.position(name) for name in names[1:-1]]
         points.append((b.x, b.y))
     return np.array(points)
+
+
+def _columns(walks: Sequence[tuple[Floats, ...]], part: int, rows: int) -> Floats:
+    """Return one part of every walk as the columns of an array with these rows; without people it has no column."""
+    return np.stack([walk[part] for walk in walks], axis=1) if walks else np.empty((rows, 0))
 
 
 def _walk(agent: HumanAgent, time: Floats, chance: np.random.Generator) -> tuple[Floats, Floats, Floats, Floats]:

@@ -31,6 +31,7 @@ from rvsg.simulation.embedded.rehearsal import rehearsal
 from rvsg.simulation.embedded.scene import Surroundings
 from rvsg.simulation.embedded.sensing.localisation import Localisation, known_offset, particle_filter
 from rvsg.simulation.embedded.state import NOISE_TABLE, Settings, new_state
+from rvsg.simulation.protocol import Simulator
 from rvsg.simulation.run import Outcome, Run, Trajectory
 from rvsg.world.world import Route, World
 
@@ -47,7 +48,7 @@ _KEPT = 8
 _SURROUNDINGS: OrderedDict[tuple[str, float], Surroundings] = OrderedDict()
 
 
-class EmbeddedSimulator:
+class EmbeddedSimulator(Simulator):
     """The in-process simulator behind the `Simulator` protocol.
 
     `profile` is `default` (how things should be) or `published-study` (with the defects of the published runs);

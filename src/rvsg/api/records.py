@@ -1,7 +1,6 @@
-"""Records as files: what a stage writes, the next one reads. `-` is standard input or output.
+"""Read and write records as files: each stage reads what the one before wrote. `-` is standard input or output.
 
-A scenario is read from its own JSON, or from that of a proposal or an attempt that holds one. Runs are one JSON
-object per line, so one run is a JSON document and many are JSON lines.
+A scenario is read from its own JSON, or from that of a proposal or an attempt. Runs are one JSON object per line.
 """
 
 from __future__ import annotations
@@ -26,11 +25,13 @@ from rvsg.simulation.archive import RunHeader, run_from_json, run_to_json
 from rvsg.simulation.run import Run
 
 Kept = TypeVar("Kept", bound=Record)
-MOST_TOLD = 12
+MOST_LISTED = 12
+WORLD_FOLDER = "world_folder"
+"""The key beside a saved record under which the folder of its world stands. It is no part of the record or its id."""
 
 
 def read_text(path: Path) -> str:
-    """The text of a file or of standard input."""
+    """Return the text of a file or of standard input."""
     if str(path) == "-":
         return sys.stdin.read()
     try:
@@ -41,7 +42,7 @@ def read_text(path: Path) -> str:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a file whole, or standard output."""
+    """Write a file atomically, or standard output."""
     if str(path) == "-":
         sys.stdout.write(text)
         sys.stdout.flush()
@@ -50,19 +51,19 @@ def write_text(path: Path, text: str) -> None:
 
 
 def check_writable(path: Path) -> None:
-    """Refuse a file that cannot be written, before the work whose result it is to hold; FileError says why.
+    """Check that an output file can be written before starting the work; FileError says why it cannot.
 
-    A folder that is not there yet is no reason: every verb makes those of its output, so that no work is in vain.
+    Missing folders are made when the file is written.
     """
     if str(path) == "-":
         return
     if path.is_dir():
         raise FileError(path, "this is a folder; give the name of a file.")
     if path.exists() and not path.is_file():
-        return  # a device or a pipe is written to where it is
+        return  # a device or a pipe
     nearest = next((folder for folder in path.parents if folder.exists()), Path())
     probe = nearest / f".{path.name}.{os.getpid()}"
-    try:  # what a system says of its rights is not all: nobody makes a file in /proc
+    try:  # access rights alone do not tell: no file can be made in /proc
         probe.touch()
         probe.unlink()
     except OSError as error:
@@ -71,26 +72,34 @@ def check_writable(path: Path) -> None:
 
 
 def read_record(path: Path, kind: type[Kept]) -> Kept:
-    """A record from a JSON file; FileError with everything that is wrong, and the line of what is not JSON."""
+    """Return a record from a JSON file; FileError names everything that is wrong."""
     return _validated(path, _json(path, read_text(path)), kind)
 
 
-def read_scenario(path: Path) -> Scenario:
-    """A scenario, on its own or inside a proposal or an attempt."""
+def read_scenario(path: Path) -> tuple[Scenario, Path | None]:
+    """Return a scenario, on its own or inside a proposal or an attempt, and the saved folder of its world."""
     text = read_text(path)
     if '"arrays"' in text.partition("\n")[0]:
         raise FileError(path, "these are runs; expected the scenario they are of, or a proposal.")
     value = _json(path, text)
+    folder = value.pop(WORLD_FOLDER, None) if isinstance(value, dict) else None
     for key in ("proposal", "scenario"):
         if isinstance(value, dict) and key in value and "people" not in value:
             value = value[key]
     if value is None:
         raise FileError(path, "this proposal holds no valid scenario; its `problems` say why.")
-    return _validated(path, value, Scenario)
+    return _validated(path, value, Scenario), Path(folder) if isinstance(folder, str) else None
+
+
+def with_world_folder(text: str, folder: Path | None) -> str:
+    """Return the JSON of a record with the folder of its world beside it; unchanged where that is None."""
+    if folder is None:
+        return text
+    return json.dumps({WORLD_FOLDER: str(folder), **json.loads(text)}, indent=2, ensure_ascii=False) + "\n"
 
 
 def read_runs(paths: Iterable[Path]) -> list[Run]:
-    """All runs of the files, in order; FileError names the line of what is not a run."""
+    """Return all runs of the files, in order; FileError names the line of what is not a run."""
     runs = []
     for path in paths:
         text = read_text(path)
@@ -101,7 +110,7 @@ def read_runs(paths: Iterable[Path]) -> list[Run]:
             try:
                 run = run_from_json(line)
             except InputError as error:
-                raise FileError(path, f"{_told(error)}.", line=number) from None
+                raise FileError(path, f"{_reason(error)}.", line=number) from None
             if wrong := _impossible(run):
                 raise FileError(path, wrong, line=number)
             runs.append(run)
@@ -111,7 +120,7 @@ def read_runs(paths: Iterable[Path]) -> list[Run]:
 
 
 def _impossible(run: Run) -> str:
-    """What of a run cannot have happened, in words; empty where there is nothing."""
+    """Return why a run is impossible; empty where it is not."""
     if not len(run.trajectory) or not len(run.log):
         return "this run holds no moment; its arrays are empty."
     named = {name: getattr(run, name) for name in ("time_limit_s", "clock_ratio", "robot_radius_m")}
@@ -129,7 +138,7 @@ def _impossible(run: Run) -> str:
 
 
 def _no_other_record(path: Path, text: str) -> None:
-    """Say so where a whole JSON document over several lines (a scenario, a proposal) stands for runs."""
+    """Refuse a JSON document over several lines: a scenario or a proposal, not runs."""
     if text.lstrip().partition("\n")[0].strip() not in ("{", "["):
         return
     try:
@@ -142,8 +151,8 @@ def _no_other_record(path: Path, text: str) -> None:
         )
 
 
-def _told(error: InputError) -> str:
-    """What is wrong with a run, in words where pydantic found it."""
+def _reason(error: InputError) -> str:
+    """Return what is wrong with a run."""
     found = error.__context__
     if isinstance(found, pydantic.ValidationError):
         return "this is not a run: " + "; ".join(mistakes_of(found, RunHeader))
@@ -151,17 +160,17 @@ def _told(error: InputError) -> str:
 
 
 def once(runs: Iterable[Run]) -> list[Run]:
-    """The runs without those that are given twice: one run counted twice would make a verdict surer than it is."""
+    """Return the runs without duplicates: a run counted twice would make a verdict look surer than it is."""
     return list({(run.id, digest(run)): run for run in runs}.values())
 
 
 def digest(run: Run) -> str:
-    """A hash of everything that happened in a run."""
+    """Return a hash of everything that happened in a run."""
     return hashlib.sha256(run_to_json(run).encode()).hexdigest()
 
 
 def runs_text(runs: Iterable[Run]) -> str:
-    """Runs as JSON lines."""
+    """Return runs as JSON lines."""
     return "".join(run_to_json(run) for run in runs)
 
 
@@ -180,6 +189,6 @@ def _validated(path: Path, value: object, kind: type[Kept]) -> Kept:
         return kind.model_validate_json(json.dumps(value))
     except pydantic.ValidationError as error:
         wrong = [f"the whole file{said}" if said.startswith(":") else said for said in mistakes_of(error, kind)]
-        more = [f"and {len(wrong) - MOST_TOLD} more"] if len(wrong) > MOST_TOLD else []
-        listed = "; ".join([*wrong[:MOST_TOLD], *more])
+        more = [f"and {len(wrong) - MOST_LISTED} more"] if len(wrong) > MOST_LISTED else []
+        listed = "; ".join([*wrong[:MOST_LISTED], *more])
         raise FileError(path, f"this is not a {kind.__name__.lower()}: {listed}.") from None

@@ -1,0 +1,29 @@
+"""The errors of RVSG, for those who use it from outside; see `rvsg.core.errors`."""
+
+from rvsg.core.errors import (
+    BudgetSpent,
+    FileError,
+    GenerationError,
+    InputError,
+    Interrupted,
+    InvalidScenario,
+    ModelUnavailable,
+    RvsgError,
+    SimulationError,
+    StoreError,
+    UnknownName,
+)
+
+__all__ = [
+    "BudgetSpent",
+    "FileError",
+    "GenerationError",
+    "InputError",
+    "Interrupted",
+    "InvalidScenario",
+    "ModelUnavailable",
+    "RvsgError",
+    "SimulationError",
+    "StoreError",
+    "UnknownName",
+]

@@ -1,0 +1,186 @@
+"""Make, load, save and check scenarios."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+
+from rvsg.api import records
+from rvsg.api.worlds import as_world, folder_of, world_of
+from rvsg.core.errors import InputError, InvalidScenario, UnknownName
+from rvsg.core.files import write_whole
+from rvsg.scenario import validity
+from rvsg.scenario.scenario import ROBOT, Behaviour, Human, HumanConfiguration, Mission, Pause, Scenario, Task
+from rvsg.scenario.validity import Finding
+from rvsg.simulation.protocol import Simulator
+from rvsg.world.space import robot_space
+from rvsg.world.world import Route, World
+
+
+@dataclass(frozen=True, kw_only=True)
+class Walk:
+    """A person and the waypoints they go round, before the ways between them are known."""
+
+    name: str
+    stops: tuple[str, ...]
+    pauses_s: Mapping[str, float] = field(default_factory=dict)
+    behaviour: Behaviour = Behaviour.REGULAR
+    speed_m_s: float = 1.5
+    start_delay_s: float = 0.0
+    group: int | None = None
+
+    def human(self, world: World) -> Human:
+        """Return the person, who goes from stop to stop by the shortest way, and round again."""
+        return Human(
+            name=self.name,
+            tasks=tuple(self._task(a, b, world) for a, b in pairwise((*self.stops, self.stops[0]))),
+            behaviour=self.behaviour,
+            speed_m_s=self.speed_m_s,
+            start_delay_s=self.start_delay_s,
+            group=self.group,
+        )
+
+    def _task(self, start: str, end: str, world: World) -> Task:
+        valid = world.grid.valid
+        path = world.grid.shortest_path(start, end) if start in valid and end in valid else None
+        way = path or (start, end)  # the checker says what is wrong with it
+        pauses = tuple(Pause(at=at, duration_s=self.pauses_s[at]) for at in way[1:] if at in self.pauses_s)
+        return Task(name=f"{start} → {end}", path=way, pauses=pauses)
+
+
+def walk(
+    name: str,
+    *waypoints: str,
+    pauses_s: Mapping[str, float] | None = None,
+    behaviour: Behaviour | str = Behaviour.REGULAR,
+    speed_m_s: float = 1.5,
+    start_delay_s: float = 0.0,
+    group: int | None = None,
+) -> Walk:
+    """Describe a person who goes round two or more waypoints by the shortest ways.
+
+    Args:
+        pauses_s: seconds to stand still at a waypoint that the person passes or reaches.
+        behaviour: how the person reacts to the robot: regular, impassive, surprised, scared, curious, threatening.
+
+    Raises:
+        InputError: fewer than two waypoints, or an unknown behaviour.
+    """
+    stops = waypoints[:-1] if len(waypoints) > 2 and waypoints[0] == waypoints[-1] else waypoints
+    if len(stops) < 2:
+        raise InputError(f"{name} needs at least two waypoints to walk between, e.g. walk({name!r}, 'E15', 'H15').")
+    known = [each.value for each in Behaviour]
+    if behaviour not in known:
+        raise UnknownName("behaviour", str(behaviour), known)
+    return Walk(
+        name=name,
+        stops=stops,
+        pauses_s=dict(pauses_s or {}),
+        behaviour=Behaviour(behaviour),
+        speed_m_s=speed_m_s,
+        start_delay_s=start_delay_s,
+        group=group,
+    )
+
+
+def scenario(
+    world: World | str | Path,
+    route: Route | str,
+    people: Iterable[Walk | Human] | HumanConfiguration = (),
+    *,
+    description: str = "",
+    robot: str = ROBOT,
+) -> Scenario:
+    """Make a scenario: a robot's mission on a route of a world, and the people who walk there.
+
+    Without people it is the mission alone.
+
+    Raises:
+        InvalidScenario: it breaks a rule; `findings` says which.
+        UnknownName: the world has no such route.
+    """
+    place = as_world(world)
+    taken = place.route(route) if isinstance(route, str) else route
+    if not isinstance(people, HumanConfiguration):
+        humans = tuple(each.human(place) if isinstance(each, Walk) else each for each in people)
+        people = HumanConfiguration(humans=humans)
+    made = Scenario(
+        mission=Mission(world=place.name, world_id=place.id, route=taken, robot=robot),
+        people=people,
+        description=description,
+    )
+    check_valid(made, place)
+    return made
+
+
+def check(scenario: Scenario, world: World | str | Path | None = None) -> tuple[Finding, ...]:
+    """Return every rule the scenario breaks; empty where it is valid."""
+    place = world_of(scenario.mission, world)
+    return validity.check(scenario.people, scenario.mission, place)
+
+
+def check_valid(scenario: Scenario, world: World) -> tuple[Finding, ...]:
+    """Refuse a scenario that breaks a rule, so that none reaches a simulator; return what is merely doubtful.
+
+    Raises:
+        InvalidScenario: with every finding.
+    """
+    check_route(scenario.mission.route, world)
+    findings = validity.check(scenario.people, scenario.mission, world)
+    if findings:
+        raise InvalidScenario("The scenario is not valid:", [str(finding) for finding in findings])
+    return validity.warnings(scenario.people, scenario.mission, world)
+
+
+def check_route(route: Route, world: World) -> None:
+    """Refuse a route that starts or ends inside an obstacle."""
+    space = robot_space(world)
+    for what, pose in (("start", route.start), ("goal", route.goal)):
+        if not space.is_free(pose.x, pose.y):
+            raise InputError(
+                f"{world.name}, {route.name}: the {what} pose ({pose.x:g}, {pose.y:g}) lies inside an obstacle or "
+                "outside the map. Move it in routes.yaml; `rvsg world check` shows every such pose."
+            )
+
+
+def check_robot(scenario: Scenario, simulator: Simulator) -> None:
+    """Refuse a scenario whose robot the simulator does not know."""
+    if scenario.mission.robot not in simulator.robots:
+        hint = (
+            f'The simulator "{simulator.name}" knows no other. Another robot needs a simulator of its own: see '
+            "docs/how-to/write-a-plug-in.md."
+        )
+        raise UnknownName("robot", scenario.mission.robot, simulator.robots, hint=hint)
+
+
+def load_scenario(path: str | Path, *, world: World | str | Path | None = None) -> Scenario:
+    """Load a scenario from its JSON file, or from that of a proposal or an attempt, and check it.
+
+    Raises:
+        FileError: the file holds no scenario.
+        InvalidScenario: the scenario breaks a rule.
+    """
+    found, place = load_scenario_in(path, world)
+    check_valid(found, place)
+    return found
+
+
+def load_scenario_in(path: str | Path, world: World | str | Path | None = None) -> tuple[Scenario, World]:
+    """Load a scenario and the world it was made in, without checking the one in the other."""
+    path = Path(path)
+    found, saved = records.read_scenario(path)
+    beside = path.parent / found.mission.world
+    near = (saved, beside) if saved is not None else (beside,)
+    return found, world_of(found.mission, world, near=near)
+
+
+def scenario_json(scenario: Scenario) -> str:
+    """Return a scenario as JSON, with the folder of its world beside it where that is not a shipped one."""
+    return records.with_world_folder(scenario.to_json(), folder_of(scenario.mission.world_id))
+
+
+def save_scenario(scenario: Scenario, path: str | Path) -> None:
+    """Write a scenario to a file from which `load_scenario` finds its world again."""
+    write_whole(Path(path), scenario_json(scenario))

@@ -1,0 +1,102 @@
+"""Find the world of a scenario.
+
+A world's identity is its declared name and its content id. Where its folder is belongs to neither: the same world
+gives the same scenarios however its folder was named. Where a world was found is remembered per process, and saved
+beside a scenario.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rvsg.core.errors import InputError, RvsgError, UnknownName
+from rvsg.scenario.scenario import Mission
+from rvsg.world.io import load
+from rvsg.world.world import World
+
+_worlds: dict[str, World] = {}
+"""Worlds seen in this process by their content id."""
+_folders: dict[str, Path] = {}
+"""The folder of each, where it is not a shipped world."""
+
+
+def load_world(name_or_path: str | Path) -> World:
+    """Load a shipped world by its name, or the world in a folder.
+
+    Raises:
+        UnknownName: there is no such world.
+        FileError: its files cannot be used; names every mistake with file and line.
+    """
+    world = load.load_world(name_or_path)
+    shipped = isinstance(name_or_path, str) and name_or_path in load.shipped_worlds()
+    return remember(world, None if shipped else load.world_folder(name_or_path))
+
+
+def remember(world: World, folder: Path | None = None) -> World:
+    """Make a world findable by the scenarios made in it, and return it."""
+    _worlds[world.id] = world
+    if folder is not None:
+        _folders[world.id] = folder.resolve()
+    return world
+
+
+def as_world(world: World | str | Path) -> World:
+    """Return a world given by itself, by name or by folder."""
+    return remember(world) if isinstance(world, World) else load_world(world)
+
+
+def folder_of(world_id: str) -> Path | None:
+    """Return where a world that is not shipped was found; None where that is not known."""
+    return _folders.get(world_id)
+
+
+def world_of(mission: Mission, given: World | str | Path | None = None, *, near: tuple[Path, ...] = ()) -> World:
+    """Return the world a mission takes place in.
+
+    Args:
+        given: the world, or where it is; by default it is looked for among the worlds seen in this process, the
+            shipped worlds and the folders `near`.
+
+    Raises:
+        InputError: the world given is another one, or the world has changed or cannot be found.
+    """
+    if given is not None:
+        return _same(mission, as_world(given), given)
+    if mission.world_id in _worlds:
+        return _worlds[mission.world_id]
+    other: World | None = None
+    places: tuple[str | Path, ...] = (*near, mission.world)
+    for place in places:
+        try:
+            found = load_world(place)
+        except UnknownName:
+            continue
+        except RvsgError:
+            if place in near:
+                continue
+            raise
+        if found.id == mission.world_id:
+            return found
+        other = other or found
+    if other is None:
+        raise UnknownName(
+            "world",
+            mission.world,
+            load.shipped_worlds(),
+            hint="The scenario was made in this world: say with --world (in Python world=) in which folder it is.",
+        )
+    raise InputError(
+        f"The scenario was made for {mission.world} ({mission.world_id}), but that world is now {other.id}: its map, "
+        "objects, grid or routes have changed. Propose a new scenario, or give a copy of the world it was made for "
+        "with --world (in Python world=)."
+    )
+
+
+def _same(mission: Mission, world: World, given: World | str | Path) -> World:
+    if world.id == mission.world_id:
+        return world
+    named = world.name if isinstance(given, World) else given
+    raise InputError(
+        f"The scenario was made for {mission.world} ({mission.world_id}), and {named} is another world ({world.id}). "
+        "Leave --world (in Python world=) out, or give the folder of the world it was made for."
+    )

@@ -1,0 +1,142 @@
+"""After the search: confirm the candidates in runs with new seeds, and run the mission with fewer people.
+
+Every candidate meets the same new seeds, which took no part in its selection. The mission without people and every
+confirmed scenario without one of its people meet them, too, so that a difference is one of people, not of noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from rvsg.campaign.attempt import Attempt
+from rvsg.campaign.events import Attempted, Confirming, Event, Explaining
+from rvsg.campaign.parts import Made, Parts, collect, order, store
+from rvsg.campaign.plan import Plan
+from rvsg.campaign.ranking import candidates, search_attempts
+from rvsg.core.seeds import fresh_seeds
+from rvsg.evaluation.judge import next_repeats, violated
+from rvsg.scenario.scenario import Human, HumanConfiguration
+
+FEWEST_WITHOUT_ONE = 5
+"""Runs without one person, at least, however many people there are."""
+
+
+def confirm_all(plan: Plan, attempts: Sequence[Attempt], parts: Parts) -> Iterator[Event]:
+    """Confirm the candidates in order until the budget is spent, then run the mission with fewer people.
+
+    What is stored already is not repeated.
+    """
+    done = list(attempts)
+    if not plan.confirmations:
+        return
+    order_of = candidates(done, plan.requirement)
+    for number, candidate in enumerate(order_of, 1):
+        left = plan.confirmations - sum(a.runs for a in done if a.purpose == "confirmation")
+        if any(a.purpose == "confirmation" and a.confirms == candidate.index for a in done):
+            continue
+        if left <= 0 or (number > 1 and left < parts.procedure.replace(max_runs=left).fewest_more(0, 0)):
+            break
+        event = Confirming(campaign=plan.name, candidate=candidate, number=number, of=len(order_of), runs=left)
+        yield event
+        yield from _noted(confirm(plan, candidate, done, parts, budget=left), done)
+    yield from _noted(explain(plan, done, parts), done)
+
+
+def confirm(
+    plan: Plan, candidate: Attempt, attempts: Sequence[Attempt], parts: Parts, *, budget: int
+) -> Iterator[Event]:
+    """Repeat a candidate in at most `budget` runs with new seeds.
+
+    Where the requirement has a limit, runs are added in batches until the sequential procedure decides. A batch is
+    the fewest runs that can decide, so their number does not depend on the number of workers. Without a limit all of
+    the budget is spent.
+    """
+    seeds = confirmation_seeds(plan, attempts, budget)
+    again = candidate.replace(
+        index=_next_index(attempts),
+        purpose="confirmation",
+        confirms=candidate.index,
+        measurements=(),
+        failures=(),
+        verdict=None,
+    )
+    procedure = parts.procedure.replace(max_runs=budget)
+    judged = plan.requirement.threshold is not None
+    made = Made()
+    count = next_repeats(plan.requirement, [], procedure=procedure) if judged else budget
+    while count:
+        yield from collect(again, order(again, seeds[made.count : made.count + count], parts), made, parts)
+        objectives = [m.objective for m in made.measurements] + [None] * len(made.failures)
+        count = next_repeats(plan.requirement, objectives, procedure=procedure)
+    yield Attempted(campaign=plan.name, attempt=store(again, made, parts, budget=budget))
+
+
+def explain(plan: Plan, attempts: Sequence[Attempt], parts: Parts) -> Iterator[Event]:
+    """Run the mission without people, and every confirmed violation without each of its people in turn."""
+    done = list(attempts)
+    confirmations = [a for a in done if a.purpose == "confirmation" and a.measurements]
+    if not confirmations:
+        return
+    longest = max(confirmations, key=lambda a: len(a.measurements))
+    known = [a for a in done if a.purpose == "baseline"]
+    if not known or len(known[-1].measurements) < len(longest.measurements):
+        yield from _noted(_with_people(plan, longest, (), "baseline", done, parts), done)
+    if plan.requirement.threshold is None:
+        return
+    for confirmation in confirmations:
+        scenario, verdict = confirmation.proposal.scenario, confirmation.verdict
+        if scenario is None or verdict is None or not violated(verdict, procedure=parts.procedure):
+            continue
+        humans = scenario.people.humans
+        if len(humans) < 2:  # the baseline is this scenario without its only person
+            continue
+        for i, human in enumerate(humans):
+            if any(a.confirms == confirmation.index and a.without == (human.name,) for a in done):
+                continue
+            rest = humans[:i] + humans[i + 1 :]
+            yield from _noted(_with_people(plan, confirmation, rest, "removal", done, parts), done)
+
+
+def _with_people(
+    plan: Plan, confirmation: Attempt, people: tuple[Human, ...], purpose: str, done: Sequence[Attempt], parts: Parts
+) -> Iterator[Event]:
+    """Repeat a confirmation on its own seeds with only these people."""
+    scenario = confirmation.proposal.scenario
+    assert scenario is not None
+    humans = scenario.people.humans
+    without = tuple(human.name for human in humans if human not in people)
+    seeds = [m.seed for m in confirmation.measurements]
+    if purpose == "removal":
+        seeds = seeds[: max(FEWEST_WITHOUT_ONE, plan.confirmations // len(humans))]
+    fewer = scenario.replace(people=HumanConfiguration(humans=people))
+    attempt = Attempt(
+        campaign=plan.name,
+        index=_next_index(done),
+        purpose="baseline" if purpose == "baseline" else "removal",
+        strategy=confirmation.strategy,
+        brief=confirmation.brief,
+        proposal=confirmation.proposal.replace(scenario=fewer, calls=()),
+        confirms=None if purpose == "baseline" else confirmation.index,
+        without=without,
+    )
+    yield Explaining(campaign=plan.name, without=without, people=len(people), runs=len(seeds))
+    made = Made()
+    yield from collect(attempt, order(attempt, seeds, parts), made, parts)
+    yield Attempted(campaign=plan.name, attempt=store(attempt, made, parts))
+
+
+def confirmation_seeds(plan: Plan, attempts: Sequence[Attempt], count: int) -> tuple[int, ...]:
+    """Return the first `count` seeds of a campaign's confirmations: none of them took part in the search."""
+    used = {measurement.seed for attempt in search_attempts(attempts) for measurement in attempt.measurements}
+    return fresh_seeds(plan.seed, "confirmation", count, used=used)
+
+
+def _next_index(attempts: Sequence[Attempt]) -> int:
+    return max((attempt.index for attempt in attempts), default=-1) + 1
+
+
+def _noted(events: Iterator[Event], done: list[Attempt]) -> Iterator[Event]:
+    for event in events:
+        if isinstance(event, Attempted):
+            done.append(event.attempt)
+        yield event
