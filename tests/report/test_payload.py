@@ -10,7 +10,7 @@ from itertools import accumulate
 import numpy as np
 import pytest
 from tests.campaign.parts import REQUIREMENT, MemoryLedger, warehouse
-from tests.report.test_page import campaign
+from tests.report.test_page import campaign, page
 
 from rvsg.evaluation.judge import objective
 from rvsg.evaluation.sampled import Sampled
@@ -122,3 +122,11 @@ def test_no_two_people_share_a_colour(count: int) -> None:
         else 99.0
     )
     assert nearest > (12 if count <= 30 else 5)
+
+
+@pytest.mark.slow
+def test_a_page_of_300_runs_stays_below_3_mb() -> None:
+    ledger = MemoryLedger()
+    the_plan, attempts = campaign(ledger, scenarios=12, refinements=4, repeats=5, confirmations=1)
+    assert sum(len(a.measurements) for a in attempts) > 300
+    assert len(page(the_plan, attempts, ledger).encode()) < 3_000_000

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -90,7 +91,7 @@ def answer(plan: Plan, summary: Summary, confirmed: AttemptFacts | None, searche
         badges, sentences = _seen(runs, plan, "search run") if runs else ([], [])
         return Answer(**top, badges=badges, sentences=sentences)
     badges, seen = _seen(confirmed.runs, plan, "confirmation run")
-    sentences = [*_judged(plan, confirmed), *seen]
+    sentences = [*_judged(plan, confirmed), *_where(confirmed), *seen]
     others = [run for attempt in searched for run in attempt.runs]
     touched = [run for run in others if run.contacts]
     if touched:
@@ -130,6 +131,28 @@ def _judged(plan: Plan, confirmed: AttemptFacts) -> list[Sentence]:
         Piece(f": {verdict.violation_probability:.0%} ({verdict.confidence:.0%} interval {low:.0%} to {high:.0%})."),
     ]
     return [often, measured]
+
+
+def _where(facts: AttemptFacts) -> list[Sentence]:
+    """Who is nearest at the decisive moment, where and when, over the violating runs or all of them."""
+    runs = facts.violating or facts.runs
+    who = Counter(run.decisive_with for run in runs if run.decisive_with).most_common(1)
+    if not who:
+        return []
+    name, count = who[0]
+    with_them = [run for run in runs if run.decisive_with == name]
+    places = Counter(run.decisive_at.waypoint for run in with_them)
+    usual = [place for place, _ in places.most_common(2) if place]
+    times = sorted(run.decisive_s for run in with_them)
+    when = f"{times[0]:.0f} s" if round(times[0]) == round(times[-1]) else f"{times[0]:.0f} to {times[-1]:.0f} s"
+    return [
+        [
+            Piece("At the decisive moment the nearest person is "),
+            Piece(f"{name} in {count} of {counted(len(runs), 'run')}", _ids(with_them)),
+            Piece(f", near {' and '.join(usual)}" if usual else ""),
+            Piece(f", {when} after the start."),
+        ]
+    ]
 
 
 def _seen(runs: Sequence[RunFacts], plan: Plan, kind: str) -> tuple[list[Badge], list[Sentence]]:

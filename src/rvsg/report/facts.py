@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from rvsg.campaign.attempt import Attempt, Measurement
-from rvsg.evaluation.detection import events_of
-from rvsg.evaluation.events import Contact, Event, Recovery, StandStill
+from rvsg.evaluation.detection import events_of, place_namer
+from rvsg.evaluation.events import Contact, Event, Place, Recovery, StandStill
 from rvsg.evaluation.sampled import Sampled, stretches
+from rvsg.evaluation.story import Sentence, story_of
 from rvsg.report.quantity import Curve, decisive_time, judged_curve
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Scenario
@@ -26,8 +27,12 @@ class RunFacts:
     measurement: Measurement
     violated: bool
     events: tuple[Event, ...]
+    story: tuple[Sentence, ...]
     curve: Curve
     decisive_s: float
+    decisive_with: str
+    """The person nearest to the robot at the decisive moment; empty without people."""
+    decisive_at: Place
     closest_m: float | None
     closest_to: str
     closest_s: float
@@ -118,15 +123,20 @@ def run_facts(
 ) -> RunFacts:
     """The facts of one run."""
     curve = judged_curve(run, requirement, world)
+    events = events_of(run, world=world, scenario=scenario)
+    decisive = decisive_time(run, requirement, curve)
     objective = measurement.objective
     closest, person, at = _closest(run)
     return RunFacts(
         run=run,
         measurement=measurement,
         violated=objective is not None and requirement.violated_by(objective),
-        events=events_of(run, world=world, scenario=scenario),
+        events=events,
+        story=story_of(run, world=world, scenario=scenario, events=events),
         curve=curve,
-        decisive_s=decisive_time(run, requirement, curve),
+        decisive_s=decisive,
+        decisive_with=_nearest_at(run, decisive),
+        decisive_at=_where(run, decisive, world),
         closest_m=closest,
         closest_to=person,
         closest_s=at,
@@ -140,6 +150,21 @@ def _closest(run: Run) -> tuple[float | None, str, float]:
     gap = Sampled(run, run.trajectory).gap
     row, person = np.unravel_index(int(gap.argmin()), gap.shape)
     return float(gap[row, person]), run.human_names[int(person)], float(run.trajectory.t[row])
+
+
+def _row(run: Run, t_s: float) -> int:
+    return min(int(np.searchsorted(run.trajectory.t, t_s - 1e-9)), len(run.trajectory) - 1)
+
+
+def _nearest_at(run: Run, t_s: float) -> str:
+    if not run.human_names or not len(run.trajectory):
+        return ""
+    return run.human_names[int(Sampled(run, run.trajectory).gap[_row(run, t_s)].argmin())]
+
+
+def _where(run: Run, t_s: float, world: World) -> Place:
+    row = _row(run, t_s)
+    return place_namer(world)(float(run.trajectory.x[row]), float(run.trajectory.y[row]))
 
 
 def _beyond(curve: Curve, requirement: Requirement) -> list[tuple[float, float]]:

@@ -97,7 +97,7 @@ def overview(run: Run, moments: Sequence[float], look: Look, label: str, names: 
         x, y = look.turn.point(float(path.x[row]), float(path.y[row]))
         parts.append(
             f'<g class="pin" transform="translate({x:.2f} {y:.2f})"><circle r="0.34"/>'
-            f'<text y="0.16" font-size="0.46">{number}</text></g>'
+            f'<text font-size="0.46">{number}</text></g>'
         )
     return "".join([*parts, "</svg>"])
 
@@ -121,7 +121,7 @@ def _trails(run: Run, end: int, look: Look) -> list[str]:
 
 def _bodies(run: Run, row: int, look: Look) -> list[str]:
     path = run.trajectory
-    found = []
+    found, names = [], []
     for h, name in enumerate(run.human_names):
         colour = look.colours.get(name)
         x, y, radius = float(path.human_x[row, h]), float(path.human_y[row, h]), run.human_radius_m[h]
@@ -132,7 +132,7 @@ def _bodies(run: Run, row: int, look: Look) -> list[str]:
         )
         if colour:
             px, py = look.turn.point(x, y)
-            found.append(
+            names.append(
                 f'<text class="who" x="{px:.2f}" y="{py - radius - 0.12:.2f}" font-size="{LETTER_M}" fill="{colour}">'
                 f"{_e(name)}</text>"
             )
@@ -143,7 +143,7 @@ def _bodies(run: Run, row: int, look: Look) -> list[str]:
     found.append(
         f'<g transform="{pose}"><polygon class="robot" points="{corners}"/><path class="nose" d="{nose}"/></g>'
     )
-    return found
+    return found + names
 
 
 def _line(x: Floats, y: Floats, turn: Turn) -> str:

@@ -10,8 +10,9 @@ from markupsafe import Markup
 from rvsg.evaluation.sampled import Sampled
 from rvsg.report.facts import AttemptFacts, RunFacts
 from rvsg.report.frames import frame, overview
+from rvsg.report.names import narrow_names
 from rvsg.report.shown import Shown, look_of
-from rvsg.report.words import metres
+from rvsg.report.words import metres, untimed
 
 STILLS = 4
 APART_S = 0.8
@@ -29,7 +30,11 @@ def what_happens(shown: Shown, subject: AttemptFacts) -> dict[str, Any] | None:
     return {
         "run": run,
         "which": _which(run, subject),
-        "overview": Markup(overview(run.run, times, look, label, shown.floor.names)),  # noqa: S704
+        "story": [
+            {"t": sentence.time_s, "text": untimed(sentence), "address": f"#run={run.id}&t={sentence.time_s:.1f}"}
+            for sentence in run.story
+        ],
+        "overview": Markup(overview(run.run, times, look, label, narrow_names(shown.floor))),  # noqa: S704
         "frames": [
             {
                 "number": place,

@@ -25,6 +25,7 @@ from rvsg.report.charts import confirmation_chart, search_chart
 from rvsg.report.colours import distinct_colours
 from rvsg.report.facts import facts_of
 from rvsg.report.happened import what_happens
+from rvsg.report.names import narrow_names, narrow_size
 from rvsg.report.replay import component, replay_data
 from rvsg.report.shown import Shown, look_of
 from rvsg.report.summary import Summary, counted, number, summarise
@@ -39,8 +40,6 @@ from rvsg.world.world import World
 __all__ = ["environment", "headline", "render_page", "write_page"]
 
 SHOWN_TASKS = 4
-NARROW_PX = 342
-"""Width of the map on a phone 390 px wide; names of areas keep 11.5 px there without JavaScript."""
 
 
 def write_page(path: Path, plan: Plan, attempts: Sequence[Attempt], **how: Any) -> None:
@@ -97,7 +96,7 @@ def render_page(
             runs=run_rows(shown),
             box=shown.floor.view_box,
             floor=Markup(shown.floor.shapes),  # noqa: S704
-            names=Markup(shown.floor.names),  # noqa: S704
+            names=Markup(narrow_names(shown.floor)),  # noqa: S704
             look=Markup(_area_colours(world, shown.floor)),  # noqa: S704
             replay=_script_safe(replay_data(shown)) if subject else None,
             component=Markup(component()),  # noqa: S704
@@ -132,9 +131,11 @@ def _area_colours(world: World, floor: FloorPlan) -> str:
             for place, css in enumerate("#{:02x}{:02x}{:02x}".format(*colour) for colour in colours)
         )
         rules.append(wrap.format(tints))
-    width = float(floor.view_box.split()[2])
-    small = 11.5 * width / NARROW_PX
-    rules.append(f"@media (max-width:640px){{.still .area-name,.map .area-name{{font-size:{small:.3f}px}}}}")
+    size = narrow_size(floor)
+    rules.append(
+        f"@media (max-width:640px){{.still .area-name,.map .area-name,.pin text{{font-size:{size:.3f}px}}"
+        f".pin circle{{r:{0.8 * size:.3f}px}}}}"
+    )
     return "".join(rules)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from rvsg.evaluation.metrics import METRICS
+from rvsg.evaluation.story import Sentence
 from rvsg.scenario.requirement import Requirement
 
 
@@ -27,3 +28,9 @@ def metres(gap: float) -> str:
     if gap <= 0.0:
         return "0 cm"
     return f"{max(1, round(gap * 100))} cm" if gap < 1.0 else f"{gap:.1f} m"
+
+
+def untimed(sentence: Sentence) -> str:
+    """The text of a sentence where its time stands beside it already."""
+    text = sentence.text.removeprefix(f"At {sentence.time_s:.1f} s ")
+    return text[:1].upper() + text[1:]

@@ -201,6 +201,8 @@
     data.groups.forEach(function (group, k) { if (group.runs.length) html(groupSelect, "option", { value: k }, group.label); });
     const compareLabel = html(top, "label", { class: "rp-field" }, "Compare with ");
     const compareSelect = html(compareLabel, "select", {});
+    const chosen = html(element, "p", { class: "rp-chosen" });
+    const chosenText = html(chosen, "span", {}), before = html(chosen, "button", { type: "button" }, "Previous"), after = html(chosen, "button", { type: "button" }, "Next"), clear = html(chosen, "button", { type: "button" }, "Clear");
     const stripBox = html(element, "div", { class: "rp-strip-box" });
     const strip = html(stripBox, "div", { class: "rp-strip", role: "radiogroup", "aria-label": "Runs by the value of the requirement" });
     const about = html(element, "p", { class: "rp-about" });
@@ -465,7 +467,13 @@
     function title(run) {
       return number(run.objective, data.requirement.unit) + (run.violated ? ", violated" : "") + (run.arrived ? "" : ", did not arrive") + (run.note ? ", " + run.note : "") + ", seed " + run.seed;
     }
-    function ordered() { return state.group.runs; }
+    /** The runs that Next and Previous go through: those marked by the address, else those of the configuration. */
+    function ordered() { return state.marked.length > 1 && state.marked.includes(state.run.id) ? state.marked : state.group.runs.map(function (run) { return run.id; }); }
+    function step(by) {
+      const runs = ordered(), k = runs.indexOf(state.run.id);
+      pause();
+      return select(runs[(k + by + runs.length) % runs.length]);
+    }
 
     /* moving through time */
     function say() {
@@ -562,6 +570,9 @@
         text += part ? " The two runs part at " + part.t.toFixed(1) + " s (" + part.who + ")." : " The two runs are alike.";
       }
       about.textContent = text;
+      const at0 = state.marked.indexOf(state.run.id);
+      chosen.style.display = state.marked.length > 1 ? "" : "none";
+      chosenText.textContent = state.marked.length + " runs are selected" + (at0 < 0 ? "" : "; this is number " + (at0 + 1)) + ".";
       redrawStrip(); redraw(); redrawLanes(); redrawCharts(); frame(); draw();
       element.dispatchEvent(new CustomEvent("replaychange", { detail: api.state() }));
     }
@@ -581,6 +592,9 @@
     element.addEventListener("keydown", function () { touched = true; }, true);
     groupSelect.addEventListener("change", function () { touched = true; pause(); state.marked = []; select(data.groups[+groupSelect.value].runs[0].id); });
     compareSelect.addEventListener("change", function () { compare(compareSelect.value); });
+    before.addEventListener("click", function () { step(-1); });
+    after.addEventListener("click", function () { step(1); });
+    clear.addEventListener("click", function () { state.marked = []; refresh(); });
     playButton.addEventListener("click", function () { if (state.playing) pause(); else play(); });
     back.addEventListener("click", function () { goTo(state.t - 1); });
     forth.addEventListener("click", function () { goTo(state.t + 1); });
@@ -601,13 +615,13 @@
       if (event.ctrlKey || event.metaKey || event.altKey || event.defaultPrevented || !state.series) return;
       if (tag === "SELECT" || tag === "TEXTAREA" || (tag === "INPUT" && event.target !== slider)) return;
       if (event.key === " " && (tag === "BUTTON" || tag === "SUMMARY" || tag === "A")) return;
-      const step = event.shiftKey ? 1 : 0.1, runs = ordered(), k = runs.indexOf(state.run), s = SPEEDS.indexOf(state.speed);
+      const seconds = event.shiftKey ? 1 : 0.1, s = SPEEDS.indexOf(state.speed);
       const keys = {
         " ": function () { if (state.playing) pause(); else play(); },
-        ArrowLeft: function () { pause(); goTo(state.t - step); },
-        ArrowRight: function () { pause(); goTo(state.t + step); },
-        "[": function () { select(runs[(k + runs.length - 1) % runs.length].id); },
-        "]": function () { select(runs[(k + 1) % runs.length].id); },
+        ArrowLeft: function () { pause(); goTo(state.t - seconds); },
+        ArrowRight: function () { pause(); goTo(state.t + seconds); },
+        "[": function () { step(-1); },
+        "]": function () { step(1); },
         "+": function () { setSpeed(SPEEDS[Math.min(s + 1, SPEEDS.length - 1)]); },
         "-": function () { setSpeed(SPEEDS[Math.max(s - 1, 0)]); },
         d: function () { pause(); goTo(state.run.opens); },
@@ -630,7 +644,7 @@
       select: select, compare: compare, seek: goTo, play: play, pause: pause, setSpeed: setSpeed,
       ready: function () { return ready; },
       runs: function () { return Array.from(byRun.keys()); },
-      state: function () { return { group: state.group && state.group.id, run: state.run && state.run.id, other: state.other && state.other.id, t: state.t, playing: state.playing, speed: state.speed, end: state.series && end() }; },
+      state: function () { return { marked: state.marked, group: state.group && state.group.id, run: state.run && state.run.id, other: state.other && state.other.id, t: state.t, playing: state.playing, speed: state.speed, end: state.series && end() }; },
     };
     if ((element.clientWidth || 1000) < 560) { show.follow = true; switches.follow.checked = true; }
     if (!(options.address && fromAddress())) select(options.run && byRun.has(options.run) ? options.run : first.runs[0].id, options.t);

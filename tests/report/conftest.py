@@ -1,0 +1,80 @@
+"""A headless Chromium for the tests of the pages, and the pages they look at."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.campaign.parts import MemoryLedger
+from tests.report.test_page import NastyGenerator, campaign, page
+
+CHROMIUM = next((path for name in ("chromium", "chromium-browser") if (path := shutil.which(name))), None)
+FLAGS = (
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+)
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Any]:
+    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    if CHROMIUM is None:
+        pytest.skip("no chromium on this machine")
+    with playwright.sync_playwright() as driver:
+        started = driver.chromium.launch(executable_path=CHROMIUM, args=list(FLAGS))
+        yield started
+        started.close()
+
+
+@pytest.fixture(scope="session")
+def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Pages by name: `contacts` passes although robot and people touch; `crowd` has 30 people; `hostile` attacks."""
+    folder = tmp_path_factory.mktemp("pages")
+    made = {
+        "contacts": {},
+        "crowd": {"humans": 30, "scenarios": 1, "refinements": 0, "confirmations": 3},
+        "hostile": {"generator": NastyGenerator()},
+    }
+    found = {}
+    for name, changes in made.items():
+        ledger = MemoryLedger()
+        found[name] = folder / f"{name}.html"
+        found[name].write_text(page(*campaign(ledger, **changes), ledger), encoding="utf-8")
+    return found
+
+
+@pytest.fixture
+def show(browser: Any, pages: dict[str, Path]) -> Iterator[Callable[..., Any]]:
+    """Open a page by its name; errors of its scripts, requests and dialogs fail the test."""
+    contexts: list[Any] = []
+    wrong: list[str] = []
+
+    def opened(name: str, *, width: int = 1280, clock: bool = False, at: str = "", **how: Any) -> Any:
+        context = browser.new_context(viewport={"width": width, "height": 900}, **how)
+        contexts.append(context)
+        tab = context.new_page()
+        tab.on("pageerror", lambda error: wrong.append(f"error: {error}"))
+        tab.on("console", lambda message: wrong.append(message.text) if message.type == "error" else None)
+        tab.on("request", lambda request: wrong.append(request.url) if not request.url.startswith("file:") else None)
+        tab.on("dialog", lambda dialog: (wrong.append(f"dialog: {dialog.message}"), dialog.dismiss()))
+        if clock:
+            tab.clock.install(time=0)
+        tab.goto(pages[name].as_uri() + at)
+        if how.get("java_script_enabled", True):
+            tab.evaluate("window.replay.ready()")
+        if clock:
+            tab.clock.pause_at(1_000_000)  # from here on time passes only where a test says so
+        return tab
+
+    yield opened
+    for context in contexts:
+        context.close()
+    assert wrong == []

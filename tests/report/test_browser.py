@@ -1,0 +1,190 @@
+"""The page as people meet it: in a browser, on a phone, with the keyboard, without JavaScript."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+pytestmark = pytest.mark.slow
+
+Show = Callable[..., Any]
+
+TEXTS = """() => [...document.querySelectorAll(".map text, .still text")]
+  .filter(node => node.checkVisibility() && getComputedStyle(node).display !== "none")
+  .map(node => {
+    const box = node.ownerSVGElement, m = node.getScreenCTM();
+    const shown = node.getBoundingClientRect(), frame = box.getBoundingClientRect();
+    const across = shown.right > frame.left && shown.left < frame.right;
+    const inside = across && shown.bottom > frame.top && shown.top < frame.bottom;
+    const scale = Math.sqrt(Math.abs(m.a * m.d - m.b * m.c));
+    return { text: node.textContent, inside, px: parseFloat(getComputedStyle(node).fontSize) * scale };
+  }).filter(each => each.inside)"""
+
+
+def state(tab: Any) -> dict[str, Any]:
+    return tab.evaluate("window.replay.state()")
+
+
+def open_address(tab: Any, address: str) -> dict[str, Any]:
+    tab.evaluate("address => { location.hash = address; }", address)
+    tab.wait_for_function(
+        "() => new Promise(done => setTimeout(() => window.replay.ready().then(() => done(true)), 0))"
+    )
+    return state(tab)
+
+
+@pytest.mark.parametrize("width", [1280, 390])
+def test_a_page_that_passes_with_contacts_says_so_above_the_fold(show: Show, width: int) -> None:
+    tab = show("contacts", width=width)
+    assert tab.locator(".verdict > .said .chip").inner_text() == "PASS"
+    badge = tab.locator(".badge.bad", has_text="contact in 5 of 5 runs")
+    box = badge.bounding_box()
+    assert box is not None and box["y"] + box["height"] < 900
+
+
+def test_every_number_of_runs_in_the_answer_opens_those_runs(show: Show) -> None:
+    tab = show("contacts")
+    answer = tab.locator(".verdict")
+    linked = " ".join(answer.locator("a").all_inner_texts())
+    for counted in re.findall(
+        r"\d+ of \d+ (?:confirmation )?runs?", " ".join(answer.locator("p:not(.said)").all_inner_texts())
+    ):
+        assert counted in linked
+    known = set(tab.evaluate("window.replay.runs()"))
+    addresses = answer.locator("a").evaluate_all("links => links.map(link => link.getAttribute('href'))")
+    assert addresses
+    for address in addresses:
+        runs = address.split("=", 1)[1].split("&")[0].split(",")
+        assert set(runs) <= known
+        assert open_address(tab, address)["run"] in runs
+        if address.startswith("#runs="):
+            assert state(tab)["marked"] == runs
+            assert 1 <= tab.locator(".rp-marked").count() <= len(runs)
+
+
+def test_every_recorded_run_opens_by_its_address_with_its_limit(show: Show) -> None:
+    tab = show("contacts")
+    runs = tab.evaluate("window.replay.runs()")
+    assert len(runs) == 17
+    for run in runs:
+        found = open_address(tab, f"#run={run}&t=1.5")
+        assert (found["run"], found["t"]) == (run, 1.5)
+        assert tab.locator(".rp-limit-text").first.text_content() == "limit 1\u00a0m"
+        assert tab.locator(".rp-charts .rp-limit").count() == 1
+
+
+def test_an_address_opens_the_run_when_the_page_is_loaded(show: Show) -> None:
+    run = show("contacts").evaluate("window.replay.runs()")[9]
+    found = state(show("contacts", at=f"#run={run}&t=2.5"))
+    assert (found["run"], found["t"]) == (run, 2.5)
+
+
+@pytest.mark.parametrize("speed", [0.25, 0.5, 1, 2, 5, 10])
+def test_playback_is_as_fast_as_it_says(show: Show, speed: float) -> None:
+    tab = show("contacts", clock=True)
+    tab.evaluate("speed => { replay.setSpeed(speed); replay.seek(0); replay.play(); }", speed)
+    tab.clock.run_for(100)
+    before = state(tab)["t"]
+    tab.clock.run_for(1000)
+    found = state(tab)
+    assert found["playing"]
+    assert found["t"] - before == pytest.approx(speed, rel=0.05)
+
+
+def test_playback_ends_with_the_run(show: Show) -> None:
+    tab = show("contacts", clock=True)
+    tab.evaluate("() => { replay.setSpeed(10); replay.seek(0); replay.play(); }")
+    tab.clock.run_for(20_000)
+    found = state(tab)
+    assert not found["playing"] and found["t"] == pytest.approx(found["end"])
+
+
+def test_the_keyboard_plays_steps_and_chooses(show: Show) -> None:
+    tab = show("contacts", clock=True)
+    first = state(tab)
+    tab.keyboard.press("ArrowRight")
+    assert state(tab)["t"] == pytest.approx(first["t"] + 0.1)
+    tab.keyboard.press("Shift+ArrowLeft")
+    assert state(tab)["t"] == pytest.approx(first["t"] - 0.9)
+    assert f"run={first['run']}&t=" in tab.url
+    tab.keyboard.press("]")
+    tab.evaluate("window.replay.ready()")
+    assert state(tab)["run"] != first["run"]
+    tab.keyboard.press("+")
+    tab.keyboard.press("Space")
+    assert state(tab)["playing"] and state(tab)["speed"] == 2
+    tab.keyboard.press("Space")
+    assert not state(tab)["playing"]
+
+
+def test_a_dot_of_the_strip_selects_its_run(show: Show) -> None:
+    tab = show("contacts")
+    dot = tab.locator(".rp-dot").nth(2)
+    run = dot.get_attribute("data-run")
+    dot.click()
+    tab.evaluate("window.replay.ready()")
+    assert state(tab)["run"] == run
+    assert tab.locator(".rp-dot[aria-checked=true]").get_attribute("data-run") == run
+
+
+def test_two_runs_compared_say_when_they_part(show: Show) -> None:
+    tab = show("contacts")
+    other = tab.locator(".rp-field select").nth(1).locator("option").nth(2).get_attribute("value")
+    tab.evaluate("id => replay.compare(id)", other)
+    assert state(tab)["other"] == other
+    assert re.search(r"The two runs (part at \d+\.\d s|are alike)", tab.locator(".rp-about").inner_text())
+    assert tab.locator(".rp-robot").count() == 2
+
+
+@pytest.mark.parametrize("script", [True, False])
+def test_text_on_the_maps_can_be_read_on_a_phone(show: Show, script: bool) -> None:
+    tab = show("contacts", width=390, java_script_enabled=script)
+    texts = tab.evaluate(TEXTS)
+    assert len(texts) > 10
+    assert [each for each in texts if each["px"] < 11] == []
+
+
+def test_the_page_is_not_wider_than_a_phone(show: Show) -> None:
+    tab = show("contacts", width=390)
+    assert tab.evaluate("document.documentElement.scrollWidth") <= 390
+
+
+def test_no_two_involved_people_share_a_colour(show: Show) -> None:
+    tab = show("crowd")
+    groups = tab.evaluate("JSON.parse(document.getElementById('data').textContent).groups")
+    colours = [person["colour"] for person in groups[0]["people"] if person["colour"]]
+    assert len(groups[0]["people"]) == 30 and len(colours) > 8
+    assert len(set(colours)) == len(colours)
+    shown = tab.locator(".rp-person:not(.rp-uninvolved)").evaluate_all("all => all.map(a => getComputedStyle(a).color)")
+    assert len(set(shown)) == len(shown) == len(colours)
+
+
+@pytest.mark.parametrize("name", ["contacts", "hostile"])
+@pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (1280, "dark"), (390, "light")])
+def test_axe_finds_no_violation(show: Show, name: str, width: int, scheme: str) -> None:
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe-playwright-python is not installed")
+    tab = show(name, width=width, color_scheme=scheme, bypass_csp=True)
+    tab.evaluate("document.querySelectorAll('details').forEach(each => { each.open = true; })")
+    found = axe.Axe().run(tab).response["violations"]
+    assert [(each["id"], [node["target"] for node in each["nodes"]][:3]) for each in found] == []
+
+
+def test_hostile_text_stays_text(show: Show) -> None:
+    tab = show("hostile", width=1280)
+    for run in tab.evaluate("window.replay.runs()")[:3]:
+        open_address(tab, f"#run={run}")
+    tab.evaluate("document.querySelectorAll('details').forEach(each => { each.open = true; })")
+    assert tab.locator("body img").count() == 0
+    assert "<script>alert(1)" in tab.locator("main").inner_text()
+
+
+def test_without_javascript_the_page_tells_what_happens(show: Show) -> None:
+    tab = show("contacts", java_script_enabled=False)
+    assert tab.locator(".story li").count() >= 3
+    assert tab.locator("figure svg.still").count() >= 4
+    for frame in tab.locator(".stills svg.still").all():
+        box = frame.bounding_box()
+        assert box is not None and box["height"] > 80
