@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from tests.simulation.tiago import FOOTPRINT, INFLATION, RANGES
 
 from rvsg.simulation.embedded.navigation.costmap import (
     FREE,
@@ -16,7 +17,6 @@ from rvsg.simulation.embedded.navigation.costmap import (
     clear_line,
     inflate_marks,
     inflate_static,
-    inflation_kernel,
     merge_global,
     observe,
     shift,
@@ -47,7 +47,7 @@ def slow_inflation(lethal: NDArray[np.bool_]) -> Bytes:
 
 
 def test_a_cell_exactly_five_cells_off_is_not_inscribed() -> None:
-    costs = inflation_kernel(0.05)
+    costs = INFLATION
     assert costs.shape == (23, 23)
     assert [int(costs[11, 11 + k]) for k in (0, 1, 4, 5, 6, 11)] == [254, 253, 253, 251, 216, 102]
     assert costs[0, 0] == 0
@@ -61,25 +61,25 @@ def test_inflation_is_that_of_the_nearest_lethal_cell(seed: int) -> None:
     front[20:30, 20:26] = LETHAL
     rear[26:34, 24:30] = LETHAL
     master = np.zeros((60, 60), np.uint8)
-    inflate_marks(master, front, rear, inflation_kernel(0.05))
+    inflate_marks(master, np.stack([front, rear]), INFLATION)
     assert np.array_equal(master, slow_inflation((front == LETHAL) | (rear == LETHAL)))
 
 
 def test_the_global_map_redone_around_the_robot_is_the_map_redone_everywhere() -> None:
     rng = np.random.default_rng(4)
-    costs = inflation_kernel(0.05)
+    costs = INFLATION
     static = np.where(rng.random((150, 180)) < 0.004, LETHAL, FREE).astype(np.uint8)
     static[:, :20] = UNKNOWN
     inflated = inflate_static(static, costs)
     front = np.full(static.shape, UNKNOWN, np.uint8)
     rear = front.copy()
     master = np.zeros_like(static)
-    merge_global(master, static, inflated, front, rear, costs, 75, 90, 200)
+    merge_global(master, static, inflated, np.stack([front, rear]), costs, 75, 90, 200)
     front[70:74, 15:90] = FREE
     rear[60:80, 92:95] = LETHAL
     everywhere = master.copy()
-    merge_global(master, static, inflated, front, rear, costs, 75, 60, 46)
-    merge_global(everywhere, static, inflated, front, rear, costs, 75, 90, 200)
+    merge_global(master, static, inflated, np.stack([front, rear]), costs, 75, 60, 46)
+    merge_global(everywhere, static, inflated, np.stack([front, rear]), costs, 75, 90, 200)
     assert np.array_equal(master, everywhere)
     assert (master[70:74, 15:20] != UNKNOWN).all()
     expected = slow_inflation((static == LETHAL) | (rear == LETHAL))
@@ -98,26 +98,26 @@ def test_a_line_clears_at_most_its_length_and_both_ends() -> None:
 
 
 def scan_of(distance: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    return np.full(818, distance), ray_directions(818)
+    return np.full(818, distance), ray_directions(818, math.radians(270.0))
 
 
 def test_a_scan_marks_hits_within_reach_and_clears_what_lies_before_them() -> None:
     grid = np.full((200, 200), LETHAL, np.uint8)
     ranges, directions = scan_of(2.0)
-    observe(grid, ranges, directions, 100.5, 100.5, 0.0, 0.05, 0.0)
+    observe(grid, ranges, directions, 100.5, 100.5, 0.0, 0.05, 0.0, *RANGES)
     assert grid[100, 100] == FREE
     assert grid[100, 139] == FREE
     assert grid[100, 140] == LETHAL
     grid[:] = FREE
     ranges[:] = 2.6
-    observe(grid, ranges, directions, 100.5, 100.5, 0.0, 0.05, 0.0)
+    observe(grid, ranges, directions, 100.5, 100.5, 0.0, 0.05, 0.0, *RANGES)
     assert (grid == FREE).all()
 
 
 def test_the_voxel_layer_clears_only_to_two_cells_before_the_hit() -> None:
     grid = np.full((200, 200), LETHAL, np.uint8)
     ranges, directions = scan_of(2.0)
-    observe(grid, ranges, directions, 100.5, 100.5, 0.0, 0.05, 2.0)
+    observe(grid, ranges, directions, 100.5, 100.5, 0.0, 0.05, 2.0, *RANGES)
     assert grid[100, 138] == FREE
     assert grid[100, 139] == LETHAL
 
@@ -125,10 +125,10 @@ def test_the_voxel_layer_clears_only_to_two_cells_before_the_hit() -> None:
 def test_a_ray_without_return_neither_clears_nor_marks_but_a_far_one_clears_three_metres() -> None:
     grid = np.full((200, 200), LETHAL, np.uint8)
     ranges, directions = scan_of(NO_RETURN)
-    observe(grid, ranges, directions, 100.5, 100.5, 0.0, 0.05, 0.0)
+    observe(grid, ranges, directions, 100.5, 100.5, 0.0, 0.05, 0.0, *RANGES)
     assert (grid == LETHAL).all()
     ranges[:] = FAR
-    observe(grid, ranges, directions, 100.5, 100.5, 0.0, 0.05, 0.0)
+    observe(grid, ranges, directions, 100.5, 100.5, 0.0, 0.05, 0.0, *RANGES)
     assert grid[100, 160] == FREE
     assert grid[100, 162] == LETHAL
     assert grid[100 - 50, 100 - 50] == LETHAL  # behind: outside the field of view of 270 degrees
@@ -137,13 +137,13 @@ def test_a_ray_without_return_neither_clears_nor_marks_but_a_far_one_clears_thre
 def test_the_padded_footprint_becomes_free() -> None:
     grid = np.full((60, 60), LETHAL, np.uint8)
     spans = np.zeros((60, 2), np.int64)
-    clear_footprint(grid, spans, 30.5, 30.5, 0.0, 0.05)
+    clear_footprint(grid, spans, 30.5, 30.5, 0.0, 0.05, FOOTPRINT)
     rows, columns = np.nonzero(grid == FREE)
     assert (columns.min(), columns.max()) == (23, 37)
     assert (rows.min(), rows.max()) == (25, 35)
     assert len(rows) == 15 * 11
     grid[:] = LETHAL
-    clear_footprint(grid, spans, 30.5, 30.5, math.pi / 2, 0.05)
+    clear_footprint(grid, spans, 30.5, 30.5, math.pi / 2, 0.05, FOOTPRINT)
     rows, columns = np.nonzero(grid == FREE)
     assert (columns.max() - columns.min(), rows.max() - rows.min()) == (10, 14)
 

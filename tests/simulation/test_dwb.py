@@ -7,13 +7,14 @@ import math
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from tests.simulation.tiago import INFLATION, STACK, TIAGO
 
 from rvsg.simulation.embedded.navigation.controllers import dwb
-from rvsg.simulation.embedded.navigation.costmap import inflate_marks, inflation_kernel
+from rvsg.simulation.embedded.navigation.costmap import inflate_marks
 
 Floats = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
-TABLE = dwb.samples()
+TABLE = dwb.samples(TIAGO)
 
 
 def slow_rollout(v0: float, w0: float, v1: float, w1: float, steps: int, dt: float) -> Floats:
@@ -96,8 +97,8 @@ def choose(
     state[dwb.PLAN_END] = len(path)
     count = len(TABLE)
     return dwb.choose(
-        state, np.zeros(dwb.CONTROLLER_REALS), dwb.scratch(count), dwb.rollouts(count), TABLE, master, 0, 0, path,
-        goal_yaw, *pose, v0, w0,
+        state, np.zeros(dwb.CONTROLLER_REALS), dwb.scratch(count, 60), dwb.rollouts(count), TABLE, master, 0, 0, path,
+        goal_yaw, *pose, v0, w0, STACK,
     )  # fmt: skip
 
 
@@ -114,7 +115,7 @@ def test_there_are_419_samples_in_dwbs_order() -> None:
 @pytest.mark.parametrize(("v0", "w0"), [(0.0, 0.0), (0.5, 0.3), (0.26, -0.755)])
 def test_rollouts_end_where_the_slow_reading_ends(v0: float, w0: float) -> None:
     ends = np.zeros((len(TABLE), 5))
-    dwb.roll_out_ends(ends, v0, w0, TABLE)
+    dwb.roll_out_ends(ends, v0, w0, TABLE, 2.5, 3.2, 0.1)
     slow = np.array([slow_rollout(v0, w0, v, w, int(n), dt)[-1] for v, w, n, dt in TABLE])
     assert np.allclose(ends[:, :3], slow, atol=1e-12)
     ahead = slow[:, :2] + 0.1 * np.column_stack([np.cos(slow[:, 2]), np.sin(slow[:, 2])])
@@ -129,7 +130,7 @@ def test_the_chosen_sample_is_the_first_of_least_total_among_those_that_are_free
         if math.hypot(r - 30, c - 30) > 12:
             marks[r - 1 : r + 2, c - 1 : c + 2] = 254
     master = np.zeros((60, 60), np.uint8)
-    inflate_marks(master, marks, np.zeros_like(marks), inflation_kernel(0.05))
+    inflate_marks(master, np.stack([marks, np.zeros_like(marks)]), INFLATION)
     turn = rng.uniform(-math.pi, math.pi)
     along = np.arange(0.0, 4.0, 0.025)
     bend = 0.3 * np.sin(along)
@@ -171,13 +172,13 @@ def test_near_the_goal_the_robot_slows_down_then_turns_on_the_spot_towards_the_g
 def test_a_reversed_turn_on_the_spot_bans_the_way_back_until_the_robot_has_moved() -> None:
     state = np.zeros(dwb.CONTROLLER_INTS, np.int64)
     reals = np.zeros(dwb.CONTROLLER_REALS)
-    dwb.remember_turn(state, reals, 0.0, -0.5, 0.0, 0.0, 0.0)
-    dwb.remember_turn(state, reals, 0.4, 0.5, 0.0, 0.0, 0.0)
+    dwb.remember_turn(state, reals, 0.0, -0.5, 0.0, 0.0, 0.0, STACK)
+    dwb.remember_turn(state, reals, 0.4, 0.5, 0.0, 0.0, 0.0, STACK)
     assert state[dwb.BAN_RIGHT] == 0
-    dwb.remember_turn(state, reals, 0.05, 0.5, 0.0, 0.0, 0.0)
+    dwb.remember_turn(state, reals, 0.05, 0.5, 0.0, 0.0, 0.0, STACK)
     assert state[dwb.BAN_RIGHT] == 1
-    dwb.remember_turn(state, reals, 0.5, 0.5, 0.04, 0.0, 0.1)
+    dwb.remember_turn(state, reals, 0.5, 0.5, 0.04, 0.0, 0.1, STACK)
     assert state[dwb.BAN_RIGHT] == 1
-    dwb.remember_turn(state, reals, 0.5, 0.5, 0.06, 0.0, 0.1)
+    dwb.remember_turn(state, reals, 0.5, 0.5, 0.06, 0.0, 0.1, STACK)
     assert state[dwb.BAN_RIGHT] == 0
     assert state[dwb.LAST_SIGN] == 0

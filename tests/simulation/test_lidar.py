@@ -7,7 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from rvsg.simulation.embedded.sensing.lidar import FAR, FIELD_OF_VIEW_RAD, NO_RETURN, place_legs, ray_directions, scan
+from rvsg.simulation.embedded.sensing.lidar import FAR, NO_RETURN, place_legs, ray_directions, scan
+
+VIEW = math.radians(270.0)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -18,9 +20,21 @@ def test_ranges_are_those_of_the_nearest_edge_or_leg_along_each_ray(seed: int) -
     legs = legs[np.hypot(*legs.T) > 0.2]
     bearing = float(rng.uniform(-4, 4))
     ranges = np.zeros(273)
-    scan(ranges, ray_directions(273), 0.1, -0.2, bearing, edges, np.arange(25, dtype=np.int32), legs, False)
+    scan(
+        ranges,
+        ray_directions(273, VIEW),
+        0.1,
+        -0.2,
+        bearing,
+        edges,
+        np.arange(25, dtype=np.int32),
+        legs,
+        False,
+        VIEW,
+        3.5,
+    )
     for k, measured in enumerate(ranges):
-        angle = bearing + k * FIELD_OF_VIEW_RAD / 272
+        angle = bearing + k * VIEW / 272
         ray = np.array([math.cos(angle), math.sin(angle)])
         hits = []
         for ax, ay, bx, by in edges - np.array([0.1, -0.2, 0.1, -0.2]):
@@ -43,7 +57,9 @@ def test_ranges_are_those_of_the_nearest_edge_or_leg_along_each_ray(seed: int) -
 def test_in_a_closed_place_an_open_ray_returns_from_far() -> None:
     ranges = np.zeros(91)
     none = np.zeros((0, 4))
-    scan(ranges, ray_directions(91), 0.0, 0.0, 0.0, none, np.zeros(0, np.int32), np.zeros((0, 2)), True)
+    scan(
+        ranges, ray_directions(91, VIEW), 0.0, 0.0, 0.0, none, np.zeros(0, np.int32), np.zeros((0, 2)), True, VIEW, 3.5
+    )
     assert (ranges == FAR).all()
 
 

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from tests.simulation.tiago import TIAGO
 
 from rvsg.core.records import Pose
 from rvsg.simulation.embedded.compiled import kernel
@@ -28,6 +29,8 @@ from rvsg.simulation.embedded.sensing.localisation import (
 from rvsg.world.world import OccupancyMap
 
 SHIFT = (0.2, -0.15)
+LIDAR = TIAGO.lidars[0]
+RNG = np.random.default_rng
 
 
 @kernel
@@ -76,7 +79,9 @@ def drive(own: Localisation, edges: np.ndarray, steps: int = 60) -> tuple[float,
 
 def test_the_heaviest_particle_is_where_the_robot_really_is() -> None:
     occupancy, edges = room()
-    own = particle_filter(beam_scores(occupancy), occupancy, 818, (5.0, 3.8, 1.0), 0.0, np.random.default_rng(0))
+    own = particle_filter(
+        beam_scores(occupancy, 25.0), occupancy, LIDAR, (5.0, 3.8, 1.0), 0.0, np.random.default_rng(0)
+    )
     errors = np.linspace(-0.4, 0.4, 33)
     x, y = (grid.ravel() for grid in np.meshgrid(errors, errors))
     own.particles[0, : len(x)] = np.column_stack([5.0 + x, 3.8 + y, np.full(len(x), 1.0)])
@@ -92,7 +97,7 @@ def test_the_filter_comes_nearer_to_the_truth_than_it_began() -> None:
     found = []
     for seed in range(4):
         own = particle_filter(
-            beam_scores(occupancy), occupancy, 818, (5.0, 3.8, 1.5708), 0.01, np.random.default_rng(seed)
+            beam_scores(occupancy, 25.0), occupancy, LIDAR, (5.0, 3.8, 1.5708), 0.01, np.random.default_rng(seed)
         )
         x, y, turn = drive(own, edges, 240)
         at = (4.0 + math.cos(0.05 * 239), 3.8 + math.sin(0.05 * 239))
@@ -104,10 +109,10 @@ def test_the_filter_comes_nearer_to_the_truth_than_it_began() -> None:
 
 def test_equal_seeds_believe_equally() -> None:
     occupancy, edges = room()
-    scores = beam_scores(occupancy)
+    scores = beam_scores(occupancy, 25.0)
 
     def end(seed: int) -> tuple[float, float, float]:
-        own = particle_filter(scores, occupancy, 818, (5.0, 3.8, 1.5708), 0.01, np.random.default_rng(seed))
+        own = particle_filter(scores, occupancy, LIDAR, (5.0, 3.8, 1.5708), 0.01, np.random.default_rng(seed))
         return drive(own, edges, 20)
 
     assert end(3) == end(3)
@@ -116,7 +121,9 @@ def test_equal_seeds_believe_equally() -> None:
 
 def test_a_robot_that_hardly_moves_takes_in_the_first_scan_only() -> None:
     occupancy, edges = room()
-    own = particle_filter(beam_scores(occupancy), occupancy, 818, (1.5, 4.0, 0.0), 0.01, np.random.default_rng(0))
+    own = particle_filter(
+        beam_scores(occupancy, 25.0), occupancy, LIDAR, (1.5, 4.0, 0.0), 0.01, np.random.default_rng(0)
+    )
     taken = [take_in(own, 1.5 + 0.001 * k, 4.0, 0.0, edges, np.zeros((0, 2))) for k in range(5)]
     assert taken == [True, False, False, False, False]
 
@@ -129,19 +136,21 @@ def test_points_come_back_from_the_map() -> None:
 
 
 def test_a_beam_counts_most_where_it_ends_on_something() -> None:
-    scores = beam_score(np.array([0.0, 0.1, 0.2, 2.0]))
+    scores = beam_score(np.array([0.0, 0.1, 0.2, 2.0]), 25.0)
     assert (np.diff(scores) < 0).all()
     assert scores[0] == pytest.approx(0.52**3)
 
 
 def test_a_map_without_obstacles_scores_evenly() -> None:
     empty = OccupancyMap(cells=np.zeros((5, 5), np.uint8), resolution=0.05, origin=Pose(x=0, y=0))
-    assert len(np.unique(beam_scores(empty))) == 1
+    assert len(np.unique(beam_scores(empty, 25.0))) == 1
 
 
 def test_an_estimate_holds_for_the_robots_pose_a_second_later() -> None:
     occupancy, edges = room()
-    own = particle_filter(beam_scores(occupancy), occupancy, 818, (1.5, 4.0, 0.0), 0.01, np.random.default_rng(0))
+    own = particle_filter(
+        beam_scores(occupancy, 25.0), occupancy, LIDAR, (1.5, 4.0, 0.0), 0.01, np.random.default_rng(0)
+    )
     legs = np.zeros((0, 2))
     held, estimates = [own.present.copy()], []
     for k in range(40):
@@ -155,7 +164,9 @@ def test_an_estimate_holds_for_the_robots_pose_a_second_later() -> None:
 
 def test_more_estimates_than_can_wait_are_not_lost() -> None:
     occupancy, edges = room()
-    own = particle_filter(beam_scores(occupancy), occupancy, 818, (1.5, 4.0, 0.0), 0.01, np.random.default_rng(0))
+    own = particle_filter(
+        beam_scores(occupancy, 25.0), occupancy, LIDAR, (1.5, 4.0, 0.0), 0.01, np.random.default_rng(0)
+    )
     for k in range(12):
         take_in(own, 1.5 + 0.3 * k, 4.0, 0.0, edges, np.zeros((0, 2)), 0.01 * k)
     take_in(own, 1.5 + 0.3 * 11, 4.0, 0.0, edges, np.zeros((0, 2)), 1.11)

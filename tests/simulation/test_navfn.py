@@ -135,7 +135,7 @@ def planned(
     end = plan(
         path, 0, *start, *goal, master.copy(), converted(master), reaches(), rest, np.zeros(master.size, np.float32),
         np.zeros(master.size, np.uint8), np.zeros((3, BUFFER), np.int32), np.zeros((2, longest), np.float32), 0.0, 0.0,
-        0.05,
+        0.05, 0.5,
     )  # fmt: skip
     return path[:end]
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.simulation.tiago import BOX
 
 from rvsg.core.errors import InputError
 from rvsg.core.records import Pose
@@ -325,12 +326,12 @@ class TestObstacles:
 
     def test_the_robots_body_is_an_obstacle_too(self) -> None:
         none = np.zeros((0, 6)), np.zeros((0, 3))
-        x, y, found = point_towards_origin(0.5, 0.0, 0.96, *none, 0.0, 0.0, 0.0)
+        x, y, found = point_towards_origin(0.5, 0.0, 0.96, *none, 0.0, 0.0, 0.0, BOX, 0.345)
         assert found
         assert (x, y) == pytest.approx((0.5 * 0.345 / 0.96, 0.0))
-        x, y, found = point_towards_origin(1.7, 0.0, 0.96, *none, 0.0, 0.0, 0.0)
+        x, y, found = point_towards_origin(1.7, 0.0, 0.96, *none, 0.0, 0.0, 0.0, BOX, 0.345)
         assert (x, y) == pytest.approx((0.3585, 0.0))
-        assert not point_towards_origin(3.0, 0.0, 0.96, *none, 0.0, 0.0, 0.0)[2]
+        assert not point_towards_origin(3.0, 0.0, 0.96, *none, 0.0, 0.0, 0.0, BOX, 0.345)[2]
 
     @pytest.mark.parametrize("bare", [False, True])
     def test_nobody_walks_through_a_wall(self, bare: bool) -> None:

@@ -22,6 +22,7 @@ from rvsg.core.plugins import Spec
 from rvsg.core.records import Record
 from rvsg.evaluation.judge import DEFAULT, Procedure
 from rvsg.generation.vlm.budget import NO_CALL
+from rvsg.robots.files import DEFAULT_ROBOT
 
 Positive = Annotated[int, Field(ge=1, le=100_000, strict=True)]
 NotNegative = Annotated[int, Field(ge=0, strict=True)]
@@ -49,6 +50,7 @@ class CampaignConfig(Record):
     world: str = "warehouse"
     route: str = "route_1"
     requirement: str = "R1"
+    robot: str = DEFAULT_ROBOT
     generator: str | None = None
     generator_options: dict[str, Any] = Field(default_factory=dict)
     strategy: str = "study"
@@ -158,7 +160,7 @@ def read_campaign_file(path: Path) -> dict[str, Any]:
     for key in PATHS:
         if isinstance(values.get(key), str):
             values[key] = str(path.parent / values[key])
-    for key in ("world", "requirement"):
+    for key in ("world", "requirement", "robot"):
         if isinstance(values.get(key), list):
             values[key] = [_beside(path, name) for name in values[key]]
         elif key in values:

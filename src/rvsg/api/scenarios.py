@@ -11,6 +11,7 @@ from rvsg.api import records
 from rvsg.api.worlds import as_world, folder_of, world_of
 from rvsg.core.errors import InputError, InvalidScenario, UnknownName
 from rvsg.core.files import write_whole
+from rvsg.robots import Robot, load_robot
 from rvsg.scenario import validity
 from rvsg.scenario.scenario import ROBOT, Behaviour, Human, HumanConfiguration, Mission, Pause, Scenario, Task
 from rvsg.scenario.validity import Finding
@@ -91,11 +92,11 @@ def scenario(
     people: Iterable[Walk | Human] | HumanConfiguration = (),
     *,
     description: str = "",
-    robot: str = ROBOT,
+    robot: Robot | str | Path = ROBOT,
 ) -> Scenario:
     """Make a scenario: a robot's mission on a route of a world, and the people who walk there.
 
-    Without people it is the mission alone.
+    Without people it is the mission alone. `robot` is a record, the name of a shipped robot or a robot file.
 
     Raises:
         InvalidScenario: it breaks a rule; `findings` says which.
@@ -107,7 +108,7 @@ def scenario(
         humans = tuple(each.human(place) if isinstance(each, Walk) else each for each in people)
         people = HumanConfiguration(humans=humans)
     made = Scenario(
-        mission=Mission(world=place.name, world_id=place.id, route=taken, robot=robot),
+        mission=Mission(world=place.name, world_id=place.id, route=taken, robot=as_robot(robot)),
         people=people,
         description=description,
     )
@@ -145,14 +146,28 @@ def check_route(route: Route, world: World) -> None:
             )
 
 
+def as_robot(robot: Robot | str | Path, simulator: Simulator | None = None) -> Robot | str:
+    """Return the robot of a mission: a record, or a name that only the simulator knows.
+
+    Raises:
+        UnknownName: there is no such robot and no such file.
+        FileError: the file is wrong.
+    """
+    names = (ROBOT,) if simulator is None else (ROBOT, *simulator.robots)
+    return robot if isinstance(robot, Robot) or robot in names else load_robot(robot)
+
+
 def check_robot(scenario: Scenario, simulator: Simulator) -> None:
     """Refuse a scenario whose robot the simulator does not know."""
-    if scenario.mission.robot not in simulator.robots:
+    mission = scenario.mission
+    if simulator.any_robot and mission.robot_record is not None:
+        return
+    if mission.robot_name not in simulator.robots or isinstance(mission.robot, Robot):
         hint = (
             f'The simulator "{simulator.name}" knows no other. Another robot needs a simulator of its own: see '
             "docs/how-to/write-a-plug-in.md."
         )
-        raise UnknownName("robot", scenario.mission.robot, simulator.robots, hint=hint)
+        raise UnknownName("robot", mission.robot_name, simulator.robots, hint=hint)
 
 
 def load_scenario(path: str | Path, *, world: World | str | Path | None = None) -> Scenario:

@@ -9,7 +9,7 @@ from typing import Any
 
 from rvsg.api.config import CampaignConfig
 from rvsg.api.requirements import load_requirement
-from rvsg.api.scenarios import check_route
+from rvsg.api.scenarios import as_robot, check_route
 from rvsg.api.simulating import make_simulator
 from rvsg.api.worlds import load_world
 from rvsg.campaign.loop import feedback_from
@@ -104,13 +104,15 @@ def wire(
     requirement = load_requirement(paths.get(config.requirement, config.requirement), route)
     strategy_class = plugins.find("strategy", config.strategy)
     simulator = make_simulator(simulator or config.simulator_spec)
+    mission = Mission(world=world.name, world_id=world.id, route=route)
+    mission = mission.replace(robot=as_robot(paths.get(config.robot, config.robot), simulator))
     if generator is None:
         generator = plugins.make("generator", config.generator_name, generator_options(config, paths))
     plugins.check_complete("generator", generator, Generator)
     plugins.check_options("store", config.store, config.store_options, given=1)
     plan = Plan(
         name=f"{world.name}-{route.name}-{requirement.name}-{config.generator_name}-{config.strategy}-{config.seed}",
-        mission=Mission(world=world.name, world_id=world.id, route=route),
+        mission=mission,
         requirement=requirement,
         humans=config.humans,
         scenarios=config.scenarios,

@@ -34,6 +34,9 @@ def run(
     requirement: Annotated[
         list[str] | None, typer.Option(help="A shipped requirement, or FILE.yaml#NAME; repeat it for several. [R1]")
     ] = None,
+    robot: Annotated[
+        str | None, typer.Option(help="A shipped robot (`rvsg robots`) or a robot file. [tiago_omni]")
+    ] = None,
     generator: Annotated[
         str | None, typer.Option(help="Who writes scenarios: heuristic, random, vlm, or a plug-in.")
     ] = None,

@@ -19,6 +19,9 @@ def simulate(
     seed: Annotated[int, typer.Option(min=0, help="Seed of the first run; the next have the next.")] = 0,
     repeats: Annotated[int, typer.Option(min=1, help="Number of runs.")] = 1,
     world: Annotated[str | None, typer.Option(help="Instead of the world the scenario names.")] = None,
+    robot: Annotated[
+        str | None, typer.Option(help="Instead of the scenario's robot: a shipped one (`rvsg robots`) or a robot file.")
+    ] = None,
     simulator: Annotated[str, typer.Option(help="embedded; kinematic: no physics.")] = "embedded",
     simulator_option: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="For the simulator.")] = None,
     jobs: Annotated[int, typer.Option(min=1, help="Worker processes.")] = 1,
@@ -30,11 +33,13 @@ def simulate(
     """
     import rvsg
     from rvsg.api.records import check_writable, runs_text, write_text
-    from rvsg.api.scenarios import check_valid, load_scenario_in
+    from rvsg.api.scenarios import as_robot, check_valid, load_scenario_in
     from rvsg.cli.options import spec
 
     check_writable(out)
     asked, place = load_scenario_in(scenario, world)
+    if robot is not None:
+        asked = asked.replace(mission=asked.mission.replace(robot=as_robot(robot)))
     for doubtful in check_valid(asked, place):
         say(f"warning: {doubtful}")
 

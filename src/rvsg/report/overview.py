@@ -37,7 +37,7 @@ def render_overview(reported: Sequence[Reported], *, command: str, missing: int 
     return template.render(
         version=rvsg.__version__,
         title=f"{counted(len(reported), 'campaign')} in {Path(mission.world).name}",
-        robot=mission.robot,
+        robot=mission.robot_name,
         missing=missing,
         headline=_headline(reported),
         tiles=_tiles(reported),

@@ -5,9 +5,11 @@ from __future__ import annotations
 from enum import Enum
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from rvsg.core.records import Record
+from rvsg.robots import Robot, shipped_robots
+from rvsg.robots.files import DEFAULT_ROBOT
 from rvsg.world.world import Route
 
 Name = Annotated[str, Field(min_length=1, max_length=120)]
@@ -72,17 +74,36 @@ class HumanConfiguration(Record):
     humans: tuple[Human, ...]
 
 
-ROBOT = "tiago_omni"
-"""The robot of our simulators: TIAGo OMNI base, Nav2 with DWB."""
+ROBOT = DEFAULT_ROBOT
+"""The robot of a mission that names none: the TIAGo OMNI base."""
 
 
 class Mission(Record):
-    """What the robot is to do, where: the world by name and content id, the route, the robot by name."""
+    """What the robot is to do, where: the world by name and content id, the route, the robot.
+
+    A robot is a record, so that its content is part of the mission's id. The default robot and a robot that only
+    another simulator knows are given by name; the name of any other shipped robot becomes its record.
+    """
 
     world: str
     world_id: str
     route: Route
-    robot: str = ROBOT
+    robot: str | Robot = ROBOT
+
+    @field_validator("robot", mode="before")
+    @classmethod
+    def _shipped(cls, robot: object) -> object:
+        return shipped_robots().get(robot, robot) if isinstance(robot, str) and robot != ROBOT else robot
+
+    @property
+    def robot_name(self) -> str:
+        """The robot's name."""
+        return self.robot if isinstance(self.robot, str) else self.robot.name
+
+    @property
+    def robot_record(self) -> Robot | None:
+        """The robot as a record; None where only its name is known."""
+        return shipped_robots().get(self.robot) if isinstance(self.robot, str) else self.robot
 
 
 class Scenario(Record):

@@ -13,7 +13,7 @@ from rvsg.world.world import World
 class Simulator(Protocol):
     """Anything that runs scenarios. Equal scenario, world, seed and options give an equal run, bit for bit.
 
-    Derive a simulator from this class: `robots`, `prepare` and `close` have defaults. A simulator reaches worker
+    Derive a simulator from this class: `robots`, `any_robot`, `prepare` and `close` have defaults. A simulator reaches worker
     processes by pickling, before or after `prepare`.
     """
 
@@ -34,6 +34,11 @@ class Simulator(Protocol):
     def robots(self) -> tuple[str, ...]:
         """The names of the robots it simulates."""
         return (ROBOT,)
+
+    @property
+    def any_robot(self) -> bool:
+        """Whether it also simulates every robot that a scenario holds as a record."""
+        return False
 
     def prepare(self, tell: Callable[[str], None]) -> None:
         """Do once what takes long, e.g. compile or connect; `tell` takes messages for people. May be called again."""

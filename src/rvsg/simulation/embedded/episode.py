@@ -22,13 +22,13 @@ from rvsg.simulation.embedded.navigation.behaviour_tree import (
     navigate,
     place_path,
 )
-from rvsg.simulation.embedded.navigation.costmap import LOCAL_CELLS, LOCAL_RESOLUTION_M
 from rvsg.simulation.embedded.people import PERIOD_S, Crowd, tick
 from rvsg.simulation.embedded.people.crowd import CrowdRef
 from rvsg.simulation.embedded.scene import Scene, SceneRef
 from rvsg.simulation.embedded.sensing.lidar import place_legs
 from rvsg.simulation.embedded.sensing.localisation import ACTIVE, LocalisationRef, localise
 from rvsg.simulation.embedded.sensing.perception import update_global, update_local
+from rvsg.simulation.embedded.stack import LIDAR_TICKS, StackRef
 from rvsg.simulation.embedded.state import Settings, State, StateRef
 
 Floats = NDArray[np.float64]
@@ -36,10 +36,6 @@ Ints = NDArray[np.int64]
 
 LEAD_TICKS = 200
 """The costmaps run 2 s before the robot gets its goal, with everybody standing at their starts."""
-LOCAL_PERIOD_S = 0.2
-GLOBAL_PERIOD_S = 1.0
-SCAN_TICKS = 10
-"""The lidars, and with them the robot's localisation, run at 10 Hz: a costmap's scan is up to 0.1 s old."""
 OUT_OF_SIGHT_M = 1e9
 TRACK_TICKS = 5
 """Trajectories are recorded every 50 ms of simulated time."""
@@ -120,9 +116,9 @@ def write_log(record: Recording, wall_s: float, body: Floats, acceleration: floa
 def prepare(state: State, settings: Settings, phases: Floats) -> None:
     """Set the timers as they are 2 s before the start; `phases` (s) of smoother, local and global map."""
     state.body[base.COMMAND_T] = -1e9
-    half = 0.5 * (LOCAL_CELLS - 0.5)
-    state.nav[st.WINDOW_COLUMN] = int(state.body[base.X] / LOCAL_RESOLUTION_M - half)
-    state.nav[st.WINDOW_ROW] = int(state.body[base.Y] / LOCAL_RESOLUTION_M - half)
+    half = 0.5 * (state.stack.cells - 0.5)
+    state.nav[st.WINDOW_COLUMN] = int(state.body[base.X] / state.stack.resolution - half)
+    state.nav[st.WINDOW_ROW] = int(state.body[base.Y] / state.stack.resolution - half)
     state.nav[st.NEED_PLAN] = 1
     state.nav[st.CLEAR_GLOBAL] = 1
     begin = -LEAD_TICKS * base.STEP_S
@@ -138,10 +134,10 @@ def update_maps(scene: Scene, state: State, settings: Settings, t: float) -> Non
     do_local = state.nav[st.CLEAR_LOCAL] != 0
     do_global = state.nav[st.CLEAR_GLOBAL] != 0
     if t >= state.times[st.LOCAL_T] - 1e-9:
-        state.times[st.LOCAL_T] += LOCAL_PERIOD_S * settings.clock
+        state.times[st.LOCAL_T] += state.stack.local_period * settings.clock
         do_local = True
     if t >= state.times[st.GLOBAL_T] - 1e-9:
-        state.times[st.GLOBAL_T] += GLOBAL_PERIOD_S * settings.clock
+        state.times[st.GLOBAL_T] += state.stack.global_period * settings.clock
         do_global = True
     if do_local:
         update_local(scene, state, settings)
@@ -150,23 +146,24 @@ def update_maps(scene: Scene, state: State, settings: Settings, t: float) -> Non
 
 
 @inner
-def take_scan(scene: Scene, state: State, settings: Settings, crowd: Crowd, t: float) -> None:
-    """Keep what the lidars see now: the robot's pose and people's legs; rays are cast when a costmap wants them.
+def take_scan(scene: Scene, state: State, settings: Settings, crowd: Crowd, side: int, t: float) -> None:
+    """Keep what a lidar sees now: the robot's pose and people's legs; rays are cast when a costmap wants them.
 
-    With the scan the robot finds out where it is; a plan it follows moves with its belief.
+    With a scan of the first lidar the robot finds out where it is; a plan it follows moves with its belief.
     """
+    legs = state.legs[side]
     if settings.humans_displayed_late:
-        place_legs(state.legs, crowd.logged_x, crowd.logged_y, crowd.logged_yaw, crowd.walked)
+        place_legs(legs, crowd.logged_x, crowd.logged_y, crowd.logged_yaw, crowd.walked)
         for i in range(crowd.x.size):
             if t < crowd.start_time[i] + PERIOD_S:
-                state.legs[2 * i : 2 * i + 2] = OUT_OF_SIGHT_M
+                legs[2 * i : 2 * i + 2] = OUT_OF_SIGHT_M
     else:
-        place_legs(state.legs, crowd.x, crowd.y, crowd.yaw, crowd.walked)
+        place_legs(legs, crowd.x, crowd.y, crowd.yaw, crowd.walked)
     x, y, yaw = state.body[base.X], state.body[base.Y], state.body[base.YAW]
-    state.scanned[0] = x
-    state.scanned[1] = y
-    state.scanned[2] = yaw
-    if state.own.counts[ACTIVE] != 0 and localise(state.own, t, x, y, yaw, scene.edges, state.legs):
+    state.scanned[side, 0] = x
+    state.scanned[side, 1] = y
+    state.scanned[side, 2] = yaw
+    if side == 0 and state.own.counts[ACTIVE] != 0 and localise(state.own, t, x, y, yaw, scene.edges, legs):
         place_path(state)
 
 
@@ -197,7 +194,7 @@ class Asked(NamedTuple):
 def bind(scene: Scene, state: State, crowd: Crowd) -> tuple[SceneRef, StateRef, CrowdRef]:
     """Return the three large tuples by reference."""
     own = LocalisationRef(*state.own)
-    values = state[:-1] + (own,)  # noqa: RUF005  (numba knows no unpacking here)
+    values = state[:-2] + (StackRef(*state.stack), own)  # noqa: RUF005  (numba knows no unpacking here)
     return SceneRef(*scene), StateRef(*values), CrowdRef(*crowd)
 
 
@@ -205,7 +202,8 @@ def bind(scene: Scene, state: State, crowd: Crowd) -> tuple[SceneRef, StateRef, 
 def begin(scene: SceneRef, state: StateRef, settings: Settings, crowd: CrowdRef, phases: Floats, loop: Floats) -> None:
     """Set everything as it is 2 s before the start. `phases` (s) of smoother, local and global costmap."""
     prepare(state, settings, phases)
-    take_scan(scene, state, settings, crowd, -LEAD_TICKS * base.STEP_S)
+    for side in range(state.stack.lidars.shape[0]):
+        take_scan(scene, state, settings, crowd, side, -LEAD_TICKS * base.STEP_S)
     loop[:] = 0.0
     loop[TICK] = -LEAD_TICKS
     loop[END] = settings.time_limit_s * settings.clock
@@ -221,8 +219,10 @@ def sense_and_walk(scene: SceneRef, state: StateRef, settings: Settings, crowd: 
         loop[PEOPLE_T] += PERIOD_S
         body = state.body
         tick(crowd, t, PERIOD_S, body[base.X], body[base.Y], body[base.YAW], body[base.V])
-    if (k - settings.scan_phase_ticks) % SCAN_TICKS == 0:
-        take_scan(scene, state, settings, crowd, t)
+    lidars = state.stack.lidars
+    for side in range(lidars.shape[0]):
+        if (k - settings.scan_phase_ticks) % int(lidars[side, LIDAR_TICKS]) == 0:
+            take_scan(scene, state, settings, crowd, side, t)
 
 
 @inner
@@ -311,15 +311,15 @@ def go_on(
             if running and state.nav[st.MODE] == st.DONE:
                 loop[END] = min(loop[END], t + settings.result_delay_s * settings.clock)
             if t >= state.times[st.SMOOTH_T] - 1e-9:
-                state.times[st.SMOOTH_T] += base.SMOOTHER_PERIOD_S * settings.clock
-                base.smooth(body, t)
+                state.times[st.SMOOTH_T] += state.stack.smoother_period * settings.clock
+                base.smooth(body, t, state.stack)
             if k >= 0:
                 if write_rows(settings, state, crowd, intervals, record, loop, k):
                     return OVER
                 if asked.probe_ticks > 0 and k % asked.probe_ticks == 0:
                     loop[STAGE] = PROBED
                     return PROBE_DUE
-        forward, left = base.advance(body, settings.yaw_gain)
+        forward, left = base.advance(body, settings.yaw_gain, state.stack.imu_behind)
         loop[ACCELERATION] = math.sqrt(forward * forward + left * left)
         loop[FORWARD_SUM] += forward
         loop[LEFT_SUM] += left

@@ -49,7 +49,8 @@ class SimulatorOptions(Record):
     row on, `robot_start_s` the same of the robot; with the chance `human_early_start` people begin 0.2 s sooner and the
     robot 0.035 s later. `human_ticks_from_start`: the timer of people's ticks begins with them, not at a random phase.
     `settling_m`: how far (forward, left) the robot stands from its start after it was put there; it decides which way
-    a human on the very same point is pushed. `lidar_rays` and `lidar_range_m` per lidar. `result_delay_s`: bounds of
+    a human on the very same point is pushed. `lidar_rays`, `lidar_range_m` and `lidar_noise_m` replace the
+    robot's own, for each of its lidars. `result_delay_s`: bounds of
     the wall time from success to the last row of the log. `human_defects`: people behave with the defects of HuNavSim
     as the study ran it. `humans_displayed_late`: the lidars see people as the study's Gazebo displayed
     them: not at all before they begin to walk, and then one tick (0.1 s) late.
@@ -69,9 +70,9 @@ class SimulatorOptions(Record):
     human_early_start: Annotated[float, Field(ge=0, le=1)] = 0.0
     human_ticks_from_start: bool = False
     robot_start_s: tuple[float, float] = (0.0, 0.05)
-    lidar_rays: Annotated[int, Field(ge=11, le=4000)] = 818
-    lidar_range_m: Annotated[float, Field(ge=3.5, le=100)] = 25.0
-    lidar_noise_m: Annotated[float, Field(ge=0, le=1.0)] = 0.01
+    lidar_rays: Annotated[int, Field(ge=11, le=4000)] | None = None
+    lidar_range_m: Annotated[float, Field(ge=3.5, le=100)] | None = None
+    lidar_noise_m: Annotated[float, Field(ge=0, le=1.0)] | None = None
     result_delay_s: tuple[float, float] = (0.01, 0.065)
     human_defects: bool = False
     humans_displayed_late: bool = False

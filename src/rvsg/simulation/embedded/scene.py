@@ -10,19 +10,19 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from rvsg.core.errors import InputError
+from rvsg.robots import Robot
 from rvsg.simulation.embedded.compiled import by_reference, inner, kernel
 from rvsg.simulation.embedded.navigation.costmap import (
     FREE,
     INSCRIBED,
     LETHAL,
-    LOCAL_RESOLUTION_M,
     UNKNOWN,
     inflate_static,
     inflation_kernel,
 )
 from rvsg.simulation.embedded.navigation.planners.navfn import conversion, reaches, rest_of_way
-from rvsg.simulation.embedded.sensing.lidar import REACH_M
 from rvsg.simulation.embedded.sensing.localisation import beam_scores
+from rvsg.simulation.embedded.stack import inscribed_radius, max_range_m, scan_reach
 from rvsg.world.world import OccupancyMap, World
 
 Floats = NDArray[np.float64]
@@ -67,7 +67,9 @@ SceneRef = by_reference(Scene)
 class Surroundings:
     """A scene and what Python, not a kernel, asks of it."""
 
-    def __init__(self, world: World, lidar_range_m: float) -> None:
+    def __init__(self, world: World, robot: Robot) -> None:
+        self.robot = robot
+        range_m = max_range_m(robot)
         occupancy = world.occupancy
         if occupancy.origin.yaw != 0.0:
             raise InputError(
@@ -76,13 +78,20 @@ class Surroundings:
             )
         static = static_costs(occupancy)
         self.edges, self.owner = lidar_edges(world)
-        self.beam_scores = beam_scores(occupancy)
+        self.beam_scores = beam_scores(occupancy, robot.lidars[0].max_range_m)
         self.x, self.y, rows, columns = _extent(world, self.edges)
-        self.closed = closed_region(self.edges, self.x, self.y, rows, columns, lidar_range_m)
+        self.closed = closed_region(self.edges, self.x, self.y, rows, columns, range_m)
         self.rests: OrderedDict[tuple[int, int], NDArray[np.float32]] = OrderedDict()
-        global_costs = inflation_kernel(occupancy.resolution)
-        self.open_scene = _scene(self, static, global_costs, occupancy, lidar_range_m)
-        self.closed_scene = _scene(self, static, global_costs, occupancy, REACH_M) if self.closed.any() else None
+        maps, inscribed = robot.navigation.costmaps, inscribed_radius(robot)
+        global_costs = inflation_kernel(
+            occupancy.resolution, maps.global_inflation_m, maps.global_cost_scaling, inscribed
+        )
+        self.local_costs = inflation_kernel(
+            maps.local_resolution_m, maps.local_inflation_m, maps.local_cost_scaling, inscribed
+        )
+        self.open_scene = _scene(self, static, global_costs, occupancy, range_m)
+        near = scan_reach(robot)
+        self.closed_scene = _scene(self, static, global_costs, occupancy, near) if self.closed.any() else None
 
     def rest_of_way(self, scene: Scene, goals: Floats) -> NDArray[np.float32] | None:
         """The least cost from every cell to the goal, kept for the last few goals; None where it is not known.
@@ -210,7 +219,7 @@ def _scene(around: Surroundings, static: Bytes, costs: Bytes, occupancy: Occupan
     rows, columns = around.closed.shape
     tile_columns = int(columns * RASTER_M / TILE_M) + 1
     tile_rows = int(rows * RASTER_M / TILE_M) + 1
-    if reach_m > REACH_M:
+    if reach_m > scan_reach(around.robot):
         tile_columns = tile_rows = 1
         start = np.array([0, len(around.edges)], np.int64)
         near = np.arange(len(around.edges), dtype=np.int32)
@@ -221,7 +230,7 @@ def _scene(around: Surroundings, static: Bytes, costs: Bytes, occupancy: Occupan
         inflated=inflate_static(static, costs),
         table=conversion(),
         reach=reaches(),
-        local_costs=inflation_kernel(LOCAL_RESOLUTION_M),
+        local_costs=around.local_costs,
         global_costs=costs,
         origin_x=float(occupancy.origin.x),
         origin_y=float(occupancy.origin.y),

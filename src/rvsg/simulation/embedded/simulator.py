@@ -6,7 +6,6 @@ import math
 import time
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -15,6 +14,9 @@ from numpy.typing import NDArray
 from rvsg.core.errors import InputError, SimulationError
 from rvsg.core.records import Pose
 from rvsg.core.seeds import stream
+from rvsg.robots import Robot, load_robot
+from rvsg.robots.files import DEFAULT_ROBOT
+from rvsg.robots.polygons import rectangle
 from rvsg.scenario.agents import HumanAgent, decode
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.embedded import base
@@ -28,7 +30,7 @@ from rvsg.simulation.embedded.options import PROFILES, SimulatorOptions, profile
 from rvsg.simulation.embedded.people import PeopleOptions, initial
 from rvsg.simulation.embedded.people.crowd import PERIOD_S, beginning, begins_early
 from rvsg.simulation.embedded.rehearsal import rehearsal
-from rvsg.simulation.embedded.scene import Surroundings
+from rvsg.simulation.embedded.scene import Scene, Surroundings
 from rvsg.simulation.embedded.sensing.localisation import Localisation, known_offset, particle_filter
 from rvsg.simulation.embedded.state import NOISE_TABLE, Settings, new_state
 from rvsg.simulation.protocol import Simulator
@@ -38,14 +40,16 @@ from rvsg.world.world import Route, World
 Floats = NDArray[np.float64]
 
 NAME = "embedded"
-VERSION = 3
+VERSION = 4
 """Raise it when equal options and seeds give other runs than before."""
 LATE_ROBOT_S = 0.035
 """How much later the robot begins in the runs in which people begin sooner; from the logs, like their share."""
 LONG_INTERVALS = 0.57
 """The share of the log's rows that come 0.51 s after the one before, not 0.50 s; from 20 892 intervals in the logs."""
 _KEPT = 8
-_SURROUNDINGS: OrderedDict[tuple[str, float], Surroundings] = OrderedDict()
+_KEPT_ROLLOUTS = 3
+_SURROUNDINGS: OrderedDict[tuple[str, str], Surroundings] = OrderedDict()
+_ROLLOUTS: OrderedDict[str, Rollouts] = OrderedDict()
 
 
 class EmbeddedSimulator(Simulator):
@@ -64,6 +68,11 @@ class EmbeddedSimulator(Simulator):
         return NAME
 
     @property
+    def any_robot(self) -> bool:
+        """Whether it simulates every robot that is given as a record."""
+        return True
+
+    @property
     def options(self) -> dict[str, object]:
         """The effective options, as they are stored with every run."""
         return stored_options(self._options)
@@ -76,7 +85,13 @@ class EmbeddedSimulator(Simulator):
         """Simulate one episode; raises InputError where world or scenario cannot be simulated at all."""
         agents = decode(scenario.people, world.grid)
         return simulate_agents(
-            world, scenario.mission.route, agents, options=self._options, seed=seed, scenario_id=scenario.id
+            world,
+            scenario.mission.route,
+            agents,
+            options=self._options,
+            seed=seed,
+            scenario_id=scenario.id,
+            robot=scenario.mission.robot_record,
         )
 
 
@@ -84,8 +99,8 @@ _profile = profile
 
 
 def stored_options(options: SimulatorOptions) -> dict[str, object]:
-    """Options as plain data, with the version of the simulator's rules."""
-    return {"version": VERSION, **options.model_dump(mode="json")}
+    """Return options as plain data, with the version of the simulator's rules and the content of the default robot."""
+    return {"version": VERSION, "default_robot": load_robot(DEFAULT_ROBOT).id, **options.model_dump(mode="json")}
 
 
 def simulate_agents(
@@ -96,9 +111,10 @@ def simulate_agents(
     options: SimulatorOptions | None = None,
     seed: int = 0,
     scenario_id: str = "",
+    robot: Robot | None = None,
     outside: Outside | None = None,
 ) -> Run:
-    """Simulate one episode of a route among humans given in coordinates.
+    """Simulate one episode of a route among humans given in coordinates; `robot` is the TIAGo OMNI base by default.
 
     A robot that starts in an obstacle or off the map is an Outcome. `outside`: what is computed by the caller, not by
     the compiled loop.
@@ -109,15 +125,16 @@ def simulate_agents(
     options = options or profile()
     route = _settled(route, options.settling_m)
     _check(route, seed)
-    around = surroundings(world, options.lidar_range_m)
+    robot = _with_options(robot or load_robot(DEFAULT_ROBOT), options)
+    around = surroundings(world, robot)
     settings, scene, offset = _settings(world, route, options, around, seed)
     goals = _goals(route, offset, options.goals_in_map_frame)
-    crowd = initial(agents, world, options=_people_options(options), seed=seed)
+    crowd = initial(agents, world, options=_people_options(options), seed=seed, robot=robot)
     record = new_recording(route.time_limit_s, settings.clock, len(agents))
-    blocked = is_blocked(around, scene.static, scene.origin_x, scene.origin_y, scene.resolution, route.start, offset)
+    blocked = is_blocked(around, scene, route.start, offset)
     own = _localisation(world, route, options, around, offset, seed)
     rest = around.rest_of_way(scene, goals)
-    state = new_state(scene, goals, len(agents), options.lidar_rays, own, rollouts(), rest)
+    state = new_state(scene, goals, len(agents), robot, own, rollouts(robot), rest)
     state.body[base.X : base.YAW + 1] = (route.start.x, route.start.y, base.wrap(route.start.yaw))
     if blocked:
         _stand_still(record, route.start, crowd)
@@ -138,6 +155,7 @@ def simulate_agents(
         log=_trajectory(record.log, record.log_humans, int(record.counts[1])),
         imu=_finite(record.imu[: int(record.counts[2])].copy()),
         clock_ratio=settings.clock,
+        robot_radius_m=robot.radius_m,
         human_names=tuple(agent.name for agent in agents),
         human_radius_m=tuple(agent.radius_m for agent in agents),
         human_groups=tuple(agent.group for agent in agents),
@@ -158,21 +176,34 @@ def _settled(route: Route, by: tuple[float, float]) -> Route:
     return route.model_copy(update={"start": moved})
 
 
-def surroundings(world: World, lidar_range_m: float) -> Surroundings:
-    """The arrays of a world, worked out once per process and kept for the last few worlds."""
-    key = (world.id, lidar_range_m)
+def surroundings(world: World, robot: Robot) -> Surroundings:
+    """Return the arrays of a world for a robot, computed once per process and kept for the last few pairs."""
+    key = (world.id, robot.id)
     if key not in _SURROUNDINGS:
-        _SURROUNDINGS[key] = Surroundings(world, lidar_range_m)
+        _SURROUNDINGS[key] = Surroundings(world, robot)
         while len(_SURROUNDINGS) > _KEPT:
             _SURROUNDINGS.popitem(last=False)
     _SURROUNDINGS.move_to_end(key)
     return _SURROUNDINGS[key]
 
 
-@cache
-def rollouts() -> Rollouts:
-    """The process's memory of rollouts: pure, so runs may share it one after another."""
-    return new_rollouts(len(samples()))
+def rollouts(robot: Robot) -> Rollouts:
+    """Return the process's memory of a robot's rollouts: pure, so runs may share it one after another."""
+    if robot.id not in _ROLLOUTS:
+        _ROLLOUTS[robot.id] = new_rollouts(len(samples(robot)))
+        while len(_ROLLOUTS) > _KEPT_ROLLOUTS:
+            _ROLLOUTS.popitem(last=False)
+    _ROLLOUTS.move_to_end(robot.id)
+    return _ROLLOUTS[robot.id]
+
+
+def _with_options(robot: Robot, options: SimulatorOptions) -> Robot:
+    """Return the robot with the lidars that the options ask for."""
+    wanted = {"rays": options.lidar_rays, "max_range_m": options.lidar_range_m, "noise_m": options.lidar_noise_m}
+    changes = {name: value for name, value in wanted.items() if value is not None}
+    if not changes:
+        return robot
+    return robot.replace(lidars=tuple(lidar.replace(**changes) for lidar in robot.lidars))
 
 
 def _check(route: Route, seed: int) -> None:
@@ -237,7 +268,7 @@ def _settings(
         people_phase_s=float(phase),
         scan_phase_ticks=scan_phase,
         robot_start_s=float(start),
-        lidar_noise_m=float(options.lidar_noise_m * noise.lidar),
+        lidar_noise=float(noise.lidar),
         humans_displayed_late=options.humans_displayed_late,
         closed=bool(closed),
     )
@@ -268,9 +299,9 @@ def _localisation(
     return particle_filter(
         around.beam_scores,
         world.occupancy,
-        options.lidar_rays,
+        around.robot.lidars[0],
         (route.start.x, route.start.y, float(base.wrap(route.start.yaw))),
-        options.lidar_noise_m * options.noise.lidar,
+        around.robot.lidars[0].noise_m * options.noise.lidar,
         stream(seed if options.noise.localisation > 0.0 else 0, "localisation"),
     )
 
@@ -303,47 +334,42 @@ def _goals(route: Route, offset: tuple[float, float], in_map_frame: bool) -> Flo
     return poses
 
 
-def is_blocked(
-    around: Surroundings,
-    static: NDArray[np.uint8],
-    origin_x: float,
-    origin_y: float,
-    resolution: float,
-    start: Pose,
-    offset: tuple[float, float],
-) -> bool:
+def is_blocked(around: Surroundings, scene: Scene, start: Pose, offset: tuple[float, float]) -> bool:
     """Whether the robot's footprint at the start lies on an occupied cell, off the map, or in what a lidar sees."""
     cos, sin = math.cos(start.yaw), math.sin(start.yaw)
-    half_length, half_width = base.HALF_LENGTH_M - 0.01, base.HALF_WIDTH_M - 0.01
-    n = max(3, int(2 * half_length / (0.5 * resolution)))
-    forward, left = np.meshgrid(np.linspace(-half_length, half_length, n), np.linspace(-half_width, half_width, n))
-    x = start.x + forward * cos - left * sin
-    y = start.y + forward * sin + left * cos
-    columns = np.floor((x - offset[0] - origin_x) / resolution).astype(int)
-    rows = np.floor((y - offset[1] - origin_y) / resolution).astype(int)
+    (rear, right), (front, left) = rectangle(around.robot.footprint)
+    resolution, static = scene.resolution, scene.static
+    n = max(3, int((front - rear) / (0.5 * resolution)))
+    ahead, aside = np.meshgrid(np.linspace(rear, front, n), np.linspace(right, left, n))
+    x = start.x + ahead * cos - aside * sin
+    y = start.y + ahead * sin + aside * cos
+    columns = np.floor((x - offset[0] - scene.origin_x) / resolution).astype(int)
+    rows = np.floor((y - offset[1] - scene.origin_y) / resolution).astype(int)
     if rows.min() < 0 or columns.min() < 0 or rows.max() >= static.shape[0] or columns.max() >= static.shape[1]:
         return True
     if (static[rows, columns] == LETHAL).any():
         return True
     if around.is_inside_solid(start.x, start.y):
         return True
-    return bool(_crosses(around.edges, start, half_length, half_width))
+    return bool(_crosses(around.edges, start, (rear, front), (right, left)))
 
 
-def _crosses(edges: Floats, start: Pose, half_length: float, half_width: float) -> bool:
+def _crosses(edges: Floats, start: Pose, length: tuple[float, float], width: tuple[float, float]) -> bool:
     """Whether any edge meets the rectangle of the robot (clipping each edge to it, in the robot's frame)."""
     cos, sin = math.cos(start.yaw), math.sin(start.yaw)
     a = edges[:, :2] - (start.x, start.y)
     d = edges[:, 2:] - edges[:, :2]
     enter = np.zeros(len(edges))
     leave = np.ones(len(edges))
-    for (ux, uy), half in (((cos, sin), half_length), ((-sin, cos), half_width)):
+    for (ux, uy), (low, high) in (((cos, sin), length), ((-sin, cos), width)):
         begin = a[:, 0] * ux + a[:, 1] * uy
         step = d[:, 0] * ux + d[:, 1] * uy
         still = np.abs(step) < 1e-12
         safe = np.where(still, 1.0, step)
-        one, two = (-half - begin) / safe, (half - begin) / safe
-        enter = np.where(still, np.where(np.abs(begin) <= half, enter, 2.0), np.maximum(enter, np.minimum(one, two)))
+        one, two = (low - begin) / safe, (high - begin) / safe
+        enter = np.where(
+            still, np.where((low <= begin) & (begin <= high), enter, 2.0), np.maximum(enter, np.minimum(one, two))
+        )
         leave = np.where(still, leave, np.minimum(leave, np.maximum(one, two)))
     return bool((enter <= leave).any())
 

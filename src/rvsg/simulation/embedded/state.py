@@ -7,14 +7,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rvsg.robots import Robot
 from rvsg.simulation.embedded.base import BODY_SIZE
 from rvsg.simulation.embedded.compiled import by_reference
 from rvsg.simulation.embedded.navigation.controllers import dwb
-from rvsg.simulation.embedded.navigation.costmap import FREE, LOCAL_CELLS, UNKNOWN
+from rvsg.simulation.embedded.navigation.costmap import FREE, UNKNOWN
 from rvsg.simulation.embedded.navigation.planners.navfn import BUFFER, HIGH
 from rvsg.simulation.embedded.scene import Scene
 from rvsg.simulation.embedded.sensing.lidar import ray_directions
 from rvsg.simulation.embedded.sensing.localisation import Localisation
+from rvsg.simulation.embedded.stack import Stack, stack_of
 
 Floats = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
@@ -27,7 +29,7 @@ DRIVE, SPIN, WAIT, BACK_UP, DONE = range(5)
 # How it ended (0: it has not).
 RUNNING, REACHED, ABORTED = range(3)
 # Layers of the local maps.
-FRONT, REAR, MASTER = range(3)
+MASTER = -1
 # Indices of the integers, behind those of the controller.
 (MODE, RESULT, RECOVERIES, NEXT_ACTION, FAILED_ACTIONS, FOLLOW_RETRIED, PLAN_RETRIED, GOAL, PLANNED, NEED_PLAN,
  CLEAR_LOCAL, CLEAR_GLOBAL, WINDOW_COLUMN, WINDOW_ROW, NOISE_AT) = range(
@@ -53,7 +55,7 @@ class Settings(NamedTuple):
     people_phase_s: float
     scan_phase_ticks: int
     robot_start_s: float
-    lidar_noise_m: float
+    lidar_noise: float
     humans_displayed_late: bool
     closed: bool
 
@@ -61,13 +63,14 @@ class Settings(NamedTuple):
 class State(NamedTuple):
     """The robot's side of a run.
 
-    `body`, `nav`, `times`: vectors indexed by the names above (and those of `robot` and `dwb`). `goals` (G, 3) poses to
+    `body`, `nav`, `times`: vectors indexed by the names above (and those of `base` and `dwb`). `goals` (G, 3) poses to
     drive through in the map frame, the last one the goal; `path` (2, P, 2) the plan in the map and in the world,
-    where `own` localises the robot. `local`
-    (3, 60, 60) both voxel layers and the master map; `layers` (2, rows, columns) the global obstacle layers and
-    `global_master` their merger with the static map; `costs`, `potential`, `waiting` flat grids and `buffers`, `cells`
-    scratch space of NavFn; `rest` its least cost from every cell to the goal, 1e10 where that is not known.
-    `scanned` (3,) the robot's pose and `legs` (2N, 2) what the lidars saw of people, both at the latest scan.
+    where `own` localises the robot. `local` (L + 1, cells, cells) a voxel layer for each of L lidars and, last, the
+    master map; `layers` (L, rows, columns) the global obstacle layers and `global_master` their merger with the static
+    map; `costs`, `potential`, `waiting` flat grids and `buffers`, `cells` scratch space of NavFn; `rest` its least cost
+    from every cell to the goal, 1e10 where that is not known.
+    `scanned` (L, 3) the robot's pose and `legs` (L, 2N, 2) what a lidar sees of people, both at its latest scan;
+    `ranges` (L, rays) and `directions` (L, rays, 2) its rays. `stack` the robot's numbers.
     """
 
     body: Floats
@@ -93,6 +96,7 @@ class State(NamedTuple):
     samples: Floats
     memo: dwb.Rollouts
     scratch: dwb.Scratch
+    stack: Stack
     own: Localisation
 
 
@@ -103,7 +107,7 @@ def new_state(
     scene: Scene,
     goals: Floats,
     humans: int,
-    rays: int,
+    robot: Robot,
     own: Localisation,
     memo: dwb.Rollouts | None = None,
     rest: NDArray[np.float32] | None = None,
@@ -111,15 +115,22 @@ def new_state(
     """All arrays of a run, as the episode expects them; a memory of rollouts may serve one run after another."""
     rows, columns = scene.static.shape
     longest = 4 * max(rows, columns) + 2
-    samples = dwb.samples()
+    samples = dwb.samples(robot)
+    stack = stack_of(robot)
+    cells = stack.cells
+    lidars = robot.lidars
+    rays = max(lidar.rays for lidar in lidars)
+    directions = np.zeros((len(lidars), rays, 2))
+    for k, lidar in enumerate(lidars):
+        directions[k, : lidar.rays] = ray_directions(lidar.rays, lidar.field_of_view_rad)
     return State(
         body=np.zeros(BODY_SIZE),
         nav=np.zeros(INTS, np.int64),
         times=np.zeros(REALS),
         goals=goals,
         path=np.zeros((2, longest, 2)),
-        local=np.full((3, LOCAL_CELLS, LOCAL_CELLS), FREE, np.uint8),
-        layers=np.full((2, rows, columns), UNKNOWN, np.uint8),
+        local=np.full((len(lidars) + 1, cells, cells), FREE, np.uint8),
+        layers=np.full((len(lidars), rows, columns), UNKNOWN, np.uint8),
         global_master=np.zeros((rows, columns), np.uint8),
         costs=np.zeros(rows * columns, np.uint8),
         rest=rest if rest is not None else np.full(rows * columns, HIGH, np.float32),
@@ -127,14 +138,15 @@ def new_state(
         waiting=np.zeros(rows * columns, np.uint8),
         buffers=np.zeros((3, BUFFER), np.int32),
         cells=np.zeros((2, longest), np.float32),
-        spans=np.zeros((max(columns, LOCAL_CELLS), 2), np.int64),
-        ranges=np.zeros(rays),
-        directions=ray_directions(rays),
-        scanned=np.zeros(3),
-        legs=np.zeros((2 * humans, 2)),
+        spans=np.zeros((max(columns, cells), 2), np.int64),
+        ranges=np.zeros((len(lidars), rays)),
+        directions=directions,
+        scanned=np.zeros((len(lidars), 3)),
+        legs=np.zeros((len(lidars), 2 * humans, 2)),
         noise=np.zeros(NOISE_TABLE),
         samples=samples,
         memo=memo if memo is not None else dwb.rollouts(len(samples)),
-        scratch=dwb.scratch(len(samples)),
+        scratch=dwb.scratch(len(samples), cells),
+        stack=stack,
         own=own,
     )

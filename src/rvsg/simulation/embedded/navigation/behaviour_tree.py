@@ -11,7 +11,7 @@ from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded import state as st
 from rvsg.simulation.embedded.compiled import inner
 from rvsg.simulation.embedded.navigation.controllers import dwb
-from rvsg.simulation.embedded.navigation.costmap import LETHAL, LOCAL_RESOLUTION_M, footprint_spans
+from rvsg.simulation.embedded.navigation.costmap import LETHAL, footprint_spans
 from rvsg.simulation.embedded.navigation.planners.navfn import plan
 from rvsg.simulation.embedded.scene import Scene
 from rvsg.simulation.embedded.sensing.localisation import MAP_YAW, to_map, to_world
@@ -64,7 +64,7 @@ def plan_route(scene: Scene, state: State, t: float) -> bool:
     count = plan(
         state.path[0], 0, x, y, state.goals[g, 0], state.goals[g, 1], state.global_master, state.costs, scene.reach,
         state.rest, state.potential, state.waiting, state.buffers, state.cells, scene.origin_x, scene.origin_y,
-        scene.resolution,
+        scene.resolution, state.stack.plan_tolerance,
     )  # fmt: skip
     if count == 0:
         return False
@@ -118,11 +118,11 @@ def has_progress(state: State, t: float) -> bool:
     """Progress checker: more than 0.5 m from the stored pose within 10 s."""
     times = state.times
     square = (state.body[base.X] - times[st.PROGRESS_X]) ** 2 + (state.body[base.Y] - times[st.PROGRESS_Y]) ** 2
-    if square > PROGRESS_M**2:
+    if square > state.stack.progress_m**2:
         times[st.PROGRESS_X] = state.body[base.X]
         times[st.PROGRESS_Y] = state.body[base.Y]
         times[st.PROGRESS_T] = t
-    return t - times[st.PROGRESS_T] <= PROGRESS_TIME_S
+    return t - times[st.PROGRESS_T] <= state.stack.progress_s
 
 
 @inner
@@ -132,12 +132,12 @@ def at_goal(state: State) -> bool:
     dx = state.path[1, end, 0] - state.body[base.X]
     dy = state.path[1, end, 1] - state.body[base.Y]
     square = dx * dx + dy * dy
-    if square <= dwb.XY_TOLERANCE_M**2:
+    if square <= state.stack.xy_tolerance**2:
         state.nav[dwb.XY_REACHED] = 1
     if state.nav[dwb.XY_REACHED] == 0:
         return False
     yaw = goal_yaw(state)
-    return abs(base.wrap(state.body[base.YAW] - yaw)) <= dwb.YAW_TOLERANCE_RAD
+    return abs(base.wrap(state.body[base.YAW] - yaw)) <= state.stack.yaw_tolerance
 
 
 @inner
@@ -154,14 +154,16 @@ def choose_dwb(state: State, answer: Floats) -> None:
         state.nav, state.times, state.scratch, state.memo, state.samples, state.local[st.MASTER],
         state.nav[st.WINDOW_COLUMN], state.nav[st.WINDOW_ROW], state.path[1],
         goal_yaw(state), body[base.X], body[base.Y], body[base.YAW], measured(body[base.V]),
-        measured(body[base.W]),
+        measured(body[base.W]), state.stack,
     )  # fmt: skip
     answer[0] = 0.0
     if best >= 0:
         answer[0] = 1.0
         answer[1] = state.samples[best, dwb.SAMPLE_V]
         answer[2] = state.samples[best, dwb.SAMPLE_W]
-        dwb.remember_turn(state.nav, state.times, answer[1], answer[2], body[base.X], body[base.Y], body[base.YAW])
+        dwb.remember_turn(
+            state.nav, state.times, answer[1], answer[2], body[base.X], body[base.Y], body[base.YAW], state.stack
+        )
 
 
 @inner
@@ -169,7 +171,7 @@ def follow(state: State, settings: Settings, t: float, answer: Floats) -> None:
     """Carry out the local planner's answer; where it has had none for too long, following the path has failed."""
     if answer[0] == 0.0:
         command(state, 0.0, 0.0, False, t)
-        if t - state.times[st.VALID_T] > PATIENCE_S:
+        if t - state.times[st.VALID_T] > state.stack.patience:
             stop_following(state, settings, t)
             return
     else:
@@ -189,8 +191,8 @@ def recover(state: State, settings: Settings, t: float) -> None:
     nav[st.RECOVERIES] += 1
     nav[st.FAILED_ACTIONS] = 0
     command(state, 0.0, 0.0, False, t)
-    if nav[st.RECOVERIES] > MAX_RECOVERIES:
-        nav[st.RECOVERIES] = MAX_RECOVERIES
+    if nav[st.RECOVERIES] > state.stack.recoveries:
+        nav[st.RECOVERIES] = state.stack.recoveries
         nav[st.MODE] = st.DONE
         nav[st.RESULT] = st.ABORTED
         return
@@ -237,8 +239,9 @@ def footprint_hits(state: State, x: float, y: float, yaw: float) -> bool:
     master = state.local[st.MASTER]
     rows, columns = master.shape
     first, end = footprint_spans(
-        state.spans, x / LOCAL_RESOLUTION_M - state.nav[st.WINDOW_COLUMN],
-        y / LOCAL_RESOLUTION_M - state.nav[st.WINDOW_ROW], yaw, LOCAL_RESOLUTION_M, columns, rows,
+        state.spans, x / state.stack.resolution - state.nav[st.WINDOW_COLUMN],
+        y / state.stack.resolution - state.nav[st.WINDOW_ROW], yaw, state.stack.resolution, columns, rows,
+        state.stack.footprint,
     )  # fmt: skip
     if first == end:
         return True
@@ -256,7 +259,7 @@ def is_blocked(state: State, v: float, w: float, settings: Settings) -> bool:
     y = state.body[base.Y]
     yaw = state.body[base.YAW]
     ahead = 0.0
-    while ahead <= LOOK_AHEAD_S:
+    while ahead <= state.stack.look_ahead_s:
         if footprint_hits(state, x + v * ahead * math.cos(yaw), y + v * ahead * math.sin(yaw), yaw + w * ahead):
             return True
         ahead += ACTION_PERIOD_S
@@ -274,7 +277,7 @@ def act(state: State, settings: Settings, t: float) -> None:
     times[st.ACTION_DUE] += ACTION_PERIOD_S * settings.clock
     elapsed = t - times[st.ACTION_T]
     if nav[st.MODE] == st.WAIT:
-        if elapsed >= WAIT_S * settings.clock:
+        if elapsed >= state.stack.wait_s * settings.clock:
             end_action(state, t)
         return
     v = 0.0
@@ -282,17 +285,17 @@ def act(state: State, settings: Settings, t: float) -> None:
     if nav[st.MODE] == st.SPIN:
         times[st.ACTION_DONE] += abs(base.wrap(body[base.YAW] - times[st.ACTION_YAW]))
         times[st.ACTION_YAW] = body[base.YAW]
-        left = SPIN_RAD - times[st.ACTION_DONE]
+        left = state.stack.spin_rad - times[st.ACTION_DONE]
         if left < 1e-6:
             end_action(state, t)
             return
-        w = min(1.0, max(0.4, math.sqrt(2.0 * 3.2 * left)))
+        w = min(state.stack.max_spin, max(state.stack.min_spin, math.sqrt(2.0 * state.stack.spin_acc * left)))
     else:
         done = math.sqrt((body[base.X] - times[st.ACTION_X]) ** 2 + (body[base.Y] - times[st.ACTION_Y]) ** 2)
-        if done >= BACK_UP_M:
+        if done >= state.stack.back_up_m:
             end_action(state, t)
             return
-        v = -BACK_UP_M_S
+        v = -state.stack.back_up_v
     if elapsed > ACTION_TIME_S or is_blocked(state, v, w, settings):
         command(state, 0.0, 0.0, False, t)
         nav[st.FAILED_ACTIONS] += 1
@@ -347,7 +350,7 @@ def navigate(scene: Scene, state: State, settings: Settings, t: float) -> bool:
             return False
     if t < state.times[st.CONTROL_T] - 1e-9 or nav[st.CLEAR_LOCAL] != 0:
         return False
-    state.times[st.CONTROL_T] += CONTROL_PERIOD_S * settings.clock
+    state.times[st.CONTROL_T] += state.stack.control_period * settings.clock
     if has_progress(state, t):
         return True
     stop_following(state, settings, t)

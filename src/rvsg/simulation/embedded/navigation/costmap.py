@@ -10,9 +10,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.simulation.embedded.base import HALF_LENGTH_M, HALF_WIDTH_M
 from rvsg.simulation.embedded.compiled import kernel
-from rvsg.simulation.embedded.sensing.lidar import FAR, MIN_RANGE_M, REACH_M
+from rvsg.simulation.embedded.sensing.lidar import FAR
 
 Floats = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
@@ -21,28 +20,21 @@ FREE = 0
 INSCRIBED = 253
 LETHAL = 254
 UNKNOWN = 255
-OBSTACLE_RANGE_M = 2.5
-CLEARING_RANGE_M = 3.0
-INFLATION_RADIUS_M = 0.55
-INFLATION_SCALING = 3.0
-INSCRIBED_RADIUS_M = 0.25 - 2.3e-10
-"""The smaller half of the padded footprint, a hair less than 0.25 m as Nav2's arithmetic has it: a cell exactly
-five cells of 0.05 m away costs 251 and is not inscribed."""
-LOCAL_CELLS = 60
-LOCAL_RESOLUTION_M = 0.05
-"""The local costmap: 3 x 3 m."""
 VOXEL_SHORTENING_CELLS = 2.0
 
 
-def inflation_kernel(resolution_m: float) -> Bytes:
-    """Costs around a lethal cell, (2R+1, 2R+1): 254, 253 within the inscribed radius, then 252·exp(-3 (d - r))."""
-    reach = math.ceil(INFLATION_RADIUS_M / resolution_m - 1e-9)
+def inflation_kernel(resolution_m: float, radius_m: float, scaling: float, inscribed_m: float) -> Bytes:
+    """Return the costs around a lethal cell, (2R+1, 2R+1).
+
+    254, 253 within the inscribed radius r, then 252·exp(-scaling (d - r)) up to `radius_m`.
+    """
+    reach = math.ceil(radius_m / resolution_m - 1e-9)
     offsets = np.arange(-reach, reach + 1, dtype=np.float64)
     cells = np.hypot(offsets[:, None], offsets[None, :])
     distance = cells * resolution_m
-    cost = np.floor(252.0 * np.exp(-INFLATION_SCALING * (distance - INSCRIBED_RADIUS_M)))
-    cost[distance <= INSCRIBED_RADIUS_M] = INSCRIBED
-    cost[cells > INFLATION_RADIUS_M / resolution_m + 1e-9] = 0
+    cost = np.floor(252.0 * np.exp(-scaling * (distance - inscribed_m)))
+    cost[distance <= inscribed_m] = INSCRIBED
+    cost[cells > radius_m / resolution_m + 1e-9] = 0
     cost[reach, reach] = LETHAL
     return cost.astype(np.uint8)
 
@@ -108,6 +100,9 @@ def observe(
     bearing: float,
     resolution: float,
     shorten_cells: float,
+    obstacle_range: float,
+    clearing_range: float,
+    min_range: float,
 ) -> None:
     """Enter one scan into an obstacle layer: clear along every ray that returned, then mark what it hit.
 
@@ -122,13 +117,14 @@ def observe(
     sin = math.sin(bearing)
     start_x = int(sensor_x)
     start_y = int(sensor_y)
-    longest = math.ceil(CLEARING_RANGE_M / resolution - 1e-9)
+    longest = math.ceil(clearing_range / resolution - 1e-9)
+    reach = clearing_range + 0.5
     last_x = -1
     last_y = -1
     for k in range(ranges.size):
-        if ranges[k] < MIN_RANGE_M:
+        if ranges[k] < min_range:
             continue
-        cells = min(ranges[k], REACH_M) / resolution
+        cells = min(ranges[k], reach) / resolution
         if ranges[k] < FAR:
             cells = max(0.0, cells - shorten_cells)
         ux = cos * directions[k, 0] - sin * directions[k, 1]
@@ -141,7 +137,7 @@ def observe(
             last_x = end_x
             last_y = end_y
     for k in range(ranges.size):
-        if MIN_RANGE_M <= ranges[k] < OBSTACLE_RANGE_M:
+        if min_range <= ranges[k] < obstacle_range:
             cells = ranges[k] / resolution
             x = sensor_x + cells * (cos * directions[k, 0] - sin * directions[k, 1])
             y = sensor_y + cells * (sin * directions[k, 0] + cos * directions[k, 1])
@@ -151,7 +147,14 @@ def observe(
 
 @kernel
 def footprint_spans(
-    spans: NDArray[np.int64], x: float, y: float, yaw: float, resolution: float, columns: int, rows: int
+    spans: NDArray[np.int64],
+    x: float,
+    y: float,
+    yaw: float,
+    resolution: float,
+    columns: int,
+    rows: int,
+    footprint: Floats,
 ) -> tuple[int, int]:
     """The cells under the padded footprint: per column its lowest and highest row into `spans` (columns, 2).
 
@@ -164,9 +167,10 @@ def footprint_spans(
     last = -1
     px = 0
     py = 0
-    for corner in range(5):
-        forward = (HALF_LENGTH_M if corner in (0, 3, 4) else -HALF_LENGTH_M) / resolution
-        left = (HALF_WIDTH_M if corner in (0, 1, 4) else -HALF_WIDTH_M) / resolution
+    corners = footprint.shape[0]
+    for corner in range(corners + 1):
+        forward = footprint[corner % corners, 0] / resolution
+        left = footprint[corner % corners, 1] / resolution
         fx = x + forward * cos - left * sin
         fy = y + forward * sin + left * cos
         if not (0.0 <= fx < columns and 0.0 <= fy < rows):
@@ -193,10 +197,12 @@ def footprint_spans(
 
 
 @kernel
-def clear_footprint(grid: Bytes, spans: NDArray[np.int64], x: float, y: float, yaw: float, resolution: float) -> None:
+def clear_footprint(
+    grid: Bytes, spans: NDArray[np.int64], x: float, y: float, yaw: float, resolution: float, footprint: Floats
+) -> None:
     """Free the layer's cells under the robot's padded footprint; `x`, `y` in cells."""
     rows, columns = grid.shape
-    first, end = footprint_spans(spans, x, y, yaw, resolution, columns, rows)
+    first, end = footprint_spans(spans, x, y, yaw, resolution, columns, rows, footprint)
     for column in range(first, end):
         for row in range(spans[column, 0], spans[column, 1] + 1):
             grid[row, column] = FREE
@@ -249,19 +255,19 @@ def is_border(grid: Bytes, row: int, column: int) -> bool:
 
 
 @kernel
-def inflate_marks(master: Bytes, front: Bytes, rear: Bytes, costs: Bytes) -> None:
+def inflate_marks(master: Bytes, layers: Bytes, costs: Bytes) -> None:
     """The local master map: what either layer has marked, inflated."""
     rows, columns = master.shape
     master[:] = FREE
     for r in range(rows):
         for c in range(columns):
-            if front[r, c] == LETHAL or rear[r, c] == LETHAL:
-                if (front[r, c] == LETHAL and is_border(front, r, c)) or (
-                    front[r, c] != LETHAL and is_border(rear, r, c)
-                ):
-                    stamp(master, costs, r, c, 0, 0, rows, columns)
-                else:
-                    master[r, c] = LETHAL
+            for n in range(layers.shape[0]):
+                if layers[n, r, c] == LETHAL:
+                    if is_border(layers[n], r, c):
+                        stamp(master, costs, r, c, 0, 0, rows, columns)
+                    else:
+                        master[r, c] = LETHAL
+                    break
 
 
 @kernel
@@ -269,8 +275,7 @@ def merge_global(
     master: Bytes,
     static: Bytes,
     inflated_static: Bytes,
-    front: Bytes,
-    rear: Bytes,
+    layers: Bytes,
     costs: Bytes,
     row: int,
     column: int,
@@ -292,13 +297,19 @@ def merge_global(
             master[r, c] = inflated_static[r, c]
     for r in range(max(0, top - reach), min(rows, bottom + reach)):
         for c in range(max(0, left - reach), min(columns, right + reach)):
-            if (front[r, c] == LETHAL or rear[r, c] == LETHAL) and static[r, c] != LETHAL:
-                stamp(master, costs, r, c, top, left, bottom, right)
+            if static[r, c] != LETHAL:
+                for n in range(layers.shape[0]):
+                    if layers[n, r, c] == LETHAL:
+                        stamp(master, costs, r, c, top, left, bottom, right)
+                        break
     for r in range(top, bottom):
         for c in range(left, right):
-            unknown = static[r, c] == UNKNOWN and front[r, c] == UNKNOWN and rear[r, c] == UNKNOWN
-            if unknown and master[r, c] < INSCRIBED:
-                master[r, c] = UNKNOWN
+            if static[r, c] == UNKNOWN and master[r, c] < INSCRIBED:
+                unknown = True
+                for n in range(layers.shape[0]):
+                    unknown = unknown and layers[n, r, c] == UNKNOWN
+                if unknown:
+                    master[r, c] = UNKNOWN
     return top, left, bottom, right
 
 

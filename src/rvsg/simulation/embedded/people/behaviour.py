@@ -21,7 +21,6 @@ from rvsg.simulation.embedded.people.obstacles import cell_of, on_segment, point
 REGULAR, IMPASSIVE, SURPRISED, SCARED, CURIOUS, THREATENING = 1, 2, 3, 4, 5, 6
 GOAL_RADIUS_M = 0.3
 GOAL_MARGIN_M = 0.1
-ROBOT_RADIUS_M = 0.35
 HALF_VIEW_RAD = math.pi / 2 + 0.17
 CURIOUS_RANGE_M = 10.0
 THREATENING_RANGE_M = 4.5
@@ -92,8 +91,9 @@ def _find_obstacle(crowd: Crowd, i: int, robot_x: float, robot_y: float, robot_y
     crowd.obstacle_near[i] = 0
     if crowd.published:
         ox, oy, found = point_towards_origin(
-            x, y, crowd.height[i], crowd.boxes, crowd.origins, robot_x, robot_y, robot_yaw
-        )
+            x, y, crowd.height[i], crowd.boxes, crowd.origins, robot_x, robot_y, robot_yaw, crowd.robot_box,
+            crowd.robot_height,
+        )  # fmt: skip
         if found:
             crowd.obstacle_x[i] = ox
             crowd.obstacle_y[i] = oy
@@ -203,7 +203,7 @@ def _obstacle_forces(crowd: Crowd, i: int, robot_x: float, robot_y: float, robot
         fx, fy = obstacle_force(dx, dy, crowd.radius[i], crowd.factor_obstacle[i])
         fx, fy = or_zero(fx, fy)
     if not crowd.published:
-        sx, sy = robot_surface(x, y, robot_x, robot_y, robot_yaw)
+        sx, sy = robot_surface(x, y, robot_x, robot_y, robot_yaw, crowd.robot_box)
         px, py = obstacle_force(x - sx, y - sy, crowd.radius[i], crowd.factor_obstacle[i])
         px, py = or_zero(px, py)
         fx += px
@@ -445,7 +445,19 @@ def _be_curious(crowd: Crowd, i: int, dt: float, robot_x: float, robot_y: float,
         return
     speed = crowd.react_speed[i] * distance / CURIOUS_RANGE_M
     fx, fy = _total_force(
-        crowd, i, crowd.published, robot_x, robot_y, ROBOT_RADIUS_M, speed, False, robot_x, robot_y, robot_yaw, 0.0, 0.0
+        crowd,
+        i,
+        crowd.published,
+        robot_x,
+        robot_y,
+        crowd.robot_radius,
+        speed,
+        False,
+        robot_x,
+        robot_y,
+        robot_yaw,
+        0.0,
+        0.0,
     )
     _step(crowd, i, dt, fx, fy, speed)
 

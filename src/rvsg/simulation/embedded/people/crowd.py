@@ -13,6 +13,9 @@ from pydantic import Field
 from rvsg.core.errors import InputError
 from rvsg.core.records import Record
 from rvsg.core.seeds import stream
+from rvsg.robots import Robot, load_robot
+from rvsg.robots.files import DEFAULT_ROBOT
+from rvsg.robots.polygons import rectangle
 from rvsg.scenario.agents import HumanAgent, Reaction
 from rvsg.scenario.scenario import Behaviour, ForceFactors
 from rvsg.simulation.embedded.compiled import by_reference
@@ -124,6 +127,9 @@ class Crowd(NamedTuple):
     raster_y: float
     published: bool
     neglect: float
+    robot_box: Floats  # (4,) rear, front, right, left side of the robot's body in its base frame
+    robot_height: float
+    robot_radius: float  # of the disc that people keep away from
 
 
 CrowdRef = by_reference(Crowd)
@@ -141,12 +147,21 @@ def beginning(options: PeopleOptions, seed: int) -> float:
     return time - EARLY_S if begins_early(options.early_start, seed) else time
 
 
-def initial(agents: Sequence[HumanAgent], world: World, *, options: PeopleOptions | None = None, seed: int) -> Crowd:
+def initial(
+    agents: Sequence[HumanAgent],
+    world: World,
+    *,
+    options: PeopleOptions | None = None,
+    seed: int,
+    robot: Robot | None = None,
+) -> Crowd:
     """Everybody at the start. Draws factors, start jitter and gait phase from named streams of the run's seed.
 
     Raises InputError where a number is not finite; people standing in each other or in an obstacle are allowed.
     """
     options = options or PeopleOptions()
+    robot = robot or load_robot(DEFAULT_ROBOT)
+    (left, low), (right, high) = rectangle(robot.outline)
     n = len(agents)
     published = options.published_defects
     for agent in agents:
@@ -224,6 +239,9 @@ def initial(agents: Sequence[HumanAgent], world: World, *, options: PeopleOption
         raster_y=surfaces.y if surfaces else 0.0,
         published=published,
         neglect=0.0 if published else options.neglect_m_s2,
+        robot_box=np.array([left, right, low, high]),
+        robot_height=robot.body_height_m,
+        robot_radius=robot.radius_m,
     )
 
 

@@ -16,13 +16,6 @@ RASTER_M = 0.1
 REACH_M = 2.0
 """Farther obstacles are neglected: at 2 m from the body's edge the force is 10·exp(-8) = 0.003 m/s²."""
 
-ROBOT_HALF_LENGTH_M = 0.3585
-ROBOT_HALF_WIDTH_M = 0.2485
-ROBOT_HEIGHT_M = 0.345
-"""The bounding box of the TIAGo OMNI base: 0.717 x 0.497 m as its body in the URDF, but higher than its 0.308 m,
-as two antennas stand on it. Their mesh was not at hand; the height is read off how the published humans were pushed by
-it: among people driven past the logged robot they stay nearest to the logged ones (0.335 and 0.355 are worse)."""
-
 
 @kernel
 def entry_point(
@@ -56,8 +49,9 @@ def entry_point(
 
 @kernel
 def point_towards_origin(
-    x: float, y: float, z: float, boxes: Floats, origins: Floats, robot_x: float, robot_y: float, robot_yaw: float
-) -> tuple[float, float, bool]:
+    x: float, y: float, z: float, boxes: Floats, origins: Floats, robot_x: float, robot_y: float, robot_yaw: float,
+    robot_box: Floats, robot_height: float,
+) -> tuple[float, float, bool]:  # fmt: skip
     """HuNavSim's one obstacle point of a human: nearest entry into a model's box on the way to the model's origin.
 
     `boxes` (M, 6) and `origins` (M, 3) are the models; the robot's turned body is one more. Points beyond 2 m (in
@@ -79,21 +73,25 @@ def point_towards_origin(
     if abs(robot_x - x) < REACH_M + 1.0 and abs(robot_y - y) < REACH_M + 1.0:
         cos = abs(math.cos(robot_yaw))
         sin = abs(math.sin(robot_yaw))
-        half_x = ROBOT_HALF_LENGTH_M * cos + ROBOT_HALF_WIDTH_M * sin
-        half_y = ROBOT_HALF_LENGTH_M * sin + ROBOT_HALF_WIDTH_M * cos
+        half_length = 0.5 * (robot_box[1] - robot_box[0])
+        half_width = 0.5 * (robot_box[3] - robot_box[2])
+        half_x = half_length * cos + half_width * sin
+        half_y = half_length * sin + half_width * cos
         # The robot's box has its origin at its centre on the floor; written out to allocate nothing.
-        hx, hy, distance = _entry_into_robot(x - robot_x, y - robot_y, z, half_x, half_y)
+        hx, hy, distance = _entry_into_robot(x - robot_x, y - robot_y, z, half_x, half_y, robot_height)
         if 0.0 < distance <= best:
             px, py, found = robot_x + hx, robot_y + hy, True
     return px, py, found
 
 
 @kernel
-def _entry_into_robot(x: float, y: float, z: float, half_x: float, half_y: float) -> tuple[float, float, float]:
+def _entry_into_robot(
+    x: float, y: float, z: float, half_x: float, half_y: float, height: float
+) -> tuple[float, float, float]:
     """`entry_point` into the box ±half_x, ±half_y, 0..height, towards its origin."""
     near = 0.0
-    if z > ROBOT_HEIGHT_M:
-        near = (z - ROBOT_HEIGHT_M) / z
+    if z > height:
+        near = (z - height) / z
     if abs(x) > half_x:
         near = max(near, (abs(x) - half_x) / abs(x))
     if abs(y) > half_y:
@@ -102,14 +100,19 @@ def _entry_into_robot(x: float, y: float, z: float, half_x: float, half_y: float
 
 
 @kernel
-def robot_surface(x: float, y: float, robot_x: float, robot_y: float, robot_yaw: float) -> tuple[float, float]:
-    """The point of the robot's body nearest to (x, y); its centre where (x, y) lies within."""
+def robot_surface(
+    x: float, y: float, robot_x: float, robot_y: float, robot_yaw: float, box: Floats
+) -> tuple[float, float]:
+    """Return the point nearest to (x, y) of the rectangle around the robot's body.
+
+    `box`: its rear, front, right and left side. Where (x, y) lies inside, the base frame's origin.
+    """
     cos = math.cos(robot_yaw)
     sin = math.sin(robot_yaw)
     forward = (x - robot_x) * cos + (y - robot_y) * sin
     left = (y - robot_y) * cos - (x - robot_x) * sin
-    on_x = min(ROBOT_HALF_LENGTH_M, max(-ROBOT_HALF_LENGTH_M, forward))
-    on_y = min(ROBOT_HALF_WIDTH_M, max(-ROBOT_HALF_WIDTH_M, left))
+    on_x = min(box[1], max(box[0], forward))
+    on_y = min(box[3], max(box[2], left))
     if on_x == forward and on_y == left:
         return robot_x, robot_y
     return robot_x + on_x * cos - on_y * sin, robot_y + on_x * sin + on_y * cos

@@ -1,4 +1,4 @@
-"""The two lidars: exact ranges to the outlines that the scan plane cuts and to people's legs."""
+"""The lidars: exact ranges to the outlines that the scan plane cuts and to people's legs."""
 
 from __future__ import annotations
 
@@ -11,15 +11,8 @@ from rvsg.simulation.embedded.compiled import kernel
 
 Floats = NDArray[np.float64]
 
-FIELD_OF_VIEW_RAD = math.radians(270.0)
-MIN_RANGE_M = 0.05
-FRONT = (0.27512, -0.18297, math.radians(-45.0))
-REAR = (-0.27512, 0.18297, math.radians(135.0))
-"""Position in the base (metres) and bearing of the middle ray (the robot's URDF)."""
-REACH_M = 3.5
-"""Farther returns all do the same to the costmaps (they clear 3.0 m), so they need no exact range."""
 FAR = 1e9
-"""A return beyond REACH_M."""
+"""A return beyond the reach of a cast scan: all of them do the same to the costmaps."""
 NO_RETURN = -1.0
 LEG_RADIUS_M = 0.07
 LEG_APART_M = 0.09
@@ -28,9 +21,9 @@ STEP_LENGTH_M = 1.2
 """Two lower legs at 0.21 m height: discs beside the body's middle that swing against each other while it walks."""
 
 
-def ray_directions(rays: int) -> Floats:
+def ray_directions(rays: int, field_of_view: float) -> Floats:
     """(rays, 2) cosine and sine of every ray's angle after the first ray's; the last ray ends the field of view."""
-    angles = np.arange(rays) * (FIELD_OF_VIEW_RAD / (rays - 1))
+    angles = np.arange(rays) * (field_of_view / (rays - 1))
     return np.column_stack([np.cos(angles), np.sin(angles)])
 
 
@@ -94,13 +87,15 @@ def scan(
     near: NDArray[np.int32],
     legs: Floats,
     closed: bool,
+    field_of_view: float,
+    reach: float,
 ) -> None:
     """One scan from (x, y), its first ray at `bearing`, into `ranges` (metres).
 
     `near` indexes the `edges` (E, 4) worth looking at, `legs` (L, 2) are leg centres, all in the world frame. A ray
     that meets nothing there is FAR if the place is `closed` by walls within the sensor's range, else NO_RETURN.
     """
-    step = FIELD_OF_VIEW_RAD / (ranges.size - 1)
+    step = field_of_view / (ranges.size - 1)
     cos = math.cos(bearing)
     sin = math.sin(bearing)
     ranges[:] = FAR
@@ -116,7 +111,7 @@ def scan(
     for i in range(legs.shape[0]):
         dx = legs[i, 0] - x
         dy = legs[i, 1] - y
-        if dx * dx + dy * dy < REACH_M * REACH_M:
+        if dx * dx + dy * dy < reach * reach:
             cast_disc(ranges, directions, step, cos * dx + sin * dy, cos * dy - sin * dx, LEG_RADIUS_M)
     if not closed:
         for k in range(ranges.size):

@@ -23,9 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from rvsg.robots import Lidar
 from rvsg.simulation.embedded.base import wrap
 from rvsg.simulation.embedded.compiled import by_reference, inner
-from rvsg.simulation.embedded.sensing.lidar import FIELD_OF_VIEW_RAD, FRONT, LEG_RADIUS_M, cast_disc, cast_edge
+from rvsg.simulation.embedded.sensing.lidar import LEG_RADIUS_M, cast_disc, cast_edge
 from rvsg.world.world import OccupancyMap
 
 Floats = NDArray[np.float64]
@@ -37,7 +38,6 @@ MAX_BEAMS = 60
 SIGMA_HIT_M = 0.2
 Z_HIT = 0.5
 Z_RAND = 0.5
-RANGE_MAX_M = 25.0
 DISTANCE_MAX_M = 2.0
 ALPHA = 0.2
 """Odometry noise alpha1 to alpha5."""
@@ -88,6 +88,11 @@ class Localisation(NamedTuple):
     resolution: float
     outside: float
     lidar_noise_m: float
+    mount_x: float
+    mount_y: float
+    mount_yaw: float
+    field_of_view: float
+    range_max: float
 
 
 LocalisationRef = by_reference(Localisation)
@@ -114,23 +119,28 @@ def known_offset(x: float, y: float) -> Localisation:
         resolution=1.0,
         outside=0.0,
         lidar_noise_m=0.0,
+        mount_x=0.0,
+        mount_y=0.0,
+        mount_yaw=0.0,
+        field_of_view=0.0,
+        range_max=0.0,
     )
 
 
 def particle_filter(
     scores: NDArray[np.float32],
     occupancy: OccupancyMap,
-    rays: int,
+    lidar: Lidar,
     start: tuple[float, float, float],
     lidar_noise_m: float,
     rng: np.random.Generator,
 ) -> Localisation:
     """AMCL at its start: particles around `start` (x, y, yaw), the robot's pose in the world taken as one in the map.
 
-    Of the lidar's `rays` it uses every n-th, n = (rays - 1) // 59, as Nav2 does.
+    Of the lidar's rays it uses every n-th, n = (rays - 1) // 59, as Nav2 does.
     """
-    skip = max(1, (rays - 1) // (MAX_BEAMS - 1))
-    angles = np.arange(0, rays, skip) * (FIELD_OF_VIEW_RAD / (rays - 1))
+    skip = max(1, (lidar.rays - 1) // (MAX_BEAMS - 1))
+    angles = np.arange(0, lidar.rays, skip) * (lidar.field_of_view_rad / (lidar.rays - 1))
     counts = np.zeros(6, np.int64)
     particles = np.zeros((2, MAX_PARTICLES, 3))
     particles[0] = np.array(start) + rng.standard_normal((MAX_PARTICLES, 3)) * START_SD
@@ -152,25 +162,30 @@ def particle_filter(
         origin_x=float(occupancy.origin.x),
         origin_y=float(occupancy.origin.y),
         resolution=float(occupancy.resolution),
-        outside=float(beam_score(np.array(DISTANCE_MAX_M))),
+        outside=float(beam_score(np.array(DISTANCE_MAX_M), lidar.max_range_m)),
         lidar_noise_m=lidar_noise_m,
+        mount_x=lidar.x,
+        mount_y=lidar.y,
+        mount_yaw=lidar.yaw,
+        field_of_view=lidar.field_of_view_rad,
+        range_max=lidar.max_range_m,
     )
 
 
-def beam_score(distance: Floats) -> Floats:
-    """(0.5 exp(-d²/2σ²) + 0.5/25)³ of a beam that ends at distance d from the nearest occupied cell."""
+def beam_score(distance: Floats, range_max_m: float) -> Floats:
+    """(0.5 exp(-d²/2σ²) + 0.5/range)³ of a beam that ends at distance d from the nearest occupied cell."""
     hit = Z_HIT * np.exp(-(distance**2) / (2.0 * SIGMA_HIT_M**2))
-    score: Floats = (hit + Z_RAND / RANGE_MAX_M) ** 3
+    score: Floats = (hit + Z_RAND / range_max_m) ** 3
     return score
 
 
-def beam_scores(occupancy: OccupancyMap) -> NDArray[np.float32]:
+def beam_scores(occupancy: OccupancyMap, range_max_m: float) -> NDArray[np.float32]:
     """`beam_score` of every cell of the map; distances count up to 2 m."""
     occupied = occupancy.cells == 100
     distance = np.full(occupied.shape, DISTANCE_MAX_M)
     if occupied.any():
         distance = np.minimum(ndimage.distance_transform_edt(~occupied) * occupancy.resolution, DISTANCE_MAX_M)
-    return beam_score(distance).astype(np.float32)
+    return beam_score(distance, range_max_m).astype(np.float32)
 
 
 @inner
@@ -272,11 +287,11 @@ def _move(own: Localisation, dx: float, dy: float, turn: float) -> None:
 def _look(own: Localisation, x: float, y: float, yaw: float, edges: Floats, legs: Floats) -> None:
     """Cast the filter's beams of the front lidar into `ranges`."""
     step = math.atan2(own.directions[1, 1], own.directions[1, 0])
-    bearing = yaw + FRONT[2] - 0.5 * FIELD_OF_VIEW_RAD
+    bearing = yaw + own.mount_yaw - 0.5 * own.field_of_view
     cos = math.cos(bearing)
     sin = math.sin(bearing)
-    from_x = x + FRONT[0] * math.cos(yaw) - FRONT[1] * math.sin(yaw)
-    from_y = y + FRONT[0] * math.sin(yaw) + FRONT[1] * math.cos(yaw)
+    from_x = x + own.mount_x * math.cos(yaw) - own.mount_y * math.sin(yaw)
+    from_y = y + own.mount_x * math.sin(yaw) + own.mount_y * math.cos(yaw)
     own.ranges[:] = math.inf
     for e in range(edges.shape[0]):
         ax = edges[e, 0] - from_x
@@ -303,20 +318,20 @@ def _weigh(own: Localisation) -> None:
     """
     rows, columns = own.scores.shape
     scale = 1.0 / own.resolution
-    bearing = FRONT[2] - 0.5 * FIELD_OF_VIEW_RAD
+    bearing = own.mount_yaw - 0.5 * own.field_of_view
     total = 0.0
     for i in range(own.counts[PARTICLES]):
         particle = own.particles[0, i]
         cos = math.cos(particle[2])
         sin = math.sin(particle[2])
-        x = (particle[0] - own.origin_x + FRONT[0] * cos - FRONT[1] * sin) * scale + 0.5
-        y = (particle[1] - own.origin_y + FRONT[0] * sin + FRONT[1] * cos) * scale + 0.5
+        x = (particle[0] - own.origin_x + own.mount_x * cos - own.mount_y * sin) * scale + 0.5
+        y = (particle[1] - own.origin_y + own.mount_x * sin + own.mount_y * cos) * scale + 0.5
         cos = math.cos(particle[2] + bearing) * scale
         sin = math.sin(particle[2] + bearing) * scale
         weight = 1.0
         for k in range(own.ranges.size):
             reach = own.ranges[k]
-            if reach >= RANGE_MAX_M:
+            if reach >= own.range_max:
                 continue
             column = x + reach * (own.directions[k, 0] * cos - own.directions[k, 1] * sin)
             row = y + reach * (own.directions[k, 0] * sin + own.directions[k, 1] * cos)

@@ -11,38 +11,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rvsg.robots import Robot
 from rvsg.simulation.embedded.base import wrap
 from rvsg.simulation.embedded.compiled import kernel
-from rvsg.simulation.embedded.navigation.costmap import INSCRIBED, LOCAL_CELLS, LOCAL_RESOLUTION_M
+from rvsg.simulation.embedded.navigation.costmap import INSCRIBED
+from rvsg.simulation.embedded.stack import Stack
 
 Floats = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
 Ints = NDArray[np.int64]
 Small = NDArray[np.int32]
 
-SIM_TIME_S = 1.7
-LINEAR_GRANULARITY_M = 0.05
-ANGULAR_GRANULARITY_RAD = 0.025
-MAX_V_M_S = 1.0
-MAX_W_RAD_S = 1.0
-ACCELERATION_V = 2.5
-ACCELERATION_W = 3.2
-V_SAMPLES = 20
-W_SAMPLES = 20
-PLAN_WINDOW_M = 1.5
-PRUNE_DISTANCE_M = 2.0
-FORWARD_POINT_M = 0.1
-XY_TOLERANCE_M = 0.25
-YAW_TOLERANCE_RAD = 0.25
-STOPPED_M_S = 0.25
-SLOWING_FACTOR = 5.0
-ROTATE_SCALE = 32.0
-OBSTACLE_SCALE = 0.02
-GOAL_SCALE = 24.0 * LOCAL_RESOLUTION_M / 2.0
-PATH_SCALE = 32.0 * LOCAL_RESOLUTION_M / 2.0
-OSCILLATION_V_M_S = 0.05
-OSCILLATION_RESET_M = 0.05
-OSCILLATION_RESET_RAD = 0.2
 MEMO_SIZE = 1024
 
 # Indices of the integer state of the controller.
@@ -80,21 +59,30 @@ class Scratch(NamedTuple):
     totals: Floats
 
 
-def samples() -> Floats:
-    """(S, 4): v, omega, number of steps and length of a step of every sample, in DWB's order.
+def samples(robot: Robot) -> Floats:
+    """Return v, omega, number of steps and length of a step of every sample, in DWB's order, (S, 4).
 
-    20 forward speeds 0..1 m/s; 20 yaw rates -1..1 rad/s and 0 between the innermost two; not both zero.
+    Forward speeds from the lowest to the highest; yaw rates between both limits, and 0 between the innermost two;
+    not both zero.
     """
-    rates = [-MAX_W_RAD_S + 2.0 * MAX_W_RAD_S * k / (W_SAMPLES - 1) for k in range(W_SAMPLES)]
-    rates.insert(W_SAMPLES // 2, 0.0)
+    dwb, limits = robot.navigation.dwb, robot.limits
+    top = limits.speed_m_s if dwb.max_speed_m_s is None else dwb.max_speed_m_s
+    turn = limits.yaw_rate_rad_s if dwb.max_yaw_rate_rad_s is None else dwb.max_yaw_rate_rad_s
+    count = dwb.yaw_rate_samples
+    rates = [-turn + 2.0 * turn * k / (count - 1) for k in range(count)]
+    if 0.0 not in rates:
+        rates.insert(count // 2, 0.0)
     rows = []
-    for k in range(V_SAMPLES):
-        v = MAX_V_M_S * k / (V_SAMPLES - 1)
+    for k in range(dwb.speed_samples):
+        v = dwb.min_speed_m_s + (top - dwb.min_speed_m_s) * k / (dwb.speed_samples - 1)
         for w in rates:
-            far = max(v * SIM_TIME_S / LINEAR_GRANULARITY_M, abs(w) * SIM_TIME_S / ANGULAR_GRANULARITY_RAD)
+            far = max(
+                abs(v) * dwb.sim_time_s / dwb.linear_granularity_m,
+                abs(w) * dwb.sim_time_s / dwb.angular_granularity_rad,
+            )
             steps = max(1, math.ceil(far))
             if v != 0.0 or w != 0.0:
-                rows.append((v, w, steps, SIM_TIME_S / steps))
+                rows.append((v, w, steps, dwb.sim_time_s / steps))
     return np.array(rows, np.float64)
 
 
@@ -103,11 +91,11 @@ def rollouts(count: int) -> Rollouts:
     return Rollouts(keys=np.full((MEMO_SIZE, 2), np.nan), ends=np.zeros((MEMO_SIZE, count, 5)))
 
 
-def scratch(count: int) -> Scratch:
+def scratch(count: int, cells: int) -> Scratch:
     """Scratch space for `count` samples."""
     return Scratch(
         sources=np.zeros((2, 256), np.int32),
-        distances=np.zeros((2, LOCAL_CELLS, LOCAL_CELLS), np.int64),
+        distances=np.zeros((2, cells, cells), np.int64),
         totals=np.zeros(count),
     )
 
@@ -121,7 +109,9 @@ def towards(wanted: float, now: float, step: float) -> float:
 
 
 @kernel
-def roll_out_ends(ends: Floats, v0: float, w0: float, samples: Floats) -> None:
+def roll_out_ends(
+    ends: Floats, v0: float, w0: float, samples: Floats, acc_v: float, acc_w: float, forward_point: float
+) -> None:
     """End poses (x, y, yaw) of all samples, and the points 0.1 m ahead, from pose (0, 0, 0) and velocities v0, w0.
 
     Per step: velocities approach the sample, the position advances along the old heading, then the heading turns.
@@ -134,24 +124,24 @@ def roll_out_ends(ends: Floats, v0: float, w0: float, samples: Floats) -> None:
         yaw = 0.0
         dt = samples[s, SAMPLE_DT]
         for _ in range(int(samples[s, SAMPLE_STEPS])):
-            v = towards(samples[s, SAMPLE_V], v, ACCELERATION_V * dt)
-            w = towards(samples[s, SAMPLE_W], w, ACCELERATION_W * dt)
+            v = towards(samples[s, SAMPLE_V], v, acc_v * dt)
+            w = towards(samples[s, SAMPLE_W], w, acc_w * dt)
             x += v * math.cos(yaw) * dt
             y += v * math.sin(yaw) * dt
             yaw += w * dt
         ends[s, 0] = x
         ends[s, 1] = y
         ends[s, 2] = yaw
-        ends[s, 3] = x + FORWARD_POINT_M * math.cos(yaw)
-        ends[s, 4] = y + FORWARD_POINT_M * math.sin(yaw)
+        ends[s, 3] = x + forward_point * math.cos(yaw)
+        ends[s, 4] = y + forward_point * math.sin(yaw)
 
 
 @kernel
-def ends_of(memo: Rollouts, v0: float, w0: float, samples: Floats) -> int:
+def ends_of(memo: Rollouts, v0: float, w0: float, samples: Floats, p: Stack) -> int:
     """The row of the memory that holds the end poses for measured velocities v0, w0; works them out if need be."""
     slot = int(abs(v0 * 7919.0 + w0 * 104729.0) * 1009.0) % MEMO_SIZE
     if memo.keys[slot, 0] != v0 or memo.keys[slot, 1] != w0:
-        roll_out_ends(memo.ends[slot], v0, w0, samples)
+        roll_out_ends(memo.ends[slot], v0, w0, samples, p.dwb_acc_v, p.dwb_acc_w, p.dwb_forward_point)
         memo.keys[slot, 0] = v0
         memo.keys[slot, 1] = w0
     return slot
@@ -169,6 +159,9 @@ def is_free(
     w1: float,
     steps: int,
     dt: float,
+    acc_v: float,
+    acc_w: float,
+    resolution: float,
 ) -> bool:
     """Whether every pose of a rollout has its centre on the map and off inscribed and lethal cells; in cells."""
     rows, columns = master.shape
@@ -180,16 +173,16 @@ def is_free(
         if not (0.0 <= x < columns and 0.0 <= y < rows) or master[int(y), int(x)] >= INSCRIBED:
             return False
         if i < steps:
-            v = towards(v1, v, ACCELERATION_V * dt)
-            w = towards(w1, w, ACCELERATION_W * dt)
-            x += v * math.cos(yaw) * dt / LOCAL_RESOLUTION_M
-            y += v * math.sin(yaw) * dt / LOCAL_RESOLUTION_M
+            v = towards(v1, v, acc_v * dt)
+            w = towards(w1, w, acc_w * dt)
+            x += v * math.cos(yaw) * dt / resolution
+            y += v * math.sin(yaw) * dt / resolution
             yaw += w * dt
     return True
 
 
 @kernel
-def prune(state: Ints, path: Floats, x: float, y: float) -> bool:
+def prune(state: Ints, path: Floats, x: float, y: float, window: float, distance: float) -> bool:
     """Choose the part of the plan to follow: from the first pose within 1.5 m to before the next one farther off.
 
     The first pose is looked for in the first 2.0 m of what remains; what lies before it is dropped for good. Sets
@@ -202,12 +195,12 @@ def prune(state: Ints, path: Floats, x: float, y: float) -> bool:
     while i < end:
         dx = path[i, 0] - x
         dy = path[i, 1] - y
-        if dx * dx + dy * dy < PLAN_WINDOW_M * PLAN_WINDOW_M:
+        if dx * dx + dy * dy < window * window:
             state[PLAN_BEGIN] = i
             return True
         if i + 1 < end:
             length += math.sqrt((path[i + 1, 0] - path[i, 0]) ** 2 + (path[i + 1, 1] - path[i, 1]) ** 2)
-        if length > PRUNE_DISTANCE_M:
+        if length > distance:
             break
         i += 1
     state[PLAN_BEGIN] = min(i + 1, end)
@@ -215,13 +208,13 @@ def prune(state: Ints, path: Floats, x: float, y: float) -> bool:
 
 
 @kernel
-def window_end(state: Ints, path: Floats, x: float, y: float) -> int:
+def window_end(state: Ints, path: Floats, x: float, y: float, window: float) -> int:
     """The first pose after the begin that is farther than 1.5 m from the robot, or the plan's end."""
     i = state[PLAN_BEGIN]
     while i < state[PLAN_END]:
         dx = path[i, 0] - x
         dy = path[i, 1] - y
-        if dx * dx + dy * dy > PLAN_WINDOW_M * PLAN_WINDOW_M:
+        if dx * dx + dy * dy > window * window:
             return i
         i += 1
     return i
@@ -229,7 +222,16 @@ def window_end(state: Ints, path: Floats, x: float, y: float) -> int:
 
 @kernel
 def take_sources(
-    maps: Scratch, state: Ints, path: Floats, begin: int, end: int, last_x: float, last_y: float, ox: int, oy: int
+    maps: Scratch,
+    state: Ints,
+    path: Floats,
+    begin: int,
+    end: int,
+    last_x: float,
+    last_y: float,
+    ox: int,
+    oy: int,
+    resolution: float,
 ) -> tuple[int, int]:
     """Write the cells of the plan's poses from the first one on the map until it leaves the map.
 
@@ -239,12 +241,13 @@ def take_sources(
     count = 0
     column = -1
     row = -1
+    rows, columns = maps.distances.shape[1:]
     for i in range(begin, end):
         px = last_x if i == end - 1 else path[i, 0]
         py = last_y if i == end - 1 else path[i, 1]
-        c = math.floor(px / LOCAL_RESOLUTION_M - ox)
-        r = math.floor(py / LOCAL_RESOLUTION_M - oy)
-        if 0 <= c < LOCAL_CELLS and 0 <= r < LOCAL_CELLS:
+        c = math.floor(px / resolution - ox)
+        r = math.floor(py / resolution - oy)
+        if 0 <= c < columns and 0 <= r < rows:
             if c != column or r != row:
                 if count < maps.sources.shape[1]:
                     maps.sources[0, count] = c
@@ -287,24 +290,24 @@ def reset(state: Ints) -> None:
 
 
 @kernel
-def rotate_to_goal(state: Ints, v: float, yaw_error: float, measured_v: float) -> float:
+def rotate_to_goal(state: Ints, v: float, yaw_error: float, measured_v: float, slowing: float) -> float:
     """Raw score of RotateToGoal for a sample that ends `yaw_error` from the goal's yaw; -1 where it is illegal."""
     if state[IN_WINDOW] == 0:
         return 0.0
     if state[ROTATING] == 0:
         if v * v >= measured_v * measured_v:
             return -1.0
-        return SLOWING_FACTOR * v * v + yaw_error
+        return slowing * v * v + yaw_error
     return -1.0 if v > 0.0 else yaw_error
 
 
 @kernel
-def remember_turn(state: Ints, reals: Floats, v: float, w: float, x: float, y: float, yaw: float) -> None:
+def remember_turn(state: Ints, reals: Floats, v: float, w: float, x: float, y: float, yaw: float, p: Stack) -> None:
     """Oscillation critic after a command: a turn that reverses the last one at |v| <= 0.05 m/s bans the way back.
 
     Signs and bans are forgotten once the robot is more than 0.05 m or 0.2 rad from where the ban began.
     """
-    if abs(v) <= OSCILLATION_V_M_S and w != 0.0:
+    if abs(v) <= p.dwb_oscillation_v and w != 0.0:
         sign = 1 if w > 0.0 else -1
         if state[LAST_SIGN] != 0 and sign != state[LAST_SIGN]:
             state[BAN_RIGHT if sign > 0 else BAN_LEFT] = 1
@@ -314,7 +317,7 @@ def remember_turn(state: Ints, reals: Floats, v: float, w: float, x: float, y: f
         state[LAST_SIGN] = sign
     if state[BAN_LEFT] != 0 or state[BAN_RIGHT] != 0:
         square = (x - reals[BAN_X]) ** 2 + (y - reals[BAN_Y]) ** 2
-        if square > OSCILLATION_RESET_M**2 or abs(yaw - reals[BAN_YAW]) > OSCILLATION_RESET_RAD:
+        if square > p.dwb_oscillation_m**2 or abs(yaw - reals[BAN_YAW]) > p.dwb_oscillation_rad:
             state[BAN_LEFT] = 0
             state[BAN_RIGHT] = 0
             state[LAST_SIGN] = 0
@@ -337,6 +340,7 @@ def choose(
     yaw: float,
     measured_v: float,
     measured_w: float,
+    p: Stack,
 ) -> int:
     """The index of the best legal sample, -1 where there is none.
 
@@ -344,37 +348,39 @@ def choose(
     velocities are the measured ones. Totals of all end poses come first; only the best are rolled out to see
     whether they are free, which selects the same sample as checking them all.
     """
-    if not prune(state, path, x, y):
+    if not prune(state, path, x, y, p.dwb_window, p.dwb_prune):
         return -1
     begin = state[PLAN_BEGIN]
-    end = window_end(state, path, x, y)
+    end = window_end(state, path, x, y, p.dwb_window)
     goal_x = path[state[PLAN_END] - 1, 0]
     goal_y = path[state[PLAN_END] - 1, 1]
     to_goal = math.sqrt((goal_x - x) ** 2 + (goal_y - y) ** 2)
-    if to_goal <= XY_TOLERANCE_M:
+    if to_goal <= p.xy_tolerance:
         state[IN_WINDOW] = 1
-    if state[IN_WINDOW] == 1 and abs(measured_v) <= STOPPED_M_S:
+    if state[IN_WINDOW] == 1 and abs(measured_v) <= p.dwb_stopped:
         state[ROTATING] = 1
     last_x = path[end - 1, 0]
     last_y = path[end - 1, 1]
     bearing = math.atan2(goal_y - y, goal_x - x)
-    forward_x = last_x + FORWARD_POINT_M * math.cos(bearing)
-    forward_y = last_y + FORWARD_POINT_M * math.sin(bearing)
+    forward_x = last_x + p.dwb_forward_point * math.cos(bearing)
+    forward_y = last_y + p.dwb_forward_point * math.sin(bearing)
     align_column, align_row = take_sources(
-        maps, state, path, begin, end, forward_x, forward_y, origin_column, origin_row
+        maps, state, path, begin, end, forward_x, forward_y, origin_column, origin_row, p.resolution
     )
-    goal_column, goal_row = take_sources(maps, state, path, begin, end, last_x, last_y, origin_column, origin_row)
+    goal_column, goal_row = take_sources(
+        maps, state, path, begin, end, last_x, last_y, origin_column, origin_row, p.resolution
+    )
     if goal_column < 0 or align_column < 0:
         return -1
     state[STAMP] += 1
-    ends = memo.ends[ends_of(memo, measured_v, measured_w, samples)]
-    column = x / LOCAL_RESOLUTION_M - origin_column
-    row = y / LOCAL_RESOLUTION_M - origin_row
+    ends = memo.ends[ends_of(memo, measured_v, measured_w, samples, p)]
+    column = x / p.resolution - origin_column
+    row = y / p.resolution - origin_row
     score(
         maps, state, samples, ends, master, column, row, yaw, goal_yaw, measured_v, goal_column, goal_row, align_column,
-        align_row, to_goal > FORWARD_POINT_M,
+        align_row, to_goal > p.dwb_forward_point, p,
     )  # fmt: skip
-    return best_free(maps.totals, samples, master, column, row, yaw, measured_v, measured_w)
+    return best_free(maps.totals, samples, master, column, row, yaw, measured_v, measured_w, p)
 
 
 @kernel
@@ -394,14 +400,23 @@ def score(
     align_column: int,
     align_row: int,
     align_path: bool,
+    p: Stack,
 ) -> None:
     """Total score of every sample into `maps.totals`, infinite where a critic that needs only the end forbids it.
 
     RotateToGoal 32, Oscillation, BaseObstacle 0.02, GoalAlign 0.6, PathAlign 0.8 (off near the goal), PathDist 0.8,
     GoalDist 0.6.
     """
-    cos = math.cos(yaw) / LOCAL_RESOLUTION_M
-    sin = math.sin(yaw) / LOCAL_RESOLUTION_M
+    cos = math.cos(yaw) / p.resolution
+    sin = math.sin(yaw) / p.resolution
+    rows, columns = master.shape
+    slowing = p.dwb_slowing
+    rotate_scale = p.dwb_rotate
+    obstacle_scale = p.dwb_obstacle
+    goal_align = p.dwb_goal_align
+    goal_dist = p.dwb_goal_dist
+    path_align = p.dwb_path_align
+    path_dist = p.dwb_path_dist
     for s in range(samples.shape[0]):
         maps.totals[s] = math.inf
         w = samples[s, SAMPLE_W]
@@ -409,16 +424,18 @@ def score(
             continue
         rotate = 0.0
         if state[IN_WINDOW] != 0:
-            rotate = rotate_to_goal(state, samples[s, SAMPLE_V], abs(wrap(yaw + ends[s, 2] - goal_yaw)), measured_v)
+            rotate = rotate_to_goal(
+                state, samples[s, SAMPLE_V], abs(wrap(yaw + ends[s, 2] - goal_yaw)), measured_v, slowing
+            )
             if rotate < 0.0:
                 continue
         x = column + cos * ends[s, 0] - sin * ends[s, 1]
         y = row + sin * ends[s, 0] + cos * ends[s, 1]
         ahead_x = column + cos * ends[s, 3] - sin * ends[s, 4]
         ahead_y = row + sin * ends[s, 3] + cos * ends[s, 4]
-        if not (0.0 <= x < LOCAL_CELLS and 0.0 <= y < LOCAL_CELLS):
+        if not (0.0 <= x < columns and 0.0 <= y < rows):
             continue
-        if not (0.0 <= ahead_x < LOCAL_CELLS and 0.0 <= ahead_y < LOCAL_CELLS):
+        if not (0.0 <= ahead_x < columns and 0.0 <= ahead_y < rows):
             continue
         end_column = int(x)
         end_row = int(y)
@@ -427,12 +444,12 @@ def score(
         cost = master[end_row, end_column]
         if cost >= INSCRIBED:
             continue
-        total = ROTATE_SCALE * rotate + OBSTACLE_SCALE * cost
-        total += GOAL_SCALE * (abs(ahead_column - align_column) + abs(ahead_row - align_row))
+        total = rotate_scale * rotate + obstacle_scale * cost
+        total += goal_align * (abs(ahead_column - align_column) + abs(ahead_row - align_row))
         if align_path:
-            total += PATH_SCALE * path_distance(maps, state, ahead_column, ahead_row)
-        total += PATH_SCALE * path_distance(maps, state, end_column, end_row)
-        total += GOAL_SCALE * (abs(end_column - goal_column) + abs(end_row - goal_row))
+            total += path_align * path_distance(maps, state, ahead_column, ahead_row)
+        total += path_dist * path_distance(maps, state, end_column, end_row)
+        total += goal_dist * (abs(end_column - goal_column) + abs(end_row - goal_row))
         maps.totals[s] = total
 
 
@@ -446,6 +463,7 @@ def best_free(
     yaw: float,
     measured_v: float,
     measured_w: float,
+    p: Stack,
 ) -> int:
     """The first sample of least total whose whole rollout is free; -1 where there is none. Overwrites `totals`."""
     rows, columns = master.shape
@@ -462,7 +480,7 @@ def best_free(
             return -1
         if is_free(
             master, column, row, yaw, measured_v, measured_w, samples[best, SAMPLE_V], samples[best, SAMPLE_W],
-            int(samples[best, SAMPLE_STEPS]), samples[best, SAMPLE_DT],
+            int(samples[best, SAMPLE_STEPS]), samples[best, SAMPLE_DT], p.dwb_acc_v, p.dwb_acc_w, p.resolution,
         ):  # fmt: skip
             return best
         totals[best] = math.inf

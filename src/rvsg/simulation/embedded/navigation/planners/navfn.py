@@ -27,7 +27,6 @@ THRESHOLD_STEP = np.float32(100.0)
 BUFFER = 10_000
 SPARE = np.float32(1500.0)
 """Six cells of the highest cost: more than the neighbours of a path can cost beyond the path itself."""
-TOLERANCE_M = 0.5
 STEP_CELLS = np.float32(0.5)
 HALF_ROOT = 0.707106781
 
@@ -360,8 +359,9 @@ def reachable_goal(
     resolution: float,
     columns: int,
     rows: int,
+    tolerance: float,
 ) -> tuple[float, float, bool]:
-    """The goal if it has a potential, else the nearest point that has one among ±0.5 m around it in cell steps."""
+    """Return the goal if it has a potential, else the nearest point with one, in cell steps within ±`tolerance`."""
     n = cell_of(goal_x, goal_y, origin_x, origin_y, resolution, columns, rows)
     if n >= 0 and potential[n] < HIGH:
         return goal_x, goal_y, True
@@ -369,10 +369,10 @@ def reachable_goal(
     found = False
     best_x = goal_x
     best_y = goal_y
-    y = goal_y - TOLERANCE_M
-    while y <= goal_y + TOLERANCE_M:
-        x = goal_x - TOLERANCE_M
-        while x <= goal_x + TOLERANCE_M:
+    y = goal_y - tolerance
+    while y <= goal_y + tolerance:
+        x = goal_x - tolerance
+        while x <= goal_x + tolerance:
             n = cell_of(x, y, origin_x, origin_y, resolution, columns, rows)
             square = (x - goal_x) * (x - goal_x) + (y - goal_y) * (y - goal_y)
             if n >= 0 and potential[n] < HIGH and square < nearest:
@@ -404,11 +404,12 @@ def plan(
     origin_x: float,
     origin_y: float,
     resolution: float,
+    tolerance: float,
 ) -> int:
     """Plan from start to goal (metres, map frame) and write the points to `path` (P, 2) from row `begin` on.
 
     Returns the row past the last point, `begin` where there is no path. The start's cell becomes free in the master
-    map itself until its next update. The end is the goal, or the reachable point nearest to it within 0.5 m.
+    map itself until its next update. The end is the goal, or the reachable point nearest to it within `tolerance` (m).
     """
     rows, columns = master.shape
     source = cell_of(start_x, start_y, origin_x, origin_y, resolution, columns, rows)
@@ -418,7 +419,9 @@ def plan(
     master[source // columns, source % columns] = 0
     costs[source] = NEUTRAL
     propagate_near(potential, costs, reach, waiting, buffers, columns, rows, source, max(target, 0), rest)
-    end_x, end_y, found = reachable_goal(potential, goal_x, goal_y, origin_x, origin_y, resolution, columns, rows)
+    end_x, end_y, found = reachable_goal(
+        potential, goal_x, goal_y, origin_x, origin_y, resolution, columns, rows, tolerance
+    )
     if not found:
         return begin
     target = cell_of(end_x, end_y, origin_x, origin_y, resolution, columns, rows)

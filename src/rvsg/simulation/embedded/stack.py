@@ -1,0 +1,201 @@
+"""A robot and its navigation parameters as numbers that the kernels read by reference."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rvsg.robots import Robot
+from rvsg.robots.polygons import distance, padded
+from rvsg.simulation.embedded.compiled import by_reference, kernel
+
+Floats = NDArray[np.float64]
+
+TICKS_PER_S = 100
+# Columns of the table of lidars: place in the base, bearing of the middle ray, field of view, number of rays, ranges,
+# period in ticks of 10 ms, standard deviation of a range, share of rays without a return.
+(LIDAR_X, LIDAR_Y, LIDAR_YAW, LIDAR_VIEW, LIDAR_RAYS, LIDAR_MIN, LIDAR_MAX, LIDAR_TICKS, LIDAR_NOISE,
+ LIDAR_DROPOUT) = range(10)  # fmt: skip
+
+
+class Stack(NamedTuple):
+    """What of a robot the kernels read; SI units. `dwb_*`: of the local planner, the others of the whole stack."""
+
+    footprint: Floats
+    """(K, 2) corners with padding."""
+    outline: Floats
+    """(K, 2) corners of the body."""
+    lidars: Floats
+    """(L, 10), see the names of its columns."""
+    radius: float
+    imu_behind: float
+    smoother_period: float
+    max_v: float
+    min_v: float
+    max_w: float
+    step_v: float
+    step_down_v: float
+    step_w: float
+    command_timeout: float
+    cells: int
+    resolution: float
+    local_period: float
+    global_period: float
+    obstacle_range: float
+    clearing_range: float
+    margin: float
+    """How far the global costmap is merged beyond the clearing range: 1.5 m, or the farthest lidar and one metre."""
+    scan_reach: float
+    """How far a scan is cast: nothing beyond concerns a costmap."""
+    control_period: float
+    patience: float
+    progress_m: float
+    progress_s: float
+    xy_tolerance: float
+    yaw_tolerance: float
+    plan_tolerance: float
+    spin_rad: float
+    max_spin: float
+    min_spin: float
+    spin_acc: float
+    back_up_m: float
+    back_up_v: float
+    wait_s: float
+    look_ahead_s: float
+    recoveries: int
+    dwb_acc_v: float
+    dwb_acc_w: float
+    dwb_window: float
+    dwb_prune: float
+    dwb_forward_point: float
+    dwb_stopped: float
+    dwb_slowing: float
+    dwb_rotate: float
+    dwb_obstacle: float
+    dwb_goal_dist: float
+    dwb_goal_align: float
+    dwb_path_dist: float
+    dwb_path_align: float
+    dwb_oscillation_v: float
+    dwb_oscillation_m: float
+    dwb_oscillation_rad: float
+
+
+StackRef = by_reference(Stack)
+
+
+def padded_footprint(robot: Robot) -> Floats:
+    """Return the corners of the footprint with Nav2's padding, (K, 2)."""
+    return np.array(padded(robot.footprint, robot.padding_m), np.float64)
+
+
+def inscribed_radius(robot: Robot) -> float:
+    """Return the distance of the padded footprint's nearest side from the base frame.
+
+    Nav2 computes it a little short (0.24999999977 for 0.25), so cells at exactly that distance are not inscribed.
+    """
+    return distance(padded(robot.footprint, robot.padding_m), 0.0, 0.0) - 2.3e-10
+
+
+def scan_reach(robot: Robot) -> float:
+    """Return how far a scan is cast for the costmaps, m."""
+    return robot.navigation.costmaps.clearing_range_m + 0.5
+
+
+def speeds(robot: Robot) -> tuple[float, float, float]:
+    """Return the highest forward speed (m/s), reverse speed (m/s) and yaw rate (rad/s) that the smoother lets pass."""
+    smoother, limits = robot.navigation.smoother, robot.limits
+    return (
+        _first(smoother.max_speed_m_s, limits.speed_m_s),
+        _first(smoother.max_reverse_m_s, limits.reverse_m_s),
+        _first(smoother.max_yaw_rate_rad_s, limits.yaw_rate_rad_s),
+    )
+
+
+def stack_of(robot: Robot) -> Stack:
+    """Return a robot's numbers for the kernels."""
+    navigation, limits = robot.navigation, robot.limits
+    smoother, dwb, maps, behaviours = navigation.smoother, navigation.dwb, navigation.costmaps, navigation.behaviours
+    forward, reverse, turn = speeds(robot)
+    return Stack(
+        footprint=padded_footprint(robot),
+        outline=np.array(robot.outline, np.float64),
+        lidars=_lidars(robot),
+        radius=robot.radius_m,
+        imu_behind=-robot.imu.x,
+        smoother_period=1.0 / smoother.frequency_hz,
+        max_v=forward,
+        min_v=-reverse,
+        max_w=turn,
+        step_v=_first(smoother.acceleration_m_s2, limits.acceleration_m_s2) / smoother.frequency_hz,
+        step_down_v=_first(smoother.deceleration_m_s2, limits.deceleration_m_s2) / smoother.frequency_hz,
+        step_w=_first(smoother.yaw_acceleration_rad_s2, limits.yaw_acceleration_rad_s2) / smoother.frequency_hz,
+        command_timeout=smoother.timeout_s,
+        cells=round(maps.local_size_m / maps.local_resolution_m),
+        resolution=maps.local_resolution_m,
+        local_period=1.0 / maps.local_update_hz,
+        global_period=1.0 / maps.global_update_hz,
+        obstacle_range=maps.obstacle_range_m,
+        clearing_range=maps.clearing_range_m,
+        margin=max(1.5, 1.0 + max(math.hypot(q.x, q.y) for q in robot.lidars)),
+        scan_reach=scan_reach(robot),
+        control_period=1.0 / behaviours.controller_hz,
+        patience=behaviours.failure_tolerance_s,
+        progress_m=behaviours.progress_m,
+        progress_s=behaviours.progress_s,
+        xy_tolerance=behaviours.goal_tolerance_m,
+        yaw_tolerance=behaviours.goal_tolerance_rad,
+        plan_tolerance=behaviours.planner_tolerance_m,
+        spin_rad=behaviours.spin_rad,
+        max_spin=behaviours.spin_max_rad_s,
+        min_spin=behaviours.spin_min_rad_s,
+        spin_acc=behaviours.spin_acceleration_rad_s2,
+        back_up_m=behaviours.back_up_m,
+        back_up_v=behaviours.back_up_m_s,
+        wait_s=behaviours.wait_s,
+        look_ahead_s=behaviours.look_ahead_s,
+        recoveries=behaviours.recoveries,
+        dwb_acc_v=_first(dwb.acceleration_m_s2, limits.acceleration_m_s2),
+        dwb_acc_w=_first(dwb.yaw_acceleration_rad_s2, limits.yaw_acceleration_rad_s2),
+        dwb_window=0.5 * maps.local_size_m,
+        dwb_prune=dwb.prune_distance_m,
+        dwb_forward_point=dwb.forward_point_m,
+        dwb_stopped=dwb.stopped_m_s,
+        dwb_slowing=dwb.slowing_factor,
+        dwb_rotate=dwb.rotate_to_goal_scale,
+        dwb_obstacle=dwb.obstacle_scale,
+        dwb_goal_dist=dwb.goal_distance_scale * maps.local_resolution_m / 2.0,
+        dwb_goal_align=dwb.goal_align_scale * maps.local_resolution_m / 2.0,
+        dwb_path_dist=dwb.path_distance_scale * maps.local_resolution_m / 2.0,
+        dwb_path_align=dwb.path_align_scale * maps.local_resolution_m / 2.0,
+        dwb_oscillation_v=dwb.oscillation_speed_m_s,
+        dwb_oscillation_m=dwb.oscillation_reset_m,
+        dwb_oscillation_rad=dwb.oscillation_reset_rad,
+    )
+
+
+def _lidars(robot: Robot) -> Floats:
+    rows = [
+        (q.x, q.y, q.yaw, q.field_of_view_rad, q.rays, q.min_range_m, q.max_range_m,
+         max(1, round(TICKS_PER_S / q.rate_hz)), q.noise_m, q.dropout)
+        for q in robot.lidars
+    ]  # fmt: skip
+    return np.array(rows, np.float64)
+
+
+def _first(value: float | None, otherwise: float) -> float:
+    return otherwise if value is None else value
+
+
+def max_range_m(robot: Robot) -> float:
+    """Return the range within which every lidar sees."""
+    return min(math.inf, *(lidar.max_range_m for lidar in robot.lidars))
+
+
+@kernel
+def refer(stack: Stack) -> StackRef:
+    """Return the numbers by reference."""
+    return StackRef(*stack)
