@@ -42,7 +42,7 @@ def replay_data(shown: Shown) -> dict[str, Any]:
         waypoints=[(w.name, w.x, w.y) for w in shown.world.grid.waypoints if w.human],
         matrix=shown.floor.matrix,
         quantity=f"{quantity(shown.plan.requirement)} so far",
-        footprint=lambda run: footprint_of(run, shown.plan.mission.robot),
+        footprint=lambda run: footprint_of(run, shown.plan.mission.robot_record),
     )
 
 

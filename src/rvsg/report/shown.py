@@ -52,7 +52,7 @@ def look_of(shown: Shown, facts: AttemptFacts) -> Look:
     return Look(
         turn=Turn.of(shown.floor.matrix),
         view_box=shown.floor.view_box,
-        outline=footprint_of(runs[0], shown.plan.mission.robot),
+        outline=footprint_of(runs[0], shown.plan.mission.robot_record),
         colours=people_colours(runs),
     )
 

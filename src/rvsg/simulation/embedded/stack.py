@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -196,6 +196,6 @@ def max_range_m(robot: Robot) -> float:
 
 
 @kernel
-def refer(stack: Stack) -> StackRef:
+def refer(stack: Stack) -> Any:
     """Return the numbers by reference."""
     return StackRef(*stack)
