@@ -13,8 +13,8 @@ from rvsg.world.world import World
 class Simulator(Protocol):
     """Anything that runs scenarios. Equal scenario, world, seed and options give an equal run, bit for bit.
 
-    Derive a simulator from this class: `robots`, `any_robot`, `prepare` and `close` have defaults. A simulator reaches worker
-    processes by pickling, before or after `prepare`.
+    Derive a simulator from this class: `robots`, `any_robot`, `prepare` and `close` have defaults. A simulator
+    reaches worker processes by pickling, before or after `prepare`.
     """
 
     @property
