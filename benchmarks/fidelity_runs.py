@@ -6,11 +6,12 @@ import hashlib
 import math
 import os
 from collections.abc import Sequence
-from functools import lru_cache
+from concurrent.futures import ProcessPoolExecutor
+from functools import cache, lru_cache
+from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
-from loky import get_reusable_executor
 
 from published_runs import EARLY_STARTS_REPEATED, FROZEN_M, Configuration, Values, resting_pose
 from published_world import published_world
@@ -98,13 +99,19 @@ def session_of(configuration: Configuration, index: int, seed: int = 0) -> dict[
     return options
 
 
+@cache
+def _pool(jobs: int) -> ProcessPoolExecutor:
+    """Return worker processes, kept for the next call."""
+    return ProcessPoolExecutor(jobs, mp_context=get_context("spawn"))
+
+
 def simulate_all(
     folder: Path, configurations: Sequence[Configuration], repeats: int, jobs: int, seed: int = 0
 ) -> Results:
     """`simulate` for many, in parallel; the results do not depend on `jobs`."""
     if jobs <= 1:
         return {c.key: simulate(folder, c, range(repeats), seed) for c in configurations}
-    executor = get_reusable_executor(max_workers=jobs, timeout=300)
+    executor = _pool(jobs)
     chunks = [(c, range(at, min(at + 8, repeats))) for c in configurations for at in range(0, repeats, 8)]
     futures = [executor.submit(simulate, folder, c, chunk, seed) for c, chunk in chunks]
     results: Results = {c.key: [] for c in configurations}

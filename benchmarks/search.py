@@ -23,6 +23,7 @@ from rvsg.core import plugins
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.requirements import load_requirement
 from rvsg.scenario.scenario import Mission
+from rvsg.simulation.archive import PackedRun
 from rvsg.simulation.run import Run
 from rvsg.world.io.load import load_world
 from rvsg.world.world import World
@@ -33,9 +34,9 @@ class Lists:
 
     def __init__(self) -> None:
         self.kept: list[Attempt] = []
-        self.runs: dict[str, Run] = {}
+        self.runs: dict[str, PackedRun] = {}
 
-    def keep(self, run: Run) -> None:
+    def keep(self, run: PackedRun) -> None:
         """Keep a run."""
         self.runs.setdefault(run.id, run)
 
@@ -49,11 +50,11 @@ class Lists:
 
     def run(self, run_id: str) -> Run:
         """A run."""
-        return self.runs[run_id]
+        return self.runs[run_id].unpack()
 
     def find(self, run_id: str) -> Run | None:
         """A run, or None."""
-        return self.runs.get(run_id)
+        return self.runs[run_id].unpack() if run_id in self.runs else None
 
 
 class Silent:
@@ -93,11 +94,10 @@ def campaign(generator: str, strategy: str, args: argparse.Namespace, seed: int,
     ledger = Lists()
     measuring = Measuring(plan.requirement)
     simulator = plugins.make("simulator", "embedded", {})
-    with Simulations(simulator, world, jobs=jobs, known=ledger.find) as simulations:
+    with Simulations(simulator, world, measure=measuring.measure, jobs=jobs, known=ledger.find) as simulations:
         parts = Parts(
             generator=plugins.make("generator", generator, {}),
             simulations=simulations,
-            measure=measuring.measure,
             judge=measuring.judge,
             ledger=ledger,  # type: ignore[arg-type]
             watch=Silent(),

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 
-from rvsg.campaign.attempt import Attempt, Ledger, Measurement
+from rvsg.campaign.attempt import Ledger, Measurement
 from rvsg.campaign.parallel import Simulations
 from rvsg.campaign.parts import Parts
 from rvsg.campaign.plan import Plan
@@ -109,47 +109,6 @@ def judge(measurements: Sequence[Measurement], *, budget: int | None = None) -> 
     )
 
 
-class MemoryLedger:
-    """A ledger of lists."""
-
-    def __init__(self) -> None:
-        self.kept: list[Attempt] = []
-        self.runs: dict[str, Run] = {}
-        self._settings: dict[str, dict[str, object]] = {}
-
-    def close(self) -> None:
-        return
-
-    def forget_empty(self, campaign: str) -> bool:
-        return False
-
-    def begin(self, campaign: str, settings: dict[str, object]) -> None:
-        self._settings[campaign] = dict(settings)
-
-    def settings(self, campaign: str) -> dict[str, object] | None:
-        return self._settings.get(campaign)
-
-    def campaigns(self) -> tuple[str, ...]:
-        return tuple(self._settings)
-
-    def keep(self, run: Run) -> None:
-        self.runs.setdefault(run.id, run)
-
-    def append(self, attempt: Attempt, runs: Sequence[Run]) -> None:
-        for run in runs:
-            self.keep(run)
-        self.kept.append(attempt)
-
-    def attempts(self, campaign: str) -> list[Attempt]:
-        return [attempt for attempt in self.kept if attempt.campaign == campaign]
-
-    def run(self, run_id: str) -> Run:
-        return self.runs[run_id]
-
-    def find(self, run_id: str) -> Run | None:
-        return self.runs.get(run_id)
-
-
 class Counted(Simulator):
     """A simulator that counts its runs."""
 
@@ -182,12 +141,24 @@ class Deadly(KinematicSimulator):
         return super().run(scenario, world, seed=seed)
 
 
-def parts(ledger: Ledger | MemoryLedger, *, simulator: object = None, generator: object = None, jobs: int = 1) -> Parts:
-    simulations = Simulations(simulator or KinematicSimulator(), warehouse(), jobs=jobs, known=ledger.find)  # type: ignore[arg-type]
+def parts(
+    ledger: Ledger,
+    *,
+    simulator: object = None,
+    generator: object = None,
+    jobs: int = 1,
+    measure: Callable[[Run], Measurement] = measure,
+) -> Parts:
+    simulations = Simulations(
+        simulator or KinematicSimulator(),  # type: ignore[arg-type]
+        warehouse(),
+        measure=measure,
+        jobs=jobs,
+        known=ledger.find,
+    )
     return Parts(
         generator=generator or WalkGenerator(),  # type: ignore[arg-type]
         simulations=simulations,
-        measure=measure,
         judge=judge,
-        ledger=ledger,  # type: ignore[arg-type]
+        ledger=ledger,
     )

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from tests.campaign.parts import Deadly, MemoryLedger, parts, plan, warehouse
+from tests.campaign.parts import Deadly, MemoryLedger, measure, parts, plan, warehouse
 
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.elite import EliteStrategy
 from rvsg.campaign.loop import feedback_from, run_campaign
+from rvsg.campaign.measuring import FinishedRun, RunMaker
 from rvsg.campaign.parallel import Simulations
 from rvsg.campaign.plan import Plan
 from rvsg.core.errors import InputError, SimulationError
@@ -26,6 +28,7 @@ distributed = pytest.importorskip("distributed", reason="Dask is not installed (
 from rvsg.campaign.cluster import Cluster, versions  # noqa: E402
 
 pytestmark = [
+    pytest.mark.slow,
     pytest.mark.filterwarnings("ignore::DeprecationWarning:distributed"),
     pytest.mark.filterwarnings("ignore::ResourceWarning"),
 ]
@@ -45,15 +48,19 @@ def campaign(
     told: list[str],
     simulator: object = None,
     ledger: MemoryLedger | None = None,
+    now: Callable[[], float] = time.monotonic,
     **how: float,
 ) -> list[Attempt]:
     ledger = ledger or MemoryLedger()
+    executor = Cluster(address=address, **how)  # type: ignore[arg-type]
+    executor._now = now
     with Simulations(
         simulator or KinematicSimulator(),  # type: ignore[arg-type]
         warehouse(),
+        measure=measure,
         known=ledger.find,
-        executor=Cluster(address=address, **how),  # type: ignore[arg-type]
-        tell=told.append,
+        executor=executor,
+        notify=told.append,
     ) as simulations:
         made = dataclasses.replace(parts(ledger), simulations=simulations)
         return run_campaign(the_plan, EliteStrategy(the_plan, feedback_from(ledger, the_plan, warehouse())), made)  # type: ignore[arg-type]
@@ -82,7 +89,7 @@ def test_a_worker_that_dies_costs_at_most_its_own_run(cluster, tmp_path: Path, a
     assert list(shaken.measurements) == [m for m in calm.measurements if not always or m.seed != seed]
     assert [failure.seed for failure in shaken.failures] == ([seed] if always else [])
     if always:
-        assert any("made again alone" in line for line in told)
+        assert any("repeated alone" in line for line in told)
 
 
 def test_a_run_is_made_again_when_what_is_under_way_beside_it_is_done(cluster) -> None:
@@ -94,10 +101,10 @@ def test_a_run_is_made_again_when_what_is_under_way_beside_it_is_done(cluster) -
     scenario = alone(plan(scenarios=1, refinements=0, repeats=1, confirmations=0))[0].proposal.scenario
     assert scenario is not None
     executor = Cluster(address=cluster.scheduler_address)
-    executor.begin(Slow(), warehouse(), lambda _: None)
+    executor.start(RunMaker(Slow(), warehouse()), lambda _: None)
     beside = [executor.submit(scenario, seed) for seed in range(4)]
-    assert isinstance(executor.again(scenario, 9), Run)
-    assert all(future.status == "finished" for future in beside)
+    executor._wait_for_others()
+    assert all(submitted.future.status == "finished" for submitted in beside)
     executor.stop(kill=True)
 
 
@@ -143,7 +150,7 @@ def test_a_cluster_that_is_gone_stops_the_campaign_and_the_same_call_resumes_it(
         distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=":0", host="127.0.0.1") as small,
         pytest.raises(SimulationError, match="no worker"),
     ):
-        campaign(plan(), small.scheduler_address, told, Last(), ledger, patience_s=3.0)
+        campaign(plan(), small.scheduler_address, told, Last(), ledger, now=itertools.count(0, 25).__next__)
     assert any("lost the worker" in line for line in told)
     assert 0 < len(ledger.runs) < plan().runs
     assert campaign(plan(), cluster.scheduler_address, told, None, ledger) == alone(plan())
@@ -156,10 +163,10 @@ def test_a_scheduler_that_ends_stops_the_campaign_with_one_message() -> None:
     ) as simulations:
         scenario = alone(plan(scenarios=1, refinements=0, repeats=1, confirmations=0))[0].proposal.scenario
         assert scenario is not None
-        assert isinstance(simulations.order(scenario, 1).result(), Run)
+        assert isinstance(simulations.submit(scenario, 1).result(), FinishedRun)
         local.close()
         with pytest.raises(SimulationError, match="connection to the cluster"):
-            simulations.order(scenario, 2).result()
+            simulations.submit(scenario, 2).result()
 
 
 def test_workers_of_other_versions_are_refused(cluster, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,7 +9,17 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 from hypothesis.strategies import integers
-from tests.campaign.parts import REQUIREMENT, Counted, Deadly, MemoryLedger, WalkGenerator, parts, plan, warehouse
+from tests.campaign.parts import (
+    REQUIREMENT,
+    Counted,
+    Deadly,
+    MemoryLedger,
+    WalkGenerator,
+    measure,
+    parts,
+    plan,
+    warehouse,
+)
 
 from rvsg.campaign.attempt import Attempt, Measurement
 from rvsg.campaign.elite import EliteStrategy
@@ -113,7 +123,7 @@ def confirmed_with(values: list[float], *, limit: float | None = 1.0, confirmati
         value = value_of.get(made.seed, 0.5)
         return Measurement(run_id=made.id, seed=made.seed, outcome="goal", values={"dto": value}, objective=value)
 
-    made = dataclasses.replace(parts(MemoryLedger(), jobs=jobs), measure=measured, judge=measuring.judge)
+    made = dataclasses.replace(parts(MemoryLedger(), jobs=jobs, measure=measured), judge=measuring.judge)
     with made.simulations:
         attempts = run_campaign(the_plan, RandomStrategy(the_plan), made)
     return confirmations_of(attempts)[0]
@@ -198,8 +208,12 @@ class Ahead(Simulations):
     begun = 0
 
     @property
-    def ahead(self) -> int:
+    def lookahead(self) -> int:
         return Ahead.begun
+
+
+def ahead_of(ledger: MemoryLedger) -> Ahead:
+    return Ahead(KinematicSimulator(), warehouse(), measure=measure, known=ledger.find)
 
 
 @pytest.mark.parametrize("strategy", STRATEGIES)
@@ -215,7 +229,7 @@ def test_how_far_processes_are_ahead_changes_nothing(
     Ahead.begun = ahead
     ledger = MemoryLedger()
     made = parts(ledger)
-    made = dataclasses.replace(made, simulations=Ahead(KinematicSimulator(), warehouse(), known=ledger.find))
+    made = dataclasses.replace(made, simulations=ahead_of(ledger))
     assert run_campaign(the_plan, strategy(the_plan, feedback_from(ledger, the_plan, warehouse())), made) == one
 
 
@@ -328,7 +342,6 @@ def test_a_simulator_that_makes_no_run_at_all_stops_the_campaign() -> None:
     assert ledger.kept == []
 
 
-@pytest.mark.filterwarnings("ignore:A worker stopped while some jobs were given to the executor")
 @pytest.mark.parametrize("always", [False, True])
 def test_a_worker_that_dies_hard_costs_at_most_its_own_run(tmp_path: Path, always: bool) -> None:
     the_plan = plan(scenarios=1, refinements=0, repeats=4, confirmations=0)
@@ -355,7 +368,7 @@ def test_workers_end_when_their_parent_is_killed(tmp_path: Path) -> None:
         "the_plan = plan(scenarios=1, refinements=0)\n"
         "made = parts(MemoryLedger(), jobs=2)\n"
         "run_campaign(the_plan, RandomStrategy(the_plan), made)\n"
-        "print(*made.simulations._executor._pool._processes, flush=True)\n"
+        "print(*(keeper.process.pid for keeper in made.simulations._executor._pool.keepers), flush=True)\n"
         "time.sleep(60)\n"
     )
     parent = subprocess.Popen(

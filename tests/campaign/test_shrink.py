@@ -41,8 +41,7 @@ def crowd() -> Scenario:
 def shrinking(simulator: Counted | None = None, **more: object) -> Shrinking:
     return Shrinking(
         requirement=more.pop("requirement", LIMIT),  # type: ignore[arg-type]
-        simulations=Simulations(simulator or Counted(), WORLD),  # type: ignore[arg-type]
-        measure=measure,
+        simulations=Simulations(simulator or Counted(), WORLD, measure=measure),  # type: ignore[arg-type]
         judge=Measuring(LIMIT).judge,
         repeats=3,
         confirmations=4,

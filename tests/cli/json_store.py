@@ -11,7 +11,7 @@ from rvsg.campaign.attempt import Attempt
 from rvsg.core.errors import StoreError
 from rvsg.core.files import write_whole
 from rvsg.core.records import canonical_json
-from rvsg.simulation.archive import run_from_json, run_to_json
+from rvsg.simulation.archive import PackedRun, run_from_json, run_to_json
 from rvsg.simulation.run import Run
 
 
@@ -35,10 +35,10 @@ class JsonLedger:
     def campaigns(self) -> tuple[str, ...]:
         return tuple(file.parent.name for file in self.path.glob(f"*/settings.{self.ending}"))
 
-    def keep(self, run: Run) -> None:
-        write_whole(self._file("runs", run.id), run_to_json(run))
+    def keep(self, run: PackedRun) -> None:
+        write_whole(self._file("runs", run.id), run_to_json(run.unpack()))
 
-    def append(self, attempt: Attempt, runs: Sequence[Run]) -> None:
+    def append(self, attempt: Attempt, runs: Sequence[PackedRun]) -> None:
         file = self._file(attempt.campaign, f"{attempt.index:05d}")
         if file.exists():
             raise StoreError("that index is taken")

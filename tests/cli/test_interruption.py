@@ -82,15 +82,16 @@ def test_ctrl_c_while_the_workers_start_ends_in_order_and_resumes(tmp_path: Path
     options = [*SMALL[: SMALL.index("--jobs")], "--jobs", "2"]
     done = ended(
         "import os, signal, sys\n"
-        "from loky.backend import fork_exec\n"
+        "import subprocess\n"
         "from rvsg.cli import main\n"
-        "original = fork_exec.fork_exec\n"
+        "from rvsg.campaign import processes\n"
+        "original = subprocess.Popen\n"
         "def begun_with_ctrl_c(*how, **more):\n"
-        "    fork_exec.fork_exec = original\n"
+        "    subprocess.Popen = original\n"
         "    process = original(*how, **more)\n"
         "    os.killpg(0, signal.SIGINT)\n"
         "    return process\n"
-        "fork_exec.fork_exec = begun_with_ctrl_c\n"
+        "subprocess.Popen = begun_with_ctrl_c\n"
         f"sys.argv[1:] = {['run', *options, '--out', str(tmp_path / 'one')]!r}\n"
         "sys.exit(main())\n"
     )

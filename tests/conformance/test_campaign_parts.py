@@ -15,6 +15,7 @@ from rvsg.core import plugins
 from rvsg.generation.generator import Proposal
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.scenario import Scenario
+from rvsg.simulation.archive import PackedRun
 from rvsg.simulation.conformance import check_simulator
 from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.simulation.run import Run
@@ -84,7 +85,7 @@ def test_the_exam_fails_a_simulator_that_is_not_repeatable() -> None:
 
 
 class Lenient(SqliteLedger):
-    def append(self, attempt: Attempt, runs: Sequence[Run]) -> None:
+    def append(self, attempt: Attempt, runs: Sequence[PackedRun]) -> None:
         if attempt.index not in [known.index for known in self.attempts(attempt.campaign)]:
             super().append(attempt, runs)
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rvsg.core.errors import InputError, SimulationError, UnknownName
 from rvsg.core.records import Pose
 from rvsg.scenario.agents import HumanAgent
-from rvsg.simulation.archive import pack, run_from_json, run_to_json, unpack
+from rvsg.simulation.archive import PackedRun, run_from_json, run_to_json
 from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded.compiled import kernel
 from rvsg.simulation.embedded.episode import Episode, Outside
@@ -243,7 +243,7 @@ def test_a_run_holds_the_groups_of_its_people_in_the_store_too(warehouse: World)
     ]
     run = simulate_agents(warehouse, warehouse.route("route_1"), agents, options=profile("default"), seed=1)
     assert run.human_groups == (2, 2, None)
-    assert unpack(*pack(run)).human_groups == (2, 2, None)
+    assert PackedRun.of(run).unpack().human_groups == (2, 2, None)
     assert run_from_json(run_to_json(run)).human_groups == (2, 2, None)
 
 

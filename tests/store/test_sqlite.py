@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import gzip
+import hashlib
 import shutil
 import sqlite3
 import threading
@@ -14,9 +16,10 @@ from tests.campaign.parts import WalkGenerator, plan, warehouse
 from rvsg.campaign.attempt import Attempt
 from rvsg.core.errors import NewerStore, StoreError
 from rvsg.core.records import canonical_json, content_id
+from rvsg.evaluation.metrics import measure
 from rvsg.generation.generator import Proposal
 from rvsg.scenario.brief import Brief
-from rvsg.simulation.archive import arrays_of, pack, run_from_json, run_to_json
+from rvsg.simulation.archive import PackedRun, arrays_of, run_from_json, run_to_json
 from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.simulation.run import Run
 from rvsg.store.migrations import MIGRATIONS
@@ -40,7 +43,7 @@ def same(a: Run, b: Run) -> bool:
 def test_what_was_appended_comes_back_bit_for_bit(tmp_path: Path) -> None:
     attempt, run = an_attempt()
     with SqliteLedger(tmp_path / "a.sqlite") as ledger:
-        ledger.append(attempt, [run])
+        ledger.append(attempt, [PackedRun.of(run)])
     with SqliteLedger(tmp_path / "a.sqlite") as ledger:
         assert list(ledger.attempts("test")) == [attempt]
         assert same(ledger.run(run.id), run)
@@ -55,9 +58,9 @@ def test_an_attempt_is_kept_whole_or_not_at_all(tmp_path: Path) -> None:
     attempt, run = an_attempt()
     other, other_run = an_attempt(1)
     with SqliteLedger(tmp_path / "a.sqlite") as ledger:
-        ledger.append(attempt, [run])
+        ledger.append(attempt, [PackedRun.of(run)])
         with pytest.raises(StoreError, match="is there already"):
-            ledger.append(other.replace(index=0), [other_run])
+            ledger.append(other.replace(index=0), [PackedRun.of(other_run)])
         assert list(ledger.attempts("test")) == [attempt]
         assert ledger.find(other_run.id) is None
 
@@ -108,7 +111,7 @@ def test_an_altered_record_is_noticed(tmp_path: Path) -> None:
     attempt, run = an_attempt()
     path = tmp_path / "a.sqlite"
     with SqliteLedger(path) as ledger:
-        ledger.append(attempt, [run])
+        ledger.append(attempt, [PackedRun.of(run)])
     connection = sqlite3.connect(path)
     connection.execute("UPDATE attempts SET record = replace(record, 'walk 0', 'walk 9')")
     connection.commit()
@@ -151,7 +154,7 @@ def test_a_damaged_store_says_what_is_lost_and_what_to_do(
     path = tmp_path / "a.sqlite"
     with SqliteLedger(path) as ledger:
         ledger.begin("test", {"some": "settings"})
-        ledger.append(attempt, [run])
+        ledger.append(attempt, [PackedRun.of(run)])
     damage(path)
     with pytest.raises(StoreError) as told, SqliteLedger(path) as ledger:
         for name in ledger.campaigns():
@@ -192,13 +195,13 @@ def test_an_attempt_with_a_field_of_a_later_version_is_refused_in_words(tmp_path
 
 
 @pytest.mark.parametrize(
-    "change", ["header = replace(header, '\"seed\":3', '\"seed\":4')", "arrays = x'00'", "header = '{}'"]
+    "change", ["arrays = substr(arrays, 1, length(arrays) - 1)", "arrays = x'00'", "header = '{}'"]
 )
 def test_an_altered_run_is_noticed(tmp_path: Path, change: str) -> None:
     _, run = an_attempt()
     path = tmp_path / "a.sqlite"
     with SqliteLedger(path) as ledger:
-        ledger.keep(run)
+        ledger.keep(PackedRun.of(run))
     connection = sqlite3.connect(path)
     connection.execute(f"UPDATE runs SET {change}")
     connection.commit()
@@ -237,7 +240,7 @@ def test_a_campaign_is_forgotten_only_while_it_made_no_attempt(tmp_path: Path) -
         assert ledger.forget_empty(attempt.campaign)
         assert ledger.campaigns() == ()
         ledger.begin(attempt.campaign, {"seed": 2})
-        ledger.append(attempt, [run])
+        ledger.append(attempt, [PackedRun.of(run)])
         assert not ledger.forget_empty(attempt.campaign)
         assert ledger.settings(attempt.campaign) == {"seed": 2}
 
@@ -255,7 +258,7 @@ def test_a_new_store_opened_by_several_at_once_is_made_once(tmp_path: Path) -> N
     with ThreadPoolExecutor(6) as pool:
         assert list(pool.map(opened, range(6))) == [[]] * 6
     with SqliteLedger(path) as ledger:
-        ledger.append(attempt, [run])
+        ledger.append(attempt, [PackedRun.of(run)])
 
 
 def test_a_store_whose_making_was_broken_off_is_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -280,9 +283,9 @@ def test_a_single_number_changed_in_the_arrays_of_a_run_is_noticed(tmp_path: Pat
     _, run = an_attempt()
     path = tmp_path / "a.sqlite"
     with SqliteLedger(path) as ledger:
-        ledger.keep(run)
+        ledger.keep(PackedRun.of(run))
     run.trajectory.x[3] += 1e-9
-    altered(path, ("UPDATE runs SET arrays = ?", (pack(run)[1],)))  # whole, and of the right shape
+    altered(path, ("UPDATE runs SET arrays = ?", (PackedRun.of(run).data,)))  # whole, and of the right shape
     with pytest.raises(StoreError, match="checksum") as refused, SqliteLedger(path) as ledger:
         ledger.find(run.id)
     assert str(path) in str(refused.value) and run.id in str(refused.value)
@@ -291,7 +294,7 @@ def test_a_single_number_changed_in_the_arrays_of_a_run_is_noticed(tmp_path: Pat
 def older_store(path: Path, attempt: Attempt, run: Run) -> None:
     """A store as the first version made it: without checksums."""
     with SqliteLedger(path) as ledger:
-        ledger.append(attempt, [run])
+        ledger.append(attempt, [PackedRun.of(run)])
     altered(path, ("ALTER TABLE runs DROP COLUMN checksum", ()), ("PRAGMA user_version=1", ()))
 
 
@@ -302,7 +305,7 @@ def test_a_store_from_before_there_were_checksums_opens_and_new_runs_get_one(tmp
     older_store(path, attempt, run)
     with SqliteLedger(path) as ledger:
         assert same(ledger.run(run.id), run)
-        ledger.append(other, [other_run])
+        ledger.append(other, [PackedRun.of(other_run)])
     connection = sqlite3.connect(path)
     kept = dict(connection.execute("SELECT id, checksum FROM runs"))
     connection.close()
@@ -317,13 +320,13 @@ def test_a_store_that_may_not_be_written_is_read(tmp_path: Path, monkeypatch: py
         older_store(path, attempt, run)
     else:
         with SqliteLedger(path) as ledger:
-            ledger.append(attempt, [run])
+            ledger.append(attempt, [PackedRun.of(run)])
     before = path.read_bytes()
     monkeypatch.setattr("os.access", lambda *_: False)
     with SqliteLedger.existing(path) as ledger:
         assert list(ledger.attempts("test")) == [attempt] and same(ledger.run(run.id), run)
         with pytest.raises(StoreError, match="a store"):
-            ledger.keep(an_attempt(1)[1])
+            ledger.keep(PackedRun.of(an_attempt(1)[1]))
     assert path.read_bytes() == before and [p.name for p in tmp_path.iterdir()] == [path.name]
 
 
@@ -350,11 +353,32 @@ def test_damage_anywhere_in_the_file_is_told_when_it_is_opened(tmp_path: Path) -
     path = tmp_path / "a.sqlite"
     with SqliteLedger(path) as ledger:
         ledger.begin("test", {"some": "settings"})
-        ledger.append(attempt, [run])
+        ledger.append(attempt, [PackedRun.of(run)])
     whole = path.read_bytes()
-    arrays = whole.index(b"PK\x03\x04")
+    arrays = whole.index(b"RVQ1")
     for begin, length in ((arrays + 50, 8), (len(whole) // 2, 9000)):
         path.write_bytes(whole[:begin] + b"\xa5" * length + whole[begin + length :])
         for opened in (SqliteLedger, SqliteLedger.existing):
             with pytest.raises(StoreError, match=r"restore it from a copy, or repeat the campaign"):
                 opened(path)
+
+
+@pytest.mark.parametrize("opened", [SqliteLedger, SqliteLedger.existing])
+def test_a_store_of_version_2_is_read_bit_for_bit_and_goes_on(
+    tmp_path: Path, opened: Callable[[Path], SqliteLedger]
+) -> None:
+    path = tmp_path / "old.sqlite"
+    path.write_bytes(gzip.decompress((Path(__file__).parent / "version_2.sqlite.gz").read_bytes()))
+    attempt, run = an_attempt(1)
+    with opened(path) as ledger:
+        (old,) = ledger.attempts("old")
+        (measured,) = old.measurements
+        found = ledger.run(measured.run_id)
+        digest = hashlib.sha256()
+        for name, array in sorted(arrays_of(found).items()):
+            digest.update(name.encode() + array.tobytes())
+        assert digest.hexdigest() == "3dca148252cf92fed1a93c76a185bf2358c8e26f439339f45636664e5ef0b005"
+        assert measure(found, world=warehouse())["dto"] == measured.values["dto"]
+        ledger.append(attempt.replace(campaign="old"), [PackedRun.of(run)])
+        assert same(ledger.run(run.id), run)
+        assert len(list(ledger.attempts("old"))) == 2

@@ -55,11 +55,10 @@ def shrink(
     check_robot(scenario, made)
     made.prepare(on_message)
     measuring = Measuring(asked, place)
-    with Simulations(made, place, jobs=jobs, tell=on_message) as simulations:
+    with Simulations(made, place, measure=measuring.measure, jobs=jobs, notify=on_message) as simulations:
         return Shrinking(
             requirement=asked,
             simulations=simulations,
-            measure=measuring.measure,
             judge=measuring.judge,
             seed=seed,
             repeats=repeats,

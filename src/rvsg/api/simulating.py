@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, overload
 from rvsg.api import records
 from rvsg.api.scenarios import check_robot, check_valid
 from rvsg.api.worlds import world_of
+from rvsg.campaign.attempt import Failure
 from rvsg.campaign.parallel import Simulations
 from rvsg.core import plugins
 from rvsg.core.errors import InputError, SimulationError
@@ -156,13 +157,13 @@ def simulate(
     made.prepare(on_message)
     wanted = range(seeds) if isinstance(seeds, int) else tuple(seeds)
     runs = []
-    with Simulations(made, place, jobs=jobs, tell=on_message) as simulations:
-        for ordered in [simulations.order(scenario, seed) for seed in wanted]:
-            result = ordered.result()
-            if not isinstance(result, Run):
+    with Simulations(made, place, jobs=jobs, notify=on_message) as simulations:
+        for pending in [simulations.submit(scenario, seed) for seed in wanted]:
+            result = pending.result()
+            if isinstance(result, Failure):
                 raise SimulationError(f"seed {result.seed}: {result.reason}")
-            runs.append(result)
-            on_run(result)
+            runs.append(result.unpack())
+            on_run(runs[-1])
     return RunSet(tuple(runs), scenario, place)
 
 

@@ -62,8 +62,15 @@ class Wired:
         self, ledger: Any, tell: Callable[[str], None], *, jobs: int, executor: Executor | None
     ) -> Simulations:
         """Return what makes the runs; those the ledger holds are not made again."""
-        how = {"jobs": jobs, "known": ledger.find, "executor": executor or self.executor, "tell": tell}
-        return Simulations(self.simulator, self.world, **how)
+        return Simulations(
+            self.simulator,
+            self.world,
+            measure=Measuring(self.plan.requirement, self.world).measure,
+            jobs=jobs,
+            known=ledger.find,
+            executor=executor or self.executor,
+            notify=tell,
+        )
 
     def parts(
         self, plan: Plan, judging: Procedure, ledger: Any, simulations: Simulations, cancelled: Callable[[], bool]
@@ -73,7 +80,6 @@ class Wired:
         return Parts(
             generator=self.generator,
             simulations=simulations,
-            measure=measuring.measure,
             judge=measuring.judge,
             ledger=ledger,
             procedure=judging,

@@ -9,6 +9,7 @@ from rvsg.core.records import Record
 from rvsg.evaluation.verdict import Verdict
 from rvsg.generation.generator import Proposal
 from rvsg.scenario.brief import Brief
+from rvsg.simulation.archive import PackedRun
 from rvsg.simulation.run import Run
 
 
@@ -92,11 +93,11 @@ class Ledger(Protocol):
         """Release every resource; no other method is called afterwards."""
         ...
 
-    def keep(self, run: Run) -> None:
+    def keep(self, run: PackedRun) -> None:
         """Store a run; where its id is known, nothing changes."""
         ...
 
-    def append(self, attempt: Attempt, runs: Sequence[Run]) -> None:
+    def append(self, attempt: Attempt, runs: Sequence[PackedRun]) -> None:
         """Store an attempt with its runs, all or nothing; StoreError where its index is taken."""
         ...
 

@@ -1,7 +1,7 @@
 """Runs on a cluster: an executor over Dask, the extra `cluster`.
 
-Dask's scheduler gives a run whose worker is lost to another worker by itself. Only a run under which several workers
-died in a row is given back; it is then made alone, so that one is not blamed for another beside it.
+Dask's scheduler gives a run whose worker is lost to another worker. It returns only a run under which several workers
+died in a row; that run is repeated once with nothing else under way, and becomes a Failure if it kills again.
 
 API: distributed 2024.8 and later (`Client.register_plugin`), https://distributed.dask.org.
 """
@@ -18,26 +18,26 @@ import time
 import uuid
 from collections.abc import Callable
 from concurrent.futures import CancelledError
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import rvsg
 from rvsg.campaign.attempt import Failure
-from rvsg.campaign.parallel import WorkerDied, _attempt_run
+from rvsg.campaign.measuring import FinishedRun, RunMaker
 from rvsg.core.errors import InputError, SimulationError, how_to_install
 from rvsg.scenario.scenario import Scenario
-from rvsg.simulation.protocol import Simulator
-from rvsg.simulation.run import Run
-from rvsg.world.world import World
 
 LOOK_S = 2.0
-"""While a run is waited for, the cluster is looked at so often."""
+"""The time between two looks at the cluster while a run is awaited."""
+CONNECT_S = 10.0
+"""The longest wait for an answer of the scheduler."""
 LOST = "The connection to the cluster's scheduler is lost. Start it again, with workers, and resume."
 INSTALL = f'The executor "cluster" needs Dask: {how_to_install("cluster")}'
 
 
 def _check_scheduler_file(path: Path) -> None:
-    """Raise ValueError where this is not what a Dask scheduler writes; Dask itself would wait for ever."""
+    """Raise ValueError unless a Dask scheduler wrote this file; Dask itself would wait without end."""
     try:
         written = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
@@ -48,11 +48,22 @@ def _check_scheduler_file(path: Path) -> None:
         raise ValueError(f"scheduler_file {path} holds no scheduler's address: it is not what `dask scheduler` writes")
 
 
-class Cluster:
-    """The workers of a Dask cluster.
+@dataclass(frozen=True)
+class Submitted:
+    """A run that was submitted, and Dask's future for it."""
 
-    `address` is that of its scheduler, e.g. `tcp://10.0.0.1:8786`, or `scheduler_file` the file it wrote. After
-    `patience_s` seconds without any worker the campaign stops; it can be resumed.
+    scenario: Scenario
+    seed: int
+    future: Any
+
+
+class Cluster:
+    """An Executor over the workers of a Dask cluster.
+
+    Args:
+        address: The scheduler's address, e.g. `tcp://10.0.0.1:8786`.
+        scheduler_file: Instead of the address, the file that the scheduler wrote.
+        patience_s: The campaign stops after this many seconds without any worker; it can be resumed.
     """
 
     def __init__(self, address: str | None = None, scheduler_file: str | None = None, patience_s: float = 60.0) -> None:
@@ -70,14 +81,19 @@ class Cluster:
         self._client: Any = None
         self._workers: frozenset[str] = frozenset()
         self._under_way: set[Any] = set()
+        self._now: Callable[[], float] = time.monotonic
 
     @property
     def size(self) -> int:
-        """The number of workers when they were last looked at."""
+        """The number of workers at the last look."""
         return max(1, len(self._workers))
 
-    def begin(self, simulator: Simulator, world: World, tell: Callable[[str], None]) -> None:
-        """Connect, wait for a worker, see that all have our versions, and send them simulator and world."""
+    def start(self, maker: RunMaker, notify: Callable[[str], None]) -> None:
+        """Connect, wait for a worker, compare versions, and send `maker` to every worker.
+
+        Raises:
+            InputError: No scheduler answers, it has no worker, or a worker has other versions.
+        """
         distributed = _distributed()
         import cloudpickle
 
@@ -88,7 +104,7 @@ class Cluster:
             self._client = distributed.Client(
                 self.address,
                 scheduler_file=self.scheduler_file,
-                timeout=min(10.0, self.patience_s),
+                timeout=min(CONNECT_S, self.patience_s),
                 set_as_default=False,
             )
             self._client.wait_for_workers(1, timeout=self.patience_s)
@@ -103,67 +119,82 @@ class Cluster:
             raise InputError(
                 f"No Dask scheduler answers at {where} ({error}). Is it running? `dask scheduler` starts one."
             ) from None
-        self._tell = tell
+        self._notify = notify
         self._look()
-        self._same_versions(tell)
-        shared = cloudpickle.dumps((simulator, world))  # a simulator may stand in a script
-        self._token = f"rvsg-{uuid.uuid4().hex}"  # of this campaign in this process; nothing of it is recorded
+        self._compare_versions(notify)
+        shared = cloudpickle.dumps(maker)  # a simulator may be defined in a script
+        self._token = f"rvsg-{uuid.uuid4().hex}"  # names this campaign in this process; never recorded
         self._client.register_plugin(_plugin(distributed, self._token, shared), name=self._token)
-        tell(f"{len(self._workers)} workers of the cluster at {where} make the runs.")
+        notify(f"{len(self._workers)} workers of the cluster at {where} make the runs.")
 
-    def submit(self, scenario: Scenario, seed: int) -> Any:
-        """Ask for a run."""
+    def submit(self, scenario: Scenario, seed: int) -> Submitted:
+        """Start a run."""
         future = self._client.submit(_work, self._token, scenario, seed, pure=False, retries=0)
         self._under_way.add(future)
-        return future
+        return Submitted(scenario, seed, future)
 
-    def result(self, submitted: Any) -> Run | Failure:
+    def result(self, submitted: Submitted) -> FinishedRun | Failure:
         """Wait for a run; SimulationError where the whole cluster is gone."""
+        killed = _distributed().KilledWorker
+        try:
+            return self._wait(submitted.future)
+        except killed:
+            self._under_way.discard(submitted.future)
+        self._notify("Several workers of the cluster died under one run; it is repeated alone.")
+        self._wait_for_others()
+        again = self.submit(submitted.scenario, submitted.seed)
+        try:
+            return self._wait(again.future)
+        except killed:
+            self._under_way.discard(again.future)
+        reason = "workers of the cluster died again and again while they ran this scenario"
+        return Failure(seed=submitted.seed, reason=reason)
+
+    def _wait(self, future: Any) -> FinishedRun | Failure:
+        """Wait for one future, and look at the cluster from time to time."""
         distributed = _distributed()
-        seen = time.monotonic()
+        seen = self._now()
         while True:
-            failed = submitted.status == "error"  # then what is raised is of the simulator, not of the connection
+            failed = future.status == "error"  # then the error is the simulator's, not the connection's
             try:
-                found: Run | Failure = submitted.result(timeout=LOOK_S)
-            except distributed.KilledWorker as killed:
-                raise WorkerDied from killed
+                found: FinishedRun | Failure = future.result(timeout=LOOK_S)
+            except distributed.KilledWorker:
+                raise
             except (OSError, CancelledError) as error:
                 if failed:
                     raise
-                if submitted.status != "error":
-                    seen = self._still(seen, error)
+                if future.status != "error":
+                    seen = self._last_seen(seen, error)
             else:
-                self._under_way.discard(submitted)
-                submitted.release()
+                self._under_way.discard(future)
+                future.release()
                 return found
 
-    def again(self, scenario: Scenario, seed: int) -> Run | Failure:
-        """Make a run alone: when all others under way are done, or have turned out to kill as well."""
+    def _wait_for_others(self) -> None:
+        """Wait until every other run is done, or has killed its workers as well."""
         distributed = _distributed()
-        self._tell("Several workers of the cluster died under one run; it is made again alone.")
-        seen = time.monotonic()
+        seen = self._now()
         while waiting := [future for future in self._under_way if future.status == "pending"]:
             try:
                 with self._client.as_current():  # it is no default client, which `wait` would take
                     distributed.wait(waiting, timeout=LOOK_S, return_when="FIRST_COMPLETED")
             except (OSError, CancelledError) as error:
-                seen = self._still(seen, error)
-        return self.result(self.submit(scenario, seed))
+                seen = self._last_seen(seen, error)
 
-    def _still(self, seen: float, error: BaseException) -> float:
-        """When there was a worker last, after nothing came; SimulationError where the cluster is gone."""
+    def _last_seen(self, seen: float, error: BaseException) -> float:
+        """Return when there was a worker last, after a wait in vain; SimulationError where the cluster is gone."""
         if not isinstance(error, TimeoutError) or self._client.status not in ("running", "connecting"):
             raise SimulationError(LOST) from None
         if self._look():
-            return time.monotonic()
-        if time.monotonic() - seen > self.patience_s:
+            return self._now()
+        if self._now() - seen > self.patience_s:
             raise SimulationError(
                 f"The cluster has had no worker for {self.patience_s:g} s. Start workers and resume."
             ) from None
         return seen
 
     def stop(self, *, kill: bool) -> None:
-        """Leave the cluster as it was found."""
+        """Cancel what is under way if `kill`, remove `maker` from the workers, and disconnect."""
         client, self._client = self._client, None
         if client is None:
             return
@@ -176,24 +207,24 @@ class Cluster:
                 if hasattr(self, "_token"):
                     client.unregister_worker_plugin(self._token)
         except (OSError, TimeoutError):
-            pass  # it is gone already; there is nothing left to take back
+            pass  # the cluster is gone already
         finally:
             client.close(timeout=5)
 
     def _look(self) -> bool:
-        """See which workers there are, and say which are gone; whether there is any."""
+        """Update the set of workers, report those that are gone, and return whether there is any."""
         try:
             now = frozenset(self._client.scheduler_info(n_workers=-1).get("workers", ()))
         except (OSError, TimeoutError):
             return False
         gone = self._workers - now
         for worker in sorted(gone):
-            self._tell(f"The cluster lost the worker at {worker}; its runs are made again by others.")
+            self._notify(f"The cluster lost the worker at {worker}; other workers repeat its runs.")
         self._workers = now
         return bool(now)
 
-    def _same_versions(self, tell: Callable[[str], None]) -> None:
-        """Refuse workers with other versions: they would make other runs. Other processors may, and are told."""
+    def _compare_versions(self, notify: Callable[[str], None]) -> None:
+        """Refuse workers whose versions would give other runs; report other processors, which may."""
         mine = versions()
         theirs: dict[str, dict[str, str]] = self._client.run(versions)
         wrong = [
@@ -207,14 +238,14 @@ class Cluster:
             listed = "\n".join(f"  - {line}" for line in wrong[:12])
             raise InputError(f"Workers of the cluster have other versions, and would make other runs:\n{listed}")
         if others := sorted({found["processor"] for found in theirs.values()} - {mine["processor"]}):
-            tell(
+            notify(
                 f"The cluster has other processors ({', '.join(others)}; here {mine['processor']}): the last bits of "
                 "a run may differ between them."
             )
 
 
 def versions() -> dict[str, str]:
-    """What decides the bits of a run, besides the scenario: versions of programs, and the processor."""
+    """Return what decides the bits of a run besides the scenario: versions, and the processor."""
     import numba
     import numpy
     import scipy
@@ -240,18 +271,18 @@ def _distributed() -> Any:
 
 
 def _hush() -> None:
-    """Dask tells of every lost connection with a traceback; we tell of it in one message."""
+    """Silence Dask's traceback for every lost connection; we report it in one message."""
     for name in list(logging.root.manager.loggerDict):
         if name.partition(".")[0] in ("distributed", "tornado", "asyncio"):
             logging.getLogger(name).setLevel(logging.CRITICAL + 1)
 
 
-_shared: dict[str, tuple[Simulator, World]] = {}
+_shared: dict[str, RunMaker] = {}
 _one_at_a_time = threading.Lock()
 
 
 def _plugin(distributed: Any, token: str, shared: bytes) -> Any:
-    """Gives simulator and world to every worker, also to one that comes later."""
+    """Return the Dask plug-in that gives the pickled RunMaker to every worker, also to a later one."""
 
     class Sharing(distributed.WorkerPlugin):  # type: ignore[misc]
         def setup(self, worker: Any) -> None:
@@ -264,13 +295,13 @@ def _plugin(distributed: Any, token: str, shared: bytes) -> Any:
 
 
 def keep(token: str, shared: bytes | None) -> None:
-    """Keep in this process what the runs of a campaign share; None: forget it."""
+    """Keep the RunMaker of a campaign in this process; None: forget it."""
     if shared is None:
         _shared.pop(token, None)
     else:
         _shared[token] = pickle.loads(shared)  # noqa: S301 - sent by the campaign, as Dask sends everything
 
 
-def _work(token: str, scenario: Scenario, seed: int) -> Run | Failure:
-    with _one_at_a_time:  # simulators keep buffers per process; workers have one thread, or take turns
-        return _attempt_run(*_shared[token], scenario, seed)
+def _work(token: str, scenario: Scenario, seed: int) -> FinishedRun | Failure:
+    with _one_at_a_time:  # simulators keep buffers per process, and a Dask worker may have several threads
+        return _shared[token](scenario, seed)

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.events import Attempted, Confirming, Event, Explaining
-from rvsg.campaign.parts import Made, Parts, collect, order, store
+from rvsg.campaign.parts import Made, Parts, collect, store, submit
 from rvsg.campaign.plan import Plan
 from rvsg.campaign.ranking import candidates, search_attempts
 from rvsg.core.seeds import fresh_seeds
@@ -65,7 +65,7 @@ def confirm(
     made = Made()
     count = next_repeats(plan.requirement, [], procedure=procedure) if judged else budget
     while count:
-        yield from collect(again, order(again, seeds[made.count : made.count + count], parts), made, parts)
+        yield from collect(again, submit(again, seeds[made.count : made.count + count], parts), made, parts)
         objectives = [m.objective for m in made.measurements] + [None] * len(made.failures)
         count = next_repeats(plan.requirement, objectives, procedure=procedure)
     yield Attempted(campaign=plan.name, attempt=store(again, made, parts, budget=budget))
@@ -121,7 +121,7 @@ def _with_people(
     )
     yield Explaining(campaign=plan.name, without=without, people=len(people), runs=len(seeds))
     made = Made()
-    yield from collect(attempt, order(attempt, seeds, parts), made, parts)
+    yield from collect(attempt, submit(attempt, seeds, parts), made, parts)
     yield Attempted(campaign=plan.name, attempt=store(attempt, made, parts))
 
 

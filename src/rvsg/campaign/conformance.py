@@ -13,7 +13,7 @@ from rvsg.evaluation.judge import judge
 from rvsg.generation.generator import Proposal
 from rvsg.scenario.brief import Feedback
 from rvsg.scenario.scenario import Scenario
-from rvsg.simulation.archive import arrays_of
+from rvsg.simulation.archive import PackedRun, arrays_of
 from rvsg.simulation.run import Run
 from rvsg.world.world import World
 
@@ -54,7 +54,7 @@ def check_ledger(opened: Callable[[], Ledger], attempt: Attempt, run: Run) -> No
     What was kept is there when it is opened again, equal to the last bit, in the order of the index; an index that
     is taken is refused and leaves nothing; settings are kept once; what is absent is None or a StoreError.
     """
-    ledger, name = opened(), attempt.campaign
+    ledger, name, packed = opened(), attempt.campaign, PackedRun.of(run)
     assert ledger.settings(name) is None and list(ledger.attempts(name)) == []
     assert ledger.find(run.id) is None
     _refuses(lambda: ledger.run(run.id), "a run that is not there")
@@ -63,9 +63,9 @@ def check_ledger(opened: Callable[[], Ledger], attempt: Attempt, run: Run) -> No
     _refuses(lambda: ledger.begin(name, {"seed": 2}), "other settings under the same name")
     second, first = attempt.replace(index=1), attempt.replace(index=0)
     ledger.append(second, [])
-    ledger.keep(run)
-    ledger.append(first, [run])
-    _refuses(lambda: ledger.append(second, [run]), "an index that is taken")
+    ledger.keep(packed)
+    ledger.append(first, [packed])
+    _refuses(lambda: ledger.append(second, [packed]), "an index that is taken")
     again = opened()
     assert list(again.attempts(name)) == [first, second], "the attempts are not there again, or not in order"
     assert again.settings(name) == {"seed": 1} and again.campaigns() == (name,)

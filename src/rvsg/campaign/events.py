@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 from rvsg.campaign.attempt import Attempt, Failure
+from rvsg.campaign.measuring import FinishedRun
 from rvsg.campaign.plan import Plan
 from rvsg.generation.vlm.watching import CallNews
 from rvsg.scenario.brief import Brief
-from rvsg.simulation.run import Run
 
 Purpose = Literal["search", "confirmation", "baseline", "removal"]
 
@@ -58,7 +58,7 @@ class RunMade(Event):
 
     index: int
     purpose: Purpose
-    run: Run | Failure
+    run: FinishedRun | Failure
 
 
 @dataclass(frozen=True, kw_only=True)

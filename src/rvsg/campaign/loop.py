@@ -13,8 +13,8 @@ from rvsg.campaign.attempt import Attempt, Ledger
 from rvsg.campaign.confirmation import confirm_all
 from rvsg.campaign.events import Attempted, Event, Finished, Proposing, Started
 from rvsg.campaign.feedback import feedback_of
-from rvsg.campaign.parallel import Ordered
-from rvsg.campaign.parts import Cancelled, Made, Parts, collect, order, store
+from rvsg.campaign.parallel import PendingRun
+from rvsg.campaign.parts import Cancelled, Made, Parts, collect, store, submit
 from rvsg.campaign.plan import Plan
 from rvsg.campaign.ranking import search_attempts
 from rvsg.campaign.strategies import Ask, FeedbackOf, Strategy
@@ -76,13 +76,13 @@ def _search(plan: Plan, strategy: Strategy, index: int, parts: Parts) -> Iterato
     The strategy is told of them in their order, whichever finishes first. As soon as it is told of one, it is asked
     what can begin beside those still in progress.
     """
-    in_progress: deque[tuple[Attempt, list[Ordered]]] = deque()
+    in_progress: deque[tuple[Attempt, list[PendingRun]]] = deque()
     upcoming: deque[Ask] = deque()
     stopped: GenerationError | None = None
     while True:
         if not upcoming and not stopped:
             upcoming.extend(strategy.ask()[len(in_progress) :])
-        while upcoming and not stopped and len(in_progress) <= parts.simulations.ahead:
+        while upcoming and not stopped and len(in_progress) <= parts.simulations.lookahead:
             ask = upcoming.popleft()
             parts.check()
             if ask.proposal is None:
@@ -104,7 +104,7 @@ def _search(plan: Plan, strategy: Strategy, index: int, parts: Parts) -> Iterato
         raise stopped
 
 
-def _begin(plan: Plan, strategy: str, index: int, ask: Ask, parts: Parts) -> tuple[Attempt, list[Ordered]]:
+def _begin(plan: Plan, strategy: str, index: int, ask: Ask, parts: Parts) -> tuple[Attempt, list[PendingRun]]:
     """Get the proposal of an ask, from the generator where it holds none, and order its runs."""
     proposal = ask.proposal
     if proposal is None:
@@ -113,4 +113,4 @@ def _begin(plan: Plan, strategy: str, index: int, ask: Ask, parts: Parts) -> tup
     seeds = ask.seeds
     if seeds is None:
         seeds = tuple(seed_for(plan.seed, "search", index, repeat) for repeat in range(plan.repeats))
-    return attempt, order(attempt, seeds, parts)
+    return attempt, submit(attempt, seeds, parts)

@@ -1,16 +1,71 @@
-"""Measure runs and judge the measurements by one requirement."""
+"""Make, measure and pack a run where it is made, and judge measurements by one requirement."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
-from rvsg.campaign.attempt import Measurement
+from rvsg.campaign.attempt import Failure, Measurement
+from rvsg.core.errors import SimulationError
 from rvsg.evaluation.judge import DEFAULT, Procedure, judge, objective
 from rvsg.evaluation.metrics import measure
 from rvsg.evaluation.verdict import Verdict
 from rvsg.scenario.requirement import Requirement
-from rvsg.simulation.run import Run
+from rvsg.scenario.scenario import Scenario
+from rvsg.simulation.archive import PackedRun, rounded
+from rvsg.simulation.protocol import Simulator
+from rvsg.simulation.run import Outcome, Run
 from rvsg.world.world import World
+
+
+@dataclass(frozen=True)
+class FinishedRun:
+    """A run as it comes back from where it was made: measured, and packed for the store."""
+
+    seed: int
+    outcome: Outcome
+    measurement: Measurement
+    packed: PackedRun
+
+    @property
+    def id(self) -> str:
+        """The run's content id."""
+        return self.packed.id
+
+    def unpack(self) -> Run:
+        """Return the run with its arrays."""
+        return self.packed.unpack()
+
+
+def unmeasured(run: Run) -> Measurement:
+    """Return a measurement without any metric, for runs that nobody judges."""
+    return Measurement(run_id=run.id, seed=run.seed, outcome=run.outcome.value, values={})
+
+
+@dataclass(frozen=True)
+class RunMaker:
+    """Simulates, measures and packs one run at a time; the same in this process, a worker, or a cluster.
+
+    A run is rounded before it is measured (see `rvsg.simulation.quantised`), so that a run read from the store has
+    exactly the metrics it had when it was made.
+    """
+
+    simulator: Simulator
+    world: World
+    measure: Callable[[Run], Measurement] = unmeasured
+
+    def __call__(self, scenario: Scenario, seed: int) -> FinishedRun | Failure:
+        """Make one run; a Failure where the simulator cannot."""
+        try:
+            run = self.simulator.run(scenario, self.world, seed=seed)
+        except SimulationError as error:
+            return Failure(seed=seed, reason=str(error))
+        return self.finished(run)
+
+    def finished(self, run: Run) -> FinishedRun:
+        """Round, measure and pack a run that was made."""
+        run = rounded(run)
+        return FinishedRun(run.seed, run.outcome, self.measure(run), PackedRun.of(run))
 
 
 class Measuring:

@@ -8,12 +8,13 @@ from typing import Protocol
 
 from rvsg.campaign.attempt import Attempt, Failure, Ledger, Measurement
 from rvsg.campaign.events import Event, RunMade
-from rvsg.campaign.parallel import Ordered, Simulations
+from rvsg.campaign.measuring import FinishedRun
+from rvsg.campaign.parallel import PendingRun, Simulations
 from rvsg.core.errors import SimulationError
 from rvsg.evaluation.judge import DEFAULT, Procedure
 from rvsg.evaluation.verdict import Verdict
 from rvsg.generation.generator import Generator
-from rvsg.simulation.run import Run
+from rvsg.simulation.archive import PackedRun
 
 
 class Judge(Protocol):
@@ -34,7 +35,6 @@ class Parts:
 
     generator: Generator
     simulations: Simulations
-    measure: Callable[[Run], Measurement]
     judge: Judge
     ledger: Ledger
     procedure: Procedure = DEFAULT
@@ -52,7 +52,7 @@ class Parts:
 class Made:
     """The runs of an attempt as they come in, with their measurements, and those that could not be made."""
 
-    runs: list[Run] = field(default_factory=list)
+    runs: list[PackedRun] = field(default_factory=list)
     measurements: list[Measurement] = field(default_factory=list)
     failures: list[Failure] = field(default_factory=list)
 
@@ -62,21 +62,21 @@ class Made:
         return len(self.runs) + len(self.failures)
 
 
-def order(attempt: Attempt, seeds: Sequence[int], parts: Parts) -> list[Ordered]:
-    """Order one run of an attempt's scenario for each seed; none where it has no scenario."""
+def submit(attempt: Attempt, seeds: Sequence[int], parts: Parts) -> list[PendingRun]:
+    """Submit one run of an attempt's scenario for each seed; none where it has no scenario."""
     scenario = attempt.proposal.scenario
-    return [parts.simulations.order(scenario, seed) for seed in seeds] if scenario else []
+    return [parts.simulations.submit(scenario, seed) for seed in seeds] if scenario else []
 
 
-def collect(attempt: Attempt, ordered: Sequence[Ordered], made: Made, parts: Parts) -> Iterator[Event]:
-    """Wait for ordered runs, adding each to `made`; each is stored and measured as soon as it is there."""
-    for each in ordered:
+def collect(attempt: Attempt, pending: Sequence[PendingRun], made: Made, parts: Parts) -> Iterator[Event]:
+    """Wait for submitted runs, adding each to `made`; each is stored as soon as it is there."""
+    for each in pending:
         parts.check()
         result = each.result()
-        if isinstance(result, Run):
-            parts.ledger.keep(result)
-            made.runs.append(result)
-            made.measurements.append(parts.measure(result))
+        if isinstance(result, FinishedRun):
+            parts.ledger.keep(result.packed)
+            made.runs.append(result.packed)
+            made.measurements.append(result.measurement)
         else:
             made.failures.append(result)
         yield RunMade(campaign=attempt.campaign, index=attempt.index, purpose=attempt.purpose, run=result)

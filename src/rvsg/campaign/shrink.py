@@ -21,7 +21,6 @@ from rvsg.evaluation.verdict import Verdict
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Behaviour, ForceFactors, Human, HumanConfiguration, Scenario, Task
 from rvsg.scenario.validity import check, repair
-from rvsg.simulation.run import Run
 from rvsg.world.grid import Grid
 
 
@@ -57,7 +56,6 @@ class Shrinking:
 
     requirement: Requirement
     simulations: Simulations
-    measure: Callable[[Run], Measurement]
     judge: Callable[[Sequence[Measurement]], Verdict]
     seed: int = 0
     repeats: int = 12
@@ -136,10 +134,10 @@ class Shrinking:
 
     def _measured(self, scenario: Scenario, seeds: Sequence[int]) -> list[Measurement]:
         """The measurements of the runs that could be made."""
-        ordered = [self.simulations.order(scenario, seed) for seed in seeds]
-        found = [order.result() for order in ordered]
+        pending = [self.simulations.submit(scenario, seed) for seed in seeds]
+        found = [run.result() for run in pending]
         self.runs += len(found)
-        return [self.measure(run) for run in found if not isinstance(run, Failure)]
+        return [run.measurement for run in found if not isinstance(run, Failure)]
 
 
 def size(people: HumanConfiguration) -> tuple[int, int, int, int, int]:

@@ -1,14 +1,16 @@
 """A Run as bytes and as JSON, and back: exact to the last bit.
 
-As JSON a run is one object: what `RunHeader` says, and `arrays`, each a list (a list of rows where it has a row per
-sample and a column per human). As bytes it is the header's JSON and a compressed NumPy archive of the same arrays.
+As JSON a run is one object: the fields of `RunHeader`, and `arrays`, each a list (a list of rows where it has a row
+per sample and a column per human). As bytes it is a PackedRun: the header's JSON and the same arrays, compressed (see
+`rvsg.simulation.quantised`). Stores of version 2 and older hold a NumPy archive beside the header instead.
 """
 
 from __future__ import annotations
 
 import io
 import json
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Self
 
 import numpy as np
 import pydantic
@@ -17,6 +19,7 @@ from pydantic import Field
 
 from rvsg.core.errors import InputError
 from rvsg.core.records import Record, canonical_json
+from rvsg.simulation.quantised import decode, encode, rounded_array
 from rvsg.simulation.run import Outcome, Run, Trajectory
 
 PER_SAMPLE = ("t", "x", "y", "yaw", "v", "omega", "acceleration")
@@ -72,15 +75,44 @@ def assemble(header: RunHeader, arrays: dict[str, NDArray[np.float64]]) -> Run:
     return Run(**fields, trajectory=trajectory, log=log, imu=arrays.get("imu", np.empty(0)))
 
 
-def pack(run: Run) -> tuple[str, bytes]:
-    """The run as the canonical JSON of its header and a compressed archive; equal runs give equal bytes."""
-    buffer = io.BytesIO()
-    np.savez_compressed(buffer, **arrays_of(run))  # type: ignore[arg-type]
-    return canonical_json(header_of(run).model_dump(mode="json")), buffer.getvalue()
+@dataclass(frozen=True)
+class PackedRun:
+    """A run as bytes, with what a store keeps beside them. Equal runs have equal bytes."""
+
+    id: str
+    scenario_id: str
+    seed: int
+    data: bytes
+
+    @classmethod
+    def of(cls, run: Run) -> Self:
+        """Pack a run."""
+        header = canonical_json(header_of(run).model_dump(mode="json"))
+        return cls(run.id, run.scenario_id, run.seed, encode(header, arrays_of(run)))
+
+    def unpack(self) -> Run:
+        """Return the run."""
+        return unpack(self.data)
 
 
-def unpack(header: str, archive: bytes) -> Run:
-    """The run that `pack` packed."""
+def rounded(run: Run) -> Run:
+    """Return the run with its arrays rounded to the steps in which they are stored, a tenth of a millimetre or so."""
+    return assemble(header_of(run), {name: rounded_array(name, array) for name, array in arrays_of(run).items()})
+
+
+def unpack(data: bytes) -> Run:
+    """Return the run of a PackedRun's bytes.
+
+    Raises:
+        ValueError: The bytes are damaged (pydantic's ValidationError is one).
+        InputError: The arrays do not fit together.
+    """
+    header, arrays = decode(data)
+    return assemble(RunHeader.from_json(header), arrays)
+
+
+def unpack_numpy(header: str, archive: bytes) -> Run:
+    """Return the run of a header and a NumPy archive, as stores of version 2 and older hold it."""
     with np.load(io.BytesIO(archive), allow_pickle=False) as found:
         return assemble(RunHeader.from_json(header), {name: found[name] for name in found.files})
 

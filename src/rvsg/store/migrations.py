@@ -22,4 +22,6 @@ MIGRATIONS: tuple[tuple[str, ...], ...] = (
     ),
     # The id of a run is of what determines it; the checksum is of what came out. Older runs have none.
     ("ALTER TABLE runs ADD COLUMN checksum TEXT",),
+    # From here on a run is a PackedRun, its header inside the archive and the column `header` empty. No row changes.
+    (),
 )

@@ -27,7 +27,7 @@ import rvsg
 from rvsg.campaign.attempt import Attempt
 from rvsg.core.errors import InputError, NewerStore, StoreError
 from rvsg.core.records import canonical_json, text_id
-from rvsg.simulation.archive import pack, unpack
+from rvsg.simulation.archive import PackedRun, unpack, unpack_numpy
 from rvsg.simulation.run import Run
 from rvsg.store.migrations import APPLICATION_ID, MIGRATIONS
 
@@ -170,12 +170,12 @@ class SqliteLedger:
             raise self._damaged("the name of a campaign is not what was stored")
         return tuple(dict.fromkeys([*begun, *sorted(others)]))
 
-    def keep(self, run: Run) -> None:
+    def keep(self, run: PackedRun) -> None:
         """Keep a run; one of the same id that is known already stays as it is."""
         with self._translated(), self._engine.begin() as connection:
             _keep(connection, run)
 
-    def append(self, attempt: Attempt, runs: Sequence[Run]) -> None:
+    def append(self, attempt: Attempt, runs: Sequence[PackedRun]) -> None:
         """Keep an attempt with its runs in one transaction; StoreError where its index is taken."""
         scenario = attempt.proposal.scenario
         record = canonical_json(attempt.model_dump(mode="json"))
@@ -233,7 +233,7 @@ class SqliteLedger:
         if not _is_whole(row):
             raise self._damaged(f"{run_id} is not what was stored: it lost the checksum it was kept with")
         try:
-            run = unpack(row.header, row.arrays)
+            run = unpack_numpy(row.header, row.arrays) if row.header else unpack(row.arrays)
         except (ValidationError, InputError, ValueError, OSError, zipfile.BadZipFile, zlib.error) as error:
             raise self._damaged(f"{run_id} cannot be read ({error})") from None
         if run.id != run_id:
@@ -291,11 +291,10 @@ class _Translated:
             raise self._ledger._damaged("its tables are not what was stored") from None
 
 
-def _keep(connection: sa.Connection, run: Run) -> None:
+def _keep(connection: sa.Connection, run: PackedRun) -> None:
     if connection.execute(sa.select(_runs.c.id).where(_runs.c.id == run.id)).first():
         return
-    header, arrays = pack(run)
-    kept = {"header": header, "arrays": arrays, "checksum": _checksum(header, arrays)}
+    kept = {"header": "", "arrays": run.data, "checksum": _checksum("", run.data)}
     row = {"id": run.id, "scenario_id": run.scenario_id, "seed": run.seed} | kept
     connection.execute(_runs.insert().values(row))
 

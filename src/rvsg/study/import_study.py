@@ -22,6 +22,7 @@ from rvsg.generation.generator import Proposal
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.scenario import Mission, Scenario
 from rvsg.scenario.validity import Finding
+from rvsg.simulation.archive import PackedRun
 from rvsg.simulation.run import Outcome, Run
 from rvsg.study.study_folder import (
     EXACT,
@@ -110,7 +111,7 @@ class _Importer:
         index = 0
         for batch in group:
             for attempt, runs in self._attempts(name, batch, route, index):
-                self.ledger.append(attempt, runs)
+                self.ledger.append(attempt, [PackedRun.of(run) for run in runs])
                 index = attempt.index + 1
                 self.done.attempts += 1
                 self.done.runs += len(runs)

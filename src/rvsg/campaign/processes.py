@@ -1,0 +1,279 @@
+"""Worker processes on this machine, which may be killed at any moment without harm.
+
+One thread per worker owns the worker's process and its two pipes. Nothing is shared between workers, neither a lock
+nor a queue, so the death of one cannot block another: its pipe ends, its thread starts a new process, and only the
+task it was working on is suspect. A suspect is repeated with nothing else under way; after `ATTEMPTS` deaths it
+becomes a Failure.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import pickle
+import signal
+import subprocess
+import threading
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import Future
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from rvsg.campaign.attempt import Failure
+from rvsg.campaign.worker import ENDING, READY, command, read_frame, write_frame
+from rvsg.core.errors import SimulationError
+from rvsg.scenario.scenario import Scenario
+
+if TYPE_CHECKING:
+    from rvsg.campaign.measuring import FinishedRun, RunMaker
+
+ATTEMPTS = 3
+"""A run whose process died this often is given up."""
+FAILED_STARTS = 10
+"""So many workers in a row may die while they start."""
+READ_AHEAD = 2
+"""Tasks a worker has at most, so that it never waits for this process between two runs."""
+STOP_S = 5.0
+"""Killed workers are waited for at most this long."""
+
+
+@dataclass(eq=False)
+class Task:
+    """A run that was submitted."""
+
+    scenario: Scenario
+    seed: int
+    deaths: int = 0
+    future: Future[FinishedRun | Failure] = field(default_factory=Future)
+
+
+class Processes:
+    """An Executor of `jobs` worker processes."""
+
+    def __init__(self, jobs: int) -> None:
+        self.jobs = jobs
+        self._maker: RunMaker | None = None
+        self._pool: _Pool | None = None
+
+    @property
+    def size(self) -> int:
+        """The number of processes."""
+        return self.jobs
+
+    def start(self, maker: RunMaker, notify: Callable[[str], None]) -> None:
+        """Keep what the workers need; they start with the first run."""
+        self._maker = maker
+
+    def submit(self, scenario: Scenario, seed: int) -> Task:
+        """Ask for a run."""
+        if self._pool is None:
+            import cloudpickle  # a simulator may be defined in a script or a notebook
+
+            self._pool = _Pool(self.jobs, cloudpickle.dumps(self._maker))
+        task = Task(scenario, seed)
+        self._pool.add(task)
+        return task
+
+    def result(self, submitted: Task) -> FinishedRun | Failure:
+        """Wait for a run; SimulationError where workers cannot start."""
+        return submitted.future.result()
+
+    def stop(self, *, kill: bool) -> None:
+        """End the workers."""
+        if self._pool is not None:
+            pool, self._pool = self._pool, None
+            pool.stop(kill=kill)
+
+
+class _Pool:
+    """Hands tasks to the threads of its workers, and keeps count of what is under way."""
+
+    def __init__(self, size: int, work: bytes) -> None:
+        self.work = work
+        self.changed = threading.Condition()
+        self.waiting: deque[Task] = deque()
+        self.suspects: deque[Task] = deque()
+        self.failed_starts = 0
+        self.broken: SimulationError | None = None
+        self.ending = False
+        self.keepers = [_Keeper(self) for _ in range(size)]
+        for keeper in self.keepers:
+            keeper.start()
+
+    @property
+    def over(self) -> bool:
+        """Whether no task will be handed out any more."""
+        return self.ending or self.broken is not None
+
+    def add(self, task: Task) -> None:
+        with self.changed:
+            if self.broken:
+                task.future.set_exception(self.broken)
+                return
+            self.waiting.append(task)
+            self.changed.notify_all()
+
+    def take(self, keeper: _Keeper) -> Task | None:
+        """Give a worker its next task.
+
+        A worker that is free waits for one, and gets None at the end. A worker that has work gets a task ahead only
+        where no other worker is free for it.
+        """
+        with self.changed:
+            while not self.over:
+                task = self._next(keeper)
+                if task is not None:
+                    keeper.tasks.append(task)
+                    return task
+                if keeper.tasks:
+                    return None
+                self.changed.wait()
+            return None
+
+    def _next(self, keeper: _Keeper) -> Task | None:
+        under_way = [task for each in self.keepers for task in each.tasks]
+        if self.suspects:
+            return None if under_way else self.suspects.popleft()
+        if not self.waiting or any(task.deaths for task in under_way):
+            return None
+        if keeper.tasks and not all(each.tasks for each in self.keepers):
+            return None
+        return self.waiting.popleft()
+
+    def done(self, keeper: _Keeper) -> Future[FinishedRun | Failure]:
+        """Note that a worker did the first of its tasks; return where its result goes."""
+        with self.changed:
+            task = keeper.tasks.popleft()
+            self.changed.notify_all()
+        return task.future
+
+    def give_back(self, keeper: _Keeper) -> None:
+        """Take back the tasks of a worker that died: the first was being worked on, the others were not."""
+        with self.changed:
+            tasks, keeper.tasks = list(keeper.tasks), deque()
+            self.waiting.extendleft(reversed(tasks[1:]))
+            for task in tasks[:1]:
+                task.deaths += 1
+                if task.deaths < ATTEMPTS:
+                    self.suspects.append(task)
+                else:
+                    reason = f"the worker process died {ATTEMPTS} times while it ran this scenario"
+                    task.future.set_result(Failure(seed=task.seed, reason=reason))
+            if self.over:
+                self._drop()
+            self.changed.notify_all()
+
+    def started(self, succeeded: bool) -> None:
+        """Note a start of a worker; after too many failed ones in a row every task fails."""
+        with self.changed:
+            self.failed_starts = 0 if succeeded else self.failed_starts + 1
+            if self.failed_starts >= FAILED_STARTS:
+                self.fail(
+                    f"{FAILED_STARTS} worker processes in a row died while they started. Is there enough memory? "
+                    "--jobs 1 runs without worker processes."
+                )
+
+    def fail(self, reason: str) -> None:
+        """Fail every task, also later ones."""
+        with self.changed:
+            self.broken = self.broken or SimulationError(reason)
+            self._drop()
+            self.changed.notify_all()
+
+    def stop(self, *, kill: bool) -> None:
+        """End the workers, after the tasks they have unless `kill`; tasks that wait are cancelled."""
+        with self.changed:
+            self.ending = True
+            self._drop()
+            for keeper in self.keepers:
+                if kill and keeper.process is not None:
+                    keeper.process.kill()
+            self.changed.notify_all()
+        for keeper in self.keepers:
+            keeper.join(STOP_S if kill else None)
+
+    def _drop(self) -> None:
+        """Cancel or fail the tasks that no worker has."""
+        for task in (*self.waiting, *self.suspects):
+            if self.broken:
+                task.future.set_exception(self.broken)
+            else:
+                task.future.cancel()
+        self.waiting.clear()
+        self.suspects.clear()
+
+
+class _Keeper(threading.Thread):
+    """The thread of one worker: starts it, gives it tasks, and starts another when it dies."""
+
+    def __init__(self, pool: _Pool) -> None:
+        super().__init__(daemon=True, name="rvsg-worker")
+        self.pool = pool
+        self.tasks: deque[Task] = deque()
+        self.process: subprocess.Popen[bytes] | None = None
+
+    def run(self) -> None:
+        """Keep a worker alive until the pool is over."""
+        if hasattr(signal, "pthread_sigmask"):  # workers inherit it: Ctrl-C in a terminal reaches them too
+            signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
+        try:
+            while (process := self._start()) is not None:
+                try:
+                    self._serve(process)
+                except (EOFError, OSError):
+                    pass  # it died; `give_back` decides what becomes of its tasks
+                finally:
+                    self.pool.give_back(self)
+                    _end(process)
+        except Exception as error:  # else those who wait for its tasks would wait for ever
+            self.pool.fail(f"a worker process cannot be used: {type(error).__name__}: {error}")
+            self.pool.give_back(self)
+
+    def _start(self) -> subprocess.Popen[bytes] | None:
+        """Start a worker; None at the end."""
+        environment = {**os.environ, "OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
+        with self.pool.changed:  # so that `stop` finds every process
+            if self.pool.over:
+                return None
+            self.process = subprocess.Popen(  # noqa: S603 - our own interpreter
+                command(), stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment
+            )
+        return self.process
+
+    def _serve(self, process: subprocess.Popen[bytes]) -> None:
+        """Give the worker its work and tasks until there are none; EOFError or OSError when it dies."""
+        assert process.stdin is not None and process.stdout is not None
+        answer = b""
+        try:
+            write_frame(process.stdin, self.pool.work)
+            answer = read_frame(process.stdout)
+        finally:
+            self.pool.started(bool(answer))
+        if answer != READY:
+            raise SimulationError(answer.decode())
+        while True:
+            while len(self.tasks) < READ_AHEAD and (task := self.pool.take(self)) is not None:
+                write_frame(process.stdin, pickle.dumps((task.scenario, task.seed)))
+            if not self.tasks:
+                write_frame(process.stdin, b"")
+                return
+            succeeded, value = pickle.loads(read_frame(process.stdout))  # noqa: S301 - from our own worker
+            future = self.pool.done(self)
+            if succeeded:
+                future.set_result(value)
+            else:
+                future.set_exception(value)
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    """Close the pipes of a worker, which ends it, and wait until it is gone."""
+    for stream in (process.stdin, process.stdout):
+        if stream is not None:
+            with contextlib.suppress(OSError):
+                stream.close()
+    try:
+        process.wait(STOP_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()

@@ -1,0 +1,185 @@
+"""Worker processes that are killed at any moment."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import threading
+import time
+from pathlib import Path
+
+import pytest
+from tests.campaign.parts import MemoryLedger, parts, plan, warehouse
+from tests.campaign.test_loop import run
+
+from rvsg.campaign.attempt import Attempt, Failure
+from rvsg.campaign.measuring import FinishedRun, RunMaker
+from rvsg.campaign.processes import ATTEMPTS, Processes
+from rvsg.core.errors import FileError, SimulationError
+from rvsg.scenario.scenario import Scenario
+from rvsg.simulation.kinematic import KinematicSimulator
+from rvsg.simulation.run import Run
+from rvsg.world.world import World
+
+pytestmark = pytest.mark.slow
+STUCK_S = 120.0
+"""A campaign that takes longer hangs; it takes a few seconds."""
+
+
+def scenario() -> Scenario:
+    (attempt,) = run(MemoryLedger(), plan(scenarios=1, refinements=0, repeats=1, confirmations=0))
+    assert attempt.proposal.scenario is not None
+    return attempt.proposal.scenario
+
+
+def started(simulator: object, jobs: int = 2) -> Processes:
+    processes = Processes(jobs)
+    processes.start(RunMaker(simulator, warehouse()), lambda _: None)  # type: ignore[arg-type]
+    return processes
+
+
+def worker_ids(processes: Processes) -> list[int]:
+    assert processes._pool is not None
+    return [keeper.process.pid for keeper in processes._pool.keepers if keeper.process is not None]
+
+
+class Slow(KinematicSimulator):
+    def run(self, scenario: Scenario, world: World, *, seed: int) -> Run:
+        time.sleep(0.02)
+        return super().run(scenario, world, seed=seed)
+
+
+def killed_while_it_runs(kills: int, seed: int) -> list[Attempt]:
+    """A campaign with two workers, of which one is killed now and then at a moment of chance."""
+    the_plan = plan(scenarios=2, refinements=1, repeats=4)
+    chance, result = random.Random(seed), []
+    made = parts(MemoryLedger(), simulator=Slow(), jobs=2)
+
+    def campaign() -> None:
+        from rvsg.campaign.loop import feedback_from, run_campaign
+        from rvsg.campaign.strategies import StudyStrategy
+
+        with made.simulations:
+            strategy = StudyStrategy(the_plan, feedback_from(made.ledger, the_plan, warehouse()))
+            result.extend(run_campaign(the_plan, strategy, made))
+
+    thread = threading.Thread(target=campaign, daemon=True)
+    thread.start()
+    executor = made.simulations._executor
+    assert isinstance(executor, Processes)
+    for _ in range(kills):
+        thread.join(chance.uniform(0.0, 2.5))
+        if executor._pool is not None and (ids := worker_ids(executor)):
+            try:
+                os.kill(chance.choice(ids), signal.SIGKILL)
+            except ProcessLookupError:
+                continue
+    thread.join(STUCK_S)
+    assert not thread.is_alive(), "the campaign hangs"
+    return result
+
+
+def test_a_campaign_whose_workers_are_killed_has_the_same_records() -> None:
+    calm = run(MemoryLedger(), plan(scenarios=2, refinements=1, repeats=4))
+    for seed in range(3):
+        assert killed_while_it_runs(2, seed) == calm
+
+
+def test_the_death_of_an_idle_worker_is_not_noticed() -> None:
+    processes = started(KinematicSimulator(), jobs=1)
+    first = processes.result(processes.submit(scenario(), 1))
+    os.kill(worker_ids(processes)[0], signal.SIGKILL)
+    again = processes.result(processes.submit(scenario(), 1))
+    processes.stop(kill=False)
+    assert again == first
+
+
+class Halves(KinematicSimulator):
+    """Dies while its result is half written, as long as the file is absent."""
+
+    def __init__(self, mark: Path) -> None:
+        super().__init__()
+        self.mark = mark
+
+    def run(self, scenario: Scenario, world: World, *, seed: int) -> Run:
+        if not self.mark.exists():
+            self.mark.touch()
+            from rvsg.campaign import worker
+
+            original = worker.write_frame
+
+            def half(stream, data: bytes) -> None:  # type: ignore[no-untyped-def]
+                worker.write_frame = original
+                stream.write(len(data).to_bytes(8, "little") + data[: len(data) // 2])
+                stream.flush()
+                os.kill(os.getpid(), signal.SIGKILL)
+
+            worker.write_frame = half
+        return super().run(scenario, world, seed=seed)
+
+
+def test_a_result_that_is_half_written_is_made_again(tmp_path: Path) -> None:
+    processes = started(Halves(tmp_path / "mark"))
+    submitted = [processes.submit(scenario(), seed) for seed in range(4)]
+    found = [processes.result(each) for each in submitted]
+    processes.stop(kill=False)
+    expected = RunMaker(KinematicSimulator(), warehouse())
+    assert found == [expected(scenario(), seed) for seed in range(4)]
+
+
+def test_a_run_that_always_kills_is_tried_alone_and_blamed_alone(tmp_path: Path) -> None:
+    class Killer(KinematicSimulator):
+        def run(self, scenario: Scenario, world: World, *, seed: int) -> Run:
+            if seed == 2:
+                (tmp_path / f"died {time.monotonic_ns()}").touch()
+                os.kill(os.getpid(), signal.SIGKILL)
+            return super().run(scenario, world, seed=seed)
+
+    processes = started(Killer())
+    submitted = [processes.submit(scenario(), seed) for seed in range(6)]
+    found = [processes.result(each) for each in submitted]
+    processes.stop(kill=False)
+    assert [isinstance(each, Failure) for each in found] == [False, False, True, False, False, False]
+    assert len(list(tmp_path.iterdir())) == ATTEMPTS
+
+
+def test_an_error_of_the_simulator_comes_back_as_it_is(capfd: pytest.CaptureFixture[str]) -> None:
+    class Broken(KinematicSimulator):
+        def run(self, scenario: Scenario, world: World, *, seed: int) -> Run:
+            print("a simulator may print")
+            if seed:
+                raise FileError("mesh.dae", "the file does not exist")
+            return super().run(scenario, world, seed=seed)
+
+    processes = started(Broken(), jobs=1)
+    assert isinstance(processes.result(processes.submit(scenario(), 0)), FinishedRun)
+    with pytest.raises(Exception, match=r"mesh\.dae: the file does not exist"):
+        processes.result(processes.submit(scenario(), 1))
+    processes.stop(kill=False)
+    assert capfd.readouterr() == ("", "a simulator may print\n" * 2)
+
+
+class Unloadable(KinematicSimulator):
+    def __setstate__(self, state: object) -> None:
+        raise ImportError("no module named there")
+
+    def __getstate__(self) -> object:
+        return {"kept": 1}
+
+
+def test_workers_that_cannot_load_the_simulator_are_one_message() -> None:
+    processes = started(Unloadable())
+    with pytest.raises(SimulationError, match="no module named there"):
+        processes.result(processes.submit(scenario(), 0))
+    processes.stop(kill=True)
+
+
+def test_workers_that_die_at_their_start_again_and_again_are_one_message(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("rvsg.campaign.processes.command", lambda: ["false"])
+    processes = started(KinematicSimulator())
+    with pytest.raises(SimulationError, match="died while they started"):
+        processes.result(processes.submit(scenario(), 0))
+    with pytest.raises(SimulationError, match="died while they started"):
+        processes.result(processes.submit(scenario(), 1))
+    processes.stop(kill=True)
