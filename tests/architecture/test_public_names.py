@@ -30,7 +30,7 @@ PUBLIC = {
     "rvsg.generation.conformance": ["check_generator"],
     "rvsg.simulation.run": ["Run", "Trajectory", "Outcome", "run_id"],
     "rvsg.simulation.protocol": ["Simulator"],
-    "rvsg.simulation.archive": ["run_to_json", "run_from_json", "pack", "unpack"],
+    "rvsg.simulation.archive": ["run_to_json", "run_from_json", "PackedRun", "unpack"],
     "rvsg.simulation.conformance": ["check_simulator"],
     "rvsg.evaluation.metrics": ["METRICS", "measure", "metric"],
     "rvsg.evaluation.judge": ["judge", "objective"],
