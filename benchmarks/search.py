@@ -16,58 +16,19 @@ import numpy as np
 
 from rvsg.api.wiring import Measuring
 from rvsg.campaign.attempt import Attempt
-from rvsg.campaign.loop import Parts, confirm, feedback_from, run_campaign
+from rvsg.campaign.confirmation import confirm
+from rvsg.campaign.events import Attempted
+from rvsg.campaign.loop import feedback_from, run_campaign
 from rvsg.campaign.parallel import Simulations
+from rvsg.campaign.parts import Parts
 from rvsg.campaign.plan import Plan
+from rvsg.campaign.ranking import best_attempt
 from rvsg.core import plugins
-from rvsg.scenario.brief import Brief
 from rvsg.scenario.requirements import load_requirement
 from rvsg.scenario.scenario import Mission
-from rvsg.simulation.archive import PackedRun
-from rvsg.simulation.run import Run
+from rvsg.store.memory import MemoryLedger
 from rvsg.world.io.load import load_world
 from rvsg.world.world import World
-
-
-class Lists:
-    """A ledger that forgets everything in the end."""
-
-    def __init__(self) -> None:
-        self.kept: list[Attempt] = []
-        self.runs: dict[str, PackedRun] = {}
-
-    def keep(self, run: PackedRun) -> None:
-        """Keep a run."""
-        self.runs.setdefault(run.id, run)
-
-    def append(self, attempt: Attempt, runs: object) -> None:
-        """Keep an attempt."""
-        self.kept.append(attempt)
-
-    def attempts(self, campaign: str) -> list[Attempt]:
-        """All attempts."""
-        return list(self.kept)
-
-    def run(self, run_id: str) -> Run:
-        """A run."""
-        return self.runs[run_id].unpack()
-
-    def find(self, run_id: str) -> Run | None:
-        """A run, or None."""
-        return self.runs[run_id].unpack() if run_id in self.runs else None
-
-
-class Silent:
-    """A watcher that says nothing."""
-
-    def proposing(self, brief: Brief) -> None:
-        """Nothing."""
-
-    def ran(self, run: object) -> None:
-        """Nothing."""
-
-    def attempted(self, attempt: Attempt) -> None:
-        """Nothing."""
 
 
 def plan_of(args: argparse.Namespace, world: World, seed: int) -> Plan:
@@ -81,7 +42,7 @@ def plan_of(args: argparse.Namespace, world: World, seed: int) -> Plan:
         scenarios=args.scenarios,
         refinements=args.refinements,
         repeats=args.repeats,
-        abreast=args.abreast,
+        max_in_flight=args.max_in_flight,
         confirmations=0,
         seed=seed,
     )
@@ -91,7 +52,7 @@ def campaign(generator: str, strategy: str, args: argparse.Namespace, seed: int,
     """All attempts of one campaign."""
     world = load_world(args.world)
     plan = plan_of(args, world, seed)
-    ledger = Lists()
+    ledger = MemoryLedger()
     measuring = Measuring(plan.requirement)
     simulator = plugins.make("simulator", "embedded", {})
     with Simulations(simulator, world, measure=measuring.measure, jobs=jobs, known=ledger.find) as simulations:
@@ -99,14 +60,17 @@ def campaign(generator: str, strategy: str, args: argparse.Namespace, seed: int,
             generator=plugins.make("generator", generator, {}),
             simulations=simulations,
             judge=measuring.judge,
-            ledger=ledger,  # type: ignore[arg-type]
-            watch=Silent(),
+            ledger=ledger,
         )
-        chosen = plugins.find("strategy", strategy)(plan, feedback_from(ledger, plan, world))  # type: ignore[arg-type]
+        chosen = plugins.find("strategy", strategy)(plan, feedback_from(ledger, plan, world), world)
         attempts = run_campaign(plan, chosen, parts)
         # All of the fresh runs, also where fewer would decide the verdict: what is compared here is their mean.
-        unjudged = plan.requirement.replace(limit=None)
-        return attempts + confirm(plan.replace(requirement=unjudged, confirmations=args.confirmations), attempts, parts)
+        unjudged = plan.replace(requirement=plan.requirement.replace(limit=None), confirmations=args.confirmations)
+        best = best_attempt(attempts, plan.requirement)
+        if best is None or not args.confirmations:
+            return attempts
+        events = confirm(unjudged, best, attempts, parts, budget=args.confirmations)
+        return attempts + [event.attempt for event in events if isinstance(event, Attempted)]
 
 
 def summary(attempts: list[Attempt], worse: str) -> dict[str, object]:
@@ -145,7 +109,7 @@ def options() -> argparse.ArgumentParser:
     parser.add_argument("--scenarios", type=int, default=10)
     parser.add_argument("--refinements", type=int, default=4)
     parser.add_argument("--repeats", type=int, default=2)
-    parser.add_argument("--abreast", type=int, default=1)
+    parser.add_argument("--max-in-flight", type=int, default=1)
     parser.add_argument("--confirmations", type=int, default=20)
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--first-seed", type=int, default=0)

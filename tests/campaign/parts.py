@@ -22,6 +22,7 @@ from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Scenario,
 from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.simulation.protocol import Simulator
 from rvsg.simulation.run import Run
+from rvsg.store.memory import MemoryLedger as MemoryLedger
 from rvsg.world.io.load import load_world
 from rvsg.world.world import World
 

@@ -19,26 +19,16 @@ import pydantic
 from rvsg.core.documents import mistakes_of
 from rvsg.core.errors import FileError, InputError
 from rvsg.core.files import write_whole
+from rvsg.core.inputs import LARGEST_RUNS, parse_json, read_text
 from rvsg.core.records import Record
 from rvsg.scenario.scenario import Scenario
-from rvsg.simulation.archive import RunHeader, run_from_json, run_to_json
+from rvsg.simulation.archive import RunHeader, run_from_value, run_to_json
 from rvsg.simulation.run import Run
 
 Kept = TypeVar("Kept", bound=Record)
 MOST_LISTED = 12
 WORLD_FOLDER = "world_folder"
 """The key beside a saved record under which the folder of its world stands. It is no part of the record or its id."""
-
-
-def read_text(path: Path) -> str:
-    """Return the text of a file or of standard input."""
-    if str(path) == "-":
-        return sys.stdin.read()
-    try:
-        return path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
-        raise FileError(path, f"the file cannot be read: {reason}.") from None
 
 
 def write_text(path: Path, text: str) -> None:
@@ -73,7 +63,7 @@ def check_writable(path: Path) -> None:
 
 def read_record(path: Path, kind: type[Kept]) -> Kept:
     """Return a record from a JSON file; FileError names everything that is wrong."""
-    return _validated(path, _json(path, read_text(path)), kind)
+    return _validated(path, parse_json(read_text(path), path), kind)
 
 
 def read_scenario(path: Path) -> tuple[Scenario, Path | None]:
@@ -81,7 +71,7 @@ def read_scenario(path: Path) -> tuple[Scenario, Path | None]:
     text = read_text(path)
     if '"arrays"' in text.partition("\n")[0]:
         raise FileError(path, "these are runs; expected the scenario they are of, or a proposal.")
-    value = _json(path, text)
+    value = parse_json(text, path)
     folder = value.pop(WORLD_FOLDER, None) if isinstance(value, dict) else None
     for key in ("proposal", "scenario"):
         if isinstance(value, dict) and key in value and "people" not in value:
@@ -102,13 +92,15 @@ def read_runs(paths: Iterable[Path]) -> list[Run]:
     """Return all runs of the files, in order; FileError names the line of what is not a run."""
     runs = []
     for path in paths:
-        text = read_text(path)
+        text = read_text(path, largest=LARGEST_RUNS)
         _no_other_record(path, text)
         for number, line in enumerate(text.splitlines(), 1):
             if not line.strip():
                 continue
             try:
-                run = run_from_json(line)
+                run = run_from_value(parse_json(line, path, line=number))
+            except FileError:
+                raise
             except InputError as error:
                 raise FileError(path, f"{_reason(error)}.", line=number) from None
             if wrong := _impossible(run):
@@ -142,8 +134,8 @@ def _no_other_record(path: Path, text: str) -> None:
     if text.lstrip().partition("\n")[0].strip() not in ("{", "["):
         return
     try:
-        value = json.loads(text)
-    except json.JSONDecodeError:
+        value = parse_json(text, path)
+    except FileError:
         return
     if not (isinstance(value, dict) and "arrays" in value):
         raise FileError(
@@ -172,16 +164,6 @@ def digest(run: Run) -> str:
 def runs_text(runs: Iterable[Run]) -> str:
     """Return runs as JSON lines."""
     return "".join(run_to_json(run) for run in runs)
-
-
-def _json(path: Path, text: str) -> object:
-    try:
-        return json.loads(text)
-    except json.JSONDecodeError as error:
-        if not text.strip():
-            raise FileError(path, "the file is empty.") from None
-        what = error.msg.removesuffix(" starting at").lower()
-        raise FileError(path, f"this is not JSON: {what}, at character {error.colno}.", line=error.lineno) from None
 
 
 def _validated(path: Path, value: object, kind: type[Kept]) -> Kept:

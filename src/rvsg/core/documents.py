@@ -14,10 +14,11 @@ import yaml
 from pydantic import BaseModel, ValidationError
 
 from rvsg.core.errors import FileError
+from rvsg.core.inputs import LONGEST_NUMBER, is_text, read_text
 
-LARGEST_FILE = 20_000_000
 MOST_NODES = 400_000
 MOST_LISTED = 50
+_NUMBERS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
 
 Key = tuple[str | int, ...]
 Model = TypeVar("Model", bound=BaseModel)
@@ -71,18 +72,7 @@ class Document:
 
 def read_yaml(path: Path) -> Document:
     """Read one YAML document with the safe loader; raises FileError (with the line where it can)."""
-    try:
-        size = path.stat().st_size
-        if size > LARGEST_FILE:
-            raise FileError(path, f"the file has {size} bytes; at most {LARGEST_FILE} are read")
-        text = path.read_text(encoding="utf-8-sig")
-    except FileNotFoundError:
-        raise FileError(path, "the file does not exist") from None
-    except UnicodeDecodeError as error:
-        raise FileError(path, f"the file is not UTF-8 text ({error.reason} at byte {error.start})") from None
-    except OSError as error:
-        raise FileError(path, f"the file cannot be read: {error.strerror}") from None
-    return parse_yaml(text, path)
+    return parse_yaml(read_text(path), path)
 
 
 def parse_yaml(text: str, path: Path) -> Document:
@@ -94,6 +84,7 @@ def parse_yaml(text: str, path: Path) -> Document:
             raise FileError(path, "the file is empty")
         lines: dict[Key, int] = {}
         _note_lines(node, path, lines)
+        _check_scalars(node, path)
         return Document(path, loader.construct_document(node), lines)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
@@ -105,6 +96,26 @@ def parse_yaml(text: str, path: Path) -> Document:
         raise FileError(path, f"not valid YAML: {error}") from None
     finally:
         loader.dispose()
+
+
+def _check_scalars(root: yaml.Node, path: Path) -> None:
+    """Refuse text that cannot be written again, and numbers no computer writes (Python takes minutes for them)."""
+    stack, seen = [root], set()
+    while stack:
+        node = stack.pop()
+        if id(node) in seen:
+            continue
+        seen.add(id(node))
+        if isinstance(node, yaml.ScalarNode):
+            line = node.start_mark.line + 1
+            if not is_text(node.value):
+                raise FileError(path, "a text holds half a character (a lone surrogate)", line=line)
+            if len(node.value) > LONGEST_NUMBER and node.tag in _NUMBERS:
+                raise FileError(path, f"a number has {len(node.value)} characters", line=line)
+        elif isinstance(node, yaml.SequenceNode):
+            stack.extend(node.value)
+        elif isinstance(node, yaml.MappingNode):
+            stack.extend(each for pair in node.value for each in pair)
 
 
 def _note_lines(root: yaml.Node, path: Path, lines: dict[Key, int]) -> None:

@@ -129,17 +129,23 @@ def run_from_json(text: str | bytes) -> Run:
     """Read a run; InputError says what is wrong with it."""
     try:
         value = json.loads(text)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise InputError(f"this is not JSON: {error}") from None
+    return run_from_value(value)
+
+
+def run_from_value(value: Any) -> Run:
+    """Return the run of a JSON object that was read; InputError says what is wrong with it."""
     if not isinstance(value, dict) or not isinstance(value.get("arrays"), dict):
         raise InputError("a run is a JSON object with `arrays`; `rvsg simulate` writes one")
+    value = dict(value)
     listed = value.pop("arrays")
     try:
         header = RunHeader.model_validate_json(json.dumps(value))
         arrays = {str(name): np.asarray(array, dtype=np.float64) for name, array in listed.items()}
     except pydantic.ValidationError as error:
         raise InputError(f"this is not a run: {error}") from None
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"an array of this run is not made of numbers: {error}") from None
     return assemble(header, arrays)
 

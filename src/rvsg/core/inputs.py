@@ -1,0 +1,192 @@
+"""The door for foreign files, text and JSON: size, encoding, depth and numbers are checked here.
+
+Every reader of a file that a person, a model or another program wrote goes through these functions, so that nothing
+but a FileError can leave them: no file larger than `LARGEST_FILE` is read into memory, no device without end is read,
+and JSON that Python's own parser accepts but nothing else does (lone surrogates, NaN, numbers of thousands of digits,
+nesting that exhausts the stack) is refused.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import sys
+from pathlib import Path
+from typing import IO, Any, NoReturn
+
+from rvsg.core.errors import FileError, InputError
+
+LARGEST_FILE = 20_000_000
+"""Bytes of a file that a person writes."""
+LARGEST_RUNS = 500_000_000
+"""Bytes of a file of runs."""
+DEEPEST = 60
+"""Levels of nesting in JSON and in the values of options."""
+LONGEST_NUMBER = 400
+"""Characters of a number; the longest that a computer writes has 24."""
+_SURROGATE = re.compile(r"\\u[dD][89a-fA-F]")
+
+
+def read_bytes(path: Path, *, largest: int = LARGEST_FILE) -> bytes:
+    """Return the content of a file.
+
+    Raises:
+        FileError: The file is absent, unreadable, a folder, or has more than `largest` bytes.
+    """
+    try:
+        with path.open("rb") as file:
+            return _at_most(file, path, largest)
+    except FileNotFoundError:
+        raise FileError(path, "the file does not exist") from None
+    except IsADirectoryError:
+        raise FileError(path, "this is a folder; expected a file") from None
+    except OSError as error:
+        raise FileError(_shortened(path), f"the file cannot be read: {error.strerror}") from None
+    except ValueError as error:  # a NUL character or a lone surrogate in the path
+        raise InputError(f"{str(_shortened(path))!r} cannot be the path of a file: {error}") from None
+
+
+def read_text(path: Path, *, largest: int = LARGEST_FILE) -> str:
+    """Return the text of a UTF-8 file, or of standard input where the path is `-`; a byte order mark is skipped."""
+    data = read_standard_input(largest=largest) if str(path) == "-" else read_bytes(path, largest=largest)
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise FileError(path, f"the file is not UTF-8 text ({error.reason} at byte {error.start})") from None
+
+
+def read_standard_input(*, largest: int = LARGEST_FILE) -> bytes:
+    """Return all of standard input."""
+    if sys.stdin is None:
+        raise InputError("Standard input is closed; give a file instead of -.")
+    stream = getattr(sys.stdin, "buffer", None)
+    if stream is None:  # replaced by a stream of text
+        return sys.stdin.read(largest).encode(errors="surrogatepass")
+    return _at_most(stream, Path("-"), largest)
+
+
+def parse_json(text: str, path: Path, *, line: int | None = None) -> Any:
+    """Return the value of JSON text that came from `path`; FileError says where it is wrong.
+
+    Args:
+        text: One JSON value.
+        path: Where the text is from.
+        line: The line of the file, where the text is one line of several.
+    """
+
+    def refuse(reason: str, at: int | None = None) -> NoReturn:
+        raise FileError(path, f"this is not JSON: {reason}", line=line if line is not None else at)
+
+    def number(digits: str) -> Any:
+        if len(digits) > LONGEST_NUMBER:
+            refuse(f"a number has {len(digits)} digits, it begins {digits[:20]}")
+        return float(digits) if any(c in digits for c in ".eE") else int(digits)
+
+    if not text.strip():
+        raise FileError(path, "the file is empty", line=line)
+    try:
+        value = json.loads(text, parse_int=number, parse_float=number, parse_constant=lambda name: refuse(f"{name}"))
+    except json.JSONDecodeError as error:
+        what = error.msg.removesuffix(" starting at").lower()
+        refuse(f"{what}, at character {error.colno}", error.lineno)
+    except RecursionError:
+        refuse(f"it is nested more than {DEEPEST} levels deep")
+    if _SURROGATE.search(text) or not _is_encodable(text):
+        _refuse_surrogates(value, refuse)
+    if _is_deeper(value, DEEPEST):
+        refuse(f"it is nested more than {DEEPEST} levels deep")
+    return value
+
+
+def is_too_deep(value: Any) -> bool:
+    """Whether lists and mappings are nested deeper than any reader needs; never exhausts the stack."""
+    return _is_deeper(value, DEEPEST)
+
+
+def exists(path: Path) -> bool:
+    """Whether there is a file or a folder; False for a path that no file system can hold."""
+    try:
+        return path.exists()
+    except (OSError, ValueError):
+        return False
+
+
+def is_dir(path: Path) -> bool:
+    """Whether there is a folder; False for a path that no file system can hold."""
+    try:
+        return path.is_dir()
+    except (OSError, ValueError):
+        return False
+
+
+def is_text(text: str) -> bool:
+    """Whether a text can be written as UTF-8: it holds no lone surrogate."""
+    return _is_encodable(text)
+
+
+def open_standard_streams() -> None:
+    """Replace standard streams that were closed before the program began, so that writing to them does no harm.
+
+    Without this, the next file that is opened would take the place of a closed stream, and receive its output.
+    """
+    for number, name, flags in ((0, "stdin", os.O_RDONLY), (1, "stdout", os.O_WRONLY), (2, "stderr", os.O_WRONLY)):
+        try:
+            os.fstat(number)
+        except OSError:
+            nowhere = os.open(os.devnull, flags)
+            if nowhere != number:
+                os.dup2(nowhere, number)
+                os.close(nowhere)
+            os.set_inheritable(number, True)
+        if getattr(sys, name) is None:
+            setattr(sys, name, os.fdopen(number, "r" if number == 0 else "w", encoding="utf-8", closefd=False))
+
+
+def _at_most(stream: IO[bytes], path: Path, largest: int) -> bytes:
+    parts, left = [], largest + 1
+    while left and (part := stream.read(min(left, 1 << 20))):
+        parts.append(part)
+        left -= len(part)
+    if not left:
+        raise FileError(path, f"the file has more than {largest} bytes; at most {largest} are read")
+    return b"".join(parts)
+
+
+def _shortened(path: Path) -> Path:
+    text = str(path)
+    return path if len(text) <= 200 else Path(f"{text[:80]}...{text[-40:]}")
+
+
+def _is_encodable(text: str) -> bool:
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
+
+
+def _refuse_surrogates(value: Any, refuse: Any) -> None:
+    stack = [value]
+    while stack:
+        each = stack.pop()
+        if isinstance(each, str) and not _is_encodable(each):
+            refuse(f"a text holds half a character (a lone surrogate): {ascii(each)[:60]}")
+        if isinstance(each, dict):
+            stack.extend([*each, *each.values()])
+        elif isinstance(each, list):
+            stack.extend(each)
+
+
+def _is_deeper(value: Any, limit: int) -> bool:
+    level = [value]
+    for _ in range(limit):
+        level = [
+            inner
+            for each in level
+            if isinstance(each, dict | list)
+            for inner in (each.values() if isinstance(each, dict) else each)
+        ]
+        if not level:
+            return False
+    return any(isinstance(each, dict | list) for each in level)
