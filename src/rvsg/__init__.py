@@ -23,6 +23,7 @@ _HOME = {
     "RvsgError": "rvsg.core.errors",
     "Scenario": "rvsg.scenario.scenario",
     "Spec": "rvsg.core.plugins",
+    "Suite": "rvsg.api.suites",
     "World": "rvsg.world.world",
     "check": "rvsg.api.scenarios",
     "evaluate": "rvsg.api.evaluating",

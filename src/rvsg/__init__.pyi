@@ -17,6 +17,7 @@ from rvsg.api.shrinking import shrink as shrink
 from rvsg.api.simulating import RunSet as RunSet
 from rvsg.api.simulating import load_runs as load_runs
 from rvsg.api.simulating import simulate as simulate
+from rvsg.api.suites import Suite as Suite
 from rvsg.api.worlds import load_world as load_world
 from rvsg.core.errors import InvalidScenario as InvalidScenario
 from rvsg.core.errors import RvsgError as RvsgError

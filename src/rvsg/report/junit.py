@@ -32,7 +32,7 @@ def junit_of(campaigns: Iterable[tuple[Plan, Summary]]) -> str:
 
 
 def _suite(plan: Plan, summary: Summary) -> ET.Element:
-    name = _clean(f"rvsg {plan.mission.world} {plan.mission.route.name} {plan.requirement.name}")
+    name = clean(f"rvsg {plan.mission.world} {plan.mission.route.name} {plan.requirement.name}")
     suite = ET.Element("testsuite", name=name)
     confirmed = summary.confirmed if summary.confirmed and summary.confirmed.verdict else None
     for entry in sorted(summary.ranking, key=lambda entry: entry.scenario):
@@ -52,18 +52,18 @@ def _case(suite: str, name: str, verdict: Verdict, plan: Plan, *, decides: bool)
     if plan.requirement.threshold is not None:
         said += f", limit {number(plan.requirement.threshold, plan.requirement.unit)}"
     whole = f"{said}. {verdict.reason}"
-    case = ET.Element("testcase", classname=suite, name=_clean(name))
+    case = ET.Element("testcase", classname=suite, name=clean(name))
     if violated(verdict) and decides:
-        ET.SubElement(case, "failure", message=_clean(said)).text = _clean(verdict.reason)
+        ET.SubElement(case, "failure", message=clean(said)).text = clean(verdict.reason)
     elif violated(verdict):
-        ET.SubElement(case, "skipped", message=_clean(f"{whole}. In the search; the confirmation decides"))
+        ET.SubElement(case, "skipped", message=clean(f"{whole}. In the search; the confirmation decides"))
     elif verdict.status in (Status.INCONCLUSIVE, Status.UNJUDGED):
-        ET.SubElement(case, "skipped", message=_clean(whole))
+        ET.SubElement(case, "skipped", message=clean(whole))
     else:
-        ET.SubElement(case, "system-out").text = _clean(whole)
+        ET.SubElement(case, "system-out").text = clean(whole)
     return case
 
 
-def _clean(text: str) -> str:
+def clean(text: str) -> str:
     """Replace the characters that XML 1.0 cannot hold."""
     return re.sub(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]", "\ufffd", text)

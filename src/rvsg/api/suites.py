@@ -1,0 +1,444 @@
+"""Suites of scenarios: a folder of YAML files in your repository, run against every version of the robot.
+
+::
+
+    suite/
+      suite.yaml            title, the error rates of the verdicts
+      blocked-aisle.yaml    one case: title, what is expected of which requirement, the scenario
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import yaml
+from pydantic import Field
+
+from rvsg.api.requirements import load_requirement
+from rvsg.api.scenarios import check_robot, check_valid, load_scenario_in
+from rvsg.api.simulating import ignore, make_simulator
+from rvsg.api.worlds import folder_of, world_of
+from rvsg.campaign.measuring import Measuring
+from rvsg.campaign.parallel import Simulations
+from rvsg.campaign.suite import (
+    Case,
+    CaseChange,
+    CaseResult,
+    Change,
+    Expectation,
+    State,
+    SuiteResult,
+    compare_results,
+    counts,
+    state_of,
+)
+from rvsg.core.documents import read_document
+from rvsg.core.errors import FileError, InputError, SimulationError, UnknownName
+from rvsg.core.files import write_whole
+from rvsg.core.plugins import Spec
+from rvsg.core.records import Record
+from rvsg.evaluation.judge import DEFAULT, Procedure, next_repeats
+from rvsg.evaluation.story import story_of
+from rvsg.report.suites import changes_markdown, suite_junit
+from rvsg.scenario.requirement import Requirement
+from rvsg.scenario.scenario import Scenario
+from rvsg.simulation.protocol import Simulator
+from rvsg.simulation.run import Run
+from rvsg.world.world import World
+
+HEAD = "suite.yaml"
+
+
+class SuiteHead(Record):
+    """What `suite.yaml` holds."""
+
+    title: str = "Scenarios that stay"
+    judging: Procedure = DEFAULT
+    """The error rates of the verdicts, and the runs a case is given at most."""
+
+
+class CaseFile(Record):
+    """What the file of a case holds. `world` is its world folder, relative to the suite; not for shipped worlds."""
+
+    title: str
+    expectations: tuple[Expectation, ...]
+    max_runs: int = Field(default=DEFAULT.max_runs, ge=1, le=10_000)
+    world: str | None = None
+    scenario: Scenario
+
+
+@dataclass(frozen=True)
+class Suite:
+    """A suite in a folder. Make one with `Suite.create` or `Suite.open`."""
+
+    folder: Path
+    head: SuiteHead
+    cases: tuple[Case, ...]
+    worlds: Mapping[str, World]
+    """The world of each case, by the case's name."""
+
+    @classmethod
+    def create(cls, folder: str | Path, *, title: str = SuiteHead().title, judging: Procedure = DEFAULT) -> Suite:
+        """Make an empty suite, or open the one that is there."""
+        folder = Path(folder)
+        if not (folder / HEAD).exists():
+            head = SuiteHead(title=title, judging=judging)
+            write_whole(folder / HEAD, _yaml(head.model_dump(mode="json")))
+        return cls.open(folder)
+
+    @classmethod
+    def open(cls, folder: str | Path) -> Suite:
+        """Open a suite and check every scenario in it.
+
+        Raises:
+            FileError: a file is missing or wrong; DocumentError lists every mistake with its line.
+            InvalidScenario: a scenario breaks a rule.
+            InputError: the world of a scenario cannot be found or has changed.
+        """
+        folder = Path(folder)
+        if not (folder / HEAD).is_file():
+            raise FileError(folder / HEAD, "there is no suite here. Make one with: rvsg suite add FILE --suite DIR")
+        head, _ = read_document(folder / HEAD, SuiteHead)
+        cases, worlds = [], {}
+        for path in sorted(folder.glob("*.yaml")):
+            if path.name != HEAD:
+                case, world = _read_case(path)
+                cases.append(case)
+                worlds[case.name] = world
+        return cls(folder, head, tuple(cases), worlds)
+
+    def add(
+        self,
+        source: Scenario | str | Path,
+        requirement: str = "R1",
+        *,
+        name: str | None = None,
+        title: str | None = None,
+        expected: Literal["pass", "violation"] = "violation",
+        reason: str = "",
+        world: World | str | Path | None = None,
+        max_runs: int | None = None,
+    ) -> Suite:
+        """Add a scenario, or one more requirement to a case that holds the same scenario; return the new suite.
+
+        Args:
+            source: a scenario, or a file of one (also of a proposal or an attempt, such as `best.json`).
+            requirement: what it is judged by.
+            name: the case's name and file; by default made from the title.
+            expected: `violation` for a known failure, `pass` for a scenario the robot must master.
+            reason: why a failure is known.
+        """
+        if isinstance(source, Scenario):
+            scenario, place = source, world_of(source.mission, world)
+        else:
+            scenario, place = load_scenario_in(source, world)
+        check_valid(scenario, place)
+        load_requirement(_requirement(requirement, self.folder), scenario.mission.route)
+        expectation = Expectation(requirement=requirement, expected=expected, reason=reason)
+        known = next((case for case in self.cases if case.scenario.id == scenario.id), None)
+        if known is not None:
+            kept = tuple(each for each in known.expectations if each.requirement != requirement)
+            case = known.replace(expectations=(*kept, expectation))
+        else:
+            words = title or _title(scenario)
+            free = _free_name(name or words, {case.name for case in self.cases}, given=name is not None)
+            runs = max_runs or self.head.judging.max_runs
+            case = Case(name=free, title=words, expectations=(expectation,), scenario=scenario, max_runs=runs)
+        self._write(case, place)
+        return Suite.open(self.folder)
+
+    def run(
+        self,
+        *,
+        simulator: str | Spec | Simulator = "embedded",
+        version: str = "",
+        jobs: int = 1,
+        runs: int | None = None,
+        only: Sequence[str] = (),
+        on_result: Callable[[CaseResult], None] = ignore,
+        on_message: Callable[[str], None] = ignore,
+    ) -> SuiteResult:
+        """Run the suite.
+
+        Every version meets the same seeds, 0, 1, ..., so that versions can be compared run by run.
+
+        Args:
+            simulator: what runs the scenarios: the version under test.
+            version: a label for the results.
+            jobs: worker processes; the results are the same.
+            runs: runs of every case; by default as few as decide each verdict. Give a number to compare versions.
+            only: names of cases; by default all.
+            on_result: called with the result of each case and requirement.
+
+        Raises:
+            UnknownName: there is no such case, or the simulator does not know a robot.
+            SimulationError: a run could not be made.
+        """
+        names = {case.name for case in self.cases}
+        for name in only:
+            if name not in names:
+                raise UnknownName("case", name, names, hint=f"Suite: {self.folder}.")
+        made = make_simulator(simulator)
+        made.prepare(on_message)
+        results = []
+        for case in self.cases:
+            if not only or case.name in only:
+                check_robot(case.scenario, made)
+                for result in self._run_case(case, made, jobs, runs, on_message):
+                    results.append(result)
+                    on_result(result)
+        return SuiteResult(
+            suite=self.head.title,
+            version=version or str(made.name),
+            simulator=made.name,
+            options=dict(made.options),
+            cases=tuple(results),
+        )
+
+    def update(self, result: SuiteResult) -> tuple[CaseResult, ...]:
+        """Write the verdicts of a run as the new expectations, where they changed; return the changed ones.
+
+        Unclear results change nothing.
+        """
+        changed = tuple(each for each in result.cases if each.state in (State.BROKEN, State.FIXED))
+        for case in self.cases:
+            mine = {each.requirement: each for each in changed if each.case == case.name}
+            if mine:
+                expectations = tuple(_updated(each, mine.get(each.requirement)) for each in case.expectations)
+                self._write(case.replace(expectations=expectations), self.worlds[case.name])
+        return changed
+
+    def _run_case(
+        self, case: Case, simulator: Simulator, jobs: int, runs: int | None, on_message: Callable[[str], None]
+    ) -> Iterator[CaseResult]:
+        world = self.worlds[case.name]
+        procedure = self.head.judging.replace(max_runs=runs or case.max_runs)
+        route = case.scenario.mission.route
+        asked = [load_requirement(_requirement(e.requirement, self.folder), route) for e in case.expectations]
+        measuring = [Measuring(requirement, world, procedure=procedure) for requirement in asked]
+        made: list[Run] = []
+        measured = [[measuring[k].measure(run) for run in made] for k in range(len(asked))]
+        with Simulations(simulator, world, jobs=jobs, tell=on_message) as simulations:
+            more = runs or _more(asked, [[]] * len(asked), procedure)
+            while more:
+                ordered = [simulations.order(case.scenario, seed) for seed in range(len(made), len(made) + more)]
+                for order in ordered:
+                    run = order.result()
+                    if not isinstance(run, Run):
+                        raise SimulationError(f"{case.name}, seed {run.seed}: {run.reason}")
+                    made.append(run)
+                    for k, measure in enumerate(measuring):
+                        measured[k].append(measure.measure(run))
+                more = 0 if runs else _more(asked, [[m.objective for m in row] for row in measured], procedure)
+        for expectation, requirement, measure, row in zip(case.expectations, asked, measuring, measured, strict=True):
+            verdict = measure.judge(row)
+            flags = [None if m.objective is None else requirement.violated_by(m.objective) for m in row]
+            worst = _worst(requirement, [m.objective for m in row])
+            sentences = story_of(made[worst], world=world, scenario=case.scenario) if worst is not None else ()
+            yield CaseResult(
+                case=case.name,
+                title=case.title,
+                requirement=expectation.requirement,
+                expected=expectation.expected,
+                reason=expectation.reason,
+                state=state_of(expectation.expected, verdict, procedure=procedure),
+                verdict=verdict,
+                seeds=tuple(run.seed for run in made),
+                violations=tuple(flags),
+                contacts=sum((m.values.get("contacts") or 0.0) > 0.0 for m in row),
+                arrived=sum(run.completed for run in made),
+                seconds=float(sum(run.trajectory.t[-1] for run in made)),
+                story=tuple(sentence.text for sentence in sentences),
+            )
+
+    def _write(self, case: Case, world: World) -> None:
+        folder = folder_of(world.id)
+        values = {
+            "title": case.title,
+            "expectations": [each.model_dump(mode="json", exclude_defaults=True) for each in case.expectations],
+            "max_runs": case.max_runs,
+            "world": None if folder is None else _relative(folder, self.folder),
+            "scenario": case.scenario.model_dump(mode="json"),
+        }
+        write_whole(self.folder / f"{case.name}.yaml", _yaml({k: v for k, v in values.items() if v is not None}))
+
+
+@dataclass(frozen=True, kw_only=True)
+class VersionComparison:
+    """Two versions of the system under test on the same scenarios and seeds."""
+
+    first: SuiteResult
+    second: SuiteResult
+    changes: tuple[CaseChange, ...]
+
+    @property
+    def broken(self) -> tuple[CaseChange, ...]:
+        """The cases that the second version breaks."""
+        return tuple(each for each in self.changes if each.change is Change.BROKEN)
+
+    @property
+    def markdown(self) -> str:
+        """The comparison as a table for a pull request."""
+        return changes_markdown(self.first, self.second, self.changes)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the comparison as plain data."""
+        return {
+            "first": self.first.version,
+            "second": self.second.version,
+            "counts": {change.value: number for change, number in counts(self.changes).items()},
+            "changes": [each.model_dump(mode="json") for each in self.changes],
+        }
+
+
+def compare_versions(
+    first: str | Path | SuiteResult,
+    second: str | Path | SuiteResult,
+    *,
+    suite: str | Path | None = None,
+    runs: int = 20,
+    jobs: int = 1,
+    error_rate: float = 0.05,
+    on_message: Callable[[str], None] = ignore,
+) -> VersionComparison:
+    """Compare two versions of the system under test.
+
+    Args:
+        first, second: results, or files of `rvsg suite run --json`; with `suite`, simulators to run it with, as
+            `NAME` or `NAME:OPTION=VALUE,OPTION=VALUE`.
+        runs: runs of every case, where the suite is run now.
+        error_rate: probability of one false alarm in the whole comparison.
+
+    Raises:
+        InputError: a version cannot be run, or the results have no case in common.
+    """
+    if suite is None:
+        results = [given if isinstance(given, SuiteResult) else read_results(given) for given in (first, second)]
+    else:
+        opened = Suite.open(suite)
+        results = []
+        for given in (str(first), str(second)):
+            on_message(f"Running {len(opened.cases)} cases with {given}.")
+            results.append(
+                opened.run(simulator=_version(given), version=given, jobs=jobs, runs=runs, on_message=on_message)
+            )
+    changes = compare_results(results[0], results[1], error_rate=error_rate)
+    if all(each.change is Change.MISSING for each in changes):
+        raise InputError("The two results have no case in common. Run the same suite with both versions.")
+    return VersionComparison(first=results[0], second=results[1], changes=changes)
+
+
+def _version(text: str) -> Spec:
+    name, _, options = text.partition(":")
+    values = {}
+    for pair in filter(None, options.split(",")):
+        key, equals, value = pair.partition("=")
+        if not (key and equals):
+            raise InputError(f"{text}: expected SIMULATOR:OPTION=VALUE,OPTION=VALUE.")
+        try:
+            values[key] = yaml.safe_load(value)
+        except yaml.YAMLError as error:
+            raise InputError(f"{text}: the value of {key} cannot be read: {error}") from None
+    return Spec(name, values)
+
+
+def junit_of_suite(result: SuiteResult) -> str:
+    """Return the results as JUnit XML."""
+    return suite_junit(result)
+
+
+def describe_result(case: CaseResult) -> str:
+    """Return one line on a case for the terminal."""
+    extra = f"; {case.contacts} runs touch a person" if case.contacts else ""
+    return f"{case.state.value:14} {case.case}, {case.requirement}: {case.verdict.reason}{extra}"
+
+
+def read_results(path: str | Path) -> SuiteResult:
+    """Read the results of a suite from a file that `rvsg suite run --json` wrote."""
+    from rvsg.api.records import read_record
+
+    return read_record(Path(path), SuiteResult)
+
+
+def _read_case(path: Path) -> tuple[Case, World]:
+    file, document = read_document(path, CaseFile)
+    try:
+        near = path.parent / file.world if file.world is not None else None
+        world = world_of(file.scenario.mission, near)
+        check_valid(file.scenario, world)
+        case = Case(
+            name=path.stem,
+            title=file.title,
+            expectations=file.expectations,
+            scenario=file.scenario,
+            max_runs=file.max_runs,
+        )
+        for expectation in case.expectations:
+            load_requirement(_requirement(expectation.requirement, path.parent), file.scenario.mission.route)
+    except FileError:
+        raise
+    except InputError as error:
+        raise FileError(path, str(error), line=document.line("scenario")) from None
+    except ValueError:
+        wanted = "small letters, digits, dots, hyphens and underscores"
+        raise FileError(path, f"a case is named by its file: {wanted}, at most 80.") from None
+    return case, world
+
+
+def _requirement(name: str, folder: Path) -> str:
+    """A requirement's file is looked for beside the suite."""
+    file, hash_, key = name.partition("#")
+    return f"{folder / file}{hash_}{key}" if file.endswith((".yaml", ".yml")) else name
+
+
+def _more(
+    requirements: Sequence[Requirement], objectives: Sequence[Sequence[float | None]], procedure: Procedure
+) -> int:
+    """The most runs that any requirement asks for next; all of them where there is no limit."""
+    wanted = []
+    for requirement, values in zip(requirements, objectives, strict=True):
+        if requirement.threshold is None:
+            wanted.append(procedure.max_runs - len(values))
+        else:
+            wanted.append(next_repeats(requirement, values, procedure=procedure))
+    return max(wanted)
+
+
+def _worst(requirement: Requirement, objectives: Sequence[float | None]) -> int | None:
+    known = [(requirement.badness(value), -k) for k, value in enumerate(objectives) if value is not None]
+    return -max(known)[1] if known else None
+
+
+def _updated(expectation: Expectation, result: CaseResult | None) -> Expectation:
+    if result is None:
+        return expectation
+    if result.state is State.FIXED:
+        return expectation.replace(expected="pass", reason="")
+    return expectation.replace(expected="violation", reason=f"violated by {result.verdict.violations} of "
+                               f"{result.verdict.runs} runs")  # fmt: skip
+
+
+def _title(scenario: Scenario) -> str:
+    text = " ".join(scenario.description.split()) or f"{len(scenario.people.humans)} people"
+    return f"{scenario.mission.route.name}: {text}"[:200]
+
+
+def _free_name(wanted: str, taken: set[str], *, given: bool) -> str:
+    name = re.sub(r"[^a-z0-9._-]+", "-", wanted.lower()).strip("-._")[:60].strip("-._") or "case"
+    if given and name in taken:
+        raise InputError(f'There is a case "{name}" already, with another scenario. Choose another --name.')
+    return next(each for k in range(1, len(taken) + 2) if (each := name if k == 1 else f"{name}-{k}") not in taken)
+
+
+def _relative(folder: Path, start: Path) -> str:
+    import os
+
+    return os.path.relpath(folder.resolve(), start.resolve())
+
+
+def _yaml(values: dict[str, Any]) -> str:
+    return yaml.safe_dump(values, sort_keys=False, allow_unicode=True, width=120)

@@ -1,0 +1,103 @@
+"""`rvsg suite`: scenarios that stay, run against every version."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rvsg.cli.console import print_json, say
+from rvsg.cli.frame import verb
+
+app = verb()
+
+Folder = Annotated[Path, typer.Argument(help="The folder of the suite.")]
+
+
+@app.command()
+def add(
+    scenario: Annotated[
+        Path, typer.Argument(help="A scenario, proposal or attempt as JSON, e.g. runs/first/best.json.")
+    ],
+    suite: Annotated[Path, typer.Option(help="The folder of the suite; it is made where it is not there.")],
+    requirement: Annotated[str, typer.Option(help="A shipped requirement, or FILE.yaml#NAME beside the suite.")] = "R1",
+    name: Annotated[str | None, typer.Option(help="Name of the case, and of its file.")] = None,
+    title: Annotated[str | None, typer.Option(help="What people read.")] = None,
+    expect: Annotated[str, typer.Option(help="`violation` for a known failure, or `pass`.")] = "violation",
+    reason: Annotated[str, typer.Option(help="Why the failure is known.")] = "",
+    world: Annotated[str | None, typer.Option(help="Where the world of the scenario is.")] = None,
+) -> None:
+    """Add a scenario to a suite, or one more requirement to a case that holds the same scenario."""
+    from rvsg import Suite
+    from rvsg.api.errors import UnknownName
+
+    if expect not in ("violation", "pass"):
+        raise UnknownName("expectation", expect, ("violation", "pass"))
+    made = Suite.create(suite).add(
+        scenario,
+        requirement,
+        name=name,
+        title=title,
+        expected="violation" if expect == "violation" else "pass",
+        reason=reason,
+        world=world,
+    )
+    say(f"{suite} holds {len(made.cases)} cases. Run it with: rvsg suite run {suite}")
+
+
+@app.command()
+def run(
+    suite: Folder,
+    simulator: Annotated[str, typer.Option(help="What runs the scenarios.")] = "embedded",
+    simulator_option: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="For the simulator.")] = None,
+    version: Annotated[str, typer.Option(help="A label for the results, e.g. a commit.")] = "",
+    only: Annotated[
+        list[str] | None, typer.Option(metavar="CASE", help="Only this case; repeat it for several.")
+    ] = None,
+    runs: Annotated[int | None, typer.Option(min=1, help="Runs of every case. [as few as decide each verdict]")] = None,
+    jobs: Annotated[int, typer.Option(min=1, help="Worker processes.")] = 1,
+    junit: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the results as JUnit XML.")] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print the results as JSON on standard output.")] = False,
+) -> None:
+    """Run a suite. The exit code is 1 where a case that should pass violates its requirement.
+
+    Runs are spent where they decide: each case stops as soon as its verdict is sure. A known failure does not fail
+    the build; a fixed one is reported, and `rvsg suite update` writes it into the suite.
+    """
+    from rvsg import Suite
+    from rvsg.api.records import check_writable, write_text
+    from rvsg.api.suites import describe_result, junit_of_suite
+    from rvsg.cli.options import spec
+
+    if junit is not None:
+        check_writable(junit)
+    chosen = spec("simulator", simulator, simulator_option)
+    result = Suite.open(suite).run(
+        simulator=chosen,
+        version=version,
+        jobs=jobs,
+        runs=runs,
+        only=only or (),
+        on_result=lambda case: say(describe_result(case)),
+        on_message=say,
+    )
+    if junit is not None:
+        write_text(junit, junit_of_suite(result))
+    if json:
+        print_json(result.model_dump(mode="json"))
+    if result.broken:
+        raise typer.Exit(1)
+
+
+@app.command()
+def update(
+    suite: Folder,
+    results: Annotated[Path, typer.Argument(help="Results of `rvsg suite run --json`.")],
+) -> None:
+    """Write fixed and broken cases of a run into the suite as the new expectations. Unclear results change nothing."""
+    from rvsg import Suite
+    from rvsg.api.suites import read_results
+
+    for case in Suite.open(suite).update(read_results(results)):
+        say(f"{case.case}, {case.requirement}: {case.state.value}; the suite expects this from now on.")

@@ -1,0 +1,96 @@
+"""Results of suites for continuous integration and pull requests: JUnit XML and Markdown."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+
+from rvsg.campaign.suite import CaseChange, CaseResult, Change, State, SuiteResult, counts
+from rvsg.report.junit import clean
+
+
+def suite_junit(result: SuiteResult) -> str:
+    """Return JUnit XML with one test case for each case and requirement, under stable names.
+
+    A broken case is a failure. A known failure and an unclear case are skipped with the reason; a fixed one passes
+    and says in `system-out` that the expectation can be updated.
+    """
+    suite = ET.Element("testsuite", name=clean(f"rvsg {result.suite}"))
+    suite.extend(_case(result, case) for case in result.cases)
+    totals = {
+        "tests": len(result.cases),
+        "failures": len(result.broken),
+        "errors": 0,
+        "skipped": sum(case.state in (State.KNOWN_FAILURE, State.UNCLEAR) for case in result.cases),
+    }
+    suite.attrib.update({key: str(value) for key, value in totals.items()})
+    suite.set("time", f"{sum(case.seconds for case in result.cases):.1f}")
+    suites = ET.Element("testsuites")
+    suites.append(suite)
+    ET.indent(suites, "")
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n{ET.tostring(suites, encoding="unicode")}\n'
+
+
+def _case(result: SuiteResult, case: CaseResult) -> ET.Element:
+    element = ET.Element(
+        "testcase",
+        classname=clean(f"rvsg.{result.suite}.{case.requirement}"),
+        name=clean(case.case),
+        time=f"{case.seconds:.1f}",
+    )
+    properties = ET.SubElement(element, "properties")
+    probability = case.verdict.violation_probability
+    facts = {
+        "title": case.title,
+        "version": result.version,
+        "state": case.state.value,
+        "verdict": case.verdict.status.value,
+        "runs": str(case.verdict.runs),
+        "violation_probability": "" if probability is None else f"{probability:.3f}",
+        "runs_with_contact": str(case.contacts),
+        "runs_that_arrived": str(case.arrived),
+    }
+    for name, value in facts.items():
+        ET.SubElement(properties, "property", name=name, value=clean(value))
+    message = clean(f"{case.state.value}: {case.verdict.reason}")
+    if case.state is State.BROKEN:
+        ET.SubElement(element, "failure", message=message).text = clean("\n".join(case.story))
+    elif case.state is State.KNOWN_FAILURE:
+        ET.SubElement(element, "skipped", message=clean(f"{message}. {case.reason}".strip()))
+    elif case.state is State.UNCLEAR:
+        ET.SubElement(element, "skipped", message=message)
+    ET.SubElement(element, "system-out").text = clean("\n".join([message, *case.story]))
+    return element
+
+
+def changes_markdown(first: SuiteResult, second: SuiteResult, changes: Sequence[CaseChange]) -> str:
+    """Return a comparison of two versions as Markdown for a pull request, what changed first."""
+    found = counts(changes)
+    listed = ", ".join(f"{found[change]} {change.value}" for change in Change if found[change])
+    lines = [
+        f"### {_cell(second.version)} against {_cell(first.version)}: {listed or 'no case in common'}",
+        "",
+        "| case | requirement | change | violated before | violated now | difference (95 % interval) | p (Holm) |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    order = [Change.BROKEN, Change.FIXED, Change.UNCLEAR, Change.MISSING, Change.UNCHANGED]
+    lines += [_row(each) for each in sorted(changes, key=lambda each: order.index(each.change))]
+    return "\n".join(lines) + "\n"
+
+
+def _row(each: CaseChange) -> str:
+    name = f"{_cell(each.title)} (`{each.case}`)"
+    if each.interval is None or each.difference is None or each.p_corrected is None:
+        return f"| {name} | {_cell(each.requirement)} | {each.change.value} | | | | |"
+    first, second = each.violations
+    low, high = each.interval
+    difference = f"{100 * each.difference:+.0f} points ({100 * low:+.0f} to {100 * high:+.0f})"
+    return (
+        f"| {name} | {_cell(each.requirement)} | **{each.change.value}** | {first} of {each.seeds} | "
+        f"{second} of {each.seeds} | {difference} | {each.p_corrected:.3g} |"
+    )
+
+
+def _cell(text: str) -> str:
+    """Text of a file as it may stand in a table of Markdown."""
+    return " ".join(text.split()).replace("\\", "\\\\").replace("|", "\\|").replace("<", "&lt;").replace("`", "'")
