@@ -22,6 +22,7 @@ from rvsg.api.requirements import load_requirement
 from rvsg.api.scenarios import check_robot, check_valid, load_scenario_in
 from rvsg.api.simulating import ignore, make_simulator
 from rvsg.api.worlds import folder_of, world_of
+from rvsg.campaign.attempt import Failure, Measurement
 from rvsg.campaign.measuring import Measuring
 from rvsg.campaign.parallel import Simulations
 from rvsg.campaign.suite import (
@@ -221,15 +222,16 @@ class Suite:
         asked = [load_requirement(_requirement(e.requirement, self.folder), route) for e in case.expectations]
         measuring = [Measuring(requirement, world, procedure=procedure) for requirement in asked]
         made: list[Run] = []
-        measured = [[measuring[k].measure(run) for run in made] for k in range(len(asked))]
-        with Simulations(simulator, world, jobs=jobs, tell=on_message) as simulations:
+        measured: list[list[Measurement]] = [[] for _ in asked]
+        with Simulations(simulator, world, jobs=jobs, notify=on_message) as simulations:
             more = runs or _more(asked, [[]] * len(asked), procedure)
             while more:
-                ordered = [simulations.order(case.scenario, seed) for seed in range(len(made), len(made) + more)]
-                for order in ordered:
-                    run = order.result()
-                    if not isinstance(run, Run):
-                        raise SimulationError(f"{case.name}, seed {run.seed}: {run.reason}")
+                pending = [simulations.submit(case.scenario, seed) for seed in range(len(made), len(made) + more)]
+                for each in pending:
+                    found = each.result()
+                    if isinstance(found, Failure):
+                        raise SimulationError(f"{case.name}, seed {found.seed}: {found.reason}")
+                    run = found.unpack()
                     made.append(run)
                     for k, measure in enumerate(measuring):
                         measured[k].append(measure.measure(run))
