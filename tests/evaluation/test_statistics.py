@@ -4,7 +4,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from rvsg.evaluation.statistics import clopper_pearson, compare, holm, magnitude_of, mean_interval, vargha_delaney
+from rvsg.evaluation.statistics import (
+    censored_median,
+    clopper_pearson,
+    compare,
+    compare_family,
+    holm,
+    magnitude_of,
+    mean_interval,
+    share_difference,
+    vargha_delaney,
+    welch,
+)
 
 SMALL = st.lists(st.integers(0, 5), min_size=1, max_size=12)
 
@@ -71,3 +82,86 @@ def test_an_interval_of_few_runs_does_not_explode() -> None:
     reach = 2.776 * np.std(runs, ddof=1) / np.sqrt(5)
     assert found[0] == pytest.approx(np.mean(runs) - 2.0 * reach, abs=1e-3)
     assert np.mean(runs) < found[1] < np.mean(runs) + 2.0 * reach
+
+
+def test_clopper_pearson_is_that_of_scipy():
+    for n in (1, 7, 30):
+        for k in range(n + 1):
+            exact = stats.binomtest(k, n).proportion_ci(0.9, method="exact")
+            assert clopper_pearson(k, n, 0.9) == pytest.approx((exact.low, exact.high), abs=1e-9)
+
+
+def flags(true: int, of: int) -> list[bool]:
+    return [True] * true + [False] * (of - true)
+
+
+def test_the_difference_of_independent_shares_is_newcombes():
+    # Newcombe 1998, example (a): 56/70 against 48/80, interval 0.0524 to 0.3339.
+    found = share_difference(flags(56, 70), flags(48, 80))
+    assert found.difference == pytest.approx(0.2)
+    assert found.interval == pytest.approx((0.0524, 0.3339), abs=1e-4)
+    assert found.is_clear and not found.paired
+
+
+def test_pairs_that_agree_narrow_the_interval_and_those_that_disagree_do_not():
+    first = flags(10, 30)
+    agreeing, independent = share_difference(first, flags(8, 30), paired=True), share_difference(first, flags(8, 30))
+    width = [high - low for low, high in (agreeing.interval, independent.interval)]
+    assert width[0] < width[1]
+    opposite = share_difference(first, flags(8, 30)[::-1], paired=True)
+    assert opposite.interval[1] - opposite.interval[0] > width[1]
+    with pytest.raises(ValueError):
+        share_difference(first, first[:5], paired=True)
+
+
+@given(st.lists(st.tuples(st.booleans(), st.booleans()), min_size=1, max_size=40))
+def test_a_difference_of_shares_stays_possible_and_holds_the_estimate(pairs):
+    found = share_difference([a for a, _ in pairs], [b for _, b in pairs], paired=True)
+    low, high = found.interval
+    assert -1.0 <= low <= found.difference + 1e-12 and found.difference - 1e-12 <= high <= 1.0
+
+
+def test_the_paired_interval_covers_the_true_difference():
+    rng = np.random.default_rng(3)
+    hits = 0
+    for _ in range(400):
+        common = rng.random(30) < 0.2
+        first, second = common | (rng.random(30) < 0.25), common | (rng.random(30) < 0.05)
+        low, high = share_difference(list(first), list(second), paired=True).interval
+        hits += low <= 0.8 * 0.2 <= high
+    assert hits / 400 >= 0.93
+
+
+def test_welch_is_scipys_and_knows_samples_without_spread():
+    assert welch([1.0, 2.0, 4.0], [3.0, 5.0]) == stats.ttest_ind([1.0, 2.0, 4.0], [3.0, 5.0], equal_var=False).pvalue
+    assert (welch([1.0, 1.0], [1.0, 1.0]), welch([1.0, 1.0], [2.0, 2.0]), welch([1.0], [2.0, 3.0])) == (1.0, 0.0, None)
+
+
+def test_a_family_of_comparisons_is_corrected_together():
+    rng = np.random.default_rng(1)
+    samples = {
+        name: (list(rng.normal(shift, 1, 12)), list(rng.normal(0, 1, 12)))
+        for name, shift in [("a", 2), ("b", 1), ("c", 0)]
+    }
+    found = compare_family({**samples, "empty": ([], [1.0])})
+    assert {name: made.p_holm for name, made in found.items()} == holm({name: made.p for name, made in found.items()})
+    assert all(made.p_holm >= made.p for made in found.values())
+
+
+def test_the_censored_median_is_the_first_time_by_which_half_have_arrived():
+    assert censored_median([3.0, 1.0, 2.0], [False] * 3) == 2.0
+    assert censored_median([1.0, 2.0, 9.0, 9.0], [False, False, True, True]) == 2.0
+    assert censored_median([1.0, 9.0, 9.0], [False, True, True]) is None
+    assert censored_median([], []) is None
+    # One run was stopped early: those that go on stand for it (Kaplan and Meier 1958).
+    assert censored_median([1.0, 1.5, 2.0, 3.0], [False, True, False, False]) == 2.0
+
+
+@given(st.lists(st.floats(0, 10), min_size=3, max_size=20))
+def test_an_interval_of_the_mean_never_leaves_what_is_possible(values):
+    low, high = mean_interval(values, least=0.0, most=10.0)
+    assert 0.0 <= low <= np.mean(values) + 1e-9 and np.mean(values) - 1e-9 <= high <= 10.0
+
+
+def test_two_values_give_no_interval():
+    assert mean_interval([0.1, 4.0]) is None

@@ -5,7 +5,6 @@ import pytest
 from tests.scenario.small_world import MISSION as HALL_MISSION
 from tests.scenario.small_world import WORLD as HALL
 
-from rvsg.generation.aims import Aim, aim_of
 from rvsg.generation.chance import RandomGenerator
 from rvsg.generation.conformance import DISTANCE, SMOOTH, TIMELY, check_generator, odd_briefs
 from rvsg.generation.forecast import Forecaster
@@ -13,6 +12,7 @@ from rvsg.generation.generator import Proposal
 from rvsg.generation.ground import Ground
 from rvsg.generation.heuristic import HeuristicGenerator
 from rvsg.generation.work import at_places
+from rvsg.scenario.aim import Aim
 from rvsg.scenario.brief import Brief, Feedback, Remembered
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Behaviour, ForceFactors, Human, HumanConfiguration, Mission, Scenario, Task
@@ -23,12 +23,14 @@ from rvsg.world.io.load import load_world
 WORLD = load_world("warehouse")
 MISSION = Mission(world="warehouse", world_id=WORLD.id, route=WORLD.route("route_1"))
 FORECAST = Forecaster(Ground(WORLD, MISSION.route), MISSION.route.time_limit_s)
+AIMS = {DISTANCE: Aim.SHARE, SMOOTH: Aim.DISTURB, TIMELY: Aim.DELAY}
 PATH = ("G13", "G14", "G15", "G16", "G17", "G18", "G19", "G20")
 GENERATOR = HeuristicGenerator(tries=20, changes=30)
 
 
 def proposal(seed: int = 1, **more: object) -> Proposal:
-    brief = Brief(**{"mission": MISSION, "requirement": DISTANCE, "seed": seed, **more})  # type: ignore[arg-type]
+    given: dict[str, object] = {"mission": MISSION, "requirement": DISTANCE, "seed": seed, **more}
+    brief = Brief(aim=AIMS.get(given["requirement"]), **given)  # type: ignore[arg-type]
     return GENERATOR.propose(brief, WORLD)
 
 
@@ -225,7 +227,7 @@ def test_some_people_do_not_step_aside_and_only_where_it_matters() -> None:
 
 def test_a_provoking_person_is_asked_for_told_of_and_kept() -> None:
     provoking = HeuristicGenerator(tries=5, changes=10, provoking=True)
-    brief = Brief(mission=MISSION, requirement=SMOOTH, seed=1)
+    brief = Brief(mission=MISSION, requirement=SMOOTH, aim=Aim.DISTURB, seed=1)
     found = provoking.propose(brief, WORLD).scenario
     assert found is not None
     assert [h.behaviour is Behaviour.THREATENING for h in found.people.humans] == [True, False]
@@ -251,23 +253,6 @@ def test_an_unguided_brief_is_not_aimed() -> None:
 def test_the_reasoning_says_what_was_done_and_expected() -> None:
     text = proposal().reasoning
     assert "Of 20 people drawn" in text and "Expected: mean gap" in text
-
-
-@pytest.mark.parametrize(
-    ("metric", "formula", "aim"),
-    [
-        ("dto", None, Aim.SHARE),
-        ("jerk", None, Aim.DISTURB),
-        ("trg", None, Aim.DELAY),
-        ("min_distance", None, Aim.MEET),
-        ("contacts", None, Aim.MEET),
-        (None, "always (gap > 0.2)", Aim.SHARE),
-        ("something_else", None, Aim.SHARE),
-    ],
-)
-def test_the_aim_follows_the_requirement(metric: str | None, formula: str | None, aim: Aim) -> None:
-    requirement = Requirement(name="X", title="X", text="X", metric=metric, formula=formula)
-    assert aim_of(requirement) is aim
 
 
 def test_other_requirements_bring_about_other_work() -> None:

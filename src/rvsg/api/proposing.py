@@ -71,6 +71,7 @@ def brief_of(
     return Brief(
         mission=mission,
         requirement=requirement,
+        aim=aim_of(requirement),
         kind="refine" if feedback else "new",
         humans=humans,
         seed=seed,

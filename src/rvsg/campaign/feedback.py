@@ -1,4 +1,4 @@
-"""Feedback: what an attempt measured, told truthfully to whoever refines it. The one arrow that turns back.
+"""Feedback: what an attempt measured, for the generator that refines it.
 
 Distances between robot and human are gaps: centre distance less both radii, so 0 is contact.
 """
@@ -11,11 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.campaign.attempt import Attempt
+from rvsg.evaluation.aims import series_name, series_of
+from rvsg.evaluation.naming import WaypointNames
+from rvsg.evaluation.statistics import welch
 from rvsg.evaluation.verdict import Verdict
 from rvsg.scenario.brief import Feedback, HumanInfluence, Moment, Sample
 from rvsg.scenario.requirement import Requirement
 from rvsg.simulation.run import Run, Trajectory
 from rvsg.world.grid import Grid
+from rvsg.world.world import World
 
 Floats = NDArray[np.float64]
 
@@ -36,12 +40,20 @@ def feedback_of(
     grid: Grid,
     previous: Attempt | None = None,
     moments: int = 4,
+    world: World | None = None,
 ) -> Feedback:
-    """What `attempt`, whose runs are `runs`, measured; `previous` is the attempt before it of the same scenario.
+    """Return what an attempt measured.
 
     Decisive moments and the series are of the run that is worst for the robot; influences are over all runs.
-    With a single run the interval is that one value: nothing is known of the noise. ValueError where the attempt
-    has no objective or no run.
+    Where there are too few runs for an interval, it is the mean alone.
+
+    Args:
+        runs: The runs of the attempt.
+        previous: The attempt before it of the same scenario.
+        world: Needed where the requirement concerns obstacles.
+
+    Raises:
+        ValueError: The attempt has no objective or no run.
     """
     scenario, verdict = attempt.proposal.scenario, attempt.verdict
     if scenario is None or verdict is None or verdict.mean is None or not runs:
@@ -60,39 +72,28 @@ def feedback_of(
         separable=separable(before, verdict) if before and before.mean is not None else None,
         moments=decisive_moments(worst, grid, at_most=moments),
         influences=influences(attempt, runs, grid),
-        series=series(worst, grid, requirement),
-        series_of=momentary_name(requirement),
+        series=series(worst, grid, requirement, world),
+        series_of=series_name(requirement),
     )
 
 
 def worst_run(attempt: Attempt, runs: Sequence[Run], requirement: Requirement) -> Run:
-    """The run of the attempt whose objective is worst for the robot; the first of equals."""
+    """Return the run of the attempt whose objective is worst for the robot; the first of equals."""
     badness = {m.run_id: requirement.badness(m.objective) for m in attempt.measurements if m.objective is not None}
     return max(runs, key=lambda run: badness.get(run.id, -np.inf))
 
 
 def separable(before: Verdict, after: Verdict) -> bool:
-    """Whether the two means differ beyond noise: Welch's t test at 0.05, two-sided; never with a single run.
+    """Return whether the two means differ beyond noise: Welch's t test at 0.05, two-sided; never with a single run.
 
-    Welch, "The generalization of Student's problem when several different population variances are involved",
-    Biometrika 34 (1947). Two samples without any spread are separable where they differ at all.
+    Two samples without any spread are separable where they differ at all.
     """
-    from scipy.special import stdtr
-
-    a, b = np.asarray(before.objectives), np.asarray(after.objectives)
-    if len(a) < 2 or len(b) < 2:
-        return False
-    va, vb = a.var(ddof=1) / len(a), b.var(ddof=1) / len(b)
-    difference = abs(float(a.mean() - b.mean()))
-    if va + vb == 0.0:
-        return difference > 0.0
-    freedom = (va + vb) ** 2 / (va**2 / (len(a) - 1) + vb**2 / (len(b) - 1))
-    p = 2.0 * float(stdtr(freedom, -difference / np.sqrt(va + vb)))
-    return p < 0.05
+    p = welch(before.objectives, after.objectives)
+    return p is not None and p < 0.05
 
 
 def gaps(run: Run) -> Floats:
-    """(N, H) m: surface distance between robot and every human at every sample of the trajectory."""
+    """Return (N, H) the gap in metres between robot and each human at every sample of the trajectory."""
     path = run.trajectory
     centre = np.hypot(path.human_x - path.x[:, None], path.human_y - path.y[:, None])
     gap: Floats = centre - run.robot_radius_m - np.asarray(run.human_radius_m)[None, :]
@@ -100,7 +101,7 @@ def gaps(run: Run) -> Floats:
 
 
 def decisive_moments(run: Run, grid: Grid, *, at_most: int = 4) -> tuple[Moment, ...]:
-    """When it was decided: the closest approaches, the hardest braking and the longest stop, in order of time."""
+    """Return the closest approaches, the hardest braking and the longest stop, in order of time."""
     path = run.trajectory
     if len(path) == 0 or path.human_x.shape[1] == 0:
         return ()
@@ -116,7 +117,7 @@ def decisive_moments(run: Run, grid: Grid, *, at_most: int = 4) -> tuple[Moment,
     stop = _longest_stop(path)
     if stop is not None:
         found.append((stop[0], f"stands still for {stop[1]:.1f} s from here"))
-    names = _Places(grid)
+    names = WaypointNames(grid)
     chosen: dict[int, str] = {}
     for index, note in found[:at_most]:
         chosen[index] = f"{chosen[index]}; {note}" if index in chosen else note
@@ -124,11 +125,11 @@ def decisive_moments(run: Run, grid: Grid, *, at_most: int = 4) -> tuple[Moment,
 
 
 def influences(attempt: Attempt, runs: Sequence[Run], grid: Grid) -> tuple[HumanInfluence, ...]:
-    """What each human contributed over all runs: its closest gap, how long it was near, which waypoints never met."""
+    """Return what each human contributed over all runs: closest gap, share of time near, waypoints without effect."""
     scenario = attempt.proposal.scenario
     assert scenario is not None
     planned = {human.name: human for human in scenario.people.humans}
-    names = _Places(grid)
+    names = WaypointNames(grid)
     all_gaps = [gaps(run) for run in runs]
     found = []
     for h, name in enumerate(runs[0].human_names):
@@ -148,15 +149,15 @@ def influences(attempt: Attempt, runs: Sequence[Run], grid: Grid) -> tuple[Human
     return tuple(found)
 
 
-def series(run: Run, grid: Grid, requirement: Requirement) -> tuple[Sample, ...]:
-    """The run once a second: where everybody was, and the quantity the requirement's metric is made of."""
+def series(run: Run, grid: Grid, requirement: Requirement, world: World | None = None) -> tuple[Sample, ...]:
+    """Return the run once a second: where everybody was, and the series that shows where the requirement is lost."""
     path = run.trajectory
     if len(path) == 0:
         return ()
     wanted = np.arange(0.0, float(path.t[-1]) + 1e-9, SERIES_PERIOD_S)
     rows = np.clip(np.searchsorted(path.t, wanted - 1e-9), 0, len(path) - 1)
-    values = momentary_value(run, requirement)[rows]
-    names = _Places(grid)
+    values = series_of(run, requirement, world=world)[rows]
+    names = WaypointNames(grid)
     robot = names.nearest(path.x[rows], path.y[rows])
     humans = [names.nearest(path.human_x[rows, h], path.human_y[rows, h]) for h in range(path.human_x.shape[1])]
     return tuple(
@@ -168,52 +169,6 @@ def series(run: Run, grid: Grid, requirement: Requirement) -> tuple[Sample, ...]
         )
         for k, row in enumerate(rows)
     )
-
-
-def momentary_name(requirement: Requirement) -> str:
-    """What `momentary_value` gives for a requirement, in words."""
-    metric = requirement.metric or ""
-    if "jerk" in metric:
-        return "jerk in m/s3"
-    if _of_progress(metric):
-        return "distance to the goal in m"
-    return "gap to the nearest human in m"
-
-
-def _of_progress(metric: str) -> bool:
-    return metric in ("trg", "tnm", "pl", "chc") or "time" in metric or "goal" in metric
-
-
-def momentary_value(run: Run, requirement: Requirement) -> Floats:
-    """(N,) what the requirement's metric is made of at every sample.
-
-    Metrics of jerk: m/s3. Of time, path and progress: distance to the goal, m. All others: gap to the nearest
-    human, m (NaN without humans).
-    """
-    path, metric = run.trajectory, requirement.metric or ""
-    if "jerk" in metric:
-        jerk = np.abs(np.diff(path.acceleration, prepend=path.acceleration[:1]))
-        step = np.diff(path.t, prepend=path.t[:1])
-        value: Floats = np.divide(jerk, step, out=np.zeros_like(jerk), where=step > 0)
-        return value
-    if _of_progress(metric):
-        return np.asarray(np.hypot(path.x - run.goal[0], path.y - run.goal[1]))
-    gap = gaps(run)
-    return np.asarray(gap.min(axis=1)) if gap.shape[1] else np.full(len(path), np.nan)
-
-
-class _Places:
-    """Names of the valid waypoints nearest to points; ties go to the earlier in grid order, as `Grid.nearest`."""
-
-    def __init__(self, grid: Grid) -> None:
-        valid = [w for w in grid.waypoints if w.human]
-        self.names = [w.name for w in valid]
-        self.at = np.array([(w.x, w.y) for w in valid])
-
-    def nearest(self, x: Floats, y: Floats) -> list[str]:
-        """One name for each of the points x (K,), y (K,)."""
-        squared = (self.at[None, :, 0] - x[:, None]) ** 2 + (self.at[None, :, 1] - y[:, None]) ** 2
-        return [self.names[i] for i in squared.argmin(axis=1)]
 
 
 def _approaches(t: Floats, nearest: Floats) -> list[int]:
@@ -229,7 +184,7 @@ def _approaches(t: Floats, nearest: Floats) -> list[int]:
     return found
 
 
-def _moment(run: Run, gap: Floats, index: int, note: str, names: _Places) -> Moment:
+def _moment(run: Run, gap: Floats, index: int, note: str, names: WaypointNames) -> Moment:
     path = run.trajectory
     closest = int(gap[index].argmin())
     return Moment(

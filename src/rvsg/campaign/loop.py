@@ -57,7 +57,7 @@ def feedback_from(ledger: Ledger, plan: Plan, world: World) -> FeedbackOf:
 
     def feedback(attempt: Attempt, previous: Attempt | None) -> Feedback:
         runs = [ledger.run(measurement.run_id) for measurement in attempt.measurements]
-        return feedback_of(attempt, runs, requirement=plan.requirement, grid=world.grid, previous=previous)
+        return feedback_of(attempt, runs, requirement=plan.requirement, grid=world.grid, previous=previous, world=world)
 
     return feedback
 

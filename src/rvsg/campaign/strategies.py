@@ -15,6 +15,7 @@ from rvsg.campaign.plan import Plan
 from rvsg.campaign.ranking import remember, seeds_of, worst_by_mean
 from rvsg.core.records import Record
 from rvsg.core.seeds import seed_for
+from rvsg.evaluation.aims import aim_of
 from rvsg.generation.generator import Proposal
 from rvsg.scenario.brief import Brief, Feedback, Remembered
 from rvsg.world.world import World
@@ -195,6 +196,7 @@ class StudyStrategy:
         return Brief(
             mission=self.plan.mission,
             requirement=self.plan.requirement,
+            aim=aim_of(self.plan.requirement),
             kind="refine" if feedback else "new",
             humans=self.plan.humans,
             seed=seed_for(self.plan.seed, "brief", index),

@@ -23,6 +23,7 @@ KINDS = {
     "executor": "rvsg.executors",
     "store": "rvsg.stores",
     "metric": "rvsg.metrics",
+    "signal": "rvsg.signals",
 }
 """Every kind of plug-in, with its entry point group."""
 

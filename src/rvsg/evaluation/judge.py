@@ -1,4 +1,4 @@
-"""From objectives of repeated runs to a Verdict, by a sequential procedure with declared error rates.
+"""Judges the objectives of repeated runs by a sequential procedure with declared error rates.
 
 Let q be the probability that a run violates the requirement. Two likelihood ratios are kept,
 
@@ -28,86 +28,34 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Annotated, Self
-
-from pydantic import Field, model_validator
 
 from rvsg.core.errors import Unfit
-from rvsg.core.records import Record
-from rvsg.evaluation.metrics import METRICS, measure, metric
+from rvsg.evaluation.metrics import find_metric, measure, metric
 from rvsg.evaluation.signals import formula, robustness
-from rvsg.evaluation.statistics import clopper_pearson, mean_interval
-from rvsg.evaluation.verdict import Status, Verdict
+from rvsg.evaluation.statistics import censored_median, clopper_pearson, mean_interval
+from rvsg.evaluation.verdict import DEFAULT, Procedure, Status, Verdict
+from rvsg.evaluation.wording import OPEN, reason_of
 from rvsg.scenario.requirement import Requirement
 from rvsg.simulation.run import Run
 from rvsg.world.world import World
 
-
-class Procedure(Record):
-    """How repeats are judged: the violation probabilities to tell apart, the error rate, the budget of runs."""
-
-    rare: Annotated[float, Field(gt=0, lt=0.5)] = 0.02
-    often: Annotated[float, Field(gt=0, lt=0.5)] = 0.20
-    error_rate: Annotated[float, Field(gt=0, lt=0.5)] = 0.05
-    confidence: Annotated[float, Field(gt=0.5, lt=1)] = 0.95
-    max_runs: Annotated[int, Field(ge=1, le=100_000)] = 30
-
-    @model_validator(mode="after")
-    def _apart(self) -> Self:
-        if self.rare >= self.often:
-            raise ValueError(f"rare ({self.rare}) must be smaller than often ({self.often})")
-        return self
-
-    def log_ratios(self, violations: int, runs: int) -> tuple[float, float]:
-        """The natural logarithms of the two likelihood ratios `low` and `high`."""
-        clean = runs - violations
-        up = math.log(self.often / self.rare)
-        down = math.log((1 - self.often) / (1 - self.rare))
-        return violations * up + clean * down, -(clean * up + violations * down)
-
-    def status(self, violations: int, runs: int) -> Status:
-        """The status that these counts justify."""
-        bound = math.log(1 / self.error_rate)
-        low, high = self.log_ratios(violations, runs)
-        if low <= -bound:
-            return Status.PASS
-        if high >= bound:
-            return Status.FAIL
-        if low >= bound and high <= -bound:
-            return Status.FLAKY
-        return Status.INCONCLUSIVE
-
-    def violated(self, violations: int, runs: int) -> bool:
-        """Whether these counts show that more than rarely a run violates the requirement."""
-        return self.log_ratios(violations, runs)[0] >= math.log(1 / self.error_rate)
-
-    def fewest_for(self, violations: int, runs: int) -> dict[Status, int]:
-        """For each status that the budget can still reach, the smallest number of further runs; the fewest first."""
-        found: dict[Status, int] = {}
-        for more in range(self.max_runs - runs + 1):
-            for bad in range(more + 1):
-                found.setdefault(self.status(violations + bad, runs + more), more)
-        found.pop(Status.INCONCLUSIVE, None)
-        return found
-
-    def fewest_more(self, violations: int, runs: int) -> int:
-        """The smallest number of further runs after which the status can be decided at all; 0 if it is."""
-        for more in range(self.max_runs - runs + 1):
-            for bad in range(more + 1):
-                if self.status(violations + bad, runs + more) is not Status.INCONCLUSIVE:
-                    return more
-        return max(0, self.max_runs - runs)
-
-
-DEFAULT = Procedure()
-OPEN = "FAIL or FLAKY is still open"
-"""What is told of a verdict that is `still_open`."""
+__all__ = [
+    "DEFAULT",
+    "OPEN",
+    "Procedure",
+    "check_requirement",
+    "judge",
+    "next_repeats",
+    "objective",
+    "still_open",
+    "violated",
+]
 
 
 def objective(run: Run, requirement: Requirement, *, world: World | None = None) -> float | None:
-    """The value of the requirement's metric, or the robustness of its formula, for one run; None: no judgement.
+    """Return the value of the requirement's metric, or the robustness of its formula; None: no judgement.
 
-    What concerns obstacles that stand still needs the `world` of the run.
+    What concerns obstacles needs the `world` of the run.
     """
     if requirement.formula is not None:
         return robustness(run, requirement.formula, world=world)
@@ -116,10 +64,12 @@ def objective(run: Run, requirement: Requirement, *, world: World | None = None)
 
 
 def check_requirement(requirement: Requirement) -> Requirement:
-    """The requirement in the unit of its metric, which is filled in where it is left out.
+    """Return the requirement with the unit of its metric, which may be left out.
 
-    UnknownName or FormulaError where its metric or formula cannot be measured; Unfit where its unit, its direction or
-    its share of the time limit is not one of its metric.
+    Raises:
+        UnknownName: There is no such metric.
+        FormulaError: The formula cannot be read.
+        Unfit: The unit, the direction or the share of the time limit does not fit the metric.
     """
     if requirement.formula is not None:
         formula(requirement.formula)
@@ -148,58 +98,81 @@ def check_requirement(requirement: Requirement) -> Requirement:
 
 
 def _plain(unit: str) -> str:
-    """A unit as an ordinary keyboard has it: m/s³, m/s^3 and m/s3 are one."""
+    """Return a unit as a keyboard has it: m/s³, m/s^3 and m/s3 are one."""
     return unit.translate(str.maketrans("²³", "23", "^ "))
 
 
 def _quoted(unit: str) -> str:
-    """A unit as it has to stand in YAML."""
+    """Return a unit as YAML needs it."""
     return f'"{unit}"' if unit in ("1", "%") else unit
 
 
-def judge(requirement: Requirement, objectives: Sequence[float | None], *, procedure: Procedure = DEFAULT) -> Verdict:
-    """The verdict on a scenario from the objectives of its runs, None standing for a run without judgement."""
+def judge(
+    requirement: Requirement,
+    objectives: Sequence[float | None],
+    *,
+    procedure: Procedure = DEFAULT,
+    arrived: Sequence[bool] | None = None,
+    time_limit_s: float | None = None,
+) -> Verdict:
+    """Return the verdict on a scenario from the objectives of its runs.
+
+    Args:
+        objectives: One value for each run; None for a run without judgement.
+        procedure: Error rates, confidence and budget.
+        arrived: Whether the robot arrived, for each run. A metric that is `censored` needs it: the value of a run that
+            did not arrive is only a lower bound.
+        time_limit_s: The route's time limit, which bounds times.
+    """
+    rows = [k for k, value in enumerate(objectives) if value is not None]
     known = tuple(float(value) for value in objectives if value is not None)
+    metric_of = find_metric(requirement.metric)
+    late = [metric_of is not None and metric_of.censored and arrived is not None and not arrived[k] for k in rows]
+    least, most = metric_of.bounds(time_limit_s) if metric_of is not None else (None, None)
+    if any(late):  # a run may end a tick after its limit
+        most = max(value for value, is_late in zip(known, late, strict=True) if is_late)
     violations = sum(requirement.violated_by(value) for value in known)
     judged = requirement.threshold is not None
+    undefined = len(objectives) - len(known)
     status = procedure.status(violations, len(known)) if judged else Status.UNJUDGED
     return Verdict(
         requirement=requirement.name,
         status=status,
         objectives=known,
         mean=math.fsum(known) / len(known) if known else None,
-        interval=mean_interval(known, procedure.confidence, least=_least(requirement)),
+        interval=None if all(late) else mean_interval(known, procedure.confidence, least=least, most=most),
         violations=violations,
         runs=len(known),
-        undefined=len(objectives) - len(known),
+        undefined=undefined,
         violation_probability=violations / len(known) if known and judged else None,
         violation_interval=clopper_pearson(violations, len(known), procedure.confidence) if known and judged else None,
         confidence=procedure.confidence,
         error_rate=procedure.error_rate if judged else None,
-        reason=_reason(status, violations, len(known), len(objectives) - len(known), procedure),
+        reason=reason_of(status, violations, len(known), undefined, procedure),
+        censored=sum(late),
+        median=censored_median(known, late),
+        procedure=procedure,
     )
 
 
-def violated(verdict: Verdict, *, procedure: Procedure = DEFAULT) -> bool:
-    """Whether the runs say that the requirement is violated: FAIL, FLAKY, or one of the two and nothing else."""
+def violated(verdict: Verdict, *, procedure: Procedure | None = None) -> bool:
+    """Return whether the runs violate the requirement: FAIL, FLAKY, or surely one of the two."""
     return verdict.status in (Status.FAIL, Status.FLAKY) or still_open(verdict, procedure=procedure)
 
 
-def still_open(verdict: Verdict, *, procedure: Procedure = DEFAULT) -> bool:
-    """Whether it is violated for sure, but not yet whether nearly always (FAIL) or sometimes (FLAKY)."""
-    return verdict.status is Status.INCONCLUSIVE and procedure.violated(verdict.violations, verdict.runs)
+def still_open(verdict: Verdict, *, procedure: Procedure | None = None) -> bool:
+    """Return whether it is surely violated, but not yet whether nearly always (FAIL) or sometimes (FLAKY).
 
-
-def _least(requirement: Requirement) -> float | None:
-    """The smallest objective there can be; None for robustness, a metric that can be negative, and one of a plug-in."""
-    known = METRICS.get(requirement.metric) if requirement.metric is not None else None
-    return known.least if known is not None else None
+    The procedure is that of the verdict where none is given.
+    """
+    used = procedure or verdict.judged_by
+    return verdict.status is Status.INCONCLUSIVE and used.violated(verdict.violations, verdict.runs)
 
 
 def next_repeats(
     requirement: Requirement, objectives: Sequence[float | None], *, procedure: Procedure = DEFAULT
 ) -> int:
-    """How many more runs are worth their time now: the fewest that can decide the status; 0 when it is decided.
+    """Return how many more runs are worth their time now: the fewest that can decide the status; 0 if it is decided.
 
     Runs without judgement count against the budget, so the repeats of a scenario always end. Without a limit there
     is nothing to decide and the answer is 0.
@@ -209,30 +182,3 @@ def next_repeats(
     known = [value for value in objectives if value is not None]
     violations = sum(requirement.violated_by(value) for value in known)
     return min(procedure.fewest_more(violations, len(known)), procedure.max_runs - len(objectives))
-
-
-def _reason(status: Status, violations: int, runs: int, undefined: int, procedure: Procedure) -> str:
-    without = f"; {_runs(undefined)} {'holds' if undefined == 1 else 'hold'} no judgement" if undefined else ""
-    if status is Status.UNJUDGED:
-        return f"{_runs(runs)} {'is' if runs == 1 else 'are'} measured and none is judged{without}"
-    verb = "violates" if violations == 1 else "violate"
-    counted = f"{violations} of {_runs(runs)} {verb} the requirement{without}"
-    sure = f"wrong in at most {procedure.error_rate:.0%} of such verdicts"
-    unsure = (
-        f"the budget of {_runs(procedure.max_runs)} is spent before the verdict is sure"
-        if runs + undefined >= procedure.max_runs
-        else "too few runs for a verdict"
-    )
-    if procedure.violated(violations, runs):
-        unsure = f"it is violated in more than {procedure.rare:.0%} of runs ({sure}); {OPEN}, {unsure}"
-    said = {
-        Status.PASS: f"it is violated in fewer than {procedure.often:.0%} of runs ({sure})",
-        Status.FAIL: f"it is violated in more than {1 - procedure.often:.0%} of runs ({sure})",
-        Status.FLAKY: f"it is sometimes violated and sometimes not ({sure})",
-        Status.INCONCLUSIVE: unsure,
-    }[status]
-    return f"{counted}: {said}"
-
-
-def _runs(count: int) -> str:
-    return "1 run" if count == 1 else f"{count} runs"

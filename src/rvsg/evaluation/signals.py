@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from functools import lru_cache
+from dataclasses import dataclass
+from functools import lru_cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rvsg.core.registry import Registry
 from rvsg.evaluation.sampled import Sampled
 from rvsg.evaluation.temporal import Node
 from rvsg.evaluation.temporal_syntax import parse
+from rvsg.scenario.aim import Aim
 from rvsg.simulation.run import Run
 from rvsg.world.world import World
 
@@ -106,32 +109,85 @@ def _y(s: Sampled) -> Floats:
     return s.series.y
 
 
-SIGNALS: dict[str, Callable[[Sampled], Floats]] = {
-    "time": _time,
-    "distance_to_person": _distance_to_person,
-    "clearance": _clearance,
-    "obstacle_distance": _obstacle_distance,
-    "centre_distance": _centre_distance,
-    "closing_speed": _closing_speed,
-    "person_speed": _person_speed,
-    "person_bearing": _person_bearing,
-    "speed": _speed,
-    "forward_speed": _forward_speed,
-    "turn_rate": _turn_rate,
-    "acceleration": _acceleration,
-    "distance_to_goal": _distance_to_goal,
-    "x": _x,
-    "y": _y,
-}
-"""Every signal by its name; its docstring says what it is and its unit."""
+def _jerk(s: Sampled) -> Floats:
+    """m/s^3, the magnitude of the change of acceleration over the interval before the sample; 0 for the first two."""
+    if len(s) < 3:
+        return np.zeros(len(s))
+    along, across = s.acceleration
+    return np.concatenate([[0.0, 0.0], np.hypot(np.diff(along), np.diff(across)) / s.dt[1:]])
 
-OF_PEOPLE = frozenset({"distance_to_person", "centre_distance", "closing_speed", "person_speed", "person_bearing"})
+
+@dataclass(frozen=True, kw_only=True)
+class RunSignal:
+    """A quantity over time that temporal formulas can name, and that shows where a metric is lost.
+
+    A plug-in registers one, or a sequence of them, in the entry point group `rvsg.signals`.
+    """
+
+    id: str
+    """The name in formulas: a word of letters, digits and underscores."""
+    title: str
+    """What it is, in words, for people and for generators."""
+    unit: str
+    of: Callable[[Sampled], Floats]
+    """Computes it, (N,) for N samples; raises NotKnown where a run does not have it."""
+    aim: Aim | None = None
+    """What people should do to change it; None where it says nothing of what people do."""
+    of_people: bool = False
+    """It needs at least one person."""
+
+    @property
+    def words(self) -> str:
+        """Title and unit."""
+        return f"{self.title} in {self.unit}"
+
+    def values(self, s: Sampled) -> Floats:
+        """Return the signal at every sample; raises NotKnown."""
+        if self.of_people and not s.people:
+            raise NotKnown
+        return np.asarray(self.of(s), dtype=np.float64)
+
+
+_person = partial(RunSignal, aim=Aim.MEET, of_people=True)
+
+BUILT_IN = (
+    RunSignal(id="time", title="time since the start", unit="s", of=_time),
+    _person(id="distance_to_person", title="gap to the nearest human", unit="m", of=_distance_to_person),
+    RunSignal(id="clearance", title="gap to what is nearest", unit="m", of=_clearance, aim=Aim.MEET),
+    RunSignal(
+        id="obstacle_distance",
+        title="distance to the nearest obstacle",
+        unit="m",
+        of=_obstacle_distance,
+        aim=Aim.DISTURB,
+    ),
+    _person(id="centre_distance", title="distance to the nearest human, centres", unit="m", of=_centre_distance),
+    _person(id="closing_speed", title="closing speed of the nearest human", unit="m/s", of=_closing_speed),
+    _person(id="person_speed", title="speed of the nearest human", unit="m/s", of=_person_speed),
+    _person(id="person_bearing", title="bearing of the nearest human", unit="rad", of=_person_bearing),
+    RunSignal(id="speed", title="speed", unit="m/s", of=_speed, aim=Aim.DELAY),
+    RunSignal(id="forward_speed", title="forward speed", unit="m/s", of=_forward_speed, aim=Aim.DELAY),
+    RunSignal(id="turn_rate", title="turn rate", unit="rad/s", of=_turn_rate, aim=Aim.DISTURB),
+    RunSignal(id="acceleration", title="acceleration", unit="m/s2", of=_acceleration, aim=Aim.DISTURB),
+    RunSignal(id="jerk", title="jerk", unit="m/s3", of=_jerk, aim=Aim.DISTURB),
+    RunSignal(id="distance_to_goal", title="distance to the goal", unit="m", of=_distance_to_goal, aim=Aim.DELAY),
+    RunSignal(id="x", title="x of the robot", unit="m", of=_x, aim=Aim.DELAY),
+    RunSignal(id="y", title="y of the robot", unit="m", of=_y, aim=Aim.DELAY),
+)
+
+SIGNALS: Registry[RunSignal] = Registry("signal", RunSignal, {signal.id: signal for signal in BUILT_IN})
+"""Every signal by its name: those that ship, then those of plug-ins."""
 
 
 @lru_cache(maxsize=256)
 def formula(text: str) -> Node:
     """A formula over the signals above; FormulaError (with the position) where it cannot be read."""
     return parse(text, tuple(SIGNALS))
+
+
+def known_signals(s: Sampled) -> Mapping[str, Floats]:
+    """Return the signals of a sampled run, each computed when it is read; reading one raises NotKnown."""
+    return _Lazily(s)
 
 
 class _Lazily(Mapping[str, Floats]):
@@ -141,9 +197,7 @@ class _Lazily(Mapping[str, Floats]):
         self.sampled = sampled
 
     def __getitem__(self, name: str) -> Floats:
-        if name in OF_PEOPLE and not self.sampled.people:
-            raise NotKnown
-        return SIGNALS[name](self.sampled)
+        return SIGNALS[name].values(self.sampled)
 
     def __iter__(self) -> Iterator[str]:
         return iter(SIGNALS)

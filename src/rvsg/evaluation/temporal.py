@@ -32,7 +32,7 @@ class Node(Protocol):
     """A part of a formula: its value at every sample."""
 
     def values(self, time: Floats, signals: Mapping[str, Floats]) -> Floats:
-        """(N,) the value at each of the N samples."""
+        """Return (N,) the value at each of the N samples."""
         ...
 
 
@@ -214,3 +214,16 @@ def _range_minimum(values: Floats, first: NDArray[np.intp], after: NDArray[np.in
         table = np.minimum(table[:-stretch], table[stretch:])
         stretch *= 2
     return result
+
+
+def signals_of(node: Node) -> frozenset[str]:
+    """Return the names of the signals in a formula."""
+    if isinstance(node, Signal):
+        return frozenset({node.name})
+    parts = [getattr(node, name, None) for name in ("part", "left", "right", "greater", "smaller")]
+    return frozenset[str]().union(*(signals_of(part) for part in parts if part is not None))
+
+
+def body_of(node: Node) -> Node:
+    """Return what a formula asks for at every moment: the part under an outermost `always` without bounds."""
+    return node.part if isinstance(node, Always) and node.interval.is_everything else node

@@ -1,43 +1,9 @@
-"""What a requirement asks the people of a scenario to bring about, and how much of it a forecast promises."""
+"""How much of a brief's aim a forecast promises."""
 
 from __future__ import annotations
 
-import re
-from enum import Enum
-
 from rvsg.generation.forecast import Forecast
-from rvsg.scenario.requirement import Requirement
-
-
-class Aim(str, Enum):
-    """What the people's work should bring about, in the words of the reasoning."""
-
-    SHARE = "work close to the robot all along its way"
-    MEET = "meet the robot closely where it has to pass"
-    DISTURB = "come up in front of the robot again and again"
-    DELAY = "walk and stand in the robot's lane, before it or towards it"
-    NONE = "do the place's work wherever it is"
-
-
-# Looked for in this order in a requirement's metric, formula and name: the first that is found decides.
-_SIGNS: tuple[tuple[Aim, str], ...] = (
-    (Aim.DISTURB, r"jerk|accel|heading|chc|brak|smooth|stab|angular"),
-    (Aim.MEET, r"contact|collision|rpc|por|ttc|min\w*dist|min\w*gap|clearance|margin|touch"),
-    (Aim.DELAY, r"trg|time|tnm|speed|progress|stop|goal|duration|path_length|\bpl\b|eventually"),
-    (Aim.SHARE, r"dto|dist|gap|space|near|intru"),
-)
-
-
-def aim_of(requirement: Requirement | None) -> Aim:
-    """The aim for a requirement; an unknown kind of requirement is served by nearness, which disturbs everything."""
-    if requirement is None:
-        return Aim.NONE
-    for text in (requirement.metric or requirement.formula or "", requirement.title):
-        for aim, signs in _SIGNS:
-            if re.search(signs, text.lower()):
-                return aim
-    return Aim.SHARE
-
+from rvsg.scenario.aim import Aim
 
 # How many of a refinement's variants count as equally promising. The forecast ranks nearness as the simulator does
 # (rank correlation 0.95), braking and delay hardly (0.3 to 0.4): there what is measured has to choose.

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from rvsg.generation.aims import Aim
 from rvsg.generation.places import Place
 from rvsg.generation.work import HEEDLESS_AIMS, ROLES, UNDERWAY, Stop, Workforce, at_places, ends_of
+from rvsg.scenario.aim import Aim
 from rvsg.scenario.brief import Feedback
 from rvsg.scenario.scenario import Behaviour, Human, Pause, Task
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from rvsg.generation.aims import FINALISTS, Aim, aim_of, promise
+from rvsg.generation.aims import FINALISTS, promise
 from rvsg.generation.answer import answer, nowhere_to_walk
 from rvsg.generation.changes import Changing
 from rvsg.generation.forecast import Forecast, Forecaster
@@ -23,6 +23,7 @@ from rvsg.generation.places import Place, places_of
 from rvsg.generation.seeding import rng_of
 from rvsg.generation.telling import retold, told
 from rvsg.generation.work import HAND_IN_HAND, Workforce
+from rvsg.scenario.aim import Aim
 from rvsg.scenario.brief import Brief, Feedback, Remembered
 from rvsg.scenario.scenario import Behaviour, Human, HumanConfiguration, Task
 from rvsg.scenario.validity.checker import spawn_finding, start_gap_m
@@ -92,7 +93,7 @@ class _Plan:
     roles: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self.aim = aim_of(self.brief.requirement)
+        self.aim = _aim_of(self.brief)
         self.ground = ground_of(self.world, self.brief.mission.route)
         self.uses = _uses(self.brief.memory, self.world)
         self.work = Workforce(self.ground, self.places, self.aim, self.rng, self.uses)
@@ -287,3 +288,10 @@ def _expected(forecast: Forecast) -> str:
         f"Expected: mean gap {forecast.mean_gap_m:.2f} m, least {forecast.least_gap_m:.2f} m, "
         f"way occupied for {forecast.blocked_s:.1f} s, arrival after {forecast.duration_s:.0f} s."
     )
+
+
+def _aim_of(brief: Brief) -> Aim:
+    """Return the aim of a brief; nearness, which disturbs everything, where its requirement declares none."""
+    if brief.requirement is None:
+        return Aim.NONE
+    return brief.aim or Aim.SHARE

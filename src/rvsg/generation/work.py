@@ -13,9 +13,9 @@ from typing import TypeVar
 
 import numpy as np
 
-from rvsg.generation.aims import Aim
 from rvsg.generation.ground import Ground
 from rvsg.generation.places import Place
+from rvsg.scenario.aim import Aim
 from rvsg.scenario.scenario import Behaviour, ForceFactors, Human, Pause, Task
 
 T = TypeVar("T")

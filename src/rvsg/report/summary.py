@@ -8,9 +8,23 @@ from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.plan import Plan
 from rvsg.campaign.ranking import ranking, search_attempts
 from rvsg.core.records import Record
-from rvsg.evaluation.judge import OPEN, still_open, violated
+from rvsg.evaluation.judge import violated
 from rvsg.evaluation.verdict import Verdict
+from rvsg.evaluation.wording import counted, number, status_in_words, value_in_words
 from rvsg.scenario.scenario import Scenario
+
+__all__ = [
+    "Accounting",
+    "Ranked",
+    "Summary",
+    "account",
+    "counted",
+    "in_short",
+    "interval",
+    "number",
+    "status_in_words",
+    "summarise",
+]
 
 
 class Ranked(Record):
@@ -93,35 +107,13 @@ def account(attempts: Iterable[Attempt]) -> Accounting:
     )
 
 
-def status_in_words(verdict: Verdict) -> str:
-    """The status, and of one that is open between FAIL and FLAKY that it is violated."""
-    return f"{verdict.status.value} (violated; {OPEN})" if still_open(verdict) else verdict.status.value
-
-
 def in_short(scenario: Scenario) -> str:
     """What everybody does first, for a scenario that nobody described."""
     return "; ".join(f"{human.name}: {human.tasks[0].name}" for human in scenario.people.humans)
 
 
-def number(value: float | None, unit: str = "") -> str:
-    """A value as people read it: three significant digits and its unit."""
-    if value is None:
-        return "–"
-    text = f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}"
-    return f"{text} {unit}".strip()
-
-
-def counted(count: int, one: str, more: str = "") -> str:
-    """A number with its noun as people write it: `1 run`, `2 runs`; `more` where an s is not enough."""
-    return f"{count} {one if count == 1 else more or one + 's'}"
-
-
-def interval(verdict: Verdict, unit: str = "") -> str:
-    """The mean with its interval as people read it."""
-    if verdict.interval is None:
-        return number(verdict.mean, unit)
-    low, high = verdict.interval
-    return f"{number(verdict.mean)} [{number(low)}, {number(high)}] {unit}".strip()
+interval = value_in_words
+"""The name by which the tables know it."""
 
 
 def _ranked(place: int, attempt: Attempt, searched: Sequence[Attempt]) -> Ranked:

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from rvsg.core.records import Record
+from rvsg.scenario.aim import Aim
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission, Scenario
 
@@ -83,6 +84,8 @@ class Brief(Record):
 
     mission: Mission
     requirement: Requirement | None
+    aim: Aim | None = None
+    """What people should bring about; None: not declared."""
     kind: Literal["new", "refine", "tune"] = "new"
     humans: Annotated[int, Field(ge=1, le=100)] = 2
     seed: Annotated[int, Field(ge=0)]

@@ -1,31 +1,25 @@
-"""The study's measures: one small function each of a sampled run. None where a run holds no judgement.
+"""The study's objectives and performance metrics, by their correct formulas over our own samples.
 
-Source of the definitions: the RVSG study and, for what its runs logged, its client (see docs/reference/metrics.md).
+Source of the definitions: the RVSG study. None where a run holds no judgement.
 """
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
+from rvsg.evaluation.metrics.metric import Metric
 from rvsg.evaluation.sampled import Sampled
+from rvsg.scenario.aim import Aim
 from rvsg.simulation.run import Outcome
 
-LOG_INTERVAL_S = 0.509
-IMU_PERIOD_S = 0.01
-GOAL_ZEROED_M = 0.25
+STUDY = "RVSG study"
 
 
 def distance_to_obstacles(s: Sampled) -> float | None:
     """dto = (1/T) sum_t min_i |p_robot(t) - p_i(t)|, centre to centre, over the humans i: people alone, no walls."""
     return float(s.distance.min(axis=1).mean()) if s.people else None
-
-
-def distance_to_obstacles_logged(s: Sampled) -> float | None:
-    """Mean over samples of max(0, min_i (|p_robot - p_i| - r_robot - r_i)): surface to surface, clamped at 0.
-
-    People alone, no walls.
-    """
-    return float(s.clamped_gap.mean()) if s.people else None
 
 
 def jerk(s: Sampled) -> float | None:
@@ -39,27 +33,6 @@ def jerk(s: Sampled) -> float | None:
     return float((np.hypot(np.diff(along), np.diff(across)) / s.dt[1:]).mean())
 
 
-def jerk_logged(s: Sampled) -> float | None:
-    """Mean over the N-1 intervals of |a(t+1) - a(t)| / dt, a the inertial sensor's horizontal magnitude."""
-    if len(s) < 2:
-        return None
-    return float((np.abs(np.diff(s.series.acceleration)) / s.dt).mean())
-
-
-def expected_jerk(s: Sampled) -> float | None:
-    """What `jerk_logged` is on average over the phase at which the log samples the inertial sensor.
-
-    E = 1/(K-m) sum_k |a(k+m) - a(k)| / (m 0.01 / RTF), over all K samples at 100 Hz, m = 0.509 RTF / 0.01 rounded:
-    the mean over phases and over intervals commute. The log's short last interval is left out.
-    """
-    samples = s.run.imu
-    lag = round(LOG_INTERVAL_S * s.run.clock_ratio / IMU_PERIOD_S)
-    if lag < 1 or len(samples) <= lag:
-        return None
-    change = np.abs(samples[lag:] - samples[:-lag])
-    return float(change.mean() / (lag * IMU_PERIOD_S / s.run.clock_ratio))
-
-
 def time_to_goal(s: Sampled) -> float | None:
     """t_goal - t_start. A run that did not reach the goal counts with at least its time limit: it took longer."""
     if not len(s):
@@ -67,11 +40,6 @@ def time_to_goal(s: Sampled) -> float | None:
     if s.run.outcome is Outcome.REACHED:
         return s.duration_s
     return max(s.duration_s, s.run.time_limit_s)
-
-
-def last_time(s: Sampled) -> float | None:
-    """Time stamp of the last row, whatever the outcome (wall clock)."""
-    return float(s.series.t[-1]) if len(s) else None
 
 
 def robot_on_person(s: Sampled) -> float | None:
@@ -104,13 +72,6 @@ def time_not_moving(s: Sampled) -> float | None:
     return float(s.dt[s.still[1:]].sum()) if len(s) else None
 
 
-def time_not_moving_logged(s: Sampled) -> float | None:
-    """(total time / (N-1)) x number of still samples, the first excluded."""
-    if len(s) < 2:
-        return None
-    return float(s.series.t[-1] / (len(s) - 1) * s.still[1:].sum())
-
-
 def completed(s: Sampled) -> float | None:
     """1 where the goal was reached in time, else 0."""
     return 1.0 if s.run.completed else 0.0
@@ -121,11 +82,6 @@ def minimum_distance(s: Sampled) -> float | None:
     return float(s.closest_gap.min()) if s.people else None
 
 
-def minimum_distance_clamped(s: Sampled) -> float | None:
-    """Smallest gap to a person over the run, 0 where the discs overlap."""
-    return float(s.clamped_gap.min()) if s.people else None
-
-
 def goal_distance_minimum(s: Sampled) -> float | None:
     """Smallest distance of the robot's centre from the goal."""
     return float(s.goal_distance.min()) if len(s) else None
@@ -134,14 +90,6 @@ def goal_distance_minimum(s: Sampled) -> float | None:
 def goal_distance_final(s: Sampled) -> float | None:
     """Distance of the robot's centre from the goal at the end."""
     return float(s.goal_distance[-1]) if len(s) else None
-
-
-def goal_distance_final_logged(s: Sampled) -> float | None:
-    """Distance from the goal in the last row; the study's client wrote 0 where it was at most 0.25 m."""
-    if not len(s):
-        return None
-    final = float(s.goal_distance[-1])
-    return 0.0 if final <= GOAL_ZEROED_M else final
 
 
 def mean_speed(s: Sampled) -> float | None:
@@ -169,3 +117,111 @@ def mean_closest_human_speed(s: Sampled) -> float | None:
     if not s.people:
         return None
     return float(s.series.human_speed[np.arange(len(s)), s.closest].mean())
+
+
+_close = partial(Metric, source=STUDY, aim=Aim.SHARE, moved_by="People who work close to the robot all along its way.")
+_meeting = partial(
+    Metric, source=STUDY, aim=Aim.MEET, moved_by="People who meet the robot where it has no room to pass."
+)
+_smooth = partial(
+    Metric, source=STUDY, aim=Aim.DISTURB, moved_by="People who come up in front of the robot repeatedly."
+)
+_progress = partial(Metric, source=STUDY, aim=Aim.DELAY, moved_by="People who walk or stand in the robot's lane.")
+
+METRICS = (
+    _close(
+        id="dto",
+        title="Distance to Obstacles",
+        unit="m",
+        worse="smaller",
+        of=distance_to_obstacles,
+        shown="distance_to_person",
+    ),
+    _smooth(id="jerk", title="Jerk", unit="m/s³", worse="larger", of=jerk, shown="jerk"),
+    _progress(
+        id="trg",
+        title="Time to Reach Goal",
+        unit="s",
+        worse="larger",
+        of=time_to_goal,
+        shown="distance_to_goal",
+        most="time_limit",
+        censored=True,
+    ),
+    _meeting(id="rpc", title="Robot-on-Person Collision", unit="samples", worse="larger", of=robot_on_person),
+    _meeting(id="por", title="Person-on-Robot Collision", unit="samples", worse="larger", of=person_on_robot),
+    _smooth(
+        id="chc", title="Cumulative Heading Changes", unit="rad", worse="larger", of=heading_changes, shown="turn_rate"
+    ),
+    _progress(id="pl", title="Path Length", unit="m", worse="larger", of=path_length, shown="distance_to_goal"),
+    _progress(
+        id="tnm",
+        title="Time Not Moving",
+        unit="s",
+        worse="larger",
+        of=time_not_moving,
+        shown="speed",
+        most="time_limit",
+    ),
+    _progress(
+        id="completed",
+        title="Goal reached in time",
+        unit="1 or 0",
+        worse="smaller",
+        of=completed,
+        shown="distance_to_goal",
+        most=1.0,
+    ),
+    _meeting(
+        id="min_distance",
+        title="Minimum distance to people",
+        unit="m",
+        worse="smaller",
+        of=minimum_distance,
+        least=None,
+    ),
+    _progress(
+        id="goal_distance_min",
+        title="Minimum distance to the goal",
+        unit="m",
+        worse="larger",
+        of=goal_distance_minimum,
+        shown="distance_to_goal",
+    ),
+    _progress(
+        id="goal_distance",
+        title="Final distance to the goal",
+        unit="m",
+        worse="larger",
+        of=goal_distance_final,
+        shown="distance_to_goal",
+    ),
+    _progress(id="speed", title="Mean speed", unit="m/s", worse="neither", of=mean_speed, shown="speed"),
+    _smooth(
+        id="turn_rate", title="Mean turn rate", unit="rad/s", worse="neither", of=mean_turn_rate, shown="turn_rate"
+    ),
+    _smooth(
+        id="acceleration",
+        title="Mean inertial acceleration",
+        unit="m/s²",
+        worse="larger",
+        of=mean_inertial_acceleration,
+        shown="acceleration",
+    ),
+    _close(
+        id="human_speed",
+        title="Mean speed of the humans",
+        unit="m/s",
+        worse="neither",
+        of=mean_human_speed,
+        shown="person_speed",
+    ),
+    _close(
+        id="closest_human_speed",
+        title="Mean speed of the closest human",
+        unit="m/s",
+        worse="neither",
+        of=mean_closest_human_speed,
+        shown="person_speed",
+    ),
+)

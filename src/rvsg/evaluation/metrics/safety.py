@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
+from rvsg.evaluation.metrics.metric import Metric
 from rvsg.evaluation.sampled import CONTACT_APART_S, STILL_SPEED_M_S, Sampled, joined, stretches
+from rvsg.scenario.aim import Aim
 
 REACTION_S = 0.3
 BRAKING_M_S2 = 2.5
@@ -169,3 +173,102 @@ def time_share(s: Sampled) -> float | None:
         return None
     taken = s.duration_s if s.run.completed else max(s.duration_s, s.run.time_limit_s)
     return taken / s.run.time_limit_s
+
+
+SAFETY = "common practice in robot safety"
+HUNAV = "HuNavSim evaluator, corrected"
+
+_meeting = partial(
+    Metric, source=SAFETY, aim=Aim.MEET, moved_by="People who meet the robot where it has no room to pass."
+)
+_close = partial(Metric, source=HUNAV, aim=Aim.SHARE, moved_by="People who work close to the robot all along its way.")
+_smooth = partial(
+    Metric, source=SAFETY, aim=Aim.DISTURB, moved_by="People who come up in front of the robot repeatedly."
+)
+_progress = partial(Metric, source=SAFETY, aim=Aim.DELAY, moved_by="People who walk or stand in the robot's lane.")
+
+METRICS = (
+    _meeting(id="contacts", title="Contact events", unit="events", worse="larger", of=contact_events),
+    _meeting(id="contact_time", title="Time in contact", unit="s", worse="larger", of=contact_time, most="time_limit"),
+    _meeting(
+        id="contact_longest", title="Longest contact", unit="s", worse="larger", of=contact_longest, most="time_limit"
+    ),
+    _meeting(id="contact_speed", title="Relative speed at contact", unit="m/s", worse="larger", of=contact_speed),
+    _meeting(
+        id="contact_robot_speed", title="Robot's speed in contact", unit="m/s", worse="larger", of=contact_robot_speed
+    ),
+    _meeting(
+        id="ttc", title="Time to collision", unit="s", worse="smaller", of=time_to_collision, shown="closing_speed"
+    ),
+    _meeting(
+        id="stopping_margin",
+        title="Stopping-distance margin",
+        unit="m",
+        worse="smaller",
+        of=stopping_margin,
+        least=None,
+    ),
+    _close(
+        id="intimate_space", title="Intimate space intrusion", unit="%", worse="larger", of=intimate_space, most=100.0
+    ),
+    _close(
+        id="personal_space", title="Personal space intrusion", unit="%", worse="larger", of=personal_space, most=100.0
+    ),
+    _close(id="social_space", title="Social space intrusion", unit="%", worse="larger", of=social_space, most=100.0),
+    _smooth(
+        id="obstacle_distance",
+        title="Minimum distance to obstacles",
+        unit="m",
+        worse="smaller",
+        of=obstacle_distance,
+        shown="obstacle_distance",
+        moved_by="People who make the robot swerve where walls or objects are near.",
+        least=None,
+    ),
+    _smooth(
+        id="acceleration_peak",
+        title="Peak acceleration",
+        unit="m/s²",
+        worse="larger",
+        of=acceleration_peak,
+        shown="acceleration",
+    ),
+    _smooth(
+        id="emergency_stops",
+        title="Emergency stops",
+        unit="events",
+        worse="larger",
+        of=emergency_stops,
+        shown="acceleration",
+    ),
+    _progress(
+        id="standstill",
+        title="Longest standstill",
+        unit="s",
+        worse="larger",
+        of=longest_standstill,
+        shown="speed",
+        most="time_limit",
+    ),
+    _progress(id="detour", title="Detour ratio", unit="1", worse="larger", of=detour_ratio, shown="distance_to_goal"),
+    _progress(
+        id="heading_error",
+        title="Final heading error",
+        unit="rad",
+        worse="larger",
+        of=heading_error,
+        shown="distance_to_goal",
+        moved_by="People who stand at the goal.",
+        most=float(np.pi),
+    ),
+    _progress(
+        id="time_share",
+        title="Share of the time limit used",
+        unit="1",
+        worse="larger",
+        of=time_share,
+        shown="distance_to_goal",
+        most=1.0,
+        censored=True,
+    ),
+)

@@ -7,11 +7,15 @@ each person, which lies towards the origin of a Gazebo model and which a run doe
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.evaluation.safety import INTIMATE_M, PERSONAL_M, SOCIAL_M
+from rvsg.evaluation.metrics.metric import Metric
+from rvsg.evaluation.metrics.safety import HUNAV, INTIMATE_M, PERSONAL_M, SOCIAL_M
 from rvsg.evaluation.sampled import CONTACT_GAP_M, STILL_SPEED_M_S, STILL_TURN_RAD_S, Floats, Sampled, wrap
+from rvsg.scenario.aim import Aim
 
 LAMBDA, GAMMA, N, N_PRIME = 2.0, 0.35, 2.0, 3.0
 FORCE_FACTOR = 2.1
@@ -192,3 +196,161 @@ def force_on_robot_hunav(s: Sampled) -> float | None:
 def social_work_hunav(s: Sampled) -> float | None:
     """Plain sum over samples of |sum_i f(i on robot)| + sum_i |f(robot on i)| with the angle's x and y swapped."""
     return float(_work(s, True).sum()) if s.people else None
+
+
+EVALUATOR = "HuNavSim evaluator, its defects included"
+
+_close = partial(Metric, source=HUNAV, aim=Aim.SHARE, moved_by="People who work close to the robot all along its way.")
+_meeting = partial(
+    Metric, source=HUNAV, aim=Aim.MEET, moved_by="People who meet the robot where it has no room to pass."
+)
+_smooth = partial(
+    Metric, source=HUNAV, aim=Aim.DISTURB, moved_by="People who come up in front of the robot repeatedly."
+)
+_progress = partial(Metric, source=HUNAV, aim=Aim.DELAY, moved_by="People who walk or stand in the robot's lane.")
+
+METRICS = (
+    _close(
+        id="max_distance",
+        title="Maximum distance to people",
+        unit="m",
+        worse="neither",
+        of=maximum_distance,
+        least=None,
+    ),
+    _smooth(
+        id="acceleration_mean",
+        title="Mean change of speed",
+        unit="m/s²",
+        worse="larger",
+        of=mean_acceleration,
+        shown="acceleration",
+    ),
+    _close(id="force_on_humans", title="Social force on the humans", unit="m/s", worse="larger", of=force_on_humans),
+    _close(id="force_on_robot", title="Social force on the robot", unit="m/s", worse="larger", of=force_on_robot),
+    _close(id="social_work", title="Social work", unit="m/s", worse="larger", of=social_work),
+    _smooth(
+        id="obstacle_force_on_humans",
+        title="Obstacles' force on people",
+        unit="m/s",
+        worse="larger",
+        of=obstacle_force_on_humans,
+        shown="obstacle_distance",
+        moved_by="People who make the robot swerve where walls or objects are near.",
+    ),
+    _smooth(
+        id="obstacle_force_on_robot",
+        title="Obstacles' force on the robot",
+        unit="m/s",
+        worse="larger",
+        of=obstacle_force_on_robot,
+        shown="obstacle_distance",
+        moved_by="People who make the robot swerve where walls or objects are near.",
+    ),
+    _close(
+        id="group_intimate_space",
+        title="Group intimate space intrusion",
+        unit="%",
+        worse="larger",
+        of=group_intimate_space,
+        most=100.0,
+    ),
+    _close(
+        id="group_personal_space",
+        title="Group personal space intrusion",
+        unit="%",
+        worse="larger",
+        of=group_personal_space,
+        most=100.0,
+    ),
+    _close(
+        id="group_social_space",
+        title="Group social space intrusion",
+        unit="%",
+        worse="larger",
+        of=group_social_space,
+        most=100.0,
+    ),
+    _close(
+        id="max_distance_hunav",
+        title="Maximum distance to people",
+        unit="m",
+        worse="neither",
+        of=maximum_distance_hunav,
+        least=None,
+        source=EVALUATOR,
+    ),
+    _progress(
+        id="tnm_hunav",
+        title="Time not moving",
+        unit="s",
+        worse="larger",
+        of=time_not_moving_hunav,
+        shown="speed",
+        most="time_limit",
+        source=EVALUATOR,
+    ),
+    _meeting(
+        id="rpc_hunav",
+        title="Robot-on-person collision",
+        unit="samples",
+        worse="larger",
+        of=robot_on_person_hunav,
+        source=EVALUATOR,
+    ),
+    _meeting(
+        id="por_hunav",
+        title="Person-on-robot collision",
+        unit="samples",
+        worse="larger",
+        of=person_on_robot_hunav,
+        source=EVALUATOR,
+    ),
+    _smooth(
+        id="acceleration_mean_hunav",
+        title="Acceleration",
+        unit="m/s²",
+        worse="larger",
+        of=mean_acceleration_hunav,
+        shown="acceleration",
+        source=EVALUATOR,
+    ),
+    _smooth(
+        id="overacceleration_hunav",
+        title="Overacceleration",
+        unit="m/s³",
+        worse="larger",
+        of=overacceleration_hunav,
+        shown="acceleration",
+        source=EVALUATOR,
+    ),
+    _progress(
+        id="completed_hunav",
+        title="Completed",
+        unit="1 or 0",
+        worse="smaller",
+        of=completed_hunav,
+        shown="distance_to_goal",
+        most=1.0,
+        source=EVALUATOR,
+    ),
+    _close(
+        id="force_on_humans_hunav",
+        title="Social force on agents",
+        unit="sum",
+        worse="larger",
+        of=force_on_humans_hunav,
+        source=EVALUATOR,
+    ),
+    _close(
+        id="force_on_robot_hunav",
+        title="Social force on robot",
+        unit="sum",
+        worse="larger",
+        of=force_on_robot_hunav,
+        source=EVALUATOR,
+    ),
+    _close(
+        id="social_work_hunav", title="Social work", unit="sum", worse="larger", of=social_work_hunav, source=EVALUATOR
+    ),
+)

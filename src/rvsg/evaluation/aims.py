@@ -1,0 +1,74 @@
+"""What people should bring about for a requirement, and which series shows where it is lost.
+
+Both are declared: by the requirement's metric, or by the signals that its formula names.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rvsg.evaluation.metrics import find_metric
+from rvsg.evaluation.sampled import Floats, Sampled
+from rvsg.evaluation.signals import SIGNALS, NotKnown, formula, known_signals
+from rvsg.evaluation.temporal import body_of, signals_of
+from rvsg.scenario.aim import Aim
+from rvsg.scenario.requirement import Requirement
+from rvsg.simulation.run import Run
+from rvsg.world.world import World
+
+_STRONGEST = (Aim.MEET, Aim.DISTURB, Aim.DELAY, Aim.SHARE)
+"""Of several signals in a formula the first of these aims counts: what happens beside a person is decided there."""
+NEARNESS = "distance_to_person"
+
+
+def aim_of(requirement: Requirement | None) -> Aim | None:
+    """Return the aim for a requirement; None without one, or where its metric is not installed."""
+    if requirement is None:
+        return None
+    if requirement.formula is None:
+        known = find_metric(requirement.metric)
+        return known.aim if known is not None else None
+    aims = {SIGNALS[name].aim for name in signals_of(formula(requirement.formula))}
+    return next((aim for aim in _STRONGEST if aim in aims), Aim.DELAY)
+
+
+def moved_by(requirement: Requirement) -> str:
+    """Return one plain sentence on what makes a requirement worse; empty where nothing declares it."""
+    known = find_metric(requirement.metric)
+    return known.moved_by if known is not None else ""
+
+
+def series_name(requirement: Requirement) -> str:
+    """Return what `series_of` gives for a requirement, in words with the unit."""
+    if requirement.formula is not None:
+        return "room left by the formula (violated below 0)"
+    known = find_metric(requirement.metric)
+    return SIGNALS[known.shown if known is not None else NEARNESS].words
+
+
+def shows_the_gap(requirement: Requirement) -> bool:
+    """Return whether the series of a requirement is the gap to the nearest person."""
+    known = find_metric(requirement.metric)
+    return requirement.formula is None and (known is None or known.shown == NEARNESS)
+
+
+def series_of(run: Run, requirement: Requirement, *, world: World | None = None) -> Floats:
+    """Return (N,) the series that shows where a requirement is lost, at every sample of the trajectory.
+
+    For a metric it is the signal that the metric declares. For a formula it is the robustness of the part that must
+    always hold. NaN where nothing is known.
+    """
+    s = Sampled(run, run.trajectory, world)
+    if not len(s):
+        return np.empty(0)
+    try:
+        if requirement.formula is not None:
+            return _finite(body_of(formula(requirement.formula)).values(run.trajectory.t, known_signals(s)))
+        known = find_metric(requirement.metric)
+        return SIGNALS[known.shown if known is not None else NEARNESS].values(s)
+    except NotKnown:
+        return np.full(len(s), np.nan)
+
+
+def _finite(values: Floats) -> Floats:
+    return np.where(np.isfinite(values), values, np.nan)

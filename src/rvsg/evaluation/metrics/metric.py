@@ -1,0 +1,60 @@
+"""The record of a metric: how it is computed, and what it declares about itself."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+from rvsg.evaluation.sampled import Sampled
+from rvsg.scenario.aim import Aim
+from rvsg.simulation.run import Run
+from rvsg.world.world import World
+
+Worse = Literal["smaller", "larger", "neither"]
+Series = Literal["trajectory", "log"]
+Value = Callable[[Sampled], float | None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Metric:
+    """A number that is read off one run.
+
+    A plug-in registers one, or a sequence of them, in the entry point group `rvsg.metrics`.
+    """
+
+    id: str
+    title: str
+    unit: str
+    worse: Worse
+    """The direction in which the robot does worse."""
+    source: str
+    of: Value
+    """Computes it from a sampled run; None means that the run holds no judgement. Its docstring is the formula."""
+    series: Series = "trajectory"
+    """The series it reads: our own samples (20 Hz), or the rows that the study's client would have logged."""
+    aim: Aim = Aim.SHARE
+    """What people should do to make it worse."""
+    shown: str = "distance_to_person"
+    """The signal that shows over time where it is lost."""
+    moved_by: str = "People who stay close to the robot."
+    """One plain sentence: what makes it worse."""
+    least: float | None = 0.0
+    """The smallest value it can have; None: no bound."""
+    most: float | Literal["time_limit"] | None = None
+    """The largest value it can have; `time_limit`: the route's time limit, in seconds."""
+    censored: bool = False
+    """The value of a run that does not arrive is only a lower bound: it would have been larger without the limit."""
+
+    @property
+    def formula(self) -> str:
+        """The formula in words, from the docstring of the function."""
+        return " ".join((self.of.__doc__ or "").split())
+
+    def bounds(self, time_limit_s: float | None = None) -> tuple[float | None, float | None]:
+        """Return the smallest and the largest possible value; None where there is no bound or it is not known."""
+        return self.least, time_limit_s if self.most == "time_limit" else self.most
+
+    def measure(self, run: Run, world: World | None = None) -> float | None:
+        """Return this metric of one run, or None where the run holds no judgement."""
+        return self.of(Sampled(run, run.log if self.series == "log" else run.trajectory, world))
