@@ -12,6 +12,7 @@ from rvsg.api.wiring import Wired
 from rvsg.api.worlds import as_world, folder_of
 from rvsg.core import plugins
 from rvsg.core.plugins import Spec
+from rvsg.evaluation.aims import aim_of
 from rvsg.generation.generator import Generator, Proposal
 from rvsg.scenario.brief import Brief, Feedback
 from rvsg.scenario.requirement import Requirement

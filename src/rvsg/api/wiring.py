@@ -76,7 +76,9 @@ class Wired:
         self, plan: Plan, judging: Procedure, ledger: Any, simulations: Simulations, cancelled: Callable[[], bool]
     ) -> Parts:
         """Return what the loop works with."""
-        measuring = Measuring(plan.requirement, self.world, procedure=judging)
+        measuring = Measuring(
+            plan.requirement, self.world, procedure=judging, time_limit_s=plan.mission.route.time_limit_s
+        )
         return Parts(
             generator=self.generator,
             simulations=simulations,

@@ -74,10 +74,19 @@ class Measuring:
     Args:
         world: where the runs took place; metrics that concern obstacles need it.
         procedure: the error rates and the budget of a verdict.
+        time_limit_s: the time limit of the route, which bounds the intervals of times.
     """
 
-    def __init__(self, requirement: Requirement, world: World | None = None, *, procedure: Procedure = DEFAULT) -> None:
+    def __init__(
+        self,
+        requirement: Requirement,
+        world: World | None = None,
+        *,
+        procedure: Procedure = DEFAULT,
+        time_limit_s: float | None = None,
+    ) -> None:
         self.requirement = requirement
+        self.time_limit_s = time_limit_s
         self.world = world
         self.procedure = procedure
 
@@ -94,4 +103,10 @@ class Measuring:
     def judge(self, measurements: Sequence[Measurement], *, budget: int | None = None) -> Verdict:
         """Return the verdict on measured runs; `budget` is how many there may be at most (None: the procedure's)."""
         procedure = self.procedure if budget is None else self.procedure.replace(max_runs=budget)
-        return judge(self.requirement, [measurement.objective for measurement in measurements], procedure=procedure)
+        return judge(
+            self.requirement,
+            [measurement.objective for measurement in measurements],
+            procedure=procedure,
+            arrived=[measurement.outcome == Outcome.REACHED.value for measurement in measurements],
+            time_limit_s=self.time_limit_s,
+        )

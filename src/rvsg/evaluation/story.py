@@ -176,8 +176,10 @@ def at_place(place: Place) -> str:
 
 
 def in_metres(value: float) -> str:
-    """Return a length as people say it: centimetres below 1 m."""
-    return f"{value:.1f} m" if abs(value) >= 1.0 else f"{100 * value:.0f} cm"
+    """Return a length as people say it: centimetres below 1 m; a gap is never rounded to a contact."""
+    if abs(value) >= 1.0:
+        return f"{value:.1f} m"
+    return f"{max(1, round(100 * value)) if value > 0.0 else round(100 * value)} cm"
 
 
 def _opening(run: Run, world: World | None) -> Sentence:
