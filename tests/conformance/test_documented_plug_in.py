@@ -44,7 +44,7 @@ def test_a_strategy_that_forgets_what_it_was_told_fails_the_documented_exam(
     plug_in: ModuleType, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(plug_in.TwiceStrategy, "ask", lambda self: ())
-    with pytest.raises(AssertionError, match="0 attempts were asked for, the plan has 6"):
+    with pytest.raises(AssertionError, match="it asks for nothing at all"):
         exam()()
 
 

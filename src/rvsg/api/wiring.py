@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -123,7 +124,7 @@ def wire(
         mission=mission,
         requirement=requirement,
         humans=config.humans,
-        scenarios=config.scenarios,
+        scenarios=scenarios_of(config),
         refinements=config.refinements,
         repeats=config.repeats,
         confirmations=config.confirmations,
@@ -142,6 +143,13 @@ def wire(
         executor=executor_of(config),
         paths=paths,
     )
+
+
+def scenarios_of(config: CampaignConfig) -> int:
+    """Return the number of scenarios: as asked, or as many more as the budget in runs pays for."""
+    if config.budget_runs is None:
+        return config.scenarios
+    return max(config.scenarios, math.ceil(config.budget_runs / (config.repeats * (1 + config.refinements))))
 
 
 def executor_of(config: CampaignConfig) -> Executor | None:

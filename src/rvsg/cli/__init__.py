@@ -19,6 +19,7 @@ VERBS: dict[str, Verb] = {
     "propose": Verb("propose", "Ask a generator for one scenario, and show what the checker said"),
     "simulate": Verb("simulate", "Simulate a scenario and write its runs"),
     "evaluate": Verb("evaluate", "Measure runs of a scenario, and judge them by a requirement"),
+    "compare": Verb("compare", "Compare generators and strategies at an equal number of runs"),
     "shrink": Verb("shrink", "Find the smallest scenario that violates a requirement about as often"),
     "report": Verb("report", "Write the page of a stored campaign, and print its ranked scenarios"),
     "suite": Verb("suite", "Keep scenarios, run them against every version, tell what broke"),

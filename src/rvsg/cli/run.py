@@ -41,7 +41,7 @@ def run(
         str | None, typer.Option(help="Who writes scenarios: heuristic, random, vlm, or a plug-in.")
     ] = None,
     strategy: Annotated[
-        str | None, typer.Option(help="study, climb, elite, unguided, random, or a plug-in. [study]")
+        str | None, typer.Option(help="study, climb, elite, hybrid, unguided, random, or a plug-in. [study]")
     ] = None,
     simulator: Annotated[
         str | None, typer.Option(help="embedded; kinematic: no physics; or a plug-in. [embedded]")

@@ -138,17 +138,7 @@ class Workforce:
         weights = [math.exp(-self.ground.along(tasks[k].path[at])[1] / 0.5) for k, at in inner]
         if not sum(weights):
             return human
-        k, at = self.pick(inner, weights)
-        task, here = tasks[k], tasks[k].path[at]
-        start, end = ends_of(task)
-        first = Task(name=f"{here} {ARROW} {end}", path=task.path[at:])
-        last = Task(name=f"{start} {ARROW} {here}", path=task.path[: at + 1])
-        split = tuple(
-            part.model_copy(update={"pauses": tuple(p for p in task.pauses if p.at in part.path[1:])})
-            for part in (first, last)
-        )
-        rounds = (split[0], *tasks[k + 1 :], *tasks[:k], split[1])
-        return human.model_copy(update={"tasks": rounds})
+        return begin_at(human.model_copy(update={"tasks": tasks}), *self.pick(inner, weights))
 
     def mate(self, name: str, other: Human, group: int) -> Human | None:
         """Somebody who works hand in hand with another: the same tasks at the same time, from a start beside or
@@ -232,6 +222,22 @@ class Workforce:
         """One of the options, drawn by weight."""
         shares = np.asarray(weights, float)
         return options[int(self.rng.choice(len(options), p=shares / shares.sum()))]
+
+
+def begin_at(human: Human, k: int, at: int) -> Human:
+    """Return the person beginning the cycle of tasks at place `at` in the path of task `k`, and ending it there."""
+    tasks = human.tasks
+    if at == 0:
+        return human.model_copy(update={"tasks": (*tasks[k:], *tasks[:k])})
+    task, here = tasks[k], tasks[k].path[at]
+    start, end = ends_of(task)
+    first = Task(name=f"{here} {ARROW} {end}", path=task.path[at:])
+    last = Task(name=f"{start} {ARROW} {here}", path=task.path[: at + 1])
+    split = tuple(
+        part.model_copy(update={"pauses": tuple(p for p in task.pauses if p.at in part.path[1:])})
+        for part in (first, last)
+    )
+    return human.model_copy(update={"tasks": (split[0], *tasks[k + 1 :], *tasks[:k], split[1])})
 
 
 def at_places(tasks: tuple[Task, ...]) -> tuple[Task, ...]:

@@ -1,0 +1,139 @@
+"""Distinct failures: confirmed configurations grouped by where and how the robot fails, named in plain words.
+
+Two configurations show the same failure where the closest approach happens at the same place, the person stands or
+walks in the same way as seen from the robot, and the robot does the same.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+
+import numpy as np
+
+from rvsg.campaign.attempt import Attempt
+from rvsg.campaign.ranking import in_full, measured, standing
+from rvsg.core.records import Record
+from rvsg.scenario.requirement import Requirement
+from rvsg.simulation.run import Outcome, Run
+from rvsg.world.world import World
+
+WINDOW_S = 1.5
+"""What the robot does is looked at this long before and after the closest approach."""
+STANDS_M_S, STOPS_M_S = 0.15, 0.05
+"""A person slower than this stands; a robot slower than this has stopped."""
+ALONG, AGAINST = math.radians(45.0), math.radians(135.0)
+"""A person walks along with the robot below the first angle between the directions, towards it above the second."""
+SLOWS_TO = 0.5
+"""The robot slows down where it loses more than this share of its usual speed."""
+
+
+class FailureMode(Record):
+    """A way in which the robot fails.
+
+    Attributes:
+        place: The labelled area nearest to the robot at the closest approach, or the part of its way.
+        person: Where the person is and how they move, as seen from the robot.
+        robot: What the robot does.
+    """
+
+    place: str
+    person: str
+    robot: str
+
+    @property
+    def words(self) -> str:
+        """The failure in one sentence."""
+        return f"At {self.place} a person {self.person}; the robot {self.robot}."
+
+
+def mode_of(run: Run, world: World) -> FailureMode | None:
+    """Return how a run fails, from its closest approach; None for a run without people."""
+    path = run.trajectory
+    if len(path) == 0 or path.human_x.shape[1] == 0:
+        return None
+    centre = np.hypot(path.human_x - path.x[:, None], path.human_y - path.y[:, None])
+    gap = centre - run.robot_radius_m - np.asarray(run.human_radius_m)[None, :]
+    index, human = (int(i) for i in np.unravel_index(int(gap.argmin()), gap.shape))
+    return FailureMode(
+        place=_place(float(path.x[index]), float(path.y[index]), world),
+        person=_person(run, index, human),
+        robot=_robot(run, index, touched=float(gap[index, human]) <= 0.0),
+    )
+
+
+def usual_mode(runs: Iterable[Run], world: World) -> FailureMode | None:
+    """Return the failure that most of the runs show; the first of equals; None where there is none."""
+    counted = Counter(mode for run in runs if (mode := mode_of(run, world)) is not None)
+    return counted.most_common(1)[0][0] if counted else None
+
+
+def candidates(
+    attempts: Sequence[Attempt], requirement: Requirement, kind_of: Callable[[Attempt], FailureMode | None]
+) -> list[Attempt]:
+    """Return the attempts worth confirming: those that violated the requirement, one of every kind of failure first.
+
+    Within a kind, and among the first of each kind, those measured in full come first, then the worst for the robot.
+    """
+    full = {attempt.index for attempt in in_full(attempts)}
+    violating = [a for a in measured(attempts) if a.verdict is not None and a.verdict.violations]
+    violating.sort(key=lambda a: (a.index not in full, *(-v for v in standing(a, requirement)), a.index))
+    kinds: dict[FailureMode | None, int] = {}
+    rank = []
+    for attempt in violating:
+        kind = kind_of(attempt)
+        rank.append((kinds.get(kind, 0), attempt))
+        kinds[kind] = kinds.get(kind, 0) + 1
+    return [attempt for _, attempt in sorted(rank, key=lambda pair: pair[0])]
+
+
+def _place(x: float, y: float, world: World) -> str:
+    """The labelled area whose waypoints are nearest; the nearest waypoint where nothing is labelled."""
+    grid = world.grid
+    nearest = [
+        (min(math.dist((x, y), grid.position(name)) for name in names), area.name)
+        for area in world.areas
+        if (names := [name for name in area.waypoints if name in grid.by_name])
+    ]
+    return min(nearest)[1] if nearest else grid.nearest(x, y)
+
+
+def _person(run: Run, index: int, human: int) -> str:
+    """Where the person is and how they move, as seen from the robot."""
+    path = run.trajectory
+    before = int(np.searchsorted(path.t, path.t[index] - 1.0))
+    elapsed = max(float(path.t[index] - path.t[before]), 1e-6)
+    vx = float(path.human_x[index, human] - path.human_x[before, human]) / elapsed
+    vy = float(path.human_y[index, human] - path.human_y[before, human]) / elapsed
+    yaw = float(path.yaw[index])
+    bearing = _angle(
+        math.atan2(float(path.human_y[index, human] - path.y[index]), float(path.human_x[index, human] - path.x[index]))
+        - yaw
+    )
+    side = "ahead of it" if bearing < ALONG else "behind it" if bearing > AGAINST else "beside it"
+    if math.hypot(vx, vy) < STANDS_M_S:
+        return f"stands {side}"
+    heading = _angle(math.atan2(vy, vx) - yaw)
+    if heading < ALONG:
+        return f"walks the same way {side}"
+    return f"comes towards it {side}" if heading > AGAINST else f"crosses its way {side}"
+
+
+def _robot(run: Run, index: int, *, touched: bool) -> str:
+    """What the robot does around the closest approach."""
+    path = run.trajectory
+    window = (path.t >= path.t[index] - WINDOW_S) & (path.t <= path.t[index] + WINDOW_S)
+    speed = np.abs(path.v)
+    slowest = float(speed[window].min())
+    moving = speed[speed > STOPS_M_S]
+    usual = float(np.median(moving)) if len(moving) else 0.0
+    did = "stops" if slowest < STOPS_M_S else "slows down" if slowest < SLOWS_TO * usual else "drives on"
+    if touched:
+        did = f"{did} and they touch"
+    return did if run.outcome is Outcome.REACHED else f"{did} and does not arrive"
+
+
+def _angle(angle: float) -> float:
+    """The absolute value of an angle in (-pi, pi]."""
+    return abs(math.remainder(angle, 2.0 * math.pi))

@@ -1,0 +1,219 @@
+"""The hybrid strategy: the generator proposes what people do and where; an optimiser tunes when and how fast.
+
+The search has three parts. First the generator drafts scenarios, each of which gets one run. Then batches alternate:
+new configurations, made by changing the numbers of good ones (`rvsg.generation.tuning`) or by asking the generator for
+a refinement, get one run each; then the configurations that may still be the best get another run. At the end the few
+best are run until their order is settled. All configurations meet the same seeds in the same order (common random
+numbers), and one that has lost gets no further run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Sequence
+
+import numpy as np
+
+from rvsg.campaign.attempt import Attempt
+from rvsg.campaign.plan import Plan
+from rvsg.campaign.racing import Candidate, estimate, in_the_race
+from rvsg.campaign.ranking import remember
+from rvsg.campaign.strategies import Ask, Batches, BatchStrategy, FeedbackOf
+from rvsg.core.seeds import seed_for
+from rvsg.generation.answer import answer
+from rvsg.generation.tuning import Mutations, TuningSpace
+from rvsg.scenario.brief import Brief
+from rvsg.world.world import World
+
+Batch = Generator[list[Ask], list[Attempt], None]
+
+
+class HybridStrategy(BatchStrategy):
+    """Proposals of the generator, tuned on the simulator.
+
+    Args:
+        drafts: Share of the runs that go to first runs of new scenarios.
+        refine: Share of the changed configurations that the generator refines; the others are tuned.
+        batch: Attempts that may be made side by side.
+        finalists: Configurations that are run until their order is settled.
+        final_runs: Runs of each finalist.
+    """
+
+    name = "hybrid"
+
+    def __init__(
+        self,
+        plan: Plan,
+        feedback_of: FeedbackOf,
+        world: World | None = None,
+        *,
+        drafts: float = 0.12,
+        refine: float = 0.25,
+        batch: int = 8,
+        finalists: int = 4,
+        final_runs: int = 10,
+    ) -> None:
+        super().__init__(plan, feedback_of, world)
+        if world is None:
+            raise ValueError("the hybrid strategy needs the world")
+        self.here = world
+        self.drafts, self.refine, self.batch = drafts, refine, batch
+        self.finalists, self.final_runs = finalists, final_runs
+        self.candidates: list[Candidate] = []
+        self.asked = 0
+        self._spaces: dict[int, TuningSpace] = {}
+
+    def search(self) -> Batches:
+        """Draft, then alternate between changing and racing, then settle the order of the best."""
+        yield from self._draft(max(2, round(self.drafts * self.plan.search_runs)))
+        if not any(c.runs for c in self.candidates):
+            return
+        yield from self._race(self.batch)
+        reserve = min(self.plan.search_runs // 3, self.finalists * self.final_runs)
+        while self.left > reserve:
+            before = self.left
+            yield from self._change(self.batch)
+            yield from self._race(self.batch)
+            if self.left == before:
+                break
+        yield from self._settle()
+
+    # -- the parts -------------------------------------------------------------------------------------------------
+
+    def _draft(self, count: int) -> Batch:
+        """Ask the generator for so many scenarios, each different from those before, and run each once."""
+        begun = 0
+        while begun < count:
+            memory = remember(self.told, self.plan.requirement, last=self.plan.memory)
+            size = min(self.batch, count - begun)
+            briefs = [self._brief("new", begun + k, 0, memory=memory) for k in range(size)]
+            begun += size
+            results = yield [Ask(brief=brief, seeds=self._seeds(1)) for brief in briefs]
+            for attempt in results:
+                self._add(attempt, None, "new")
+
+    def _change(self, count: int) -> Batch:
+        """Make so many changed configurations, and run each once."""
+        rng = np.random.default_rng(seed_for(self.plan.seed, "hybrid", self.asked))
+        ranked = sorted((c for c in self.candidates if c.runs), key=lambda c: (-c.estimate, c.index))
+        asks: list[Ask] = []
+        origins: list[tuple[Candidate, str]] = []
+        known = {c.proposal.scenario.id for c in self.candidates if c.proposal.scenario}
+        for _ in range(count):
+            parent = ranked[min(len(ranked), int(rng.geometric(0.35))) - 1]
+            if rng.random() < self.refine:
+                last = self._attempt_of(parent)
+                feedback = self.feedback_of(last, None)
+                brief = self._brief("refine", parent.brief.scenario_index, self._next(parent), feedback=feedback)
+                asks.append(Ask(brief=brief, seeds=self._seeds(1)))
+                origins.append((parent, "refine"))
+            elif (ask := self._tuned(parent, rng, known)) is not None:
+                asks.append(ask)
+                origins.append((parent, "tune"))
+        results = yield asks
+        for attempt, (parent, operator) in zip(results, origins, strict=False):
+            self._add(attempt, parent, operator)
+
+    def _race(self, count: int, most: int | None = None) -> Batch:
+        """Give one more run to so many of the configurations that may still be the best."""
+        most = self.final_runs if most is None else most
+        hopeful = [c for c in in_the_race(self.candidates) if len(self._seen(c)) < most]
+        hopeful.sort(key=lambda c: (-(c.estimate + 0.5 * c.deviation), c.index))
+        chosen = hopeful[:count]
+        results = yield [self._again(c, len(self._seen(c)) + 1) for c in chosen]
+        for attempt, candidate in zip(results, chosen, strict=False):
+            self._measured(candidate, attempt)
+        estimate(self.candidates)
+
+    def _settle(self) -> Batch:
+        """Run the best configurations until each has its final number of runs, or the budget is spent."""
+        while self.left > 0:
+            best = sorted((c for c in self.candidates if c.runs), key=lambda c: (-c.estimate, c.index))
+            open_ = [c for c in best[: self.finalists] if len(self._seen(c)) < self.final_runs]
+            if not open_:
+                return
+            results = yield [self._again(c, min(self.final_runs, len(self._seen(c)) + 2)) for c in open_]
+            if not results:
+                return
+            for attempt, candidate in zip(results, open_, strict=False):
+                self._measured(candidate, attempt)
+            estimate(self.candidates)
+
+    # -- asks ------------------------------------------------------------------------------------------------------
+
+    def _brief(self, kind: str, scenario: int, configuration: int, **more: object) -> Brief:
+        self.asked += 1
+        return Brief(
+            mission=self.plan.mission,
+            requirement=self.plan.requirement,
+            kind=kind,
+            humans=self.plan.humans,
+            seed=seed_for(self.plan.seed, "brief", self.asked - 1),
+            scenario_index=scenario,
+            configuration_index=configuration,
+            **more,
+        )
+
+    def _tuned(self, parent: Candidate, rng: np.random.Generator, known: set[str]) -> Ask | None:
+        """The ask for a configuration with changed numbers that was not tried yet; None where none is found."""
+        scenario = parent.proposal.scenario
+        assert scenario is not None
+        space = self._spaces.setdefault(parent.index, TuningSpace(scenario.people, self.plan.mission, self.here))
+        people, words = Mutations(space, rng).draw()
+        if people is None:
+            return None
+        brief = self._brief("tune", parent.brief.scenario_index, self._next(parent))
+        proposal = answer(
+            people,
+            brief,
+            self.here,
+            generator=self.name,
+            description=scenario.description,
+            reasoning=f"Attempt {parent.index} with other numbers: {words}.",
+        )
+        if proposal.scenario is None or proposal.scenario.id in known:
+            return None
+        known.add(proposal.scenario.id)
+        return Ask(brief=brief, proposal=proposal, seeds=self._seeds(1))
+
+    def _again(self, candidate: Candidate, runs: int) -> Ask:
+        return Ask(brief=candidate.brief, proposal=candidate.proposal, seeds=self._seeds(runs))
+
+    def _seeds(self, count: int) -> tuple[int, ...]:
+        """The first seeds of the race: every configuration meets them in the same order."""
+        return tuple(seed_for(self.plan.seed, "race", k) for k in range(count))
+
+    def _next(self, parent: Candidate) -> int:
+        """The number of the next configuration of a scenario."""
+        scenario = parent.brief.scenario_index
+        return 1 + max(a.brief.configuration_index for a in self.told if a.brief.scenario_index == scenario)
+
+    # -- results ---------------------------------------------------------------------------------------------------
+
+    def _add(self, attempt: Attempt, parent: Candidate | None, operator: str) -> None:
+        """Keep a new candidate, unless the same configuration is in the race already."""
+        scenario = attempt.proposal.scenario
+        if scenario is None or any(
+            c.proposal.scenario is not None and c.proposal.scenario.id == scenario.id for c in self.candidates
+        ):
+            return
+        candidate = Candidate(attempt.brief, attempt.proposal, attempt.index, parent, operator)
+        self.candidates.append(candidate)
+        self._measured(candidate, attempt)
+        estimate(self.candidates)
+
+    def _measured(self, candidate: Candidate, attempt: Attempt) -> None:
+        for measurement in attempt.measurements:
+            if measurement.objective is not None:
+                candidate.badness[measurement.seed] = self.plan.requirement.badness(measurement.objective)
+
+    def _attempt_of(self, candidate: Candidate) -> Attempt:
+        """The last attempt of a candidate: the one with the most runs."""
+        scenario = candidate.proposal.scenario
+        assert scenario is not None
+        return next(
+            a for a in reversed(self.told) if a.proposal.scenario is not None and a.proposal.scenario.id == scenario.id
+        )
+
+    def _seen(self, candidate: Candidate) -> Sequence[int]:
+        last = self._attempt_of(candidate)
+        return [*(m.seed for m in last.measurements), *(f.seed for f in last.failures)]

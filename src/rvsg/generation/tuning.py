@@ -1,0 +1,243 @@
+"""The numbers of a configuration as a search space: what an optimiser may change, and within which limits.
+
+The structure stays as the generator proposed it: who works between which areas, with which behaviour and in which
+group. What changes are start delays, speeds, one pause per person, where along the cycle of tasks a person begins, and
+at which of an area's waypoints a task ends. Every change keeps people plausible: they walk at 0.35 to 1.6 m/s and not
+more than half as fast again as proposed, wait at most 10 s and pause at most 12 s.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rvsg.generation.ground import Ground, ground_of
+from rvsg.generation.places import places_of
+from rvsg.generation.work import at_places, begin_at, ends_of
+from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Pause, Task
+from rvsg.scenario.validity import check
+from rvsg.scenario.validity.checker import start_gap_m
+from rvsg.scenario.validity.rules import START_CLEARANCE_M
+from rvsg.world.world import World
+
+Vector = NDArray[np.float64]
+
+LONGEST_DELAY_S = 10.0
+LONGEST_PAUSE_S = 12.0
+SHORTEST_PAUSE_S = 0.5
+"""A pause shorter than this is no pause."""
+SPEEDS_M_S = (0.35, 1.6)
+FASTER, SLOWER = 1.5, 0.6
+"""How far a speed may leave the one that was proposed."""
+TUNED_STOPS = 4
+"""So many stops of a person may move to another waypoint of their area."""
+
+
+@dataclass(frozen=True)
+class Dimension:
+    """One number of the search space, in the unit of `name`; `choices` > 0: a choice among so many instead."""
+
+    human: int
+    name: str
+    low: float
+    high: float
+    start: float
+    choices: int = 0
+
+
+class TuningSpace:
+    """The search space around one configuration. A vector has one value in [0, 1] per dimension."""
+
+    def __init__(self, people: HumanConfiguration, mission: Mission, world: World) -> None:
+        self.people, self.mission, self.world = people, mission, world
+        self.ground: Ground = ground_of(world, mission.route)
+        self.waypoints = {place.name: place.waypoints for place in places_of(world, reachable_from=mission.route.start)}
+        self.dimensions: tuple[Dimension, ...] = tuple(
+            dimension for index, human in enumerate(people.humans) for dimension in self._dimensions(index, human)
+        )
+
+    @property
+    def start(self) -> Vector:
+        """The vector of the configuration as proposed."""
+        return np.array([self._scaled(dimension) for dimension in self.dimensions])
+
+    def configuration(self, vector: Sequence[float] | Vector) -> HumanConfiguration | None:
+        """Return the configuration of a vector; None where it breaks a rule or a start is too near."""
+        values: dict[int, dict[str, float]] = {}
+        for dimension, share, base in zip(self.dimensions, vector, self.start, strict=True):
+            if abs(float(share) - float(base)) > 1e-9:
+                values.setdefault(dimension.human, {})[dimension.name] = self._value(dimension, float(share))
+        humans = [
+            self._changed(human, values[i]) if i in values else human for i, human in enumerate(self.people.humans)
+        ]
+        if any(human is None for human in humans):
+            return None
+        people = HumanConfiguration(humans=tuple(human for human in _paced(humans) if human is not None))
+        for human in people.humans:
+            at = self.ground.at[human.tasks[0].path[0]]
+            if start_gap_m(human.radius_m, at, self.mission) < START_CLEARANCE_M:
+                return None
+        return None if check(people, self.mission, self.world) else people
+
+    def words(self, vector: Vector) -> str:
+        """Return which numbers of a vector differ from the configuration as proposed."""
+        changed = (abs(vector - self.start) > 1e-9).nonzero()[0]
+        dimensions = [self.dimensions[i] for i in changed]
+        return ", ".join(f"{d.name} of {self.people.humans[d.human].name}" for d in dimensions)
+
+    def _dimensions(self, index: int, human: Human) -> list[Dimension]:
+        low = max(SPEEDS_M_S[0], SLOWER * human.speed_m_s)
+        high = max(low + 0.01, min(SPEEDS_M_S[1], FASTER * human.speed_m_s))
+        speed = min(high, max(low, human.speed_m_s))
+        tasks, begins = _cycle(human)
+        pause = _first_pause(tasks)
+        at = _share_of(tasks, pause.at) if pause else 0.5
+        length = min(LONGEST_PAUSE_S, pause.duration_s) if pause else 0.0
+        found = [
+            Dimension(index, "delay", 0.0, LONGEST_DELAY_S, min(LONGEST_DELAY_S, human.start_delay_s)),
+            Dimension(index, "speed", low, high, speed),
+            Dimension(index, "begins", 0.0, 1.0, begins),
+            Dimension(index, "pause at", 0.0, 1.0, at),
+            Dimension(index, "pause", -3.0, LONGEST_PAUSE_S, length),
+        ]
+        for k, task in enumerate(tasks[:TUNED_STOPS]):
+            others = self._others(task)
+            if len(others) > 1:
+                found.append(Dimension(index, f"stop {k}", 0.0, 1.0, others.index(task.path[0]), len(others)))
+        return found
+
+    def _others(self, task: Task) -> list[str]:
+        """The waypoints at which the task may start instead, in order along the robot's way; its own among them."""
+        place = self.waypoints.get(task.start_area or ends_of(task)[0], ())
+        if task.path[0] not in place:
+            return []
+        return sorted(place, key=lambda name: (self.ground.along(name)[0], name))
+
+    @staticmethod
+    def _scaled(dimension: Dimension) -> float:
+        if dimension.choices:
+            return (dimension.start + 0.5) / dimension.choices
+        return (dimension.start - dimension.low) / (dimension.high - dimension.low)
+
+    @staticmethod
+    def _value(dimension: Dimension, share: float) -> float:
+        share = min(1.0, max(0.0, share))
+        if dimension.choices:
+            return float(min(dimension.choices - 1, int(share * dimension.choices)))
+        return dimension.low + share * (dimension.high - dimension.low)
+
+    def _changed(self, human: Human, values: dict[str, float]) -> Human | None:
+        """The person with these values; None where a stop that moved cannot be reached."""
+        before, begins = _cycle(human)
+        tasks = self._moved(before, values)
+        if tasks is None:
+            return None
+        if "pause" in values or "pause at" in values:
+            tasks = _paused(tasks, _first_pause(before), values)
+        changed = begin_at(human.model_copy(update={"tasks": tasks}), *_at(tasks, values.get("begins", begins)))
+        delay = round(values.get("delay", human.start_delay_s), 1)
+        speed = round(values.get("speed", human.speed_m_s), 2)
+        return changed.model_copy(update={"start_delay_s": delay, "speed_m_s": speed})
+
+    def _moved(self, tasks: tuple[Task, ...], values: dict[str, float]) -> tuple[Task, ...] | None:
+        """The tasks with some stops at other waypoints of their areas."""
+        stops = [task.path[0] for task in tasks]
+        for k, task in enumerate(tasks[:TUNED_STOPS]):
+            if f"stop {k}" in values:
+                stops[k] = self._others(task)[int(values[f"stop {k}"])]
+        moved = []
+        for task, start, end in zip(tasks, stops, [*stops[1:], *stops[:1]], strict=True):
+            if (start, end) == (task.path[0], task.path[-1]):
+                moved.append(task)
+                continue
+            path = self.ground.path(start, end, along_route=True)
+            if path is None or len(path) < 2:
+                return None
+            pauses = tuple(pause for pause in task.pauses if pause.at in path)
+            moved.append(task.model_copy(update={"path": path, "pauses": pauses}))
+        return tuple(moved)
+
+
+def _cycle(human: Human) -> tuple[tuple[Task, ...], float]:
+    """The tasks from place to place, and at what share of the cycle the person begins."""
+    tasks = at_places(human.tasks)
+    return tasks, (_share_of(tasks, human.tasks[0].path[0]) if tasks != human.tasks else 0.5 / len(_positions(tasks)))
+
+
+def _positions(tasks: Sequence[Task]) -> list[tuple[int, int]]:
+    """Every waypoint of the cycle once, as task and place in its path, in walking order."""
+    return [(k, i) for k, task in enumerate(tasks) for i in range(max(1, len(task.path) - 1))]
+
+
+def _at(tasks: Sequence[Task], share: float) -> tuple[int, int]:
+    """Task and place in its path at a share of the cycle."""
+    positions = _positions(tasks)
+    return positions[min(len(positions) - 1, int(share * len(positions)))]
+
+
+def _share_of(tasks: Sequence[Task], waypoint: str) -> float:
+    """The share of the cycle at which a waypoint is first passed; the middle where it is not."""
+    positions = _positions(tasks)
+    found = next((n for n, (k, i) in enumerate(positions) if tasks[k].path[i] == waypoint), len(positions) // 2)
+    return (found + 0.5) / len(positions)
+
+
+def _first_pause(tasks: Sequence[Task]) -> Pause | None:
+    return next((pause for task in tasks for pause in task.pauses), None)
+
+
+def _paused(tasks: Sequence[Task], first: Pause | None, values: dict[str, float]) -> tuple[Task, ...]:
+    """The tasks with the first pause moved, made longer, shorter, or left out."""
+    length = values.get("pause", first.duration_s if first else 0.0)
+    left = [task.model_copy(update={"pauses": tuple(p for p in task.pauses if p != first)}) for task in tasks]
+    if length >= SHORTEST_PAUSE_S:
+        k, i = _at(tasks, values.get("pause at", _share_of(tasks, first.at) if first else 0.5))
+        name = left[k].path[i]
+        rest = tuple(p for p in left[k].pauses if p.at != name)
+        pause = Pause(at=name, duration_s=round(length, 1))
+        left[k] = left[k].model_copy(update={"pauses": (*rest, pause)})
+    return tuple(left)
+
+
+def _paced(humans: Sequence[Human | None]) -> list[Human | None]:
+    """People with those of a group at the pace and the delay of its first member."""
+    first: dict[int, Human] = {}
+    result: list[Human | None] = []
+    for human in humans:
+        if human is not None and human.group is not None:
+            leader = first.setdefault(human.group, human)
+            human = human.model_copy(update={"speed_m_s": leader.speed_m_s, "start_delay_s": leader.start_delay_s})
+        result.append(human)
+    return result
+
+
+FEW = 2.5
+"""So many numbers change at a time on average; a change of all of them loses what was good."""
+ANYWHERE = 0.25
+"""How often a number that changes is drawn anew from its whole range instead of near its value."""
+STEP = 0.15
+"""The standard deviation of a change, as a share of the range."""
+TRIES = 60
+
+
+class Mutations:
+    """Draws configurations near one, by changing a few of its numbers."""
+
+    def __init__(self, space: TuningSpace, rng: np.random.Generator) -> None:
+        self.space, self.rng = space, rng
+
+    def draw(self) -> tuple[HumanConfiguration | None, str]:
+        """Return a valid configuration that differs, and what changed in words; None where no draw is valid."""
+        start = self.space.start
+        for _ in range(TRIES):
+            changed = self.rng.random(len(start)) < FEW / len(start)
+            near = np.clip(start + STEP * self.rng.normal(size=len(start)), 0.0, 1.0)
+            far = self.rng.random(len(start))
+            vector = np.where(changed, np.where(self.rng.random(len(start)) < ANYWHERE, far, near), start)
+            people = self.space.configuration(vector)
+            if people is not None and people != self.space.people:
+                return people, self.space.words(vector)
+        return None, ""

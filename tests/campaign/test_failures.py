@@ -1,0 +1,74 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tests.campaign.parts import MemoryLedger, parts, plan, warehouse
+
+from rvsg.campaign.failures import FailureMode, candidates, mode_of, usual_mode
+from rvsg.campaign.loop import feedback_from, run_campaign
+from rvsg.campaign.strategies import StudyStrategy
+from rvsg.simulation.run import Outcome, Run, Trajectory
+
+
+def run_of(
+    human: tuple[float, float], velocity: tuple[float, float], *, stops: bool = False, reached: bool = True
+) -> Run:
+    """The robot drives along x; the person passes `human` at t = 5 s, where they are nearest."""
+    t = np.arange(0.0, 10.05, 0.1)
+    zero = np.zeros_like(t)
+    x = 0.5 * t
+    hx = x[50] + human[0] + velocity[0] * (t - 5.0)
+    hy = human[1] + velocity[1] * (t - 5.0) + 0.3 * (np.maximum(0.0, t - 5.0) + np.maximum(0.0, 3.5 - t))
+    speed = np.full_like(t, 0.5)
+    if stops:
+        speed[45:55] = 0.0
+    path = Trajectory(
+        t=t, x=x, y=zero, yaw=zero, v=speed, omega=zero, acceleration=zero,
+        human_x=hx[:, None], human_y=hy[:, None], human_yaw=zero[:, None], human_speed=zero[:, None],
+    )  # fmt: skip
+    outcome = Outcome.REACHED if reached else Outcome.TIMED_OUT
+    return Run(
+        scenario_id="s", simulator="t", options={}, seed=1, outcome=outcome, trajectory=path, log=path,
+        human_names=("Human 1",), human_radius_m=(0.4,), goal=(5.0, 0.0, 0.0), time_limit_s=25.0,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("run", "person", "robot"),
+    [
+        (run_of((0.0, 1.0), (0.0, 0.0)), "stands beside it", "drives on"),
+        (run_of((0.0, 1.0), (-0.7, 0.0)), "comes towards it beside it", "drives on"),
+        (run_of((1.2, 0.0), (0.5, 0.0), stops=True), "walks the same way ahead of it", "stops"),
+        (run_of((1.0, 0.0), (0.4, 0.8)), "crosses its way ahead of it", "drives on"),
+        (run_of((0.0, 0.7), (0.0, 0.0), stops=True), "stands beside it", "stops and they touch"),
+        (run_of((0.0, 1.0), (0.0, 0.0), reached=False), "stands beside it", "drives on and does not arrive"),
+    ],
+)
+def test_a_run_is_told_by_its_closest_approach(run: Run, person: str, robot: str) -> None:
+    mode = mode_of(run, warehouse())
+    assert mode is not None
+    assert (mode.person, mode.robot) == (person, robot)
+
+
+def test_the_usual_mode_is_that_of_most_runs() -> None:
+    stands, comes = run_of((0.0, 1.0), (0.0, 0.0)), run_of((0.0, 1.0), (-0.7, 0.0))
+    assert usual_mode([comes, stands, stands], warehouse()) == mode_of(stands, warehouse())
+    assert usual_mode([], warehouse()) is None
+
+
+def test_one_candidate_of_every_kind_comes_first() -> None:
+    ledger, the_plan = MemoryLedger(), plan(scenarios=6, refinements=0, confirmations=0)
+    strategy = StudyStrategy(the_plan, feedback_from(ledger, the_plan, warehouse()))  # type: ignore[arg-type]
+    attempts = run_campaign(the_plan, strategy, parts(ledger))
+    requirement = the_plan.requirement.replace(limit=50.0)
+    attempts = [
+        a.replace(verdict=a.verdict.replace(violations=a.verdict.runs)) for a in attempts if a.verdict is not None
+    ]
+    kinds = {a.index: FailureMode(place=f"place {a.index % 2}", person="stands", robot="stops") for a in attempts}
+    found = candidates(attempts, requirement, lambda a: kinds[a.index])
+    assert len(found) == 6
+    assert {kinds[a.index].place for a in found[:2]} == {"place 0", "place 1"}
+    assert (
+        candidates([a.replace(verdict=a.verdict.replace(violations=0)) for a in attempts], requirement, lambda a: None)
+        == []
+    )

@@ -1,0 +1,137 @@
+from __future__ import annotations
+
+from collections import defaultdict
+
+import pytest
+from tests.campaign.parts import MemoryLedger, WalkGenerator, parts, plan, warehouse
+
+from rvsg.campaign.attempt import Attempt
+from rvsg.campaign.hybrid import HybridStrategy
+from rvsg.campaign.loop import feedback_from, run_campaign
+from rvsg.campaign.racing import Candidate, estimate, in_the_race
+from rvsg.campaign.ranking import best_attempt, measured, seeds_of
+from rvsg.core.errors import GenerationError
+from rvsg.generation.generator import Proposal
+from rvsg.scenario.brief import Brief
+
+PLAN = {"scenarios": 5, "refinements": 3, "repeats": 3, "confirmations": 0, "budget_runs": 60}
+
+
+def searched(ledger: MemoryLedger, generator: object = None, jobs: int = 1, **changes: object) -> list[Attempt]:
+    the_plan = plan(**{**PLAN, **changes})
+    strategy = HybridStrategy(the_plan, feedback_from(ledger, the_plan, warehouse()), warehouse())  # type: ignore[arg-type]
+    made = parts(ledger, generator=generator, jobs=jobs)
+    with made.simulations:
+        return run_campaign(the_plan, strategy, made)
+
+
+@pytest.fixture(scope="module")
+def whole() -> list[Attempt]:
+    return searched(MemoryLedger())
+
+
+def test_it_spends_its_runs_and_no_more(whole: list[Attempt]) -> None:
+    runs = {m.run_id for a in whole for m in a.measurements}
+    assert 55 <= len(runs) <= 60
+
+
+def test_configurations_meet_the_same_seeds_in_the_same_order(whole: list[Attempt]) -> None:
+    order = max((tuple(m.seed for m in a.measurements) for a in whole), key=len)
+    assert len(order) > 3
+    for attempt in whole:
+        seeds = tuple(m.seed for m in attempt.measurements)
+        assert seeds == order[: len(seeds)]
+
+
+def test_a_configuration_that_has_lost_gets_no_further_run(whole: list[Attempt]) -> None:
+    runs = sorted(len(seeds_of(a)) for a in measured(whole))
+    assert runs[0] == 1
+    assert runs[-1] >= 5
+    assert sum(count >= 5 for count in runs) <= 8
+    best = best_attempt(whole, plan().requirement)
+    assert best is not None
+    assert len(seeds_of(best)) >= runs[-1] / 2
+
+
+def test_most_configurations_are_tuned_and_some_refined(whole: list[Attempt]) -> None:
+    kinds = {a.brief.kind for a in whole}
+    assert kinds == {"new", "refine", "tune"}
+    for attempt in whole:
+        if attempt.brief.kind == "tune":
+            assert attempt.proposal.generator == "hybrid"
+            assert attempt.proposal.scenario is not None
+
+
+def test_it_finds_a_worse_configuration_than_its_drafts(whole: list[Attempt]) -> None:
+    requirement = plan().requirement
+    drafts = [a for a in whole if a.brief.kind == "new"]
+    best = best_attempt(whole, requirement)
+    assert best is not None
+    assert best.mean is not None
+    assert best.mean < min(a.mean for a in measured(drafts) if a.mean is not None)
+
+
+@pytest.mark.parametrize("cut", [1, 9, 23, 40])
+def test_it_resumes_to_the_same_records(whole: list[Attempt], cut: int) -> None:
+    class Stops(WalkGenerator):
+        def propose(self, brief: Brief, world: object) -> Proposal:
+            if len(self.briefs) >= max(1, cut // 4):
+                raise GenerationError("stopped")
+            return super().propose(brief, world)  # type: ignore[arg-type]
+
+    ledger = MemoryLedger()
+    with pytest.raises(GenerationError):
+        searched(ledger, Stops())
+    assert len(ledger.kept) < len(whole)
+    assert searched(ledger) == whole
+
+
+@pytest.mark.slow
+def test_it_is_the_same_for_any_number_of_workers(whole: list[Attempt]) -> None:
+    assert searched(MemoryLedger(), jobs=3) == whole
+
+
+def test_a_generator_that_never_answers_well_ends_the_search() -> None:
+    class Fails(WalkGenerator):
+        def propose(self, brief: Brief, world: object) -> Proposal:
+            self.briefs.append(brief)
+            return Proposal(generator="walk", scenario=None)
+
+    generator = Fails()
+    attempts = searched(MemoryLedger(), generator)
+    assert 1 < len(generator.briefs) <= 60
+    assert best_attempt(attempts, plan().requirement) is None
+
+
+def test_a_generator_that_repeats_itself_costs_no_runs() -> None:
+    class Repeats(WalkGenerator):
+        def propose(self, brief: Brief, world: object) -> Proposal:
+            return super().propose(brief.replace(seed=3, scenario_index=0), world)  # type: ignore[arg-type]
+
+    attempts = searched(MemoryLedger(), Repeats())
+    by_scenario = defaultdict(set)
+    for attempt in attempts:
+        assert attempt.proposal.scenario is not None
+        by_scenario[attempt.proposal.scenario.id].update(m.run_id for m in attempt.measurements)
+    assert len({run for runs in by_scenario.values() for run in runs}) == sum(len(r) for r in by_scenario.values())
+
+
+def candidate(index: int, *badness: float, parent: Candidate | None = None) -> Candidate:
+    made = Candidate(None, None, index, parent)  # type: ignore[arg-type]
+    made.badness = dict(enumerate(badness))
+    return made
+
+
+def test_one_lucky_run_of_a_noisy_objective_is_no_favourite() -> None:
+    steady = candidate(0, 3.0, 5.0, 4.0, 4.0, 3.5, 4.5)
+    lucky = candidate(1, 5.2)
+    others = [candidate(k, 2.0 + 0.1 * k, 4.0 - 0.1 * k) for k in range(2, 8)]
+    estimate([steady, lucky, *others])
+    assert lucky.estimate < steady.mean + 0.3
+    assert lucky.deviation > steady.deviation
+
+
+def test_a_quiet_objective_needs_few_runs() -> None:
+    quiet = [candidate(k, 1.0 + k, 1.001 + k) for k in range(5)]
+    estimate(quiet)
+    assert in_the_race(quiet) == [quiet[-1]]

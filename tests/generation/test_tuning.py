@@ -1,0 +1,74 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rvsg.generation.heuristic import HeuristicGenerator
+from rvsg.generation.tuning import LONGEST_PAUSE_S, SPEEDS_M_S, Mutations, TuningSpace
+from rvsg.scenario.brief import Brief
+from rvsg.scenario.requirements import load_requirement
+from rvsg.scenario.scenario import Mission, Scenario
+from rvsg.scenario.validity import check
+from rvsg.world.io.load import load_world
+
+
+def drafted(seed: int, requirement: str = "R1") -> tuple[Scenario, TuningSpace]:
+    world = load_world("warehouse")
+    mission = Mission(world=world.name, world_id=world.id, route=world.route("route_2"))
+    needed = load_requirement(requirement).for_time_limit(mission.route.time_limit_s)
+    brief = Brief(mission=mission, requirement=needed, seed=seed)
+    scenario = HeuristicGenerator().propose(brief, world).scenario
+    assert scenario is not None
+    return scenario, TuningSpace(scenario.people, mission, world)
+
+
+@pytest.mark.parametrize("requirement", ["R1", "R3"])
+@pytest.mark.parametrize("seed", range(4))
+def test_the_start_of_the_space_is_the_configuration_itself(seed: int, requirement: str) -> None:
+    scenario, space = drafted(seed, requirement)
+    assert ((space.start >= 0.0) & (space.start <= 1.0)).all()
+    assert space.configuration(space.start) == scenario.people
+
+
+def test_every_drawn_configuration_is_valid_plausible_and_keeps_who_works_where() -> None:
+    for seed in range(3):
+        scenario, space = drafted(seed, "R3")
+        mutations = Mutations(space, np.random.default_rng(seed))
+        for _ in range(15):
+            people, words = mutations.draw()
+            assert people is not None
+            assert people != scenario.people
+            assert words
+            assert not check(people, scenario.mission, space.world)
+            for human, before in zip(people.humans, scenario.people.humans, strict=True):
+                areas = {part for task in human.tasks for part in task.name.split(" → ")} - space.world.grid.valid
+                known = {part for task in before.tasks for part in task.name.split(" → ")} - space.world.grid.valid
+                assert areas == known
+                assert human.behaviour is before.behaviour
+                assert SPEEDS_M_S[0] <= human.speed_m_s <= SPEEDS_M_S[1]
+                changed = {p for task in human.tasks for p in task.pauses} - {p for t in before.tasks for p in t.pauses}
+                assert all(pause.duration_s <= LONGEST_PAUSE_S for pause in changed)
+
+
+def test_each_dimension_changes_what_it_is_named_for() -> None:
+    scenario, space = drafted(1)
+    seen = set()
+    for i, dimension in enumerate(space.dimensions):
+        for share in (0.02, 0.35, 0.98):
+            vector = space.start
+            vector[i] = share
+            people = space.configuration(vector)
+            if people is None:
+                continue
+            human, before = people.humans[dimension.human], scenario.people.humans[dimension.human]
+            changes = {
+                "delay": human.start_delay_s != before.start_delay_s,
+                "speed": human.speed_m_s != before.speed_m_s,
+                "begins": human.tasks[0].path[0] != before.tasks[0].path[0],
+                "pause": human.tasks != before.tasks,
+            }
+            if changes.get(dimension.name):
+                seen.add(dimension.name)
+            others = [h for k, h in enumerate(people.humans) if k != dimension.human]
+            assert others == [h for k, h in enumerate(scenario.people.humans) if k != dimension.human]
+    assert seen == {"delay", "speed", "begins", "pause"}
