@@ -38,7 +38,7 @@ from rvsg.store.memory import MemoryLedger
 BEST_RUNS = 20
 """Fresh runs of the best configuration: their mean is the value that methods are compared by."""
 LATER_RUNS = 6
-"""Fresh runs of every further candidate, at most; one that shows no violation in the first two gets no more."""
+"""Fresh runs of every further candidate, at most: one whose first two both violate, or neither, gets no more."""
 
 
 class Row(Record):
@@ -221,7 +221,8 @@ class _Confirmed:
             if scenario is None or (self._best and attempt is self._best[0]):
                 continue
             runs, measurements = self._run(scenario, self.seeds[:2])
-            if any(self._violates(m) for m in measurements):
+            bad = sum(self._violates(m) for m in measurements)
+            if bad and not self.parts.procedure.violated(bad, len(measurements)):
                 more, others = self._run(scenario, self.seeds[2:LATER_RUNS])
                 runs, measurements = [*runs, *more], [*measurements, *others]
             verdict = self.parts.judge(measurements, budget=LATER_RUNS) if measurements else None
