@@ -6,13 +6,17 @@ import math
 
 import numpy as np
 import pytest
-from tests.simulation.tiago import STACK
+from tests.simulation.tiago import STACK, TIAGO
 
+from rvsg.robots import Robot, load_robot
 from rvsg.simulation.embedded import base
+from rvsg.simulation.embedded.stack import refer, stack_of
+
+NONE = np.zeros((1, 2))
 
 
 def body(**values: float) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    state = np.zeros(base.BODY_SIZE)
+    state = base.new_body()
     for name, value in values.items():
         state[getattr(base, name.upper())] = value
     return state
@@ -39,20 +43,20 @@ def test_a_command_older_than_a_second_counts_as_zero() -> None:
 @pytest.mark.parametrize(("change", "shown"), [(0.0526, 5.26), (0.125, 12.5)])
 def test_a_step_of_the_velocity_shows_as_a_spike(change: float, shown: float) -> None:
     state = body(v=0.2, smooth_v=0.2 + change)
-    forward, left = base.advance(state, 1.0, 0.287)
+    forward, left = base.advance(state, 1.0, NONE, 0, STACK)
     assert math.hypot(forward, left) == pytest.approx(shown)
 
 
 @pytest.mark.parametrize(("rate", "shown"), [(2 / 19, 2.28), (0.16, 3.47)])
 def test_a_step_of_the_yaw_rate_shows_as_the_sensors_lever_tells(rate: float, shown: float) -> None:
-    _, left = base.advance(body(smooth_w=rate), 0.755, 0.287)
+    _, left = base.advance(body(smooth_w=rate), 0.755, NONE, 0, STACK)
     assert abs(left) == pytest.approx(shown, abs=0.01)
 
 
 def test_the_base_turns_by_its_yaw_gain_and_drives_a_circle() -> None:
     state = body(smooth_v=0.5, smooth_w=1.0)
     for _ in range(100):
-        base.advance(state, 0.755, 0.287)
+        base.advance(state, 0.755, NONE, 0, STACK)
     assert state[base.YAW] == pytest.approx(0.755)
     radius = 0.5 / 0.755
     assert state[base.X] == pytest.approx(radius * math.sin(0.755), abs=1e-4)
@@ -64,3 +68,60 @@ def test_angles_are_wrapped_into_minus_pi_to_pi(angle: float) -> None:
     wrapped = base.wrap(angle)
     assert -math.pi < wrapped <= math.pi
     assert math.cos(wrapped) == pytest.approx(math.cos(angle))
+
+
+def driven(robot: Robot, ticks: int, v: float, w: float, **begin: float) -> np.ndarray:
+    """States of the base, one per tick, whose smoother has long reached (v, w)."""
+    stack = stack_of(robot)
+    state = body(smooth_v=v, smooth_w=w, **begin)
+    waiting = np.zeros((max(1, stack.latency_ticks), 2))
+    rows = []
+    for k in range(ticks):
+        base.advance(state, 1.0, waiting, k, refer(stack))
+        rows.append(state.copy())
+    return np.array(rows)
+
+
+class TestDrive:
+    """Limits of another robot's base."""
+
+    AMR = load_robot("industrial_amr")
+    TUGGER = load_robot("tugger")
+
+    def test_acceleration_and_jerk_are_limited_and_the_speed_is_reached_without_overshoot(self) -> None:
+        rows = driven(self.AMR, 300, 1.5, 0.0)
+        v = rows[:, base.V]
+        rates = np.diff(v, prepend=0.0) / 0.01
+        assert rates.max() <= 1.5 + 1e-9
+        assert np.abs(np.diff(rates, prepend=0.0)).max() <= 8.0 * 0.01 * 1.3
+        assert v.max() <= 1.5 + 1e-9
+        assert v[-1] == pytest.approx(1.5, abs=1e-3)
+
+    def test_a_command_waits_for_the_latency_of_the_base(self) -> None:
+        rows = driven(self.AMR, 20, 1.0, 0.0)
+        assert (rows[:5, base.V] == 0.0).all()
+        assert rows[5, base.V] > 0.0
+
+    def test_reverse_is_slower_than_forward(self) -> None:
+        assert driven(self.AMR, 300, -1.0, 0.0)[-1, base.V] == pytest.approx(-0.3, abs=1e-3)
+
+    def test_the_yaw_rate_is_limited_in_change_and_size(self) -> None:
+        rows = driven(self.AMR, 200, 0.0, 3.0)
+        rates = np.diff(rows[:, base.W], prepend=0.0) / 0.01
+        assert rates.max() <= 2.0 + 1e-9
+        assert rows[-1, base.W] == pytest.approx(1.0)
+
+    def test_a_steered_robot_turns_by_its_wheel_and_not_on_the_spot(self) -> None:
+        assert np.ptp(driven(self.TUGGER, 300, 0.0, 1.0)[:, base.YAW]) == 0.0
+        rows = driven(self.TUGGER, 600, 0.3, 1.0)
+        assert np.abs(np.diff(rows[:, base.STEERING])).max() <= 1.5 * 0.01 + 1e-12
+        assert rows[-1, base.STEERING] == pytest.approx(1.05)
+        assert rows[-1, base.W] == pytest.approx(0.3 * math.tan(1.05) / 0.95, rel=1e-3)
+
+    def test_safety_scanners_cap_each_direction_and_a_bumper_stops_the_drive(self) -> None:
+        assert driven(self.AMR, 300, 1.5, 0.0, cap_ahead=0.4)[-1, base.V] == pytest.approx(0.4, abs=1e-3)
+        assert driven(self.AMR, 300, -0.2, 0.0, cap_ahead=0.0)[-1, base.V] == pytest.approx(-0.2, abs=1e-3)
+        assert driven(self.AMR, 100, 1.0, 0.5, stopped_t=9.0)[-1, base.V] == 0.0
+
+    def test_the_tiagos_base_takes_on_a_velocity_at_once(self) -> None:
+        assert driven(TIAGO, 1, 0.5, 1.0)[0, base.V] == 0.5

@@ -1,4 +1,4 @@
-"""The robot's base: velocity smoother, yaw gain, integration of the pose, and what its inertial sensor shows."""
+"""The robot's base: velocity smoother, drive with its limits, integration of the pose, inertial sensor."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.simulation.embedded.compiled import kernel
+from rvsg.simulation.embedded.compiled import inner, kernel
 from rvsg.simulation.embedded.stack import Stack
 
 Floats = NDArray[np.float64]
@@ -15,9 +15,22 @@ Floats = NDArray[np.float64]
 STEP_S = 0.01
 """Integration step, and the period of the inertial sensor (100 Hz)."""
 
-# Indices of the state vector of the base.
-X, Y, YAW, V, W, SMOOTH_V, SMOOTH_W, COMMAND_V, COMMAND_W, COMMAND_T, DIRECT = range(11)
-BODY_SIZE = 11
+# Indices of the state vector of the base: pose, velocity, last output of the smoother, command with its time and
+# whether it goes past the smoother, acceleration and steering angle now, highest forward and reverse speed that the
+# safety scanners allow, until when a touched bumper stops the drive.
+(X, Y, YAW, V, W, SMOOTH_V, SMOOTH_W, COMMAND_V, COMMAND_W, COMMAND_T, DIRECT, ACCELERATION, STEERING, CAP_AHEAD,
+ CAP_BEHIND, STOPPED_T) = range(16)  # fmt: skip
+BODY_SIZE = 16
+NO_CAP = 1e9
+
+
+def new_body() -> Floats:
+    """Return the state of a base that stands at the origin."""
+    body = np.zeros(BODY_SIZE)
+    body[CAP_AHEAD] = NO_CAP
+    body[CAP_BEHIND] = NO_CAP
+    body[STOPPED_T] = -NO_CAP
+    return body
 
 
 @kernel
@@ -50,20 +63,94 @@ def smooth(body: Floats, t_s: float, stack: Stack) -> None:
     body[SMOOTH_W] = smoothed(w, body[SMOOTH_W], -stack.max_w, stack.max_w, stack.step_w, stack.step_w)
 
 
-@kernel
-def advance(body: Floats, yaw_gain: float, imu_behind: float) -> tuple[float, float]:
-    """Move the base by one step; returns the (forward, left) acceleration that the inertial sensor shows, m/s².
+@inner
+def delayed(body: Floats, waiting: Floats, k: int, v: float, w: float) -> tuple[float, float]:
+    """Return the command of `latency_ticks` ago; `waiting` (ticks, 2) is the ring of commands on their way."""
+    row = waiting[k % waiting.shape[0]]
+    old_v = row[0]
+    old_w = row[1]
+    row[0] = v
+    row[1] = w
+    return old_v, old_w
 
-    The base follows its command at once, the yaw rate times `yaw_gain`. With α and v̇ the changes per step:
-    forward v̇ + 0.287 ω², left v ω - 0.287 α. A recovery commands the base directly, past the smoother (DIRECT).
+
+@inner
+def speed_up(body: Floats, wanted: float, stack: Stack) -> float:
+    """Return the forward speed after a step towards `wanted`, within the base's limits of acceleration and jerk."""
+    now = body[V]
+    wanted = min(stack.base_v, max(-stack.base_reverse, wanted))
+    braking = abs(wanted) < abs(now) or wanted * now < 0.0
+    limit = stack.base_dec if braking else stack.base_acc
+    rate = (wanted - now) / STEP_S
+    if stack.base_jerk > 0.0:
+        # The acceleration must be back at 0 when the speed is reached.
+        step = stack.base_jerk * STEP_S
+        limit = min(limit, math.sqrt(0.25 * step * step + 2.0 * stack.base_jerk * abs(wanted - now)) - 0.5 * step)
+    rate = min(limit, max(-limit, rate))
+    if stack.base_jerk > 0.0:
+        change = stack.base_jerk * STEP_S
+        rate = min(body[ACCELERATION] + change, max(body[ACCELERATION] - change, rate))
+        if abs(rate) * STEP_S > abs(wanted - now) and rate * (wanted - now) > 0.0:
+            rate = (wanted - now) / STEP_S
+    body[ACCELERATION] = rate
+    return float(now + rate * STEP_S)
+
+
+@inner
+def steer(body: Floats, v: float, wanted_v: float, wanted_w: float, stack: Stack) -> float:
+    """Turn the steered wheel towards what (wanted_v, wanted_w) asks for; return the yaw rate at speed v."""
+    wanted = body[STEERING]
+    if abs(wanted_v) > 1e-6:
+        wanted = math.atan(wanted_w * stack.wheelbase / wanted_v)
+    elif wanted_w == 0.0:
+        wanted = 0.0
+    wanted = min(stack.max_steering, max(-stack.max_steering, wanted))
+    if stack.steering_rate > 0.0:
+        step = stack.steering_rate * STEP_S
+        wanted = min(body[STEERING] + step, max(body[STEERING] - step, wanted))
+    body[STEERING] = wanted
+    return float(v * math.tan(wanted) / stack.wheelbase)
+
+
+@inner
+def follow_command(body: Floats, v: float, w: float, t_s: float, stack: Stack) -> tuple[float, float]:
+    """Return the velocities after a step: what the drive, its limits, scanners and bumper make of (v, w)."""
+    v = min(body[CAP_AHEAD], max(-body[CAP_BEHIND], v))
+    if t_s < body[STOPPED_T]:
+        v = 0.0
+        w = 0.0
+    if not stack.enforced:
+        return v, w
+    wanted = v
+    v = speed_up(body, v, stack)
+    if stack.wheelbase > 0.0:
+        return v, steer(body, v, wanted, w, stack)
+    w = min(stack.base_w, max(-stack.base_w, w))
+    step = stack.base_acc_w * STEP_S
+    return v, min(body[W] + step, max(body[W] - step, w))
+
+
+@kernel
+def advance(body: Floats, yaw_gain: float, waiting: Floats, k: int, stack: Stack) -> tuple[float, float]:
+    """Move the base by one step; return the (forward, left) acceleration that the inertial sensor shows, m/s².
+
+    The yaw rate is the commanded one times `yaw_gain`. With α and v̇ the changes per step and r the sensor's distance
+    behind the base frame: forward v̇ + r ω², left v ω - r α. A recovery commands the base directly, past the smoother.
+
+    Args:
+        waiting: commands on their way to the base, (latency in ticks, 2).
+        k: number of the tick.
     """
     v = body[SMOOTH_V]
     w = yaw_gain * body[SMOOTH_W]
     if body[DIRECT] != 0.0:
         v = body[COMMAND_V]
         w = yaw_gain * body[COMMAND_W]
-    forward = (v - body[V]) / STEP_S + imu_behind * w * w
-    left = v * w - imu_behind * (w - body[W]) / STEP_S
+    if stack.latency_ticks > 0:
+        v, w = delayed(body, waiting, k, v, w)
+    v, w = follow_command(body, v, w, k * STEP_S, stack)
+    forward = (v - body[V]) / STEP_S + stack.imu_behind * w * w
+    left = v * w - stack.imu_behind * (w - body[W]) / STEP_S
     middle = body[YAW] + 0.5 * w * STEP_S
     body[X] += v * math.cos(middle) * STEP_S
     body[Y] += v * math.sin(middle) * STEP_S

@@ -28,6 +28,7 @@ from rvsg.simulation.embedded.scene import Scene, SceneRef
 from rvsg.simulation.embedded.sensing.lidar import place_legs
 from rvsg.simulation.embedded.sensing.localisation import ACTIVE, LocalisationRef, localise
 from rvsg.simulation.embedded.sensing.perception import update_global, update_local
+from rvsg.simulation.embedded.sensing.safety import watch_zones
 from rvsg.simulation.embedded.stack import LIDAR_TICKS, StackRef
 from rvsg.simulation.embedded.state import Settings, State, StateRef
 
@@ -223,6 +224,8 @@ def sense_and_walk(scene: SceneRef, state: StateRef, settings: Settings, crowd: 
     for side in range(lidars.shape[0]):
         if (k - settings.scan_phase_ticks) % int(lidars[side, LIDAR_TICKS]) == 0:
             take_scan(scene, state, settings, crowd, side, t)
+            if state.stack.zones.shape[0] > 0:
+                watch_zones(scene, state, settings, side, t)
 
 
 @inner
@@ -319,7 +322,7 @@ def go_on(
                 if asked.probe_ticks > 0 and k % asked.probe_ticks == 0:
                     loop[STAGE] = PROBED
                     return PROBE_DUE
-        forward, left = base.advance(body, settings.yaw_gain, state.stack.imu_behind)
+        forward, left = base.advance(body, settings.yaw_gain, state.delayed, k, state.stack)
         loop[ACCELERATION] = math.sqrt(forward * forward + left * left)
         loop[FORWARD_SUM] += forward
         loop[LEFT_SUM] += left

@@ -32,6 +32,7 @@ from rvsg.simulation.embedded.people.crowd import PERIOD_S, beginning, begins_ea
 from rvsg.simulation.embedded.rehearsal import rehearsal
 from rvsg.simulation.embedded.scene import Scene, Surroundings
 from rvsg.simulation.embedded.sensing.localisation import Localisation, known_offset, particle_filter
+from rvsg.simulation.embedded.stack import stack_of
 from rvsg.simulation.embedded.state import NOISE_TABLE, Settings, new_state
 from rvsg.simulation.protocol import Simulator
 from rvsg.simulation.run import Outcome, Run, Trajectory
@@ -141,6 +142,7 @@ def simulate_agents(
         outcome = Outcome.BLOCKED_START
     else:
         state.noise[:] = stream(seed, "lidar").standard_normal(NOISE_TABLE)
+        state.dropouts[:] = stream(seed, "lidar/dropouts").random(NOISE_TABLE)
         phases, intervals = _phases(options, seed), _intervals(options, seed, route)
         Episode(scene, state, settings, crowd, phases, intervals, record, outside).run()
         outcome = _outcome(state.nav)
@@ -190,7 +192,7 @@ def surroundings(world: World, robot: Robot) -> Surroundings:
 def rollouts(robot: Robot) -> Rollouts:
     """Return the process's memory of a robot's rollouts: pure, so runs may share it one after another."""
     if robot.id not in _ROLLOUTS:
-        _ROLLOUTS[robot.id] = new_rollouts(len(samples(robot)))
+        _ROLLOUTS[robot.id] = new_rollouts(len(samples(stack_of(robot))))
         while len(_ROLLOUTS) > _KEPT_ROLLOUTS:
             _ROLLOUTS.popitem(last=False)
     _ROLLOUTS.move_to_end(robot.id)

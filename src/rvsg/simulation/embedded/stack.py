@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.robots import Robot
-from rvsg.robots.polygons import distance, padded
+from rvsg.robots.polygons import distance, inside, padded, reach, rectangle
 from rvsg.simulation.embedded.compiled import by_reference, kernel
 
 Floats = NDArray[np.float64]
@@ -32,6 +32,29 @@ class Stack(NamedTuple):
     """(L, 10), see the names of its columns."""
     radius: float
     imu_behind: float
+    enforced: bool
+    """The base keeps to the limits below; else it takes on every velocity at once."""
+    base_v: float
+    base_reverse: float
+    base_w: float
+    base_acc: float
+    base_dec: float
+    base_acc_w: float
+    base_jerk: float
+    """0: no limit."""
+    latency_ticks: int
+    wheelbase: float
+    """0: the robot turns on the spot."""
+    max_steering: float
+    steering_rate: float
+    """rad/s; 0: no limit."""
+    curvature: float
+    """Largest curvature of the path, 1/m."""
+    zones: Floats
+    """(Z, 6) safety zones: highest speed, watched from which speed, release time, first and end row of `zone_corners`,
+    and whether it lies ahead of the base (1), behind it (-1) or around it (0)."""
+    zone_corners: Floats
+    """(K, 2) corners of the safety zones in the base frame."""
     smoother_period: float
     max_v: float
     min_v: float
@@ -67,7 +90,19 @@ class Stack(NamedTuple):
     look_ahead_s: float
     recoveries: int
     dwb_acc_v: float
+    dwb_dec_v: float
     dwb_acc_w: float
+    dwb_min_v: float
+    dwb_max_v: float
+    dwb_max_w: float
+    dwb_v_samples: int
+    dwb_w_samples: int
+    dwb_sim_time: float
+    dwb_linear: float
+    dwb_angular: float
+    dwb_whole_range: bool
+    """The dynamic window always holds the whole range of velocities, so the table of samples is fixed."""
+    dwb_footprint: bool
     dwb_window: float
     dwb_prune: float
     dwb_forward_point: float
@@ -101,8 +136,9 @@ def inscribed_radius(robot: Robot) -> float:
 
 
 def scan_reach(robot: Robot) -> float:
-    """Return how far a scan is cast for the costmaps, m."""
-    return robot.navigation.costmaps.clearing_range_m + 0.5
+    """Return how far a scan is cast for costmaps and safety zones, m."""
+    zones = max((reach(zone.polygon) for zone in robot.safety_zones), default=0.0)
+    return max(robot.navigation.costmaps.clearing_range_m, zones) + 0.5
 
 
 def speeds(robot: Robot) -> tuple[float, float, float]:
@@ -115,11 +151,42 @@ def speeds(robot: Robot) -> tuple[float, float, float]:
     )
 
 
+class PlannedRange(NamedTuple):
+    """The velocities and accelerations that the local planner plans with, SI units."""
+
+    low: float
+    high: float
+    turn: float
+    acceleration: float
+    deceleration: float
+    yaw_acceleration: float
+
+    def whole_range(self, sim_time_s: float) -> bool:
+        """Whether every velocity can be reached from every other within the time a rollout lasts."""
+        reach = min(self.acceleration, self.deceleration) * sim_time_s
+        return reach >= self.high - self.low and self.yaw_acceleration * sim_time_s >= 2.0 * self.turn
+
+
+def planned_range(robot: Robot) -> PlannedRange:
+    """Return the velocities that the local planner of a robot samples."""
+    dwb, limits = robot.navigation.dwb, robot.limits
+    return PlannedRange(
+        low=dwb.min_speed_m_s,
+        high=_first(dwb.max_speed_m_s, limits.speed_m_s),
+        turn=_first(dwb.max_yaw_rate_rad_s, limits.yaw_rate_rad_s),
+        acceleration=_first(dwb.acceleration_m_s2, limits.acceleration_m_s2),
+        deceleration=_first(dwb.deceleration_m_s2, limits.deceleration_m_s2),
+        yaw_acceleration=_first(dwb.yaw_acceleration_rad_s2, limits.yaw_acceleration_rad_s2),
+    )
+
+
 def stack_of(robot: Robot) -> Stack:
     """Return a robot's numbers for the kernels."""
     navigation, limits = robot.navigation, robot.limits
     smoother, dwb, maps, behaviours = navigation.smoother, navigation.dwb, navigation.costmaps, navigation.behaviours
     forward, reverse, turn = speeds(robot)
+    planned = planned_range(robot)
+    zones, corners = _zones(robot)
     return Stack(
         footprint=padded_footprint(robot),
         outline=np.array(robot.outline, np.float64),
@@ -158,8 +225,34 @@ def stack_of(robot: Robot) -> Stack:
         wait_s=behaviours.wait_s,
         look_ahead_s=behaviours.look_ahead_s,
         recoveries=behaviours.recoveries,
-        dwb_acc_v=_first(dwb.acceleration_m_s2, limits.acceleration_m_s2),
-        dwb_acc_w=_first(dwb.yaw_acceleration_rad_s2, limits.yaw_acceleration_rad_s2),
+        enforced=limits.enforced,
+        base_v=limits.speed_m_s,
+        base_reverse=limits.reverse_m_s,
+        base_w=limits.yaw_rate_rad_s,
+        base_acc=limits.acceleration_m_s2,
+        base_dec=limits.deceleration_m_s2,
+        base_acc_w=limits.yaw_acceleration_rad_s2,
+        base_jerk=limits.jerk_m_s3 or 0.0,
+        latency_ticks=round(robot.latency_s * TICKS_PER_S),
+        wheelbase=robot.drive.wheelbase_m or 0.0,
+        max_steering=robot.drive.max_steering_rad or 0.0,
+        steering_rate=robot.drive.steering_rate_rad_s or 0.0,
+        curvature=min(1e9, robot.drive.max_curvature),
+        zones=zones,
+        zone_corners=corners,
+        dwb_acc_v=planned.acceleration,
+        dwb_dec_v=planned.deceleration,
+        dwb_acc_w=planned.yaw_acceleration,
+        dwb_min_v=planned.low,
+        dwb_max_v=planned.high,
+        dwb_max_w=planned.turn,
+        dwb_v_samples=dwb.speed_samples,
+        dwb_w_samples=dwb.yaw_rate_samples,
+        dwb_sim_time=dwb.sim_time_s,
+        dwb_linear=dwb.linear_granularity_m,
+        dwb_angular=dwb.angular_granularity_rad,
+        dwb_whole_range=planned.whole_range(dwb.sim_time_s) and math.isinf(robot.drive.max_curvature),
+        dwb_footprint=dwb.check_footprint,
         dwb_window=0.5 * maps.local_size_m,
         dwb_prune=dwb.prune_distance_m,
         dwb_forward_point=dwb.forward_point_m,
@@ -184,6 +277,18 @@ def _lidars(robot: Robot) -> Floats:
         for q in robot.lidars
     ]  # fmt: skip
     return np.array(rows, np.float64)
+
+
+def _zones(robot: Robot) -> tuple[Floats, Floats]:
+    rows: list[tuple[float, ...]] = []
+    corners: list[tuple[float, float]] = []
+    for zone in robot.safety_zones:
+        begin = len(corners)
+        corners += list(zone.polygon)
+        (rear, _), (front, _) = rectangle(zone.polygon)
+        side = 0.0 if inside(zone.polygon, 0.0, 0.0) else 1.0 if front + rear > 0.0 else -1.0
+        rows.append((zone.speed_m_s, zone.from_speed_m_s, zone.release_s, begin, len(corners), side))
+    return np.array(rows, np.float64).reshape(-1, 6), np.array(corners, np.float64).reshape(-1, 2)
 
 
 def _first(value: float | None, otherwise: float) -> float:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.robots import Robot
-from rvsg.simulation.embedded.base import BODY_SIZE
+from rvsg.simulation.embedded.base import new_body
 from rvsg.simulation.embedded.compiled import by_reference
 from rvsg.simulation.embedded.navigation.controllers import dwb
 from rvsg.simulation.embedded.navigation.costmap import FREE, UNKNOWN
@@ -32,9 +32,9 @@ RUNNING, REACHED, ABORTED = range(3)
 MASTER = -1
 # Indices of the integers, behind those of the controller.
 (MODE, RESULT, RECOVERIES, NEXT_ACTION, FAILED_ACTIONS, FOLLOW_RETRIED, PLAN_RETRIED, GOAL, PLANNED, NEED_PLAN,
- CLEAR_LOCAL, CLEAR_GLOBAL, WINDOW_COLUMN, WINDOW_ROW, NOISE_AT) = range(
-    dwb.CONTROLLER_INTS, dwb.CONTROLLER_INTS + 15)  # fmt: skip
-INTS = dwb.CONTROLLER_INTS + 15
+ CLEAR_LOCAL, CLEAR_GLOBAL, WINDOW_COLUMN, WINDOW_ROW, NOISE_AT, DROPOUT_AT) = range(
+    dwb.CONTROLLER_INTS, dwb.CONTROLLER_INTS + 16)  # fmt: skip
+INTS = dwb.CONTROLLER_INTS + 16
 # ... and of the reals: times in s, places in m.
 (PLAN_T, CONTROL_T, PROGRESS_X, PROGRESS_Y, PROGRESS_T, VALID_T, ACTION_T, ACTION_DONE, ACTION_X, ACTION_Y, ACTION_YAW,
  ACTION_DUE, LOCAL_T, GLOBAL_T, SMOOTH_T) = range(dwb.CONTROLLER_REALS, dwb.CONTROLLER_REALS + 15)  # fmt: skip
@@ -70,7 +70,9 @@ class State(NamedTuple):
     map; `costs`, `potential`, `waiting` flat grids and `buffers`, `cells` scratch space of NavFn; `rest` its least cost
     from every cell to the goal, 1e10 where that is not known.
     `scanned` (L, 3) the robot's pose and `legs` (L, 2N, 2) what a lidar sees of people, both at its latest scan;
-    `ranges` (L, rays) and `directions` (L, rays, 2) its rays. `stack` the robot's numbers.
+    `ranges` (L, rays) and `directions` (L, rays, 2) its rays. `dropouts` uniform numbers for rays without a return.
+    `delayed` (ticks, 2): commands on their way to the base. `zone_until` (Z,): until when each safety zone limits
+    the speed. `stack` the robot's numbers.
     """
 
     body: Floats
@@ -93,6 +95,9 @@ class State(NamedTuple):
     scanned: Floats
     legs: Floats
     noise: Floats
+    dropouts: Floats
+    delayed: Floats
+    zone_until: Floats
     samples: Floats
     memo: dwb.Rollouts
     scratch: dwb.Scratch
@@ -115,8 +120,8 @@ def new_state(
     """All arrays of a run, as the episode expects them; a memory of rollouts may serve one run after another."""
     rows, columns = scene.static.shape
     longest = 4 * max(rows, columns) + 2
-    samples = dwb.samples(robot)
     stack = stack_of(robot)
+    samples = dwb.samples(stack)
     cells = stack.cells
     lidars = robot.lidars
     rays = max(lidar.rays for lidar in lidars)
@@ -124,7 +129,7 @@ def new_state(
     for k, lidar in enumerate(lidars):
         directions[k, : lidar.rays] = ray_directions(lidar.rays, lidar.field_of_view_rad)
     return State(
-        body=np.zeros(BODY_SIZE),
+        body=new_body(),
         nav=np.zeros(INTS, np.int64),
         times=np.zeros(REALS),
         goals=goals,
@@ -144,6 +149,9 @@ def new_state(
         scanned=np.zeros((len(lidars), 3)),
         legs=np.zeros((len(lidars), 2 * humans, 2)),
         noise=np.zeros(NOISE_TABLE),
+        dropouts=np.zeros(NOISE_TABLE),
+        delayed=np.zeros((max(1, stack.latency_ticks), 2)),
+        zone_until=np.full(len(stack.zones), -np.inf),
         samples=samples,
         memo=memo if memo is not None else dwb.rollouts(len(samples)),
         scratch=dwb.scratch(len(samples), cells),

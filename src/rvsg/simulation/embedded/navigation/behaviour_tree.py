@@ -150,11 +150,15 @@ def measured(value: float) -> float:
 def choose_dwb(state: State, answer: Floats) -> None:
     """DWB's answer: whether there is a valid command, and which."""
     body = state.body
+    v = measured(body[base.V])
+    w = measured(body[base.W])
+    samples = state.samples
+    if not state.stack.dwb_whole_range:
+        samples = samples[: dwb.fill_window(samples, v, w, state.stack)]
     best = dwb.choose(
-        state.nav, state.times, state.scratch, state.memo, state.samples, state.local[st.MASTER],
+        state.nav, state.times, state.scratch, state.memo, samples, state.local[st.MASTER],
         state.nav[st.WINDOW_COLUMN], state.nav[st.WINDOW_ROW], state.path[1],
-        goal_yaw(state), body[base.X], body[base.Y], body[base.YAW], measured(body[base.V]),
-        measured(body[base.W]), state.stack,
+        goal_yaw(state), body[base.X], body[base.Y], body[base.YAW], v, w, state.stack,
     )  # fmt: skip
     answer[0] = 0.0
     if best >= 0:
@@ -204,6 +208,8 @@ def begin_action(state: State, settings: Settings, t: float) -> None:
     """Begin the recovery whose turn it is."""
     nav = state.nav
     action = nav[st.NEXT_ACTION]
+    if action == 1 and state.stack.wheelbase > 0.0:
+        action = 2  # no spin for a robot that cannot turn on the spot
     nav[st.NEXT_ACTION] = (action + 1) % ACTIONS
     times = state.times
     times[st.ACTION_T] = t

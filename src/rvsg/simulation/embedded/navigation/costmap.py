@@ -197,6 +197,31 @@ def footprint_spans(
 
 
 @kernel
+def outline_hits(grid: Bytes, footprint: Floats, x: float, y: float, yaw: float, resolution: float) -> bool:
+    """Whether the outline of a footprint at a pose leaves the grid or runs over a lethal cell; `x`, `y` in cells.
+
+    Steps of half a cell along each side visit every cell that the side crosses, but corners of some.
+    """
+    rows, columns = grid.shape
+    cos = math.cos(yaw)
+    sin = math.sin(yaw)
+    corners = footprint.shape[0]
+    for k in range(corners):
+        ax, ay = footprint[k, 0] / resolution, footprint[k, 1] / resolution
+        bx, by = footprint[(k + 1) % corners, 0] / resolution, footprint[(k + 1) % corners, 1] / resolution
+        steps = int(2.0 * math.sqrt((bx - ax) ** 2 + (by - ay) ** 2)) + 1
+        for i in range(steps):
+            share = i / steps
+            forward = ax + share * (bx - ax)
+            left = ay + share * (by - ay)
+            px = x + forward * cos - left * sin
+            py = y + forward * sin + left * cos
+            if not (0.0 <= px < columns and 0.0 <= py < rows) or grid[int(py), int(px)] == LETHAL:
+                return True
+    return False
+
+
+@kernel
 def clear_footprint(
     grid: Bytes, spans: NDArray[np.int64], x: float, y: float, yaw: float, resolution: float, footprint: Floats
 ) -> None:

@@ -25,6 +25,7 @@ from rvsg.simulation.embedded.scene import TILE_M, Scene
 from rvsg.simulation.embedded.sensing.lidar import FAR, NO_RETURN, scan
 from rvsg.simulation.embedded.sensing.localisation import MAP_YAW, to_map
 from rvsg.simulation.embedded.stack import (
+    LIDAR_DROPOUT,
     LIDAR_MAX,
     LIDAR_MIN,
     LIDAR_NOISE,
@@ -34,7 +35,7 @@ from rvsg.simulation.embedded.stack import (
     LIDAR_Y,
     LIDAR_YAW,
 )
-from rvsg.simulation.embedded.state import NOISE_AT, WINDOW_COLUMN, WINDOW_ROW, Settings, State
+from rvsg.simulation.embedded.state import DROPOUT_AT, NOISE_AT, WINDOW_COLUMN, WINDOW_ROW, Settings, State
 
 Floats = NDArray[np.float64]
 
@@ -70,6 +71,11 @@ def sense(scene: Scene, state: State, settings: Settings, side: int) -> tuple[fl
             if ranges[k] > mount[LIDAR_MAX]:
                 ranges[k] = NO_RETURN
                 continue
+            if mount[LIDAR_DROPOUT] > 0.0:
+                state.nav[DROPOUT_AT] = (state.nav[DROPOUT_AT] + 1) % state.dropouts.size
+                if state.dropouts[state.nav[DROPOUT_AT]] < mount[LIDAR_DROPOUT]:
+                    ranges[k] = NO_RETURN
+                    continue
             ranges[k] += settings.lidar_noise * mount[LIDAR_NOISE] * noise[at % noise.size]
             at += 1
     state.nav[NOISE_AT] = at

@@ -11,10 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.robots import Robot
 from rvsg.simulation.embedded.base import wrap
-from rvsg.simulation.embedded.compiled import kernel
-from rvsg.simulation.embedded.navigation.costmap import INSCRIBED
+from rvsg.simulation.embedded.compiled import inner, kernel
+from rvsg.simulation.embedded.navigation.costmap import INSCRIBED, outline_hits
 from rvsg.simulation.embedded.stack import Stack
 
 Floats = NDArray[np.float64]
@@ -59,30 +58,25 @@ class Scratch(NamedTuple):
     totals: Floats
 
 
-def samples(robot: Robot) -> Floats:
+def samples(p: Stack) -> Floats:
     """Return v, omega, number of steps and length of a step of every sample, in DWB's order, (S, 4).
 
     Forward speeds from the lowest to the highest; yaw rates between both limits, and 0 between the innermost two;
-    not both zero.
+    not both zero. With a dynamic window smaller than that there is space for as many samples as it can hold.
     """
-    dwb, limits = robot.navigation.dwb, robot.limits
-    top = limits.speed_m_s if dwb.max_speed_m_s is None else dwb.max_speed_m_s
-    turn = limits.yaw_rate_rad_s if dwb.max_yaw_rate_rad_s is None else dwb.max_yaw_rate_rad_s
-    count = dwb.yaw_rate_samples
-    rates = [-turn + 2.0 * turn * k / (count - 1) for k in range(count)]
+    if not p.dwb_whole_range:
+        return np.zeros((p.dwb_v_samples * (p.dwb_w_samples + 1), 4))
+    rates = [-p.dwb_max_w + 2.0 * p.dwb_max_w * k / (p.dwb_w_samples - 1) for k in range(p.dwb_w_samples)]
     if 0.0 not in rates:
-        rates.insert(count // 2, 0.0)
+        rates.insert(p.dwb_w_samples // 2, 0.0)
     rows = []
-    for k in range(dwb.speed_samples):
-        v = dwb.min_speed_m_s + (top - dwb.min_speed_m_s) * k / (dwb.speed_samples - 1)
+    for k in range(p.dwb_v_samples):
+        v = p.dwb_min_v + (p.dwb_max_v - p.dwb_min_v) * k / (p.dwb_v_samples - 1)
         for w in rates:
-            far = max(
-                abs(v) * dwb.sim_time_s / dwb.linear_granularity_m,
-                abs(w) * dwb.sim_time_s / dwb.angular_granularity_rad,
-            )
+            far = max(abs(v) * p.dwb_sim_time / p.dwb_linear, abs(w) * p.dwb_sim_time / p.dwb_angular)
             steps = max(1, math.ceil(far))
             if v != 0.0 or w != 0.0:
-                rows.append((v, w, steps, dwb.sim_time_s / steps))
+                rows.append((v, w, steps, p.dwb_sim_time / steps))
     return np.array(rows, np.float64)
 
 
@@ -101,17 +95,61 @@ def scratch(count: int, cells: int) -> Scratch:
 
 
 @kernel
-def towards(wanted: float, now: float, step: float) -> float:
-    """One step of at most `step` from `now` towards `wanted`."""
+def towards(wanted: float, now: float, up: float, down: float) -> float:
+    """Go from `now` towards `wanted`, by at most `up` or `down`; Nav2's projectVelocity."""
     if now < wanted:
-        return min(wanted, now + step)
-    return max(wanted, now - step)
+        return min(wanted, now + up)
+    return max(wanted, now - down)
 
 
 @kernel
-def roll_out_ends(
-    ends: Floats, v0: float, w0: float, samples: Floats, acc_v: float, acc_w: float, forward_point: float
-) -> None:
+def fill_window(samples: Floats, v0: float, w0: float, p: Stack) -> int:
+    """Write the samples of the dynamic window at measured velocities v0, w0; return their number.
+
+    As Nav2's XYThetaIterator: the velocities that can be reached within the time a rollout lasts, in even steps, the
+    yaw rate 0 between the innermost two. A robot that cannot turn on the spot samples the yaw rates that its steering
+    allows at each speed.
+    """
+    v = min(p.dwb_max_v, max(p.dwb_min_v, v0))
+    low = towards(p.dwb_min_v, v, p.dwb_acc_v * p.dwb_sim_time, p.dwb_dec_v * p.dwb_sim_time)
+    high = towards(p.dwb_max_v, v, p.dwb_acc_v * p.dwb_sim_time, p.dwb_dec_v * p.dwb_sim_time)
+    speeds = p.dwb_v_samples if high - low > 1e-5 else 1
+    change = p.dwb_acc_w * p.dwb_sim_time
+    count = 0
+    for i in range(speeds):
+        speed = low + (high - low) * i / max(1, speeds - 1)
+        limit = p.dwb_max_w
+        if p.wheelbase > 0.0:
+            limit = min(limit, abs(speed) * p.curvature)
+        w = min(limit, max(-limit, w0))
+        left = towards(-limit, w, change, change)
+        right = towards(limit, w, change, change)
+        rates = p.dwb_w_samples if right - left > 1e-5 else 1
+        before = left
+        for j in range(rates):
+            rate = left + (right - left) * j / max(1, rates - 1)
+            if before < 0.0 < rate:
+                count = add_sample(samples, count, speed, 0.0, p)
+            count = add_sample(samples, count, speed, rate, p)
+            before = rate
+    return count
+
+
+@inner
+def add_sample(samples: Floats, count: int, v: float, w: float, p: Stack) -> int:
+    """Append a sample unless both velocities are zero; return the number of samples."""
+    if v == 0.0 and w == 0.0:
+        return count
+    steps = max(1, math.ceil(max(abs(v) * p.dwb_sim_time / p.dwb_linear, abs(w) * p.dwb_sim_time / p.dwb_angular)))
+    samples[count, SAMPLE_V] = v
+    samples[count, SAMPLE_W] = w
+    samples[count, SAMPLE_STEPS] = steps
+    samples[count, SAMPLE_DT] = p.dwb_sim_time / steps
+    return count + 1
+
+
+@kernel
+def roll_out_ends(ends: Floats, v0: float, w0: float, samples: Floats, p: Stack) -> None:
     """End poses (x, y, yaw) of all samples, and the points 0.1 m ahead, from pose (0, 0, 0) and velocities v0, w0.
 
     Per step: velocities approach the sample, the position advances along the old heading, then the heading turns.
@@ -124,16 +162,16 @@ def roll_out_ends(
         yaw = 0.0
         dt = samples[s, SAMPLE_DT]
         for _ in range(int(samples[s, SAMPLE_STEPS])):
-            v = towards(samples[s, SAMPLE_V], v, acc_v * dt)
-            w = towards(samples[s, SAMPLE_W], w, acc_w * dt)
+            v = towards(samples[s, SAMPLE_V], v, p.dwb_acc_v * dt, p.dwb_dec_v * dt)
+            w = towards(samples[s, SAMPLE_W], w, p.dwb_acc_w * dt, p.dwb_acc_w * dt)
             x += v * math.cos(yaw) * dt
             y += v * math.sin(yaw) * dt
             yaw += w * dt
         ends[s, 0] = x
         ends[s, 1] = y
         ends[s, 2] = yaw
-        ends[s, 3] = x + forward_point * math.cos(yaw)
-        ends[s, 4] = y + forward_point * math.sin(yaw)
+        ends[s, 3] = x + p.dwb_forward_point * math.cos(yaw)
+        ends[s, 4] = y + p.dwb_forward_point * math.sin(yaw)
 
 
 @kernel
@@ -141,7 +179,7 @@ def ends_of(memo: Rollouts, v0: float, w0: float, samples: Floats, p: Stack) -> 
     """The row of the memory that holds the end poses for measured velocities v0, w0; works them out if need be."""
     slot = int(abs(v0 * 7919.0 + w0 * 104729.0) * 1009.0) % MEMO_SIZE
     if memo.keys[slot, 0] != v0 or memo.keys[slot, 1] != w0:
-        roll_out_ends(memo.ends[slot], v0, w0, samples, p.dwb_acc_v, p.dwb_acc_w, p.dwb_forward_point)
+        roll_out_ends(memo.ends[slot], v0, w0, samples, p)
         memo.keys[slot, 0] = v0
         memo.keys[slot, 1] = w0
     return slot
@@ -159,11 +197,12 @@ def is_free(
     w1: float,
     steps: int,
     dt: float,
-    acc_v: float,
-    acc_w: float,
-    resolution: float,
+    p: Stack,
 ) -> bool:
-    """Whether every pose of a rollout has its centre on the map and off inscribed and lethal cells; in cells."""
+    """Whether every pose of a rollout has its centre on the map and off inscribed and lethal cells; in cells.
+
+    With `dwb_footprint` the outline of the footprint must be on the map and off lethal cells, too.
+    """
     rows, columns = master.shape
     v = v0
     w = w0
@@ -172,11 +211,13 @@ def is_free(
     for i in range(steps + 1):
         if not (0.0 <= x < columns and 0.0 <= y < rows) or master[int(y), int(x)] >= INSCRIBED:
             return False
+        if p.dwb_footprint and outline_hits(master, p.footprint, x, y, yaw, p.resolution):
+            return False
         if i < steps:
-            v = towards(v1, v, acc_v * dt)
-            w = towards(w1, w, acc_w * dt)
-            x += v * math.cos(yaw) * dt / resolution
-            y += v * math.sin(yaw) * dt / resolution
+            v = towards(v1, v, p.dwb_acc_v * dt, p.dwb_dec_v * dt)
+            w = towards(w1, w, p.dwb_acc_w * dt, p.dwb_acc_w * dt)
+            x += v * math.cos(yaw) * dt / p.resolution
+            y += v * math.sin(yaw) * dt / p.resolution
             yaw += w * dt
     return True
 
@@ -380,7 +421,8 @@ def choose(
         maps, state, samples, ends, master, column, row, yaw, goal_yaw, measured_v, goal_column, goal_row, align_column,
         align_row, to_goal > p.dwb_forward_point, p,
     )  # fmt: skip
-    return best_free(maps.totals, samples, master, column, row, yaw, measured_v, measured_w, p)
+    totals = maps.totals[: samples.shape[0]]
+    return best_free(totals, samples, master, column, row, yaw, measured_v, measured_w, p)
 
 
 @kernel
@@ -480,7 +522,7 @@ def best_free(
             return -1
         if is_free(
             master, column, row, yaw, measured_v, measured_w, samples[best, SAMPLE_V], samples[best, SAMPLE_W],
-            int(samples[best, SAMPLE_STEPS]), samples[best, SAMPLE_DT], p.dwb_acc_v, p.dwb_acc_w, p.resolution,
+            int(samples[best, SAMPLE_STEPS]), samples[best, SAMPLE_DT], p,
         ):  # fmt: skip
             return best
         totals[best] = math.inf
