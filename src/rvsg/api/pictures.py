@@ -58,7 +58,7 @@ def picture_of(runs: RunSet) -> Picture:
     key = "; ".join(f"{html.escape(name)} {PEOPLE[h % len(PEOPLE)]}" for h, name in enumerate(names))
     return Picture(
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="{plan.view_box}" width="640" role="img">'
-        f"<title>Ways of the robot {ROBOT}; {key}</title><style>{_STYLE}</style>{plan.shapes}"
+        f"<title>Ways of the robot {ROBOT}; {key}</title><style>{_STYLE}</style>{plan.shapes}{plan.names}"
         f'<g transform="{plan.matrix}">{"".join(lines)}</g></svg>'
     )
 

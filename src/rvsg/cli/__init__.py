@@ -24,6 +24,7 @@ VERBS: dict[str, Verb] = {
     "report": Verb("report", "Write the page of a stored campaign, and print its ranked scenarios"),
     "suite": Verb("suite", "Keep scenarios, run them against every version, tell what broke"),
     "compare-versions": Verb("compare_versions", "Compare two versions on the same scenarios and seeds"),
+    "replay": Verb("replay", "Write a run as a film or a strip of pictures"),
     "demo": Verb("demo", "Run a recorded campaign again, whose scenarios a vision language model wrote"),
     "describe": Verb("describe", "Describe a world in words, by a vision language model that looks at it"),
     "prompt": Verb("prompt", "Print what a model would be asked next in a campaign, without asking it"),
