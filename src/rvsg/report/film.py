@@ -269,6 +269,5 @@ def _ffmpeg(path: Path) -> Any:
         return importlib.import_module("imageio_ffmpeg")
     except ImportError:
         raise InputError(
-            f"{path}: {path.suffix} needs ffmpeg: {how_to_install('video')}. "
-            "Without it, write .webp, .gif or .png."
+            f"{path}: {path.suffix} needs ffmpeg: {how_to_install('video')}. Without it, write .webp, .gif or .png."
         ) from None
