@@ -393,7 +393,7 @@ def test_a_file_that_is_no_world_is_refused(tmp_path: Path, text: str, says: str
             "<model name='a'><link name='l'><pose relative_to='nowhere'/>" + box() + "</link></model>",
             'no frame "nowhere"',
         ),
-        (model("Lamp", box(), "0 0 9 0 0 0"), "nothing is solid here"),
+        (model("Lamp", box(), "0 0 9 0 0 0"), "nothing solid stands"),
     ],
 )
 def test_a_mistake_in_a_world_is_told_with_its_line(tmp_path: Path, inside: str, says: str) -> None:

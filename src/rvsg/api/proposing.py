@@ -56,7 +56,7 @@ def propose(
     taken = place.route(route) if isinstance(route, str) else route
     check_route(taken, place)
     brief = brief_of(
-        Mission(world=place.name, world_id=place.id, route=taken),
+        Mission.of(place, taken),
         load_requirement(requirement, taken) if requirement is not None else None,
         humans=humans,
         seed=seed,

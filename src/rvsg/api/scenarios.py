@@ -108,7 +108,7 @@ def scenario(
         humans = tuple(each.human(place) if isinstance(each, Walk) else each for each in people)
         people = HumanConfiguration(humans=humans)
     made = Scenario(
-        mission=Mission(world=place.name, world_id=place.id, route=taken, robot=as_robot(robot)),
+        mission=Mission.of(place, taken, robot=as_robot(robot)),
         people=people,
         description=description,
     )

@@ -113,7 +113,7 @@ def wire(
     requirement = load_requirement(paths.get(config.requirement, config.requirement), route)
     strategy_class = plugins.find("strategy", config.strategy)
     simulator = make_simulator(simulator or config.simulator_spec)
-    mission = Mission(world=world.name, world_id=world.id, route=route)
+    mission = Mission.of(world, route)
     mission = mission.replace(robot=as_robot(paths.get(config.robot, config.robot), simulator))
     if generator is None:
         generator = plugins.make("generator", config.generator_name, generator_options(config, paths))

@@ -10,6 +10,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from rvsg.core.errors import InputError, RvsgError, UnknownName
+from rvsg.scenario.dependence import same_floor
 from rvsg.scenario.scenario import Mission
 from rvsg.world.io import load
 from rvsg.world.world import World
@@ -75,7 +76,7 @@ def world_of(mission: Mission, given: World | str | Path | None = None, *, near:
             if place in near:
                 continue
             raise
-        if found.id == mission.world_id:
+        if same_floor(mission, found):
             return found
         other = other or found
     if other is None:
@@ -86,14 +87,20 @@ def world_of(mission: Mission, given: World | str | Path | None = None, *, near:
             hint="The scenario was made in this world: say with --world (in Python world=) in which folder it is.",
         )
     raise InputError(
-        f"The scenario was made for {mission.world} ({mission.world_id}), but that world is now {other.id}: its map, "
-        "objects, grid or routes have changed. Propose a new scenario, or give a copy of the world it was made for "
-        "with --world (in Python world=)."
+        f"The scenario was made for {mission.world} ({mission.world_id}), but that world is now {other.id}: "
+        f"{_why(mission)} Adapt the scenario with `rvsg scenario migrate`, or give a copy of the world it was made "
+        "for with --world (in Python world=)."
     )
 
 
+def _why(mission: Mission) -> str:
+    if mission.parts is None:
+        return "an earlier version of RVSG saved the scenario without what it depends on."
+    return "its map or objects have changed."
+
+
 def _same(mission: Mission, world: World, given: World | str | Path) -> World:
-    if world.id == mission.world_id:
+    if same_floor(mission, world):
         return world
     named = world.name if isinstance(given, World) else given
     raise InputError(

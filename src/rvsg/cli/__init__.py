@@ -14,12 +14,13 @@ from rvsg.cli.frame import Verb, command_line
 from rvsg.cli.interruption import until_gone
 
 VERBS: dict[str, Verb] = {
-    "world": Verb("world", "Make a world from a map, check it, draw it, show it"),
+    "world": Verb("world", "Make a world from a map, check it, draw it, show it, compare two"),
     "run": Verb("run", "Find, confirm and report scenarios that make the robot violate a requirement"),
     "propose": Verb("propose", "Ask a generator for one scenario, and show what the checker said"),
     "simulate": Verb("simulate", "Simulate a scenario and write its runs"),
     "evaluate": Verb("evaluate", "Measure runs of a scenario, and judge them by a requirement"),
     "compare": Verb("compare", "Compare generators and strategies at an equal number of runs"),
+    "scenario": Verb("scenario", "Adapt a saved scenario to a world that has changed"),
     "shrink": Verb("shrink", "Find the smallest scenario that violates a requirement about as often"),
     "report": Verb("report", "Write the page of a stored campaign, and print its ranked scenarios"),
     "suite": Verb("suite", "Keep scenarios, run them against every version, tell what broke"),

@@ -217,6 +217,30 @@ def list_worlds(json: AsJson = False) -> None:
         )
 
 
+@app.command()
+def diff(
+    old: Annotated[str, typer.Argument(metavar="OLD", help="A shipped world or a world folder.")],
+    new: Annotated[str, typer.Argument(metavar="NEW", help="The world to compare it with.")],
+    json: AsJson = False,
+) -> None:
+    """Compare two versions of a world.
+
+    Changes that can make a saved scenario invalid or different are marked with an asterisk: map, objects, waypoints.
+    """
+    from rvsg.world.compare import differences
+    from rvsg.world.io.load import load_world
+
+    found = differences(load_world(old), load_world(new))
+    for difference in found:
+        say(f"{'*' if difference.matters else ' '} {difference.message}")
+    if not found:
+        say("The worlds are the same.")
+    elif not any(difference.matters for difference in found):
+        say("Saved scenarios stay valid.")
+    if json:
+        print_json([difference.model_dump(mode="json") for difference in found])
+
+
 # --- parts --------------------------------------------------------------------------------------------------------
 
 

@@ -1,16 +1,16 @@
-"""Mission, HumanConfiguration and Scenario: what the robot is to do and what the people do meanwhile."""
+"""Mission, HumanConfiguration and Scenario: what the robot is to do, and what people do meanwhile."""
 
 from __future__ import annotations
 
 from enum import Enum
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, field_validator
+from pydantic import Field, SerializerFunctionWrapHandler, field_validator, model_serializer
 
 from rvsg.core.records import Record
 from rvsg.robots import Robot, shipped_robots
 from rvsg.robots.files import DEFAULT_ROBOT
-from rvsg.world.world import Route
+from rvsg.world.world import Route, World, WorldParts
 
 Name = Annotated[str, Field(min_length=1, max_length=120)]
 
@@ -79,7 +79,10 @@ ROBOT = DEFAULT_ROBOT
 
 
 class Mission(Record):
-    """What the robot is to do, where: the world by name and content id, the route, the robot.
+    """What the robot is to do, and where.
+
+    `world` and `world_id` name the world by its declared name and content id, `parts` keeps what tells whether a later
+    change of that world matters (None: saved by a version that did not keep it).
 
     A robot is a record, so that its content is part of the mission's id. The default robot and a robot that only
     another simulator knows are given by name; the name of any other shipped robot becomes its record.
@@ -89,6 +92,20 @@ class Mission(Record):
     world_id: str
     route: Route
     robot: str | Robot = ROBOT
+    parts: WorldParts | None = None
+
+    @classmethod
+    def of(cls, world: World, route: Route, *, robot: str | Robot = ROBOT) -> Self:
+        """Return the mission of driving a route in a world."""
+        return cls(world=world.name, world_id=world.id, route=route, robot=robot, parts=world.parts)
+
+    @model_serializer(mode="wrap")
+    def _without_absent_parts(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out absent parts, so that a mission saved by an earlier version keeps its id."""
+        written: dict[str, Any] = handler(self)
+        if written.get("parts") is None:
+            written.pop("parts", None)
+        return written
 
     @field_validator("robot", mode="before")
     @classmethod

@@ -189,7 +189,7 @@ class _Importer:
         return str(run.details["sha256"]) in self.searched
 
     def _mission(self, route: Route) -> Mission:
-        return Mission(world=self.world.name, world_id=self.world.id, route=route)
+        return Mission.of(self.world, route)
 
     def _proposal(self, batch: Batch, file: Path | None, number: int, description: str, route: Route) -> Proposal:
         model = "unknown"

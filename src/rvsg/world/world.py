@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated
+from hashlib import sha256
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,6 +97,30 @@ class Description(Record):
     reviewed_on: str | None = None
 
 
+class WorldParts(Record):
+    """What a saved scenario needs to know of its world to tell whether a change of the world matters to it.
+
+    `floor` is the content id of everything solid (map, objects, lidar height). `rows` and `columns` hold the
+    coordinate of every line of waypoints in metres, rows along the axis `up`; `moved` the waypoints that lie elsewhere.
+    """
+
+    floor: str
+    up: Literal["x", "y"]
+    rows: dict[str, float]
+    columns: dict[str, float]
+    moved: dict[str, Point] = Field(default_factory=dict)
+
+    def position(self, waypoint: str) -> Point | None:
+        """Return where a waypoint was (x, y) in metres; None if there was none of that name."""
+        if waypoint in self.moved:
+            return self.moved[waypoint]
+        split = len(waypoint) - len(waypoint.lstrip("ABCDEFGHIJKLMNOPQRSTUVWXYZ"))
+        along, across = self.rows.get(waypoint[:split]), self.columns.get(waypoint[split:])
+        if along is None or across is None:
+            return None
+        return (along, across) if self.up == "x" else (across, along)
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class World:
     """Everything known of an environment.
@@ -118,8 +143,37 @@ class World:
     grid_spec: GridSpec | None = None
 
     @cached_property
+    def floor_id(self) -> str:
+        """The content id of everything solid: map, objects and lidar height, without the names of things."""
+        return content_id(
+            "floor",
+            {
+                "objects": [o.model_dump(mode="json", exclude={"name", "kind"}) for o in self.objects],
+                "map": sha256(self.occupancy.cells.tobytes()).hexdigest(),
+                "shape": list(self.occupancy.cells.shape),
+                "resolution": self.occupancy.resolution,
+                "origin": self.occupancy.origin.model_dump(mode="json"),
+                "lidar_height_m": self.lidar_height_m,
+                "map_offset": list(self.map_offset),
+            },
+        )
+
+    @cached_property
+    def parts(self) -> WorldParts:
+        """What a scenario made in this world keeps of it."""
+        grid = self.grid
+        lines = WorldParts(
+            floor=self.floor_id, up=grid.up, rows=grid.row_positions, columns=grid.column_positions, moved={}
+        )
+        moved = {w.name: (w.x, w.y) for w in grid.waypoints if lines.position(w.name) != (w.x, w.y)}
+        return lines.model_copy(update={"moved": moved})
+
+    @cached_property
     def id(self) -> str:
-        """Content id over everything that can change a run (not title, activities and description: they are words)."""
+        """Content id of everything but title, activities and description, which are words.
+
+        A scenario is valid in any world that agrees in the `parts` it uses, so a new label does not make it invalid.
+        """
         return content_id(
             "world",
             {
@@ -136,14 +190,14 @@ class World:
         )
 
     def route(self, name: str) -> Route:
-        """The route of that name, or UnknownName."""
+        """Return the route of that name; raises UnknownName."""
         for route in self.routes:
             if route.name == name:
                 return route
         raise UnknownName("route", name, [r.name for r in self.routes], hint=f"World: {self.name}.")
 
     def area(self, name: str) -> Area:
-        """The area of that name, or UnknownName."""
+        """Return the area of that name; raises UnknownName."""
         for area in self.areas:
             if area.name == name:
                 return area

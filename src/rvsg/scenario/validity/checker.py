@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Iterator
 from itertools import pairwise
 
+from rvsg.scenario.dependence import changes_that_matter
 from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Task
 from rvsg.scenario.validity.findings import Finding
 from rvsg.scenario.validity.rules import MAX_HUMANS, ROBOT_RADIUS_M, SPEED_RANGE_M_S, START_CLEARANCE_M
@@ -17,18 +18,27 @@ from rvsg.world.world import World
 
 
 def check(people: HumanConfiguration, mission: Mission, world: World) -> tuple[Finding, ...]:
-    """Everything that makes a configuration invalid for this mission in this world; empty where it is valid."""
+    """Return everything that makes a configuration invalid for this mission in this world; empty if it is valid."""
     return (
-        *_mission_findings(mission, world),
+        *_mission_findings(people, mission, world),
         *_crowd_findings(people),
-        *(finding for human in people.humans for finding in human_findings(human, world)),
+        *(
+            finding
+            for human in people.humans
+            for finding in human_findings(human, world, labels=_labels(mission, world))
+        ),
         *spawn_findings(people, mission, world),
     )
 
 
 def warnings(people: HumanConfiguration, mission: Mission, world: World) -> tuple[Finding, ...]:
-    """What is unlikely to be meant but is simulated all the same: who starts hard by the robot."""
+    """Return what is simulated but unlikely to be meant: a start close to the robot, areas that were renamed since."""
     found = []
+    if not _labels(mission, world):
+        for human in people.humans:
+            for task in human.tasks:
+                named = {"human": human.name, "task": task.name}
+                found += [each.model_copy(update=named) for each in _side_findings(task, world)]
     for human in people.humans:
         path = human.tasks[0].path
         if not path or path[0] not in world.grid.valid:
@@ -53,10 +63,20 @@ def start_gap_m(radius_m: float, at: tuple[float, float], mission: Mission) -> f
     return math.dist(at, (robot.x, robot.y)) - ROBOT_RADIUS_M - radius_m
 
 
-def human_findings(human: Human, world: World) -> Iterator[Finding]:
-    """What is wrong with one person, apart from where the others and the robot are."""
+def _labels(mission: Mission, world: World) -> bool:
+    """Return whether the areas a scenario names have to exist: not after its world was relabelled."""
+    return mission.world_id == world.id
+
+
+def human_findings(human: Human, world: World, *, labels: bool = True) -> Iterator[Finding]:
+    """Yield what is wrong with one person, apart from where the others and the robot are.
+
+    Args:
+        labels: Also check the areas that tasks name.
+    """
     for task in human.tasks:
-        for found in (*_path_findings(task, world), *_side_findings(task, world), *_pause_findings(task)):
+        sides_found = _side_findings(task, world) if labels else ()
+        for found in (*_path_findings(task, world), *sides_found, *_pause_findings(task)):
             yield found.model_copy(update={"human": human.name, "task": task.name})
     yield from _chain_findings(human)
     yield from _walk_findings(human)
@@ -273,12 +293,12 @@ def spawn_finding(
     return None
 
 
-def _mission_findings(mission: Mission, world: World) -> Iterator[Finding]:
-    if mission.world_id != world.id:
+def _mission_findings(people: HumanConfiguration, mission: Mission, world: World) -> Iterator[Finding]:
+    for change in changes_that_matter(people, mission, world):
         yield Finding(
             rule="wrong-world",
-            reason=f'The mission is in "{mission.world}" ({mission.world_id}), not in "{world.name}" ({world.id}).',
-            suggestion="Make the mission anew for this world, or give the world it was made for.",
+            reason=change,
+            suggestion="Give the world the scenario was made for, or adapt it with `rvsg scenario migrate`.",
         )
     start = mission.route.start
     if not robot_space(world).is_free(start.x, start.y):

@@ -79,7 +79,8 @@ def load_sdf(
     notes = [*tree.notes]
     objects = _numbered_names(_short_names(reader.objects), notes)
     if not objects:
-        raise FileError(path, "no model of the world stands between the floor and 2 m height: nothing is solid here")
+        gone = f"; {len(tree.missing)} models were not found: {_some(list(tree.missing))}" if tree.missing else ""
+        raise FileError(path, f"nothing solid stands between the floor and 2 m height, so there is no obstacle{gone}")
     return SdfWorld(objects=objects, notes=(*notes, *reader.all_notes()))
 
 

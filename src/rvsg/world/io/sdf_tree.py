@@ -112,7 +112,8 @@ class SdfTree:
         where = f"Searched: {', '.join(str(f) for f in folders)}."
         if self.lenient:
             names = ", ".join(f"{name} ({m.times})" if m.times > 1 else name for name, m in self.missing.items())
-            self.notes.append(f"{len(self.missing)} models were not found and are left out: {names}. {where}")
+            many = "models were not found and are" if len(self.missing) > 1 else "model was not found and is"
+            self.notes.append(f"{len(self.missing)} {many} left out: {names}. {where}")
             return
         for name, m in self.missing.items():
             times = f", used {m.times} times" if m.times > 1 else ""
