@@ -3,6 +3,9 @@
 Topics: `/clock`, `/tf`, `/tf_static`, `/odom`, `/accel`, `/imu`, `/people` (visualization_msgs/MarkerArray),
 `/human_states` (hunav_msgs/Agents), `/map` (latched), `/goal_pose`, and `/rvsg/run` (std_msgs/String: scenario id,
 seed, simulator options, outcome, time limit and the study's 2 Hz log as JSON).
+
+With a trace also `/scan_K` for every lidar, `/cmd_vel`, `/plan`, `/local_costmap/costmap` and `/rvsg/navigation`
+(std_msgs/String: the phase of the behaviour tree, when it changes).
 """
 
 from __future__ import annotations
@@ -14,14 +17,19 @@ import tempfile
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rvsg.core.errors import FileError, InputError, how_to_install
 from rvsg.simulation.archive import PER_HUMAN, PER_SAMPLE, header_of
 from rvsg.simulation.run import Run, Trajectory
 from rvsg.world.world import OCCUPIED, UNKNOWN, World
+
+if TYPE_CHECKING:
+    from rvsg.robots import Lidar
+    from rvsg.simulation.embedded.trace import Frame, Trace
 
 BASE_FRAME = "base_footprint"
 START_S = 10
@@ -79,13 +87,14 @@ def rosbags_types() -> Any:
     return types
 
 
-def write_bag(run: Run, world: World, path: Path) -> None:
+def write_bag(run: Run, world: World, path: Path, *, trace: Trace | None = None) -> None:
     """Write a run as one MCAP file.
 
     Args:
         run: the run; its trajectory is written at its own rate (20 Hz).
         world: the world of the run, for the map and its offset.
         path: the file, `*.mcap`; an existing one is replaced when the new one is complete.
+        trace: what the robot sees and plans in the same run; see `rvsg.simulation.embedded.trace`.
 
     Raises:
         InputError: rosbags is not installed.
@@ -100,7 +109,7 @@ def write_bag(run: Run, world: World, path: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=path.parent) as folder:
             with Writer(Path(folder) / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-                _Bag(writer, types).write(run, world)
+                _Bag(writer, types).write(run, world, trace)
             made = next((Path(folder) / "bag").glob("*.mcap"))
             shutil.move(made, path)
     except OSError as error:
@@ -150,18 +159,22 @@ class _Bag:
     def twist(self, forward: float, turning: float) -> Any:
         return self.make("geometry_msgs/Twist", linear=self.vector(forward), angular=self.vector(z=turning))
 
-    def write(self, run: Run, world: World) -> None:
+    def write(self, run: Run, world: World, trace: Trace | None) -> None:
         """Write everything, in the order of time."""
         self.offset = world.map_offset
-        events = [*self._latched_ones(run, world), *self._samples(run), *self._imu(run)]
+        events = [*self._latched_ones(run, world, trace), *self._samples(run), *self._imu(run)]
+        if trace is not None:
+            events += self._frames(trace)
         for nanoseconds, topic, message in sorted(events, key=lambda event: (event[0], event[1])):
             self.put(topic, nanoseconds, message)
 
-    def _latched_ones(self, run: Run, world: World) -> Iterator[tuple[int, str, Any]]:
+    def _latched_ones(self, run: Run, world: World, trace: Trace | None) -> Iterator[tuple[int, str, Any]]:
         stamp, at = self.time(float(run.trajectory.t[0]) - LATCHED_OFFSET_S)
         dx, dy = self.offset
-        odom = self._transform(stamp, "map", "odom", -dx, -dy, 0.0)
-        yield at, "/tf_static", self.make("tf2_msgs/TFMessage", transforms=[odom])
+        fixed = [self._transform(stamp, "map", "odom", -dx, -dy, 0.0)]
+        for k, lidar in enumerate(trace.robot.lidars if trace is not None else ()):
+            fixed.append(self._transform(stamp, BASE_FRAME, f"lidar_{k}", lidar.x, lidar.y, lidar.yaw))
+        yield at, "/tf_static", self.make("tf2_msgs/TFMessage", transforms=fixed)
         yield at, "/map", self._map(stamp, world)
         x, y, yaw = run.goal
         goal = self.make(
@@ -191,6 +204,61 @@ class _Bag:
                 yield at, "/human_states", self._agents(stamp, run, k)
                 if k % 2 == 0:
                     yield at, "/people", self._markers(stamp, run, k)
+
+    def _frames(self, trace: Trace) -> Iterator[tuple[int, str, Any]]:
+        dx, dy = self.offset
+        phase = ""
+        for number, frame in enumerate(trace.frames):
+            stamp, at = self.time(frame.t)
+            yield at, "/cmd_vel", self.twist(*frame.command)
+            for k, ranges in enumerate(frame.scans):
+                yield at, f"/scan_{k}", self._scan(stamp, k, trace.robot.lidars[k], ranges)
+            if number % 2 == 0:
+                yield at, "/local_costmap/costmap", self._costmap(stamp, frame, trace.resolution)
+            if frame.plan is not None:
+                header = self.header(stamp, "map")
+                poses = [
+                    self.make("geometry_msgs/PoseStamped", header=header, pose=self.pose(x - dx, y - dy, 0.0))
+                    for x, y in frame.plan
+                ]
+                yield at, "/plan", self.make("nav_msgs/Path", header=header, poses=poses)
+            if frame.phase != phase:
+                phase = frame.phase
+                said = json.dumps({"phase": phase, "recoveries": frame.recoveries})
+                yield at, "/rvsg/navigation", self.make("std_msgs/String", data=said)
+
+    def _scan(self, stamp: Any, number: int, lidar: Lidar, ranges: NDArray[np.float64]) -> Any:
+        return self.make(
+            "sensor_msgs/LaserScan",
+            header=self.header(stamp, f"lidar_{number}"),
+            angle_min=-lidar.field_of_view_rad / 2,
+            angle_max=lidar.field_of_view_rad / 2,
+            angle_increment=lidar.field_of_view_rad / (lidar.rays - 1),
+            time_increment=0.0,
+            scan_time=1.0 / lidar.rate_hz,
+            range_min=lidar.min_range_m,
+            range_max=lidar.max_range_m,
+            ranges=ranges.astype(np.float32),
+            intensities=np.zeros(0, np.float32),
+        )
+
+    def _costmap(self, stamp: Any, frame: Frame, resolution: float) -> Any:
+        """The local costmap as Nav2 publishes it: costs 0 to 252 become 0 to 98, 253 is 99, 254 is 100, 255 is -1."""
+        costs = frame.costmap.astype(np.int32)
+        scaled = np.where(costs == 255, -1, np.where(costs >= 253, costs - 154, 1 + 97 * (costs - 1) // 251))
+        scaled[costs == 0] = 0
+        rows, columns = costs.shape
+        x, y = frame.costmap_origin
+        info = self.make(
+            "nav_msgs/MapMetaData",
+            map_load_time=stamp,
+            resolution=resolution,
+            width=columns,
+            height=rows,
+            origin=self.pose(x, y, 0.0),
+        )
+        data = scaled.astype(np.int8).ravel()
+        return self.make("nav_msgs/OccupancyGrid", header=self.header(stamp, "odom"), info=info, data=data)
 
     def _imu(self, run: Run) -> Iterator[tuple[int, str, Any]]:
         none = np.zeros(9)
