@@ -15,12 +15,18 @@ app = verb()
 
 @app.command()
 def evaluate(
-    runs: Annotated[list[Path], typer.Argument(help="Files of runs, as `rvsg simulate` writes them; - is stdin.")],
+    runs: Annotated[
+        list[Path],
+        typer.Argument(help="Files of runs, as `rvsg simulate` writes them (- is stdin), or recordings (rosbag2)."),
+    ],
     requirement: Annotated[str, typer.Option(help="A shipped requirement, or FILE.yaml#NAME.")] = "R1",
     scenario: Annotated[
         Path | None, typer.Option(help="The scenario of the runs; metrics of obstacles and --feedback need it.")
     ] = None,
     world: Annotated[str | None, typer.Option(help="The world of the runs, where the scenario is not given.")] = None,
+    route: Annotated[str | None, typer.Option(help="The route of the world that a recorded robot drove.")] = None,
+    people_topic: Annotated[str | None, typer.Option(help="The topic with the people of a recording.")] = None,
+    robot_topic: Annotated[str | None, typer.Option(help="The odometry topic of a recording.")] = None,
     feedback: Annotated[
         Path | None, typer.Option(help="Write what a generator learns from the runs, for `rvsg propose --feedback`.")
     ] = None,
@@ -29,13 +35,17 @@ def evaluate(
     ] = False,
     json: Annotated[bool, typer.Option("--json", help="Print the result as JSON on standard output.")] = False,
 ) -> None:
-    """Measure runs of one scenario by every metric, and judge them by a requirement."""
+    """Measure runs of one scenario by every metric, and judge them by a requirement.
+
+    A recording of your robot is judged like a simulated run: a rosbag2 folder, an .mcap or a .db3 file. What it lacks
+    is printed, and stands in `notes` of --json.
+    """
     import rvsg
     from rvsg.api import evaluating
     from rvsg.api.errors import InputError
-    from rvsg.api.records import check_writable, read_runs, write_text
+    from rvsg.api.exchange import load_any
+    from rvsg.api.records import check_writable, write_text
     from rvsg.api.scenarios import load_scenario_in
-    from rvsg.api.simulating import RunSet, once
     from rvsg.api.words import describe_judgement
 
     if feedback is not None:
@@ -43,16 +53,15 @@ def evaluate(
         if scenario is None:
             raise InputError("--feedback needs the scenario of the runs: add --scenario FILE.")
     asked = rvsg.load_requirement(requirement)
-    given = read_runs(runs)
-    different = once(given)
-    if len(different) < len(given):
-        say(f"{len(given) - len(different)} of {len(given)} runs are given twice and count once.")
+    loaded = load_any(runs, world=world, route=route, people_topic=people_topic, robot_topic=robot_topic)
+    for note in loaded.notes:
+        say(note)
     known, place = load_scenario_in(scenario, world) if scenario is not None else (None, world)
-    judged = rvsg.judge(RunSet(tuple(different)), asked, scenario=known, world=place)
+    judged = rvsg.judge(loaded.runs, asked, scenario=known, world=place)
     if feedback is not None and known is not None:
-        write_text(feedback, evaluating.feedback(judged, different, known).to_json())
+        write_text(feedback, evaluating.feedback(judged, loaded.runs, known).to_json())
     if json:
-        print_json(judged.to_dict())
+        print_json(judged.to_dict() | {"notes": list(loaded.notes)})
     for line in describe_judgement(judged):
         say(line)
     if fail_on_violation and judged.violated:
