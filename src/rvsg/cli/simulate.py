@@ -26,17 +26,23 @@ def simulate(
     simulator_option: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="For the simulator.")] = None,
     jobs: Annotated[int, typer.Option(min=1, help="Worker processes.")] = 1,
     out: Annotated[Path, typer.Option(help="Where the runs are written; - is standard output.")] = Path("-"),
+    bag: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write the run as a rosbag2 (MCAP), too; see `rvsg export`.")
+    ] = None,
 ) -> None:
     """Simulate a scenario and write its runs, one JSON object per line.
 
     The scenario is checked first: an unknown waypoint or a path through an obstacle never reaches a simulator.
     """
     import rvsg
+    from rvsg.api.exchange import export
     from rvsg.api.records import check_writable, runs_text, write_text
     from rvsg.api.scenarios import as_robot, check_valid, load_scenario_in
     from rvsg.cli.options import spec
 
     check_writable(out)
+    if bag is not None:
+        check_writable(bag)
     asked, place = load_scenario_in(scenario, world)
     if robot is not None:
         asked = asked.replace(mission=asked.mission.replace(robot=as_robot(robot)))
@@ -50,3 +56,5 @@ def simulate(
     chosen = spec("simulator", simulator, simulator_option)
     runs = rvsg.simulate(asked, seeds, jobs=jobs, simulator=chosen, world=place, on_run=made, on_message=say)
     write_text(out, runs_text(runs))
+    if bag is not None:
+        export(runs, bag, "mcap")
