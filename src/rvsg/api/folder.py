@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from rvsg.core import plugins
 from rvsg.core.errors import FileError, InputError
 from rvsg.core.files import write_whole
+from rvsg.core.inputs import exists, parse_json, read_text
 
 if TYPE_CHECKING:
     from rvsg.campaign.attempt import Ledger
@@ -31,11 +32,11 @@ BEFOREHAND = ("prompts", "vlm")
 def store_of(folder: Path) -> tuple[str, dict[str, Any]] | None:
     """Name and options of the store that keeps the campaign of a folder; None where there is no campaign."""
     try:
-        told = json.loads((folder / STORE).read_text(encoding="utf-8"))
+        if not exists(folder / STORE):
+            return ("sqlite", {}) if exists(folder / LEDGER) else None
+        told = parse_json(read_text(folder / STORE), folder / STORE)
         return str(told["store"]), dict(told["options"])
-    except FileNotFoundError:
-        return ("sqlite", {}) if (folder / LEDGER).exists() else None
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError) as error:
         raise FileError(folder / STORE, f"it does not say which store keeps this campaign ({error}).") from None
 
 

@@ -8,7 +8,6 @@ API: distributed 2024.8 and later (`Client.register_plugin`), https://distribute
 
 from __future__ import annotations
 
-import json
 import logging
 import pickle
 import platform
@@ -25,7 +24,8 @@ from typing import Any
 import rvsg
 from rvsg.campaign.attempt import Failure
 from rvsg.campaign.measuring import FinishedRun, RunMaker
-from rvsg.core.errors import InputError, SimulationError, how_to_install
+from rvsg.core.errors import FileError, InputError, SimulationError, how_to_install
+from rvsg.core.inputs import parse_json, read_text
 from rvsg.scenario.scenario import Scenario
 
 LOOK_S = 2.0
@@ -39,11 +39,9 @@ INSTALL = f'The executor "cluster" needs Dask: {how_to_install("cluster")}'
 def _check_scheduler_file(path: Path) -> None:
     """Raise ValueError unless a Dask scheduler wrote this file; Dask itself would wait without end."""
     try:
-        written = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ValueError(f"scheduler_file {path} cannot be read: {error.strerror}. Is the scheduler running?") from None
-    except ValueError:
-        written = None
+        written = parse_json(read_text(path), path)
+    except FileError as error:
+        raise ValueError(f"scheduler_file {error}. Is the scheduler running?") from None
     if not isinstance(written, dict) or not isinstance(written.get("address"), str):
         raise ValueError(f"scheduler_file {path} holds no scheduler's address: it is not what `dask scheduler` writes")
 

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 
 from rvsg.cli.frame import Verb, command_line
 from rvsg.cli.interruption import until_gone
+from rvsg.core.inputs import open_standard_streams
 
 VERBS: dict[str, Verb] = {
     "world": Verb("world", "Make a world from a map, check it, draw it, show it, compare two"),
@@ -42,4 +43,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     0 done; 1 done, and a requirement is violated where the user asked to be told; 2 usage or input error;
     3 interrupted but resumable; 4 an error in RVSG itself.
     """
-    return command_line(VERBS, argv) if argv is not None else until_gone(lambda: command_line(VERBS))
+    if argv is not None:
+        return command_line(VERBS, argv)
+    open_standard_streams()
+    return until_gone(lambda: command_line(VERBS))

@@ -242,18 +242,19 @@ def _stored(folder: Path) -> dict[str, Any]:
     from rvsg.api.folder import CELLS
     from rvsg.api.record import FROM
     from rvsg.core.documents import mistakes_of
+    from rvsg.core.inputs import exists, parse_json, read_text
 
     try:
-        stored = dict(json.loads((folder / CELLS).read_text(encoding="utf-8")))
+        if not exists(folder / CELLS):
+            return {}
+        stored = dict(parse_json(read_text(folder / CELLS), folder / CELLS))
         besides = {key: stored[key] for key in (FROM, PAIRS) if key in stored}
         TypeAdapter(list[Pair]).validate_python(besides.get(PAIRS, []))
         CampaignFile.model_validate({key: value for key, value in stored.items() if key not in besides})
-    except (FileNotFoundError, NotADirectoryError):
-        return {}
     except ValidationError as error:
         wrong = "; ".join(mistakes_of(error, CampaignFile))
         raise FileError(folder / CELLS, f"this is not what was kept: {wrong}. Choose another --out.") from None
-    except (OSError, ValueError, TypeError) as error:
+    except (ValueError, TypeError) as error:
         raise FileError(folder / CELLS, f"cannot be read: {error}. Choose another --out.") from None
     return stored
 

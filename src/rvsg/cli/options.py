@@ -7,6 +7,7 @@ from typing import Any
 
 from rvsg import Spec
 from rvsg.api.errors import InputError
+from rvsg.core.inputs import is_too_deep
 
 
 def pairs(kind: str, given: list[str] | None) -> dict[str, Any]:
@@ -27,8 +28,12 @@ def _pair(kind: str, pair: str) -> tuple[str, Any]:
         raise InputError(f"--{kind}-option {pair!r}: expected NAME=VALUE")
     try:
         read = yaml.safe_load(value)
-    except yaml.YAMLError as error:
-        raise InputError(f"--{kind}-option {pair!r}: the value cannot be read: {error}") from None
+    except (yaml.YAMLError, ValueError) as error:
+        raise InputError(f"--{kind}-option {name[:60]}: the value cannot be read: {error}") from None
+    except RecursionError:
+        raise InputError(f"--{kind}-option {name[:60]}: the value is nested too deep") from None
+    if is_too_deep(read):
+        raise InputError(f"--{kind}-option {name[:60]}: the value is nested too deep")
     if isinstance(read, str):
         with contextlib.suppress(ValueError):
             return name, float(read)  # YAML reads 1e2 and nan as text

@@ -63,6 +63,7 @@ class UnknownName(InputError):
         asked = f' Did you mean "{near[0]}"?' if near else ""
         listed = ", ".join(self.known[:30]) + (", ..." if len(self.known) > 30 else "")
         known_text = f" Known: {listed}." if self.known else ""
+        name = name if len(name) <= 200 else f"{name[:100]}...{name[-40:]}"
         super().__init__(f'There is no {kind} "{name}".{asked}{known_text}{" " + hint if hint else ""}')
 
 

@@ -120,6 +120,11 @@ def is_dir(path: Path) -> bool:
         return False
 
 
+def whole_text(text: str) -> str:
+    """Return a text whose lone surrogates (halves of a character) are replaced, so that it can be written as UTF-8."""
+    return text if _is_encodable(text) else text.encode("utf-16", "surrogatepass").decode("utf-16", "replace")
+
+
 def is_text(text: str) -> bool:
     """Whether a text can be written as UTF-8: it holds no lone surrogate."""
     return _is_encodable(text)

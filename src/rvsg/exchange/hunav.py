@@ -370,7 +370,7 @@ def _point(point: GoalPoint) -> dict[str, float]:
 
 
 def _key(name: str) -> str | int:
-    return int(name) if name.isdigit() else name
+    return int(name) if name.isdecimal() and len(name) < 10 else name
 
 
 # Between HuNavSim and us

@@ -14,6 +14,7 @@ from typing import Any
 import yaml
 from pydantic import ValidationError
 
+from rvsg.core.documents import read_yaml
 from rvsg.core.errors import FileError, GenerationError, InputError
 from rvsg.generation.dialogue import Dialogue
 from rvsg.generation.facts import world_facts
@@ -126,13 +127,7 @@ def store_description(world: World, description: Description, place: str | Path 
 def read_description_file(path: Path) -> Description:
     """A description from a file of its own; FileError where it cannot be used."""
     try:
-        return Description.model_validate(yaml.safe_load(path.read_text(encoding="utf-8")))
-    except (OSError, UnicodeDecodeError) as error:
-        raise FileError(path, f"cannot be read: {error}") from None
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        line = mark.line + 1 if mark else None
-        raise FileError(path, f"is not YAML: {getattr(error, 'problem', error)}", line=line) from None
+        return Description.model_validate(read_yaml(path).value)
     except ValidationError as error:
         told = "; ".join(f"{'.'.join(str(p) for p in e['loc'])}: {e['msg']}" for e in error.errors())
         raise FileError(path, f"is not a description (layout, grid, reviewed, reviewer, reviewed_on): {told}") from None

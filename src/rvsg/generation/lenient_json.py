@@ -11,9 +11,13 @@ import re
 from dataclasses import dataclass, field
 from typing import Any
 
+from rvsg.core.inputs import whole_text
+
 MAX_DEPTH = 40
 MAX_STARTS = 2000
 WORK_PER_CHARACTER = 24
+LONGEST_NUMBER = 300
+_SURROGATE = re.compile(r"\\u[dD][89a-fA-F]|[\ud800-\udfff]")
 _BARE = re.compile(r"[A-Za-z_][\w\-]*")
 _NUMBER = re.compile(r"-?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 _SPACE = re.compile(r"(?:\s|//[^\n]*|/\*.*?\*/|#[^\n]*)+", re.DOTALL)
@@ -254,6 +258,8 @@ class _Reader:
 
 
 def _number(text: str) -> int | float | str:
+    if len(text) > LONGEST_NUMBER:
+        return text  # no number of anything; whoever expects one refuses the text
     try:
         return int(text)
     except ValueError:
@@ -269,7 +275,7 @@ def find_json(text: str) -> tuple[Found, ...]:
     `[G7, G8]`.
     """
     found: list[Found] = []
-    decoder = json.JSONDecoder(parse_constant=_refused, parse_float=_finite)
+    decoder = json.JSONDecoder(parse_constant=_refused, parse_float=_finite, parse_int=_short)
     work = WORK_PER_CHARACTER * len(text) + 10_000
     at = 0
     for _ in range(MAX_STARTS):
@@ -292,6 +298,12 @@ def _refused(name: str) -> Any:
     raise ValueError(f"{name} is not JSON")
 
 
+def _short(text: str) -> int:
+    if len(text) > LONGEST_NUMBER:
+        raise ValueError("a number with too many digits")
+    return int(text)
+
+
 def _finite(text: str) -> float:
     value = float(text)
     if value in (float("inf"), float("-inf")):
@@ -304,7 +316,18 @@ def _strict(decoder: json.JSONDecoder, text: str, start: int) -> Found | None:
         value, end = decoder.raw_decode(text, start)
     except (ValueError, RecursionError):
         return None
+    if _SURROGATE.search(text, start, end):
+        value = _whole(value)
     return Found(value=value, start=start, end=end)
+
+
+def _whole(value: Any) -> Any:
+    """The value with every half of a character replaced; it could not be stored."""
+    if isinstance(value, str):
+        return whole_text(value)
+    if isinstance(value, dict):
+        return {whole_text(key): _whole(item) for key, item in value.items()}
+    return [_whole(item) for item in value] if isinstance(value, list) else value
 
 
 def _lenient(text: str, start: int, work: int) -> tuple[Found | None, int]:

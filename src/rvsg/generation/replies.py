@@ -19,6 +19,7 @@ from rvsg.scenario.validity import Finding, Repair
 
 MAX_TASKS = 60
 MAX_PATH = 400
+MAX_GROUP = 1000
 NAME_CHARACTERS = 120
 TEXT_CHARACTERS = 20_000
 SPEED_LIMITS_M_S = (0.3, 2.0)
@@ -366,7 +367,10 @@ def _group(value: Any, human: str, notes: _Notes) -> int | None:
             notes.find("bad-group", f"a group is a whole number, got {_shown(value)}.", human=human)
             notes.repair("left the group", human)
         return None
-    return int(number) if number >= 0 else None
+    if number > MAX_GROUP:
+        notes.find("bad-group", f"a group is a small whole number, got {_shown(value)}.", human=human)
+        notes.repair("left the group", human)
+    return int(number) if 0 <= number <= MAX_GROUP else None
 
 
 # -- small readers ---------------------------------------------------------------------------------
@@ -392,9 +396,11 @@ def _number(value: Any) -> float | None:
     if isinstance(value, str):
         match = re.match(r"\s*(-?\d+(?:\.\d+)?)\s*(?:s|sec|seconds|m/s)?\s*$", value)
         value = float(match[1]) if match else None
-    if isinstance(value, (int, float)) and math.isfinite(value):
-        return float(value)
-    return None
+    try:
+        number = float(value) if isinstance(value, (int, float)) else math.nan
+    except OverflowError:
+        return None
+    return number if math.isfinite(number) else None
 
 
 def _text(value: Mapping[str, Any], keys: Sequence[str]) -> str:

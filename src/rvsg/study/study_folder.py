@@ -14,7 +14,7 @@ Any subset of it is read, and folders of any results kept in the same layout.
 from __future__ import annotations
 
 import csv
-import json
+import io
 import math
 import re
 from collections.abc import Iterator
@@ -22,6 +22,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from rvsg.core.errors import FileError
+from rvsg.core.inputs import parse_json, read_text
 from rvsg.core.records import Record
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import ForceFactors, Human, HumanConfiguration, Task
@@ -138,7 +140,7 @@ def _of_routes(
             findings.append(_stranger(route, root))
             continue
         for scenario in sorted((p for p in route.iterdir() if p.is_dir()), key=lambda p: (len(p.name), p.name)):
-            if scenario.name.isdecimal():
+            if scenario.name.isdecimal() and len(scenario.name) < 10:
                 yield Batch(scenario, method, requirement, route.name, int(scenario.name))
             else:
                 findings.append(_stranger(scenario, root))
@@ -167,9 +169,9 @@ def read_description(folder: Path) -> tuple[str, str | None]:
     if not files:
         return "", None
     try:
-        value = json.loads(files[0].read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        return "", f"{files[0].name}: not readable as JSON ({error}); the description is lost"
+        value = parse_json(read_text(files[0]), files[0])
+    except FileError as error:
+        return "", f"{files[0].name}: not readable as JSON ({error.reason}); the description is lost"
     text = value.get("scenario", "") if isinstance(value, dict) else None
     if not isinstance(text, str):
         return "", f"{files[0].name}: its `scenario` is no text; the description is lost"
@@ -195,9 +197,9 @@ def read_people(path: Path, known: frozenset[str]) -> ReadPeople:
     """
     read = ReadPeople(None, {}, [])
     try:
-        value = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        read.odd.append(("configuration", f"not readable as JSON ({error}): is the file cut off?"))
+        value = parse_json(read_text(path), path)
+    except FileError as error:
+        read.odd.append(("configuration", f"not readable as JSON ({error.reason}): is the file cut off?"))
         return read
     numbers = sorted(int(n) for key in value if (n := _worker_number(key))) if isinstance(value, dict) else []
     if not numbers:
@@ -254,16 +256,15 @@ def read_logged(folder: Path) -> tuple[dict[int, dict[str, float | None]], dict[
     completed: dict[int, bool | None] = {}
     wrong: list[str] = []
     try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            rows = list(csv.DictReader(file, strict=True))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        rows = list(csv.DictReader(io.StringIO(read_text(path), newline=""), strict=True))
+    except (FileError, csv.Error) as error:
         return {}, {}, [f"log.csv cannot be read: {error}"]
     missing = [name for name in LOGGED if rows and name not in rows[0]]
     if missing:
         wrong.append(f"log.csv lacks the columns {', '.join(missing)}")
     for line, row in enumerate(rows, 2):
         tag = str(row.get("experiment_tag") or "").rpartition("_")[2]
-        if not tag.isdecimal() or int(tag) in values:
+        if not tag.isdecimal() or len(tag) > 9 or int(tag) in values:
             wrong.append(f"log.csv line {line}: the experiment_tag is {row.get('experiment_tag')!r}; row left out")
             continue
         values[int(tag)] = {name: _finite(row.get(name), name, line, wrong) for name in LOGGED if name not in missing}

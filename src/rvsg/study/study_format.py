@@ -6,12 +6,12 @@ study's decoder looked up the waypoints of every path in the grid and dropped th
 
 from __future__ import annotations
 
-import json
 import re
 from pathlib import Path
 from typing import Any
 
 from rvsg.core.errors import FileError, InputError
+from rvsg.core.inputs import parse_json, read_text
 from rvsg.core.records import Record
 from rvsg.scenario.agents import HumanAgent
 from rvsg.scenario.scenario import ForceFactors, Human, HumanConfiguration, Task
@@ -96,11 +96,9 @@ class StudyConfiguration(Record):
 def read_study_configuration(path: Path, grid: Grid) -> StudyConfiguration:
     """Read a file of the study; raises FileError where it is not such a file."""
     try:
-        return decode_study(json.loads(path.read_text(encoding="utf-8")), grid)
-    except OSError as error:
-        raise FileError(path, f"cannot be read: {error.strerror}") from None
-    except json.JSONDecodeError as error:
-        raise FileError(path, f"is not JSON: {error.msg}", line=error.lineno) from None
+        return decode_study(parse_json(read_text(path), path), grid)
+    except FileError:
+        raise
     except InputError as error:
         raise FileError(path, str(error)) from None
 

@@ -6,6 +6,7 @@ A log that cannot be trusted in full is refused whole: a metric over part of a r
 from __future__ import annotations
 
 import csv
+import io
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,6 +14,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from rvsg.core.errors import FileError
+from rvsg.core.inputs import read_text
 from rvsg.simulation.run import Trajectory
 
 _WORKER = re.compile(r"worker(\d+)_x")
@@ -79,11 +82,9 @@ def truth(text: str) -> bool | None:
 def _table(path: Path) -> tuple[list[str], list[list[str]]]:
     """The header and the rows of a CSV file; a row of another length than the header makes it unusable."""
     try:
-        if path.stat().st_size > LARGEST_BYTES:
-            raise UnusableLog("the file is larger than a log can be")
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            lines = [line for line in csv.reader(file, strict=True) if line]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        text = read_text(path, largest=LARGEST_BYTES)
+        lines = [line for line in csv.reader(io.StringIO(text, newline=""), strict=True) if line]
+    except (FileError, csv.Error) as error:
         raise UnusableLog(f"cannot be read: {error}") from None
     if not lines:
         raise UnusableLog("the file is empty")

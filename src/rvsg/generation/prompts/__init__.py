@@ -20,6 +20,7 @@ from jinja2.exceptions import SecurityError
 from jinja2.sandbox import SandboxedEnvironment
 
 from rvsg.core.errors import FileError, UnknownName
+from rvsg.core.inputs import read_text
 
 SHIPPED = Path(__file__).parent
 SUFFIX = ".md.j2"
@@ -158,10 +159,7 @@ def _name(path: Path) -> str:
 
 @lru_cache(maxsize=128)
 def _read_at(path: Path, changed_ns: int) -> str:
-    try:
-        return path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise FileError(path, f"cannot be read as text: {error}") from None
+    return read_text(path)
 
 
 def _read(path: Path) -> str:

@@ -11,6 +11,9 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Literal
 
+from pydantic import field_validator
+
+from rvsg.core.inputs import whole_text
 from rvsg.core.records import Record, canonical_json, content_id
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
@@ -112,6 +115,11 @@ class Answer(Record):
     finish: Literal["complete", "truncated", "refused", "empty"] = "complete"
     usage: Usage = Usage()
     source: Literal["model", "record"] = "model"
+
+    @field_validator("text")
+    @classmethod
+    def _can_be_stored(cls, text: str) -> str:
+        return whole_text(text)
 
 
 def estimated_tokens(text: str) -> int:

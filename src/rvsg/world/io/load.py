@@ -13,6 +13,7 @@ from pydantic import ValidationError
 
 from rvsg.core.documents import Document, DocumentError, Key, Model, Problem, read_document, read_yaml, validated
 from rvsg.core.errors import FileError, InputError, UnknownName
+from rvsg.core.inputs import exists, is_dir
 from rvsg.core.records import Pose
 from rvsg.world.build import build_world
 from rvsg.world.io.files import DerivedMap, LabelsFile, ObjectsFile, RouteEntry, RoutesFile, WorldFile
@@ -47,9 +48,9 @@ def world_folder(path: str | Path) -> Path:
     """
     path = Path(path)
     folder = path.parent if path.name == "world.yaml" else path
-    if folder.is_file():
+    if not is_dir(folder) and exists(folder):
         raise FileError(folder, "this is a file; a world is a folder that holds a world.yaml.")
-    if not folder.is_dir():
+    if not is_dir(folder):
         raise UnknownName("world", str(path), shipped_worlds(), hint="Or give the folder of your own world.")
     if not (folder / "world.yaml").is_file():
         raise FileError(folder, "the folder holds no world.yaml; `rvsg world new` makes a world folder from a map")

@@ -87,7 +87,10 @@ class ModelFiles:
 
 def split(uri: str) -> tuple[str, str]:
     """Return the scheme and the rest of a URI, percent signs decoded."""
-    parsed = urlparse(uri.strip())
+    try:
+        parsed = urlparse(uri.strip())
+    except ValueError:  # such as a bracket that is not closed; no file has that name
+        return "", uri.strip()
     if parsed.scheme in WEB:
         return parsed.scheme, unquote(parsed.netloc.lower() + parsed.path)
     return parsed.scheme, unquote(parsed.netloc + parsed.path)
@@ -114,7 +117,7 @@ def _versions(model: Path, wanted: str | None) -> list[Path]:
         return [model / wanted]
     if not model.is_dir():
         return []
-    numbered = [path for path in model.iterdir() if path.name.isdigit()]
+    numbered = [path for path in model.iterdir() if path.name.isdecimal()]
     return sorted(numbered, key=lambda path: -int(path.name))
 
 
@@ -154,6 +157,8 @@ def _named_in_config(folder: Path) -> list[Path]:
         return []
     named = []
     for entry in entries:
-        version = tuple(int(p) if p.isdigit() else 0 for p in entry.attributes.get("version", "0").split("."))
+        version = tuple(
+            int(p) if p.isdecimal() and len(p) < 10 else 0 for p in entry.attributes.get("version", "0").split(".")
+        )
         named.append((version, entry.text.strip()))
     return [folder / name for _, name in sorted(named, reverse=True) if name]

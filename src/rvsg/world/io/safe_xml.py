@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from xml.parsers import expat
 
+from rvsg.core import inputs
 from rvsg.core.errors import FileError
 
 LARGEST_FILE_BYTES = 256 * 1024 * 1024
@@ -119,14 +120,4 @@ def _tidied(content: bytes) -> tuple[bytes, int]:
 
 def read_bytes(path: Path) -> bytes:
     """The content of a file of at most LARGEST_FILE_BYTES, or a FileError that says why it cannot be read."""
-    if path.is_dir():
-        raise FileError(path, "this is a folder; expected a file.")
-    try:
-        size = path.stat().st_size
-        if size > LARGEST_FILE_BYTES:
-            raise FileError(path, f"the file has {size} bytes; at most {LARGEST_FILE_BYTES} are read.")
-        return path.read_bytes()
-    except FileNotFoundError:
-        raise FileError(path, "there is no such file.") from None
-    except OSError as error:
-        raise FileError(path, f"the file cannot be read: {error.strerror}.") from None
+    return inputs.read_bytes(path, largest=LARGEST_FILE_BYTES)
