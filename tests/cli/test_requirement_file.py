@@ -1,6 +1,6 @@
 import pytest
 
-from rvsg.api.wiring import requirement_of
+from rvsg.api.requirements import load_requirement
 from rvsg.core.errors import FileError
 
 WRONG = """wide:
@@ -21,7 +21,7 @@ def test_a_wrong_formula_is_told_with_its_line_and_character(tmp_path):
     path = tmp_path / "mine.yaml"
     path.write_text(WRONG)
     with pytest.raises(FileError) as caught:
-        requirement_of(f"{path}:wide")
+        load_requirement(f"{path}:wide")
     told = str(caught.value)
     assert f'{path}:4: wide.formula: there is no signal "sped". Did you mean "speed"?' in told
     assert "(at character 37)" in told
@@ -31,7 +31,7 @@ def test_a_wrong_formula_is_told_with_its_line_and_character(tmp_path):
 def test_a_sound_formula_of_a_file_is_read(tmp_path):
     path = tmp_path / "mine.yaml"
     path.write_text(WRONG.replace("sped", "speed").replace("spped", "speed"))
-    read = requirement_of(f"{path}:wide").formula
+    read = load_requirement(f"{path}:wide").formula
     assert read is not None and read.split() == [
         "always",
         "(distance_to_person",

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from rvsg.api.wiring import requirement_of
+from rvsg.api.requirements import load_requirement
 from rvsg.core.errors import FileError
 from rvsg.evaluation.judge import check_requirement
 from rvsg.evaluation.metrics import METRICS
@@ -20,44 +20,44 @@ def of(tmp_path: Path, said: str) -> str:
 def test_a_limit_in_another_unit_than_the_metrics_is_refused_with_file_line_and_both_units(tmp_path: Path) -> None:
     asked = of(tmp_path, "  metric: min_distance\n  worse: smaller\n  limit: 30\n  unit: cm\n")
     with pytest.raises(FileError) as caught:
-        requirement_of(asked)
+        load_requirement(asked)
     told = str(caught.value)
     assert "mine.yaml:7: near.unit: min_distance is measured in m, got 'cm'" in told
     assert "Write the limit in m" in told and "\n" not in told
 
 
 def test_a_missing_unit_is_that_of_the_metric(tmp_path: Path) -> None:
-    assert requirement_of(of(tmp_path, "  metric: min_distance\n  worse: smaller\n  limit: 0.3\n")).unit == "m"
+    assert load_requirement(of(tmp_path, "  metric: min_distance\n  worse: smaller\n  limit: 0.3\n")).unit == "m"
 
 
 @pytest.mark.parametrize("unit", ["m/s3", "m/s^3", "m/s³"])
 def test_a_unit_may_be_typed_without_superscripts(tmp_path: Path, unit: str) -> None:
     asked = of(tmp_path, f"  metric: jerk\n  worse: larger\n  limit: 3\n  unit: {unit}\n")
-    assert requirement_of(asked).unit == "m/s³"
+    assert load_requirement(asked).unit == "m/s³"
 
 
 def test_a_direction_against_that_of_the_metric_is_refused(tmp_path: Path) -> None:
     asked = of(tmp_path, "  metric: min_distance\n  worse: larger\n  limit: 0.3\n  unit: m\n")
     with pytest.raises(FileError, match=r"mine\.yaml:5: near\.worse: min_distance is worse when smaller, got 'larger'"):
-        requirement_of(asked)
+        load_requirement(asked)
 
 
 def test_a_metric_without_a_direction_of_its_own_takes_both(tmp_path: Path) -> None:
     for worse in ("smaller", "larger"):
         asked = of(tmp_path, f"  metric: speed\n  worse: {worse}\n  limit: 0.3\n")
-        assert requirement_of(asked).worse == worse
+        assert load_requirement(asked).worse == worse
 
 
 def test_a_share_of_the_time_limit_is_for_seconds(tmp_path: Path) -> None:
     asked = of(tmp_path, "  metric: min_distance\n  worse: smaller\n  limit_share: 0.9\n")
     with pytest.raises(FileError, match=r"near\.limit_share: is a share of the route's time limit"):
-        requirement_of(asked)
+        load_requirement(asked)
     timely = of(tmp_path, "  metric: standstill\n  worse: larger\n  limit_share: 0.5\n")
-    assert requirement_of(timely).for_time_limit(20.0).limit == 10.0
+    assert load_requirement(timely).for_time_limit(20.0).limit == 10.0
 
 
 def test_a_formula_keeps_the_unit_it_is_given(tmp_path: Path) -> None:
-    assert requirement_of(of(tmp_path, "  formula: always speed < 1\n  unit: m/s\n")).unit == "m/s"
+    assert load_requirement(of(tmp_path, "  formula: always speed < 1\n  unit: m/s\n")).unit == "m/s"
 
 
 def test_every_shipped_requirement_fits_its_metric_as_it_stands() -> None:
@@ -70,6 +70,6 @@ def test_every_unit_can_be_written_as_the_message_says(tmp_path: Path) -> None:
         worse = "smaller" if info.worse == "neither" else info.worse
         said = f"  metric: {info.id}\n  worse: {worse}\n  unit: "
         with pytest.raises(FileError, match="is measured in") as caught:
-            requirement_of(of(tmp_path, f"{said}furlong\n"))
+            load_requirement(of(tmp_path, f"{said}furlong\n"))
         unit = str(caught.value).split("`unit: ")[1].split("`")[0]
-        assert requirement_of(of(tmp_path, f"{said}{unit}\n")).unit == info.unit
+        assert load_requirement(of(tmp_path, f"{said}{unit}\n")).unit == info.unit

@@ -16,13 +16,13 @@ from rvsg.cli import main
 from rvsg.core import plugins
 from rvsg.simulation.kinematic import KinematicSimulator
 
-found = plugins._found
+found = plugins._registered
 
 
 @pytest.fixture(autouse=True)
 def installed(monkeypatch: pytest.MonkeyPatch) -> None:
     point = EntryPoint(name="json", group="rvsg.stores", value="tests.cli.json_store:JsonLedger")
-    monkeypatch.setattr(plugins, "_found", lambda kind: found(kind) | ({"json": point} if kind == "store" else {}))
+    monkeypatch.setattr(plugins, "_registered", lambda kind: found(kind) | ({"json": point} if kind == "store" else {}))
 
 
 def kept(folder: Path, **options: str) -> list[str]:
@@ -39,7 +39,7 @@ def test_the_store_of_the_tests_keeps_the_promises_of_a_ledger(tmp_path: Path) -
     check_ledger(lambda: JsonLedger(tmp_path / "store"), attempt, run)
 
 
-def test_another_store_keeps_the_same_campaign_and_is_found_again(tmp_path: Path) -> None:
+def test_another_store_keeps_the_same_campaign_and_is_registered_again(tmp_path: Path) -> None:
     main(["run", *SMALL, "--out", str(tmp_path / "one")])
     out = tmp_path / "two"
     assert main(["run", *SMALL, "--store", "json", "--store-option", "ending=txt", "--out", str(out)]) == 0

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rvsg.api.commands import command_for
+from rvsg.api.commands import command_for, confirm_command
 from rvsg.api.config import CampaignConfig, effective, safe_name
 from rvsg.api.folder import BEST, CONFIG, REPORT, alone_in, check_out, make_folder, opened, reading, store_of
 from rvsg.api.paths import as_stored, paths_of, spelled_out
@@ -21,9 +21,10 @@ from rvsg.api.worlds import world_of
 from rvsg.campaign import confirmation
 from rvsg.campaign.attempt import Attempt, Ledger
 from rvsg.campaign.events import Event, Message, ModelCall
+from rvsg.campaign.finding import Finding, findings
 from rvsg.campaign.loop import stream_campaign
 from rvsg.campaign.plan import Plan
-from rvsg.campaign.ranking import best_attempt, candidates, search_attempts
+from rvsg.campaign.ranking import best_attempt, candidates, search_attempts, standing
 from rvsg.core.errors import InputError, UnknownName
 from rvsg.core.files import write_whole
 from rvsg.core.plugins import Spec
@@ -70,6 +71,8 @@ class Campaign:
         generator: str | Spec | Generator | None = None,
         simulator: str | Spec | Simulator | None = None,
         on_message: Callable[[str], None] = ignore,
+        paths: Mapping[str, str] | None = None,
+        begun_in: str | None = None,
         **settings: Any,
     ) -> Campaign:
         """Create a campaign in a folder. Where the folder holds one with the same settings, it resumes.
@@ -80,6 +83,8 @@ class Campaign:
             generator, simulator: a registered name, a Spec, or an instance of your own; an instance has to be given
                 again to `open` the campaign.
             on_message: called with what a person should know.
+            paths: where typed paths among the settings are, if they are not relative to the current folder.
+            begun_in: the folder they are relative to.
             settings: the keys of a campaign file: `world`, `route`, `requirement`, `scenarios`, `refinements`, ...
 
         Raises:
@@ -90,10 +95,10 @@ class Campaign:
         from_file = dict(file or {})
         config = effective(None, from_file, settings)
         check_out(config.folder)
-        stored, config, paths = _resumed(config, from_file, settings)
+        stored, config, known = _resumed(config, from_file, settings)
         reject_unused_model_options(config, settings, on_message)
-        wired = wire(config, paths, **instances)
-        begun_in = (stored.provenance.begun_in if stored else None) or str(Path.cwd())
+        wired = wire(config, {**(paths or {}), **known}, **instances)
+        begun_in = (stored.provenance.begun_in if stored else None) or begun_in or str(Path.cwd())
         record = CampaignRecord.of(config, wired.plan, wired.simulator_spec, begun_in)
         if stored is not None:
             record, reworded = stored.kept_words(record)
@@ -275,7 +280,25 @@ class Campaign:
         """Return the configurations that violated in the search and are not confirmed yet, worst first."""
         attempts = self.attempts()
         confirmed = {a.confirms for a in attempts if a.purpose == "confirmation"}
-        return [a for a in candidates(attempts, self.requirement) if a.index not in confirmed]
+        violating = [a for a in candidates(attempts, self.requirement) if standing(a, self.requirement)[0] > 0.0]
+        return [a for a in violating if a.index not in confirmed]
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Every confirmation with what it means, the worst first."""
+        with self._reading() as ledger:
+            attempts = list(ledger.attempts(self.name))
+            return findings(self.plan, attempts, run_of=ledger.run, world=self.world, procedure=self.record.judging)
+
+    def result(self) -> dict[str, Any]:
+        """Return what was found as JSON-able data, as `rvsg run --json` prints it."""
+        found = {"confirmed": [finding.model_dump(mode="json") for finding in self.findings]}
+        found["candidates"] = [
+            {"attempt": a.index, "scenario": a.brief.scenario_index, "command": confirm_command(self.folder, a.index)}
+            for a in self.candidates()
+        ]
+        kept = {"out": str(self.folder), "report": str(self.folder / REPORT), "command": self.command}
+        return self.summary().model_dump(mode="json", exclude={"confirmed"}) | found | kept
 
     def runs(self) -> Iterator[Run]:
         """Return every run of the campaign, one at a time, in the order of the attempts."""
@@ -290,7 +313,7 @@ class Campaign:
 
     @property
     def verdict(self) -> Verdict | None:
-        """The verdict of the first confirmation; None before it."""
+        """The verdict of the confirmation that says most against the robot; None before any."""
         confirmed = self.summary().confirmed
         return confirmed.verdict if confirmed else None
 

@@ -40,6 +40,11 @@ def resume_command(config: CampaignConfig, *, without: Sequence[str] = ()) -> st
     return shlex.join(["rvsg", "run", "--out", str(config.folder), *words])
 
 
+def confirm_command(folder: Path, attempt: int) -> str:
+    """Return the command that confirms a candidate."""
+    return shlex.join(["rvsg", "confirm", str(folder), str(attempt)])
+
+
 def _options(config: CampaignConfig, *, without: Sequence[str]) -> list[str]:
     """Return the options of `rvsg run` that give these settings: those that are not the default."""
     words: list[str] = []

@@ -18,8 +18,10 @@ if TYPE_CHECKING:
     from rvsg.campaign.attempt import Ledger
 
 LEDGER = "ledger.sqlite"
-CELLS = "cells.json"
+MATRIX = "matrix.json"
 """The settings of several campaigns of one command, whose folders stand beside it."""
+CELLS = "cells.json"
+"""The name of that file in RVSG 0.1."""
 STORE = "store.json"
 """Says which store keeps the campaign where that is not SQLite, so that resuming and reporting find it."""
 CONFIG = "campaign.yaml"
@@ -38,6 +40,11 @@ def store_of(folder: Path) -> tuple[str, dict[str, Any]] | None:
         return str(told["store"]), dict(told["options"])
     except (ValueError, KeyError, TypeError) as error:
         raise FileError(folder / STORE, f"it does not say which store keeps this campaign ({error}).") from None
+
+
+def is_matrix(folder: Path) -> bool:
+    """Whether a folder holds several campaigns of one command."""
+    return any((folder / name).is_file() for name in (MATRIX, CELLS))
 
 
 @contextlib.contextmanager
@@ -80,7 +87,7 @@ def check_out(folder: Path) -> None:
     except OSError as error:
         raise FileError(folder, f"the folder cannot be read: {error.strerror}. Choose another --out.") from None
     foreign = sorted(found.difference(BEFOREHAND))
-    if foreign and not found.intersection((LEDGER, STORE, CELLS)):
+    if foreign and not found.intersection((LEDGER, STORE, MATRIX, CELLS)):
         listed = ", ".join(foreign[:3]) + (", ..." if len(foreign) > 3 else "")
         raise FileError(
             folder,

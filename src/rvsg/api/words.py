@@ -6,9 +6,11 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 
 from rvsg.api.evaluating import Judgement
+from rvsg.campaign.finding import Finding
 from rvsg.generation.generator import Call, Proposal
 from rvsg.generation.vlm.budget import Spending
 from rvsg.report.summary import counted, interval, number, status_in_words
+from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.validity import warnings
 from rvsg.world.world import World
 
@@ -33,6 +35,57 @@ def describe_judgement(judged: Judgement) -> Iterator[str]:
         each = ", ".join(f"{count} for {status.value}" for status, count in fewest if count <= left)
         can = f"More runs can decide it: at least {each}" if each else f"{left} more cannot decide it"
         yield f"{can} (budget: {procedure.max_runs} in all)."
+
+
+def describe_finding(finding: Finding, requirement: Requirement) -> Iterator[str]:
+    """Yield what a confirmation says: how often, with and without people, what else was seen, what happened."""
+    verdict = finding.verdict
+    runs = counted(verdict.runs + verdict.undefined, "confirmation run")
+    yield (
+        f"Scenario {finding.scenario + 1} in {runs}: {status_in_words(verdict)}; {interval(verdict, requirement.unit)}"
+        f"{_often(finding)}"
+    )
+    if (compared := describe_difference(finding)) is not None:
+        yield f"  {compared}"
+    contacts, arrived = finding.contacts, finding.arrived
+    if contacts.runs:
+        longest, speed = number(contacts.longest_s, "s"), number(contacts.worst_speed_m_s, "m/s")
+        touched = f"{contacts.runs} of {counted(contacts.of, 'run')} touch a person (longest {longest}, up to {speed})"
+        yield f"  Contact: {touched}{'' if finding.violated else f', which {requirement.name} does not judge'}."
+    if arrived.runs < arrived.of:
+        yield f"  {arrived.of - arrived.runs} of {counted(arrived.of, 'run')} did not reach the goal."
+    for removal in finding.cause:
+        yield (
+            f"  Without {removal.without}: {removal.violated} of {counted(removal.of, 'run')} violate it; "
+            f"with everybody {removal.before}."
+        )
+    if finding.violated and finding.story:
+        yield f"  {' '.join(finding.story)}"
+
+
+def describe_difference(finding: Finding) -> str | None:
+    """Return how often the requirement is violated with and without people; None where that was not measured."""
+    without = finding.without_people
+    if without is None or finding.difference is None or finding.difference_interval is None:
+        return None
+    low, high = finding.difference_interval
+    points = "point" if abs(round(100 * finding.difference)) == 1 else "points"
+    said = (
+        f"{finding.violation_probability:.0%} with these people, {without.probability:.0%} without (difference "
+        f"{100 * finding.difference:.0f} {points}, interval {100 * low:.0f} to {100 * high:.0f})."
+    )
+    meant = {
+        "no": " The violation recurs without people, so it is not a finding about people.",
+        "open": " These runs do not tell whether the people cause it.",
+    }
+    return said + meant.get(finding.about_people, "")
+
+
+def _often(finding: Finding) -> str:
+    if finding.violation_probability is None or finding.interval is None:
+        return ""
+    low, high = finding.interval
+    return f"; violated with probability {finding.violation_probability:.2f} [{low:.2f}, {high:.2f}]"
 
 
 def describe_proposal(proposal: Proposal, world: World) -> Iterator[str]:

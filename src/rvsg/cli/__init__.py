@@ -23,6 +23,7 @@ VERBS: dict[str, Verb] = {
     "compare": Verb("compare", "Compare generators and strategies at an equal number of runs"),
     "scenario": Verb("scenario", "Adapt a saved scenario to a world that has changed"),
     "shrink": Verb("shrink", "Find the smallest scenario that violates a requirement about as often"),
+    "confirm": Verb("confirm", "Confirm one more candidate of a campaign"),
     "report": Verb("report", "Write the page of a stored campaign, and print its ranked scenarios"),
     "export": Verb("export", "Write a scenario or runs for Foxglove, HuNavSim, Nav2, Gazebo, pandas"),
     "suite": Verb("suite", "Keep scenarios, run them against every version, tell what broke"),

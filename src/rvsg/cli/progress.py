@@ -25,6 +25,7 @@ class CampaignProgress:
 
     Args:
         attempts: those made before.
+        name: of a campaign that runs beside others; its lines begin with it, and there is no bar.
         check: called with every event; it may raise KeyboardInterrupt.
     """
 
@@ -33,7 +34,7 @@ class CampaignProgress:
         plan: Plan,
         attempts: list[Attempt],
         *,
-        quiet: bool = False,
+        name: str = "",
         check: Callable[[], None] = lambda: None,
     ) -> None:
         self.plan = plan
@@ -46,8 +47,8 @@ class CampaignProgress:
         self.spent: Spending | None = None
         for attempt in attempts:
             self._note(attempt)
-        live = console().is_terminal and not quiet
-        self.quiet = quiet
+        live = console().is_terminal and not name
+        self.name = f"{name}: " if name else ""
         self.bar: Progress | None = None
         if live:
             self.bar = Progress(
@@ -77,7 +78,7 @@ class CampaignProgress:
         self.check()
         match event:
             case Message():
-                say(event.text)
+                say(f"{self.name}{event.text}")
             case Proposing():
                 self._proposing(event.brief)
             case ModelCall():
@@ -117,8 +118,8 @@ class CampaignProgress:
         if self.bar:
             doing = {"asked": f": asks {news.model}", "waiting": f": waits for {news.model}", "answered": ""}
             self.bar.update(self.task, description=self.place + doing[news.what] + self._spent())
-        if news.what == "waiting" and not self.quiet:
-            say(f"{news.model}, {news.purpose}: {news.why}")
+        if news.what == "waiting":
+            say(f"{self.name}{news.model}, {news.purpose}: {news.why}")
 
     def _spent(self) -> str:
         return f"; model {describe_spending(self.spent)}" if self.spent is not None and self.spent.calls else ""
@@ -127,12 +128,12 @@ class CampaignProgress:
         """Without a terminal, print a line with an estimate at the end of every scenario."""
         self._note(attempt)
         last = (attempt.index + 1) % self.plan.configurations == 0
-        if self.bar or self.quiet or attempt.purpose != "search" or not last:
+        if self.bar or attempt.purpose != "search" or not last:
             return
         spent = time.monotonic() - self.begin
         left = spent / self.made * (self.plan.runs - self.runs) if self.made else 0.0
         say(
-            f"{self.runs} of {self.plan.runs} runs; {self.plan.requirement.name} at worst "
+            f"{self.name}{self.runs} of {self.plan.runs} runs; {self.plan.requirement.name} at worst "
             f"{number(self.worst, self.plan.requirement.unit)}; about {left:.0f} s left{self._spent()}"
         )
 

@@ -1,4 +1,4 @@
-"""`rvsg report`: what a stored campaign found."""
+"""`rvsg report`: write and print what stored campaigns found."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from rvsg.cli.console import as_started, console, print_json, say
 from rvsg.cli.frame import verb
 
 if TYPE_CHECKING:
-    from rvsg.campaign.plan import Plan
-    from rvsg.report.summary import Summary
+    from rvsg.api.campaign import Campaign
+    from rvsg.api.matrix import Matrix
 
 app = verb()
 
@@ -39,99 +39,72 @@ def report(
 
     For the folder of several campaigns: the page of each, and an overview that leads to them.
     """
-    from rvsg.api.folder import CELLS, REPORT
-    from rvsg.cli.cells import folders_in, write_overview_in
-    from rvsg.cli.tables import cells_table
-    from rvsg.core.errors import InputError
-    from rvsg.core.files import write_whole
-    from rvsg.report.junit import junit_of
+    from rvsg.api.errors import InputError
+    from rvsg.api.folder import is_matrix
+    from rvsg.api.index import campaigns_in
+    from rvsg.api.matrix import Matrix, folders_in
+    from rvsg.api.reporting import write_junit, write_study_tables
 
-    several = store.is_dir() and (store / CELLS).exists()
+    several = is_matrix(store)
     paths = folders_in(store) if several else [store]
     if not paths:
         begin = as_started(shlex.join(["rvsg", "run", "--out", str(store)]))
         raise InputError(f"{store}: none of its campaigns has begun. Begin them: {begin}")
     if tables is not None:
-        _write_tables([*paths, *(also or ())], tables)
-    if several and html is not None:
-        raise InputError(f"{store}: {len(paths)} campaigns have a page each; --html names one. Report them one by one.")
-    found = [each for path in paths for each in _report(path, html, world, optional=tables is not None)]
+        for note in write_study_tables([*paths, *(also or ())], tables):
+            say(f"  {note}")
+        say(f"Tables: {tables}/published and {tables}/honest (rq1, rq2, rq3 as csv, md, tex; a figure with matplotlib)")
+    campaigns = [each for path in paths for each in campaigns_in(path, optional=tables is not None)]
+    if len(campaigns) > 1 and html is not None:
+        raise InputError(
+            f"{store}: {len(campaigns)} campaigns have a page each; --html names one. Report one at a time."
+        )
+    pages = [each.report(html or each.page(several=len(campaigns) > len(paths)), world=world) for each in campaigns]
     if junit:
-        write_whole(junit, junit_of([(plan, summary) for plan, summary, _ in found]))
-    told = [summary.model_dump(mode="json", exclude={"confirmed": {"brief", "proposal"}}) for _, summary, _ in found]
-    if json and found:
-        print_json({"campaigns": told} if several or len(told) > 1 else told[0])
+        write_junit(junit, campaigns)
+    if json and campaigns:
+        found = [campaign.result() for campaign in campaigns]
+        print_json({"campaigns": found} if several or len(found) > 1 else found[0])
     if several:
-        write_overview_in(store, {page.parent: (plan, summary) for plan, summary, page in found})
-        say(cells_table([(plan, summary) for plan, summary, _ in found]))
-        _say_unfinished(store, [(plan, summary) for plan, summary, _ in found])
-        say(f"Reports: {store / REPORT}")
+        _show_matrix(Matrix.open(store), campaigns)
     else:
-        for each in found:
-            _say_found(store, *each)
-    if fail_on_violation and any(summary.violated for _, summary, _ in found):
+        for campaign, page in zip(campaigns, pages, strict=True):
+            _show(campaign, page)
+    if fail_on_violation and any(campaign.summary().violated for campaign in campaigns):
         raise typer.Exit(1)
 
 
-def _say_found(store: Path, plan: Plan, summary: Summary, page: Path) -> None:
-    """What one campaign found, and where it was cut off: how far it came, and how it goes on."""
-    from rvsg.cli.tables import confirmation_line, how_far, ranked_table
+def _show(campaign: Campaign, page: Path) -> None:
+    """Print what one campaign found; where it is unfinished, how far it came and how to resume it."""
+    from rvsg.cli.tables import how_far, ranked_table, show_findings
 
+    plan, summary = campaign.plan, campaign.summary()
     if summary.ranking:
         say(ranked_table(plan, summary, width=console().width))
     if summary.complete:
-        say(confirmation_line(plan, summary))
+        show_findings(campaign, summary)
     else:
-        say(f"The campaign is not finished: {how_far(plan, summary)}.{_go_on(store)}")
+        say(f"The campaign is not finished: {how_far(plan, summary)}.{_resume(campaign.folder)}")
     say(f"Report: {page}")
 
 
-def _say_unfinished(folder: Path, found: list[tuple[Plan, Summary]]) -> None:
-    """Which of several campaigns were cut off or never began, and how they go on."""
-    from rvsg.cli.cells import cells_of
-    from rvsg.cli.tables import how_far
+def _show_matrix(matrix: Matrix, campaigns: list[Campaign]) -> None:
+    """Write the overview and print the table of several campaigns, and which of them are unfinished."""
+    from rvsg.cli.tables import how_far, matrix_table
 
-    cut_off = [(plan, summary) for plan, summary in found if not summary.complete]
-    for plan, summary in cut_off:
+    page = matrix.report()
+    found = [(campaign.plan, campaign.summary()) for campaign in campaigns]
+    say(matrix_table(found))
+    unfinished = [(plan, summary) for plan, summary in found if not summary.complete]
+    for plan, summary in unfinished:
         say(f"{plan.mission.route.name} {plan.requirement.name} is not finished: {how_far(plan, summary)}.")
-    cells = cells_of({}, {"out": str(folder)})
-    not_begun = len(cells.pairs) - len(found) if cells else 0
-    if not_begun:
-        say(f"{not_begun} more {'has' if not_begun == 1 else 'have'} not begun.")
-    if cut_off or not_begun:
-        say(_go_on(folder).lstrip())
+    if missing := len(matrix.all_pairs) - len(found):
+        say(f"{missing} more {'has' if missing == 1 else 'have'} not begun.")
+    if unfinished or missing:
+        say(_resume(matrix.folder).lstrip())
+    say(f"Reports: {page}")
 
 
-def _go_on(store: Path) -> str:
-    """The command that goes on with what a folder keeps; empty for a ledger that is in no folder of a campaign."""
-    from rvsg.api.folder import LEDGER
-
-    folder = store if store.is_dir() else store.parent if store.name == LEDGER else None
-    return f" Go on with: {as_started(shlex.join(['rvsg', 'run', '--out', str(folder)]))}" if folder else ""
-
-
-def _report(path: Path, html: Path | None, world: str | None, *, optional: bool) -> list[tuple[Plan, Summary, Path]]:
-    """Write the page of every campaign stored there; none where it is `optional` and there is no campaign."""
-    from rvsg.api.index import campaigns_in
-
-    found = campaigns_in(path, optional=optional)
-    pages = []
-    for campaign in found:
-        page = html if html is not None and len(found) == 1 else campaign.page(several=len(found) > 1)
-        campaign.report(page, world=world)
-        pages.append((campaign.plan, campaign.summary(), page))
-    return pages
-
-
-def _write_tables(stores: list[Path], out: Path) -> None:
-    from contextlib import ExitStack
-
-    from rvsg.api.folder import make_folder, reading
-    from rvsg.study.table_files import write_tables
-
-    make_folder(out, option="--tables")
-    with ExitStack() as stack:
-        ledgers = [stack.enter_context(reading(store)) for store in stores]
-        for note in write_tables(*ledgers, out=out):
-            say(f"  {note}")
-    say(f"Tables: {out}/published and {out}/honest (rq1, rq2, rq3 as csv, md, tex; with matplotlib rq3 drawn too)")
+def _resume(folder: Path) -> str:
+    """Return the command that resumes what a folder holds."""
+    return f" Resume with: {as_started(shlex.join(['rvsg', 'run', '--out', str(folder)]))}"

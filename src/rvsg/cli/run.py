@@ -102,16 +102,17 @@ def run(
     """
     given = {k: v for k, v in locals().items() if v is not None and k not in ("campaign", "json")}
     from rvsg.api.config import read_campaign_file
-    from rvsg.cli.cells import cells_of, run_cells
+    from rvsg.api.matrix import Matrix
+    from rvsg.cli.matrix import run_matrix
     from rvsg.cli.options import pairs
 
     for kind in ("generator", "simulator", "executor", "store"):
         if options := given.pop(f"{kind}_option", None):
             given[f"{kind}_options"] = pairs(kind, options)
     from_file = read_campaign_file(campaign) if campaign else {}
-    cells = cells_of(from_file, given)
-    if cells is not None:
-        raise typer.Exit(run_cells(cells, as_json=json))
+    matrix = Matrix.of(from_file, given)
+    if matrix is not None:
+        raise typer.Exit(run_matrix(matrix, as_json=json))
     single = [{key: v[0] if isinstance(v, list) else v for key, v in values.items()} for values in (from_file, given)]
     raise typer.Exit(run_campaign_of(*single, as_json=json))
 
@@ -219,18 +220,15 @@ def _show(campaign: Campaign, summary: Summary, spent_s: float, *, as_json: bool
     """Print the ranked table, the confirmation, where the report is, and the command that repeats it."""
     from rvsg.api.commands import command_for_more
     from rvsg.api.folder import REPORT
-    from rvsg.cli.tables import confirmation_line, ranked_table
+    from rvsg.cli.tables import ranked_table, show_findings
     from rvsg.evaluation.verdict import Status
     from rvsg.report.summary import counted
 
     plan, folder = campaign.plan, campaign.folder
     if as_json:
-        print_json(
-            summary.model_dump(mode="json", exclude={"confirmed": {"brief", "proposal"}})
-            | {"out": str(folder), "report": str(folder / REPORT), "command": campaign.command}
-        )
+        print_json(campaign.result())
     say(ranked_table(plan, summary, width=console().width))
-    say(confirmation_line(plan, summary))
+    show_findings(campaign, summary)
     verdict = summary.confirmed.verdict if summary.confirmed else None
     if verdict and verdict.status is Status.INCONCLUSIVE:
         more = as_started(command_for_more(campaign.config, summary.accounting.confirmation_runs))

@@ -4,17 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import count, takewhile
+from typing import TYPE_CHECKING
 
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 from rich.text import Text
 
-from rvsg.campaign.attempt import Attempt
+from rvsg.api.commands import confirm_command
+from rvsg.api.words import describe_finding
 from rvsg.campaign.plan import Plan
 from rvsg.campaign.ranking import rule
+from rvsg.cli.console import as_started, say
 from rvsg.evaluation.judge import DEFAULT, OPEN, still_open
 from rvsg.evaluation.verdict import Status, Verdict
-from rvsg.report.summary import Summary, counted, interval, number, status_in_words
+from rvsg.report.summary import Summary, counted, interval, number
+
+if TYPE_CHECKING:
+    from rvsg.api.campaign import Campaign
 
 WITHOUT_TEXT = 35
 """Characters of a row without the scenario's description and the objective."""
@@ -44,7 +50,7 @@ def _style(verdict: Verdict) -> str:
 def ranked_table(plan: Plan, summary: Summary, *, width: int = 80, rows: int = 10) -> Table:
     """The scenarios, the one that is worst for the robot first, in `width` characters."""
     requirement = plan.requirement
-    worse = f"worse: {requirement.worse}"
+    worse = f"{requirement.worse} is worse".replace("smaller", "lower").replace("larger", "higher")
     limit = f", limit {number(requirement.limit, requirement.unit)}" if requirement.limit is not None else ""
     measured = requirement.metric or "robustness"
     title = f"{requirement.name} {requirement.title}: {measured} ({worse}{limit})"
@@ -89,8 +95,8 @@ def _about_inconclusive(summary: Summary, rows: int) -> str:
     )
 
 
-def cells_table(found: Sequence[tuple[Plan, Summary]]) -> Table:
-    """What campaigns on several routes and requirements found, one a line: its worst scenario in fresh runs."""
+def matrix_table(found: Sequence[tuple[Plan, Summary]]) -> Table:
+    """What campaigns on several routes and requirements found, one a line: its worst confirmed scenario."""
     table = Table(box=SIMPLE_HEAD, pad_edge=False, caption_justify="left")
     table.add_column("campaign", overflow="fold", min_width=len("campaign"))
     table.add_column("worst [95 %]", justify="right", no_wrap=True)
@@ -114,7 +120,7 @@ def cells_table(found: Sequence[tuple[Plan, Summary]]) -> Table:
         table.add_row(name, interval(verdict, unit), Text(said, style=_style(verdict)), often)
         opened = opened or still_open(verdict)
     notes = [MARK_OPEN] if opened else []
-    notes += ["* of the search alone, not confirmed in fresh runs"] if unconfirmed else []
+    notes += ["* of the search alone, not confirmed"] if unconfirmed else []
     table.caption = "\n".join(notes) or None
     return table
 
@@ -137,27 +143,20 @@ def how_far(plan: Plan, summary: Summary) -> str:
     return f"{done} of {counted(plan.attempts, 'attempt')} of the search"
 
 
-def confirmation_line(plan: Plan, summary: Summary) -> str:
-    """What the fresh runs said of the best scenario."""
+def show_findings(campaign: Campaign, summary: Summary) -> None:
+    """Print every confirmation with what it means, and the candidates that are not confirmed."""
     if not summary.ranking:
-        return "No valid scenario was found."
-    confirmed = summary.confirmed
-    if confirmed is None or confirmed.verdict is None:
-        return "The best scenario was not confirmed in fresh runs."
-    verdict, unit = confirmed.verdict, plan.requirement.unit
-    selected = summary.ranking[0].verdict
-    said = (
-        f"Confirmation of scenario {confirmed.brief.scenario_index + 1} in "
-        f"{counted(len(confirmed.measurements), 'fresh run')}{_of_budget(plan, confirmed)}: "
-        f"{status_in_words(verdict)}; {interval(verdict, unit)}"
-    )
-    if verdict.violation_probability is not None and verdict.violation_interval is not None:
-        low, high = verdict.violation_interval
-        said += f"; violated with probability {verdict.violation_probability:.2f} [{low:.2f}, {high:.2f}]"
-    return f"{said}. (In the search it measured {number(selected.mean, unit)}.)"
-
-
-def _of_budget(plan: Plan, confirmed: Attempt) -> str:
-    """How many fresh runs there might have been, where the verdict was sure before they were spent."""
-    made = len(confirmed.measurements) + len(confirmed.failures)
-    return f" of at most {plan.confirmations}" if made < plan.confirmations else ""
+        say("No valid scenario was found.")
+        return
+    found = campaign.findings
+    if not found:
+        say("The best scenario was not confirmed.")
+    for finding in found:
+        for line in describe_finding(finding, campaign.requirement):
+            say(line)
+    if left := campaign.candidates():
+        command = as_started(confirm_command(campaign.folder, left[0].index))
+        many = counted(len(left), "configuration")
+        say(
+            f"{many} violated in the search and {'is' if len(left) == 1 else 'are'} not confirmed; the worst: {command}"
+        )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from rvsg.campaign.attempt import Attempt
+from rvsg.campaign.finding import worst_confirmation
 from rvsg.campaign.plan import Plan
 from rvsg.campaign.ranking import ranking, search_attempts
 from rvsg.core.records import Record
@@ -46,6 +47,8 @@ class Accounting(Record):
     search_attempts: int
     search_runs: int
     confirmation_runs: int
+    baseline_runs: int = 0
+    """Runs with fewer people: without anybody, and without one person each."""
     failed_runs: int
     invalid_proposals: int
     repaired_proposals: int
@@ -57,20 +60,22 @@ class Accounting(Record):
 
 
 class Summary(Record):
-    """A campaign so far. `violated`: the confirmation says so (FAIL, FLAKY, or one of the two for sure), or without
-    one any verdict of the search."""
+    """A campaign so far."""
 
     campaign: str
     complete: bool
+    """Whether everything planned is done."""
     ranking: tuple[Ranked, ...]
     confirmed: Attempt | None
+    """The confirmation that says most against the robot."""
     violated: bool
+    """Whether a confirmation says so (FAIL, FLAKY, or one of the two), or without one any verdict of the search."""
     accounting: Accounting
 
 
 def summarise(plan: Plan, attempts: Sequence[Attempt]) -> Summary:
     """Sum up the attempts of a campaign."""
-    confirmed = next((attempt for attempt in attempts if attempt.purpose == "confirmation"), None)
+    confirmed = worst_confirmation(attempts)
     searched = search_attempts(attempts)
     ranked = tuple(
         _ranked(place, attempt, searched) for place, attempt in enumerate(ranking(attempts, plan.requirement))
@@ -78,12 +83,19 @@ def summarise(plan: Plan, attempts: Sequence[Attempt]) -> Summary:
     decided = [confirmed.verdict] if confirmed and confirmed.verdict else [entry.verdict for entry in ranked]
     return Summary(
         campaign=plan.name,
-        complete=len(searched) >= plan.attempts and (confirmed is not None or not plan.confirmations or not ranked),
+        complete=_complete(plan, attempts, ranked),
         ranking=ranked,
         confirmed=confirmed,
         violated=any(violated(verdict) for verdict in decided),
         accounting=account(attempts),
     )
+
+
+def _complete(plan: Plan, attempts: Sequence[Attempt], ranked: Sequence[Ranked]) -> bool:
+    """Whether everything planned is done: the search, and its confirmation with the mission without people."""
+    if plan.confirmations and ranked:
+        return any(a.purpose == "baseline" for a in attempts)
+    return len(search_attempts(attempts)) >= plan.attempts
 
 
 def account(attempts: Iterable[Attempt]) -> Accounting:
@@ -96,6 +108,7 @@ def account(attempts: Iterable[Attempt]) -> Accounting:
         search_attempts=len(searched),
         search_runs=sum(len(a.measurements) for a in searched),
         confirmation_runs=sum(len(a.measurements) for a in attempts if a.purpose == "confirmation"),
+        baseline_runs=sum(len(a.measurements) for a in attempts if a.purpose in ("baseline", "removal")),
         failed_runs=sum(len(a.failures) for a in attempts),
         invalid_proposals=sum(a.proposal.scenario is None for a in searched),
         repaired_proposals=sum(bool(a.proposal.repairs) for a in searched),

@@ -17,8 +17,8 @@ import pytest
 from tests.cli.test_run import records
 
 from rvsg.api.folder import LEDGER
+from rvsg.api.matrix import folders_in
 from rvsg.cli import main
-from rvsg.cli.cells import folders_in
 from rvsg.store.sqlite import SqliteLedger
 from rvsg.world.io.load import SHIPPED
 
@@ -43,7 +43,7 @@ def alone(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[str]]:
 
 
 @pytest.mark.parametrize("jobs", ["1", "3"])
-def test_cells_side_by_side_keep_what_each_keeps_alone(
+def test_campaigns_side_by_side_keep_what_each_keeps_alone(
     tmp_path: Path, alone: dict[str, list[str]], jobs: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "all"
@@ -174,15 +174,15 @@ def test_the_tenth_route_comes_after_the_second(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "said"),
     [
-        ("5", "cells.json: cannot be read"),
-        ('{"route": 5}', "cells.json: this is not what was kept: route[0]: expected text"),
-        ('{"rout": ["route_1"]}', 'cells.json: this is not what was kept: there is no key "rout"'),
+        ("5", "matrix.json: cannot be read"),
+        ('{"route": 5}', "matrix.json: this is not what was kept: route[0]: expected text"),
+        ('{"rout": ["route_1"]}', 'matrix.json: this is not what was kept: there is no key "rout"'),
     ],
 )
 def test_a_list_of_cells_that_is_damaged_is_told(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], content: str, said: str
 ) -> None:
-    (tmp_path / "cells.json").write_text(content)
+    (tmp_path / "matrix.json").write_text(content)
     assert main(["run", "--out", str(tmp_path)]) == 2
     assert said in capsys.readouterr().err
 

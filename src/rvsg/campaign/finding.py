@@ -1,0 +1,195 @@
+"""What the confirmations of a campaign say: how often, what happened, and whether it was the people."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Literal
+
+from rvsg.campaign.attempt import Attempt
+from rvsg.campaign.feedback import worst_run
+from rvsg.campaign.plan import Plan
+from rvsg.core.records import Record
+from rvsg.evaluation.judge import DEFAULT, Procedure, violated
+from rvsg.evaluation.safety_summary import Arrivals, Contacts, summarise_safety
+from rvsg.evaluation.story import story_of
+from rvsg.evaluation.verdict import Verdict
+from rvsg.scenario.requirement import Requirement
+from rvsg.simulation.run import Run
+from rvsg.world.world import World
+
+RunOf = Callable[[str], Run]
+
+
+class Share(Record):
+    """Runs that violate the requirement, of how many."""
+
+    violated: int
+    of: int
+
+    @property
+    def probability(self) -> float:
+        """The share; 0 of no runs is 0."""
+        return self.violated / self.of if self.of else 0.0
+
+
+class Removal(Record):
+    """The scenario without one of its people, on the same seeds."""
+
+    without: str
+    """The person left out."""
+    violated: int
+    of: int
+    before: int
+    """Violations with everybody, in the same number of runs."""
+
+
+class Finding(Record):
+    """A confirmed scenario. Whether it is a finding about people is `about_people`."""
+
+    scenario: int
+    """The scenario's number, from 0."""
+    attempt: int
+    """The attempt of the search that is confirmed."""
+    confirmation: int
+    """The attempt that confirms it."""
+    scenario_id: str
+    description: str
+    verdict: Verdict
+    violated: bool
+    """Whether the requirement is violated more than rarely, with the error rate of the procedure."""
+    violation_probability: float | None
+    interval: tuple[float, float] | None
+    """The Clopper-Pearson interval of the violation probability."""
+    contacts: Contacts
+    arrived: Arrivals
+    least_clearance_m: float | None
+    without_people: Share | None
+    """The mission without people on the same seeds; None where it was not run."""
+    difference: float | None = None
+    """Violation probability with these people less that without them."""
+    difference_interval: tuple[float, float] | None = None
+    about_people: Literal["yes", "no", "open", "not violated"] = "open"
+    """`yes`: the difference is above 0 beyond chance. `no`: it is not, and the mission alone violates more than
+    rarely. `open`: the runs do not tell."""
+    cause: tuple[Removal, ...] = ()
+    """What removing each person does."""
+    story: tuple[str, ...] = ()
+    """What happens in the run that is worst for the robot."""
+    story_run: str | None = None
+    """The id of that run."""
+
+
+def findings(
+    plan: Plan, attempts: Sequence[Attempt], *, run_of: RunOf, world: World, procedure: Procedure = DEFAULT
+) -> tuple[Finding, ...]:
+    """Return every confirmation with what it means, the worst first.
+
+    Args:
+        run_of: finds a run by its id.
+    """
+    confirmed = [a for a in attempts if a.purpose == "confirmation" and a.verdict is not None]
+    made = [_finding(plan, attempt, attempts, run_of, world, procedure) for attempt in confirmed]
+    return tuple(sorted(made, key=lambda f: (-f.violated, -(f.violation_probability or 0.0), f.confirmation)))
+
+
+def worst_confirmation(attempts: Sequence[Attempt], procedure: Procedure = DEFAULT) -> Attempt | None:
+    """Return the confirmation that says most against the robot; None without one."""
+    confirmed = [a for a in attempts if a.purpose == "confirmation"]
+
+    def badness(attempt: Attempt) -> tuple[bool, float, int]:
+        verdict = attempt.verdict
+        often = verdict.violation_probability if verdict else None
+        return (verdict is not None and violated(verdict, procedure=procedure), often or 0.0, -attempt.index)
+
+    return max(confirmed, key=badness, default=None)
+
+
+def difference_interval(with_people: Share, without: Share, confidence: float = 0.95) -> tuple[float, float]:
+    """Return the interval of the difference of two shares: Newcombe 1998, method 10, from Wilson's intervals."""
+    p, q = with_people.probability, without.probability
+    low_p, high_p = _wilson(with_people, confidence)
+    low_q, high_q = _wilson(without, confidence)
+    difference = p - q
+    low = difference - math.hypot(p - low_p, high_q - q)
+    return (low, difference + math.hypot(high_p - p, q - low_q))
+
+
+def _wilson(share: Share, confidence: float) -> tuple[float, float]:
+    from statistics import NormalDist
+
+    if share.of == 0:
+        return (0.0, 1.0)
+    z = NormalDist().inv_cdf(0.5 + confidence / 2.0)
+    n, p = share.of, share.probability
+    middle = (p + z * z / (2 * n)) / (1 + z * z / n)
+    half = z / (1 + z * z / n) * math.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
+    return (max(0.0, middle - half), min(1.0, middle + half))
+
+
+def _finding(
+    plan: Plan, attempt: Attempt, attempts: Sequence[Attempt], run_of: RunOf, world: World, procedure: Procedure
+) -> Finding:
+    scenario, verdict = attempt.proposal.scenario, attempt.verdict
+    assert scenario is not None and verdict is not None
+    safety = summarise_safety([m.values for m in attempt.measurements])
+    baseline = next((a for a in reversed(attempts) if a.purpose == "baseline"), None)
+    without = _share(baseline, _seeds(attempt), plan.requirement) if baseline else None
+    bad = violated(verdict, procedure=procedure)
+    worst = worst_run(attempt, [run_of(m.run_id) for m in attempt.measurements], plan.requirement)
+    story = story_of(worst, world=world, scenario=scenario)
+    values = {
+        "scenario": attempt.brief.scenario_index,
+        "attempt": attempt.confirms if attempt.confirms is not None else attempt.index,
+        "confirmation": attempt.index,
+        "scenario_id": scenario.id,
+        "description": scenario.description,
+        "verdict": verdict,
+        "violated": bad,
+        "violation_probability": verdict.violation_probability,
+        "interval": verdict.violation_interval,
+        "contacts": safety.contacts,
+        "arrived": safety.arrived,
+        "least_clearance_m": safety.least_clearance_m,
+        "without_people": without,
+        "cause": tuple(_removals(attempt, attempts, plan.requirement)),
+        "story": tuple(sentence.text for sentence in story),
+        "story_run": worst.id,
+    }
+    return Finding(**values, **_blame(verdict, without, bad, procedure))
+
+
+def _blame(verdict: Verdict, without: Share | None, bad: bool, procedure: Procedure) -> dict[str, object]:
+    """Compare a verdict with the mission alone."""
+    if without is None or verdict.violation_probability is None:
+        return {"about_people": "open" if bad else "not violated"}
+    share = Share(violated=verdict.violations, of=verdict.runs)
+    interval = difference_interval(share, without, procedure.confidence)
+    alone = procedure.violated(without.violated, without.of)
+    people: str = "not violated"
+    if bad:
+        people = "yes" if interval[0] > 0.0 else "no" if alone else "open"
+    difference = share.probability - without.probability
+    return {"difference": difference, "difference_interval": interval, "about_people": people}
+
+
+def _removals(attempt: Attempt, attempts: Sequence[Attempt], requirement: Requirement) -> list[Removal]:
+    found = []
+    for other in attempts:
+        if other.purpose != "removal" or other.confirms != attempt.index:
+            continue
+        seeds = _seeds(other)
+        share, before = _share(other, seeds, requirement), _share(attempt, seeds, requirement)
+        name = ", ".join(other.without)
+        found.append(Removal(without=name, violated=share.violated, of=share.of, before=before.violated))
+    return found
+
+
+def _share(attempt: Attempt, seeds: frozenset[int], requirement: Requirement) -> Share:
+    """Return how many of an attempt's runs with these seeds violate; a run without a value violates nothing."""
+    values = [m.objective for m in attempt.measurements if m.seed in seeds]
+    return Share(violated=sum(v is not None and requirement.violated_by(v) for v in values), of=len(values))
+
+
+def _seeds(attempt: Attempt) -> frozenset[int]:
+    return frozenset(m.seed for m in attempt.measurements)
