@@ -175,8 +175,8 @@ def test_the_tenth_route_comes_after_the_second(tmp_path: Path) -> None:
     ("content", "said"),
     [
         ("5", "matrix.json: cannot be read"),
-        ('{"route": 5}', "matrix.json: this is not what was kept: route[0]: expected text"),
-        ('{"rout": ["route_1"]}', 'matrix.json: this is not what was kept: there is no key "rout"'),
+        ('{"route": 5}', "matrix.json: this is not what was stored: route[0]: expected text"),
+        ('{"rout": ["route_1"]}', 'matrix.json: this is not what was stored: there is no key "rout"'),
     ],
 )
 def test_a_list_of_cells_that_is_damaged_is_told(

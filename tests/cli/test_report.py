@@ -38,7 +38,7 @@ def cut_off(out: Path, before_run: int, *asked: str) -> None:
     [
         (1, "0 of 6 attempts of the search", False),
         (7, "3 of 6 attempts of the search", True),
-        (14, "all 6 attempts of the search, the confirmation is missing", True),
+        (14, "all 6 attempts of the search, the confirmation is not finished", True),
     ],
 )
 def test_a_campaign_that_was_cut_off_says_how_far_it_came_and_how_to_go_on(
@@ -50,11 +50,11 @@ def test_a_campaign_that_was_cut_off_says_how_far_it_came_and_how_to_go_on(
         assert main(["report", str(store)]) == 0
         told = capsys.readouterr().err
         go_on = f"rvsg run --out {tmp_path / 'one'}"
-        assert f"The campaign is not finished: {how_far}. Go on with: {go_on}\n" in told
+        assert f"The campaign is not finished: {how_far}. Resume with: {go_on}\n" in told
         assert "No valid scenario" not in told and "not confirmed" not in told
         assert ("verdict" in told) is ranked
     assert main(go_on.split()[1:]) == 0
-    assert "Confirmation of scenario" in capsys.readouterr().err
+    assert " confirmation run" in capsys.readouterr().err
 
 
 def test_a_copied_ledger_that_was_cut_off_gives_no_command_that_cannot_go_on(tmp_path: Path, capsys: Told) -> None:
@@ -64,7 +64,7 @@ def test_a_copied_ledger_that_was_cut_off_gives_no_command_that_cannot_go_on(tmp
     assert main(["report", str(copy)]) == 0
     told = capsys.readouterr().err
     assert "not finished: 3 of 6 attempts of the search.\n" in told
-    assert "Go on with" not in told
+    assert "Resume with" not in told
 
 
 def test_of_several_campaigns_each_that_was_cut_off_or_never_began_is_told(tmp_path: Path, capsys: Told) -> None:
@@ -83,9 +83,9 @@ def test_of_several_campaigns_each_that_was_cut_off_or_never_began_is_told(tmp_p
     assert "route_1 R1 is not finished: 0 of 6 attempts of the search.\n" in told
     assert "route_2 R1 is not finished: 3 of 6 attempts of the search.\n" in told
     assert "1 more has not begun.\n" in told
-    assert f"Go on with: rvsg run --out {folder}\n" in told
+    assert f"Resume with: rvsg run --out {folder}\n" in told
     assert main(["run", "--out", str(folder)]) == 0
     assert records(folder / "route_2-R1") == whole
     capsys.readouterr()
     assert main(["report", str(folder)]) == 0
-    assert "Go on with" not in capsys.readouterr().err
+    assert "Resume with" not in capsys.readouterr().err

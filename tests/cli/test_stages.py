@@ -93,7 +93,8 @@ def test_a_run_of_a_campaign_is_made_again_from_its_seed(tmp_path: Path) -> None
     main(["run", *small, "--jobs", "1", "--out", str(out)])
     with SqliteLedger(out / LEDGER) as ledger:
         attempts = list(ledger.attempts(ledger.campaigns()[0]))
-        kept = ledger.run(attempts[-1].measurements[1].run_id)
+        (confirmation,) = (a for a in attempts if a.purpose == "confirmation")
+        kept = ledger.run(confirmation.measurements[1].run_id)
     seed = str(kept.seed)
     assert main(["simulate", str(out / "best_scenario.json"), *KINEMATIC, "--seed", seed, "--out", str(again)]) == 0
     assert same_run(read_runs([again])[0], kept)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from rvsg.api.commands import command_for, confirm_command
 from rvsg.api.config import CampaignConfig, effective, safe_name
-from rvsg.api.folder import BEST, CONFIG, REPORT, alone_in, check_out, make_folder, opened, reading, store_of
+from rvsg.api.folder import BEST, CONFIG, LEDGER, REPORT, alone_in, check_out, make_folder, opened, reading, store_of
 from rvsg.api.paths import as_stored, paths_of, spelled_out
 from rvsg.api.record import CampaignRecord, check_same
 from rvsg.api.scenarios import scenario_json
@@ -61,6 +61,7 @@ class Campaign:
         self._cancelled = threading.Event()
         self._prepared = False
         self._known: Wired | None = None
+        self._store = config.folder
 
     @classmethod
     def create(
@@ -140,7 +141,9 @@ class Campaign:
         out = folder if folder.is_dir() else folder.parent
         kept = {"store": store[0], "store_options": store[1]} if store else {}
         config = effective(record.config | kept, {}, {**machine, "out": str(out)})
-        return cls(record, config, generator=generator, simulator=simulator)
+        campaign = cls(record, config, generator=generator, simulator=simulator)
+        campaign._store = folder
+        return campaign
 
     @property
     def folder(self) -> Path:
@@ -182,6 +185,11 @@ class Campaign:
     def finished(self) -> bool:
         """Whether everything planned is done."""
         return self.summary().complete
+
+    @property
+    def resumable(self) -> bool:
+        """Whether it lies where `run` finds it: not in a copied ledger file."""
+        return self._store.is_dir() or self._store.name == LEDGER
 
     def prepare(self, on_message: Callable[[str], None] = ignore) -> None:
         """Compile or load what the simulator needs; `run` does it, too."""
@@ -357,7 +365,7 @@ class Campaign:
         return opened(self.folder, self.config.store, self.config.store_options)
 
     def _reading(self) -> contextlib.AbstractContextManager[Ledger]:
-        return reading(self.folder)
+        return reading(self._store)
 
     def _begin(self, stored: CampaignRecord | None) -> None:
         """Store the record and the campaign file, or check that the stored record is the same.

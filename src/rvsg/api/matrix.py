@@ -159,9 +159,8 @@ class Matrix:
         kept = self.settings | listed | {PAIRS: self.all_pairs, FROM: self.begun_in}
         with alone_in(self.folder):
             write_whole(self.folder / MATRIX, json.dumps(kept, indent=2, ensure_ascii=False) + "\n")
-        return [
-            Campaign.create(on_message=on_message, paths=self.paths, begun_in=self.begun_in, **each) for each in values
-        ]
+        paths, begun_in = self.paths, self.begun_in
+        return [Campaign.create(file=v, on_message=on_message, paths=paths, begun_in=begun_in) for v in values]
 
     def run(self, campaigns: Sequence[Campaign]) -> Iterator[tuple[Campaign, Event | Ended]]:
         """Run campaigns side by side on the workers of the matrix, yielding the events of each.

@@ -84,7 +84,8 @@ def _show(campaign: Campaign, page: Path) -> None:
     if summary.complete:
         show_findings(campaign, summary)
     else:
-        say(f"The campaign is not finished: {how_far(plan, summary)}.{_resume(campaign.folder)}")
+        resume = _resume(campaign.folder) if campaign.resumable else ""
+        say(f"The campaign is not finished: {how_far(plan, summary)}.{resume}")
     say(f"Report: {page}")
 
 

@@ -136,10 +136,10 @@ def without_common_beginning(texts: list[str]) -> list[str]:
 
 
 def how_far(plan: Plan, summary: Summary) -> str:
-    """How far a campaign came that is not finished."""
+    """Return how far an unfinished campaign came."""
     done = summary.accounting.search_attempts
     if done >= plan.attempts:
-        return f"all {counted(done, 'attempt')} of the search, the confirmation is missing"
+        return f"all {counted(done, 'attempt')} of the search, the confirmation is not finished"
     return f"{done} of {counted(plan.attempts, 'attempt')} of the search"
 
 
