@@ -30,7 +30,7 @@ from rvsg.api.record import FROM, differences
 from rvsg.api.simulating import ignore
 from rvsg.api.wiring import jobs_of, wire
 from rvsg.campaign.events import Event
-from rvsg.campaign.parallel import Processes
+from rvsg.campaign.processes import Processes
 from rvsg.core.documents import mistakes_of
 from rvsg.core.errors import FileError, InputError, RvsgError
 from rvsg.core.files import write_whole
