@@ -34,6 +34,7 @@ from rvsg.campaign.processes import Processes
 from rvsg.core.documents import mistakes_of
 from rvsg.core.errors import FileError, InputError, RvsgError
 from rvsg.core.files import write_whole
+from rvsg.core.inputs import exists, parse_json, read_text
 from rvsg.report.overview import write_overview
 from rvsg.scenario.requirements import shipped_requirements
 from rvsg.world.io.load import load_world
@@ -269,18 +270,18 @@ def _asked(every: Sequence[Pair], given: Sequence[bool], stored: Sequence[Pair])
 
 def _stored(folder: Path) -> dict[str, Any]:
     """Return the settings of the matrix stored in a folder; empty where there is none."""
-    file = next((folder / name for name in (MATRIX, CELLS) if (folder / name).exists()), folder / MATRIX)
+    file = next((folder / name for name in (MATRIX, CELLS) if exists(folder / name)), folder / MATRIX)
     try:
-        stored = renamed(json.loads(file.read_text(encoding="utf-8")))
+        if not exists(file):
+            return {}
+        stored = renamed(parse_json(read_text(file), file))
         besides = {key: stored[key] for key in (FROM, PAIRS) if key in stored}
         TypeAdapter(list[Pair]).validate_python(besides.get(PAIRS, []))
         CampaignFile.model_validate({key: value for key, value in stored.items() if key not in besides})
-    except (FileNotFoundError, NotADirectoryError):
-        return {}
     except ValidationError as error:
         wrong = "; ".join(mistakes_of(error, CampaignFile))
         raise FileError(file, f"this is not what was stored: {wrong}. Choose another --out.") from None
-    except (OSError, ValueError, TypeError, AttributeError) as error:
+    except (ValueError, TypeError, AttributeError) as error:
         raise FileError(file, f"cannot be read: {error}. Choose another --out.") from None
     return stored
 
