@@ -43,10 +43,10 @@ def reaction_of(behaviour: Behaviour, speed_m_s: float) -> Reaction:
 
 
 class HumanAgent(Record):
-    """One person in coordinates (metres, world frame), as a simulator moves it.
+    """One person in coordinates, as a simulator moves it. Metres, world frame.
 
-    `goals` are walked in a cycle; the first lies at `start`. `pauses_s` holds, per goal, how long the human stands
-    there. `factors` are fixed or to be drawn from the run's seed.
+    The person walks `goals` in a cycle; the first one lies at `start`. `factors` are fixed, or drawn from the run's
+    seed.
     """
 
     name: str
@@ -54,6 +54,9 @@ class HumanAgent(Record):
     yaw: float = 0.0
     goals: Annotated[tuple[Point, ...], Field(min_length=1)]
     pauses_s: tuple[float, ...]
+    """How long the person stands at each goal, every time it is reached; not at the start of the run."""
+    start_pause_s: Annotated[float, Field(ge=0)] = 0.0
+    """How long the person stands at the start, once."""
     speed_m_s: float = 1.5
     radius_m: float = 0.4
     behaviour: Behaviour = Behaviour.REGULAR
@@ -64,10 +67,12 @@ class HumanAgent(Record):
 
 
 def decode(people: HumanConfiguration, grid: Grid) -> tuple[HumanAgent, ...]:
-    """Look up every waypoint; raises UnknownName for one that the grid does not know.
+    """Return the people in coordinates; raises UnknownName for a waypoint that the grid does not know.
 
-    The goals of a human are the waypoints of all its tasks in order. Where a task begins at the waypoint at which
-    the one before ended, that waypoint is one goal, not two; its pauses add up.
+    The goals of a person are the waypoints of all tasks in order. Where a task starts at the waypoint at which the one
+    before ended, that waypoint is one goal, not two, and its pause is held once: the sum of what both tasks ask for.
+    A person pauses at the start of the run only if the first task asks for a pause at its first waypoint. The pause
+    at the end of the last task is held when the person comes back there.
     """
     return tuple(_agent(human, grid) for human in people.humans)
 
@@ -75,13 +80,19 @@ def decode(people: HumanConfiguration, grid: Grid) -> tuple[HumanAgent, ...]:
 def _agent(human: Human, grid: Grid) -> HumanAgent:
     names: list[str] = []
     pauses: list[float] = []
-    for task in human.tasks:
-        waiting = {pause.at: pause.duration_s for pause in task.pauses}
-        for name in task.path:
+    at_start = 0.0
+    for number, task in enumerate(human.tasks):
+        waiting: dict[str, float] = {}
+        for pause in task.pauses:
+            waiting[pause.at] = waiting.get(pause.at, 0.0) + pause.duration_s
+        for position, name in enumerate(task.path):
             if not names or names[-1] != name:
                 names.append(name)
                 pauses.append(0.0)
-            pauses[-1] += waiting.pop(name, 0.0)
+            held = waiting.pop(name, 0.0)
+            pauses[-1] += held
+            if number == position == 0:
+                at_start = held
     if len(names) > 1 and names[-1] == names[0]:
         pauses[0] += pauses.pop()
         names.pop()
@@ -91,6 +102,7 @@ def _agent(human: Human, grid: Grid) -> HumanAgent:
         start=goals[0],
         goals=goals,
         pauses_s=tuple(pauses),
+        start_pause_s=at_start,
         speed_m_s=human.speed_m_s,
         radius_m=human.radius_m,
         behaviour=human.behaviour,

@@ -19,6 +19,7 @@ from pydantic import Field
 
 from rvsg.core.errors import InputError
 from rvsg.core.records import Record, canonical_json
+from rvsg.simulation.events import RecordedEvent
 from rvsg.simulation.quantised import decode, encode, rounded_array
 from rvsg.simulation.run import Outcome, Run, Trajectory
 
@@ -43,6 +44,7 @@ class RunHeader(Record):
     recoveries: int = 0
     details: dict[str, Any] = Field(default_factory=dict)
     human_groups: tuple[int | None, ...] = ()
+    events: tuple[RecordedEvent, ...] = ()
     same_log: bool = False
 
 

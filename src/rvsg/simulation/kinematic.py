@@ -24,7 +24,7 @@ from rvsg.world.world import World
 Floats = NDArray[np.float64]
 
 PERIOD_S = 0.05
-VERSION = 1
+VERSION = 2
 
 
 class KinematicSimulator(Simulator):
@@ -137,6 +137,9 @@ def _walk(agent: HumanAgent, time: Floats, chance: np.random.Generator) -> tuple
     begin = agent.start_delay_s + float(chance.uniform(0.0, 0.5))
     goals, pauses = _closed(agent.goals, agent.pauses_s)
     times, places = [begin], [goals[0]]
+    if agent.start_pause_s:
+        times.append(begin + agent.start_pause_s)
+        places.append(goals[0])
     while times[-1] < time[-1] and len(goals) > 1:
         for goal, pause in zip(goals[1:], pauses[1:], strict=True):
             step = float(np.hypot(goal[0] - places[-1][0], goal[1] - places[-1][1])) / speed

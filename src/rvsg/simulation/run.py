@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.core.records import content_id
+from rvsg.simulation.events import RecordedEvent
 
 Floats = NDArray[np.float64]
 
@@ -27,7 +28,7 @@ class Outcome(str, Enum):
     TIMED_OUT = "the time limit passed before the goal was reached"
     ABORTED = "navigation gave up before the goal was reached"
     NO_PATH = "no path to the goal was found"
-    BLOCKED_START = "the robot stands in an obstacle at the start"
+    BLOCKED_START = "the robot stands in an obstacle or a person at the start"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -63,7 +64,8 @@ class Run:
     have written (about 2 Hz, wall time: see `clock_ratio` = simulated over wall seconds); an imported run has
     only the log, and its `trajectory` is the log. `imu` (K,) is the acceleration magnitude at 100 Hz, empty where
     unknown. `options` are the simulator's effective options, enough to repeat the run with `seed`. `human_groups`
-    names the group of each human (None: alone); it is empty where groups are not known.
+    names the group of each human (None: alone); it is empty where groups are not known. `events`: what the simulator
+    recorded besides, in order of time.
     """
 
     scenario_id: str
@@ -83,6 +85,7 @@ class Run:
     recoveries: int = 0
     details: dict[str, object] = field(default_factory=dict)
     human_groups: tuple[int | None, ...] = ()
+    events: tuple[RecordedEvent, ...] = ()
 
     @cached_property
     def id(self) -> str:

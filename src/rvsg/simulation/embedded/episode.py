@@ -14,6 +14,7 @@ from rvsg.core.errors import SimulationError
 from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded import state as st
 from rvsg.simulation.embedded.compiled import inner, kernel
+from rvsg.simulation.embedded.contact import touch_people
 from rvsg.simulation.embedded.navigation.behaviour_tree import (
     begin_following,
     choose_dwb,
@@ -322,7 +323,10 @@ def go_on(
                 if asked.probe_ticks > 0 and k % asked.probe_ticks == 0:
                     loop[STAGE] = PROBED
                     return PROBE_DUE
+        x, y, yaw = body[base.X], body[base.Y], body[base.YAW]
         forward, left = base.advance(body, settings.yaw_gain, state.delayed, k, state.stack)
+        if not crowd.published:
+            forward += touch_people(crowd, t + base.STEP_S, body, x, y, yaw) / base.STEP_S
         loop[ACCELERATION] = math.sqrt(forward * forward + left * left)
         loop[FORWARD_SUM] += forward
         loop[LEFT_SUM] += left

@@ -15,10 +15,10 @@ from rvsg.core.records import Record
 from rvsg.core.seeds import stream
 from rvsg.robots import Robot, load_robot
 from rvsg.robots.files import DEFAULT_ROBOT
-from rvsg.robots.polygons import rectangle
+from rvsg.robots.polygons import reach, rectangle
 from rvsg.scenario.agents import HumanAgent, Reaction
 from rvsg.scenario.scenario import Behaviour, ForceFactors
-from rvsg.simulation.embedded.compiled import by_reference
+from rvsg.simulation.embedded.compiled import by_reference, kernel
 from rvsg.simulation.embedded.people.obstacles import Surfaces, boxes_of
 from rvsg.world.world import World
 
@@ -35,6 +35,9 @@ PUBLISHED_EARLY_START = 0.21
 positions of human 1, which follow from the number of ticks to within a millimetre as long as it is far from the
 robot, in 515 published runs. The tick that first moves somebody comes 0 to 0.01 s before the first row, in the early
 runs 0.2 s sooner; where a human stands on the robot, it decides on which side the human leaves."""
+KINDS = 5
+COLUMNS = 12
+MOST_EVENTS = 50_000
 CODES = {
     Behaviour.REGULAR: 1,
     Behaviour.IMPASSIVE: 2,
@@ -130,9 +133,32 @@ class Crowd(NamedTuple):
     robot_box: Floats  # (4,) rear, front, right, left side of the robot's body in its base frame
     robot_height: float
     robot_radius: float  # of the disc that people keep away from
+    outline: Floats  # (K, 2) corners of the robot's body in its frame
+    outline_reach: float  # of the farthest corner
+    start_pause: Floats  # pause at the start, s; negative: it is over
+    place_x: Floats  # where to stand
+    place_y: Floats
+    from_x: Floats  # where the line to the goal starts
+    from_y: Floats
+    best: Floats  # least distance from the goal so far
+    idle: Floats  # seconds without progress
+    squeeze: Floats  # 0 to 1: how far a person has turned sideways
+    stands: Ints  # whether a person stands in this tick
+    reacting: Ints
+    cap: Floats  # speed limit of this tick
+    reached: Floats  # (N, G) when a goal is reached first, NaN before
+    events: Floats  # (E, COLUMNS), see `log`
+    event_count: Ints  # rows that are used, events that found none
+    open: Ints  # (N, KINDS) row of the present event, -1 none
 
 
 CrowdRef = by_reference(Crowd)
+
+
+@kernel
+def reference(crowd: Crowd) -> CrowdRef:
+    """Return the crowd by reference, as `tick` takes it. It shares the arrays."""
+    return CrowdRef(*crowd)
 
 
 def begins_early(chance: float, seed: int) -> bool:
@@ -154,10 +180,18 @@ def initial(
     options: PeopleOptions | None = None,
     seed: int,
     robot: Robot | None = None,
+    time_limit_s: float = 120.0,
 ) -> Crowd:
-    """Everybody at the start. Draws factors, start jitter and gait phase from named streams of the run's seed.
+    """Return everybody at the start.
 
-    Raises InputError where a number is not finite; people standing in each other or in an obstacle are allowed.
+    Draws factors, start jitter and gait phase from named streams of the run's seed.
+
+    Args:
+        robot: The robot they meet; None: the default robot.
+        time_limit_s: Length of the run; it sets the room for events.
+
+    Raises:
+        InputError: A number is not finite. People standing in each other or in an obstacle are allowed.
     """
     options = options or PeopleOptions()
     robot = robot or load_robot(DEFAULT_ROBOT)
@@ -242,6 +276,23 @@ def initial(
         robot_box=np.array([left, right, low, high]),
         robot_height=robot.body_height_m,
         robot_radius=robot.radius_m,
+        outline=np.array(robot.outline, dtype=np.float64),
+        outline_reach=reach(robot.outline),
+        start_pause=column([agent.start_pause_s if agent.start == agent.goals[0] else -1.0 for agent in agents]),
+        place_x=start[:, 0].copy(),
+        place_y=start[:, 1].copy(),
+        from_x=start[:, 0].copy(),
+        from_y=start[:, 1].copy(),
+        best=np.full(n, np.inf),
+        idle=np.zeros(n),
+        squeeze=np.zeros(n),
+        stands=np.ones(n, np.int64),
+        reacting=np.zeros(n, np.int64),
+        cap=np.zeros(n),
+        reached=np.full((n, longest), np.nan),
+        events=np.zeros((min(MOST_EVENTS, n * (2 * math.ceil(time_limit_s) + longest + 8)), COLUMNS)),
+        event_count=np.zeros(2, np.int64),
+        open=np.full((n, KINDS), -1, np.int64),
     )
 
 

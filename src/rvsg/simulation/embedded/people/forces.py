@@ -55,13 +55,16 @@ def obstacle_force(dx: float, dy: float, radius: float, factor: float) -> tuple[
 
 
 @kernel
-def social_force(dx: float, dy: float, dvx: float, dvy: float, factor: float, reach: float) -> tuple[float, float]:
-    """Push of one other at (dx, dy) from here; (dvx, dvy) is own velocity less the other's.
+def social_force(
+    dx: float, dy: float, dvx: float, dvy: float, factor: float, reach: float, aside: bool = False
+) -> tuple[float, float]:
+    """Return the push of another person at (dx, dy) from here; (dvx, dvy) is own velocity less the other's.
 
     With ê the direction to the other, I = 2 (v - v_j) + ê, B = 0.35 |I| and θ the angle from I to ê:
     -exp(-D/B - (3Bθ)²) along I and -sign(θ) exp(-D/B - (2Bθ)²) across it.
-    `reach` bounds the exponent (infinity: no bound): a pair beyond it is surely weaker than √2·factor·exp(-reach)
-    and counts as zero, for |θ| >= |sin θ| makes that size with D/B + (2B sin θ)² a bound.
+    `reach` bounds the exponent (infinity: no bound): a pair beyond it is weaker than √2·factor·exp(-reach) and counts
+    as zero, because |θ| >= |sin θ|. `aside`: at θ = 0, where the model has no sideways push, push to the right; two
+    people who meet head-on would otherwise stop each other.
     """
     distance = math.sqrt(dx * dx + dy * dy)
     ex = dx / distance
@@ -83,7 +86,7 @@ def social_force(dx: float, dy: float, dvx: float, dvy: float, factor: float, re
     across = -math.exp(-decay - turn_angle * turn_angle)
     if theta < 0.0:
         across = -across
-    elif theta == 0.0:
+    elif theta == 0.0 and not aside:
         across = 0.0
     return factor * (along * tx - across * ty), factor * (along * ty + across * tx)
 

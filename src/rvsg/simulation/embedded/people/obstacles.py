@@ -100,25 +100,6 @@ def _entry_into_robot(
 
 
 @kernel
-def robot_surface(
-    x: float, y: float, robot_x: float, robot_y: float, robot_yaw: float, box: Floats
-) -> tuple[float, float]:
-    """Return the point nearest to (x, y) of the rectangle around the robot's body.
-
-    `box`: its rear, front, right and left side. Where (x, y) lies inside, the base frame's origin.
-    """
-    cos = math.cos(robot_yaw)
-    sin = math.sin(robot_yaw)
-    forward = (x - robot_x) * cos + (y - robot_y) * sin
-    left = (y - robot_y) * cos - (x - robot_x) * sin
-    on_x = min(box[1], max(box[0], forward))
-    on_y = min(box[3], max(box[2], left))
-    if on_x == forward and on_y == left:
-        return robot_x, robot_y
-    return robot_x + on_x * cos - on_y * sin, robot_y + on_x * sin + on_y * cos
-
-
-@kernel
 def on_segment(x: float, y: float, ax: float, ay: float, bx: float, by: float) -> tuple[float, float]:
     """The point of the segment a-b nearest to (x, y)."""
     dx = bx - ax
@@ -128,6 +109,35 @@ def on_segment(x: float, y: float, ax: float, ay: float, bx: float, by: float) -
     if length > 0.0:
         share = min(1.0, max(0.0, ((x - ax) * dx + (y - ay) * dy) / length))
     return ax + share * dx, ay + share * dy
+
+
+@kernel
+def on_outline(
+    outline: Floats, x: float, y: float, robot_x: float, robot_y: float, robot_yaw: float
+) -> tuple[float, float, bool]:
+    """Return the point of the robot's outline nearest to (x, y), and whether (x, y) lies within it.
+
+    `outline` (K, 2): corners in the robot's frame, in order.
+    """
+    cos = math.cos(robot_yaw)
+    sin = math.sin(robot_yaw)
+    forward = (x - robot_x) * cos + (y - robot_y) * sin
+    left = (y - robot_y) * cos - (x - robot_x) * sin
+    best = math.inf
+    on_x = 0.0
+    on_y = 0.0
+    inside = False
+    corners = outline.shape[0]
+    for k in range(corners):
+        ax, ay = outline[k, 0], outline[k, 1]
+        bx, by = outline[(k + 1) % corners, 0], outline[(k + 1) % corners, 1]
+        px, py = on_segment(forward, left, ax, ay, bx, by)
+        square = (px - forward) ** 2 + (py - left) ** 2
+        if square < best:
+            best, on_x, on_y = square, px, py
+        if (ay > left) != (by > left) and forward < ax + (left - ay) / (by - ay) * (bx - ax):
+            inside = not inside
+    return robot_x + on_x * cos - on_y * sin, robot_y + on_x * sin + on_y * cos, inside
 
 
 @kernel

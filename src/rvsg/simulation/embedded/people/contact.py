@@ -1,0 +1,160 @@
+"""Contact of bodies: people with each other and with the robot. Bodies are discs; the robot's is its outline."""
+
+from __future__ import annotations
+
+import math
+
+from rvsg.simulation.embedded.compiled import inner
+from rvsg.simulation.embedded.people.crowd import Crowd
+from rvsg.simulation.embedded.people.log import AGAIN_S, FIRST, TOUCHED, UNTIL, note_until
+from rvsg.simulation.embedded.people.motion import off_walls
+from rvsg.simulation.embedded.people.obstacles import on_outline
+
+TOUCH_M = 0.005
+"""Bodies this near touch."""
+ROUNDS = 12
+SLACK_M = 0.002
+"""Overlaps below this are left as they are."""
+FASTEST_M_S = 2.5
+"""Nobody is pushed faster than this, also where people start in each other."""
+STANDING_SHARE = 0.1
+"""Who stands gives way to who walks by this share of what a walking person does."""
+SQUEEZED = 0.5
+"""People who block each other turn sideways: their distance shrinks to this share of the sum of their radii."""
+# Columns of a contact behind `FIRST`: relative speed along the normal, the robot's and the person's part of it (m/s),
+# bearing of the person off the robot's heading (rad), largest overlap (m).
+CLOSING, ROBOT_PART, PERSON_PART, BEARING, OVERLAP = range(FIRST + 1, FIRST + 6)
+
+
+@inner
+def separate(crowd: Crowd, dt: float, robot_x: float, robot_y: float, robot_yaw: float) -> None:
+    """Push people apart who overlap after their steps, and out of the robot; then set the velocities they moved with.
+
+    The robot does not give way here: people do not push it.
+    """
+    n = crowd.x.size
+    for _ in range(ROUNDS):
+        worst = 0.0
+        for i in range(n):
+            for j in range(i + 1, n):
+                worst = max(worst, _part(crowd, i, j))
+        for i in range(n):
+            worst = max(worst, _out_of_robot(crowd, i, robot_x, robot_y, robot_yaw))
+        if worst <= SLACK_M:
+            break
+    for i in range(n):
+        dx = crowd.x[i] - crowd.old_x[i]
+        dy = crowd.y[i] - crowd.old_y[i]
+        moved = math.sqrt(dx * dx + dy * dy)
+        if moved > FASTEST_M_S * dt:
+            share = FASTEST_M_S * dt / moved
+            crowd.x[i] = crowd.old_x[i] + share * dx
+            crowd.y[i] = crowd.old_y[i] + share * dy
+            dx *= share
+            dy *= share
+            moved = FASTEST_M_S * dt
+        crowd.walked[i] += moved
+        speed = moved / dt
+        share = min(1.0, crowd.cap[i] / speed) if speed > 0.0 else 0.0
+        crowd.vx[i] = share * dx / dt
+        crowd.vy[i] = share * dy / dt
+
+
+@inner
+def _part(crowd: Crowd, i: int, j: int) -> float:
+    """Push two people apart who overlap; return by how much they did."""
+    dx = crowd.x[j] - crowd.x[i]
+    dy = crowd.y[j] - crowd.y[i]
+    reach = crowd.radius[i] + crowd.radius[j]
+    square = dx * dx + dy * dy
+    if square >= reach * reach:
+        return 0.0
+    reach *= 1.0 - (1.0 - SQUEEZED) * max(crowd.squeeze[i], crowd.squeeze[j])
+    distance = math.sqrt(square)
+    overlap = reach - distance
+    if overlap <= 0.0:
+        return 0.0
+    if distance < 1e-6:
+        # Two at the very same point part in a direction of their own.
+        dx = math.cos(2.4 * (i + j + 1))
+        dy = math.sin(2.4 * (i + j + 1))
+        distance = 1.0
+    first = STANDING_SHARE if crowd.stands[i] else 1.0
+    second = STANDING_SHARE if crowd.stands[j] else 1.0
+    share = first / (first + second)
+    ux = dx / distance
+    uy = dy / distance
+    crowd.x[i], crowd.y[i] = off_walls(crowd, crowd.x[i] - share * overlap * ux, crowd.y[i] - share * overlap * uy)
+    share = 1.0 - share
+    crowd.x[j], crowd.y[j] = off_walls(crowd, crowd.x[j] + share * overlap * ux, crowd.y[j] + share * overlap * uy)
+    return overlap
+
+
+@inner
+def _out_of_robot(crowd: Crowd, i: int, robot_x: float, robot_y: float, robot_yaw: float) -> float:
+    """Push a person out of the robot's body; return how deep they were in it."""
+    gap, ux, uy = robot_gap(crowd, i, robot_x, robot_y, robot_yaw)
+    if gap >= 0.0:
+        return 0.0
+    crowd.x[i] -= gap * ux
+    crowd.y[i] -= gap * uy
+    return -gap
+
+
+@inner
+def robot_gap(crowd: Crowd, i: int, robot_x: float, robot_y: float, robot_yaw: float) -> tuple[float, float, float]:
+    """Return the gap between a person's disc and the robot's outline (negative: overlap), and the outward normal."""
+    x = crowd.x[i]
+    y = crowd.y[i]
+    far = crowd.outline_reach + crowd.radius[i]
+    dx = x - robot_x
+    dy = y - robot_y
+    square = dx * dx + dy * dy
+    if square > (far + 1.0) ** 2:
+        return math.sqrt(square) - far, 1.0, 0.0
+    px, py, inside = on_outline(crowd.outline, x, y, robot_x, robot_y, robot_yaw)
+    dx = x - px
+    dy = y - py
+    distance = math.sqrt(dx * dx + dy * dy)
+    if distance < 1e-9:
+        away = max(math.sqrt((px - robot_x) ** 2 + (py - robot_y) ** 2), 1e-9)
+        return -crowd.radius[i], (px - robot_x) / away, (py - robot_y) / away
+    if inside:
+        return -distance - crowd.radius[i], -dx / distance, -dy / distance
+    return distance - crowd.radius[i], dx / distance, dy / distance
+
+
+@inner
+def note_overlap(crowd: Crowd, i: int, robot_x: float, robot_y: float, robot_yaw: float) -> None:
+    """Keep the largest overlap of the present contact."""
+    row = crowd.open[i, TOUCHED]
+    if row >= 0:
+        gap, _, _ = robot_gap(crowd, i, robot_x, robot_y, robot_yaw)
+        crowd.events[row, OVERLAP] = max(crowd.events[row, OVERLAP], -gap)
+
+
+@inner
+def note_touch(
+    crowd: Crowd, i: int, t: float, robot_x: float, robot_y: float, robot_yaw: float, robot_v: float, robot_w: float
+) -> None:
+    """Note the contact of a person and the robot, where they touch, with the speeds before it is resolved."""
+    gap, ux, uy = robot_gap(crowd, i, robot_x, robot_y, robot_yaw)
+    if gap > TOUCH_M:
+        return
+    x = crowd.x[i] - (crowd.radius[i] + gap) * ux
+    y = crowd.y[i] - (crowd.radius[i] + gap) * uy
+    row = crowd.open[i, TOUCHED]
+    fresh = row < 0 or t - crowd.events[row, UNTIL] >= AGAIN_S
+    row = note_until(crowd, TOUCHED, i, t, t, x, y, 0.0)
+    if row < 0:
+        return
+    if fresh:
+        robot_vx = robot_v * math.cos(robot_yaw) - robot_w * (y - robot_y)
+        robot_vy = robot_v * math.sin(robot_yaw) + robot_w * (x - robot_x)
+        robot = robot_vx * ux + robot_vy * uy
+        person = -(crowd.vx[i] * ux + crowd.vy[i] * uy)
+        bearing = math.atan2(crowd.y[i] - robot_y, crowd.x[i] - robot_x) - robot_yaw
+        crowd.events[row, CLOSING] = max(0.0, robot + person)
+        crowd.events[row, ROBOT_PART] = robot
+        crowd.events[row, PERSON_PART] = person
+        crowd.events[row, BEARING] = math.atan2(math.sin(bearing), math.cos(bearing))

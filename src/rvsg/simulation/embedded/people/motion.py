@@ -1,0 +1,396 @@
+"""How a person moves in a tick: the step, walls, and the way from goal to goal."""
+
+from __future__ import annotations
+
+import math
+
+from rvsg.simulation.embedded.compiled import inner
+from rvsg.simulation.embedded.people.acceleration import body_force, social_forces, total_force
+from rvsg.simulation.embedded.people.crowd import Crowd
+from rvsg.simulation.embedded.people.forces import RELAXATION_S, wrap
+from rvsg.simulation.embedded.people.log import PAUSED, REACHED, STUCK, close, note_once, note_until
+from rvsg.simulation.embedded.people.obstacles import cell_of, on_outline, on_segment
+
+IMPASSIVE = 2
+SCARED = 4
+GOAL_RADIUS_M = 0.3
+GOAL_MARGIN_M = 0.1
+YAW_STEP_RAD = math.radians(10.0)
+
+WALL_GAP_M = 0.15
+"""The nearest a person's centre comes to a wall: half of the depth of a body, for who turns sideways."""
+SUBSTEP_M = 0.05
+AHEAD_M = 1.0
+"""People steer for the point this far ahead on the line between two waypoints."""
+PASSED_M = 0.8
+"""A waypoint without a pause also counts as reached when a person passes beside it at this distance."""
+SETTLE_S = 0.6
+STEADY_M_S2 = 1.0
+"""Somebody who stands takes a step aside only for a push above this."""
+PROGRESS_M = 0.1
+PATIENCE_S = 1.0
+TAKEN_M = 1.2
+"""After `PATIENCE_S` without progress, a waypoint at which somebody else stands counts as reached from this near."""
+SEEN_M = 1.5
+SLOW_M_S = 0.2
+BESIDE_M = 0.05
+"""People walk around who stands, or is slower than `SLOW_M_S`, within `SEEN_M` ahead, with `BESIDE_M` to spare."""
+STUCK_S = 5.0
+SQUEEZE_S = 3.0
+
+
+@inner
+def distance_to(crowd: Crowd, i: int, x: float, y: float) -> float:
+    """Return the distance of a person from a point."""
+    return math.sqrt((crowd.x[i] - x) ** 2 + (crowd.y[i] - y) ** 2)
+
+
+@inner
+def step(crowd: Crowd, i: int, dt: float, fx: float, fy: float, cap: float) -> None:
+    """Make one semi-implicit Euler step with the speed capped; the yaw follows the direction of motion."""
+    vx = crowd.old_vx[i] + fx * dt
+    vy = crowd.old_vy[i] + fy * dt
+    speed = math.sqrt(vx * vx + vy * vy)
+    if speed > cap:
+        vx *= cap / speed
+        vy *= cap / speed
+    crowd.vx[i] = vx
+    crowd.vy[i] = vy
+    if not crowd.published:
+        crowd.cap[i] = cap
+        advance(crowd, i, dt)
+        _turn(crowd, i, dt)
+        return
+    crowd.x[i] += vx * dt
+    crowd.y[i] += vy * dt
+    crowd.walked[i] += math.sqrt(vx * vx + vy * vy) * dt
+    _turn_published(crowd, i, 0.0 if vx == 0.0 and vy == 0.0 else math.atan2(vy, vx))
+    # The plugin estimates the velocity from positions and caps each axis.
+    if math.sqrt(vx * vx + vy * vy) > crowd.speed[i]:
+        crowd.vx[i] = max(-crowd.speed[i], min(crowd.speed[i], vx))
+        crowd.vy[i] = max(-crowd.speed[i], min(crowd.speed[i], vy))
+
+
+@inner
+def _turn_published(crowd: Crowd, i: int, target: float) -> None:
+    """Turn as the plugin shows it: at most half of a turn of more than 10° per tick."""
+    turn = wrap(target - crowd.yaw[i])
+    if abs(turn) > YAW_STEP_RAD:
+        turn *= 0.5
+    crowd.yaw[i] = wrap(crowd.yaw[i] + turn)
+
+
+@inner
+def advance(crowd: Crowd, i: int, dt: float) -> None:
+    """Move with the present velocity, in steps too short to pass a wall."""
+    vx = crowd.vx[i]
+    vy = crowd.vy[i]
+    parts = max(1, math.ceil(math.sqrt(vx * vx + vy * vy) * dt / SUBSTEP_M))
+    for _ in range(parts):
+        x = crowd.x[i] + vx * dt / parts
+        y = crowd.y[i] + vy * dt / parts
+        crowd.x[i], crowd.y[i] = off_walls(crowd, x, y)
+
+
+@inner
+def _turn(crowd: Crowd, i: int, dt: float) -> None:
+    """Turn half of the way to the direction of motion per 0.1 s, at any length of tick; who stands does not turn."""
+    vx = crowd.vx[i]
+    vy = crowd.vy[i]
+    # A step aside is made without turning.
+    least = 0.3 if crowd.stands[i] and not crowd.reacting[i] else 0.05
+    if vx * vx + vy * vy > least**2:
+        share = 1.0 - 0.5 ** (dt / 0.1)
+        crowd.yaw[i] = wrap(crowd.yaw[i] + share * wrap(math.atan2(vy, vx) - crowd.yaw[i]))
+
+
+@inner
+def off_walls(crowd: Crowd, x: float, y: float) -> tuple[float, float]:
+    """Return the nearest point to (x, y) that keeps `WALL_GAP_M` from walls, to the side on which (x, y) lies."""
+    rows, columns = crowd.nearest.shape
+    for _ in range(3):
+        row, column = cell_of(x, y, crowd.raster_x, crowd.raster_y, rows, columns)
+        if row < 0:
+            return x, y
+        s = crowd.nearest[row, column]
+        if s < 0:
+            return x, y
+        px, py = on_segment(
+            x, y, crowd.segments[s, 0], crowd.segments[s, 1], crowd.segments[s, 2], crowd.segments[s, 3]
+        )
+        dx = x - px
+        dy = y - py
+        away = math.sqrt(dx * dx + dy * dy)
+        if away < 1e-9 or (away >= WALL_GAP_M and not crowd.inside[row, column]):
+            return x, y
+        # The cell's middle says what is inside; near a surface only a point farther out says it surely.
+        out = WALL_GAP_M / away
+        row, column = cell_of(px + dx * out, py + dy * out, crowd.raster_x, crowd.raster_y, rows, columns)
+        if row >= 0 and crowd.inside[row, column]:
+            # Somebody who starts inside an object walks out of it.
+            x -= min(SUBSTEP_M, away + WALL_GAP_M) * dx / away
+            y -= min(SUBSTEP_M, away + WALL_GAP_M) * dy / away
+            return x, y
+        if away >= WALL_GAP_M:
+            return x, y
+        x = px + dx * out
+        y = py + dy * out
+    return x, y
+
+
+@inner
+def walk_published(
+    crowd: Crowd, i: int, dt: float, robot_x: float, robot_y: float, robot_yaw: float, robot_vx: float, robot_vy: float
+) -> None:
+    """Walk towards the present goal as HuNavSim does, or stand at the last one while its pause lasts."""
+    g = crowd.goal_index[i]
+    pausing = crowd.pause_left[i] > 0.0
+    if pausing:
+        crowd.pause_left[i] -= dt
+        g = (g - 1) % crowd.goal_count[i]
+    goal_x = crowd.goals[i, g, 0]
+    goal_y = crowd.goals[i, g, 1]
+    if not pausing and distance_to(crowd, i, goal_x, goal_y) <= GOAL_RADIUS_M + GOAL_MARGIN_M:
+        # HuNavSim tests the goal with a margin before it moves, and then does not move in this tick.
+        next_goal(crowd, i)
+        crowd.vx[i] = 0.0
+        crowd.vy[i] = 0.0
+        return
+    # HuNavSim never makes an impassive human treat the robot as an obstacle: it walks like a regular one.
+    fx, fy = total_force(
+        crowd,
+        i,
+        False,
+        goal_x,
+        goal_y,
+        GOAL_RADIUS_M,
+        crowd.speed[i],
+        True,
+        robot_x,
+        robot_y,
+        robot_yaw,
+        robot_vx,
+        robot_vy,
+    )
+    step(crowd, i, dt, fx, fy, crowd.speed[i])
+    if not pausing and distance_to(crowd, i, goal_x, goal_y) <= GOAL_RADIUS_M:
+        next_goal(crowd, i)
+
+
+@inner
+def next_goal(crowd: Crowd, i: int) -> None:
+    """Start the pause of the goal that is reached and head for the next one.
+
+    The pause at the start is the one the first task asks for; it is not the pause of the last task, which ends there.
+    """
+    g = crowd.goal_index[i]
+    crowd.pause_left[i] = crowd.pauses[i, g]
+    if crowd.start_pause[i] >= 0.0:
+        crowd.pause_left[i] = crowd.start_pause[i]
+        crowd.start_pause[i] = -1.0
+    crowd.goal_index[i] = (g + 1) % crowd.goal_count[i]
+    crowd.from_x[i] = crowd.place_x[i] = crowd.goals[i, g, 0]
+    crowd.from_y[i] = crowd.place_y[i] = crowd.goals[i, g, 1]
+    crowd.best[i] = math.inf
+    crowd.idle[i] = 0.0
+
+
+@inner
+def walk(
+    crowd: Crowd,
+    i: int,
+    t: float,
+    dt: float,
+    robot_x: float,
+    robot_y: float,
+    robot_yaw: float,
+    robot_vx: float,
+    robot_vy: float,
+) -> None:
+    """Walk along the line to the present goal, or stand at the last one while its pause lasts."""
+    crowd.stands[i] = 0
+    # Somebody impassive does not make room for the robot, but does not walk through it.
+    social = crowd.behaviour[i] != IMPASSIVE
+    if crowd.pause_left[i] > 0.0 or _is_at_only_goal(crowd, i):
+        if crowd.pause_left[i] > 0.0:
+            g = (crowd.goal_index[i] - 1) % crowd.goal_count[i]
+            note_until(crowd, PAUSED, i, t, t + dt, crowd.place_x[i], crowd.place_y[i], float(g))
+            crowd.pause_left[i] -= dt
+        _stand_at_place(crowd, i, dt, social, robot_x, robot_y, robot_yaw, robot_vx, robot_vy)
+        return
+    aim_x, aim_y = aim(crowd, i)
+    aim_x, aim_y = around(crowd, i, aim_x, aim_y)
+    fx, fy = total_force(
+        crowd,
+        i,
+        False,
+        aim_x,
+        aim_y,
+        0.0,
+        crowd.speed[i],
+        social,
+        robot_x,
+        robot_y,
+        robot_yaw,
+        robot_vx,
+        robot_vy,
+    )
+    step(crowd, i, dt, fx, fy, crowd.speed[i])
+
+
+@inner
+def _is_at_only_goal(crowd: Crowd, i: int) -> bool:
+    g = crowd.goal_index[i]
+    return crowd.goal_count[i] == 1 and (
+        distance_to(crowd, i, crowd.goals[i, g, 0], crowd.goals[i, g, 1]) <= GOAL_RADIUS_M
+    )
+
+
+@inner
+def aim(crowd: Crowd, i: int) -> tuple[float, float]:
+    """Return the point to steer for: `AHEAD_M` farther on the line from the last waypoint to the next.
+
+    Somebody pushed aside comes back to the line, which is clear of obstacles; the straight way to the goal may not be.
+    """
+    g = crowd.goal_index[i]
+    goal_x = crowd.goals[i, g, 0]
+    goal_y = crowd.goals[i, g, 1]
+    dx = goal_x - crowd.from_x[i]
+    dy = goal_y - crowd.from_y[i]
+    length = math.sqrt(dx * dx + dy * dy)
+    if length < 1e-9:
+        return goal_x, goal_y
+    along = ((crowd.x[i] - crowd.from_x[i]) * dx + (crowd.y[i] - crowd.from_y[i]) * dy) / length
+    along = min(length, max(0.0, along) + AHEAD_M)
+    return crowd.from_x[i] + along * dx / length, crowd.from_y[i] + along * dy / length
+
+
+@inner
+def around(crowd: Crowd, i: int, aim_x: float, aim_y: float) -> tuple[float, float]:
+    """Return the point to steer for if somebody stands on the straight way to (aim_x, aim_y): beside them.
+
+    People pass on the side that is nearer, on the right if both are, and on the other one where a wall is in the way.
+    """
+    x = crowd.old_x[i]
+    y = crowd.old_y[i]
+    distance = math.sqrt((aim_x - x) ** 2 + (aim_y - y) ** 2)
+    if distance < 1e-9:
+        return aim_x, aim_y
+    ex = (aim_x - x) / distance
+    ey = (aim_y - y) / distance
+    nearest = SEEN_M
+    met = -1
+    for j in range(crowd.x.size):
+        along = (crowd.old_x[j] - x) * ex + (crowd.old_y[j] - y) * ey
+        if j == i or along <= 0.0 or along >= nearest or crowd.old_vx[j] ** 2 + crowd.old_vy[j] ** 2 > SLOW_M_S**2:
+            continue
+        if abs((crowd.old_y[j] - y) * ex - (crowd.old_x[j] - x) * ey) < crowd.radius[i] + crowd.radius[j]:
+            nearest = along
+            met = j
+    if met < 0:
+        return aim_x, aim_y
+    across = (crowd.old_y[met] - y) * ex - (crowd.old_x[met] - x) * ey
+    away = crowd.radius[i] + crowd.radius[met] + BESIDE_M
+    side = away if across < -BESIDE_M else -away
+    for _ in range(2):
+        px = crowd.old_x[met] - side * ey
+        py = crowd.old_y[met] + side * ex
+        qx, qy = off_walls(crowd, px, py)
+        if abs(qx - px) + abs(qy - py) < 0.05:
+            return px, py
+        side = -side
+    return aim_x, aim_y
+
+
+@inner
+def _stand_at_place(
+    crowd: Crowd,
+    i: int,
+    dt: float,
+    social: bool,
+    robot_x: float,
+    robot_y: float,
+    robot_yaw: float,
+    robot_vx: float,
+    robot_vy: float,
+) -> None:
+    """Stand at the waypoint; step aside for a strong push only, and come back."""
+    dx = crowd.place_x[i] - crowd.x[i]
+    dy = crowd.place_y[i] - crowd.y[i]
+    away = math.sqrt(dx * dx + dy * dy)
+    push_x, push_y, _, _ = social_forces(crowd, i, False, social, robot_x, robot_y, robot_vx, robot_vy)
+    body_x, body_y = body_force(crowd, i, robot_x, robot_y, robot_yaw)
+    push_x += body_x
+    push_y += body_y
+    push = math.sqrt(push_x * push_x + push_y * push_y)
+    rest = max(0.0, 1.0 - STEADY_M_S2 / push) if push > 0.0 else 0.0
+    crowd.stands[i] = 1
+    if rest == 0.0 and away < 0.05 and crowd.old_vx[i] ** 2 + crowd.old_vy[i] ** 2 < 0.2**2:
+        crowd.vx[i] = 0.0
+        crowd.vy[i] = 0.0
+        crowd.x[i], crowd.y[i] = off_walls(crowd, crowd.x[i], crowd.y[i])
+        return
+    pace = min(crowd.speed[i], away / SETTLE_S) / max(away, 1e-9)
+    gain = min(crowd.factor_goal[i] / RELAXATION_S, 0.5 / dt)
+    fx = gain * (pace * dx - crowd.old_vx[i]) + rest * push_x
+    fy = gain * (pace * dy - crowd.old_vy[i]) + rest * push_y
+    step(crowd, i, dt, fx, fy, crowd.speed[i])
+
+
+@inner
+def arrive(crowd: Crowd, i: int, t: float, dt: float, robot_x: float, robot_y: float, robot_yaw: float) -> None:
+    """Head for the next goal where this one is reached; keep count of the time without progress."""
+    g = crowd.goal_index[i]
+    goal_x = crowd.goals[i, g, 0]
+    goal_y = crowd.goals[i, g, 1]
+    away = distance_to(crowd, i, goal_x, goal_y)
+    if crowd.stands[i] or crowd.reacting[i]:
+        crowd.squeeze[i] = max(0.0, crowd.squeeze[i] - dt / SQUEEZE_S)
+        if crowd.behaviour[i] == SCARED and crowd.reacting[i] and away <= GOAL_RADIUS_M:
+            next_goal(crowd, i)
+        return
+    taken = (
+        crowd.idle[i] > PATIENCE_S
+        and away <= TAKEN_M
+        and _is_taken(crowd, i, goal_x, goal_y, robot_x, robot_y, robot_yaw)
+    )
+    if away <= GOAL_RADIUS_M or taken or (away <= PASSED_M and crowd.pauses[i, g] == 0.0 and _is_past(crowd, i)):
+        x = crowd.x[i]
+        y = crowd.y[i]
+        if crowd.start_pause[i] < 0.0:
+            note_once(crowd, REACHED, i, t, x, y, g)
+        close(crowd, STUCK, i)
+        next_goal(crowd, i)
+        if taken:
+            crowd.place_x[i] = x
+            crowd.place_y[i] = y
+        return
+    if away < crowd.best[i] - PROGRESS_M:
+        crowd.best[i] = away
+        crowd.idle[i] = 0.0
+        close(crowd, STUCK, i)
+    else:
+        crowd.idle[i] += dt
+    if crowd.idle[i] >= STUCK_S:
+        note_until(crowd, STUCK, i, t - crowd.idle[i], t, crowd.x[i], crowd.y[i], float(g))
+    change = dt if crowd.idle[i] > STUCK_S else -dt / SQUEEZE_S
+    crowd.squeeze[i] = min(1.0, max(0.0, crowd.squeeze[i] + change))
+
+
+@inner
+def _is_past(crowd: Crowd, i: int) -> bool:
+    """Whether a person is beyond the waypoint at the end of the present line."""
+    g = crowd.goal_index[i]
+    dx = crowd.goals[i, g, 0] - crowd.from_x[i]
+    dy = crowd.goals[i, g, 1] - crowd.from_y[i]
+    return (crowd.x[i] - crowd.goals[i, g, 0]) * dx + (crowd.y[i] - crowd.goals[i, g, 1]) * dy > 0.0
+
+
+@inner
+def _is_taken(crowd: Crowd, i: int, x: float, y: float, robot_x: float, robot_y: float, robot_yaw: float) -> bool:
+    """Whether somebody else, or the robot, stands so near a point that a person cannot stand there."""
+    for j in range(crowd.x.size):
+        if j != i and distance_to(crowd, j, x, y) < crowd.radius[i] + crowd.radius[j] - GOAL_RADIUS_M:
+            return True
+    px, py, inside = on_outline(crowd.outline, x, y, robot_x, robot_y, robot_yaw)
+    return inside or math.sqrt((px - x) ** 2 + (py - y) ** 2) < crowd.radius[i]

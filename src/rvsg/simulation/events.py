@@ -1,0 +1,97 @@
+"""Events that a simulator records because the trajectory does not show them, or not exactly.
+
+A simulator that does not record them leaves `Run.events` empty. `rvsg.evaluation.detection` makes the full list of a
+run's events from these, the trajectory and the outcome.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from rvsg.core.records import Record
+from rvsg.scenario.scenario import Behaviour
+
+
+class _Recorded(Record):
+    """The fields that all recorded events share."""
+
+    time_s: float
+    """Seconds since the start of the run."""
+    x: float
+    """Metres, world frame."""
+    y: float
+    """Metres, world frame."""
+
+
+class _OfPerson(_Recorded):
+    person: str
+    """The name of the person."""
+
+
+class RobotContact(_OfPerson):
+    """The robot's body and a person touch; the place is where they touch first."""
+
+    kind: Literal["robot_contact"] = "robot_contact"
+    until_s: float
+    """When they part; contacts less than 0.5 s apart count as one."""
+    closing_speed_m_s: float
+    """Relative speed along the normal just before the contact; 0 where the two do not approach."""
+    robot_part_m_s: float
+    """The robot's part of it: speed of its surface at the place, towards the person."""
+    person_part_m_s: float
+    """The person's part of it: speed towards the robot."""
+    bearing_rad: float
+    """Direction of the person off the robot's heading; 0 ahead, positive to the left."""
+    overlap_m: float
+    """How far the bodies overlap at most, after the contact is resolved."""
+
+    @property
+    def moved_by(self) -> Literal["robot", "person", "both", "neither"]:
+        """Who moved into whom; `both` where each contributes at least a third of the approach."""
+        if self.closing_speed_m_s <= 0.02:
+            return "neither"
+        third = self.closing_speed_m_s / 3
+        if self.robot_part_m_s >= third and self.person_part_m_s >= third:
+            return "both"
+        return "robot" if self.robot_part_m_s > self.person_part_m_s else "person"
+
+
+class PersonStuck(_OfPerson):
+    """A person who walks comes no nearer to the next waypoint for at least 5 s."""
+
+    kind: Literal["person_stuck"] = "person_stuck"
+    until_s: float
+    goal: int
+    """Index of the waypoint in the person's goals."""
+
+
+class PersonPaused(_OfPerson):
+    """A person stands at a waypoint as the task says."""
+
+    kind: Literal["person_paused"] = "person_paused"
+    until_s: float
+    goal: int
+    """Index of the waypoint in the person's goals."""
+
+
+class PersonReacted(_OfPerson):
+    """A person reacts to the robot as its behaviour says; the place is where the person is when it starts."""
+
+    kind: Literal["person_reacted"] = "person_reacted"
+    until_s: float
+    behaviour: Behaviour
+
+
+class PersonReached(_OfPerson):
+    """A person reaches a waypoint for the first time in a run."""
+
+    kind: Literal["person_reached"] = "person_reached"
+    goal: int
+    """Index of the waypoint in the person's goals."""
+
+
+RecordedEvent = Annotated[
+    RobotContact | PersonStuck | PersonPaused | PersonReacted | PersonReached, Field(discriminator="kind")
+]
