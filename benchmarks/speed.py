@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
 import platform
 import resource
@@ -27,16 +28,17 @@ ROUTES = ("route_1", "route_5")
 
 
 def walkers(world: Any, count: int, seed: int) -> list[Any]:
-    """Humans on random shortest ways there and back."""
+    """Return people on random shortest ways there and back, none of whom starts at the robot."""
     from rvsg.scenario.agents import HumanAgent
 
     rng = np.random.default_rng(seed)
     names = sorted(world.grid.valid)
+    starts = [(route.start.x, route.start.y) for route in world.routes]
     found: list[Any] = []
     while len(found) < count:
         start, end = rng.choice(names, 2, replace=False)
         way = world.grid.shortest_path(str(start), str(end))
-        if way is None or len(way) < 3:
+        if way is None or len(way) < 3 or any(math.dist(world.grid.position(way[0]), at) < 1.0 for at in starts):
             continue
         names_of_way = [*way, *way[-2:0:-1]]
         goals = tuple(world.grid.position(name) for name in names_of_way)

@@ -137,8 +137,11 @@ def test_people_may_start_on_the_robot_on_each_other_and_in_an_obstacle(warehous
         run = simulate_agents(
             warehouse, route(FREE_START, FREE_GOAL), [on_robot, on_robot, within], options=profile(name), seed=2
         )
-        assert run.outcome is not Outcome.BLOCKED_START
+        assert (run.outcome is Outcome.BLOCKED_START) == (name == "default")
         assert np.isfinite(run.trajectory.human_x).all()
+    run = simulate_agents(warehouse, route(FREE_START, FREE_GOAL), [within, within], seed=2)
+    assert run.outcome is not Outcome.BLOCKED_START
+    assert np.isfinite(run.trajectory.human_x).all()
 
 
 def test_numbers_that_make_no_sense_are_refused_before_the_start(warehouse: World) -> None:
@@ -185,7 +188,7 @@ def test_people_displayed_late_are_not_seen_before_they_begin_to_walk(warehouse:
     way = route((-2.0, 0.0, 0.0), (2.0, 0.0, 0.0))
 
     def path(agents: list[HumanAgent], late: bool) -> np.ndarray:
-        options = profile("default", humans_displayed_late=late)
+        options = profile("default", humans_displayed_late=late, human_defects=True)
         return simulate_agents(empty_room(), way, agents, options=options, seed=1).trajectory.y
 
     alone = path([], late=True)

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 
 import numpy as np
@@ -56,6 +57,9 @@ def simulated(case: str) -> Run:
     name, route, people, seed = case.split("/")
     world = load_world("warehouse")
     agents = walkers(world, int(people))
+    if name == "default":
+        start = world.route(route).start
+        agents = [agent for agent in agents if math.dist(agent.start, (start.x, start.y)) > 1.0]
     return simulate_agents(world, world.route(route), agents, options=profile(name), seed=int(seed))
 
 

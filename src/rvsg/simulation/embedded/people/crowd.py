@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -156,7 +156,7 @@ CrowdRef = by_reference(Crowd)
 
 
 @kernel
-def reference(crowd: Crowd) -> CrowdRef:
+def reference(crowd: Crowd) -> Any:
     """Return the crowd by reference, as `tick` takes it. It shares the arrays."""
     return CrowdRef(*crowd)
 

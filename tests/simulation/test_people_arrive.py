@@ -1,0 +1,181 @@
+"""People walk every legal hop, stand where they are told to, and pause as the tasks say, in the default profile."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from tests.simulation.test_people import CORRECT, FAR, crowd_of, human, walk, world_with
+
+from rvsg.scenario.agents import HumanAgent
+from rvsg.scenario.scenario import Behaviour
+from rvsg.simulation.embedded.people import initial, reference, tick
+from rvsg.simulation.embedded.people.recorded import events_of
+from rvsg.world.io.load import load_world
+from rvsg.world.space import human_space
+from rvsg.world.world import World
+
+WORLDS = ("warehouse", "office", "hospital")
+
+
+def time_of(world: World, way: tuple[str, ...], speed_m_s: float, limit_s: float) -> float:
+    """Return the time a person takes alone along waypoints; infinity where they do not arrive in time."""
+    goals = tuple(world.grid.position(name) for name in way)
+    agent = HumanAgent(
+        name="p", start=goals[0], goals=goals, pauses_s=(0.0,) * (len(goals) - 1) + (99.0,), speed_m_s=speed_m_s
+    )
+    crowd = initial([agent], world, options=CORRECT, seed=0, time_limit_s=limit_s)
+    by_reference = reference(crowd)
+    for k in range(math.ceil(limit_s / 0.1)):
+        tick(by_reference, 0.1 * k, 0.1, *FAR)
+        if k > 0 and crowd.goal_index[0] == 0:
+            return 0.1 * (k + 1)
+    return math.inf
+
+
+def length(world: World, way: tuple[str, ...]) -> float:
+    points = [world.grid.position(name) for name in way]
+    return sum(math.dist(a, b) for a, b in pairwise(points))
+
+
+def too_slow(world: World, ways: list[tuple[str, ...]], speed_m_s: float) -> list[tuple[str, ...]]:
+    found = []
+    for way in ways:
+        limit = 1.25 * length(world, way) / speed_m_s + 1.0
+        if time_of(world, way, speed_m_s, limit) > limit:
+            found.append(way)
+    return found
+
+
+def both_ways(world: World) -> list[tuple[str, ...]]:
+    return [*world.grid.hops, *((b, a) for a, b in world.grid.hops)]
+
+
+class TestHops:
+    @pytest.mark.parametrize("speed", [0.3, 1.5])
+    def test_the_narrowest_hops_of_the_warehouse_are_walked(self, speed: float) -> None:
+        world = load_world("warehouse")
+        position = world.grid.position
+        space = human_space(world)
+
+        def room(way: tuple[str, ...]) -> float:
+            a, b = (np.array(position(name)) for name in way)
+            return float(space.clearances(a + (b - a) * np.linspace(0.0, 1.0, 20)[:, None]).min())
+
+        hops = sorted(both_ways(world), key=room)[:12]
+        assert too_slow(world, hops, speed) == []
+
+    @pytest.mark.parametrize("way", [("L6", "M7", "M6"), ("L4", "M3", "M4"), ("K6", "L6", "M7", "M6", "L6")])
+    def test_hops_that_were_never_walked_are_walked(self, way: tuple[str, ...]) -> None:
+        world = load_world("warehouse")
+        for speed in (0.3, 0.5, 1.0):
+            assert too_slow(world, [way], speed) == []
+
+    @pytest.mark.slow
+    @pytest.mark.parametrize("name", WORLDS)
+    def test_every_hop_is_walked_both_ways(self, name: str) -> None:
+        world = load_world(name)
+        for speed in (0.3, 1.5):
+            assert too_slow(world, both_ways(world), speed) == []
+
+    @pytest.mark.slow
+    @pytest.mark.parametrize("name", WORLDS)
+    def test_the_ways_between_all_areas_are_walked(self, name: str) -> None:
+        world = load_world(name)
+        ends = sorted({min(area.waypoints) for area in world.areas if area.waypoints})
+        ways = (world.grid.shortest_path(a, b) for a in ends for b in ends if a != b)
+        assert too_slow(world, [way for way in ways if way], 1.2) == []
+
+
+class TestStanding:
+    def test_somebody_told_to_stand_comes_to_rest_at_the_waypoint(self) -> None:
+        crowd = crowd_of(human((0.0, 0.0), (3.0, 0.0), pauses_s=(0.0, 60.0)), options=CORRECT)
+        walk(crowd, 80)
+        assert math.hypot(crowd.x[0] - 3.0, crowd.y[0]) < 0.06
+        x, y, walked = crowd.x[0], crowd.y[0], crowd.walked[0]
+        walk(crowd, 100)
+        assert (crowd.x[0], crowd.y[0], crowd.walked[0]) == (x, y, walked)
+
+    def test_somebody_pushed_aside_returns_and_rests(self) -> None:
+        crowd = crowd_of(human((0.0, 0.0), (3.0, 0.0), pauses_s=(0.0, 60.0)), options=CORRECT)
+        walk(crowd, 60)
+        crowd.x[0] += 0.7
+        crowd.y[0] -= 0.5
+        walk(crowd, 60)
+        assert math.hypot(crowd.x[0] - 3.0, crowd.y[0]) < 0.06
+        walked = crowd.walked[0]
+        walk(crowd, 50)
+        assert crowd.walked[0] == walked
+
+    def test_somebody_who_stands_is_not_moved_by_people_who_pass(self) -> None:
+        standing = human((0.0, 0.0), (1.0, 0.0), pauses_s=(60.0, 60.0), start_pause_s=60.0)
+        passing = human((-4.0, 1.2), (4.0, 1.2))
+        crowd = crowd_of(standing, passing, options=CORRECT)
+        walk(crowd, 60)
+        assert math.hypot(crowd.x[0], crowd.y[0]) < 0.15
+        assert crowd.x[1] > 2.0
+
+
+class TestPauses:
+    def test_the_pause_of_the_last_waypoint_is_not_held_at_the_start(self) -> None:
+        crowd = crowd_of(human((0.0, 0.0), (3.0, 0.0), pauses_s=(5.0, 0.0)), options=CORRECT)
+        walk(crowd, 15)
+        assert crowd.x[0] > 1.0
+        walk(crowd, 35)
+        assert math.hypot(crowd.x[0], crowd.y[0]) < 0.3
+        assert crowd.pause_left[0] > 2.0
+
+    def test_a_pause_at_the_start_is_held_once(self) -> None:
+        crowd = crowd_of(human((0.0, 0.0), (3.0, 0.0), start_pause_s=2.0), options=CORRECT)
+        walk(crowd, 20)
+        assert abs(crowd.x[0]) < 0.05
+        walk(crowd, 15)
+        assert crowd.x[0] > 1.0
+        walk(crowd, 45)
+        assert crowd.x[0] > 0.0
+        assert crowd.pause_left[0] <= 0.0
+
+
+class TestDeadlocks:
+    def test_two_who_meet_head_on_pass_each_other(self) -> None:
+        crowd = crowd_of(human((0.0, 0.0), (6.0, 0.0)), human((6.0, 0.0), (0.0, 0.0)), options=CORRECT)
+        walk(crowd, 55)
+        assert set(np.flatnonzero(crowd.reached[:, 1] < 6.0)) == {0, 1}
+
+    def test_a_waypoint_that_somebody_occupies_counts_as_reached_from_beside_it(self) -> None:
+        standing = human((3.0, 0.0), (4.0, 0.0), pauses_s=(60.0, 60.0), start_pause_s=60.0)
+        crowd = crowd_of(human((0.0, 0.0), (3.0, 0.0), (6.0, 0.0)), standing, options=CORRECT)
+        walk(crowd, 90)
+        assert crowd.reached[0, 2] < 9.0
+
+    def test_somebody_who_cannot_get_on_is_recorded_as_stuck(self) -> None:
+        closed = world_with((3.0, 0.0, 0.4, 19.0))
+        crowd = crowd_of(human((0.0, 0.0), (6.0, 0.0)), options=CORRECT, world=closed)
+        walk(crowd, 120)
+        (stuck,) = [e for e in events_of(crowd, ["a"], [Behaviour.REGULAR]) if e.kind == "person_stuck"]
+        assert (stuck.person, stuck.goal) == ("a", 1)
+        assert 1.5 < stuck.time_s < 5.0
+        assert stuck.until_s > 11.0
+        assert stuck.x == pytest.approx(2.65, abs=0.1)
+
+
+class TestRecordedEvents:
+    def test_pauses_arrivals_and_reactions_are_recorded(self) -> None:
+        agent = human((0.0, 0.0), (2.0, 0.0), (4.0, 0.0), pauses_s=(0.0, 2.0, 0.0), behaviour=Behaviour.SURPRISED)
+        crowd = crowd_of(agent, options=CORRECT)
+        walk(crowd, 20)
+        walk(crowd, 10, robot=(5.0, 0.0, 0.0, 0.0))
+        found = {event.kind: event for event in events_of(crowd, ["a"], [agent.behaviour])}
+        assert found["person_paused"].goal == 1
+        assert found["person_reached"].goal == 1
+        assert found["person_reacted"].behaviour is Behaviour.SURPRISED
+        assert found["person_reacted"].until_s - found["person_reacted"].time_s == pytest.approx(1.0)
+
+    def test_a_full_buffer_drops_events_and_counts_them(self) -> None:
+        crowd = crowd_of(human((0.0, 0.0), (2.0, 0.0), pauses_s=(1.0, 1.0)), options=CORRECT)
+        small = crowd._replace(events=crowd.events[:1])
+        walk(small, 100)
+        assert small.event_count[0] == 1
+        assert small.event_count[1] > 0
