@@ -83,7 +83,10 @@ def drive(crowd: Crowd, body: np.ndarray, ticks: int) -> None:
     """Drive straight on with the commanded velocity, in contact with the crowd."""
     for k in range(ticks):
         x, y, yaw = body[base.X], body[base.Y], body[base.YAW]
-        base.advance(body, 1.0, 0.0)
+        body[base.V], body[base.W] = body[base.SMOOTH_V], body[base.SMOOTH_W]
+        body[base.X] += body[base.V] * math.cos(yaw) * base.STEP_S
+        body[base.Y] += body[base.V] * math.sin(yaw) * base.STEP_S
+        body[base.YAW] += body[base.W] * base.STEP_S
         touch_people(crowd, 0.01 * k, body, x, y, yaw)
 
 
