@@ -124,7 +124,7 @@ def judge(
     if world is not None or (place is None and known is not None):
         place = world_of(known.mission, world) if known is not None else as_world(world or "")
     asked = load_requirement(requirement, time_limit_s=given[0].time_limit_s)
-    measuring = Measuring(asked, place, procedure=procedure)
+    measuring = Measuring(asked, place, procedure=procedure, time_limit_s=given[0].time_limit_s)
     measurements = tuple(measuring.measure(run) for run in given)
     return Judgement(
         requirement=asked, verdict=measuring.judge(measurements), measurements=measurements, procedure=procedure
@@ -153,5 +153,5 @@ def feedback(judged: Judgement, runs: RunSet | Iterable[Run], scenario: Scenario
         measurements=judged.measurements,
         verdict=judged.verdict,
     )
-    grid = world_of(scenario.mission).grid
-    return feedback_of(attempt, given.runs, requirement=judged.requirement, grid=grid)
+    world = world_of(scenario.mission)
+    return feedback_of(attempt, given.runs, requirement=judged.requirement, grid=world.grid, world=world)

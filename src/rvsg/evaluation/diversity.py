@@ -1,6 +1,6 @@
-"""How different a set of scenarios is: in what they say (sdd), ask for (htd) and lead to (ssd).
+"""Diversity of a set of scenarios: of their descriptions (sdd), their tasks (htd) and their runs (ssd).
 
-Each is a mean over all unordered pairs, None where there are fewer than two members. Source: the RVSG study.
+Each is a mean over all unordered pairs, and None where there are fewer than two members. Source: the RVSG study.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ TaskLists = Sequence[Sequence[str]]
 
 
 def description_diversity(descriptions: Sequence[str], model_dir: Path | None = None) -> float | None:
-    """sdd = 1 - mean over pairs of the cosine similarity of the embeddings (all-MiniLM-L6-v2)."""
+    """Return sdd: 1 - mean over pairs of the cosine similarity of the embeddings (all-MiniLM-L6-v2)."""
     if len(descriptions) < 2:
         return None
     vectors = embed(descriptions, model_dir).astype(np.float64)
@@ -29,24 +29,25 @@ def description_diversity(descriptions: Sequence[str], model_dir: Path | None = 
 
 
 def task_diversity(scenarios: Sequence[TaskLists]) -> float | None:
-    """htd: mean over pairs (i, j) of the mean Levenshtein distance of human a's tasks in i to human b's in j.
+    """Return htd: the mean over pairs (i, j) of the mean Levenshtein distance of human a's tasks in i to b's in j.
 
     A member is the task lists of its humans; a token is a whole task name. With two humans the inner mean is over
-    four distances.
+    four distances. Members without humans are left out; None with fewer than two members.
     """
     from rapidfuzz.distance import Levenshtein
 
-    if len(scenarios) < 2:
+    peopled = [scenario for scenario in scenarios if len(scenario)]
+    if len(peopled) < 2:
         return None
     means = []
-    for first, second in combinations(scenarios, 2):
+    for first, second in combinations(peopled, 2):
         pairs = list(product(first, second))
         means.append(sum(Levenshtein.distance(list(a), list(b)) for a, b in pairs) / len(pairs))
     return float(np.mean(means))
 
 
 def positions(run: Run) -> NDArray[np.float64]:
-    """(N, 2 + 2 H): x, y of the robot, then of every human, over the logged rows (2 Hz)."""
+    """Return (N, 2 + 2 H): x, y of the robot, then of each human, over the logged rows (2 Hz)."""
     log = run.log
     columns = [log.x, log.y]
     for human in range(log.human_x.shape[1]):
@@ -55,9 +56,9 @@ def positions(run: Run) -> NDArray[np.float64]:
 
 
 def warping_distance(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
-    """Dynamic time warping of two (N, D) series, exact.
+    """Return the exact dynamic time warping distance of two (N, D) series.
 
-    The square root of the smallest sum of squared Euclidean distances along a warping path.
+    It is the square root of the smallest sum of squared Euclidean distances along a warping path.
     """
     from dtaidistance import dtw_ndim
 
@@ -65,7 +66,9 @@ def warping_distance(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
 
 
 def simulation_diversity(series: Sequence[NDArray[np.float64]]) -> float | None:
-    """ssd: mean over pairs of the warping distance of their `positions`."""
-    if len(series) < 2:
-        return None
-    return float(np.mean([warping_distance(a, b) for a, b in combinations(series, 2)]))
+    """Return ssd: the mean over pairs of the warping distance of their `positions`.
+
+    Series with different numbers of people cannot be compared; such pairs are left out. None without any pair.
+    """
+    distances = [warping_distance(a, b) for a, b in combinations(series, 2) if a.shape[1] == b.shape[1]]
+    return float(np.mean(distances)) if distances else None

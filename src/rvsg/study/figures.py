@@ -1,6 +1,6 @@
 """Box plots of the repeated best and worst scenarios: one SVG per requirement, a panel per metric, boxes per route.
 
-They need matplotlib, which the extra `figures` brings. Equal material gives equal bytes.
+They need matplotlib (extra `figures`). Equal material gives equal bytes.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ ABSENT = f"the figures of RQ3 are left out: drawing needs matplotlib: {how_to_in
 
 
 def can_draw() -> bool:
-    """Whether matplotlib is there."""
+    """Return whether matplotlib is installed."""
     return importlib.util.find_spec("matplotlib") is not None
 
 
 def write_repeat_figures(material: Material, folder: Path, *, honest: bool) -> list[Path]:
-    """Write `rq3_<requirement>.svg` for every requirement with repeated scenarios; the files written.
+    """Write `rq3_<requirement>.svg` for each requirement with repeated runs, and return the files.
 
-    With `honest` the runs by which a scenario was selected are left out of its boxes. Requires `can_draw()`.
+    With `honest`, boxes leave out the runs by which a scenario was selected. Requires `can_draw()`.
     """
     written = []
     for requirement in sorted({name for name, _ in material.repeats}):
@@ -41,6 +41,8 @@ def write_repeat_figures(material: Material, folder: Path, *, honest: bool) -> l
             if name == requirement
             for method, runs in methods.items()
         }
+        if not any(sample.values for runs in kept.values() for sample in runs):
+            continue
         path = folder / f"rq3_{re.sub(r'[^A-Za-z0-9_-]+', '_', requirement)}.svg"
         write_whole(path, _drawn(requirement, kept, honest))
         written.append(path)
@@ -48,7 +50,7 @@ def write_repeat_figures(material: Material, folder: Path, *, honest: bool) -> l
 
 
 def _drawn(requirement: str, kept: dict[tuple[str, str], list[Sample]], honest: bool) -> str:
-    """The SVG of one requirement."""
+    """Return the SVG of one requirement."""
     import io
 
     import matplotlib as mpl
@@ -72,7 +74,7 @@ def _drawn(requirement: str, kept: dict[tuple[str, str], list[Sample]], honest: 
 
 
 def _panel(axes: Any, name: str, routes: Sequence[str], kept: dict[tuple[str, str], list[Sample]]) -> None:
-    """One metric: a box of every route and method, each run a dot."""
+    """Draw one metric: a box for each route and method, a dot for each run."""
     info = metric(f"{name}_logged")
     axes.set_title(f"{info.title.removesuffix(' (as logged)')} ({name}), {info.unit}", fontsize=9)
     axes.grid(axis="y", color=QUIET, linewidth=0.8)

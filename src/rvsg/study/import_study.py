@@ -1,4 +1,4 @@
-"""Published (or any equally laid out) results become records like those of our own campaigns, in a store.
+"""Imports published results, or any in the same layout, into a store as records of campaigns.
 
 Campaigns are named by their folder (`distance/route_1`). The runs keep the logged metrics in `details["logged"]`
 beside ours, which are computed from the logs. A repeated run of a best or worst scenario is a confirmation; the run
@@ -9,12 +9,15 @@ from __future__ import annotations
 
 import csv
 import hashlib
+import io
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from rvsg.campaign.attempt import Attempt, Failure, Ledger, Measurement
 from rvsg.core.errors import FileError, UnknownName
+from rvsg.core.files import write_whole
+from rvsg.core.inputs import read_bytes
 from rvsg.core.records import content_id
 from rvsg.evaluation.judge import judge
 from rvsg.evaluation.metrics import measure
@@ -24,6 +27,7 @@ from rvsg.scenario.scenario import Mission, Scenario
 from rvsg.scenario.validity import Finding
 from rvsg.simulation.archive import PackedRun
 from rvsg.simulation.run import Outcome, Run
+from rvsg.study.files import LARGEST_LOG, Unreadable, read_table, shown
 from rvsg.study.study_folder import (
     EXACT,
     LOGGED,
@@ -31,6 +35,7 @@ from rvsg.study.study_folder import (
     TOLERANCE,
     Batch,
     ImportFinding,
+    Kind,
     ReadPeople,
     batches,
     numbered,
@@ -38,17 +43,19 @@ from rvsg.study.study_folder import (
     read_logged,
     read_people,
 )
-from rvsg.study.study_log import UnusableLog, read_log
+from rvsg.study.study_log import read_log
 from rvsg.world.world import Route, World
 
 SIMULATOR = "imported"
 STRATEGY = {"rvsg": "study", "unguided": "unguided", "random": "random", "best": "study", "worst": "study"}
 HUMAN_RADIUS_M = 0.4
+COLUMNS = ("file", "kind", "message")
+"""Columns of the list of findings."""
 
 
 @dataclass
 class Imported:
-    """What an import brought: counts, and everything that is not as it should be."""
+    """The result of an import: counts, and the defects found."""
 
     campaigns: int = 0
     attempts: int = 0
@@ -60,9 +67,9 @@ class Imported:
 
 
 def import_study(root: Path, ledger: Ledger, world: World, tell: Callable[[str], None] = lambda _: None) -> Imported:
-    """Read everything under `root` into the ledger. FileError where there is no such layout at all.
+    """Read everything under `root` into the ledger; FileError where nothing has the layout.
 
-    A campaign that the ledger knows already is left as it is, so that an import can be repeated or added to.
+    A campaign that the ledger already holds is skipped, so that an import can be repeated or added to.
     """
     done = Imported()
     groups = find_campaigns(root, done.findings)
@@ -79,12 +86,12 @@ def import_study(root: Path, ledger: Ledger, world: World, tell: Callable[[str],
 
 
 def find_campaigns(root: Path, findings: list[ImportFinding]) -> dict[str, list[Batch]]:
-    """The scenarios under `root` by campaign; FileError where there is nothing of the layout."""
+    """Return the scenarios under `root` by campaign; FileError where nothing has the layout."""
     if not root.is_dir():
-        raise FileError(root, "this is no folder; expected the root of the study's results")
+        raise FileError(root, "this is not a folder; expected the root of the study's results")
     groups: dict[str, list[Batch]] = {}
     for batch in batches(root, findings):
-        groups.setdefault(batch.folder.parent.relative_to(root).as_posix(), []).append(batch)
+        groups.setdefault(shown(batch.folder.parent, root), []).append(batch)
     if not groups:
         raise FileError(root, "holds no folder like distance/route_1/0 or no_req/route_1/0: nothing to import")
     return groups
@@ -185,7 +192,7 @@ class _Importer:
         )
 
     def _is_selection(self, run: Run) -> bool:
-        """Whether this repeat is the very run of the search by which the scenario was selected."""
+        """Return whether this repeat is the run of the search by which the scenario was selected."""
         return str(run.details["sha256"]) in self.searched
 
     def _mission(self, route: Route) -> Mission:
@@ -200,7 +207,7 @@ class _Importer:
             problems.append(Finding(rule="import", reason="the configuration is missing"))
         else:
             read = read_people(file, self.world.grid.valid)
-            model = file.stem.partition("_")[2].rpartition("_")[0] or model
+            model = shown(Path(file.stem.partition("_")[2].rpartition("_")[0] or model))
             for kind, message in read.odd:
                 self._find(file, kind, message)
                 problems.append(Finding(rule=f"import.{kind}", reason=message))
@@ -219,13 +226,13 @@ class _Importer:
         logged: dict[str, float | None] | None,
         completed: bool | None,
     ) -> Run | Failure:
-        """The run of a log, or why there is none; differences to the logged metrics become findings."""
+        """Return the run of a log, or a Failure with the reason; differences to the logged metrics become findings."""
         try:
             trajectory, last_row = read_log(path)
             finished = completed if completed is not None else last_row
             if finished is None:
-                raise UnusableLog("neither it nor log.csv says whether the run completed")
-        except UnusableLog as reason:
+                raise Unreadable("neither it nor log.csv says whether the run completed")
+        except Unreadable as reason:
             self._find(path, "log", f"not imported: {reason}")
             self.done.refused += 1
             return Failure(seed=number, reason=str(reason))
@@ -233,7 +240,7 @@ class _Importer:
             self._find(
                 path, "metrics", f"its last row says completed {last_row}, log.csv says {completed}; log.csv holds"
             )
-        content = hashlib.sha256(path.read_bytes()).hexdigest()
+        content = hashlib.sha256(read_bytes(path, largest=LARGEST_LOG)).hexdigest()
         people = trajectory.human_x.shape[1]
         run = Run(
             scenario_id=scenario_id,
@@ -248,7 +255,7 @@ class _Importer:
             goal=(route.goal.x, route.goal.y, route.goal.yaw),
             time_limit_s=route.time_limit_s,
             details={
-                "file": path.relative_to(self.root).as_posix(),
+                "file": shown(path, self.root),
                 "sha256": content,
                 "logged": {LOGGED[name]: value for name, value in (logged or {}).items()},
             },
@@ -270,12 +277,8 @@ class _Importer:
                 self.done.differing += 1
                 self._find(path, "metrics", f"log.csv says {name} = {theirs!r}, the log gives {own!r}")
 
-    def _find(self, path: Path, kind: str, message: str) -> None:
-        self.done.findings.append(
-            ImportFinding.model_validate(
-                {"file": path.relative_to(self.root).as_posix(), "kind": kind, "message": message}
-            )
-        )
+    def _find(self, path: Path, kind: Kind, message: str) -> None:
+        self.done.findings.append(ImportFinding(file=shown(path, self.root), kind=kind, message=message))
 
 
 def _measurement(run: Run, objective: str | None) -> Measurement:
@@ -290,17 +293,28 @@ def _measurement(run: Run, objective: str | None) -> Measurement:
 
 
 def write_findings(findings: Iterable[ImportFinding], path: Path, *, keep: bool = False) -> int:
-    """The findings as CSV (file, kind, message), with `keep` after those that stand there; how many there are now.
+    """Write findings as CSV (file, kind, message) and return how many the file holds.
 
-    A store that is added to keeps what was found wrong in the runs it already holds.
+    With `keep` those already in the file stay, so that a store that is added to keeps the defects of its runs.
+    Raises FileError where the file cannot be read or written.
     """
-    rows: list[tuple[str, str, str]] = [(finding.file, finding.kind, finding.message) for finding in findings]
+    rows: list[tuple[str, ...]] = [(finding.file, finding.kind, finding.message) for finding in findings]
     if keep and path.is_file():
-        with path.open(encoding="utf-8", newline="") as file:
-            earlier = [(row["file"], row["kind"], row["message"]) for row in csv.DictReader(file)]
-        rows = list(dict.fromkeys([*earlier, *rows]))
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(["file", "kind", "message"])
-        writer.writerows(rows)
+        rows = list(dict.fromkeys([*_earlier(path), *rows]))
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\r\n")
+    writer.writerow(COLUMNS)
+    writer.writerows(rows)
+    write_whole(path, text.getvalue())
     return len(rows)
+
+
+def _earlier(path: Path) -> list[tuple[str, ...]]:
+    """Return the findings that a file holds."""
+    try:
+        header, rows = read_table(path)
+    except Unreadable as error:
+        raise FileError(path, f"{error}. Move the file away to write a new one.") from None
+    if tuple(header) != COLUMNS or any(len(row) != len(COLUMNS) for row in rows):
+        raise FileError(path, "this is not a list of findings. Move the file away to write a new one.")
+    return [tuple(row) for row in rows]

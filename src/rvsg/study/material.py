@@ -14,6 +14,7 @@ from rvsg.evaluation.diversity import positions
 from rvsg.evaluation.metrics import measure
 from rvsg.scenario.requirement import Requirement
 from rvsg.simulation.run import Run
+from rvsg.study.study_folder import FOREIGN
 
 TABLED = ("dto", "jerk", "trg", "rpc", "por", "chc", "pl", "tnm")
 """The metrics of the tables by their short ids; the values are those of the `_logged` variants."""
@@ -149,7 +150,7 @@ def _trial(attempt: Attempt, material: Material) -> Trial:
     else:
         tasks = tuple(tuple(listed) for listed in dict(extra.get("tasks", {})).values())
         description = str(extra.get("description", ""))
-    doubts = [f.reason for f in attempt.proposal.first_findings if "cannot be of this configuration" in f.reason]
+    doubts = [f.reason for f in attempt.proposal.first_findings if f.rule == f"import.{FOREIGN}"]
     return Trial(
         scenario=(attempt.campaign, attempt.brief.scenario_index),
         configuration=attempt.brief.configuration_index,

@@ -1,4 +1,4 @@
-"""The layout of the published study's results: which folders hold what, and the records in them.
+"""The layout of the published study's results: what each folder holds, and readers for its files.
 
 ::
 
@@ -8,25 +8,30 @@
       {req}_MODEL_K.json       tasks and waypoint paths      log_K.csv   one row per half second
       {req}_scenario_MODEL.json  description, task lists     log.csv     one row per run: the logged metrics
 
-Any subset of it is read, and folders of any results kept in the same layout.
+Any part of it can be read, and any results kept in the same layout.
 """
 
 from __future__ import annotations
 
-import csv
-import io
-import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from rvsg.core.errors import FileError
-from rvsg.core.inputs import parse_json, read_text
 from rvsg.core.records import Record
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import ForceFactors, Human, HumanConfiguration, Task
+from rvsg.study.files import (
+    Unreadable,
+    as_number,
+    children,
+    folders,
+    read_json,
+    read_table,
+    shown,
+    small_number,
+)
 from rvsg.study.study_log import truth
 
 Method = Literal["rvsg", "unguided", "random", "best", "worst"]
@@ -84,23 +89,27 @@ LOGGED: dict[str, str] = {
 TOLERANCE = {"jerk_logged": 1e-6}
 EXACT = 1e-9
 
-_ROUTE = re.compile(r"route_[\w-]+")
-_LOG = re.compile(r"log_(\d+)\.csv")
-_CONFIGURATION = re.compile(r".+_(\d+)\.json")
+_ROUTE = re.compile(r"route_[A-Za-z0-9_-]{1,100}")
+_LOG = re.compile(r"log_([0-9]{1,6})\.csv")
+_CONFIGURATION = re.compile(r".+_([0-9]{1,6})\.json")
 _IGNORED = {"replies"}
+
+Kind = Literal["log", "configuration", "scenario", "waypoint", "metrics", "layout", "foreign-run"]
+FOREIGN: Kind = "foreign-run"
+"""The logged run cannot be of the configuration beside it."""
 
 
 class ImportFinding(Record):
-    """One thing that is not as it should be in the imported files, and what was done about it."""
+    """A defect in the imported files, and what the import did about it."""
 
     file: str
-    kind: Literal["log", "configuration", "scenario", "waypoint", "metrics", "layout"]
+    kind: Kind
     message: str
 
 
 @dataclass(frozen=True)
 class Batch:
-    """All runs of one scenario folder; `repeats` says that they repeat one configuration."""
+    """All runs of one scenario folder."""
 
     folder: Path
     method: Method
@@ -115,14 +124,14 @@ class Batch:
 
 
 def batches(root: Path, findings: list[ImportFinding]) -> Iterator[Batch]:
-    """Every scenario folder under `root`, in a fixed order; folders that fit nowhere are listed in the findings."""
-    for top in sorted(path for path in root.iterdir() if path.is_dir()):
+    """Yield each scenario folder under `root` in a fixed order; folders that fit nowhere become findings."""
+    for top in folders(root):
         if top.name in REQUIREMENTS:
             yield from _of_routes(top, root, "rvsg", top.name, findings)
         elif top.name in ("no_req", "random"):
             yield from _of_routes(top, root, "unguided" if top.name == "no_req" else "random", None, findings)
         elif top.name in ("best_scenario", "worst_scenario"):
-            for folder in sorted(path for path in top.iterdir() if path.is_dir()):
+            for folder in folders(top):
                 if folder.name in REQUIREMENTS:
                     method: Method = "best" if top.name == "best_scenario" else "worst"
                     yield from _of_routes(folder, root, method, folder.name, findings)
@@ -135,71 +144,73 @@ def batches(root: Path, findings: list[ImportFinding]) -> Iterator[Batch]:
 def _of_routes(
     folder: Path, root: Path, method: Method, requirement: str | None, findings: list[ImportFinding]
 ) -> Iterator[Batch]:
-    for route in sorted(path for path in folder.iterdir() if path.is_dir()):
+    for route in folders(folder):
         if not _ROUTE.fullmatch(route.name):
             findings.append(_stranger(route, root))
             continue
-        for scenario in sorted((p for p in route.iterdir() if p.is_dir()), key=lambda p: (len(p.name), p.name)):
-            if scenario.name.isdecimal() and len(scenario.name) < 10:
-                yield Batch(scenario, method, requirement, route.name, int(scenario.name))
+        for scenario in sorted(folders(route), key=lambda p: (len(p.name), p.name)):
+            number = small_number(scenario.name)
+            if number is not None:
+                yield Batch(scenario, method, requirement, route.name, number)
             else:
                 findings.append(_stranger(scenario, root))
 
 
 def _stranger(folder: Path, root: Path) -> ImportFinding:
     return ImportFinding(
-        file=str(folder.relative_to(root)), kind="layout", message="this folder fits nowhere in the layout: left out"
+        file=shown(folder, root), kind="layout", message="this folder fits nowhere in the layout: left out"
     )
 
 
 def numbered(folder: Path, what: Literal["log", "configuration"]) -> dict[int, Path]:
-    """The logs or the configurations of a scenario folder by their number."""
+    """Return the logs or the configurations of a scenario folder by number."""
     pattern = _LOG if what == "log" else _CONFIGURATION
     found = {
         int(match.group(1)): path
-        for path in folder.iterdir()
+        for path in children(folder)
         if (match := pattern.fullmatch(path.name)) and "_scenario_" not in path.name and "_memory_" not in path.name
     }
     return dict(sorted(found.items()))
 
 
 def read_description(folder: Path) -> tuple[str, str | None]:
-    """The description in `*_scenario_*.json`, empty where there is none; and what is wrong with it, if anything."""
-    files = sorted(folder.glob("*_scenario_*.json"))
+    """Return the description in `*_scenario_*.json`, empty without one, and its defect, if it has one."""
+    files = [path for path in children(folder) if "_scenario_" in path.stem and path.suffix == ".json"]
     if not files:
         return "", None
     try:
-        value = parse_json(read_text(files[0]), files[0])
-    except FileError as error:
-        return "", f"{files[0].name}: not readable as JSON ({error.reason}); the description is lost"
+        value = read_json(files[0])
+    except Unreadable as error:
+        return "", f"{shown(Path(files[0].name))}: {error}; the description is lost"
     text = value.get("scenario", "") if isinstance(value, dict) else None
     if not isinstance(text, str):
-        return "", f"{files[0].name}: its `scenario` is no text; the description is lost"
+        return "", f"{shown(Path(files[0].name))}: its `scenario` is not a text; the description is lost"
     return text, None
 
 
 @dataclass(frozen=True)
 class ReadPeople:
-    """What a configuration file holds: `people` None where it is no valid configuration, `tasks` as far as legible.
+    """The content of a configuration file.
 
-    `odd` are pairs of kind and message of everything that is not as it should be.
+    `people` is None where the file is not a valid configuration; `tasks` are those that could be read; `odd` are the
+    defects, as pairs of kind and message.
     """
 
     people: HumanConfiguration | None
     tasks: dict[str, list[str]]
-    odd: list[tuple[Literal["configuration", "waypoint"], str]]
+    odd: list[tuple[Kind, str]]
 
 
 def read_people(path: Path, known: frozenset[str]) -> ReadPeople:
     """Read a configuration. Unknown waypoint names stay in their paths and are listed.
 
-    The study's own decoder dropped them in silence, so that people walked straight to the next known one.
+    The study's own decoder dropped them without a message, so people walked straight to the next known one.
     """
     read = ReadPeople(None, {}, [])
     try:
-        value = parse_json(read_text(path), path)
-    except FileError as error:
-        read.odd.append(("configuration", f"not readable as JSON ({error.reason}): is the file cut off?"))
+        value = read_json(path)
+    except Unreadable as error:
+        read.odd.append(("configuration", f"{error}; is the file cut off?"))
         return read
     numbers = sorted(int(n) for key in value if (n := _worker_number(key))) if isinstance(value, dict) else []
     if not numbers:
@@ -212,12 +223,12 @@ def read_people(path: Path, known: frozenset[str]) -> ReadPeople:
 
 
 def _worker_number(key: object) -> str | None:
-    found = re.fullmatch(r"Worker (\d{1,3}) Tasks", str(key))
+    found = re.fullmatch(r"Worker ([1-9][0-9]{0,2}) Tasks", str(key))
     return found.group(1) if found else None
 
 
 def _human(listed: Any, number: int, known: frozenset[str], read: ReadPeople) -> Human | None:
-    """The human of that number, or None (and why, in `read.odd`) where the file does not hold one."""
+    """Return the human of that number, or None where the file holds none; defects go to `read.odd`."""
     name = f"Human {number}"
     if not isinstance(listed, list) or not all(isinstance(task, dict) for task in listed):
         read.odd.append(("configuration", f"the tasks of {name} are not a list of tasks"))
@@ -226,7 +237,7 @@ def _human(listed: Any, number: int, known: frozenset[str], read: ReadPeople) ->
     read.tasks[name] = [task.name for task in tasks]
     if not any(waypoint in known for task in tasks for waypoint in task.path):
         read.odd.append(
-            ("configuration", f"{name} has no known waypoint to go to: the logged run cannot be of this configuration")
+            (FOREIGN, f"{name} has no known waypoint to go to: the logged run cannot be of this configuration")
         )
     if not tasks:
         return None
@@ -236,7 +247,7 @@ def _human(listed: Any, number: int, known: frozenset[str], read: ReadPeople) ->
 def _task(value: dict[str, Any], human: str, place: int, known: frozenset[str], read: ReadPeople) -> Task:
     title = str(value.get("Task") or f"task {place}")[:120]
     listed = value.get("Path")
-    path = tuple(str(waypoint) for waypoint in listed) if isinstance(listed, list) else ()
+    path = tuple(str(waypoint)[:120] for waypoint in listed) if isinstance(listed, list) else ()
     if not path:
         read.odd.append(("waypoint", f'{human}, task "{title}": the path is empty'))
     read.odd.extend(
@@ -248,7 +259,7 @@ def _task(value: dict[str, Any], human: str, place: int, known: frozenset[str], 
 
 
 def read_logged(folder: Path) -> tuple[dict[int, dict[str, float | None]], dict[int, bool | None], list[str]]:
-    """The rows of `log.csv` by run number, whether each completed, and what is wrong with the file."""
+    """Return the rows of `log.csv` by run number, whether each run completed, and the defects of the file."""
     path = folder / "log.csv"
     if not path.is_file():
         return {}, {}, ["log.csv is missing: there are no logged metrics to compare with"]
@@ -256,28 +267,26 @@ def read_logged(folder: Path) -> tuple[dict[int, dict[str, float | None]], dict[
     completed: dict[int, bool | None] = {}
     wrong: list[str] = []
     try:
-        rows = list(csv.DictReader(io.StringIO(read_text(path), newline=""), strict=True))
-    except (FileError, csv.Error) as error:
-        return {}, {}, [f"log.csv cannot be read: {error}"]
-    missing = [name for name in LOGGED if rows and name not in rows[0]]
+        header, lines = read_table(path)
+    except Unreadable as error:
+        return {}, {}, [f"log.csv: {error}"]
+    rows = [dict(zip(header, line, strict=False)) for line in lines]
+    missing = [name for name in LOGGED if rows and name not in header]
     if missing:
         wrong.append(f"log.csv lacks the columns {', '.join(missing)}")
     for line, row in enumerate(rows, 2):
-        tag = str(row.get("experiment_tag") or "").rpartition("_")[2]
-        if not tag.isdecimal() or len(tag) > 9 or int(tag) in values:
-            wrong.append(f"log.csv line {line}: the experiment_tag is {row.get('experiment_tag')!r}; row left out")
+        tag = row.get("experiment_tag", "")
+        number = small_number(tag.rpartition("_")[2])
+        if number is None or number in values:
+            wrong.append(f"log.csv line {line}: the experiment_tag is {tag[:40]!r}; row left out")
             continue
-        values[int(tag)] = {name: _finite(row.get(name), name, line, wrong) for name in LOGGED if name not in missing}
-        completed[int(tag)] = truth(str(row.get("completed") or ""))
+        values[number] = {name: _finite(row.get(name, ""), name, line, wrong) for name in LOGGED if name not in missing}
+        completed[number] = truth(row.get("completed", ""))
     return values, completed, wrong
 
 
-def _finite(text: str | None, name: str, line: int, wrong: list[str]) -> float | None:
-    try:
-        value = float(text) if text is not None else math.nan
-    except ValueError:
-        value = math.nan
-    if math.isfinite(value):
-        return value
-    wrong.append(f"log.csv line {line}: {name} is {text!r}; no value")
-    return None
+def _finite(text: str, name: str, line: int, wrong: list[str]) -> float | None:
+    value = as_number(text)
+    if value is None:
+        wrong.append(f"log.csv line {line}: {name} is {text[:40]!r}; no value")
+    return value

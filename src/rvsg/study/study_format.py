@@ -1,7 +1,7 @@
-"""Reads the configuration files of the published study, leniently: what its own decoder dropped is dropped and listed.
+"""Reads configuration files of the published study. What the study's decoder dropped is dropped, and listed.
 
 A file holds "Worker 1 Tasks" and "Worker 2 Tasks", each a list of tasks with "Task", "Start", "End" and "Path". The
-study's decoder looked up the waypoints of every path in the grid and dropped the names it did not know in silence.
+study's decoder looked up the waypoints of every path in the grid and dropped unknown names without a message.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from rvsg.scenario.agents import HumanAgent
 from rvsg.scenario.scenario import ForceFactors, Human, HumanConfiguration, Task
 from rvsg.world.grid import Grid
 
-_WORKER = re.compile(r"Worker (\d+) Tasks")
+_WORKER = re.compile(r"Worker ([1-9][0-9]{0,2}) Tasks")
 
 
 class Dropped(Record):
-    """A waypoint name that the grid does not know: of which human, in which task, at which place of its path."""
+    """A waypoint name that the grid does not know, and where it occurred."""
 
     human: str
     task: str
@@ -48,7 +48,7 @@ class StudyConfiguration(Record):
     dropped: tuple[Dropped, ...] = ()
 
     def people(self) -> HumanConfiguration:
-        """As a configuration of ours; raises InputError where a human has no waypoint left.
+        """Return it as a HumanConfiguration; raises InputError where a human has no waypoint left.
 
         Human 1 has the default force factors; human 2 (and any further one) draws its own at every launch, as the
         study configured HuNavSim.
@@ -66,7 +66,7 @@ class StudyConfiguration(Record):
         )
 
     def agents(self, grid: Grid) -> tuple[HumanAgent, ...]:
-        """In coordinates, with the doubled waypoints between tasks that `rvsg.scenario.agents.decode` joins.
+        """Return the people in coordinates, with the doubled waypoints between tasks that `decode` joins.
 
         HuNavSim reaches a doubled goal twice, and stands still for a tick each time.
         """
@@ -94,17 +94,16 @@ class StudyConfiguration(Record):
 
 
 def read_study_configuration(path: Path, grid: Grid) -> StudyConfiguration:
-    """Read a file of the study; raises FileError where it is not such a file."""
+    """Read a configuration file of the study; raises FileError where it is not one."""
+    value = parse_json(read_text(path), path)
     try:
-        return decode_study(parse_json(read_text(path), path), grid)
-    except FileError:
-        raise
+        return decode_study(value, grid)
     except InputError as error:
         raise FileError(path, str(error)) from None
 
 
 def decode_study(value: Any, grid: Grid) -> StudyConfiguration:
-    """Decode the JSON value of such a file; raises InputError where its shape is another."""
+    """Decode the JSON value of such a file; raises InputError where it has another shape."""
     if not isinstance(value, dict):
         raise InputError('expected an object with "Worker 1 Tasks" and "Worker 2 Tasks"')
     numbers = sorted(int(found.group(1)) for key in value if (found := _WORKER.fullmatch(key)))
