@@ -18,7 +18,8 @@ WIDE = [(-9.0, 1.0), (0.5, 40.0), (-1000.0, 1000.0)]
 
 @pytest.fixture(scope="module")
 def found() -> tuple[Plan, list[Attempt]]:
-    return campaign(MemoryLedger())
+    plan, attempts = campaign(MemoryLedger())
+    return plan, [attempt for attempt in attempts if attempt.purpose in ("search", "confirmation")]
 
 
 def verdict(attempt: Attempt) -> Verdict:

@@ -7,7 +7,7 @@ import xml.etree.ElementTree as ET
 from typing import Any
 
 import pytest
-from tests.campaign.parts import MemoryLedger, WalkGenerator, parts, plan, warehouse
+from tests.campaign.parts import REQUIREMENT, MemoryLedger, WalkGenerator, parts, plan, warehouse
 
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.loop import feedback_from, run_campaign
@@ -104,7 +104,7 @@ def test_words_of_a_model_stay_words() -> None:
 def test_the_page_says_what_the_confirmation_measured() -> None:
     ledger = MemoryLedger()
     the_plan, attempts = campaign(ledger)
-    verdict = attempts[-1].verdict
+    verdict = next(attempt.verdict for attempt in attempts if attempt.purpose == "confirmation")
     assert verdict is not None
     text = page(the_plan, attempts, ledger)
     assert f"{verdict.violations} of {verdict.runs}" in text or "none of 5 confirmation runs" in text
@@ -219,3 +219,27 @@ def test_in_junit_the_confirmation_decides_and_what_is_not_sure_is_skipped_with_
     alone = summarise(the_plan, [a for a in changed if a.purpose == "search"])
     unconfirmed = ET.fromstring(junit_xml(the_plan, alone))[0]
     assert int(unconfirmed.attrib["failures"]) == len(unconfirmed) == the_plan.scenarios
+
+
+def _with_objectives(attempt: Attempt, value: float) -> Attempt:
+    made = [measured.replace(objective=value) for measured in attempt.measurements]
+    return attempt.replace(measurements=tuple(made), verdict=judge(REQUIREMENT, [value] * len(made)))
+
+
+@pytest.mark.parametrize(
+    ("alone", "badge"), [(0.5, "recurs without people"), (2.0, "caused by the people"), (None, "cause open")]
+)
+def test_a_violation_says_whether_it_recurs_without_people(alone: float | None, badge: str) -> None:
+    ledger = MemoryLedger()
+    the_plan, attempts = campaign(ledger)
+    changed = [_with_objectives(a, 0.5) if a.purpose == "confirmation" else a for a in attempts if a.verdict]
+    changed = [a for a in changed if a.purpose in ("search", "confirmation")]
+    baseline = next(a for a in attempts if a.purpose == "baseline")
+    if alone is not None:
+        changed.append(_with_objectives(baseline, alone))
+    text = page(the_plan, changed, ledger)
+    top = text[text.index('class="verdict') : text.index("What happens")]
+    assert badge in top
+    assert sum(other in top for other in ("recurs without people", "caused by the people", "cause open")) == 1
+    if alone is not None:
+        assert all(measured.run_id in top for measured in baseline.measurements)

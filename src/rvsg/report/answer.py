@@ -10,6 +10,7 @@ from typing import NamedTuple
 from rvsg.campaign.plan import Plan
 from rvsg.evaluation.judge import OPEN, still_open, violated
 from rvsg.evaluation.verdict import Status, Verdict
+from rvsg.report.causes import Cause
 from rvsg.report.facts import AttemptFacts, RunFacts
 from rvsg.report.summary import Summary, counted, interval, number
 from rvsg.report.words import direction, metres, quantity
@@ -83,15 +84,29 @@ def tone_of(verdict: Verdict) -> str:
     return "bad" if violated(verdict) else "good" if verdict.status is Status.PASS else "quiet"
 
 
-def answer(plan: Plan, summary: Summary, confirmed: AttemptFacts | None, searched: Sequence[AttemptFacts]) -> Answer:
-    """The top of the page: verdict, badges and sentences. `confirmed` holds the confirmation runs of the finding."""
+def answer(
+    plan: Plan,
+    summary: Summary,
+    confirmed: AttemptFacts | None,
+    searched: Sequence[AttemptFacts],
+    cause: Cause | None,
+) -> Answer:
+    """The top of the page: verdict, badges and sentences.
+
+    Args:
+        confirmed: The confirmation runs of the finding; None before a confirmation.
+        searched: The configurations of the search.
+        cause: What leaving people out does to the finding.
+    """
     top = headline(plan, summary)
     if confirmed is None:
         runs = [run for attempt in searched for run in attempt.runs]
         badges, sentences = _seen(runs, plan, "search run") if runs else ([], [])
         return Answer(**top, badges=badges, sentences=sentences)
     badges, seen = _seen(confirmed.runs, plan, "confirmation run")
-    sentences = [*_judged(plan, confirmed), *_where(confirmed), *seen]
+    why, because = _why(plan, cause) if cause is not None else ([], [])
+    badges = [*why, *badges]
+    sentences = [*_judged(plan, confirmed), *_where(confirmed), *because, *seen]
     others = [run for attempt in searched for run in attempt.runs]
     touched = [run for run in others if run.contacts]
     if touched:
@@ -111,14 +126,23 @@ def _judged(plan: Plan, confirmed: AttemptFacts) -> list[Sentence]:
     if verdict is None or verdict.mean is None:
         return []
     limit = requirement.threshold
-    measured = [
-        Piece(f"The {quantity(requirement)} is "),
-        Piece(number(verdict.mean, requirement.unit), _ids(confirmed.runs)),
-        Piece(f" on average ({direction(requirement)}"),
-        Piece(f"; the limit is {number(limit, requirement.unit)})." if limit is not None else ")."),
-    ]
+    if verdict.censored:
+        late = f"{verdict.censored} of {counted(verdict.runs, 'run')}"
+        middle = f"the median is {number(verdict.median, requirement.unit)}" if verdict.median is not None else ""
+        measured = [
+            Piece(f"The {quantity(requirement)} is beyond the time limit in "),
+            Piece(late, _ids(confirmed.not_arrived)),
+            Piece(f"; {middle or 'so is the median'} ({direction(requirement)}"),
+        ]
+    else:
+        measured = [
+            Piece(f"The {quantity(requirement)} is "),
+            Piece(number(verdict.mean, requirement.unit), _ids(confirmed.runs)),
+            Piece(f", averaged over the runs ({direction(requirement)}"),
+        ]
+    measured.append(Piece(f"; the limit is {number(limit, requirement.unit)})." if limit is not None else ")."))
     worst = confirmed.worst(requirement)
-    if worst is not None and worst.measurement.objective is not None:
+    if worst is not None and worst.arrived and worst.measurement.objective is not None:
         value = number(worst.measurement.objective, requirement.unit)
         measured += [Piece(" The worst run measures "), Piece(value, (worst.id,), worst.decisive_s), Piece(".")]
     if verdict.violation_probability is None or verdict.violation_interval is None:
@@ -153,6 +177,40 @@ def _where(facts: AttemptFacts) -> list[Sentence]:
             Piece(f", {when} after the start."),
         ]
     ]
+
+
+CAUSED = {
+    "yes": ("bad", "caused by the people", "The people cause it."),
+    "no": ("warn", "recurs without people", "It recurs without people, so this is not a finding about people."),
+    "open": ("quiet", "cause open", "These runs do not show whether the people cause it."),
+}
+
+
+def _why(plan: Plan, cause: Cause) -> tuple[list[Badge], list[Sentence]]:
+    """Whether it was the people: the same seeds without them, and without each of them."""
+    if cause.about_people == "not violated":
+        return [], []
+    tone, badge, said = CAUSED[cause.about_people]
+    nobody = cause.nobody
+    if nobody is None or nobody.difference is None:
+        return [Badge(tone=tone, text=badge)], [[Piece(said)]]
+    badges = [Badge(tone=tone, text=badge, runs=_ids(nobody.runs))]
+    low, high = (round(100 * bound) for bound in nobody.difference.interval)
+    sentence = [
+        Piece(said),
+        Piece(" On the same seeds without people, the robot violates "),
+        Piece(f"{plan.requirement.name} in "),
+        Piece(f"{len(nobody.violating)} of {counted(len(nobody.runs), 'run')}", _ids(nobody.violating or nobody.runs)),
+        Piece(f" (difference {100 * nobody.difference.difference:.0f} points, interval {low} to {high})."),
+    ]
+    for pair in cause.each:
+        with_all = sum(run.violated for run in pair.before)
+        sentence += [
+            Piece(f" Without {pair.without}: "),
+            Piece(f"{len(pair.violating)} of {counted(len(pair.runs), 'run')}", _ids(pair.runs)),
+            Piece(f" (with everybody {with_all})."),
+        ]
+    return badges, [sentence]
 
 
 def _seen(runs: Sequence[RunFacts], plan: Plan, kind: str) -> tuple[list[Badge], list[Sentence]]:

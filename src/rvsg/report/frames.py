@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rvsg.evaluation.sampled import Sampled
 from rvsg.simulation.run import Run
 
 Floats = NDArray[np.float64]
@@ -23,6 +24,9 @@ HIGH_M = 5.0
 LETTER_M = 0.32
 """Height of letters in a frame, metres: 11 px and more where a frame is at least 300 px wide."""
 GREY = "#8a94a0"
+TRAIL_S = 6.0
+SHOWN_PEOPLE = 4
+"""In a crowd, names and trails of more people cover each other."""
 
 
 @dataclass(frozen=True)
@@ -76,8 +80,8 @@ def frame(run: Run, t_s: float, look: Look, label: str) -> str:
     parts = [
         f'<svg class="still" viewBox="{x0:.2f} {y0:.2f} {ACROSS_M:g} {HIGH_M:g}" role="img" aria-label="{_e(label)}">',
         '<use href="#rvsg-floor"/>',
-        *_trails(run, row + 1, look),
-        *_bodies(run, row, look),
+        *_trails(run, max(0, row - _samples(run, TRAIL_S)), row + 1, look, nearest(run, row)),
+        *_bodies(run, row, look, nearest(run, row)),
         "</svg>",
     ]
     return "".join(parts)
@@ -90,7 +94,7 @@ def overview(run: Run, moments: Sequence[float], look: Look, label: str, names: 
         f'<svg class="still overview" viewBox="{look.view_box}" role="img" aria-label="{_e(label)}">',
         '<use href="#rvsg-floor"/>',
         names,
-        *_trails(run, len(path), look),
+        *_trails(run, 0, len(path), look, nearest(run)),
     ]
     for number, t_s in enumerate(moments, 1):
         row = min(int(np.searchsorted(path.t, t_s - 1e-9)), len(path) - 1)
@@ -106,20 +110,34 @@ def _kept(value: float, low: float, high: float) -> float:
     return min(max(value, low), high) if high > low else (low + high) / 2
 
 
-def _trails(run: Run, end: int, look: Look) -> list[str]:
+def nearest(run: Run, row: int | None = None) -> list[int]:
+    """Return the people who come nearest to the robot, or are nearest at a sample: as many as a picture can show."""
+    if not run.human_names:
+        return []
+    gap = Sampled(run, run.trajectory).gap
+    at = gap.min(axis=0) if row is None else gap[row]
+    return [int(h) for h in np.argsort(at, kind="stable")[:SHOWN_PEOPLE]]
+
+
+def _samples(run: Run, seconds: float) -> int:
+    """How many samples of the run make so many seconds."""
+    step = float(np.median(np.diff(run.trajectory.t))) if len(run.trajectory) > 2 else 1.0
+    return max(1, round(seconds / max(1e-6, step)))
+
+
+def _trails(run: Run, begin: int, end: int, look: Look, people: Sequence[int]) -> list[str]:
     path = run.trajectory
-    step = max(1, round(0.25 / max(1e-6, float(np.median(np.diff(path.t)))))) if len(path) > 2 else 1
-    rows = np.unique(np.append(np.arange(0, end, step), end - 1))
+    rows = np.unique(np.append(np.arange(begin, end, _samples(run, 0.25)), end - 1))
     found = [f'<polyline class="way of-robot" points="{_line(path.x[rows], path.y[rows], look.turn)}"/>']
-    for h, name in enumerate(run.human_names):
-        colour = look.colours.get(name)
+    for h in people:
+        colour = look.colours.get(run.human_names[h])
         if colour:
             points = _line(path.human_x[rows, h], path.human_y[rows, h], look.turn)
             found.append(f'<polyline class="way" stroke="{colour}" points="{points}"/>')
     return found
 
 
-def _bodies(run: Run, row: int, look: Look) -> list[str]:
+def _bodies(run: Run, row: int, look: Look, people: Sequence[int]) -> list[str]:
     path = run.trajectory
     found, names = [], []
     for h, name in enumerate(run.human_names):
@@ -130,7 +148,7 @@ def _bodies(run: Run, row: int, look: Look) -> list[str]:
             f'<g transform="{look.turn.placed(x, y, float(path.human_yaw[row, h]))}">'
             f'<circle r="{radius:g}" fill="{colour or GREY}"/><path class="nose" d="{nose}"/></g>'
         )
-        if colour:
+        if colour and h in people:
             px, py = look.turn.point(x, y)
             names.append(
                 f'<text class="who" x="{px:.2f}" y="{py - radius - 0.12:.2f}" font-size="{LETTER_M}" fill="{colour}">'

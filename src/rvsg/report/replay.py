@@ -28,7 +28,7 @@ def replay_data(shown: Shown) -> dict[str, Any]:
         groups.append(
             ReplayGroup(
                 id=str(facts.attempt.index),
-                label=f"S{group_label(facts)[1:]} ({counted(len(facts.runs), 'run')})",
+                label=f"{group_label(facts)[:1].upper()}{group_label(facts)[1:]} ({counted(len(facts.runs), 'run')})",
                 purpose=facts.attempt.purpose,
                 status=facts.attempt.verdict.status.value if facts.attempt.verdict else "",
                 manners={human.name: manner(human) for human in scenario.people.humans} if scenario else {},

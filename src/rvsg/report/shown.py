@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.plan import Plan
 from rvsg.campaign.ranking import best_attempt
+from rvsg.report.causes import Cause, cause_of
 from rvsg.report.facts import AttemptFacts
 from rvsg.report.frames import Look, Turn
 from rvsg.report.payload import people_colours
@@ -33,6 +34,11 @@ class Shown:
         """The confirmation runs of the first finding."""
         wanted = self.summary.confirmed
         return next((f for f in self.facts if wanted is not None and f.attempt.index == wanted.index), None)
+
+    @property
+    def cause(self) -> Cause | None:
+        """Whether the people cause the finding; None before a confirmation."""
+        return cause_of(self.confirmed, self.facts) if self.confirmed is not None else None
 
     @property
     def searched(self) -> list[AttemptFacts]:
@@ -74,7 +80,15 @@ def in_order(shown: Shown) -> list[AttemptFacts]:
 
 def group_label(facts: AttemptFacts) -> str:
     """Return what a set of runs is called in menus and tables."""
-    brief, verdict = facts.attempt.brief, facts.attempt.verdict
-    kind = "confirmation" if facts.attempt.purpose == "confirmation" else "search"
-    status = f", {verdict.status.value}" if verdict and facts.attempt.purpose == "confirmation" else ""
-    return f"scenario {brief.scenario_index + 1}, configuration {brief.configuration_index + 1}, {kind}{status}"
+    attempt = facts.attempt
+    brief, verdict = attempt.brief, attempt.verdict
+    scenario = f"scenario {brief.scenario_index + 1}, configuration {brief.configuration_index + 1}"
+    match attempt.purpose:
+        case "baseline":
+            return "mission without people"
+        case "removal":
+            return f"{scenario}, without {', '.join(attempt.without)}"
+        case "confirmation":
+            return f"{scenario}, confirmation{f', {verdict.status.value}' if verdict else ''}"
+        case _:
+            return f"{scenario}, search"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rvsg.evaluation.metrics import METRICS
+from rvsg.evaluation.metrics import find_metric
 from rvsg.evaluation.story import Sentence
 from rvsg.scenario.requirement import Requirement
 
@@ -11,7 +11,7 @@ def quantity(requirement: Requirement) -> str:
     """The judged quantity in words, with the id of its metric."""
     if requirement.formula is not None:
         return "robustness of the formula"
-    known = METRICS.get(requirement.metric or "")
+    known = find_metric(requirement.metric)
     if known is None:
         return requirement.metric or "objective"
     title = known.title[:1].lower() + known.title[1:] if known.title[1:2].islower() else known.title

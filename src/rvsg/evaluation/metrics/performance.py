@@ -131,16 +131,16 @@ _progress = partial(Metric, source=STUDY, aim=Aim.DELAY, moved_by="People who wa
 METRICS = (
     _close(
         id="dto",
-        title="Distance to Obstacles",
+        title="Mean distance to the nearest person",
         unit="m",
         worse="smaller",
         of=distance_to_obstacles,
         shown="distance_to_person",
     ),
-    _smooth(id="jerk", title="Jerk", unit="m/s³", worse="larger", of=jerk, shown="jerk"),
+    _smooth(id="jerk", title="Mean jerk", unit="m/s³", worse="larger", of=jerk, shown="jerk"),
     _progress(
         id="trg",
-        title="Time to Reach Goal",
+        title="Time to reach the goal",
         unit="s",
         worse="larger",
         of=time_to_goal,

@@ -160,7 +160,9 @@
     });
     if (spec.limit !== null && spec.limit !== undefined) {
       svg(box, "line", { class: "rp-limit", x1: x0, x2: x1, y1: py(spec.limit), y2: py(spec.limit) });
-      svg(box, "text", { class: "rp-limit-text", x: x1, y: py(spec.limit) + (py(spec.limit) > y0 + 16 ? -5 : 14), "text-anchor": "end" },
+      const away = function (line, from, to) { return Math.min.apply(null, line.value.slice(Math.floor(from * line.value.length), Math.ceil(to * line.value.length)).filter(function (v) { return v !== null; }).map(function (v) { return Math.abs(v - spec.limit); }).concat([high - low])); };
+      const atLeft = spec.lines.length > 0 && away(spec.lines[0], 0, 0.3) > away(spec.lines[0], 0.7, 1);
+      svg(box, "text", { class: "rp-limit-text", x: atLeft ? x0 + 4 : x1, y: py(spec.limit) + (py(spec.limit) > y0 + 16 ? -5 : 14), "text-anchor": atLeft ? "start" : "end" },
         "limit " + number(spec.limit, spec.unit));
     }
     const cursor = svg(box, "line", { class: "rp-cursor", y1: y0, y2: y1 });
