@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 import rvsg
-from rvsg.api.exchange import export, load_recordings, trace
+from rvsg.api.exchange import export, import_agents, load_recordings, trace
 from rvsg.api.scenarios import save_scenario
 from rvsg.cli import main
 from rvsg.core.errors import InputError, UnknownName
@@ -120,3 +120,65 @@ def test_bad_input_is_one_message(
     (file.parent / "broken.mcap").write_bytes(b"\x89MCAP0\r\n1234")
     assert main(arguments) == 2
     assert "Traceback" not in capsys.readouterr().err
+
+
+AGENTS = """\
+hunav_loader:
+  ros__parameters:
+    map: warehouse
+    agents: [anna, ben]
+    anna:
+      id: 1
+      max_vel: 1.2
+      radius: 0.4
+      behavior: {type: 3, configuration: 0}
+      init_pose: {x: %(x0)s, y: %(y0)s, h: 0.0}
+      goal_radius: 0.3
+      cyclic_goals: true
+      goals: [g0, g1]
+      g0: {x: %(x1)s, y: %(y1)s, h: 0.0}
+      g1: {x: %(x0)s, y: %(y0)s, h: 0.0}
+    ben:
+      id: 2
+      max_vel: 1.0
+      radius: 0.4
+      behavior: {type: 1, configuration: 2}
+      init_pose: {x: %(x2)s, y: %(y2)s, h: 0.0}
+      goal_radius: 0.3
+      cyclic_goals: true
+      goals: [g0]
+      g0: {x: %(x2)s, y: %(y2)s, h: 0.0}
+"""
+
+
+def agents_file(folder: Path, shift: float = 0.1) -> Path:
+    grid = rvsg.load_world("warehouse").grid
+    (x0, y0), (x1, y1), (x2, y2) = (grid.position(name) for name in ("E15", "F15", "H15"))
+    places = {"x0": x0 + shift, "y0": y0, "x1": x1, "y1": y1, "x2": x2, "y2": y2}
+    (folder / "agents.yaml").write_text(AGENTS % places)
+    return folder / "agents.yaml"
+
+
+def test_agents_of_hunavsim_become_a_scenario_at_their_coordinates(tmp_path: Path) -> None:
+    out = tmp_path / "scenario.json"
+    arguments = ["import-agents", str(agents_file(tmp_path)), "--world", "warehouse", "--route", "route_1"]
+    assert main([*arguments, "--out", str(out)]) == 0
+    scenario = rvsg.load_scenario(out)
+    anna, ben = scenario.people.humans
+    assert anna.start == anna.points["goal 2"]
+    assert anna.behaviour.value == "surprised"
+    assert ben.factors == "random_normal"
+    run = rvsg.simulate(scenario, [0])[0]
+    assert np.hypot(run.trajectory.human_x[:, 0] - anna.points["goal 1"][0],
+                    run.trajectory.human_y[:, 0] - anna.points["goal 1"][1]).min() < 0.4  # fmt: skip
+    exported = tmp_path / "again.yaml"
+    assert export(scenario, exported, "hunav")  # ben's pause is lost
+    again, _ = import_agents(exported, "warehouse", "route_1")
+    assert again.people.humans[0].points == anna.points
+    assert again.people.humans[0].start == anna.start
+
+
+def test_agents_in_an_obstacle_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(rvsg.InvalidScenario) as raised:
+        import_agents(agents_file(tmp_path, shift=-40.0), "warehouse", "route_1")
+    assert raised.value.findings

@@ -9,6 +9,7 @@ from typing import Any
 
 from rvsg.api.records import read_runs, read_scenario
 from rvsg.api.scenarios import check_valid, load_scenario_in
+from rvsg.api.scenarios import scenario as scenario_of
 from rvsg.api.simulating import RunSet, ignore, make_simulator, once
 from rvsg.api.worlds import as_world, world_of
 from rvsg.core.errors import InputError, UnknownName
@@ -16,8 +17,8 @@ from rvsg.core.files import write_whole
 from rvsg.core.plugins import Spec
 from rvsg.exchange import bag, foxglove, gazebo, hunav, nav2_goals, openscenario, tables
 from rvsg.exchange.recording import read_recording
-from rvsg.scenario.agents import decode
-from rvsg.scenario.scenario import Scenario
+from rvsg.scenario.agents import HumanAgent, decode
+from rvsg.scenario.scenario import Human, Pause, Scenario, Task
 from rvsg.simulation.embedded.options import profile
 from rvsg.simulation.embedded.trace import Trace, trace_run
 from rvsg.simulation.run import Run
@@ -27,6 +28,7 @@ OF_RUNS = ("csv", "parquet", "mcap")
 OF_SCENARIOS = ("hunav", "nav2-goals", "initial-pose", "osc", "sdf")
 FORMATS = (*OF_RUNS, *OF_SCENARIOS, "foxglove-layout")
 RECORDINGS = (".mcap", ".db3")
+LONGEST_PAUSE_S = 600.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,6 +128,50 @@ def load_recordings(
         runs.append(found.run)
         notes += [f"{path}: {note}" for note in found.notes]
     return RunSet(tuple(runs), None, place), tuple(notes)
+
+
+def import_agents(
+    path: str | Path, world: World | str | Path, route: str, *, description: str = ""
+) -> tuple[Scenario, tuple[str, ...]]:
+    """Make a scenario of a HuNavSim agents file: its people at their coordinates, on a route of a world.
+
+    Returns:
+        The scenario, and one sentence for each setting that is not reproduced.
+
+    Raises:
+        FileError: the file is no agents file; every mistake with its line.
+        InvalidScenario: somebody starts or walks in an obstacle of this world.
+    """
+    place = as_world(world)
+    converted = hunav.to_humans(hunav.read_agents(Path(path)))
+    humans = tuple(_human(agent) for agent in converted.agents)
+    text = description or f"People of {Path(path).name}"
+    return scenario_of(place, route, humans, description=text), converted.notes
+
+
+def _human(agent: HumanAgent) -> Human:
+    """A person whose free points are the goals of an agent."""
+    points = {f"goal {k}": goal for k, goal in enumerate(agent.goals, start=1)}
+    names = tuple(points)
+    stays = len(names) == 1
+    task = Task(
+        name="Goals of the agent",
+        path=names if stays else (*names, names[0]),
+        pauses=(Pause(at=names[0], duration_s=LONGEST_PAUSE_S),) if stays else (),
+    )
+    return Human(
+        name=agent.name,
+        tasks=(task,),
+        behaviour=agent.behaviour,
+        speed_m_s=agent.speed_m_s,
+        radius_m=agent.radius_m,
+        group=agent.group,
+        factors=agent.factors,
+        points=points,
+        start=agent.start,
+        reaction=agent.reaction,
+        cyclic=not stays,
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -26,6 +26,7 @@ VERBS: dict[str, Verb] = {
     "confirm": Verb("confirm", "Confirm one more candidate of a campaign"),
     "report": Verb("report", "Write the page of a stored campaign, and print its ranked scenarios"),
     "export": Verb("export", "Write a scenario or runs for Foxglove, HuNavSim, Nav2, Gazebo, pandas"),
+    "import-agents": Verb("import_agents", "Make a scenario of a HuNavSim agents file"),
     "suite": Verb("suite", "Keep scenarios, run them against every version, tell what broke"),
     "compare-versions": Verb("compare_versions", "Compare two versions on the same scenarios and seeds"),
     "replay": Verb("replay", "Write a run as a film or a strip of pictures"),

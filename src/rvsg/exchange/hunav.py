@@ -20,8 +20,8 @@ from rvsg.core.documents import Document, DocumentError, Problem, read_yaml
 from rvsg.core.errors import FileError, InputError
 from rvsg.core.files import write_whole
 from rvsg.core.records import Record
-from rvsg.scenario.agents import HumanAgent, Reaction, reaction_of
-from rvsg.scenario.scenario import Behaviour, ForceFactors
+from rvsg.scenario.agents import HumanAgent, reaction_of
+from rvsg.scenario.scenario import Behaviour, ForceFactors, Reaction
 
 Dialect = Literal["flat", "block", "v2"]
 

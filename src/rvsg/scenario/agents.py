@@ -7,26 +7,11 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from rvsg.core.records import Record
-from rvsg.scenario.scenario import Behaviour, ForceFactors, Human, HumanConfiguration
+from rvsg.scenario.scenario import Behaviour, ForceFactors, Human, HumanConfiguration, Point, Reaction
 from rvsg.world.grid import Grid
 
-Point = tuple[float, float]
-
-
-class Reaction(Record):
-    """How a human reacts to the robot while its behaviour is active; what a behaviour does not use is ignored.
-
-    `duration_s` is the time the reaction lasts, `once` whether it comes only once per run, `speed_m_s` the
-    approach speed of the curious and the speed cap of the scared, `distance_m` the range at which the surprised
-    and the scared notice the robot, the distance at which the curious stop, and how far in front of the robot the
-    threatening stand; `force` weighs the scare force. Defaults per behaviour: HuNavSim's.
-    """
-
-    duration_s: Annotated[float, Field(ge=0)] = 40.0
-    once: bool = True
-    speed_m_s: float = 1.0
-    distance_m: Annotated[float, Field(ge=0)] = 0.0
-    force: Annotated[float, Field(ge=0)] = 20.0
+FOREVER_S = 36_000.0
+"""The pause of a person who stays; longer than any run."""
 
 
 def reaction_of(behaviour: Behaviour, speed_m_s: float) -> Reaction:
@@ -72,7 +57,8 @@ def decode(people: HumanConfiguration, grid: Grid) -> tuple[HumanAgent, ...]:
     The goals of a person are the waypoints of all tasks in order. Where a task starts at the waypoint at which the one
     before ended, that waypoint is one goal, not two, and its pause is held once: the sum of what both tasks ask for.
     A person pauses at the start of the run only if the first task asks for a pause at its first waypoint. The pause
-    at the end of the last task is held when the person comes back there.
+    at the end of the last task is held when the person comes back there. A person whose tasks are
+    not cyclic stays at the last goal.
     """
     return tuple(_agent(human, grid) for human in people.humans)
 
@@ -93,20 +79,22 @@ def _agent(human: Human, grid: Grid) -> HumanAgent:
             pauses[-1] += held
             if number == position == 0:
                 at_start = held
-    if len(names) > 1 and names[-1] == names[0]:
+    if not human.cyclic:
+        pauses[-1] = FOREVER_S
+    elif len(names) > 1 and names[-1] == names[0]:
         pauses[0] += pauses.pop()
         names.pop()
-    goals = tuple(grid.position(name) for name in names)
+    goals = tuple(human.points[name] if name in human.points else grid.position(name) for name in names)
     return HumanAgent(
         name=human.name,
-        start=goals[0],
+        start=human.start or goals[0],
         goals=goals,
         pauses_s=tuple(pauses),
         start_pause_s=at_start,
         speed_m_s=human.speed_m_s,
         radius_m=human.radius_m,
         behaviour=human.behaviour,
-        reaction=reaction_of(human.behaviour, human.speed_m_s),
+        reaction=human.reaction or reaction_of(human.behaviour, human.speed_m_s),
         factors=human.factors,
         group=human.group,
         start_delay_s=human.start_delay_s,

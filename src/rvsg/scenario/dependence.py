@@ -13,7 +13,9 @@ SAME_PLACE_M = 1e-6
 
 def waypoints_used(people: HumanConfiguration) -> tuple[str, ...]:
     """Return the names of the waypoints on people's paths, in order of first use."""
-    used: Iterable[str] = (name for human in people.humans for task in human.tasks for name in task.path)
+    used: Iterable[str] = (
+        name for human in people.humans for task in human.tasks for name in task.path if name not in human.points
+    )
     return tuple(dict.fromkeys(used))
 
 

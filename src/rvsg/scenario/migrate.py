@@ -66,7 +66,7 @@ def migrate(scenario: Scenario, world: World, *, reach_m: float = REACH_M, route
 
 def _renamed(task: Task, successors: dict[str, str]) -> Task:
     """Return the task over the successors of its waypoints, neighbours that became the same joined."""
-    path = [successors[name] for name in task.path]
+    path = [successors.get(name, name) for name in task.path]
     joined = tuple(name for i, name in enumerate(path) if i == 0 or name != path[i - 1])
     pauses = tuple(pause.model_copy(update={"at": successors.get(pause.at, pause.at)}) for pause in task.pauses)
     return task.model_copy(update={"path": joined if len(joined) > 1 else tuple(path), "pauses": pauses})

@@ -10,9 +10,11 @@ from pydantic import Field, SerializerFunctionWrapHandler, field_validator, mode
 from rvsg.core.records import Record
 from rvsg.robots import Robot, shipped_robots
 from rvsg.robots.files import DEFAULT_ROBOT
+from rvsg.world.grid import Grid
 from rvsg.world.world import Route, World, WorldParts
 
 Name = Annotated[str, Field(min_length=1, max_length=120)]
+Point = tuple[float, float]
 
 
 class Behaviour(str, Enum):
@@ -51,8 +53,24 @@ class ForceFactors(Record):
     social: Annotated[float, Field(ge=0, le=50)] = 5.0
 
 
+class Reaction(Record):
+    """How a human reacts to the robot while its behaviour is active; what a behaviour does not use is ignored.
+
+    `duration_s` is the time the reaction lasts, `once` whether it comes only once per run, `speed_m_s` the
+    approach speed of the curious and the speed cap of the scared, `distance_m` the range at which the surprised
+    and the scared notice the robot, the distance at which the curious stop, and how far in front of the robot the
+    threatening stand; `force` weighs the scare force. Defaults per behaviour: HuNavSim's.
+    """
+
+    duration_s: Annotated[float, Field(ge=0)] = 40.0
+    once: bool = True
+    speed_m_s: float = 1.0
+    distance_m: Annotated[float, Field(ge=0)] = 0.0
+    force: Annotated[float, Field(ge=0)] = 20.0
+
+
 class Human(Record):
-    """One person: a cyclic list of tasks and how they are walked.
+    """One person: a list of tasks and how they are walked.
 
     `factors` is either fixed or drawn from the run's seed: `random_normal` and `random_uniform` are HuNavSim's
     distributions of a person that differs at every launch.
@@ -66,6 +84,27 @@ class Human(Record):
     start_delay_s: Annotated[float, Field(ge=0, le=600)] = 0.0
     group: int | None = None
     factors: ForceFactors | Literal["random_normal", "random_uniform"] = ForceFactors()
+    points: dict[str, Point] = Field(default_factory=dict)
+    """Free points of this person's own by name, in metres (world frame). A path may name them beside waypoints."""
+    start: Point | None = None
+    """Where the person starts, if not at the first waypoint of the first path."""
+    reaction: Reaction | None = None
+    """How the person reacts to the robot; None: HuNavSim's default for the behaviour."""
+    cyclic: bool = True
+    """Whether the tasks come round again; if not, the person stays at the end of the last one."""
+
+    def starts_at(self, grid: Grid) -> Point | None:
+        """Return where the person starts; None where the first path is empty or names no place."""
+        if self.start is not None:
+            return self.start
+        path = self.tasks[0].path
+        return self.position(path[0], grid) if path else None
+
+    def position(self, name: str, grid: Grid) -> Point | None:
+        """Return where a waypoint or a free point of this person is; None where there is none of that name."""
+        if name in self.points:
+            return self.points[name]
+        return grid.position(name) if name in grid.by_name else None
 
 
 class HumanConfiguration(Record):

@@ -40,10 +40,10 @@ def warnings(people: HumanConfiguration, mission: Mission, world: World) -> tupl
                 named = {"human": human.name, "task": task.name}
                 found += [each.model_copy(update=named) for each in _side_findings(task, world)]
     for human in people.humans:
-        path = human.tasks[0].path
-        if not path or path[0] not in world.grid.valid:
+        at = human.starts_at(world.grid)
+        if at is None:
             continue
-        gap = start_gap_m(human.radius_m, world.grid.position(path[0]), mission)
+        gap = start_gap_m(human.radius_m, at, mission)
         if 0.0 <= gap < START_CLEARANCE_M:
             near = Finding(
                 rule="spawn-near-robot",
@@ -76,8 +76,9 @@ def human_findings(human: Human, world: World, *, labels: bool = True) -> Iterat
     """
     for task in human.tasks:
         sides_found = _side_findings(task, world) if labels else ()
-        for found in (*_path_findings(task, world), *sides_found, *_pause_findings(task)):
+        for found in (*_path_findings(human, task, world), *sides_found, *_pause_findings(task)):
             yield found.model_copy(update={"human": human.name, "task": task.name})
+    yield from _point_findings(human, world)
     yield from _chain_findings(human)
     yield from _walk_findings(human)
 
@@ -126,7 +127,7 @@ def hop_finding(a: str, b: str, world: World) -> Finding | None:
     return Finding(rule="not-neighbours", reason=f"{a} and {b} are not neighbours.", suggestion=way)
 
 
-def _path_findings(task: Task, world: World) -> Iterator[Finding]:
+def _path_findings(human: Human, task: Task, world: World) -> Iterator[Finding]:
     if not task.path:
         yield Finding(rule="empty-path", reason="The path is empty.", suggestion="Name the waypoints in order.")
     if len(task.path) == 1 and not task.pauses:
@@ -136,11 +137,63 @@ def _path_findings(task: Task, world: World) -> Iterator[Finding]:
             suggestion="Walk to another waypoint, or pause there.",
         )
     for position, name in enumerate(task.path):
-        if wrong := waypoint_findings(name, world):
+        if name not in human.points and (wrong := waypoint_findings(name, world)):
             yield wrong.model_copy(update={"position": position})
     for position, (a, b) in enumerate(pairwise(task.path), start=1):
-        if a in world.grid.valid and b in world.grid.valid and (wrong := hop_finding(a, b, world)):
+        if a in human.points or b in human.points:
+            wrong = _leg_finding(human, a, b, world)
+        else:
+            known = a in world.grid.valid and b in world.grid.valid
+            wrong = hop_finding(a, b, world) if known else None
+        if wrong:
             yield wrong.model_copy(update={"position": position})
+
+
+def _leg_finding(human: Human, a: str, b: str, world: World) -> Finding | None:
+    """Return what is wrong with a straight walk that starts or ends at a free point."""
+    start, end = human.position(a, world.grid), human.position(b, world.grid)
+    if a == b:
+        return Finding(
+            rule="repeated-waypoint", reason=f"{a} is named twice in a row.", suggestion="Say a stop as a pause."
+        )
+    if start is None or end is None or human_space(world).segment_free(start, end):
+        return None
+    return Finding(
+        rule="leg-through-obstacle",
+        reason=f"An obstacle lies between {a} and {b}.",
+        suggestion="Add points or waypoints around it: people walk straight from one to the next.",
+    )
+
+
+def _point_findings(human: Human, world: World) -> Iterator[Finding]:
+    """Return the free points of a person that lie in an obstacle, hide a waypoint, or cannot be walked to."""
+    space = human_space(world)
+    for name, point in human.points.items():
+        if name in world.grid.by_name:
+            yield Finding(
+                rule="point-hides-waypoint",
+                human=human.name,
+                reason=f"The free point {name} has the name of a waypoint.",
+                suggestion="Give the point another name.",
+            )
+        if not space.is_free(*point):
+            yield Finding(
+                rule="point-in-obstacle",
+                human=human.name,
+                reason=f"The free point {name} ({point[0]:g}, {point[1]:g}) lies in an obstacle or outside the map.",
+                suggestion="Move it to where it is free.",
+            )
+    first = human.tasks[0].path
+    to = human.position(first[0], world.grid) if first else None
+    if human.start is not None and to is not None and not space.segment_free(human.start, to):
+        yield Finding(
+            rule="leg-through-obstacle",
+            human=human.name,
+            task=human.tasks[0].name,
+            position=0,
+            reason=f"An obstacle lies between the start and {first[0]}.",
+            suggestion="Add points or waypoints around it: people walk straight from one to the next.",
+        )
 
 
 def _side_findings(task: Task, world: World) -> Iterator[Finding]:
@@ -194,7 +247,7 @@ def _chain_findings(human: Human) -> Iterator[Finding]:
                 suggestion=f"Start at {before.path[-1]}.",
             )
     first, last = human.tasks[0], human.tasks[-1]
-    if first.path and last.path and first.path[0] != last.path[-1]:
+    if human.cyclic and first.path and last.path and first.path[0] != last.path[-1]:
         yield Finding(
             rule="open-loop",
             human=human.name,
@@ -207,7 +260,7 @@ def _chain_findings(human: Human) -> Iterator[Finding]:
 
 def _walk_findings(human: Human) -> Iterator[Finding]:
     visited = {name for task in human.tasks for name in task.path}
-    if len(visited) == 1:
+    if human.cyclic and len(visited) == 1:
         yield Finding(
             rule="never-moves",
             human=human.name,
@@ -254,10 +307,10 @@ def spawn_findings(people: HumanConfiguration, mission: Mission, world: World) -
     """Who starts in an obstacle, on the robot or on somebody who is listed earlier."""
     placed: list[tuple[Human, tuple[float, float]]] = []
     for human in people.humans:
+        at = human.starts_at(world.grid)
         path = human.tasks[0].path
-        if not path or path[0] not in world.grid.valid:
+        if at is None or (human.start is None and path[0] not in world.grid.valid | human.points.keys()):
             continue
-        at = world.grid.position(path[0])
         wrong = spawn_finding(human, at, placed, mission, world)
         if wrong is not None:
             yield wrong.model_copy(update={"human": human.name, "task": human.tasks[0].name, "position": 0})

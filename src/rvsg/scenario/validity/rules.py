@@ -64,6 +64,18 @@ _TABLE = (
         repair="The shortest valid path between the two is put in.",
     ),
     Rule(
+        name="point-in-obstacle",
+        demands="A free point of a person lies where a person can stand.",
+        because="Nobody can walk into a shelf or off the map.",
+        repair="None: move the point.",
+    ),
+    Rule(
+        name="point-hides-waypoint",
+        demands="A free point has no name of a waypoint.",
+        because="A path would not say which of the two it means.",
+        repair="None: give the point another name.",
+    ),
+    Rule(
         name="empty-path",
         demands="Every task has a path.",
         because="A task without a path is not walked at all.",

@@ -16,8 +16,8 @@ from rvsg.core.seeds import stream
 from rvsg.robots import Robot, load_robot
 from rvsg.robots.files import DEFAULT_ROBOT
 from rvsg.robots.polygons import reach, rectangle
-from rvsg.scenario.agents import HumanAgent, Reaction
-from rvsg.scenario.scenario import Behaviour, ForceFactors
+from rvsg.scenario.agents import HumanAgent
+from rvsg.scenario.scenario import Behaviour, ForceFactors, Reaction
 from rvsg.simulation.embedded.compiled import by_reference, kernel
 from rvsg.simulation.embedded.people.obstacles import Surfaces, boxes_of
 from rvsg.world.world import World
