@@ -7,12 +7,15 @@ PIP    := $(BIN)/pip install --quiet --disable-pip-version-check -c constraints.
 .DEFAULT_GOAL := help
 
 help: ## show this help
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-11s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
-run: $(VENV)/.run ## install, run the first campaign on the shipped warehouse, confirm its best scenario
+run: $(VENV)/.run ## install, run the first campaign on the shipped warehouse, confirm what it finds
 	$(BIN)/rvsg run --out runs/first
 
-test: $(VENV)/.dev ## install what development needs and run the tests
+test: $(VENV)/.dev ## install what development needs and run the fast tests
+	$(BIN)/python -m pytest -m "not slow"
+
+test-all: $(VENV)/.dev ## run all tests, those that start processes or take long included
 	$(BIN)/python -m pytest
 
 check: lint types contracts docs-check ## every static check: format, lint, types, import contracts, docs

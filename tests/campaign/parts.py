@@ -15,14 +15,13 @@ from rvsg.campaign.parallel import Simulations
 from rvsg.campaign.parts import Parts
 from rvsg.campaign.plan import Plan
 from rvsg.evaluation.verdict import Status, Verdict
-from rvsg.generation.generator import Generator, Proposal
-from rvsg.scenario.brief import Brief
 from rvsg.scenario.requirement import Requirement
-from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Scenario, Task
+from rvsg.scenario.scenario import Mission, Scenario
 from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.simulation.protocol import Simulator
 from rvsg.simulation.run import Run
 from rvsg.store.memory import MemoryLedger as MemoryLedger
+from rvsg.testing import WalkingGenerator as WalkGenerator
 from rvsg.world.io.load import load_world
 from rvsg.world.world import World
 
@@ -49,32 +48,6 @@ def plan(**changes: object) -> Plan:
         "seed": 7,
     }
     return Plan(**{**given, **changes})
-
-
-class WalkGenerator(Generator):
-    """Everybody walks to and fro on a shortest path between two waypoints drawn from the brief's seed."""
-
-    name = "walk"
-
-    def __init__(self) -> None:
-        self.briefs: list[Brief] = []
-
-    def propose(self, brief: Brief, world: World) -> Proposal:
-        self.briefs.append(brief)
-        chance = np.random.default_rng(brief.seed)
-        names = sorted(world.grid.valid)
-        humans = []
-        for h in range(brief.humans):
-            path = None
-            while path is None or len(path) < 3:
-                a, b = chance.choice(names, size=2, replace=False)
-                path = world.grid.shortest_path(str(a), str(b))
-            there = Task(name=f"{path[0]} → {path[-1]}", path=path)
-            back = Task(name=f"{path[-1]} → {path[0]}", path=path[::-1])
-            humans.append(Human(name=f"human {h + 1}", tasks=(there, back)))
-        people = HumanConfiguration(humans=tuple(humans))
-        scenario = Scenario(mission=brief.mission, people=people, description=f"walk {brief.scenario_index}")
-        return Proposal(generator=self.name, scenario=scenario)
 
 
 def distance(run: Run) -> float | None:

@@ -32,6 +32,7 @@ from rvsg.evaluation.verdict import Verdict
 from rvsg.report.page import write_page
 from rvsg.report.summary import Summary, summarise
 from rvsg.scenario.requirement import Requirement
+from rvsg.scenario.scenario import Mission
 from rvsg.simulation.run import Run
 from rvsg.world.world import World
 
@@ -329,10 +330,11 @@ class Campaign:
         """Write the report page, and the worst scenario beside it; return the page's path.
 
         Raises:
-            InputError: the world has changed since the campaign was run.
+            InputError: the world or its route has changed since the campaign was run.
         """
         page = Path(path) if path is not None else self.page()
         place = self.world if world is None else world_of(self.plan.mission, world)
+        check_same_route(self.plan.mission, place)
         with self._reading() as ledger:
             attempts = list(ledger.attempts(self.name))
             simulator = self.record.simulator.name
@@ -401,6 +403,17 @@ def reject_unused_model_options(
         on_message(
             f'The generator is "{config.generator_name}": {", ".join(unused)} in the campaign file have no effect.'
         )
+
+
+def check_same_route(mission: Mission, world: World) -> None:
+    """Refuse a world whose route is not that of the mission any more."""
+    route = mission.route
+    if any(each.name == route.name and each == route for each in world.routes):
+        return
+    raise InputError(
+        f"{world.name}: {route.name} has changed since the campaign was run. Run the campaign again with another "
+        "--out, or give a copy of the world it was run in with --world."
+    )
 
 
 def record_in(ledger: Ledger, where: Path, name: str | None = None) -> CampaignRecord:
