@@ -28,6 +28,9 @@ from tests.fuzz.mutate import damaged
 from rvsg.cli import main
 
 HANG_S = 60
+"""Seconds of processor time; the seconds of the clock depend on what else the machine does."""
+STUCK_S = 600
+"""Seconds of the clock, for a wait without end."""
 MOST_MEMORY_KB = 2_000_000
 FOUND = Path(__file__).parent / "found"
 """Inputs that once were findings: KIND/NAME/, the files of the example's folder as they were."""
@@ -44,7 +47,7 @@ class Outcome:
 
 
 class Hang(BaseException):
-    """The time is up; no BaseException, so that nothing catches it by the way."""
+    """The time is up; no Exception, so that nothing catches it by the way."""
 
 
 def kind_of(name: str) -> Kind:
@@ -140,10 +143,13 @@ def _time_limit() -> Iterator[None]:
     def late(number: int, frame: FrameType | None) -> None:
         raise Hang
 
-    before = signal.signal(signal.SIGALRM, late)
-    signal.alarm(HANG_S)
+    before = [(number, signal.signal(number, late)) for number in (signal.SIGALRM, signal.SIGPROF)]
+    signal.alarm(STUCK_S)
+    signal.setitimer(signal.ITIMER_PROF, HANG_S)
     try:
         yield
     finally:
         signal.alarm(0)
-        signal.signal(signal.SIGALRM, before)
+        signal.setitimer(signal.ITIMER_PROF, 0)
+        for number, handler in before:
+            signal.signal(number, handler)

@@ -62,7 +62,7 @@ class PendingRun:
     def __init__(self, simulations: Simulations, scenario: Scenario, seed: int) -> None:
         self.scenario = scenario
         self.seed = seed
-        self.run_id = run_id(scenario.id, simulations.simulator.name, simulations.simulator.options, seed)
+        self.run_id = run_id(scenario.id, simulations.simulator.name, simulations.options, seed)
         self._simulations = simulations
         self._found: FinishedRun | Failure | None = None
         self._submitted: Any = None
@@ -100,6 +100,7 @@ class Simulations:
     ) -> None:
         self.simulator = simulator
         self.world = world
+        self.options = dict(simulator.options)
         self._maker = RunMaker(simulator, world, measure)
         self._executor: Executor | None = executor or (Processes(jobs) if jobs > 1 else None)
         self._known = known or (lambda _: None)

@@ -30,6 +30,8 @@ EPILOG = (
     "3 interrupted but resumable; 4 an error in RVSG itself."
 )
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
+NO_NAME = (errno.ENAMETOOLONG, errno.ELOOP)
+"""What no file system can hold as a name, wherever it was given."""
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
 
 
@@ -169,6 +171,11 @@ def _report_defect(error: Exception, arguments: Sequence[str]) -> int:
         return 3
     if isinstance(error, OSError) and error.errno in NO_ROOM:
         _tell(f"Error: {error.strerror}: {error.filename or 'the output'} could not be written whole. Make room there.")
+        return 2
+    if isinstance(error, OSError) and error.errno in NO_NAME:
+        name = str(error.filename or "")
+        shown = name if len(name) <= 200 else f"{name[:100]}...{name[-40:]}"
+        _tell(f"Error: {error.strerror}: {shown}. Give a shorter name.")
         return 2
     if _debugging(arguments):
         traceback.print_exc()

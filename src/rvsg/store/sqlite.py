@@ -21,6 +21,7 @@ from urllib.parse import quote
 
 import sqlalchemy as sa
 from pydantic import ValidationError
+from sqlalchemy.dialects.sqlite import insert
 from sqlalchemy.exc import DatabaseError, IntegrityError
 
 import rvsg
@@ -61,9 +62,9 @@ _runs = sa.Table(
     sa.Column("checksum", sa.Text),
 )
 PATIENCE_S = 30.0
-"""So long another process may hold the file."""
+"""How long to wait for another process that holds the file."""
 DAMAGED = ("malformed", "no such table", "no such column", "unsupported file format")
-"""What SQLite says of a file that lost a part."""
+"""What SQLite says about a file that lost a part."""
 _CHECKSUMS_SINCE = 2
 """The store version from which on runs have a checksum."""
 
@@ -105,13 +106,14 @@ class SqliteLedger:
             raise
 
     def _check(self, connection: sa.Connection) -> None:
-        """Read all of the file once: damage is to be told before work is built on it, not where it happens to show."""
+        """Read all of the file once, so that damage is reported before work is built on it."""
         told = str(connection.exec_driver_sql("PRAGMA quick_check(1)").scalar_one())
         if told != "ok":
             raise self._damaged(told.splitlines()[-1])
         if self._version < _CHECKSUMS_SINCE:
             return
-        for row in connection.execute(sa.select(_runs.c.id, _runs.c.header, _runs.c.arrays, _runs.c.checksum)):
+        columns = sa.select(_runs.c.id, _runs.c.header, _runs.c.arrays, _runs.c.checksum)
+        for row in connection.execution_options(yield_per=200).execute(columns):
             if not _is_whole(row):
                 raise self._damaged(f"{row.id} is not what was stored: it lost the checksum it was kept with")
 
@@ -122,7 +124,7 @@ class SqliteLedger:
         self.close()
 
     def close(self) -> None:
-        """Give the file free."""
+        """Close the file."""
         self._engine.dispose()
 
     def begin(self, campaign: str, settings: Mapping[str, Any]) -> None:
@@ -292,11 +294,9 @@ class _Translated:
 
 
 def _keep(connection: sa.Connection, run: PackedRun) -> None:
-    if connection.execute(sa.select(_runs.c.id).where(_runs.c.id == run.id)).first():
-        return
     kept = {"header": "", "arrays": run.data, "checksum": _checksum("", run.data)}
     row = {"id": run.id, "scenario_id": run.scenario_id, "seed": run.seed} | kept
-    connection.execute(_runs.insert().values(row))
+    connection.execute(insert(_runs).on_conflict_do_nothing(), row)
 
 
 def _is_whole(row: Any) -> bool:

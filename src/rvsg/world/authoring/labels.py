@@ -100,6 +100,8 @@ def _clusters(things: Sequence[SolidObject]) -> list[list[SolidObject]]:
     """Groups of things connected by gaps below GAP_M."""
     from shapely import Polygon, STRtree
 
+    if not things:
+        return []
     shapes = [Polygon(thing.footprint) for thing in things]
     pairs = STRtree(shapes).query(shapes, predicate="dwithin", distance=GAP_M)
     parent = list(range(len(things)))

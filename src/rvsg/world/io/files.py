@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
@@ -45,6 +46,8 @@ class ObjectEntry(Record):
             _near(self.box.center) and all(0 < size <= LARGEST_M for size in self.box.size)
         ):
             raise ValueError(f"the box's sizes must be over 0 and at most {LARGEST_M:g} m, its centre within 100 km")
+        if self.box is None and self.footprint is not None and not _has_area(self.footprint):
+            raise ValueError("the footprint has no area: its points lie on a line, or at one place")
         if self.box is not None and self.height is not None:
             raise ValueError("the box already has a height; leave height out")
         return self
@@ -79,6 +82,13 @@ class ObjectEntry(Record):
             holes=thing.holes,
             slices=thing.slices,
         )
+
+
+def _has_area(ring: Polygon) -> bool:
+    """Whether the points of a ring do not all lie on one line."""
+    (x0, y0), *others = ring
+    cross = [(x - x0) * (b - y0) - (y - y0) * (a - x0) for (x, y), (a, b) in pairwise(others)]
+    return any(abs(value) > SMALLEST_AREA_M2 for value in cross)
 
 
 def _near(point: tuple[float, ...]) -> bool:

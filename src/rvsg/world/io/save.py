@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+from pydantic import ValidationError
 
 from rvsg.core.errors import FileError, InputError
 from rvsg.core.records import Record
@@ -29,9 +30,13 @@ def save_world(world: World, folder: str | Path) -> None:
         raise InputError(f'the world "{world.name}" does not hold the specification of its grid, so it cannot be saved')
     folder = Path(folder)
     try:
+        files = world_files(world)  # all of them before the first is written
+    except ValidationError as error:
+        raise InputError(f'the world "{world.name}" cannot be saved: {_first_of(error)}') from None
+    try:
         folder.mkdir(parents=True, exist_ok=True)
         write_map(world.occupancy, folder)
-        for name, text in world_files(world).items():
+        for name, text in files.items():
             _replace(folder / name, text)
     except OSError as error:
         raise FileError(folder, f"the world cannot be written here: {error.strerror}") from None
@@ -63,6 +68,16 @@ def world_files(world: World) -> dict[str, str]:
             "lidar plane cuts.",
         )
     return files
+
+
+def _first_of(error: ValidationError) -> str:
+    """Return the first mistake of a record, with the name of the thing it is of."""
+    found = error.errors(include_url=False)[0]
+    given = found["input"]
+    thing = given.get("name", "") if isinstance(given, dict) else given
+    place = ".".join(str(part) for part in found["loc"])
+    said = found["msg"].removeprefix("Value error, ")
+    return f"{error.title} {str(thing)[:60]!r}{f', {place}' if place else ''}: {said}"
 
 
 def _world_text(world: World) -> str:

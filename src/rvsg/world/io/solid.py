@@ -39,6 +39,8 @@ def solid_objects(
     if high <= FLOOR_M or low >= HEAD_M:
         return ()
     bodies = connected(surface)
+    if not bodies:
+        return ()  # smaller than the accuracy of the import
     footprint = _footprint(bodies, max(low, FLOOR_M), min(high, HEAD_M))
     sliced = cut(bodies, lidar_height_m)
     yaw = math.atan2(pose[1, 0], pose[0, 0])

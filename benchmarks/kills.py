@@ -1,0 +1,120 @@
+"""Kills worker processes at random moments: `python benchmarks/kills.py --kills 100`.
+
+Campaigns run one after the other with two workers and the embedded simulator; in each, one worker is killed at a moment
+between its start and its end (start-up, compilation or loading of kernels, a run, the writing of a result, shutdown).
+Prints one JSON object: how many kills hit, hangs, and campaigns whose records differ from those of an undisturbed one.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import random
+import signal
+import sys
+import threading
+import time
+from collections import Counter
+from pathlib import Path
+
+from rvsg.campaign.attempt import Attempt
+from rvsg.campaign.loop import feedback_from, run_campaign
+from rvsg.campaign.measuring import Measuring
+from rvsg.campaign.parallel import Simulations
+from rvsg.campaign.parts import Parts
+from rvsg.campaign.plan import Plan
+from rvsg.campaign.processes import Processes
+from rvsg.campaign.strategies import StudyStrategy
+from rvsg.core import plugins
+from rvsg.scenario.requirements import load_requirement
+from rvsg.scenario.scenario import Mission
+from rvsg.store.memory import MemoryLedger
+from rvsg.world.io.load import load_world
+
+
+class Campaign(threading.Thread):
+    """One small campaign with two workers."""
+
+    def __init__(self, simulator: str, seed: int) -> None:
+        super().__init__(daemon=True)
+        world = load_world("warehouse")
+        route = world.route("route_1")
+        requirement = load_requirement("R1").for_time_limit(route.time_limit_s)
+        mission = Mission(world=world.name, world_id=world.id, route=route)
+        self.plan = Plan(
+            name="kills", mission=mission, requirement=requirement, scenarios=2, refinements=1, repeats=4,
+            confirmations=4, seed=seed,
+        )  # fmt: skip
+        self.world, self.ledger = world, MemoryLedger()
+        measuring = Measuring(requirement, world)
+        self.executor = Processes(2)
+        self.simulations = Simulations(
+            plugins.make("simulator", simulator, {}),
+            world,
+            measure=measuring.measure,
+            known=self.ledger.find,
+            executor=self.executor,
+        )
+        self.parts = Parts(
+            generator=plugins.make("generator", "random", {}),
+            simulations=self.simulations,
+            judge=measuring.judge,
+            ledger=self.ledger,
+        )
+        self.attempts: list[Attempt] = []
+
+    def run(self) -> None:
+        """Do all of the plan."""
+        strategy = StudyStrategy(self.plan, feedback_from(self.ledger, self.plan, self.world))
+        with self.simulations:
+            attempts = run_campaign(self.plan, strategy, self.parts)
+        self.attempts = attempts
+
+    def workers(self) -> list[int]:
+        """The ids of the worker processes that run now."""
+        pool = self.executor._pool
+        processes = [keeper.process for keeper in pool.keepers] if pool is not None else []
+        return [process.pid for process in processes if process is not None and process.poll() is None]
+
+
+def main() -> int:
+    """Kill, compare and print."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--kills", type=int, default=100)
+    parser.add_argument("--simulator", default="embedded")
+    parser.add_argument("--hang-s", type=float, default=300.0, help="a campaign that takes longer hangs")
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args()
+    calm = Campaign(options.simulator, 5)
+    began = time.monotonic()
+    calm.start()
+    calm.join()
+    lasts = time.monotonic() - began
+    chance = random.Random(options.seed)
+    found: Counter[str] = Counter()
+    while found["hits"] < options.kills and not found["hangs"]:
+        campaign = Campaign(options.simulator, 5)
+        campaign.start()
+        campaign.join(chance.uniform(0.0, 1.1 * lasts))
+        ids = campaign.workers()
+        if ids:
+            try:
+                os.kill(chance.choice(ids), signal.SIGKILL)
+                found["hits"] += 1
+            except ProcessLookupError:
+                found["misses"] += 1
+        else:
+            found["misses"] += 1
+        campaign.join(options.hang_s)
+        found["hangs"] += campaign.is_alive()
+        found["campaigns"] += 1
+        found["different"] += campaign.attempts != calm.attempts
+        print(dict(found), file=sys.stderr)
+    result = {"undisturbed_s": round(lasts, 1), "different": 0, "hangs": 0, **found, "script": Path(__file__).name}
+    print(json.dumps(result, indent=2))
+    return 1 if found["hangs"] or found["different"] else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
