@@ -117,7 +117,8 @@ IN_BUCKET = (-1.83, -6.37, 0.0)
         (FREE_START, IN_BUCKET, Outcome.NO_PATH),
         (FREE_START, (50.0, 0.0, 0.0), Outcome.NO_PATH),
         (FREE_START, FREE_START, Outcome.REACHED),
-        (FREE_START, (-1.1, -6.37, 0.0), Outcome.REACHED),  # inside inflation: the nearest reachable point
+        # Inside inflation: the robot drives to the nearest reachable point, where its body touches as it turns.
+        (FREE_START, (-1.1, -6.37, 0.0), Outcome.STUCK),
     ],
 )
 def test_bad_starts_and_goals_are_outcomes(

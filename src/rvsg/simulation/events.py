@@ -58,6 +58,16 @@ class RobotContact(_OfPerson):
         return "robot" if self.robot_part_m_s > self.person_part_m_s else "person"
 
 
+class ObstacleContact(_Recorded):
+    """The robot's body touches a wall or an object and is held back; the place is where they touch first."""
+
+    kind: Literal["obstacle_contact"] = "obstacle_contact"
+    until_s: float
+    """When the robot was held back last; contacts less than 0.5 s apart count as one."""
+    speed_m_s: float
+    """The robot's speed when they touch first."""
+
+
 class PersonStuck(_OfPerson):
     """A person who walks comes no nearer to the next waypoint for at least 5 s."""
 
@@ -93,5 +103,11 @@ class PersonReached(_OfPerson):
 
 
 RecordedEvent = Annotated[
-    RobotContact | PersonStuck | PersonPaused | PersonReacted | PersonReached, Field(discriminator="kind")
+    RobotContact | ObstacleContact | PersonStuck | PersonPaused | PersonReacted | PersonReached,
+    Field(discriminator="kind"),
 ]
+
+
+def in_order(*events: RecordedEvent) -> tuple[RecordedEvent, ...]:
+    """Return events in order of time."""
+    return tuple(sorted(events, key=lambda event: event.time_s))

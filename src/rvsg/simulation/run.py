@@ -28,6 +28,7 @@ class Outcome(str, Enum):
     TIMED_OUT = "the time limit passed before the goal was reached"
     ABORTED = "navigation gave up before the goal was reached"
     NO_PATH = "no path to the goal was found"
+    STUCK = "the robot is stuck in contact with an obstacle"
     BLOCKED_START = "the robot stands in an obstacle or a person at the start"
 
 

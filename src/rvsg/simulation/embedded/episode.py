@@ -32,6 +32,7 @@ from rvsg.simulation.embedded.sensing.perception import update_global, update_lo
 from rvsg.simulation.embedded.sensing.safety import watch_zones
 from rvsg.simulation.embedded.stack import LIDAR_TICKS, StackRef
 from rvsg.simulation.embedded.state import Settings, State, StateRef
+from rvsg.simulation.embedded.walls import WallsRef, touch_walls
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -196,7 +197,7 @@ class Asked(NamedTuple):
 def bind(scene: Scene, state: State, crowd: Crowd) -> tuple[SceneRef, StateRef, CrowdRef]:
     """Return the three large tuples by reference."""
     own = LocalisationRef(*state.own)
-    values = state[:-2] + (StackRef(*state.stack), own)  # noqa: RUF005  (numba knows no unpacking here)
+    values = state[:-3] + (StackRef(*state.stack), WallsRef(*state.walls), own)  # noqa: RUF005  (numba knows no unpacking here)
     return SceneRef(*scene), StateRef(*values), CrowdRef(*crowd)
 
 
@@ -325,8 +326,14 @@ def go_on(
                     return PROBE_DUE
         x, y, yaw = body[base.X], body[base.Y], body[base.YAW]
         forward, left = base.advance(body, settings.yaw_gain, state.delayed, k, state.stack)
+        change = 0.0
+        if settings.solid_walls:
+            change = touch_walls(state.walls, t + base.STEP_S, body, x, y, yaw)
         if not crowd.published:
-            forward += touch_people(crowd, t + base.STEP_S, body, x, y, yaw) / base.STEP_S
+            change += touch_people(crowd, t + base.STEP_S, body, x, y, yaw)
+        if change != 0.0:
+            forward += change / base.STEP_S
+            body[base.STOPPED_T] = max(body[base.STOPPED_T], t + state.stack.bumper_s)
         loop[ACCELERATION] = math.sqrt(forward * forward + left * left)
         loop[FORWARD_SUM] += forward
         loop[LEFT_SUM] += left

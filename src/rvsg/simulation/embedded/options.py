@@ -53,7 +53,8 @@ class SimulatorOptions(Record):
     robot's own, for each of its lidars. `result_delay_s`: bounds of
     the wall time from success to the last row of the log. `human_defects`: people behave with the defects of HuNavSim
     as the study ran it. `humans_displayed_late`: the lidars see people as the study's Gazebo displayed
-    them: not at all before they begin to walk, and then one tick (0.1 s) late.
+    them: not at all before they begin to walk, and then one tick (0.1 s) late. `solid_walls`: the robot's body cannot
+    enter what its lidars see.
     """
 
     profile: Literal["default", "published-study"] = "default"
@@ -76,6 +77,7 @@ class SimulatorOptions(Record):
     result_delay_s: tuple[float, float] = (0.01, 0.065)
     human_defects: bool = False
     humans_displayed_late: bool = False
+    solid_walls: bool = True
     noise: Noise = Noise()
 
 
@@ -93,6 +95,7 @@ _PUBLISHED: dict[str, Any] = {
     # Runs with people waiting near the robot begin exactly like those without anybody near, and where somebody starts
     # on the robot it reacts later than to a person seen at once.
     "humans_displayed_late": True,
+    "solid_walls": False,
     "human_start_s": PUBLISHED_START_S,
     "human_early_start": PUBLISHED_EARLY_START,
     "human_ticks_from_start": True,

@@ -23,6 +23,7 @@ from rvsg.simulation.embedded.navigation.costmap import (
 from rvsg.simulation.embedded.navigation.planners.navfn import conversion, reaches, rest_of_way
 from rvsg.simulation.embedded.sensing.localisation import beam_scores
 from rvsg.simulation.embedded.stack import inscribed_radius, max_range_m, scan_reach
+from rvsg.simulation.embedded.walls import Walls, new_walls, reach_of
 from rvsg.world.world import OccupancyMap, World
 
 Floats = NDArray[np.float64]
@@ -81,6 +82,11 @@ class Surroundings:
         self.beam_scores = beam_scores(occupancy, robot.lidars[0].max_range_m)
         self.x, self.y, rows, columns = _extent(world, self.edges)
         self.closed = closed_region(self.edges, self.x, self.y, rows, columns, range_m)
+        tiles = _tiles(rows, columns)
+        self.wall_tiles = (
+            *edges_by_tile(self.edges, self.x, self.y, tiles[1], tiles[0], reach_of(robot.outline)),
+            tiles,
+        )
         self.rests: OrderedDict[tuple[int, int], NDArray[np.float32]] = OrderedDict()
         maps, inscribed = robot.navigation.costmaps, inscribed_radius(robot)
         global_costs = inflation_kernel(
@@ -92,6 +98,11 @@ class Surroundings:
         self.open_scene = _scene(self, static, global_costs, occupancy, range_m)
         near = scan_reach(robot)
         self.closed_scene = _scene(self, static, global_costs, occupancy, near) if self.closed.any() else None
+
+    def walls(self) -> Walls:
+        """Return what the robot's body cannot enter, for one run."""
+        start, near, shape = self.wall_tiles
+        return new_walls(self.edges, start, near, (self.x, self.y), shape, self.robot.outline)
 
     def rest_of_way(self, scene: Scene, goals: Floats) -> NDArray[np.float32] | None:
         """The least cost from every cell to the goal, kept for the last few goals; None where it is not known.
@@ -215,10 +226,14 @@ def _extent(world: World, edges: Floats) -> tuple[float, float, int, int]:
     )
 
 
+def _tiles(rows: int, columns: int) -> tuple[int, int]:
+    """Return the rows and columns of tiles of 1 m over a raster of 0.1 m."""
+    return int(rows * RASTER_M / TILE_M) + 1, int(columns * RASTER_M / TILE_M) + 1
+
+
 def _scene(around: Surroundings, static: Bytes, costs: Bytes, occupancy: OccupancyMap, reach_m: float) -> Scene:
     rows, columns = around.closed.shape
-    tile_columns = int(columns * RASTER_M / TILE_M) + 1
-    tile_rows = int(rows * RASTER_M / TILE_M) + 1
+    tile_rows, tile_columns = _tiles(rows, columns)
     if reach_m > scan_reach(around.robot):
         tile_columns = tile_rows = 1
         start = np.array([0, len(around.edges)], np.int64)

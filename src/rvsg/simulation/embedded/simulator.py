@@ -35,7 +35,9 @@ from rvsg.simulation.embedded.rehearsal import rehearsal
 from rvsg.simulation.embedded.scene import Scene, Surroundings
 from rvsg.simulation.embedded.sensing.localisation import Localisation, known_offset, particle_filter
 from rvsg.simulation.embedded.stack import stack_of
-from rvsg.simulation.embedded.state import NOISE_TABLE, Settings, new_state
+from rvsg.simulation.embedded.state import NOISE_TABLE, Settings, State, new_state
+from rvsg.simulation.embedded.walls import free_pose, is_stuck, obstacle_contacts
+from rvsg.simulation.events import in_order
 from rvsg.simulation.protocol import Simulator
 from rvsg.simulation.run import Outcome, Run, Trajectory
 from rvsg.world.world import Route, World
@@ -132,6 +134,10 @@ def simulate_agents(
     _check(route, seed)
     robot = _with_options(robot or load_robot(DEFAULT_ROBOT), options)
     around = surroundings(world, robot)
+    walls = around.walls()
+    start = free_pose(walls, route.start) if options.solid_walls else route.start
+    if start is not None:
+        route = route.model_copy(update={"start": start})
     settings, scene, offset = _settings(world, route, options, around, seed)
     goals = _goals(route, offset, options.goals_in_map_frame)
     crowd = initial(
@@ -139,14 +145,14 @@ def simulate_agents(
         time_limit_s=route.time_limit_s * settings.clock,
     )  # fmt: skip
     record = new_recording(route.time_limit_s, settings.clock, len(agents))
-    blocked = is_blocked(around, scene, route.start, offset)
+    blocked = start is None or is_blocked(around, scene, route.start, offset)
     if not options.human_defects:
-        start = route.start
         people = np.column_stack([crowd.x, crowd.y])
-        blocked |= overlap_at_start(crowd.outline, people, crowd.radius, start.x, start.y, start.yaw) > START_OVERLAP_M
+        x, y, yaw = route.start.x, route.start.y, route.start.yaw
+        blocked |= overlap_at_start(crowd.outline, people, crowd.radius, x, y, yaw) > START_OVERLAP_M
     own = _localisation(world, route, options, around, offset, seed)
     rest = around.rest_of_way(scene, goals)
-    state = new_state(scene, goals, len(agents), robot, own, rollouts(robot), rest)
+    state = new_state(scene, goals, len(agents), robot, walls, own, rollouts(robot), rest)
     state.body[base.X : base.YAW + 1] = (route.start.x, route.start.y, base.wrap(route.start.yaw))
     if blocked:
         _stand_still(record, route.start, crowd)
@@ -156,7 +162,7 @@ def simulate_agents(
         state.dropouts[:] = stream(seed, "lidar/dropouts").random(NOISE_TABLE)
         phases, intervals = _phases(options, seed), _intervals(options, seed, route)
         Episode(scene, state, settings, crowd, phases, intervals, record, outside).run()
-        outcome = _outcome(state.nav)
+        outcome = _outcome(state)
     end = goals[-1] + (offset[0], offset[1], 0.0)
     return Run(
         scenario_id=scenario_id,
@@ -175,7 +181,10 @@ def simulate_agents(
         goal=(float(end[0]), float(end[1]), float(end[2])),
         time_limit_s=route.time_limit_s,
         recoveries=int(state.nav[st.RECOVERIES]),
-        events=events_of(crowd, [agent.name for agent in agents], [agent.behaviour for agent in agents]),
+        events=in_order(
+            *events_of(crowd, [agent.name for agent in agents], [agent.behaviour for agent in agents]),
+            *obstacle_contacts(walls),
+        ),
         details={"map_from_world": [float(number) for number in own.frame[:3]]},
     )
 
@@ -284,6 +293,7 @@ def _settings(
         robot_start_s=float(start),
         lidar_noise=float(noise.lidar),
         humans_displayed_late=options.humans_displayed_late,
+        solid_walls=options.solid_walls,
         closed=bool(closed),
     )
     return settings, scene, offset
@@ -398,9 +408,12 @@ def _stand_still(record: Recording, start: Pose, crowd: Any) -> None:
     record.counts[:] = (1, 1, 0)
 
 
-def _outcome(nav: NDArray[np.int64]) -> Outcome:
+def _outcome(state: State) -> Outcome:
+    nav = state.nav
     if nav[st.RESULT] == st.REACHED:
         return Outcome.REACHED
+    if is_stuck(state.walls, float(state.body[base.X]), float(state.body[base.Y])):
+        return Outcome.STUCK
     if nav[st.PLANNED] == 0:
         return Outcome.NO_PATH
     return Outcome.ABORTED if nav[st.RESULT] == st.ABORTED else Outcome.TIMED_OUT

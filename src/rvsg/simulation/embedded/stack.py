@@ -43,6 +43,8 @@ class Stack(NamedTuple):
     base_jerk: float
     """0: no limit."""
     latency_ticks: int
+    bumper_s: float
+    """How long contact stops the drive."""
     wheelbase: float
     """0: the robot turns on the spot."""
     max_steering: float
@@ -234,6 +236,7 @@ def stack_of(robot: Robot) -> Stack:
         base_acc_w=limits.yaw_acceleration_rad_s2,
         base_jerk=limits.jerk_m_s3 or 0.0,
         latency_ticks=round(robot.latency_s * TICKS_PER_S),
+        bumper_s=robot.bumper.release_s if robot.bumper else 0.0,
         wheelbase=robot.drive.wheelbase_m or 0.0,
         max_steering=robot.drive.max_steering_rad or 0.0,
         steering_rate=robot.drive.steering_rate_rad_s or 0.0,

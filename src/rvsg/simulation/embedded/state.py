@@ -17,6 +17,7 @@ from rvsg.simulation.embedded.scene import Scene
 from rvsg.simulation.embedded.sensing.lidar import ray_directions
 from rvsg.simulation.embedded.sensing.localisation import Localisation
 from rvsg.simulation.embedded.stack import Stack, stack_of
+from rvsg.simulation.embedded.walls import Walls
 
 Floats = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
@@ -45,7 +46,7 @@ class Settings(NamedTuple):
     """The numbers of one run: drawn noise and options. Seconds of simulated time, metres, radians.
 
     `clock`: simulated over wall seconds; `scan_phase_ticks`: when in its period of 0.1 s a scan is taken (10 ms);
-    `humans_displayed_late`: see `SimulatorOptions`; `closed`: every lidar ray returns.
+    `humans_displayed_late`, `solid_walls`: see `SimulatorOptions`; `closed`: every lidar ray returns.
     """
 
     clock: float
@@ -57,6 +58,7 @@ class Settings(NamedTuple):
     robot_start_s: float
     lidar_noise: float
     humans_displayed_late: bool
+    solid_walls: bool
     closed: bool
 
 
@@ -72,7 +74,7 @@ class State(NamedTuple):
     `scanned` (L, 3) the robot's pose and `legs` (L, 2N, 2) what a lidar sees of people, both at its latest scan;
     `ranges` (L, rays) and `directions` (L, rays, 2) its rays. `dropouts` uniform numbers for rays without a return.
     `delayed` (ticks, 2): commands on their way to the base. `zone_until` (Z,): until when each safety zone limits
-    the speed. `stack` the robot's numbers.
+    the speed. `stack` the robot's numbers, `walls` what its body cannot enter.
     """
 
     body: Floats
@@ -102,6 +104,7 @@ class State(NamedTuple):
     memo: dwb.Rollouts
     scratch: dwb.Scratch
     stack: Stack
+    walls: Walls
     own: Localisation
 
 
@@ -113,6 +116,7 @@ def new_state(
     goals: Floats,
     humans: int,
     robot: Robot,
+    walls: Walls,
     own: Localisation,
     memo: dwb.Rollouts | None = None,
     rest: NDArray[np.float32] | None = None,
@@ -156,5 +160,6 @@ def new_state(
         memo=memo if memo is not None else dwb.rollouts(len(samples)),
         scratch=dwb.scratch(len(samples), cells),
         stack=stack,
+        walls=walls,
         own=own,
     )

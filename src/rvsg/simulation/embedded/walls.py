@@ -1,0 +1,291 @@
+"""Contact of the robot's body with walls and objects: the base is held back, and the contact is recorded.
+
+Solid is what the lidar plane cuts, or the occupied cells of a world without objects: the outlines that the robot can
+see. The overlap of a pose is the length of these outlines inside the body. A step of the base may not raise it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rvsg.core.records import Pose
+from rvsg.robots.polygons import reach
+from rvsg.simulation.embedded import base
+from rvsg.simulation.embedded.compiled import by_reference, inner, kernel
+from rvsg.simulation.events import ObstacleContact
+
+Floats = NDArray[np.float64]
+
+SLACK_M = 1e-3
+"""Less outline than this inside the body is no overlap."""
+HALVINGS = 10
+AGAIN_S = 0.5
+"""Contacts less than this apart count as one."""
+MOST_CONTACTS = 256
+# Columns of a contact: begin and end (s), place of the first touch (m), speed at the first touch (m/s), and where the
+# base was at the last touch (m).
+FROM, UNTIL, PLACE_X, PLACE_Y, SPEED, LAST_X, LAST_Y = range(7)
+STUCK_M = 0.5
+"""A robot that came no farther than this from its last contact is stuck in it: the progress checker's distance."""
+FREE_WITHIN_M = 0.1
+"""How far a start is moved at most so that the body touches nothing."""
+
+
+class Walls(NamedTuple):
+    """What the robot's body cannot enter.
+
+    `edges` (E, 4) outlines in the world frame; tile t of the raster of 1 m from (x, y) holds
+    `near[start[t] : start[t + 1]]`, the numbers of all edges within the body's reach. `outline` (K, 2) corners of the
+    body. `cuts` scratch space; `contacts` (N, 7) the contacts so far and `counts` (1,) their number.
+    """
+
+    edges: Floats
+    start: NDArray[np.int64]
+    near: NDArray[np.int32]
+    x: float
+    y: float
+    columns: int
+    rows: int
+    outline: Floats
+    radius: float
+    cuts: Floats
+    contacts: Floats
+    counts: NDArray[np.int64]
+
+
+WallsRef = by_reference(Walls)
+
+
+def reach_of(outline: Sequence[tuple[float, float]]) -> float:
+    """Return how far from the base frame an edge can matter, m."""
+    return reach(outline) + 0.05
+
+
+def new_walls(
+    edges: Floats, start: NDArray[np.int64], near: NDArray[np.int32], corner: tuple[float, float],
+    shape: tuple[int, int], outline: Sequence[tuple[float, float]],
+) -> Walls:  # fmt: skip
+    """Return the walls of a run. `corner` and `shape` (rows, columns) of the raster of tiles."""
+    return Walls(
+        edges=edges,
+        start=start,
+        near=near,
+        x=corner[0],
+        y=corner[1],
+        columns=shape[1],
+        rows=shape[0],
+        outline=np.array(outline, np.float64),
+        radius=reach(outline),
+        cuts=np.zeros(len(outline) + 2),
+        contacts=np.zeros((MOST_CONTACTS, 7)),
+        counts=np.zeros(1, np.int64),
+    )
+
+
+@kernel
+def overlap(walls: Walls, x: float, y: float, yaw: float) -> float:
+    """Return the length of outlines inside the body at a pose, m."""
+    column = int((x - walls.x) // 1.0)
+    row = int((y - walls.y) // 1.0)
+    if not (0 <= column < walls.columns and 0 <= row < walls.rows):
+        return 0.0
+    tile = row * walls.columns + column
+    cos = math.cos(yaw)
+    sin = math.sin(yaw)
+    found = 0.0
+    for k in range(walls.start[tile], walls.start[tile + 1]):
+        edge = walls.edges[walls.near[k]]
+        dx = edge[0] - x
+        dy = edge[1] - y
+        ex = edge[2] - x
+        ey = edge[3] - y
+        found += _length_inside(
+            walls, cos * dx + sin * dy, cos * dy - sin * dx, cos * ex + sin * ey, cos * ey - sin * ex
+        )
+    return found
+
+
+@inner
+def _length_inside(walls: Walls, ax: float, ay: float, bx: float, by: float) -> float:
+    """Return the length of a segment inside the body; points in the base frame."""
+    dx = bx - ax
+    dy = by - ay
+    square = dx * dx + dy * dy
+    if square == 0.0:
+        return 0.0
+    share = min(1.0, max(0.0, -(ax * dx + ay * dy) / square))
+    if (ax + share * dx) ** 2 + (ay + share * dy) ** 2 > walls.radius * walls.radius:
+        return 0.0
+    cuts = walls.cuts
+    count = 1
+    cuts[0] = 0.0
+    corners = walls.outline.shape[0]
+    for k in range(corners):
+        px, py = walls.outline[k, 0], walls.outline[k, 1]
+        qx, qy = walls.outline[(k + 1) % corners, 0], walls.outline[(k + 1) % corners, 1]
+        across = dx * (qy - py) - dy * (qx - px)
+        if across == 0.0:
+            continue
+        along = ((px - ax) * (qy - py) - (py - ay) * (qx - px)) / across
+        on_side = ((px - ax) * dy - (py - ay) * dx) / across
+        if 0.0 < along < 1.0 and 0.0 <= on_side < 1.0:
+            at = count
+            while at > 1 and cuts[at - 1] > along:
+                cuts[at] = cuts[at - 1]
+                at -= 1
+            cuts[at] = along
+            count += 1
+    cuts[count] = 1.0
+    found = 0.0
+    for k in range(count):
+        middle = 0.5 * (cuts[k] + cuts[k + 1])
+        if _is_inside(walls.outline, ax + middle * dx, ay + middle * dy):
+            found += cuts[k + 1] - cuts[k]
+    return found * math.sqrt(square)
+
+
+@inner
+def _is_inside(outline: Floats, x: float, y: float) -> bool:
+    found = False
+    j = outline.shape[0] - 1
+    for i in range(outline.shape[0]):
+        ay = outline[i, 1]
+        by = outline[j, 1]
+        if (ay > y) != (by > y) and x < outline[i, 0] + (y - ay) / (by - ay) * (outline[j, 0] - outline[i, 0]):
+            found = not found
+        j = i
+    return found
+
+
+@inner
+def touch_walls(walls: Walls, t: float, body: Floats, x: float, y: float, yaw: float) -> float:
+    """Hold the base back after its step from the pose (x, y, yaw); return the change of its speed, m/s.
+
+    The base makes as much of its step as does not enter anything: less translation first, then less rotation.
+    """
+    now = overlap(walls, body[base.X], body[base.Y], body[base.YAW])
+    if now <= SLACK_M:
+        return 0.0
+    allowed = max(SLACK_M, overlap(walls, x, y, yaw))
+    if now <= allowed:
+        return 0.0
+    _note(walls, t, body)
+    dx = body[base.X] - x
+    dy = body[base.Y] - y
+    turn = base.wrap(body[base.YAW] - yaw)
+    moved = 0.0
+    turned = 1.0
+    if overlap(walls, x, y, yaw + turn) > allowed:
+        turned = 0.0
+        blocked = 1.0
+        for _ in range(HALVINGS):
+            middle = 0.5 * (turned + blocked)
+            if overlap(walls, x, y, yaw + middle * turn) <= allowed:
+                turned = middle
+            else:
+                blocked = middle
+    blocked = 1.0
+    for _ in range(HALVINGS):
+        middle = 0.5 * (moved + blocked)
+        if overlap(walls, x + middle * dx, y + middle * dy, yaw + turned * turn) <= allowed:
+            moved = middle
+        else:
+            blocked = middle
+    body[base.X] = x + moved * dx
+    body[base.Y] = y + moved * dy
+    body[base.YAW] = base.wrap(yaw + turned * turn)
+    change = (moved - 1.0) * body[base.V]
+    body[base.V] *= moved
+    body[base.W] *= turned
+    body[base.ACCELERATION] = 0.0
+    return change
+
+
+@inner
+def _note(walls: Walls, t: float, body: Floats) -> None:
+    """Begin a contact, or let the last one go on."""
+    n = walls.counts[0]
+    if n > 0 and t - walls.contacts[n - 1, UNTIL] < AGAIN_S:
+        walls.contacts[n - 1, UNTIL] = t
+        walls.contacts[n - 1, LAST_X] = body[base.X]
+        walls.contacts[n - 1, LAST_Y] = body[base.Y]
+        return
+    if n >= walls.contacts.shape[0]:
+        return
+    row = walls.contacts[n]
+    row[FROM] = t
+    row[UNTIL] = t
+    row[PLACE_X], row[PLACE_Y] = _place(walls, body[base.X], body[base.Y], body[base.YAW])
+    row[SPEED] = abs(body[base.V])
+    row[LAST_X] = body[base.X]
+    row[LAST_Y] = body[base.Y]
+    walls.counts[0] = n + 1
+
+
+@inner
+def _place(walls: Walls, x: float, y: float, yaw: float) -> tuple[float, float]:
+    """Return where the outline that is deepest inside the body at a pose comes nearest to the base frame."""
+    tile = int((y - walls.y) // 1.0) * walls.columns + int((x - walls.x) // 1.0)
+    cos = math.cos(yaw)
+    sin = math.sin(yaw)
+    best = 0.0
+    px = x
+    py = y
+    for k in range(walls.start[tile], walls.start[tile + 1]):
+        edge = walls.edges[walls.near[k]]
+        ax = edge[0] - x
+        ay = edge[1] - y
+        bx = edge[2] - x
+        by = edge[3] - y
+        found = _length_inside(
+            walls, cos * ax + sin * ay, cos * ay - sin * ax, cos * bx + sin * by, cos * by - sin * bx
+        )
+        if found > best:
+            best = found
+            square = (bx - ax) ** 2 + (by - ay) ** 2
+            share = min(1.0, max(0.0, -(ax * (bx - ax) + ay * (by - ay)) / square))
+            px = x + ax + share * (bx - ax)
+            py = y + ay + share * (by - ay)
+    return px, py
+
+
+def obstacle_contacts(walls: Walls) -> tuple[ObstacleContact, ...]:
+    """Return the contacts of a run in order of time."""
+    rows = walls.contacts[: int(walls.counts[0])]
+    return tuple(
+        ObstacleContact(
+            time_s=round(float(row[FROM]), 3),
+            until_s=round(float(row[UNTIL]), 3),
+            x=round(float(row[PLACE_X]), 3),
+            y=round(float(row[PLACE_Y]), 3),
+            speed_m_s=round(float(row[SPEED]), 3),
+        )
+        for row in rows
+    )
+
+
+def is_stuck(walls: Walls, x: float, y: float) -> bool:
+    """Whether a robot that ends at (x, y) has not come away from its last contact."""
+    n = int(walls.counts[0])
+    if n == 0:
+        return False
+    last = walls.contacts[n - 1]
+    return math.hypot(x - float(last[LAST_X]), y - float(last[LAST_Y])) < STUCK_M
+
+
+def free_pose(walls: Walls, start: Pose) -> Pose | None:
+    """Return the pose nearest to `start`, with its yaw, at which the body overlaps nothing; None where there is none.
+
+    It is looked for in steps of 1 cm within 10 cm.
+    """
+    steps = np.arange(-10, 11) * 0.01
+    offsets = [(float(dx), float(dy)) for dx in steps for dy in steps if math.hypot(dx, dy) <= FREE_WITHIN_M]
+    for dx, dy in sorted(offsets, key=lambda offset: (math.hypot(*offset), offset)):
+        if overlap(walls, start.x + dx, start.y + dy, start.yaw) <= SLACK_M:
+            return start if dx == dy == 0.0 else Pose(x=start.x + dx, y=start.y + dy, yaw=start.yaw)
+    return None

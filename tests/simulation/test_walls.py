@@ -1,0 +1,149 @@
+"""The robot's body does not enter walls."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from rvsg.core.records import Pose
+from rvsg.robots import Bumper, Robot, load_robot
+from rvsg.simulation.embedded.episode import Episode, Outside
+from rvsg.simulation.embedded.options import profile
+from rvsg.simulation.embedded.scene import Surroundings
+from rvsg.simulation.embedded.simulator import simulate_agents
+from rvsg.simulation.embedded.walls import SLACK_M, Walls, free_pose, overlap
+from rvsg.simulation.events import ObstacleContact
+from rvsg.simulation.run import Outcome, Run
+from rvsg.world.grid import Grid
+from rvsg.world.io.load import load_world
+from rvsg.world.world import OccupancyMap, Route, World
+
+TIAGO = load_robot("tiago_omni")
+
+
+def room_with_door(width_m: float) -> tuple[World, float]:
+    """Two rooms of 6 x 8 m and a door between them; the world and the door's middle (y)."""
+    cells = np.zeros((160, 240), np.uint8)
+    cells[[0, -1], :] = 100
+    cells[:, [0, -1]] = 100
+    cells[:, 118:122] = 100
+    count = round(width_m / 0.05)
+    first = 80 - count // 2
+    cells[first : first + count, 118:122] = 0
+    world = World(
+        name="door",
+        title="Two rooms",
+        objects=(),
+        occupancy=OccupancyMap(cells=cells, resolution=0.05, origin=Pose(x=-6.0, y=-4.0)),
+        lidar_height_m=0.2,
+        grid=Grid(rows=(), columns=(), waypoints=(), hops=()),
+        areas=(),
+        routes=(),
+    )
+    return world, (first + 0.5 * count) * 0.05 - 4.0
+
+
+def through(robot: Robot, width_m: float, seed: int = 0, outside: Outside | None = None) -> tuple[Run, Walls]:
+    world, y = room_with_door(width_m)
+    route = Route(name="door", start=Pose(x=-1.5, y=y), goal=Pose(x=2.0, y=y), time_limit_s=40.0)
+    run = simulate_agents(world, route, [], robot=robot, seed=seed, outside=outside)
+    return run, Surroundings(world, robot).walls()
+
+
+def deepest(run: Run, walls: Walls) -> float:
+    """The most of an outline that is inside the body at any time of the run, m."""
+    path = run.trajectory
+    return max(overlap(walls, *pose) for pose in zip(path.x, path.y, path.yaw, strict=True))
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_door_too_narrow_is_not_passed(seed: int) -> None:
+    run, walls = through(TIAGO, 0.45, seed)
+    assert run.outcome in (Outcome.NO_PATH, Outcome.ABORTED, Outcome.STUCK, Outcome.TIMED_OUT)
+    assert run.trajectory.x.max() < 0.0
+    assert deepest(run, walls) <= 2 * SLACK_M
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_door_wide_enough_is_passed_without_contact(seed: int) -> None:
+    run, walls = through(TIAGO, 0.60, seed)
+    assert run.outcome is Outcome.REACHED
+    assert deepest(run, walls) == 0.0
+    assert not run.events
+
+
+def test_a_robot_wider_than_every_way_finds_no_path() -> None:
+    wide = TIAGO.replace(footprint=((0.4, 0.6), (-0.4, 0.6), (-0.4, -0.6), (0.4, -0.6)), body=None)
+    run, _ = through(wide, 0.60)
+    assert run.outcome in (Outcome.NO_PATH, Outcome.ABORTED)
+
+
+def ahead(_: Episode) -> tuple[float, float]:
+    return 0.4, 0.0
+
+
+@pytest.mark.parametrize("bumper", [None, Bumper(release_s=1.0)])
+def test_a_robot_driven_into_a_wall_stops_there_and_says_so(bumper: Bumper | None) -> None:
+    run, walls = through(TIAGO.replace(bumper=bumper), 0.45, outside=Outside(stack=ahead))
+    assert run.outcome is Outcome.STUCK
+    assert deepest(run, walls) <= 2 * SLACK_M
+    wall = -0.1
+    assert run.trajectory.x[-1] == pytest.approx(wall - 0.3585, abs=2e-3)
+    first = run.events[0]
+    assert isinstance(first, ObstacleContact)
+    assert first.speed_m_s == pytest.approx(0.4, abs=0.01)
+    assert first.x == pytest.approx(wall, abs=0.01)
+    assert abs(first.y) < 0.3
+    assert first.time_s < 3.5
+    assert run.trajectory.v[-1] == pytest.approx(0.0, abs=1e-3)
+    assert len(run.events) == (1 if bumper is None else len(run.events))
+
+
+def test_a_robot_leaves_a_wall_it_has_touched() -> None:
+    def there_and_back(episode: Episode) -> tuple[float, float]:
+        return (0.4, 0.0) if episode.t < 5.0 else (-0.4, 0.0)
+
+    run, _ = through(TIAGO, 0.45, outside=Outside(stack=there_and_back))
+    assert run.trajectory.x.max() == pytest.approx(-0.1 - 0.3585, abs=2e-3)
+    assert run.trajectory.x[-1] < -2.0
+
+
+def test_in_the_published_profile_the_body_passes_through_walls() -> None:
+    world, y = room_with_door(0.45)
+    route = Route(name="door", start=Pose(x=-1.5, y=y), goal=Pose(x=2.0, y=y), time_limit_s=20.0)
+    run = simulate_agents(world, route, [], options=profile("published-study"), outside=Outside(stack=ahead))
+    assert run.trajectory.x.max() > 1.0
+    assert not run.events
+
+
+def test_every_shipped_route_begins_and_stays_free() -> None:
+    world = load_world("warehouse")
+    walls = Surroundings(world, TIAGO).walls()
+    for route in world.routes:
+        start = free_pose(walls, route.start)
+        assert start is not None, route.name
+        assert math.dist((start.x, start.y), (route.start.x, route.start.y)) <= 0.1
+        assert overlap(walls, start.x, start.y, start.yaw) <= SLACK_M
+
+
+def test_a_start_inside_a_wall_is_an_outcome() -> None:
+    world, y = room_with_door(0.45)
+    route = Route(name="door", start=Pose(x=-0.2, y=y + 1.0), goal=Pose(x=2.0, y=y), time_limit_s=20.0)
+    run = simulate_agents(world, route, [])
+    assert run.outcome is Outcome.BLOCKED_START
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.7, 2.0])
+def test_overlap_is_the_length_of_outlines_inside_the_body(turn: float) -> None:
+    world, _ = room_with_door(0.45)
+    walls = Surroundings(world, TIAGO).walls()
+    assert overlap(walls, -2.0, 1.0, turn) == 0.0
+    x, y = -0.1 - 0.2, 2.0
+    shapely = pytest.importorskip("shapely")
+    cos, sin = math.cos(turn), math.sin(turn)
+    corners = [(x + a * cos - b * sin, y + a * sin + b * cos) for a, b in TIAGO.outline]
+    lines = shapely.MultiLineString([((e[0], e[1]), (e[2], e[3])) for e in walls.edges])
+    expected = shapely.Polygon(corners).intersection(lines).length
+    assert overlap(walls, x, y, turn) == pytest.approx(expected, abs=1e-9)
