@@ -25,7 +25,11 @@ from rvsg.evaluation.events import (
     TimeOut,
 )
 from rvsg.evaluation.metrics import measure
-from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Pause, Scenario, Task
+from rvsg.evaluation.sampled import Sampled
+from rvsg.scenario.scenario import Behaviour, Human, HumanConfiguration, Mission, Pause, Scenario, Task
+from rvsg.simulation import events as recorded
+from rvsg.simulation.embedded.simulator import EmbeddedSimulator
+from rvsg.simulation.events import RobotContact
 from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.simulation.run import Outcome
 from rvsg.world.io.load import load_world
@@ -190,6 +194,71 @@ def test_events_survive_json() -> None:
     events = events_of(a_run(scenario), world=warehouse(), scenario=scenario)
     assert events and EVENTS.validate_json(EVENTS.dump_json(events)) == events
     assert [event.time_s for event in events] == sorted(event.time_s for event in events)
+
+
+OUTLINE = ((0.4, 0.2), (-0.4, 0.2), (-0.4, -0.2), (0.4, -0.2))
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "gap"),
+    [(1.0, 0.0, 0.2), (0.0, 0.8, 0.2), (0.7, 0.6, 0.1), (0.1, 0.0, -0.6), (0.0, -0.6, 0.0)],
+)
+def test_the_gap_of_a_robot_with_an_outline_is_that_of_its_body(x, y, gap) -> None:
+    turned = 0.7
+    human = (x * np.cos(turned) - y * np.sin(turned), x * np.sin(turned) + y * np.cos(turned))
+    series = trajectory([0.0], [0.0], yaw=turned, humans=[human])
+    run = run_of(series, robot_outline=OUTLINE)
+    assert Sampled(run, series).gap[0, 0] == pytest.approx(gap)
+    assert Sampled(run, series).disc_gap[0, 0] == pytest.approx(np.hypot(x, y) - 0.75)
+
+
+def test_recorded_contacts_are_those_of_events_and_metrics() -> None:
+    touched = RobotContact(
+        time_s=5.02, until_s=6.0, x=0.4, y=0.0, person="Human 1", closing_speed_m_s=0.9, robot_part_m_s=0.5,
+        person_part_m_s=0.4, bearing_rad=0.1, overlap_m=0.002,
+    )  # fmt: skip
+    series = trajectory(T, 0.0, v=0.3, humans=[(0.8 + 1e-4, 0.0)])  # a hair apart: overlaps are resolved
+    run = run_of(series, robot_outline=OUTLINE, events=(touched,))
+    (contact,) = of(Contact, run)
+    assert (contact.time_s, contact.until_s, contact.moved_by) == (5.02, 6.0, "both")
+    found = measure(run, ["contacts", "contact_longest", "contact_speed", "contact_robot_speed", "ttc"])
+    assert found["contacts"] == 1 and found["contact_longest"] == pytest.approx(0.95, abs=0.06)
+    assert (found["contact_speed"], found["contact_robot_speed"], found["ttc"]) == (0.9, 0.3, 0.0)
+    assert of(NearMiss, run) == []
+    assert measure(run_of(series, robot_outline=OUTLINE), ["contacts"])["contacts"] == 0
+
+
+def test_recorded_events_of_people_become_events_of_the_run() -> None:
+    path = warehouse().grid.shortest_path("E15", "H15")
+    scenario = scenario_of(Human(name="Human 1", tasks=(Task(name="out", path=path), Task(name="b", path=path[::-1]))))
+    at = {"person": "Human 1", "x": 0.0, "y": 0.0}
+    told = (
+        recorded.PersonReached(time_s=1.0, goal=1, **at),
+        recorded.PersonReached(time_s=2.0, goal=len(path) - 1, **at),
+        recorded.PersonReacted(time_s=3.0, until_s=99.0, behaviour=Behaviour.SURPRISED, **at),
+        recorded.PersonStuck(time_s=4.0, until_s=9.5, goal=0, **at),
+        recorded.PersonPaused(time_s=30.0, until_s=31.0, goal=0, **at),
+    )
+    run = run_of(trajectory(T, 50.0, humans=[(0.0, 0.0)]), events=told)
+    events = events_of(run, world=warehouse(), scenario=scenario)[:-1]
+    assert [(event.kind, event.time_s) for event in events] == [
+        ("person_reached", 2.0),
+        ("person_reacted", 3.0),
+        ("person_stuck", 4.0),
+    ]
+    assert events[0].task == "out" and events[1].until_s == 20.0
+
+
+@pytest.mark.slow
+def test_the_contacts_of_a_simulated_run_are_those_it_recorded() -> None:
+    there = tuple(warehouse().grid.shortest_path("E21", "G12"))
+    tasks = (Task(name="towards", path=there), Task(name="back", path=there[::-1]))
+    scenario = scenario_of(Human(name="Anna", tasks=tasks, behaviour=Behaviour.IMPASSIVE))
+    run = EmbeddedSimulator().run(scenario, warehouse(), seed=1)
+    events = events_of(run, world=warehouse(), scenario=scenario)
+    contacts = [event for event in events if isinstance(event, Contact)]
+    assert len(contacts) == measure(run, ["contacts"])["contacts"]
+    assert Sampled(run, run.trajectory).gap.min() > -0.02
 
 
 def test_the_reference_page_names_every_kind_and_every_field() -> None:

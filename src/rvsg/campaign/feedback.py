@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from rvsg.campaign.attempt import Attempt
 from rvsg.evaluation.aims import series_name, series_of
 from rvsg.evaluation.naming import WaypointNames
+from rvsg.evaluation.sampled import Sampled
 from rvsg.evaluation.statistics import welch
 from rvsg.evaluation.verdict import Verdict
 from rvsg.scenario.brief import Feedback, HumanInfluence, Moment, Sample
@@ -94,10 +95,7 @@ def separable(before: Verdict, after: Verdict) -> bool:
 
 def gaps(run: Run) -> Floats:
     """Return (N, H) the gap in metres between robot and each human at every sample of the trajectory."""
-    path = run.trajectory
-    centre = np.hypot(path.human_x - path.x[:, None], path.human_y - path.y[:, None])
-    gap: Floats = centre - run.robot_radius_m - np.asarray(run.human_radius_m)[None, :]
-    return gap
+    return Sampled(run, run.trajectory).gap
 
 
 def decisive_moments(run: Run, grid: Grid, *, at_most: int = 4) -> tuple[Moment, ...]:

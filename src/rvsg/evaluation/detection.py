@@ -1,8 +1,8 @@
-"""Detects the events of a run from its trajectory and outcome.
+"""Detects the events of a run from what the simulator recorded, the trajectory and the outcome.
 
-What a trajectory shows is detected here: contacts, near misses, hard braking, standing still, a blocked goal, people
-who are stuck, arrive or pause, and how the run ended. Replanning, recoveries, contact with obstacles and people's
-reactions are known to the simulator only; a run from which they are absent has none of these events.
+What the simulator records is taken from it. The rest is detected in the trajectory: near misses, hard braking, standing
+still, a blocked goal, how the run ended, and, where the simulator records nothing of them, contacts and people who are
+stuck, arrive or pause.
 """
 
 from __future__ import annotations
@@ -29,8 +29,9 @@ from rvsg.evaluation.events import (
 )
 from rvsg.evaluation.naming import WaypointNames
 from rvsg.evaluation.people import people_events
-from rvsg.evaluation.sampled import CONTACT_APART_S, Flags, Sampled, joined, stretches, wrap
+from rvsg.evaluation.sampled import Flags, Sampled, Touch, joined, stretches, wrap
 from rvsg.scenario.scenario import Scenario
+from rvsg.simulation.events import RobotContact
 from rvsg.simulation.run import Outcome, Run
 from rvsg.world.world import World
 
@@ -73,7 +74,7 @@ def events_of(run: Run, *, world: World | None = None, scenario: Scenario | None
     if s.people:
         found += [*contacts(s, at), *near_misses(s, at), *blocked_goals(s, at)]
     found += [*hard_brakes(s, at), *standstills(s, at), ending(s, at)]
-    if world is not None and scenario is not None and s.people:
+    if s.people:
         found += people_events(s, scenario, world, at)
     return tuple(sorted(found, key=lambda event: event.time_s))
 
@@ -90,21 +91,43 @@ def place_namer(world: World | None) -> PlaceAt:
 
 
 def contacts(s: Sampled, at: PlaceAt) -> Iterator[Contact]:
-    """Yield one event for each contact (gap <= 0) of robot and person, as the metric `contacts` counts them."""
-    for person in range(s.people):
-        for first, last in joined(stretches(s.gap[:, person] <= 0.0), s.series.t, CONTACT_APART_S):
-            before = max(0, first - 1)
-            towards = max(0.0, *(float(s.closing_speed[k, person]) for k in (before, first)))
-            yield Contact(
-                **_start(s, first, at),
-                until_s=_time(s, last),
-                person=s.run.human_names[person],
-                closing_speed_m_s=round(towards, 3),
-                robot_speed_m_s=round(float(np.abs(s.series.v[first : last + 1]).max()), 3),
-                bearing_rad=_bearing(s, first, person),
-                overlap_m=round(float(-s.gap[first : last + 1, person].min()), 3),
-                moved_by=_mover(s, before, person),
-            )
+    """Yield one event for each contact of the robot with a person, as the metric `contacts` counts them."""
+    for touch in s.contacts:
+        if touch.recorded is not None:
+            yield _recorded_contact(s, touch, touch.recorded, at)
+            continue
+        first, last, person = touch.first, touch.last, touch.person
+        before = max(0, first - 1)
+        towards = max(0.0, *(float(s.closing_speed[k, person]) for k in (before, first)))
+        yield Contact(
+            **_start(s, first, at),
+            until_s=_time(s, last),
+            person=s.run.human_names[person],
+            closing_speed_m_s=round(towards, 3),
+            robot_speed_m_s=_fastest(s, touch),
+            bearing_rad=_bearing(s, first, person),
+            overlap_m=round(float(-s.gap[first : last + 1, person].min()), 3),
+            moved_by=_mover(s, before, person),
+        )
+
+
+def _recorded_contact(s: Sampled, touch: Touch, recorded: RobotContact, at: PlaceAt) -> Contact:
+    return Contact(
+        time_s=recorded.time_s,
+        place=at(recorded.x, recorded.y),
+        until_s=min(recorded.until_s, float(s.series.t[-1])),
+        person=recorded.person,
+        closing_speed_m_s=recorded.closing_speed_m_s,
+        robot_speed_m_s=_fastest(s, touch),
+        bearing_rad=recorded.bearing_rad,
+        overlap_m=recorded.overlap_m,
+        moved_by=recorded.moved_by,
+    )
+
+
+def _fastest(s: Sampled, touch: Touch) -> float:
+    """Return the robot's largest speed during a contact, from the sample before it on."""
+    return round(float(np.abs(s.series.v[max(0, touch.first - 1) : touch.last + 1]).max()), 3)
 
 
 def _mover(s: Sampled, index: int, person: int) -> Literal["robot", "person", "both", "neither"]:
@@ -128,7 +151,7 @@ def near_misses(s: Sampled, at: PlaceAt) -> Iterator[NearMiss]:
         for first, last in joined(stretches(gap < NEAR_MISS_M), s.series.t, APART_S):
             closest = first + int(gap[first : last + 1].argmin())
             moving = float(s.relative_speed[first : last + 1, person].max()) > 0.05
-            if gap[closest] > 0.0 and moving:
+            if moving and not s.touching[first : last + 1, person].any():
                 yield NearMiss(
                     **_start(s, closest, at),
                     person=s.run.human_names[person],
@@ -180,8 +203,8 @@ def _reason(s: Sampled, index: int) -> tuple[Reason, str]:
     if s.people:
         ahead = (s.bearing_of_human[index] < AHEAD_RAD) & (s.gap[index] < BESIDE_M)
         nearest = int(s.gap[index].argmin())
-        if s.gap[index, nearest] <= 0.0:
-            return "contact", s.run.human_names[nearest]
+        if s.touching[index].any():
+            return "contact", s.run.human_names[int(s.touching[index].argmax())]
         if ahead.any():
             return "person_ahead", s.run.human_names[int(np.where(ahead, s.gap[index], np.inf).argmin())]
         if s.gap[index, nearest] < BESIDE_M:

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.evaluation.events import Event, PersonPaused, PersonReached, PersonStuck, PlaceAt
+from rvsg.evaluation.events import Event, PersonPaused, PersonReached, PersonReacted, PersonStuck, PlaceAt
 from rvsg.evaluation.sampled import Flags, Sampled, stretches
 from rvsg.scenario.agents import HumanAgent, decode
 from rvsg.scenario.scenario import Behaviour, Human, Scenario
+from rvsg.simulation import events as recorded
 from rvsg.world.world import World
 
 Floats = NDArray[np.float64]
@@ -29,20 +30,52 @@ STUCK_M = 0.3
 BESIDE_M = 0.6
 REACTING_M = 1.0
 """A person whose behaviour stops it near the robot is not stuck within its distance of reaction plus this."""
+OfPeople = recorded.PersonStuck | recorded.PersonPaused | recorded.PersonReacted | recorded.PersonReached
 STOPPING = (Behaviour.SURPRISED, Behaviour.CURIOUS, Behaviour.THREATENING)
 
 
-def people_events(s: Sampled, scenario: Scenario, world: World, at: PlaceAt) -> Iterator[Event]:
-    """Yield the events of all people whom the run records under a name of the scenario."""
-    agents = decode(scenario.people, world.grid)
-    for human, agent in zip(scenario.people.humans, agents, strict=True):
-        if human.name in s.run.human_names and len(agent.goals) > 1:
-            yield from _of_one(s, s.run.human_names.index(human.name), human, agent, at)
+def people_events(s: Sampled, scenario: Scenario | None, world: World | None, at: PlaceAt) -> Iterator[Event]:
+    """Yield the events of people: as the simulator recorded them, else as the trajectory shows them.
+
+    The names of tasks need `scenario` and `world`, and so does all that is read off the trajectory.
+    """
+    known = scenario is not None and world is not None
+    humans = {human.name: human for human in scenario.people.humans} if known and scenario is not None else {}
+    if any(isinstance(event, OfPeople) for event in s.run.events):
+        ends = {name: task_ends(human) for name, human in humans.items()}
+        yield from _recorded(s, ends, at)
+    elif scenario is not None and world is not None:
+        for human, agent in zip(scenario.people.humans, decode(scenario.people, world.grid), strict=True):
+            if human.name in s.run.human_names and len(agent.goals) > 1:
+                yield from _of_one(s, s.run.human_names.index(human.name), human, agent, at)
+
+
+def _recorded(s: Sampled, ends: dict[str, dict[int, str]], at: PlaceAt) -> Iterator[Event]:
+    """Yield the recorded events up to the end of the series; of waypoints reached only the ends of tasks."""
+    t = s.series.t
+    for event in s.run.events:
+        if not isinstance(event, OfPeople) or event.time_s > t[-1] + 1e-9:
+            continue
+        start: dict[str, Any] = {"time_s": event.time_s, "place": at(event.x, event.y), "person": event.person}
+        if isinstance(event, recorded.PersonReached):
+            task = ends.get(event.person, {}).get(event.goal)
+            if task is not None:
+                yield PersonReached(**start, task=task)
+            continue
+        until = min(event.until_s, float(t[-1]))
+        if isinstance(event, recorded.PersonPaused):
+            yield PersonPaused(**start, until_s=until)
+        elif isinstance(event, recorded.PersonReacted):
+            yield PersonReacted(**start, until_s=until, behaviour=event.behaviour.value)
+        else:
+            index = min(int(np.searchsorted(t, event.time_s - 1e-9)), len(t) - 1)
+            reason = _beside(s, index, s.run.human_names.index(event.person))
+            yield PersonStuck(**start, until_s=until, reason=reason)
 
 
 def _of_one(s: Sampled, person: int, human: Human, agent: HumanAgent, at: PlaceAt) -> Iterator[Event]:
     x, y, t = s.series.human_x[:, person], s.series.human_y[:, person], s.series.t
-    ends = task_ends(human, len(agent.goals))
+    ends = task_ends(human)
     excused: Flags = t < agent.start_delay_s + 1.0
     for index, goal in _arrivals(x, y, agent):
         where = at(*agent.goals[goal])
@@ -59,17 +92,17 @@ def _of_one(s: Sampled, person: int, human: Human, agent: HumanAgent, at: PlaceA
     yield from _stuck(s, person, excused, at)
 
 
-def task_ends(human: Human, goals: int) -> dict[int, str]:
+def task_ends(human: Human) -> dict[int, str]:
     """Return the names of the tasks by the index of the goal, as `decode` numbers them, at which each ends."""
     ends: dict[int, str] = {}
-    last = ""
-    count = 0
+    names: list[str] = []
     for task in human.tasks:
         for name in task.path:
-            count += name != last
-            last = name
-        ends[(count - 1) % goals] = task.name
-    return ends
+            if not names or names[-1] != name:
+                names.append(name)
+        ends[len(names) - 1] = task.name
+    closed = len(names) > 1 and names[-1] == names[0]
+    return {index % (len(names) - closed): name for index, name in ends.items()}
 
 
 def _arrivals(x: Floats, y: Floats, agent: HumanAgent) -> Iterator[tuple[int, int]]:

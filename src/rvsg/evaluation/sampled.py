@@ -15,6 +15,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from rvsg.robots.polygons import edges
+from rvsg.simulation.events import RobotContact
 from rvsg.simulation.run import Run, Trajectory
 from rvsg.world.space import human_space, robot_space
 from rvsg.world.world import World
@@ -50,6 +52,31 @@ def joined(found: Sequence[tuple[int, int]], t: Floats, apart_s: float) -> list[
         else:
             result.append((first, last))
     return result
+
+
+@dataclass(frozen=True)
+class Touch:
+    """A contact of the robot with the human of that index, from sample `first` to `last`."""
+
+    person: int
+    first: int
+    last: int
+    recorded: RobotContact | None = None
+    """What the simulator recorded of it."""
+
+
+def _outline_distance(outline: Sequence[tuple[float, float]], x: Floats, y: Floats) -> Floats:
+    """Return the signed distance of points in the robot's frame from its outline; negative inside."""
+    best: Floats = np.full(x.shape, np.inf)
+    inside: Flags = np.zeros(x.shape, dtype=np.bool_)
+    for (ax, ay), (bx, by) in edges(outline):
+        ex, ey = bx - ax, by - ay
+        share = np.clip(((x - ax) * ex + (y - ay) * ey) / (ex * ex + ey * ey), 0.0, 1.0)
+        best = np.minimum(best, np.hypot(x - ax - share * ex, y - ay - share * ey))
+        if ay != by:
+            inside ^= ((ay > y) != (by > y)) & (x < ax + (y - ay) / (by - ay) * ex)
+    signed: Floats = np.where(inside, -best, best)
+    return signed
 
 
 @dataclass(frozen=True)
@@ -103,10 +130,61 @@ class Sampled:
         return np.hypot(*self.offset)
 
     @cached_property
-    def gap(self) -> Floats:
-        """(N, H) metres between the discs of robot and human; negative where they overlap."""
+    def disc_gap(self) -> Floats:
+        """(N, H) metres between the discs of robot and human, as in the study; negative where they overlap."""
         gap: Floats = self.distance - self.run.robot_radius_m - np.asarray(self.run.human_radius_m)[None, :]
         return gap
+
+    @cached_property
+    def gap(self) -> Floats:
+        """(N, H) metres between the bodies of robot and human; negative where they overlap.
+
+        The robot's body is its outline where the run knows it, else a disc; a human's is a disc.
+        """
+        if not self.run.robot_outline or not self.people:
+            return self.disc_gap
+        cos, sin = np.cos(self.series.yaw)[:, None], np.sin(self.series.yaw)[:, None]
+        dx, dy = self.offset
+        away = _outline_distance(self.run.robot_outline, dx * cos + dy * sin, dy * cos - dx * sin)
+        gap: Floats = away - np.asarray(self.run.human_radius_m)[None, :]
+        return gap
+
+    @cached_property
+    def contacts(self) -> list[Touch]:
+        """Contacts of the robot with people; those with one person less than 0.5 s apart count as one.
+
+        A simulator that keeps bodies apart records them; else they are the times at which bodies overlap.
+        """
+        if not self.people:
+            return []
+        if self.run.robot_outline:
+            return self._recorded_contacts()
+        return [
+            Touch(person, first, last)
+            for person in range(self.people)
+            for first, last in joined(stretches(self.gap[:, person] <= 0.0), self.series.t, CONTACT_APART_S)
+        ]
+
+    def _recorded_contacts(self) -> list[Touch]:
+        found = []
+        t = self.series.t
+        for event in self.run.events:
+            if isinstance(event, RobotContact) and event.time_s <= t[-1] + 1e-9:
+                first = min(int(np.searchsorted(t, event.time_s - 1e-9)), len(t) - 1)
+                last = max(first, int(np.searchsorted(t, event.until_s + 1e-9, side="right")) - 1)
+                found.append(Touch(self.run.human_names.index(event.person), first, last, event))
+        return found
+
+    @cached_property
+    def touching(self) -> Flags:
+        """(N, H) whether the robot touches each human."""
+        flags: Flags = self.gap <= 0.0
+        if not self.run.robot_outline:
+            return flags
+        flags = np.zeros((len(self), self.people), dtype=np.bool_)
+        for touch in self.contacts:
+            flags[touch.first : touch.last + 1, touch.person] = True
+        return flags
 
     @cached_property
     def closest_gap(self) -> Floats:
@@ -116,8 +194,9 @@ class Sampled:
 
     @cached_property
     def clamped_gap(self) -> Floats:
-        """(N,) the smallest gap, 0 where discs overlap."""
-        return np.maximum(self.closest_gap, 0.0)
+        """(N,) the smallest gap between discs, 0 where they overlap."""
+        clamped: Floats = np.maximum(self.disc_gap.min(axis=1), 0.0)
+        return clamped
 
     @cached_property
     def closest(self) -> NDArray[np.intp]:
@@ -145,8 +224,8 @@ class Sampled:
 
     @cached_property
     def near_contact(self) -> Flags:
-        """(N, H) the study's contact: a gap under 0.02 m."""
-        return self.gap < CONTACT_GAP_M
+        """(N, H) the study's contact: a gap between discs under 0.02 m."""
+        return self.disc_gap < CONTACT_GAP_M
 
     @cached_property
     def robot_velocity(self) -> tuple[Floats, Floats]:

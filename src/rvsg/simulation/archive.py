@@ -45,6 +45,7 @@ class RunHeader(Record):
     details: dict[str, Any] = Field(default_factory=dict)
     human_groups: tuple[int | None, ...] = ()
     events: tuple[RecordedEvent, ...] = ()
+    robot_outline: tuple[tuple[float, float], ...] = ()
     same_log: bool = False
 
 

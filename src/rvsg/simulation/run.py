@@ -87,6 +87,9 @@ class Run:
     details: dict[str, object] = field(default_factory=dict)
     human_groups: tuple[int | None, ...] = ()
     events: tuple[RecordedEvent, ...] = ()
+    robot_outline: tuple[tuple[float, float], ...] = ()
+    """Corners of the robot's body in its frame, metres, where the simulator keeps bodies apart and records their
+    contacts in `events`; empty: the body is the disc of `robot_radius_m`, and bodies may overlap."""
 
     @cached_property
     def id(self) -> str:

@@ -26,7 +26,7 @@ Pair = tuple[Floats, Floats]
 
 def maximum_distance(s: Sampled) -> float | None:
     """Largest gap to any person over the run, surface to surface."""
-    return float(s.gap.max()) if s.people else None
+    return float(s.disc_gap.max()) if s.people else None
 
 
 def maximum_distance_hunav(s: Sampled) -> float | None:
@@ -48,7 +48,7 @@ def _collisions_hunav(s: Sampled) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]
     yaw = s.series.yaw[:, None]
     ahead, left = dx * np.cos(yaw) + dy * np.sin(yaw), -dx * np.sin(yaw) + dy * np.cos(yaw)
     swapped = np.abs(np.arctan2(ahead, left))
-    contact = s.gap < CONTACT_GAP_M
+    contact = s.disc_gap < CONTACT_GAP_M
     differ = s.series.v[:, None] != s.series.human_speed
     both = contact & ~differ & (s.bearing_of_robot == swapped)
     robot = contact & differ & (s.bearing_of_robot < swapped)

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from rvsg.evaluation.metrics.metric import Metric
-from rvsg.evaluation.sampled import CONTACT_APART_S, STILL_SPEED_M_S, Sampled, joined, stretches
+from rvsg.evaluation.sampled import STILL_SPEED_M_S, Flags, Sampled
 from rvsg.scenario.aim import Aim
 
 REACTION_S = 0.3
@@ -19,43 +19,41 @@ STANDSTILL_WINDOW_S = 5.0
 
 
 def contact_events(s: Sampled) -> float | None:
-    """Contacts (gap <= 0) of the robot with each person; those less than 0.5 s apart count as one."""
-    if not s.people:
-        return None
-    touching = (stretches(s.gap[:, person] <= 0.0) for person in range(s.people))
-    return float(sum(len(joined(found, s.series.t, CONTACT_APART_S)) for found in touching))
+    """Contacts of the robot with each person; those less than 0.5 s apart count as one."""
+    return float(len(s.contacts)) if s.people else None
 
 
 def contact_time(s: Sampled) -> float | None:
-    """Seconds in which the robot touches at least one person (gap <= 0 at the end of the interval)."""
-    return float(s.dt[(s.closest_gap <= 0.0)[1:]].sum()) if s.people else None
+    """Seconds in which the robot touches at least one person (at the end of the interval)."""
+    if not s.people:
+        return None
+    touching: Flags = np.any(s.touching, axis=1)
+    return float(s.dt[touching[1:]].sum())
 
 
 def contact_longest(s: Sampled) -> float | None:
     """Duration of the longest contact with one person, seconds, counted as for `contacts`; 0 without contact."""
     if not s.people:
         return None
-    t = s.series.t
-    longest = 0.0
-    for person in range(s.people):
-        for first, last in joined(stretches(s.gap[:, person] <= 0.0), t, CONTACT_APART_S):
-            longest = max(longest, float(t[last] - t[first]))
-    return longest
+    return max((float(s.series.t[touch.last] - s.series.t[touch.first]) for touch in s.contacts), default=0.0)
 
 
 def contact_speed(s: Sampled) -> float | None:
-    """Largest speed of the robot relative to a person it touches; 0 without contact."""
+    """Largest speed of the robot relative to a person it touches; 0 without contact.
+
+    Where the simulator records contacts, the speed along the normal just before the contact counts, too.
+    """
     if not s.people:
         return None
-    touching = s.gap <= 0.0
-    return float(s.relative_speed[touching].max()) if touching.any() else 0.0
+    known = [touch.recorded.closing_speed_m_s for touch in s.contacts if touch.recorded is not None]
+    return max([0.0, *known, *(float(speed) for speed in s.relative_speed[s.touching])])
 
 
 def contact_robot_speed(s: Sampled) -> float | None:
     """Largest own speed |v| of the robot while it touches a person; 0 without contact."""
     if not s.people:
         return None
-    touching = s.closest_gap <= 0.0
+    touching = s.touching.any(axis=1)
     return float(np.abs(s.series.v[touching]).max()) if touching.any() else 0.0
 
 
@@ -67,7 +65,7 @@ def time_to_collision(s: Sampled) -> float | None:
     """
     if not s.people:
         return None
-    if (s.gap <= 0.0).any():
+    if s.touching.any():
         return 0.0
     dx, dy = s.offset
     rx, ry = s.robot_velocity

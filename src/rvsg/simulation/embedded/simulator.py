@@ -175,6 +175,7 @@ def simulate_agents(
         imu=_finite(record.imu[: int(record.counts[2])].copy()),
         clock_ratio=settings.clock,
         robot_radius_m=robot.radius_m,
+        robot_outline=() if options.human_defects else robot.outline,
         human_names=tuple(agent.name for agent in agents),
         human_radius_m=tuple(agent.radius_m for agent in agents),
         human_groups=tuple(agent.group for agent in agents),
