@@ -68,7 +68,7 @@ def test_every_number_of_runs_in_the_answer_opens_those_runs(show: Show) -> None
 def test_every_recorded_run_opens_by_its_address_with_its_limit(show: Show) -> None:
     tab = show("contacts")
     runs = tab.evaluate("window.replay.runs()")
-    assert len(runs) == 17
+    assert len(runs) > 20
     for run in runs:
         found = open_address(tab, f"#run={run}&t=1.5")
         assert (found["run"], found["t"]) == (run, 1.5)

@@ -194,7 +194,7 @@ def test_in_junit_a_violation_of_which_fail_or_flaky_is_open_is_a_failure_that_s
     summary = summarise(the_plan, changed)
     suite = ET.fromstring(junit_xml(the_plan, summary))[0]
     assert summary.violated and suite.attrib["failures"] == "1"
-    assert "violated; FAIL or FLAKY is still open" in suite[-1][0].attrib["message"]
+    assert "violated; FAIL or FLAKY is still open" in suite[-1][-1].attrib["message"]
     assert all("the confirmation decides" in case[0].attrib["message"] for case in suite[:-1])
 
 
@@ -214,8 +214,8 @@ def test_in_junit_the_confirmation_decides_and_what_is_not_sure_is_skipped_with_
     for case in suite[:-1]:
         assert "the confirmation decides" in case[0].attrib["message"]
     expected = {"FAIL": "failure", "FLAKY": "failure", "PASS": "system-out"}.get(status.value, "skipped")
-    assert suite[-1][0].tag == expected
-    assert "so" in suite[-1][0].attrib.get("message", "") + (suite[-1][0].text or "")
+    assert suite[-1][-1].tag == expected
+    assert "so" in suite[-1][-1].attrib.get("message", "") + (suite[-1][-1].text or "")
     alone = summarise(the_plan, [a for a in changed if a.purpose == "search"])
     unconfirmed = ET.fromstring(junit_xml(the_plan, alone))[0]
     assert int(unconfirmed.attrib["failures"]) == len(unconfirmed) == the_plan.scenarios
@@ -243,3 +243,17 @@ def test_a_violation_says_whether_it_recurs_without_people(alone: float | None, 
     assert sum(other in top for other in ("recurs without people", "caused by the people", "cause open")) == 1
     if alone is not None:
         assert all(measured.run_id in top for measured in baseline.measurements)
+
+
+def test_in_junit_the_confirmation_tells_of_contacts_and_arrivals() -> None:
+    the_plan, attempts = campaign(MemoryLedger())
+    values = {"contacts": 2.0, "min_distance": -0.01, "completed": 1.0}
+    changed = [
+        a.replace(measurements=tuple(m.replace(values=values) for m in a.measurements))
+        if a.purpose == "confirmation"
+        else a
+        for a in attempts
+    ]
+    suite = ET.fromstring(junit_xml(the_plan, summarise(the_plan, changed)))[0]
+    told = {each.attrib["name"]: each.attrib["value"] for each in suite[-1].iter("property")}
+    assert (told["contacts"], told["arrived"]) == ("5 of 5 runs", "5 of 5 runs")

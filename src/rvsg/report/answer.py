@@ -188,20 +188,18 @@ CAUSED = {
 
 def _why(plan: Plan, cause: Cause) -> tuple[list[Badge], list[Sentence]]:
     """Whether it was the people: the same seeds without them, and without each of them."""
-    if cause.about_people == "not violated":
+    finding, nobody = cause.finding, cause.nobody
+    if finding.about_people == "not violated":
         return [], []
-    tone, badge, said = CAUSED[cause.about_people]
-    nobody = cause.nobody
-    if nobody is None or nobody.difference is None:
+    tone, badge, said = CAUSED[finding.about_people]
+    if nobody is None or finding.difference is None or finding.difference_interval is None:
         return [Badge(tone=tone, text=badge)], [[Piece(said)]]
     badges = [Badge(tone=tone, text=badge, runs=_ids(nobody.runs))]
-    low, high = (round(100 * bound) for bound in nobody.difference.interval)
+    low, high = (round(100 * bound) for bound in finding.difference_interval)
     sentence = [
-        Piece(said),
-        Piece(" On the same seeds without people, the robot violates "),
-        Piece(f"{plan.requirement.name} in "),
+        Piece(f"{said} On the same seeds without people, the robot violates {plan.requirement.name} in "),
         Piece(f"{len(nobody.violating)} of {counted(len(nobody.runs), 'run')}", _ids(nobody.violating or nobody.runs)),
-        Piece(f" (difference {100 * nobody.difference.difference:.0f} points, interval {low} to {high})."),
+        Piece(f" (difference {100 * finding.difference:.0f} points, interval {low} to {high})."),
     ]
     for pair in cause.each:
         with_all = sum(run.violated for run in pair.before)

@@ -4,13 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
-from rvsg.evaluation.judge import violated
-from rvsg.evaluation.statistics import ShareDifference, share_difference
+from rvsg.campaign.finding import Finding
 from rvsg.report.facts import AttemptFacts, RunFacts
-
-About = Literal["yes", "no", "open", "not violated"]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -20,7 +16,6 @@ class Pair:
     without: str
     runs: tuple[RunFacts, ...]
     before: tuple[RunFacts, ...]
-    difference: ShareDifference | None
 
     @property
     def violating(self) -> tuple[RunFacts, ...]:
@@ -30,31 +25,23 @@ class Pair:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Cause:
-    """What leaving people out does to a finding."""
+    """What leaving people out does to a finding, with the runs that show it."""
 
-    about_people: About
+    finding: Finding
     nobody: Pair | None
     each: tuple[Pair, ...]
 
 
-def cause_of(confirmed: AttemptFacts, facts: Sequence[AttemptFacts]) -> Cause:
+def cause_of(finding: Finding, confirmed: AttemptFacts, facts: Sequence[AttemptFacts]) -> Cause:
     """Return what the baseline and the removals say about the people of a finding."""
     baseline = next((f for f in reversed(facts) if f.attempt.purpose == "baseline"), None)
-    nobody = _pair("anybody", confirmed, baseline) if baseline is not None else None
     removals = [f for f in facts if f.attempt.purpose == "removal" and f.attempt.confirms == confirmed.attempt.index]
     each = tuple(pair for f in removals if (pair := _pair(", ".join(f.attempt.without), confirmed, f)) is not None)
-    return Cause(about_people=_about(confirmed, nobody), nobody=nobody, each=each)
-
-
-def _about(confirmed: AttemptFacts, nobody: Pair | None) -> About:
-    verdict = confirmed.attempt.verdict
-    if verdict is None or not violated(verdict):
-        return "not violated"
-    if nobody is None or nobody.difference is None:
-        return "open"
-    if nobody.difference.interval[0] > 0.0:
-        return "yes"
-    return "no" if verdict.judged_by.violated(len(nobody.violating), len(nobody.runs)) else "open"
+    return Cause(
+        finding=finding,
+        nobody=_pair("anybody", confirmed, baseline) if baseline is not None else None,
+        each=each,
+    )
 
 
 def _pair(without: str, confirmed: AttemptFacts, fewer: AttemptFacts) -> Pair | None:
@@ -63,7 +50,4 @@ def _pair(without: str, confirmed: AttemptFacts, fewer: AttemptFacts) -> Pair | 
     both = [(run, known[run.run.seed]) for run in confirmed.runs if run.run.seed in known]
     if not both:
         return None
-    difference = share_difference([a.violated for a, _ in both], [b.violated for _, b in both], paired=True)
-    return Pair(
-        without=without, runs=tuple(b for _, b in both), before=tuple(a for a, _ in both), difference=difference
-    )
+    return Pair(without=without, runs=tuple(b for _, b in both), before=tuple(a for a, _ in both))

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
+from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.plan import Plan
 from rvsg.evaluation.judge import violated
+from rvsg.evaluation.safety_summary import summarise_safety
 from rvsg.evaluation.verdict import Status, Verdict
-from rvsg.report.summary import Summary, interval, number, status_in_words
+from rvsg.report.summary import Summary, counted, interval, number, status_in_words
 
 
 def junit_xml(plan: Plan, summary: Summary) -> str:
@@ -40,19 +42,39 @@ def _suite(plan: Plan, summary: Summary) -> ET.Element:
         suite.append(_case(name, case, entry.verdict, plan, decides=not confirmed))
     if confirmed and confirmed.verdict:
         case = f"confirmation of scenario {confirmed.brief.scenario_index + 1}"
-        suite.append(_case(name, case, confirmed.verdict, plan, decides=True))
+        suite.append(_case(name, case, confirmed.verdict, plan, decides=True, seen=_seen(confirmed)))
     counts = {"tests": len(suite), "failures": len(suite.findall("*/failure")), "errors": 0}
     counts["skipped"] = len(suite.findall("*/skipped"))
     suite.attrib.update({key: str(count) for key, count in counts.items()})
     return suite
 
 
-def _case(suite: str, name: str, verdict: Verdict, plan: Plan, *, decides: bool) -> ET.Element:
+def _seen(confirmed: Attempt) -> dict[str, str]:
+    """What the confirmation runs show beside the requirement."""
+    safety = summarise_safety([measured.values for measured in confirmed.measurements])
+    found = {
+        "contacts": f"{safety.contacts.runs} of {counted(safety.contacts.of, 'run')}",
+        "arrived": f"{safety.arrived.runs} of {counted(safety.arrived.of, 'run')}",
+    }
+    if safety.least_clearance_m is not None:
+        found["minimum clearance"] = number(safety.least_clearance_m, "m")
+    return found
+
+
+def _case(
+    suite: str, name: str, verdict: Verdict, plan: Plan, *, decides: bool, seen: Mapping[str, str] | None = None
+) -> ET.Element:
     said = f"{status_in_words(verdict)}: {interval(verdict, plan.requirement.unit)}"
     if plan.requirement.threshold is not None:
         said += f", limit {number(plan.requirement.threshold, plan.requirement.unit)}"
     whole = f"{said}. {verdict.reason}"
+    if seen:
+        whole += f". Contact with people in {seen['contacts']}; {seen['arrived']} arrived"
     case = ET.Element("testcase", classname=suite, name=clean(name))
+    if seen:
+        properties = ET.SubElement(case, "properties")
+        for key, value in seen.items():
+            ET.SubElement(properties, "property", name=key, value=clean(value))
     if violated(verdict) and decides:
         ET.SubElement(case, "failure", message=clean(said)).text = clean(verdict.reason)
     elif violated(verdict):

@@ -17,6 +17,7 @@ from markupsafe import Markup
 import rvsg
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.feedback import separable
+from rvsg.campaign.finding import findings
 from rvsg.campaign.plan import Plan
 from rvsg.campaign.ranking import best_attempt, rule
 from rvsg.core.files import write_whole
@@ -68,6 +69,7 @@ def render_page(
         attempts=attempts,
         summary=summarise(plan, attempts),
         facts=facts_of(attempts, plan.requirement, world, run_of),
+        findings=findings(plan, attempts, run_of=run_of, world=world),
         floor=floor_plan(world, tooltips=False),
     )
     requirement, subject = plan.requirement, shown.subject

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from rvsg.campaign.attempt import Attempt
+from rvsg.campaign.finding import Finding
 from rvsg.campaign.plan import Plan
 from rvsg.campaign.ranking import best_attempt
 from rvsg.report.causes import Cause, cause_of
@@ -27,6 +28,7 @@ class Shown:
     attempts: Sequence[Attempt]
     summary: Summary
     facts: Sequence[AttemptFacts]
+    findings: Sequence[Finding]
     floor: FloorPlan
 
     @property
@@ -38,7 +40,9 @@ class Shown:
     @property
     def cause(self) -> Cause | None:
         """Whether the people cause the finding; None before a confirmation."""
-        return cause_of(self.confirmed, self.facts) if self.confirmed is not None else None
+        confirmed = self.confirmed
+        found = [f for f in self.findings if confirmed is not None and f.confirmation == confirmed.attempt.index]
+        return cause_of(found[0], confirmed, self.facts) if found and confirmed is not None else None
 
     @property
     def searched(self) -> list[AttemptFacts]:
