@@ -3,12 +3,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from tests.campaign.parts import MemoryLedger
+from tests.campaign.parts import MemoryLedger, warehouse
 from tests.report.test_page import NastyGenerator, Reader, campaign
 
 from rvsg.evaluation.verdict import Status
-from rvsg.report.overview import Reported, render_overview, write_overview
+from rvsg.report.overview import Reported, pin_of, render_overview, write_overview
 from rvsg.report.summary import summarise
+from rvsg.world.drawing.view import known_window
 
 
 def reported(link: str = "route_1-R1/report.html", status: Status | None = None, **changes: object) -> Reported:
@@ -29,7 +30,7 @@ def test_the_overview_is_whole_and_leads_to_the_reports_beside_it_alone() -> Non
     reader = Reader()
     reader.feed(text)
     assert reader.open == []
-    assert reader.refers == ["route_1-R1/report.html", "Gang_S%C3%BCd-R%201/report.html"]
+    assert set(reader.refers) == {"route_1-R1/report.html", "Gang_S%C3%BCd-R%201/report.html"}
     assert "//" not in text and "script" not in reader.tags
     assert "2 campaigns in warehouse" in text and "rvsg run --seed 7" in text
 
@@ -68,7 +69,11 @@ def test_a_violation_of_which_fail_or_flaky_is_open_is_counted_and_coloured_as_o
     verdict = summary.confirmed.verdict.replace(violations=8, runs=8)
     text = page((link, the_plan, summary.replace(confirmed=summary.confirmed.replace(verdict=verdict))))
     assert "In 1 of 1 campaign the worst scenario found violates its requirement." in text
-    assert text.count('<span class="chip bad"') == 2 and "FAIL or FLAKY is still open (INCONCLUSIVE)" in text
+    assert (
+        text.count('<span class="chip bad"') == 2
+        and text.count('class="cell bad"') == 1
+        and "FAIL or FLAKY is still open (INCONCLUSIVE)" in text
+    )
 
 
 def test_what_is_not_finished_or_has_not_begun_is_told() -> None:
@@ -82,3 +87,32 @@ def test_equal_campaigns_give_equal_overviews(tmp_path: Path) -> None:
     for name in ("one.html", "two.html"):
         write_overview(tmp_path / name, [reported()], command="rvsg run")
     assert (tmp_path / "one.html").read_bytes() == (tmp_path / "two.html").read_bytes()
+
+
+def test_the_matrix_has_a_cell_for_each_route_and_requirement() -> None:
+    link, plan, summary = reported()
+    other = plan.replace(requirement=plan.requirement.replace(name="R9"))
+    elsewhere = plan.replace(mission=plan.mission.replace(route=warehouse().route("route_2")))
+    text = page((link, plan, summary), ("b.html", other, summary), ("c.html", elsewhere, summary))
+    table = text[text.index('class="matrix"') : text.index("</table>")]
+    assert table.count('class="cell') == 3 and table.count("not begun") == 1
+    contacts = sum(run.values.get("contacts", 0) > 0 for run in summary.confirmed.measurements)
+    assert ("contact " in table) == (contacts > 0)
+
+
+def test_a_finding_has_a_pin_where_it_happens() -> None:
+    ledger = MemoryLedger()
+    the_plan, attempts = campaign(ledger)
+    summary = summarise(the_plan, attempts)
+    assert summary.confirmed and summary.confirmed.verdict
+    failed = summary.confirmed.verdict.replace(status=Status.FAIL)
+    bad = summary.replace(confirmed=summary.confirmed.replace(verdict=failed))
+    pin = pin_of("a/report.html", the_plan, bad, warehouse(), ledger.run)
+    assert pin is not None
+    x0, y0, x1, y1 = known_window(warehouse())
+    assert x0 < pin.x < x1 and y0 < pin.y < y1
+    shown = [("a/report.html", the_plan, bad)]
+    text = render_overview(shown, command="rvsg run", world=warehouse(), pins=[pin])
+    assert text.count('class="pin"') == 1 and '<a href="a/report.html" aria-label=' in text
+    passed = summary.replace(confirmed=summary.confirmed.replace(verdict=failed.replace(status=Status.PASS)))
+    assert pin_of("a", the_plan, passed, warehouse(), ledger.run) is None

@@ -11,7 +11,19 @@ from typing import TYPE_CHECKING, Any
 
 from rvsg.api.commands import command_for, confirm_command
 from rvsg.api.config import CampaignConfig, effective, safe_name
-from rvsg.api.folder import BEST, CONFIG, LEDGER, REPORT, alone_in, check_out, make_folder, opened, reading, store_of
+from rvsg.api.folder import (
+    BEST,
+    CONFIG,
+    LEDGER,
+    MATRIX,
+    REPORT,
+    alone_in,
+    check_out,
+    make_folder,
+    opened,
+    reading,
+    store_of,
+)
 from rvsg.api.paths import as_stored, paths_of, spelled_out
 from rvsg.api.record import CampaignRecord, check_same
 from rvsg.api.scenarios import scenario_json
@@ -339,6 +351,8 @@ class Campaign:
             attempts = list(ledger.attempts(self.name))
             simulator = self.record.simulator.name
             how = {"world": place, "run_of": ledger.run, "command": self.command, "simulator": simulator}
+            if path is None and (self.folder.parent / MATRIX).exists():
+                how["overview"] = f"../{REPORT}"
             write_page(page, self.plan, attempts, **how)
         best = best_attempt(attempts, self.requirement)
         if path is None and best is not None and best.proposal.scenario is not None:

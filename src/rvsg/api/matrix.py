@@ -23,7 +23,7 @@ from pydantic import TypeAdapter, ValidationError
 from rvsg.api.campaign import Campaign
 from rvsg.api.commands import command_for
 from rvsg.api.config import BUDGETS, CampaignConfig, CampaignFile, called, effective, renamed, safe_name
-from rvsg.api.folder import CELLS, MATRIX, REPORT, alone_in, check_out, make_folder, store_of
+from rvsg.api.folder import CELLS, MATRIX, REPORT, alone_in, check_out, make_folder, reading, store_of
 from rvsg.api.index import campaigns_in
 from rvsg.api.paths import as_stored, paths_of
 from rvsg.api.record import FROM, differences
@@ -35,7 +35,7 @@ from rvsg.core.documents import mistakes_of
 from rvsg.core.errors import FileError, InputError, RvsgError
 from rvsg.core.files import write_whole
 from rvsg.core.inputs import exists, parse_json, read_text
-from rvsg.report.overview import write_overview
+from rvsg.report.overview import Pin, Reported, pin_of, write_overview
 from rvsg.scenario.requirements import shipped_requirements
 from rvsg.world.io.load import load_world
 
@@ -185,7 +185,9 @@ class Matrix:
         found = self.campaigns()
         if found:
             reported = [(f"{each.folder.name}/{each.page().name}", each.plan, each.summary()) for each in found]
-            write_overview(page, reported, command=self.commands(), missing=len(self.all_pairs) - len(found))
+            pins = [pin for each, known in zip(found, reported, strict=True) if (pin := _pin(each, known))]
+            missing = len(self.all_pairs) - len(found)
+            write_overview(page, reported, command=self.commands(), missing=missing, world=found[0].world, pins=pins)
         return page
 
     def _values(self) -> list[dict[str, Any]]:
@@ -202,6 +204,11 @@ class Matrix:
                 raise InputError(f"Two of the campaigns would be kept in {folder}. Rename a route or a requirement.")
             found[name] = values | {"out": folder, "junit": None}
         return list(found.values())
+
+
+def _pin(campaign: Campaign, reported: Reported) -> Pin | None:
+    with reading(campaign.folder) as ledger:
+        return pin_of(*reported, campaign.world, ledger.run)
 
 
 def folders_in(folder: Path) -> list[Path]:

@@ -5,32 +5,76 @@ As with a report, the page is a function of the records, and of where the report
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 from urllib.parse import quote
+
+from markupsafe import Markup
 
 import rvsg
 from rvsg.campaign.plan import Plan
 from rvsg.core.files import write_whole
 from rvsg.evaluation.judge import violated
+from rvsg.evaluation.safety_summary import summarise_safety
 from rvsg.evaluation.verdict import Status
-from rvsg.report.page import environment, headline
+from rvsg.report.facts import run_facts
+from rvsg.report.frames import Turn
+from rvsg.report.names import narrow_names
+from rvsg.report.page import area_colours, environment, headline
 from rvsg.report.summary import Summary, counted, interval, number
 from rvsg.scenario.requirement import Requirement
+from rvsg.simulation.run import Run
+from rvsg.world.drawing.svg import floor_plan
+from rvsg.world.world import World
 
 Reported = tuple[str, Plan, Summary]
 """Where the report of a campaign is, seen from the overview's folder, and what it is of."""
 
 
-def write_overview(path: Path, reported: Sequence[Reported], *, command: str, missing: int = 0) -> None:
-    """Write the page to a file, whole or not at all; the rest as for `render_overview`."""
-    write_whole(path, render_overview(reported, command=command, missing=missing))
+@dataclass(frozen=True, kw_only=True)
+class Pin:
+    """Where a finding happens: the robot's position (m) at the decisive moment of its worst run."""
+
+    link: str
+    name: str
+    x: float
+    y: float
 
 
-def render_overview(reported: Sequence[Reported], *, command: str, missing: int = 0) -> str:
-    """The page of one or more campaigns of one command, finished or not; `missing` more have not begun.
+def pin_of(link: str, plan: Plan, summary: Summary, world: World, run_of: Callable[[str], Run]) -> Pin | None:
+    """Return the pin of a campaign whose finding violates its requirement; None for any other."""
+    confirmed = summary.confirmed
+    if confirmed is None or confirmed.verdict is None or not violated(confirmed.verdict):
+        return None
+    valued = [(plan.requirement.badness(m.objective), m) for m in confirmed.measurements if m.objective is not None]
+    _, worst = max(valued, key=lambda pair: pair[0])
+    facts = run_facts(run_of(worst.run_id), worst, plan.requirement, world, confirmed.proposal.scenario)
+    name = f"{plan.mission.route.name}, {plan.requirement.name}"
+    return Pin(link=link, name=name, x=facts.decisive_at.x, y=facts.decisive_at.y)
 
-    `command` repeats them all.
+
+def write_overview(path: Path, reported: Sequence[Reported], **how: Any) -> None:
+    """Write the page to a file, whole or not at all; `how` as for `render_overview`."""
+    write_whole(path, render_overview(reported, **how))
+
+
+def render_overview(
+    reported: Sequence[Reported],
+    *,
+    command: str,
+    missing: int = 0,
+    world: World | None = None,
+    pins: Sequence[Pin] = (),
+) -> str:
+    """Return the page of one or more campaigns of one command, finished or not.
+
+    Args:
+        command: The command that repeats them all.
+        missing: How many more have not begun.
+        world: The world of the campaigns, for the map.
+        pins: Where the findings happen.
     """
     template = environment().get_template("overview.html")
     mission = reported[0][1].mission
@@ -41,13 +85,61 @@ def render_overview(reported: Sequence[Reported], *, command: str, missing: int 
         missing=missing,
         headline=_headline(reported),
         tiles=_tiles(reported),
+        matrix=_matrix(reported),
+        map=_map(world, pins) if world is not None and pins else None,
         rows=[_row(*each) for each in reported],
         command=command,
     )
 
 
+def _matrix(reported: Sequence[Reported]) -> dict[str, Any]:
+    """Routes by requirements: what each campaign found, with its badges."""
+    routes = list(dict.fromkeys(plan.mission.route.name for _, plan, _ in reported))
+    requirements = list(dict.fromkeys(plan.requirement.name for _, plan, _ in reported))
+    cells = {(plan.mission.route.name, plan.requirement.name): _cell(*each) for each in reported for plan in [each[1]]}
+    rows = [{"route": route, "cells": [cells.get((route, name)) for name in requirements]} for route in routes]
+    return {"requirements": requirements, "rows": rows}
+
+
+def _cell(link: str, plan: Plan, summary: Summary) -> dict[str, Any]:
+    confirmed = summary.confirmed
+    verdict = confirmed.verdict if confirmed else None
+    often = verdict.violation_probability if verdict else None
+    badges = []
+    if confirmed is not None:
+        safety = summarise_safety([measured.values for measured in confirmed.measurements])
+        if safety.contacts.runs:
+            badges.append({"tone": "bad", "text": f"contact {safety.contacts.runs}/{safety.contacts.of}"})
+        if safety.arrived.runs < safety.arrived.of:
+            late = safety.arrived.of - safety.arrived.runs
+            badges.append({"tone": "bad", "text": f"late {late}/{safety.arrived.of}"})
+    return {
+        **headline(plan, summary),
+        "link": quote(link),
+        "often": f"{often:.0%}" if often is not None else "",
+        "badges": badges,
+    }
+
+
+def _map(world: World, pins: Sequence[Pin]) -> dict[str, Any]:
+    """The floor plan with a numbered pin for each finding."""
+    plan = floor_plan(world, tooltips=False)
+    turn = Turn.of(plan.matrix)
+    marks = []
+    for number_, pin in enumerate(pins, 1):
+        x, y = turn.point(pin.x, pin.y)
+        marks.append({"number": number_, "name": pin.name, "link": quote(pin.link), "x": f"{x:.2f}", "y": f"{y:.2f}"})
+    return {
+        "box": plan.view_box,
+        "floor": Markup(plan.shapes),  # noqa: S704 - made by us, its names escaped
+        "names": Markup(narrow_names(plan)),  # noqa: S704
+        "look": Markup(area_colours(world, plan)),  # noqa: S704
+        "pins": marks,
+    }
+
+
 def _ends(reported: Sequence[Reported]) -> tuple[int, int]:
-    """How many campaigns ended with a violation in fresh runs, and how many with none."""
+    """How many campaigns ended with a violation in confirmation runs, and how many with none."""
     confirmed = [summary.confirmed for *_, summary in reported if summary.confirmed]
     verdicts = [attempt.verdict for attempt in confirmed if attempt.verdict]
     return sum(map(violated, verdicts)), sum(verdict.status is Status.PASS for verdict in verdicts)
@@ -79,13 +171,13 @@ def _tiles(reported: Sequence[Reported]) -> list[dict[str, str]]:
             "note": "always (FAIL), sometimes (FLAKY), or which is open",
         },
         {"name": "Requirement kept", "value": str(good), "note": "by the worst scenario found (PASS)"},
-        {"name": "Not decided", "value": str(rest), "note": "too few fresh runs, or no limit"},
+        {"name": "Not decided", "value": str(rest), "note": "too few confirmation runs, or no limit"},
         {"name": "Simulated runs", "value": str(search + fresh), "note": f"{search} to search, {fresh} to confirm"},
     ]
 
 
 def _row(link: str, plan: Plan, summary: Summary) -> dict[str, str]:
-    """A campaign as the table shows it: by the fresh runs of its worst scenario, or those of the search."""
+    """A campaign as the table shows it: by the confirmation runs of its worst scenario, or by the search runs."""
     requirement, account = plan.requirement, summary.accounting
     confirmed = summary.confirmed.verdict if summary.confirmed else None
     verdict = confirmed or (summary.ranking[0].verdict if summary.ranking else None)

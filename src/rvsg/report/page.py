@@ -56,12 +56,14 @@ def render_page(
     run_of: Callable[[str], Run],
     command: str,
     simulator: str = "",
+    overview: str = "",
 ) -> str:
     """Return the page of a campaign, finished or not.
 
     Args:
         run_of: Finds a run by its id.
         command: The command that repeats the campaign.
+        overview: The address of the overview this campaign belongs to, seen from the page.
     """
     shown = Shown(
         plan=plan,
@@ -99,11 +101,12 @@ def render_page(
             box=shown.floor.view_box,
             floor=Markup(shown.floor.shapes),  # noqa: S704
             names=Markup(narrow_names(shown.floor)),  # noqa: S704
-            look=Markup(_area_colours(world, shown.floor)),  # noqa: S704
+            look=Markup(area_colours(world, shown.floor)),  # noqa: S704
             replay=_script_safe(replay_data(shown)) if subject else None,
             component=Markup(component()),  # noqa: S704
             command=command,
             simulator=simulator,
+            overview=overview,
         )
     )
 
@@ -121,7 +124,7 @@ def environment() -> jinja2.Environment:
     return environment
 
 
-def _area_colours(world: World, floor: FloorPlan) -> str:
+def area_colours(world: World, floor: FloorPlan) -> str:
     """The style of the areas, as in `rvsg world draw`, and of their names on a narrow screen."""
     kinds = (area.kind for area in world.areas)
     names = list(dict.fromkeys(kinds))
