@@ -16,6 +16,8 @@ from rvsg.core.inputs import LARGEST_RUNS, read_text
 from rvsg.core.plugins import Spec
 from rvsg.report.facts import RunFacts, run_facts
 from rvsg.report.film import Shot
+from rvsg.report.film import check_film as check_film
+from rvsg.report.film import write_film as write_film
 from rvsg.report.happened import still_times
 from rvsg.report.quantity import closest_approach
 from rvsg.report.summary import number

@@ -7,9 +7,13 @@ from collections.abc import Iterable, Iterator, Sequence
 
 from rvsg.api.evaluating import Judgement
 from rvsg.campaign.finding import Finding
+from rvsg.evaluation.judge import DEFAULT, OPEN, still_open
+from rvsg.evaluation.metrics import METRICS, measure, metric
+from rvsg.evaluation.verdict import Status, Verdict
 from rvsg.generation.generator import Call, Proposal
 from rvsg.generation.vlm.budget import Spending
-from rvsg.report.summary import counted, interval, number, status_in_words
+from rvsg.report.junit import junit_xml
+from rvsg.report.summary import Summary, counted, interval, number, status_in_words
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.validity import warnings
 from rvsg.world.world import World
@@ -20,7 +24,22 @@ NEXT_STEP = {
     "truncated": "cut off by the limit of tokens: raise max_output_tokens",
 }
 
-__all__ = ["counted", "interval", "number", "status_in_words"]
+__all__ = [
+    "DEFAULT",
+    "METRICS",
+    "OPEN",
+    "Status",
+    "Summary",
+    "Verdict",
+    "counted",
+    "interval",
+    "junit_xml",
+    "measure",
+    "metric",
+    "number",
+    "status_in_words",
+    "still_open",
+]
 
 
 def describe_judgement(judged: Judgement) -> Iterator[str]:

@@ -74,7 +74,7 @@ def compare(
     )
     _print_tables(found, asked[0], base)
     if figure:
-        from rvsg.core.files import write_whole
+        from rvsg.api.files import write_whole
 
         write_whole(figure, comparing.drawn(found))
         console.say(f"Wrote {figure}")

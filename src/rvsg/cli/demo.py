@@ -11,8 +11,8 @@ from rvsg.cli.console import print_json, say
 from rvsg.cli.frame import verb
 
 if TYPE_CHECKING:
-    from rvsg.campaign.plan import Plan
-    from rvsg.report.summary import Summary
+    from rvsg.api.events import Plan
+    from rvsg.api.words import Summary
 
 app = verb()
 
@@ -59,9 +59,7 @@ def demo(
 
 def what_it_means(plan: Plan, summary: Summary) -> str:
     """What the verdict says, and what it does not, in words for somebody who sees one for the first time."""
-    from rvsg.evaluation.judge import still_open
-    from rvsg.evaluation.verdict import Status
-    from rvsg.report.summary import counted, number
+    from rvsg.api.words import Status, counted, number, still_open
 
     confirmed, name = summary.confirmed, plan.requirement.name
     tried = "the model's " + (counted(len(summary.ranking), "scenario") if len(summary.ranking) != 1 else "scenario")

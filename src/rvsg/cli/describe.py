@@ -31,10 +31,8 @@ from rvsg.cli.model_options import (
 )
 
 if TYPE_CHECKING:
-    from rvsg.api.models import CallNews
-    from rvsg.generation.environment import EnvironmentDialogue
-    from rvsg.generation.wiring import Wiring
-    from rvsg.world.world import Description
+    from rvsg.api.authoring import Description
+    from rvsg.api.models import CallNews, EnvironmentDialogue, Wiring
 
 app = verb()
 REVIEWER = Annotated[str | None, typer.Option(help="Who reviews, kept with the description.")]
@@ -65,11 +63,16 @@ def describe(
     world.yaml (for a shipped world in your data folder) and goes into every prompt from then on. Without --model the
     stored description is shown, and with --review reviewed.
     """
-    from rvsg.api.models import answered_from_record, reach
+    from rvsg.api.authoring import load_world, shipped_worlds
+    from rvsg.api.models import (
+        EnvironmentDialogue,
+        Prompts,
+        answered_from_record,
+        description_of,
+        reach,
+        store_description,
+    )
     from rvsg.api.words import describe_calls
-    from rvsg.generation.environment import EnvironmentDialogue, description_of, store_description
-    from rvsg.generation.prompts import Prompts
-    from rvsg.world.io.load import load_world, shipped_worlds
 
     loaded = load_world(world)
     dialogue: EnvironmentDialogue | None = None
@@ -125,7 +128,7 @@ def _watch(wiring: Wiring) -> Callable[[Callable[[CallNews], None] | None], None
 @contextlib.contextmanager
 def _kept(wiring: Wiring) -> Iterator[None]:
     """Say, where a call fails or an answer is no use, that nothing that was answered is lost."""
-    from rvsg.core.errors import BudgetSpent, GenerationError, ModelUnavailable
+    from rvsg.api.errors import BudgetSpent, GenerationError, ModelUnavailable
 
     try:
         yield
@@ -150,7 +153,7 @@ def _revising(dialogue: EnvironmentDialogue, wiring: Wiring | None) -> Callable[
 
 
 def _stored(description: Description | None, world: str) -> Description:
-    from rvsg.core.errors import InputError
+    from rvsg.api.errors import InputError
 
     if description is None:
         write_it = as_started(shlex.join(["rvsg", "describe", world, "--model", "PROVIDER:NAME"]))
@@ -171,8 +174,8 @@ def _reviewed(
     description: Description, reviewer: str | None, revise: Callable[[str], Description] | None
 ) -> Description:
     """Ask the person until the description is accepted or the review is left."""
-    from rvsg.core.errors import InputError
-    from rvsg.generation.environment import editable, edited
+    from rvsg.api.errors import InputError
+    from rvsg.api.models import editable, edited
 
     while True:
         _show(description)
@@ -200,7 +203,7 @@ def _reviewed(
 
 def _in_editor(text: str) -> str:
     """The text after the user's editor ($VISUAL or $EDITOR) has closed; InputError where that fails."""
-    from rvsg.core.errors import InputError
+    from rvsg.api.errors import InputError
 
     editor = os.environ.get("VISUAL") or os.environ.get("EDITOR")
     if not editor:

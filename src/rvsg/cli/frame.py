@@ -16,9 +16,9 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 import rvsg
+from rvsg.api.errors import Interrupted, RvsgError
 from rvsg.cli.console import as_started
 from rvsg.cli.interruption import interruptible
-from rvsg.core.errors import Interrupted, RvsgError
 
 HELP = """Find, confirm and explain human behaviours that make a mobile robot violate its requirements, in simulation.
 

@@ -25,11 +25,10 @@ def import_study(
     Every metric is computed anew from the logs and compared with the logged one. What cannot be trusted is not
     imported and listed with its reason; unknown waypoint names are kept and listed.
     """
+    from rvsg.api.authoring import load_world
     from rvsg.api.folder import make_folder
-    from rvsg.store.sqlite import SqliteLedger
-    from rvsg.study.import_study import find_campaigns, write_findings
-    from rvsg.study.import_study import import_study as read
-    from rvsg.world.io.load import load_world
+    from rvsg.api.study import SqliteLedger, find_campaigns, write_findings
+    from rvsg.api.study import import_study as read
 
     place = load_world(world)
     find_campaigns(folder, [])  # before a store is made for nothing

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from types import FrameType
 from typing import Any
 
-from rvsg.core.errors import Interrupted
+from rvsg.api.errors import Interrupted
 
 ENDING = (signal.SIGINT, signal.SIGTERM)
 """A CI service that cancels sends SIGTERM: it is treated like Ctrl-C."""

@@ -22,7 +22,7 @@ def metrics(
     json: Annotated[bool, typer.Option("--json", help="The list as JSON on standard output.")] = False,
 ) -> None:
     """List the metrics with formula, unit, direction and source, or measure a run by them."""
-    from rvsg.evaluation.metrics import METRICS, measure, metric
+    from rvsg.api.words import METRICS, measure, metric
 
     chosen = list(METRICS.values()) if name is None else [metric(name)]
     if run is not None:

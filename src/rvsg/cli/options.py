@@ -7,7 +7,7 @@ from typing import Any
 
 from rvsg import Spec
 from rvsg.api.errors import InputError
-from rvsg.core.inputs import is_too_deep
+from rvsg.api.files import is_too_deep
 
 
 def pairs(kind: str, given: list[str] | None) -> dict[str, Any]:

@@ -9,15 +9,21 @@ from typing import Self
 
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from rvsg.api.words import describe_spending
-from rvsg.campaign.attempt import Attempt
-from rvsg.campaign.events import Attempted, Confirming, Event, Explaining, Message, ModelCall, Proposing, RunMade
-from rvsg.campaign.plan import Plan
+from rvsg.api.events import (
+    Attempt,
+    Attempted,
+    Confirming,
+    Event,
+    Explaining,
+    Message,
+    ModelCall,
+    Plan,
+    Proposing,
+    RunMade,
+)
+from rvsg.api.models import Brief, CallNews, Spending
+from rvsg.api.words import describe_spending, number
 from rvsg.cli.console import console, say
-from rvsg.generation.vlm.budget import Spending
-from rvsg.generation.vlm.watching import CallNews
-from rvsg.report.summary import number
-from rvsg.scenario.brief import Brief
 
 
 class CampaignProgress:

@@ -11,9 +11,9 @@ from rvsg.cli.console import print_json, say
 from rvsg.cli.frame import verb
 
 if TYPE_CHECKING:
+    from rvsg.api.authoring import World
     from rvsg.api.config import CampaignConfig
-    from rvsg.scenario.brief import Brief
-    from rvsg.world.world import World
+    from rvsg.api.models import Brief
 
 app = verb()
 
@@ -41,10 +41,7 @@ def prompt(
     For a campaign folder that is the attempt the campaign would ask for next, with its memory and feedback; else the
     first one. The text goes to standard output.
     """
-    from rvsg.generation.conversation import VlmGenerator
-    from rvsg.generation.pictures import pictures_of
-    from rvsg.generation.vlm.messages import estimated_tokens, picture_tokens
-    from rvsg.generation.vlm.model import Scripted
+    from rvsg.api.models import Scripted, VlmGenerator, estimated_tokens, picture_tokens, pictures_of
 
     if listed:
         _list(as_json=json)
@@ -97,10 +94,10 @@ def _config(campaign: Path | None, given: dict[str, Any]) -> CampaignConfig:
 
 def _next_brief(config: CampaignConfig) -> tuple[Brief, World]:
     """What the campaign would ask for next: from its ledger where it has one, else the first attempt."""
+    from rvsg.api.errors import InputError
+    from rvsg.api.events import search_attempts
     from rvsg.api.folder import reading, store_of
     from rvsg.api.wiring import wire
-    from rvsg.campaign.ranking import search_attempts
-    from rvsg.core.errors import InputError
 
     asking_nobody = {"generator": "heuristic", "model": None, "base_url": None, "prompts": None, "replay": None}
     wired = wire(config.model_copy(update={**asking_nobody, "generator_options": {}, **_NO_BUDGET}))
@@ -121,7 +118,7 @@ _NO_BUDGET: dict[str, Any] = {"budget_usd": None, "budget_calls": None, "budget_
 
 
 def _list(*, as_json: bool) -> None:
-    from rvsg.generation.prompts import declared_variables, shipped_prompts
+    from rvsg.api.models import declared_variables, shipped_prompts
 
     declared = {name: sorted(declared_variables(name)) for name in shipped_prompts()}
     if as_json:
@@ -132,10 +129,10 @@ def _list(*, as_json: bool) -> None:
 
 
 def _copied(name: str, folder: Path) -> Path:
+    from rvsg.api.errors import InputError
+    from rvsg.api.files import write_whole
     from rvsg.api.folder import make_folder
-    from rvsg.core.errors import InputError
-    from rvsg.core.files import write_whole
-    from rvsg.generation.prompts import template_text
+    from rvsg.api.models import template_text
 
     path = folder / f"{name}.md.j2"
     if path.exists():

@@ -20,9 +20,8 @@ def robots(
     json: Annotated[bool, typer.Option("--json", help="Print the records as JSON on standard output.")] = False,
 ) -> None:
     """List robots with size, drive, limits and sensors, check a robot file, or draw them."""
-    from rvsg.core.files import write_whole
-    from rvsg.robots import load_robot, shipped_robots
-    from rvsg.robots.drawing import draw_robot
+    from rvsg.api.files import write_whole
+    from rvsg.api.robots import draw_robot, load_robot, shipped_robots
 
     chosen = list(shipped_robots().values()) if robot is None else [load_robot(robot)]
     if draw is not None:

@@ -15,9 +15,8 @@ from rvsg.cli.frame import verb
 
 if TYPE_CHECKING:
     from rvsg.api.campaign import Campaign
-    from rvsg.campaign.attempt import Attempt
-    from rvsg.campaign.plan import Plan
-    from rvsg.report.summary import Summary
+    from rvsg.api.events import Attempt, Plan
+    from rvsg.api.words import Summary
 
 app = verb()
 
@@ -138,10 +137,10 @@ def run_one(from_file: dict[str, Any], given: dict[str, Any]) -> Campaign:
     """Run or resume a campaign and write its report."""
     from rvsg.api.campaign import Campaign
     from rvsg.api.config import effective
+    from rvsg.api.files import write_whole
     from rvsg.api.folder import store_of
     from rvsg.api.records import check_writable
-    from rvsg.core.files import write_whole
-    from rvsg.report.junit import junit_xml
+    from rvsg.api.words import junit_xml
 
     asked = effective(None, from_file, given)
     if asked.junit:
@@ -160,10 +159,10 @@ def _run(campaign: Campaign, *, resumed: bool) -> None:
     """Run the campaign with progress; an interruption says how to resume."""
     from rvsg.api.commands import resume_command
     from rvsg.api.config import BUDGETS
+    from rvsg.api.errors import BudgetSpent, GenerationError, Interrupted, SimulationError
+    from rvsg.api.words import counted
     from rvsg.cli.interruption import interruptible
     from rvsg.cli.progress import CampaignProgress
-    from rvsg.core.errors import BudgetSpent, GenerationError, Interrupted, SimulationError
-    from rvsg.report.summary import counted
 
     plan, folder = campaign.plan, campaign.folder
     known = campaign.attempts()
@@ -193,7 +192,7 @@ def _run(campaign: Campaign, *, resumed: bool) -> None:
 
 
 def _what_it_does(plan: Plan) -> str:
-    from rvsg.report.summary import counted
+    from rvsg.api.words import counted
 
     at_most = "at most " if plan.requirement.threshold is not None and plan.confirmations else ""
     return (
@@ -205,8 +204,7 @@ def _what_it_does(plan: Plan) -> str:
 
 def _show_lost(attempts: list[Attempt]) -> None:
     """Say which replies of a model were unusable, and why attempts have no scenario."""
-    from rvsg.api.words import describe_unusable
-    from rvsg.report.summary import counted
+    from rvsg.api.words import counted, describe_unusable
 
     search = [attempt for attempt in attempts if attempt.purpose == "search"]
     lost = [attempt for attempt in search if attempt.proposal.scenario is None]
@@ -220,9 +218,8 @@ def _show(campaign: Campaign, summary: Summary, spent_s: float, *, as_json: bool
     """Print the ranked table, the confirmation, where the report is, and the command that repeats it."""
     from rvsg.api.commands import command_for_more
     from rvsg.api.folder import REPORT
+    from rvsg.api.words import Status, counted
     from rvsg.cli.tables import ranked_table, show_findings
-    from rvsg.evaluation.verdict import Status
-    from rvsg.report.summary import counted
 
     plan, folder = campaign.plan, campaign.folder
     if as_json:

@@ -11,13 +11,20 @@ from rich.table import Table
 from rich.text import Text
 
 from rvsg.api.commands import confirm_command
-from rvsg.api.words import describe_finding
-from rvsg.campaign.plan import Plan
-from rvsg.campaign.ranking import rule
+from rvsg.api.events import Plan, rule
+from rvsg.api.words import (
+    DEFAULT,
+    OPEN,
+    Status,
+    Summary,
+    Verdict,
+    counted,
+    describe_finding,
+    interval,
+    number,
+    still_open,
+)
 from rvsg.cli.console import as_started, say
-from rvsg.evaluation.judge import DEFAULT, OPEN, still_open
-from rvsg.evaluation.verdict import Status, Verdict
-from rvsg.report.summary import Summary, counted, interval, number
 
 if TYPE_CHECKING:
     from rvsg.api.campaign import Campaign

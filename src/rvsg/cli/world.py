@@ -14,9 +14,7 @@ from rvsg.cli.console import as_started, print_json, say
 from rvsg.cli.frame import verb
 
 if TYPE_CHECKING:
-    from rvsg.world.authoring.check import Remark
-    from rvsg.world.authoring.create import Created
-    from rvsg.world.world import World
+    from rvsg.api.authoring import Created, Remark, World
 
 app = verb(no_args_is_help=True, help="Make a world from a map, check it, draw it, show it.")
 
@@ -73,11 +71,15 @@ def new(
 
     Labels and routes are proposals: read the README in the folder, edit them, then `rvsg world check DIR`.
     """
-    from rvsg.core.errors import InputError
-    from rvsg.world.authoring.check import check_world
-    from rvsg.world.authoring.create import world_from_map, world_from_objects, world_from_sdf
-    from rvsg.world.authoring.readme import write_readme
-    from rvsg.world.io.save import save_world
+    from rvsg.api.authoring import (
+        check_world,
+        save_world,
+        world_from_map,
+        world_from_objects,
+        world_from_sdf,
+        write_readme,
+    )
+    from rvsg.api.errors import InputError
 
     given = [option for option, value in (("--map", map_file), ("--sdf", sdf), ("--objects", objects)) if value]
     if len(given) != 1:
@@ -139,8 +141,7 @@ def check(
 
     Exit code 2 if something is wrong, 0 if there are only warnings or nothing.
     """
-    from rvsg.world.authoring.check import check_world
-    from rvsg.world.io.load import SHIPPED, shipped_worlds
+    from rvsg.api.authoring import SHIPPED, check_world, shipped_worlds
 
     place = (
         SHIPPED / str(folder) if str(folder) in shipped_worlds() and not (folder / "world.yaml").is_file() else folder
@@ -170,7 +171,7 @@ def draw(
     Labelled map, grid of waypoints and bird's-eye view as PNG, or an SVG plan.
     Where the names of the waypoints are too many for one picture of the grid, it is also drawn in parts.
     """
-    from rvsg.world.io.load import load_world
+    from rvsg.api.authoring import load_world
 
     loaded = load_world(world)
     shown = loaded.route(route) if route else None
@@ -191,7 +192,7 @@ def show(
 
     Grid, areas with their waypoints, routes in words, activities.
     """
-    from rvsg.world.io.load import load_world
+    from rvsg.api.authoring import load_world
 
     loaded = load_world(world)
     if json:
@@ -203,7 +204,7 @@ def show(
 @app.command("list")
 def list_worlds(json: AsJson = False) -> None:
     """List the worlds that ship with RVSG."""
-    from rvsg.world.io.load import load_world, shipped_worlds
+    from rvsg.api.authoring import load_world, shipped_worlds
 
     worlds = [load_world(name) for name in shipped_worlds()]
     if json:
@@ -227,8 +228,7 @@ def diff(
 
     Changes that can make a saved scenario invalid or different are marked with an asterisk: map, objects, waypoints.
     """
-    from rvsg.world.compare import differences
-    from rvsg.world.io.load import load_world
+    from rvsg.api.authoring import differences, load_world
 
     found = differences(load_world(old), load_world(new))
     for difference in found:
@@ -262,7 +262,7 @@ def _progress() -> Callable[[str], None]:
 
 def _refuse_unused(source: str, options: dict[str, tuple[bool, tuple[str, ...]]]) -> None:
     """InputError for options that are given (name: given, sources they go with) and would change nothing."""
-    from rvsg.core.errors import InputError
+    from rvsg.api.errors import InputError
 
     useless = [
         f"{name} goes with {' or '.join(ok)}" for name, (given, ok) in options.items() if given and source not in ok
@@ -272,7 +272,7 @@ def _refuse_unused(source: str, options: dict[str, tuple[bool, tuple[str, ...]]]
 
 
 def _refuse_occupied(folder: Path, *, force: bool) -> None:
-    from rvsg.core.errors import FileError
+    from rvsg.api.errors import FileError
 
     if folder.exists() and not folder.is_dir():
         raise FileError(folder, "this is a file; expected the name of a folder to make")
@@ -285,8 +285,8 @@ def _refuse_occupied(folder: Path, *, force: bool) -> None:
 def _grid_spec(spacing: float | None, human_clearance: float, robot_clearance: float) -> Any:
     from pydantic import ValidationError
 
-    from rvsg.core.errors import InputError
-    from rvsg.world.grid import GridSpec
+    from rvsg.api.authoring import GridSpec
+    from rvsg.api.errors import InputError
 
     try:
         return GridSpec(spacing_m=spacing, human_clearance_m=human_clearance, robot_clearance_m=robot_clearance)
@@ -296,7 +296,7 @@ def _grid_spec(spacing: float | None, human_clearance: float, robot_clearance: f
 
 
 def _window(text: str | None) -> tuple[float, float, float, float] | None:
-    from rvsg.core.errors import InputError
+    from rvsg.api.errors import InputError
 
     if text is None:
         return None
@@ -311,10 +311,9 @@ def _draw(
     world: World, folder: Path, what: str, route: Any, width: int, colours: str, window: Any
 ) -> list[tuple[Path, tuple[str, ...]]]:
     """Draw and write; the paths with what each picture could not show."""
+    from rvsg.api.authoring import floor_plan_svg, png_bytes
+    from rvsg.api.errors import FileError
     from rvsg.api.folder import make_folder
-    from rvsg.core.errors import FileError
-    from rvsg.world.drawing import png_bytes
-    from rvsg.world.drawing.svg import floor_plan_svg
 
     made: list[tuple[str, bytes, tuple[str, ...]]] = []
     whole = ("shows the whole world: --window is for the labelled map and the grid",) if window else ()
@@ -338,8 +337,7 @@ def _pictures(
     world: World, what: str, route: Any, width: int, colours: str, window: Any
 ) -> Iterator[tuple[str, Any, tuple[str, ...]]]:
     """Name, image and notes of every picture that is asked for."""
-    from rvsg.world.drawing import GRID, LABELLED, draw_plan, tiles
-    from rvsg.world.drawing.birdseye import birdseye
+    from rvsg.api.authoring import GRID, LABELLED, birdseye, draw_plan, tiles
 
     for name, layers, said in (("labels", LABELLED, "labelled areas"), ("grid", GRID, "grid of waypoints")):
         if what in ("all", name):
@@ -362,7 +360,7 @@ def _size_m(world: World) -> tuple[float, float]:
 
 
 def _summary(world: World) -> dict[str, Any]:
-    from rvsg.world.route_words import route_paragraph
+    from rvsg.api.authoring import route_paragraph
 
     wide, high = _size_m(world)
     return {
@@ -394,7 +392,7 @@ def _summary(world: World) -> dict[str, Any]:
 
 
 def _show_world(world: World) -> None:
-    from rvsg.world.route_words import route_paragraph
+    from rvsg.api.authoring import route_paragraph
 
     wide, high = _size_m(world)
     grid = world.grid
@@ -417,7 +415,7 @@ def _show_world(world: World) -> None:
 
 
 def _show_created(created: Created, remarks: tuple[Remark, ...], folder: Path) -> None:
-    from rvsg.world.io.load import shipped_worlds
+    from rvsg.api.authoring import shipped_worlds
 
     world = created.world
     wide, high = _size_m(world)

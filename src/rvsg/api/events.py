@@ -1,0 +1,23 @@
+"""Events of a running campaign, and the records they hold."""
+
+from __future__ import annotations
+
+from rvsg.campaign.attempt import Attempt
+from rvsg.campaign.events import Attempted, Confirming, Event, Explaining, Message, ModelCall, Proposing, RunMade
+from rvsg.campaign.plan import Plan
+from rvsg.campaign.ranking import rule, search_attempts
+
+__all__ = [
+    "Attempt",
+    "Attempted",
+    "Confirming",
+    "Event",
+    "Explaining",
+    "Message",
+    "ModelCall",
+    "Plan",
+    "Proposing",
+    "RunMade",
+    "rule",
+    "search_attempts",
+]
