@@ -42,3 +42,19 @@ def test_a_sound_formula_of_a_file_is_read(tmp_path):
         "<",
         "0.1)",
     ]
+
+
+def test_an_unknown_metric_blocks_the_requirement_that_asks_for_it_alone(tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text(WRONG.replace("sped", "speed"))
+    assert load_requirement(f"{path}#wide").name == "wide"
+    with pytest.raises(FileError) as caught:
+        load_requirement(f"{path}#slow")
+    assert [problem.line for problem in caught.value.problems] == [10]
+
+
+def test_a_mistake_that_is_not_about_measuring_blocks_the_whole_file(tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text(WRONG.replace("sped", "speed").replace("spped", "speed") + "  limt: 3\n")
+    with pytest.raises(FileError):
+        load_requirement(f"{path}#wide")

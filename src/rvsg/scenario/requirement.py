@@ -1,4 +1,4 @@
-"""A requirement as data: what is asked, which metric or temporal formula measures it, and from where on it fails."""
+"""A requirement as data: what is asked, what measures it, and its limit."""
 
 from __future__ import annotations
 
@@ -12,26 +12,28 @@ from rvsg.core.records import Record
 class Requirement(Record):
     """A requirement on the robot.
 
-    `text` is what the VLM and the report read, `measured_as` how the objective is measured, in plain words; `note` is
-    what people should know beside that, and no VLM reads it.
-    Exactly one of `metric` (the id of a metric) and `formula` (signal temporal logic; its robustness is the
-    objective, smaller is worse, violated below 0) is given.
-    `limit`: the requirement is violated where the objective is beyond it in the `worse` direction;
-    without a limit scenarios are ranked but no run fails. `limit_share` gives the limit as a share of the route's
-    time limit instead; `for_time_limit` works it out.
+    Exactly one of `metric` and `formula` is given. Without a limit scenarios are ranked, but no run fails.
     """
 
     name: Annotated[str, Field(min_length=1)]
     title: str
     text: str
+    """What the generator and the report read."""
     metric: str | None = None
+    """Id of the metric that is the objective."""
     formula: str | None = None
+    """Signal temporal logic; its robustness is the objective, smaller is worse, violated below 0."""
     worse: Literal["smaller", "larger"] = "smaller"
+    """The direction in which the objective gets worse."""
     limit: float | None = None
+    """The requirement is violated where the objective is beyond it, in the `worse` direction."""
     limit_share: Annotated[float, Field(gt=0)] | None = None
+    """The limit as a share of the route's time limit; `for_time_limit` works it out."""
     unit: str = ""
     measured_as: str = ""
+    """How the objective is measured, in plain words."""
     note: str = ""
+    """What people should know about it; no model reads it."""
     source: str = ""
 
     @model_validator(mode="after")
@@ -45,7 +47,7 @@ class Requirement(Record):
         return self
 
     def for_time_limit(self, time_limit_s: float) -> Requirement:
-        """The requirement with the limit that holds on a route with this time limit."""
+        """Return the requirement with the limit that holds on a route with this time limit."""
         if self.limit_share is None:
             return self
         return self.model_copy(update={"limit": self.limit_share * time_limit_s, "limit_share": None})
@@ -56,16 +58,16 @@ class Requirement(Record):
         return 0.0 if self.formula is not None and self.limit is None else self.limit
 
     def violated_by(self, objective: float) -> bool:
-        """Whether an objective value breaks the requirement; False where there is no limit."""
+        """Return whether an objective violates the requirement; False without a limit."""
         limit = self.threshold
         if limit is None:
             return False
         return objective < limit if self.worse == "smaller" else objective > limit
 
     def worst(self, a: float, b: float) -> float:
-        """The worse of two objective values."""
+        """Return the worse of two objectives."""
         return min(a, b) if self.worse == "smaller" else max(a, b)
 
     def badness(self, objective: float) -> float:
-        """The objective with its sign turned so that larger is worse."""
+        """Return the objective with its sign turned so that larger is worse."""
         return -objective if self.worse == "smaller" else objective

@@ -1,4 +1,4 @@
-"""Requirements as data: the shipped ones and those of a user's file. A new one on an existing metric needs no code.
+"""Loads requirements: those that ship and those of a file. A new one on an existing metric needs no code.
 
 A file maps names to requirements::
 
@@ -15,6 +15,7 @@ A file maps names to requirements::
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -36,15 +37,22 @@ def _shipped() -> dict[str, Requirement]:
 
 
 def shipped_requirements() -> dict[str, Requirement]:
-    """The requirements that come with RVSG by name, in the order they are listed."""
+    """Return the requirements that ship with RVSG by name, in the order of the list."""
     return dict(_shipped())
 
 
 def load_requirement(name_or_path: str | Path, *, check: Check | None = None) -> Requirement:
-    """A shipped requirement by its name, or one of a user's file as `file.yaml` or `file.yaml#name`.
+    """Load a shipped requirement by its name, or one of a file as `file.yaml` or `file.yaml#name`.
 
-    `file.yaml` alone must hold exactly one. Raises UnknownName, or FileError with the line of every mistake; `check`
-    completes every requirement of a user's file, what InputError it raises is such a mistake.
+    `file.yaml` alone must hold exactly one. What cannot be measured, such as a metric of a plug-in that is not
+    installed, blocks the requirement that asks for it and no other of its file.
+
+    Args:
+        check: Completes a requirement of a file, and raises InputError where it cannot be measured.
+
+    Raises:
+        UnknownName: There is no such requirement.
+        FileError: The file cannot be used; it names every mistake with its line.
     """
     text = str(name_or_path)
     if text in _shipped():
@@ -52,18 +60,20 @@ def load_requirement(name_or_path: str | Path, *, check: Check | None = None) ->
     file, wanted = _file_and_name(text)
     if not (file.endswith((".yaml", ".yml")) or Path(file).exists()):
         raise UnknownName("requirement", text, _shipped(), hint="Or give a file: my.yaml or my.yaml#name.")
-    found = load_requirements(Path(file), check=check)
-    if wanted:
-        if wanted not in found:
-            raise UnknownName("requirement", wanted, found, hint=f"File: {file}.")
-        return found[wanted]
-    if len(found) > 1:
-        raise FileError(file, f"holds {len(found)} requirements; say which: {file}#{next(iter(found))}")
-    return next(iter(found.values()))
+    read = _read(Path(file), check)
+    names = [*read.found, *read.blocked]
+    if wanted and wanted not in names and not read.mistakes:
+        raise UnknownName("requirement", wanted, names, hint=f"File: {file}.")
+    if not wanted and len(names) > 1 and not read.mistakes:
+        raise FileError(file, f"holds {len(names)} requirements; say which: {file}#{names[0]}")
+    asked = wanted or next(iter(names), "")
+    if read.mistakes or asked in read.blocked:
+        raise read.error()
+    return read.found[asked]
 
 
 def _file_and_name(text: str) -> tuple[str, str]:
-    """The file and the name in `file.yaml:name` (or `#name`); no name where none is given."""
+    """Return the file and the name in `file.yaml:name` (or `#name`); an empty name where none is given."""
     for ending in (".yaml", ".yml"):
         for mark in ":#":
             file, found, wanted = text.rpartition(f"{ending}{mark}")
@@ -73,11 +83,33 @@ def _file_and_name(text: str) -> tuple[str, str]:
 
 
 def load_requirements(path: Path, *, check: Check | None = None) -> dict[str, Requirement]:
-    """All requirements of a file by name; a FileError lists every mistake with its line."""
+    """Load all requirements of a file by name; a FileError names every mistake with its line."""
+    read = _read(path, check)
+    if read.mistakes or read.blocked:
+        raise read.error()
+    return read.found
+
+
+@dataclass(frozen=True)
+class _Read:
+    """A file of requirements: those that can be used, those that cannot be measured, and other mistakes."""
+
+    found: dict[str, Requirement]
+    blocked: dict[str, Problem]
+    mistakes: list[Problem]
+
+    def error(self) -> DocumentError:
+        """All mistakes, in the order of their lines."""
+        return DocumentError(sorted([*self.mistakes, *self.blocked.values()], key=lambda mistake: mistake.line or 0))
+
+
+def _read(path: Path, check: Check | None) -> _Read:
+    """Read a file of requirements."""
     document = read_yaml(path)
     if not isinstance(document.value, dict) or not document.value:
         raise FileError(path, 'expected a mapping from names to requirements, e.g. "R1: {title: ..., metric: dto}"')
     found: dict[str, Requirement] = {}
+    blocked: dict[str, Problem] = {}
     mistakes: list[Problem] = []
     for name, fields in document.value.items():
         if not isinstance(fields, dict):
@@ -98,12 +130,10 @@ def load_requirements(path: Path, *, check: Check | None = None) -> dict[str, Re
             mistakes.append(document.problem(f"{name}.{error.key}: {error}", str(name), error.key))
         except InputError as error:
             measured = "formula" if "formula" in fields else "metric"
-            mistakes.append(document.problem(f"{name}.{measured}: {error}", str(name), measured))
+            blocked[str(name)] = document.problem(f"{name}.{measured}: {error}", str(name), measured)
         except ValidationError as error:
             mistakes += [_mistake(document, str(name), detail["loc"], detail) for detail in error.errors()]
-    if mistakes:
-        raise DocumentError(sorted(mistakes, key=lambda mistake: mistake.line or 0))
-    return found
+    return _Read(found, blocked, mistakes)
 
 
 def _mistake(document: Document, name: str, loc: tuple[int | str, ...], detail: object) -> Problem:
