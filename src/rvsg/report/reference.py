@@ -5,25 +5,70 @@ from __future__ import annotations
 from rvsg.evaluation.metrics import METRICS
 from rvsg.scenario.requirements import shipped_requirements
 
-INTRODUCTION = """`rvsg metrics` prints the same list; `rvsg metrics --run FILE` measures a run. None (`null`) means
-that a run holds no judgement, e.g. on people where there are none.
+INTRODUCTION = """`rvsg metrics` prints the same list; `rvsg metrics --run FILE` measures a run. A metric is None
+(`null`) where a run cannot be judged by it, for example a distance to people where there are none.
 
-Ids without an ending read the trajectory, 20 Hz for our own runs. Ids ending in `_logged` read the rows (about 2 Hz,
-wall clock) that the client of the published study would have written, by its formulas: they compare with published
-numbers. Ids ending in `_hunav` give the HuNavSim evaluator's numbers, its defects included. An imported run has only
-its logged rows, and every metric reads those. Counts of samples (`rpc`, `por`) grow with the sampling rate: compare
-them among runs of one rate only, or use `contacts` and `contact_time`. `obstacle_distance` and the forces of
-obstacles need the world, which a campaign gives; the space of groups needs people with the same `group`.
+Ids without an ending read the trajectory, which RVSG's own runs record at 20 Hz. Ids ending in `_logged` read the rows
+(about 2 Hz, wall clock) that the client of the published study would have written, by its formulas, and compare with
+published numbers. Ids ending in `_hunav` give the HuNavSim evaluator's numbers, including its defects. An imported run
+has only its logged rows, and every metric reads those. Counts of samples (`rpc`, `por`) grow with the sampling rate:
+compare them only between runs of one rate, or use `contacts` and `contact_time`. `obstacle_distance` and the forces of
+obstacles need the world, which a campaign provides. The space of groups needs people with the same `group`.
 
-The forces of obstacles are computed from the surface of the nearest obstacle, with HuNavSim's default factor 10 for
-everybody. The HuNavSim evaluator's own numbers for them have no `_hunav` variant: its force on the robot is always 0,
-because the robot's obstacles are never filled in; its force on people needs the one obstacle point of each person,
-which lies on the way to the origin of a Gazebo model's box, and neither a run nor a measured map holds those.
+Contacts, gaps and distances to people use the robot's outline where the simulator keeps bodies apart, and the contacts
+it recorded. The metrics of the study and of HuNavSim use discs, as those do.
 
-Besides these a set of scenarios has three diversities, in the tables: `sdd` = 1 - mean cosine similarity of the
-descriptions' embeddings (all-MiniLM-L6-v2) over pairs; `htd` = mean over pairs of the mean Levenshtein distance between
-task lists, human a of one against human b of the other; `ssd` = mean over pairs of the dynamic time warping distance of
-the positions of robot and people at 2 Hz.
+The forces of obstacles come from the surface of the nearest obstacle, with HuNavSim's default factor 10 for everybody.
+They have no `_hunav` variant: the evaluator's force on the robot is always 0, because it never fills in the robot's
+obstacles. Its force on people needs one obstacle point of each person, on the way to the origin of a Gazebo model's
+box, which neither a run nor a measured map holds.
+
+A set of scenarios also has three diversities, in the tables: `sdd` = 1 - mean cosine similarity of the descriptions'
+embeddings (all-MiniLM-L6-v2) over pairs; `htd` = mean over pairs of the mean Levenshtein distance between task lists,
+human a of one against human b of the other; `ssd` = mean over pairs of the dynamic time warping distance of the
+positions of robot and people at 2 Hz.
+
+## Add a metric or a signal
+
+A metric declares how it is computed and what it is about. The aim tells the offline generator what people should do;
+the signal `shown` is the series that feedback and report show; bounds and censoring keep the statistics honest.
+
+```python
+from rvsg.evaluation.metrics import Metric
+from rvsg.evaluation.sampled import Sampled
+from rvsg.scenario.aim import Aim
+
+
+def reversing(s: Sampled) -> float | None:
+    \"\"\"Seconds in which the robot drives backwards.\"\"\"
+    return float(s.dt[s.series.v[1:] < -0.01].sum()) if len(s) > 1 else None
+
+
+REVERSING = Metric(
+    id="reversing",
+    title="Time in reverse",
+    unit="s",
+    worse="larger",
+    source="our fleet",
+    of=reversing,
+    aim=Aim.DISTURB,
+    shown="forward_speed",
+    moved_by="People who step in front of the robot.",
+    most="time_limit",
+)
+```
+
+Register it in the `pyproject.toml` of your package. A requirement then names it like any other metric:
+
+```toml
+[project.entry-points."rvsg.metrics"]
+reversing = "my_package:REVERSING"
+```
+
+An entry point may also give a sequence of metrics. Signals are `rvsg.evaluation.signals.RunSignal` records in the group
+`rvsg.signals`. An id that is taken is refused.
+
+## List of metrics
 """
 
 USER_FILES = """A requirement names a metric or a [temporal formula](temporal-formulas.md), the direction that is worse,
@@ -42,25 +87,26 @@ wide_berth:
 ```
 
 The limit is in the unit of the metric ([metrics](metrics.md) lists them) and is never converted: another `unit` is
-refused, a missing one is filled in, and `m/s3` is `m/s³`. `worse` must be the metric's own direction; a metric that
-has none there (`neither`) takes both. `limit_share` is for metrics in seconds. A formula's robustness has the unit that
-you give it.
+refused, a missing one is filled in, and `m/s3` is `m/s³`. `worse` must be the direction of the metric; a metric with
+`neither` takes both. `limit_share` is for metrics in seconds. A formula's robustness has the unit that you give it.
 
-The limits are choices to start from, each with its reason. Mistakes in a file are all told at once with their lines.
+The limits are starting points, each with its reason. RVSG reports all mistakes in a file at once, with their lines. A
+metric or signal that is not installed blocks only the requirement that uses it.
 """
 
 
 def metrics_page() -> str:
-    """Every metric with its unit, direction, formula and source, as Markdown."""
-    lines = [INTRODUCTION, "| id | metric | unit | worse | formula | source |", "|---|---|---|---|---|---|"]
+    """Return every metric with unit, direction, formula, source and what makes it worse, as Markdown."""
+    heads = ("id", "metric", "unit", "worse", "formula", "made worse by", "source")
+    lines = [INTRODUCTION, "| " + " | ".join(heads) + " |", "|" + "---|" * len(heads)]
     for info in METRICS.values():
-        cells = (f"`{info.id}`", info.title, info.unit, info.worse, info.formula, info.source)
+        cells = (f"`{info.id}`", info.title, info.unit, info.worse, info.formula, info.moved_by, info.source)
         lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
     return "\n".join(lines) + "\n"
 
 
 def requirements_page() -> str:
-    """Every shipped requirement with its measure, limit and reason, as Markdown."""
+    """Return every shipped requirement with its measure, limit and reason, as Markdown."""
     lines = [USER_FILES]
     for name, requirement in shipped_requirements().items():
         if requirement.formula is not None:
