@@ -14,7 +14,6 @@ from pathlib import Path
 from rvsg.core.errors import InputError
 from rvsg.core.records import Pose
 from rvsg.scenario.agents import HumanAgent
-from rvsg.simulation.embedded.base import MAX_V_M_S
 from rvsg.study.study_format import read_study_configuration
 from rvsg.world.grid import Grid
 
@@ -36,6 +35,8 @@ FROZEN_M = 0.3
 EARLY_STARTS_REPEATED = 0.01
 """Of the repeated runs people began early in about 1 %, of the single ones in 21 % (`PUBLISHED_EARLY_START`)."""
 STRAIGHT_ROWS = 5
+MAX_V_M_S = 0.5
+"""The study's velocity smoother let the robot drive this fast."""
 
 Values = dict[str, float]
 

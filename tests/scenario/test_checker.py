@@ -1,9 +1,10 @@
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from tests.scenario.small_world import GOOD, MISSION, WORLD, human, people, walk
 
-from rvsg.scenario.scenario import HumanConfiguration, Pause, Task
+from rvsg.scenario.scenario import HumanConfiguration, Mission, Pause, Task
 from rvsg.scenario.validity import RULES, check, warnings
 from rvsg.scenario.validity.rules import rules_page
 from rvsg.scenario.validity.sides import near_place
@@ -44,6 +45,17 @@ def test_each_rule_of_one_person_is_found_and_named(rule: str, tasks: tuple[str 
     assert findings[0].suggestion
 
 
+def test_a_hop_through_a_gap_too_narrow_for_a_person_is_refused() -> None:
+    cells = WORLD.occupancy.cells.copy()
+    cells[16:24, 20:28] = 100  # y -0.2 to 0.2, x 0.5 to 0.9: A1 and B1 lie on either side
+    cells[18:22, 20:28] = 0  # a gap of 0.2 m on the line
+    world = replace(WORLD, occupancy=replace(WORLD.occupancy, cells=cells))
+    cells[:16, 20:28] = cells[24:40, 20:28] = 100
+    mission = MISSION.model_copy(update={"world_id": world.id})
+    found = check(people(human("walk: A1 B1 A1")), mission, world)
+    assert [(finding.rule, finding.position) for finding in found] == [("too-narrow", 1), ("too-narrow", 2)]
+
+
 def test_a_finding_says_who_where_why_and_what_helps() -> None:
     (finding,) = check(people(human("Dock → Store: A1 B1 D1 E1", GOOD[1])), MISSION, WORLD)
     assert str(finding) == ('Ada, task "Dock → Store", waypoint 3: B1 and D1 are not neighbours. Walk B1 C1 D1.')
@@ -77,27 +89,31 @@ def test_explicit_areas_go_before_the_name_of_the_task() -> None:
     assert rules_of(people(human(task, "back: A3 A2 A1"))) == ["wrong-area"]
 
 
-@pytest.mark.parametrize(("away_m", "found"), [(0.0, True), (0.74, True), (0.76, False)])
-def test_nobody_may_start_in_contact_with_the_robot_and_a_gap_however_small_is_no_contact(
-    away_m: float, found: bool
-) -> None:
+def beside_the_robot(gap_m: float, axis: int) -> Mission:
+    """Return the mission with the robot this far from A1 along an axis: its front, or its side."""
+    assert MISSION.robot_record is not None
+    reach = max(abs(corner[axis]) for corner in MISSION.robot_record.outline) + human(*GOOD).radius_m
     x, y = WORLD.grid.position("A1")
-    start = MISSION.route.start.replace(x=x + away_m * 0.6, y=y + away_m * 0.8)
-    mission = MISSION.replace(route=MISSION.route.replace(start=start))
-    assert human(*GOOD).radius_m == 0.4  # the robot's is 0.35
-    rules = [finding.rule for finding in check(people(human(*GOOD)), mission, WORLD)]
+    away = (reach + gap_m, 0.0) if axis == 0 else (0.0, reach + gap_m)
+    start = MISSION.route.start.replace(x=x + away[0], y=y + away[1], yaw=0.0)
+    return MISSION.replace(route=MISSION.route.replace(start=start))
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize(("gap_m", "found"), [(-0.4, True), (-0.01, True), (0.01, False)])
+def test_nobody_may_start_in_contact_with_the_robots_body(gap_m: float, found: bool, axis: int) -> None:
+    rules = [finding.rule for finding in check(people(human(*GOOD)), beside_the_robot(gap_m, axis), WORLD)]
     assert ("spawn-on-robot" in rules) == found
 
 
-@pytest.mark.parametrize(("away_m", "found"), [(0.74, False), (0.76, True), (1.24, True), (1.26, False)])
-def test_a_start_hard_by_the_robot_is_a_warning_and_stays_valid(away_m: float, found: bool) -> None:
-    x, y = WORLD.grid.position("A1")
-    start = MISSION.route.start.replace(x=x + away_m * 0.6, y=y + away_m * 0.8)
-    mission = MISSION.replace(route=MISSION.route.replace(start=start))
-    told = warnings(people(human(*GOOD)), mission, WORLD)
-    assert [finding.rule for finding in told] == ["spawn-near-robot"] * found
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize(("gap_m", "found"), [(-0.01, False), (0.01, True), (0.49, True), (0.51, False)])
+def test_a_start_close_to_the_robot_is_a_warning_and_stays_valid(gap_m: float, found: bool, axis: int) -> None:
+    mission = beside_the_robot(gap_m, axis)
+    warned = warnings(people(human(*GOOD)), mission, WORLD)
+    assert [finding.rule for finding in warned] == ["spawn-near-robot"] * found
     assert "spawn-near-robot" not in [finding.rule for finding in check(people(human(*GOOD)), mission, WORLD)]
-    assert all(f"{away_m - 0.75:.2f} m" in str(finding) for finding in told)
+    assert all(f"{gap_m:.2f} m" in str(finding) for finding in warned)
 
 
 def test_two_people_may_not_start_in_the_same_place() -> None:

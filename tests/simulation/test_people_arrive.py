@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -11,8 +12,10 @@ from tests.simulation.test_people import CORRECT, FAR, crowd_of, human, walk, wo
 
 from rvsg.scenario.agents import HumanAgent
 from rvsg.scenario.scenario import Behaviour
+from rvsg.scenario.validity.walkable import is_walkable
 from rvsg.simulation.embedded.people import initial, reference, tick
 from rvsg.simulation.embedded.people.recorded import events_of
+from rvsg.world.grid import Grid, Waypoint
 from rvsg.world.io.load import load_world
 from rvsg.world.space import human_space
 from rvsg.world.world import World
@@ -87,6 +90,28 @@ class TestHops:
         ends = sorted({min(area.waypoints) for area in world.areas if area.waypoints})
         ways = (world.grid.shortest_path(a, b) for a in ends for b in ends if a != b)
         assert too_slow(world, [way for way in ways if way], 1.2) == []
+
+
+def gap_world(width_m: float, beside_m: float) -> World:
+    """Return a world with one hop of 2 m through a gap between two boxes, whose middle lies beside the line."""
+    gap = world_with((0.0, 2.0 + width_m / 2 + beside_m, 1.0, 4.0), (0.0, -2.0 - width_m / 2 + beside_m, 1.0, 4.0))
+    ends = (("A1", -1.0), ("A2", 1.0))
+    waypoints = tuple(Waypoint(name=name, x=x, y=0.0, row=0, column=i) for i, (name, x) in enumerate(ends))
+    return replace(gap, grid=Grid(rows=("A",), columns=("1", "2"), waypoints=waypoints, hops=(("A1", "A2"),)))
+
+
+class TestTheChecker:
+    @pytest.mark.parametrize("beside_m", [0.0, 0.1])
+    @pytest.mark.parametrize("width_m", [0.1, 0.2, 0.3, 0.4, 0.6])
+    def test_it_refuses_exactly_the_gaps_that_people_do_not_get_through(self, width_m: float, beside_m: float) -> None:
+        world = gap_world(width_m, beside_m)
+        for speed in (0.3, 1.5):
+            assert is_walkable("A1", "A2", world) == (too_slow(world, [("A1", "A2")], speed) == [])
+
+    @pytest.mark.parametrize("name", WORLDS)
+    def test_every_hop_of_the_shipped_worlds_is_walkable(self, name: str) -> None:
+        world = load_world(name)
+        assert [hop for hop in world.grid.hops if not is_walkable(*hop, world)] == []
 
 
 class TestStanding:

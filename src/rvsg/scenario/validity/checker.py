@@ -1,4 +1,4 @@
-"""The checker: every rule of `RULES` applied to a configuration."""
+"""Applies every rule of `RULES` to a configuration."""
 
 from __future__ import annotations
 
@@ -8,11 +8,13 @@ from collections import Counter
 from collections.abc import Iterator
 from itertools import pairwise
 
+from rvsg.robots.polygons import distance, inside
 from rvsg.scenario.dependence import changes_that_matter
 from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Task
 from rvsg.scenario.validity.findings import Finding
 from rvsg.scenario.validity.rules import MAX_HUMANS, ROBOT_RADIUS_M, SPEED_RANGE_M_S, START_CLEARANCE_M
 from rvsg.scenario.validity.sides import Side, near_place, sides, spelled
+from rvsg.scenario.validity.walkable import BODY_HALF_WIDTH_M, is_walkable
 from rvsg.world.space import human_space, robot_space
 from rvsg.world.world import World
 
@@ -58,9 +60,18 @@ def warnings(people: HumanConfiguration, mission: Mission, world: World) -> tupl
 
 
 def start_gap_m(radius_m: float, at: tuple[float, float], mission: Mission) -> float:
-    """Metres between the robot at its start and a person standing at a point, edge to edge; negative: they overlap."""
-    robot = mission.route.start
-    return math.dist(at, (robot.x, robot.y)) - ROBOT_RADIUS_M - radius_m
+    """Return the gap between the robot's body at its start and a person at a point, metres; negative: they overlap.
+
+    A robot that is known by name only counts as a disc of `ROBOT_RADIUS_M`.
+    """
+    start, robot = mission.route.start, mission.robot_record
+    if robot is None:
+        return math.dist(at, (start.x, start.y)) - ROBOT_RADIUS_M - radius_m
+    cos, sin = math.cos(start.yaw), math.sin(start.yaw)
+    dx, dy = at[0] - start.x, at[1] - start.y
+    ahead, left = dx * cos + dy * sin, dy * cos - dx * sin
+    away = distance(robot.outline, ahead, left)
+    return (-away if inside(robot.outline, ahead, left) else away) - radius_m
 
 
 def _labels(mission: Mission, world: World) -> bool:
@@ -84,7 +95,7 @@ def human_findings(human: Human, world: World, *, labels: bool = True) -> Iterat
 
 
 def waypoint_findings(name: str, world: World) -> Finding | None:
-    """What is wrong with the name of a waypoint, or None."""
+    """Return what is wrong with the name of a waypoint, or None."""
     grid = world.grid
     if name in grid.valid:
         return None
@@ -110,13 +121,13 @@ def _grid_extent(world: World) -> str:
 
 
 def hop_finding(a: str, b: str, world: World) -> Finding | None:
-    """What is wrong with walking straight from one valid waypoint to another, or None."""
+    """Return what is wrong with walking straight from one valid waypoint to another, or None."""
     grid = world.grid
     if b in grid.neighbours[a]:
-        return None
+        return None if is_walkable(a, b, world) else _too_narrow(a, b)
     if a == b:
         return Finding(
-            rule="repeated-waypoint", reason=f"{a} is named twice in a row.", suggestion="Say a stop as a pause."
+            rule="repeated-waypoint", reason=f"{a} is named twice in a row.", suggestion="Use a pause for a stop."
         )
     first, second = grid.by_name[a], grid.by_name[b]
     beside = abs(first.row - second.row) <= 1 and abs(first.column - second.column) <= 1
@@ -125,6 +136,14 @@ def hop_finding(a: str, b: str, world: World) -> Finding | None:
     if beside:
         return Finding(rule="leg-through-obstacle", reason=f"An obstacle lies between {a} and {b}.", suggestion=way)
     return Finding(rule="not-neighbours", reason=f"{a} and {b} are not neighbours.", suggestion=way)
+
+
+def _too_narrow(a: str, b: str) -> Finding:
+    return Finding(
+        rule="too-narrow",
+        reason=f"Nobody fits through between {a} and {b}: less than {2 * BODY_HALF_WIDTH_M:g} m is free.",
+        suggestion="Choose another way, or lay the grid with a larger hop_clearance_m.",
+    )
 
 
 def _path_findings(human: Human, task: Task, world: World) -> Iterator[Finding]:
@@ -290,7 +309,7 @@ def _crowd_findings(people: HumanConfiguration) -> Iterator[Finding]:
                 rule="same-name",
                 human=name,
                 reason=f"{count} people have this name.",
-                suggestion="Give each a name of their own.",
+                suggestion="Give each person a different name.",
             )
     sizes = Counter(human.group for human in people.humans if human.group is not None)
     for human in people.humans:
@@ -304,7 +323,7 @@ def _crowd_findings(people: HumanConfiguration) -> Iterator[Finding]:
 
 
 def spawn_findings(people: HumanConfiguration, mission: Mission, world: World) -> Iterator[Finding]:
-    """Who starts in an obstacle, on the robot or on somebody who is listed earlier."""
+    """Yield who starts in an obstacle, on the robot, or on somebody who is listed earlier."""
     placed: list[tuple[Human, tuple[float, float]]] = []
     for human in people.humans:
         at = human.starts_at(world.grid)
@@ -324,13 +343,14 @@ def spawn_finding(
     mission: Mission,
     world: World,
 ) -> Finding | None:
-    """What is wrong with a person starting at a point (metres, world frame), given those who are placed; or None."""
-    robot = mission.route.start
-    if math.dist(at, (robot.x, robot.y)) < ROBOT_RADIUS_M + human.radius_m:
+    """Return what is wrong with a person starting at a point (metres, world frame), given who is placed; or None."""
+    gap = start_gap_m(human.radius_m, at, mission)
+    if gap < 0.0:
+        start = mission.route.start
         return Finding(
             rule="spawn-on-robot",
-            reason=f"The start is {math.dist(at, (robot.x, robot.y)):.2f} m from where the robot stands.",
-            suggestion=f"Start at least {ROBOT_RADIUS_M + human.radius_m:.2f} m away from ({robot.x:g}, {robot.y:g}).",
+            reason=f"The person's body overlaps the robot's by {-gap:.2f} m at the start.",
+            suggestion=f"Start farther from ({start.x:g}, {start.y:g}), where the robot stands.",
         )
     for other, where in others:
         if math.dist(at, where) < human.radius_m + other.radius_m:
