@@ -599,3 +599,15 @@ def test_progress_is_told_model_by_model(tmp_path: Path) -> None:
     lines: list[str] = []
     load_sdf(write(tmp_path, model("a", box()) + model("b", box(), "9 0 0 0 0 0")), progress=lines.append)
     assert any("2 of 2" in line for line in lines)
+
+
+def test_a_large_open_box_is_a_room_of_thin_walls(tmp_path: Path) -> None:
+    trimesh = pytest.importorskip("trimesh")
+    room = trimesh.creation.box(extents=(8, 6, 3))
+    room.update_faces(room.face_normals[:, 2] < 0.5)  # without its ceiling
+    room.export(tmp_path / "room.stl")
+    inside = shape("<mesh><uri>room.stl</uri></mesh>", "0 0 1.5 0 0 0")
+    thing = only(load_sdf(write(tmp_path, model("Room", inside, "0 0 0 0 0 0"))))
+    filled = region(thing.slices)
+    assert filled.distance(shapely.Point(0, 0)) > 2.9
+    assert filled.distance(shapely.Point(4, 0)) < 0.01

@@ -48,7 +48,10 @@ def new(
         float, typer.Option(help="With --sdf, --objects: height of the lidar plane above the floor, metres.")
     ] = 0.21,
     floor: Annotated[float, typer.Option(help="With --sdf: height of the floor in the world in metres.")] = 0.0,
-    resolution: Annotated[float, typer.Option(help="With --sdf, --objects: metres per cell of the map drawn.")] = 0.05,
+    resolution: Annotated[
+        float | None,
+        typer.Option(help="With --sdf, --objects: metres per cell of the map. [0.05, coarser in a large building]"),
+    ] = None,
     without: Annotated[
         list[str] | None,
         typer.Option(metavar="NAME", help="With --sdf: leave out models of this name (robot*); repeatable."),
@@ -93,7 +96,7 @@ def new(
             "--box-for-unreadable": (box_for_unreadable, ("--sdf",)),
             "--lenient": (lenient, ("--sdf",)),
             "--floor": (floor != 0.0, ("--sdf",)),
-            "--resolution": (resolution != 0.05, ("--sdf", "--objects")),
+            "--resolution": (resolution is not None, ("--sdf", "--objects")),
             "--lidar-height": (lidar_height != 0.21, ("--sdf", "--objects")),
         },
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from rvsg.core.errors import InputError
 from rvsg.world.grid import Grid, GridSpec, Waypoint
-from rvsg.world.raster import Frame, inside_cells, outermost
+from rvsg.world.raster import inside_window, outermost
 from rvsg.world.space import Space
 from rvsg.world.world import SolidObject
 
@@ -211,13 +212,18 @@ def _with_what_stands_on_it(area: Any, objects: Sequence[SolidObject]) -> Any:
 
 
 def _footprint(thing: SolidObject) -> Any:
+    return _polygon(thing.footprint, thing.holes)
+
+
+@lru_cache(maxsize=256)
+def _polygon(footprint: tuple[tuple[float, float], ...], holes: tuple[tuple[tuple[float, float], ...], ...]) -> Any:
     from shapely import Polygon
 
-    return Polygon(thing.footprint, thing.holes).buffer(0)
+    return Polygon(footprint, holes).buffer(0)
 
 
 def open_share(outline: Sequence[tuple[float, float]], space: Space) -> float:
-    """The share of an area's cells that is free of obstacles."""
-    frame: Frame = space.frame
-    cells = inside_cells([outline], frame)
-    return float((space.field[cells] > 0).mean()) if cells.any() else 0.0
+    """Return the share of an area's cells that is free of obstacles."""
+    window, cells = inside_window(outline, space.frame)
+    count = int(np.count_nonzero(cells))
+    return float(np.count_nonzero(space.field[window][cells] > 0) / count) if count else 0.0

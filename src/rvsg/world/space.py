@@ -47,13 +47,22 @@ class Space:
 
         0 where the disc does not fit, else 1 and up, the larger part first.
         """
+        known = _parts.setdefault(self, {})
+        if radius not in known:
+            known.clear()  # large arrays: only the last radius is kept
+            known[radius] = self._labelled(radius)
+        return known[radius]
+
+    def _labelled(self, radius: float) -> NDArray[np.int32]:
         from scipy.ndimage import label
 
         parts, count = label((self.field > 0) & (self.field >= radius))
         sizes = np.bincount(parts.ravel(), minlength=count + 1)[1:]
         rank = np.zeros(count + 1, np.int32)
         rank[1 + np.argsort(-sizes, kind="stable")] = np.arange(1, count + 1)
-        return np.asarray(rank[parts])
+        ranked = np.asarray(rank[parts])
+        ranked.setflags(write=False)
+        return ranked
 
     def segments_free(self, starts: Floats, ends: Floats, radius: float = 0.0) -> Bools:
         """For n segments (n, 2) to (n, 2): whether a disc of this radius can move straight from end to end; (n,)."""
@@ -71,6 +80,9 @@ class Space:
     def segment_free(self, a: tuple[float, float], b: tuple[float, float], radius: float = 0.0) -> bool:
         """Whether a disc of this radius (metres) can move straight from `a` to `b`."""
         return bool(self.segments_free(np.array([a]), np.array([b]), radius)[0])
+
+
+_parts: WeakKeyDictionary[Space, dict[float, NDArray[np.int32]]] = WeakKeyDictionary()
 
 
 def frame_of(occupancy: OccupancyMap) -> Frame:

@@ -15,6 +15,7 @@ from rvsg.core.documents import read_document
 from rvsg.core.errors import FileError, InputError
 from rvsg.core.records import Pose
 from rvsg.world.authoring.labels import propose_areas
+from rvsg.world.authoring.rooms import indoors
 from rvsg.world.build import build_world
 from rvsg.world.grid import Grid, GridSpec
 from rvsg.world.io.files import COARSEST_M, FARTHEST_M, FINEST_M, HIGHEST_LIDAR_M, ObjectsFile
@@ -23,10 +24,13 @@ from rvsg.world.io.sdf import Progress, load_sdf
 from rvsg.world.lattice import build_grid, fitting_spacing
 from rvsg.world.occupancy import occupancy_from_objects
 from rvsg.world.space import Space, human_space_of, main_floor, robot_space
-from rvsg.world.world import FREE, Area, OccupancyMap, Route, SolidObject, World
+from rvsg.world.world import FREE, UNKNOWN, Area, OccupancyMap, Route, SolidObject, World
 
 ROUTES = 3
 OPEN_M = 2.0
+INDOOR_SHARE = 0.3  # with less floor between walls the place is a yard with things in it
+RESOLUTIONS_M = (0.05, 0.1, 0.2)
+EASY_CELLS = 8_000_000  # a larger map takes minutes and gigabytes
 LONGEST_ROUTE_M = 25.0
 SHORTEST_ROUTE_M = 3.0
 SECONDS_PER_M = 2.5  # the study gives its robot 2 to 2.5 s for a metre
@@ -83,7 +87,7 @@ def world_from_sdf(
     model_paths: Sequence[Path] = (),
     lidar_height_m: float = 0.21,
     floor_m: float = 0.0,
-    resolution_m: float = 0.05,
+    resolution_m: float | None = None,
     box_for_unreadable: bool = False,
     lenient: bool = False,
     without: Sequence[str] = (),
@@ -126,7 +130,7 @@ def world_from_objects(
     title: str = "",
     grid_spec: GridSpec | None = None,
     lidar_height_m: float = 0.21,
-    resolution_m: float = 0.05,
+    resolution_m: float | None = None,
 ) -> Created:
     """A world from our own file of objects (oriented boxes and polygons), mapped as a lidar would see them."""
     _refuse_absurd_sizes(resolution_m, lidar_height_m)
@@ -142,9 +146,9 @@ def world_from_objects(
         raise FileError(path, f"{error}") from None
 
 
-def _refuse_absurd_sizes(resolution_m: float, lidar_height_m: float, floor_m: float = 0.0) -> None:
-    """InputError for what world.yaml would not take back, and for what is no number (every comparison fails then)."""
-    if not FINEST_M <= resolution_m <= COARSEST_M:
+def _refuse_absurd_sizes(resolution_m: float | None, lidar_height_m: float, floor_m: float = 0.0) -> None:
+    """Raise InputError for sizes that world.yaml would not take back, and for NaN."""
+    if resolution_m is not None and not FINEST_M <= resolution_m <= COARSEST_M:
         raise InputError(f"the resolution must be {FINEST_M:g} to {COARSEST_M:g} metres per cell, got {resolution_m:g}")
     if not 0 < lidar_height_m <= HIGHEST_LIDAR_M:
         raise InputError(
@@ -154,14 +158,36 @@ def _refuse_absurd_sizes(resolution_m: float, lidar_height_m: float, floor_m: fl
         raise InputError(f"the height of the floor must be metres in the world, got {floor_m:g}")
 
 
-def _mapped(objects: Sequence[SolidObject], resolution_m: float, notes: list[str]) -> OccupancyMap:
-    """The map a lidar would draw; where no wall encloses the floor, with OPEN_M of floor round the objects."""
+def _mapped(objects: Sequence[SolidObject], resolution_m: float | None, notes: list[str]) -> OccupancyMap:
+    """Return the map a lidar would draw; where no wall encloses the floor, with OPEN_M of floor around the objects.
+
+    Without a resolution it is the finest of RESOLUTIONS_M that gives a map of at most EASY_CELLS cells.
+    """
+    if resolution_m is None:
+        resolution_m = _fitting_resolution(objects)
+        if resolution_m > RESOLUTIONS_M[0]:
+            notes.append(
+                f"the building is large, so the map has {resolution_m:g} m per cell instead of {RESOLUTIONS_M[0]:g} m; "
+                "--resolution sets another."
+            )
     occupancy = occupancy_from_objects(objects, resolution_m=resolution_m)
     cells = occupancy.cells
     if not any((edge == FREE).any() for edge in (cells[0], cells[-1], cells[:, 0], cells[:, -1])):
         return occupancy
-    notes.append(f"no wall encloses the floor: {OPEN_M:g} m of it round the objects are taken as free.")
+    inside = indoors(occupancy)
+    if inside.sum() >= INDOOR_SHARE * np.count_nonzero(cells == FREE):
+        notes.append("the building has openings to the outside; the floor outside of it is taken as unknown.")
+        bounded = np.where((cells == FREE) & ~inside, UNKNOWN, cells).astype(np.uint8)
+        return OccupancyMap(cells=bounded, resolution=occupancy.resolution, origin=occupancy.origin)
+    notes.append(f"no wall encloses the floor: {OPEN_M:g} m of it around the objects are taken as free.")
     return occupancy_from_objects(objects, resolution_m=resolution_m, margin_m=OPEN_M)
+
+
+def _fitting_resolution(objects: Sequence[SolidObject]) -> float:
+    corners = np.concatenate([np.asarray(thing.footprint, float) for thing in objects])
+    wide, high = np.ptp(corners, axis=0)
+    fits = [size for size in RESOLUTIONS_M if wide * high / size**2 <= EASY_CELLS]
+    return fits[0] if fits else RESOLUTIONS_M[-1]
 
 
 def _created(

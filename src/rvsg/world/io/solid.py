@@ -23,6 +23,8 @@ HEAD_M = 2.0  # what begins above lets a person pass
 SHEET_M = 0.01  # thickness given to an open surface, so that the lidar sees it
 MANY_FACES = 20_000
 SQUARE_M = 0.05
+ROOM_M2 = 20.0  # a surface this large that is open at the top is a room, not a container
+SAMPLES = 24
 _WELD_M = 1e-5
 _GRID_M = 1e-6
 
@@ -88,20 +90,43 @@ def connected(surface: Triangles) -> list[Triangles]:
 
 
 def cut(bodies: Sequence[Triangles], height: float) -> Any:
-    """The region (a shapely geometry) that the bodies fill at a height."""
+    """Return the region (a shapely geometry) that the bodies fill at a height.
+
+    A large body that is open at the top is a room of thin walls, not a block.
+    """
     solid: list[Any] = []
     hollow: list[Any] = []
     for body in bodies:
         region = _cut_one(body, height)
         if region is None:
             continue
-        (hollow if _volume(body) < -1e-9 else solid).append(region)
+        if region.area > ROOM_M2 and _is_open_above(body, region, height):
+            solid.append(region.boundary.buffer(SHEET_M / 2))
+        else:
+            (hollow if _volume(body) < -1e-9 else solid).append(region)
     if not solid:
         solid, hollow = hollow, []
     if not solid:
         return shapely.Polygon()
     filled = shapely.union_all(solid, grid_size=_GRID_M)
     return shapely.difference(filled, shapely.union_all(hollow)) if hollow else filled
+
+
+def _is_open_above(body: Triangles, region: Any, height: float) -> bool:
+    """Return whether most of a region has no face of the body above it."""
+    x0, y0, x1, y1 = region.bounds
+    grid = np.stack(np.meshgrid(np.linspace(x0, x1, SAMPLES), np.linspace(y0, y1, SAMPLES)), -1).reshape(-1, 2)
+    inside = grid[shapely.contains_xy(region, grid[:, 0], grid[:, 1])]
+    if not len(inside):
+        return False
+    corners = body.vertices[body.faces]
+    above = corners[(corners[..., 2] > height + _GRID_M).all(axis=1)][..., :2]
+    flat = shapely.polygons(above)
+    flat = flat[shapely.area(flat) > 1e-8]
+    if not len(flat):
+        return True
+    covered = np.unique(shapely.STRtree(flat).query(shapely.points(inside), predicate="intersects")[0])
+    return bool(len(covered) < 0.5 * len(inside))
 
 
 def _cut_one(body: Triangles, height: float) -> Any | None:
