@@ -69,6 +69,13 @@ _CHECKSUMS_SINCE = 2
 """The store version from which on runs have a checksum."""
 
 
+# Built once: building a statement takes longer than executing it, and these two are executed for every run.
+_KEEP = insert(_runs).on_conflict_do_nothing()
+_WANTED = _runs.c.id == sa.bindparam("wanted")
+_FIND = sa.select(_runs.c.header, _runs.c.arrays, _runs.c.checksum).where(_WANTED)
+_FIND_WITHOUT_CHECKSUM = sa.select(_runs.c.header, _runs.c.arrays, sa.null().label("checksum")).where(_WANTED)
+
+
 class SqliteLedger:
     """A ledger in one SQLite file, made where absent. Use it as a context manager, or `close` it.
 
@@ -226,10 +233,9 @@ class SqliteLedger:
 
     def find(self, run_id: str) -> Run | None:
         """The run of that id, or None."""
-        checksum = _runs.c.checksum if self._version >= _CHECKSUMS_SINCE else sa.null()
-        query = sa.select(_runs.c.header, _runs.c.arrays, checksum.label("checksum")).where(_runs.c.id == run_id)
+        query = _FIND if self._version >= _CHECKSUMS_SINCE else _FIND_WITHOUT_CHECKSUM
         with self._translated(), self._engine.connect() as connection:
-            row = connection.execute(query).one_or_none()
+            row = connection.execute(query, {"wanted": run_id}).one_or_none()
         if row is None:
             return None
         if not _is_whole(row):
@@ -296,7 +302,7 @@ class _Translated:
 def _keep(connection: sa.Connection, run: PackedRun) -> None:
     kept = {"header": "", "arrays": run.data, "checksum": _checksum("", run.data)}
     row = {"id": run.id, "scenario_id": run.scenario_id, "seed": run.seed} | kept
-    connection.execute(insert(_runs).on_conflict_do_nothing(), row)
+    connection.execute(_KEEP, row)
 
 
 def _is_whole(row: Any) -> bool:
