@@ -12,6 +12,7 @@ from rvsg.campaign.racing import Candidate, estimate, in_the_race
 from rvsg.campaign.ranking import best_attempt, measured, seeds_of
 from rvsg.core.errors import GenerationError
 from rvsg.generation.generator import Proposal
+from rvsg.scenario.aim import Aim
 from rvsg.scenario.brief import Brief
 
 PLAN = {"scenarios": 5, "refinements": 3, "repeats": 3, "confirmations": 0, "budget_runs": 60}
@@ -28,6 +29,10 @@ def searched(ledger: MemoryLedger, generator: object = None, jobs: int = 1, **ch
 @pytest.fixture(scope="module")
 def whole() -> list[Attempt]:
     return searched(MemoryLedger())
+
+
+def test_its_briefs_say_what_the_people_should_bring_about(whole: list[Attempt]) -> None:
+    assert {a.brief.aim for a in whole} == {Aim.SHARE}
 
 
 def test_it_spends_its_runs_and_no_more(whole: list[Attempt]) -> None:

@@ -12,7 +12,7 @@ from rvsg.api.wiring import Wired
 from rvsg.api.worlds import as_world, folder_of
 from rvsg.core import plugins
 from rvsg.core.plugins import Spec
-from rvsg.evaluation.aims import aim_of
+from rvsg.evaluation.aims import aim_of, moved_by
 from rvsg.generation.generator import Generator, Proposal
 from rvsg.scenario.brief import Brief, Feedback
 from rvsg.scenario.requirement import Requirement
@@ -73,6 +73,7 @@ def brief_of(
         mission=mission,
         requirement=requirement,
         aim=aim_of(requirement),
+        moved_by=moved_by(requirement) if requirement else "",
         kind="refine" if feedback else "new",
         humans=humans,
         seed=seed,

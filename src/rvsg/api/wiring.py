@@ -18,6 +18,7 @@ from rvsg.campaign.measuring import Measuring
 from rvsg.campaign.parallel import Executor, Simulations
 from rvsg.campaign.parts import Parts
 from rvsg.campaign.plan import Plan
+from rvsg.campaign.rehearsing import rehearsing
 from rvsg.campaign.strategies import Strategy
 from rvsg.core import plugins
 from rvsg.core.errors import InputError
@@ -118,6 +119,8 @@ def wire(
     if generator is None:
         generator = plugins.make("generator", config.generator_name, generator_options(config, paths))
     plugins.check_complete("generator", generator, Generator)
+    if hasattr(generator, "rehearse"):
+        generator.rehearse = rehearsing(simulator, world, seed=config.seed)
     plugins.check_options("store", config.store, config.store_options, given=1)
     plan = Plan(
         name=f"{world.name}-{route.name}-{requirement.name}-{config.generator_name}-{config.strategy}-{config.seed}",

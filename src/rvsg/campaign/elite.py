@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rvsg.campaign.attempt import Attempt
+from rvsg.campaign.feedback import with_history
 from rvsg.campaign.ranking import remember, worst_by_mean
 from rvsg.campaign.strategies import StudyStrategy
 from rvsg.core.seeds import seed_for
@@ -44,6 +45,7 @@ class EliteStrategy(StudyStrategy):
         at, scenario = chosen.index(best), best.brief.scenario_index
         tried = sum(brief.scenario_index == scenario for brief in self._briefs)
         feedback = self.feedback_of(best, chosen[at - 1] if at > 0 else None)
+        feedback = with_history(feedback, chosen, self.plan.requirement)
         return self._brief(index, (scenario, tried), feedback=feedback)
 
     def _standing(self, known: list[Attempt]) -> list[list[Attempt]]:

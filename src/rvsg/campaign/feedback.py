@@ -6,18 +6,23 @@ Distances between robot and human are gaps: centre distance less both radii, so 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.campaign.attempt import Attempt
+from rvsg.campaign.ranking import measured, worst_by_mean
+from rvsg.campaign.walks import arrivals, side_of, walk_of
 from rvsg.evaluation.aims import series_name, series_of
 from rvsg.evaluation.naming import WaypointNames
 from rvsg.evaluation.sampled import Sampled
 from rvsg.evaluation.statistics import welch
 from rvsg.evaluation.verdict import Verdict
-from rvsg.scenario.brief import Feedback, HumanInfluence, Moment, Sample
+from rvsg.scenario.brief import Feedback, HumanInfluence, Moment, Part, PersonAt, Row, Sample, Tried
+from rvsg.scenario.differences import differences
 from rvsg.scenario.requirement import Requirement
+from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.run import Run, Trajectory
 from rvsg.world.grid import Grid
 from rvsg.world.world import World
@@ -31,6 +36,7 @@ MEETING_M = 3.0
 APART_S = 3.0
 """Decisive moments of one kind that are closer together than this are one moment."""
 SERIES_PERIOD_S = 1.0
+ROW_PERIOD_S = 2.0
 
 
 def feedback_of(
@@ -61,6 +67,7 @@ def feedback_of(
         raise ValueError("an attempt without an objective has no feedback")
     worst = worst_run(attempt, runs, requirement)
     before = previous.verdict if previous else None
+    times = [float(run.trajectory.t[-1]) for run in runs if run.completed]
     return Feedback(
         scenario=scenario,
         objectives=verdict.objectives,
@@ -75,7 +82,90 @@ def feedback_of(
         influences=influences(attempt, runs, grid),
         series=series(worst, grid, requirement, world),
         series_of=series_name(requirement),
+        rows=rows_of(worst, scenario, grid, requirement, world),
+        parts=parts_of(worst, requirement, world),
+        arrivals={
+            human.name: arrivals(walk_of(worst, h, human, grid), human, grid)
+            for h, human in enumerate(scenario.people.humans)
+        },
+        arrival_s=float(np.mean(times))
+        if (times := [float(r.trajectory.t[-1]) for r in runs if r.completed])
+        else None,
+        arrived=sum(run.completed for run in runs),
+        touched=sum(bool((gaps(run) <= 0.0).any()) for run in runs),
     )
+
+
+def with_history(
+    feedback: Feedback, attempts: Sequence[Attempt], requirement: Requirement, *, most: int = 8
+) -> Feedback:
+    """Return the feedback with the best configuration of the scenario so far, and the last ones that were tried.
+
+    Args:
+        attempts: The attempts of the scenario, in order.
+        most: How many tried configurations to keep.
+    """
+    known = [(a.proposal.scenario, a.mean) for a in measured(attempts)]
+    tried, before = [], None
+    for scenario, mean in known:
+        if scenario is None or mean is None:
+            continue
+        change = differences(before.people, scenario.people) if before is not None else "first configuration"
+        tried.append(Tried(mean=mean, change=change))
+        before = scenario
+    best = worst_by_mean(attempts, requirement)
+    scenario = best.proposal.scenario if best else None
+    other = scenario is not None and scenario.people != feedback.scenario.people
+    return feedback.replace(
+        best=scenario if other else None,
+        best_mean=best.mean if best else None,
+        tried=tuple(tried[-most:]) if len(tried) > 1 else (),
+    )
+
+
+def rows_of(
+    run: Run, scenario: Scenario, grid: Grid, requirement: Requirement, world: World | None = None
+) -> tuple[Row, ...]:
+    """Return the run every two seconds: the robot, what everybody does, and the value that is judged."""
+    path = run.trajectory
+    if len(path) == 0:
+        return ()
+    wanted = np.arange(0.0, float(path.t[-1]) + 1e-9, ROW_PERIOD_S)
+    samples = np.clip(np.searchsorted(path.t, wanted - 1e-9), 0, len(path) - 1)
+    values = series_of(run, requirement, world=world)
+    names = WaypointNames(grid)
+    walks = [walk_of(run, h, human, grid) for h, human in enumerate(scenario.people.humans)]
+    found = []
+    for k in map(int, samples):
+        at = names.nearest(path.human_x[k], path.human_y[k])
+        away = np.hypot(path.human_x[k] - path.x[k], path.human_y[k] - path.y[k])
+        people = {
+            name: PersonAt(
+                at=at[h], doing=walks[h].doing[k], side=side_of(run, k, h), distance_m=round(float(away[h]), 2)
+            )
+            for h, name in enumerate(run.human_names)
+        }
+        value = round(float(values[k]), 2) if np.isfinite(values[k]) else None
+        robot = names.nearest(path.x[k : k + 1], path.y[k : k + 1])[0]
+        found.append(Row(time_s=round(float(path.t[k]), 1), robot_at=robot, people=people, value=value))
+    return tuple(found)
+
+
+def parts_of(run: Run, requirement: Requirement, world: World | None = None) -> tuple[Part, ...]:
+    """Return the mean of the judged value in every quarter of the drive."""
+    t, values = run.trajectory.t, series_of(run, requirement, world=world)
+    if not len(t):
+        return ()
+    edges = np.linspace(float(t[0]), float(t[-1]), 5)
+    found = []
+    for start, end in pairwise(edges):
+        inside = values[(t >= start) & (t <= end)]
+        inside = inside[np.isfinite(inside)]
+        if len(inside):
+            found.append(
+                Part(start_s=round(float(start), 1), end_s=round(float(end), 1), mean=round(float(inside.mean()), 3))
+            )
+    return tuple(found)
 
 
 def worst_run(attempt: Attempt, runs: Sequence[Run], requirement: Requirement) -> Run:

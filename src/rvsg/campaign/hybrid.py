@@ -14,11 +14,13 @@ from collections.abc import Generator, Sequence
 import numpy as np
 
 from rvsg.campaign.attempt import Attempt
+from rvsg.campaign.feedback import with_history
 from rvsg.campaign.plan import Plan
 from rvsg.campaign.racing import Candidate, estimate, in_the_race
 from rvsg.campaign.ranking import remember
 from rvsg.campaign.strategies import Ask, Batches, BatchStrategy, FeedbackOf
 from rvsg.core.seeds import seed_for
+from rvsg.evaluation.aims import aim_of, moved_by
 from rvsg.generation.answer import answer
 from rvsg.generation.tuning import Mutations, TuningSpace
 from rvsg.scenario.brief import Brief
@@ -102,7 +104,9 @@ class HybridStrategy(BatchStrategy):
             parent = ranked[min(len(ranked), int(rng.geometric(0.35))) - 1]
             if rng.random() < self.refine:
                 last = self._attempt_of(parent)
-                feedback = self.feedback_of(last, None)
+                scenario = parent.brief.scenario_index
+                siblings = [a for a in self.told if a.brief.scenario_index == scenario]
+                feedback = with_history(self.feedback_of(last, None), siblings, self.plan.requirement)
                 brief = self._brief("refine", parent.brief.scenario_index, self._next(parent), feedback=feedback)
                 asks.append(Ask(brief=brief, seeds=self._seeds(1)))
                 origins.append((parent, "refine"))
@@ -145,6 +149,8 @@ class HybridStrategy(BatchStrategy):
         return Brief(
             mission=self.plan.mission,
             requirement=self.plan.requirement,
+            aim=aim_of(self.plan.requirement),
+            moved_by=moved_by(self.plan.requirement),
             kind=kind,
             humans=self.plan.humans,
             seed=seed_for(self.plan.seed, "brief", self.asked - 1),

@@ -11,11 +11,12 @@ from collections.abc import Callable, Generator, Iterable
 from typing import Protocol
 
 from rvsg.campaign.attempt import Attempt
+from rvsg.campaign.feedback import with_history
 from rvsg.campaign.plan import Plan
 from rvsg.campaign.ranking import remember, seeds_of, worst_by_mean
 from rvsg.core.records import Record
 from rvsg.core.seeds import seed_for
-from rvsg.evaluation.aims import aim_of
+from rvsg.evaluation.aims import aim_of, moved_by
 from rvsg.generation.generator import Proposal
 from rvsg.scenario.brief import Brief, Feedback, Remembered
 from rvsg.world.world import World
@@ -175,6 +176,7 @@ class StudyStrategy:
             return self._brief(index, (scenario, configuration), memory=memory)
         at = self._refines(measured)
         feedback = self.feedback_of(measured[at], measured[at - 1] if at > 0 else None)
+        feedback = with_history(feedback, measured, self.plan.requirement)
         return self._brief(index, (scenario, configuration), feedback=feedback)
 
     def _place(self, index: int) -> tuple[int, int, int]:
@@ -197,6 +199,7 @@ class StudyStrategy:
             mission=self.plan.mission,
             requirement=self.plan.requirement,
             aim=aim_of(self.plan.requirement),
+            moved_by=moved_by(self.plan.requirement),
             kind="refine" if feedback else "new",
             humans=self.plan.humans,
             seed=seed_for(self.plan.seed, "brief", index),

@@ -23,19 +23,20 @@ from rvsg.core.records import canonical_json
 from rvsg.generation.answer import inherited_description
 from rvsg.generation.dialogue import Dialogue
 from rvsg.generation.environment import description_of
-from rvsg.generation.facts import brief_facts, configuration_object, human_names, world_facts
+from rvsg.generation.facts import brief_facts, configuration_object, drive_facts, human_names, world_facts
 from rvsg.generation.generator import Generator, Proposal
 from rvsg.generation.pictures import pictures_of
 from rvsg.generation.prompts import Prompts, number
+from rvsg.generation.rehearsal import Rehearsal, Rehearse, surprises
 from rvsg.generation.replies import Reply, read_configuration, read_description, read_path_lines
 from rvsg.generation.shape import configuration_shape
 from rvsg.generation.vlm.messages import Answer, Message
 from rvsg.generation.vlm.model import Model
-from rvsg.generation.vlm.recording import TOLD
+from rvsg.generation.vlm.recording import TOLD, place_of
 from rvsg.generation.vlm.watching import Tell
 from rvsg.generation.wiring import Access, wired
 from rvsg.scenario.brief import Brief
-from rvsg.scenario.scenario import HumanConfiguration, Scenario
+from rvsg.scenario.scenario import HumanConfiguration, Mission, Scenario
 from rvsg.scenario.validity import Finding, Repair, check, repair
 from rvsg.world.world import World
 
@@ -54,6 +55,8 @@ class _Judged:
 class VlmGenerator(Generator):
     """Answers briefs by a conversation with a vision language model.
 
+    `rehearse`, which whoever puts a campaign together may set, simulates a configuration before it is accepted: what
+    does not happen as planned goes back at most `rehearsals` times. `provoking` offers the threatening behaviour.
     `model` is a model's name (`openai-chat:gpt-4.1`) or anything with `ask`; None where `replay` names a folder of
     recorded calls. `folder` is the campaign's: calls are recorded in `folder/vlm`, and templates in `folder/prompts`
     stand in for the shipped ones. The other options are those of `wiring.Access`.
@@ -65,6 +68,8 @@ class VlmGenerator(Generator):
         *,
         conversation: Conversation = "compact",
         corrections: int = 2,
+        rehearsals: int = 1,
+        provoking: bool = False,
         folder: str | Path | None = None,
         prompts: str | Path | None = None,
         **access: Any,
@@ -73,7 +78,13 @@ class VlmGenerator(Generator):
             raise InputError(f'There is no conversation "{conversation}". Choose compact or study.')
         if not 0 <= corrections <= 10:
             raise InputError(f"The rounds of corrections must be between 0 and 10, got {corrections}.")
+        if not 0 <= rehearsals <= 10:
+            raise InputError(f"The rehearsals must be between 0 and 10, got {rehearsals}.")
         self.conversation = conversation
+        self.rehearsals = rehearsals
+        self.provoking = provoking
+        self.rehearse: Rehearse | None = None
+        self._undisturbed: dict[str, Rehearsal] = {}
         self.corrections = corrections
         beside = Path(folder) / "prompts" if folder else None
         self.prompts = Prompts(prompts if prompts is not None else beside if beside and beside.is_dir() else None)
@@ -137,7 +148,8 @@ class VlmGenerator(Generator):
 
     def opening(self, brief: Brief, world: World) -> Dialogue:
         """The dialogue before the first question: what every call of the campaign has in common."""
-        facts = world_facts(world, description_of(world)) | brief_facts(brief, world)
+        facts = world_facts(world, description_of(world)) | brief_facts(brief, world, provoking=self.provoking)
+        facts |= {"drive": drive_facts(self._undisturbed_drive(brief.mission))}
         pictures = pictures_of(world, brief.mission.route)
         dialogue = Dialogue(self.wiring.model, self.prompts, _session(brief), facts, pictures=pictures)
         if self.conversation == "study":
@@ -149,6 +161,14 @@ class VlmGenerator(Generator):
         if self.conversation == "compact":
             dialogue.tell("compact-context", shown=pictures, stable=True)
         return dialogue
+
+    def _undisturbed_drive(self, mission: Mission) -> Rehearsal | None:
+        """The drive without people, simulated once per mission; None without a simulator to ask."""
+        if self.rehearse is None:
+            return None
+        if mission.id not in self._undisturbed:
+            self._undisturbed[mission.id] = self.rehearse(mission, HumanConfiguration(humans=()))
+        return self._undisturbed[mission.id]
 
     def first_prompts(self, brief: Brief, world: World) -> tuple[Message, ...]:
         """The messages of the first call for a brief, without making it."""
@@ -176,7 +196,46 @@ class VlmGenerator(Generator):
         while judged[-1].findings and len(judged) <= self.corrections:
             answer = self._ask_again(dialogue, judged[-1], "compact-correction", "correct", shape)
             judged.append(self._judge(answer, brief, world))
+        self._rehearsed(dialogue, judged, brief, world)
         return judged, _described(judged)
+
+    def _rehearsed(self, dialogue: Dialogue, judged: list[_Judged], brief: Brief, world: World) -> None:
+        """Rehearse a valid answer, and ask for a better one where something does not happen as planned.
+
+        In a replay the recorded answer after the rehearsal is taken, where there is one: what a rehearsal shows may
+        change with every improvement of the simulator, the recorded answers do not.
+        """
+        for _ in range(self.rehearsals):
+            people = judged[-1].reply.people
+            if judged[-1].findings or people is None:
+                return
+            rehearsal = Rehearsal(robot=(), arrival_s=None)
+            found: tuple[str, ...] = ()
+            if self.rehearse is not None:
+                rehearsal = self.rehearse(brief.mission, people)
+                found = surprises(rehearsal, judged[-1].reply.plan)
+            if not (self._has_recorded_rehearsal(dialogue) if self.wiring.replaying else found):
+                return
+            answer = dialogue.ask(
+                "rehearse",
+                "compact-rehearsal",
+                shape=configuration_shape(rich=True),
+                surprises=list(found),
+                rehearsal=rehearsal.model_dump(mode="json"),
+            )
+            revised = self._judge(answer, brief, world)
+            if revised.findings or revised.reply.people is None:
+                return  # the valid answer before it stands
+            judged.append(revised)
+
+    def _has_recorded_rehearsal(self, dialogue: Dialogue) -> bool:
+        """Whether the next call of the dialogue was recorded as one about a rehearsal."""
+        recording, number = self.wiring.recording, len(dialogue.calls) + 1
+        ending = f"/{number:02d}-rehearse"
+        place = place_of(dialogue.session)
+        return recording is not None and any(
+            call.key.endswith(ending) and place_of(call.session) == place for call in recording
+        )
 
     def _before_compact(self, dialogue: Dialogue, brief: Brief) -> None:
         """A refinement answers on top of the configuration that was simulated, in the form answers have."""

@@ -7,9 +7,11 @@ import math
 from collections.abc import Iterable
 from typing import Any
 
+from rvsg.generation.rehearsal import Rehearsal
+from rvsg.robots import Robot, shipped_robots
 from rvsg.scenario.brief import Brief, Feedback, Remembered
 from rvsg.scenario.requirement import Requirement
-from rvsg.scenario.scenario import Behaviour, HumanConfiguration
+from rvsg.scenario.scenario import Behaviour, HumanConfiguration, Mission
 from rvsg.world.grid import Grid
 from rvsg.world.route_words import route_paragraph
 from rvsg.world.world import Description, Route, World
@@ -19,12 +21,15 @@ LONGEST_SERIES = 120
 
 MEANINGS = {
     Behaviour.REGULAR: "gives way to the robot as to another person, and walks on",
-    Behaviour.IMPASSIVE: "takes the robot for a thing and walks round it",
-    Behaviour.SURPRISED: "stops and looks when the robot comes near",
-    Behaviour.SCARED: "slows down and keeps well away from the robot",
-    Behaviour.CURIOUS: "leaves the way for a while to come up to the robot",
-    Behaviour.THREATENING: "steps in front of the robot for a while",
+    Behaviour.IMPASSIVE: "takes the robot for a thing: walks round it as round a wall, and does not step aside",
+    Behaviour.SURPRISED: "stops and looks at the robot for up to 30 s once it is within 4 m and in view",
+    Behaviour.SCARED: "keeps away from the robot at 0.6 m/s for up to 40 s once it is within 3 m and in view",
+    Behaviour.CURIOUS: "leaves the way for up to 40 s to come up to the robot, to 1.5 m",
+    Behaviour.THREATENING: "stands 1.4 m in front of the robot for up to 40 s once it is in view",
 }
+"""What HuNavSim's behaviours do, with the default distances and durations of `rvsg.scenario.agents`."""
+PROVOKING = frozenset({Behaviour.THREATENING})
+"""Behaviours against the robot: offered only where the generator's option `provoking` allows them."""
 
 
 def human_names(count: int) -> tuple[str, ...]:
@@ -38,6 +43,7 @@ def world_facts(world: World, description: Description | None = None) -> dict[st
     grid = world.grid
     return {
         "world_title": world.title,
+        "provoking": False,
         "activities": list(world.activities),
         "layout": described.layout if described else "",
         "grid": described.grid if described else "",
@@ -51,22 +57,27 @@ def world_facts(world: World, description: Description | None = None) -> dict[st
             }
             for area in world.areas
         ],
-        "rows": [{"name": name, "x": x} for name, x in _middles(grid, "row")],
-        "columns": [{"name": name, "y": y} for name, y in _middles(grid, "column")],
+        "rows": [{"name": name, "at": at} for name, at in grid.row_positions.items()],
+        "columns": [{"name": name, "at": at} for name, at in grid.column_positions.items()],
+        "row_axis": grid.up,
+        "column_axis": grid.across,
         "neighbours": [{"name": name, "to": list(others)} for name, others in grid.neighbours.items()],
+        **neighbour_rule(grid),
         "invalid": [waypoint.name for waypoint in grid.waypoints if not waypoint.human],
     }
 
 
-def brief_facts(brief: Brief, world: World) -> dict[str, Any]:
+def brief_facts(brief: Brief, world: World, *, provoking: bool = False) -> dict[str, Any]:
     """Route, requirement, humans, memory and feedback of a brief."""
     requirement = brief.requirement
     return {
         "route": route_facts(brief.mission.route, world),
-        "requirement": requirement_facts(requirement) if requirement else None,
+        "requirement": requirement_facts(requirement) | {"moved_by": brief.moved_by} if requirement else None,
+        "robot": robot_facts(brief.mission),
         "humans": brief.humans,
         "names": list(human_names(brief.humans)),
-        "behaviours": [{"name": b.value, "meaning": MEANINGS[b]} for b in Behaviour],
+        "behaviours": [{"name": b.value, "meaning": MEANINGS[b]} for b in Behaviour if provoking or b not in PROVOKING],
+        "provoking": provoking,
         "speed_range": list(SPEED_RANGE_M_S),
         "memory": [_remembered(earlier) for earlier in brief.memory],
         "feedback": feedback_facts(brief.feedback, requirement) if brief.feedback else None,
@@ -92,6 +103,20 @@ def route_facts(route: Route, world: World) -> dict[str, Any]:
         "described_by_user": bool(route.description),
         "time_limit_s": route.time_limit_s,
         "length_m": sum(math.dist(a, b) for a, b in itertools.pairwise(points)),
+    }
+
+
+def robot_facts(mission: Mission) -> dict[str, Any] | None:
+    """Speed, size and goal tolerance of the robot; None for a robot that only another simulator knows."""
+    robot = mission.robot if isinstance(mission.robot, Robot) else shipped_robots().get(mission.robot)
+    if robot is None:
+        return None
+    xs, ys = ([point[i] for point in robot.footprint] for i in (0, 1))
+    return {
+        "speed_m_s": min(robot.limits.speed_m_s, robot.navigation.smoother.max_speed_m_s or math.inf),
+        "length_m": max(xs) - min(xs),
+        "width_m": max(ys) - min(ys),
+        "goal_tolerance_m": robot.navigation.behaviours.goal_tolerance_m,
     }
 
 
@@ -134,6 +159,12 @@ def feedback_facts(feedback: Feedback, requirement: Requirement | None) -> dict[
             for moment in feedback.moments
         ],
         "series_of": feedback.series_of,
+        **{
+            key: value
+            for key, value in feedback.model_dump(mode="json").items()
+            if key in ("rows", "parts", "arrivals", "arrival_s", "arrived", "touched", "best_mean", "tried")
+        },
+        "best": configuration_object(feedback.best.people) if feedback.best else None,
         "series": [sample.model_dump(mode="json") for sample in feedback.series[:LONGEST_SERIES]],
     }
 
@@ -168,11 +199,36 @@ def _remembered(earlier: Remembered) -> dict[str, Any]:
     }
 
 
-def _middles(grid: Grid, axis: str) -> Iterable[tuple[str, float]]:
-    """Every row with its middle x, or every column with its middle y, over the waypoints on it."""
-    names = grid.rows if axis == "row" else grid.columns
-    for index, name in enumerate(names):
-        on_it = [w for w in grid.waypoints if getattr(w, axis) == index]
-        values = sorted(w.x if axis == "row" else w.y for w in on_it)
-        if values:
-            yield name, values[len(values) // 2]
+def neighbour_rule(grid: Grid) -> dict[str, Any]:
+    """Return the neighbour list as a rule and its exceptions, which is far shorter than the list.
+
+    `diagonal` says whether the rule joins diagonal waypoints; `not_joined` are pairs that the rule joins and the map
+    does not, by their first waypoint, `also_joined` pairs that the map joins and the rule does not.
+    """
+    valid = [waypoint for waypoint in grid.waypoints if waypoint.human]
+    at = {(waypoint.row, waypoint.column): waypoint.name for waypoint in valid}
+    free = {frozenset(hop) for hop in grid.hops}
+    straight, diagonal = set[frozenset[str]](), set[frozenset[str]]()
+    for (row, column), name in at.items():
+        for (down, right), pairs in (((0, 1), straight), ((1, 0), straight), ((1, 1), diagonal), ((1, -1), diagonal)):
+            if other := at.get((row + down, column + right)):
+                pairs.add(frozenset((name, other)))
+    with_diagonals = len(diagonal - free) <= len(diagonal & free)
+    ruled = straight | diagonal if with_diagonals else straight
+    order = {waypoint.name: i for i, waypoint in enumerate(grid.waypoints)}
+
+    def listed(pairs: Iterable[frozenset[str]]) -> list[dict[str, Any]]:
+        found: dict[str, list[str]] = {}
+        for first, second in sorted(sorted(pair, key=order.__getitem__) for pair in pairs):
+            found.setdefault(first, []).append(second)
+        return [{"name": name, "to": sorted(to, key=order.__getitem__)} for name, to in found.items()]
+
+    return {"diagonal": with_diagonals, "not_joined": listed(ruled - free), "also_joined": listed(free - ruled)}
+
+
+def drive_facts(undisturbed: Rehearsal | None) -> dict[str, Any] | None:
+    """The undisturbed drive as prompts tell it; None where it is not known."""
+    if undisturbed is None or not undisturbed.robot:
+        return None
+    line = [{"time_s": time, "at": at} for time, at in undisturbed.robot]
+    return {"line": line, "arrival_s": undisturbed.arrival_s}

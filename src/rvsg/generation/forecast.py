@@ -169,7 +169,7 @@ class _People:
         self.v = np.zeros_like(self.p)
         self.speed = np.array([[h.speed_m_s for h in humans] for humans in variants]) * paces[:, None]
         self.heeds = np.array([[h.behaviour is not Behaviour.IMPASSIVE for h in humans] for humans in variants])
-        self.wait = np.array([[h.start_delay_s for h in humans] for humans in variants]) + self.stops[:, :, 0]
+        self.wait = np.array([[h.start_delay_s for h in humans] for humans in variants])
         self.next = np.minimum(1, self.count - 1)
         self._rows = np.ix_(range(shape[0]), range(shape[1]))
 

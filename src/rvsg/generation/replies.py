@@ -39,7 +39,7 @@ _SPEED = ("speed_m_s", "speed", "walking_speed", "walking_speed_m_s", "max_speed
 _DELAY = ("start_delay_s", "start_delay", "delay", "delay_s")
 _DESCRIPTION = ("description", "scenario", "scenario_description")
 _ANALYSIS = ("analysis", "reasoning", "thoughts", "explanation")
-_KNOWN_HUMAN = {*_NAME, *_TASKS, *_SPEED, *_DELAY, "behaviour", "behavior", "group", "role", "start", "note"}
+_KNOWN_HUMAN = {*_NAME, *_TASKS, *_SPEED, *_DELAY, "behaviour", "behavior", "group", "role", "start", "note", "plan"}
 _STUDY_KEY = re.compile(
     r"^\s*((?:worker|human|person|agent|pedestrian)\s*_?\s*\w+?)[\s_]*(?:tasks?)?\s*$", re.IGNORECASE
 )
@@ -57,6 +57,8 @@ class Reply:
     people: HumanConfiguration | None = None
     description: str = ""
     analysis: str = ""
+    plan: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    """When each person is planned to be at which waypoint (s)."""
     findings: tuple[Finding, ...] = ()
     repairs: tuple[Repair, ...] = ()
     mended: tuple[str, ...] = ()
@@ -101,6 +103,7 @@ def read_configuration(text: str, names: Sequence[str] | None = None) -> Reply:
         people=HumanConfiguration(humans=tuple(humans)) if humans else None,
         description=_text(holder, _DESCRIPTION),
         analysis=_text(holder, _ANALYSIS) or _prose(text, found),
+        plan=_plan_of(people_value),
         findings=tuple(notes.findings),
         repairs=tuple(notes.repairs),
         mended=source.mended,
@@ -213,6 +216,20 @@ def _keys_of(value: Any) -> str:
 
 
 # -- one human -------------------------------------------------------------------------------------
+
+
+def _plan_of(people: _People) -> dict[str, dict[str, float]]:
+    """The planned moments of everybody; what cannot be read as one is left out: a plan decides nothing."""
+    plans: dict[str, dict[str, float]] = {}
+    for name, value in people:
+        listed = value.get("plan") if isinstance(value, dict) else None
+        moments = [m for m in listed[:MAX_TASKS] if isinstance(m, dict)] if isinstance(listed, list) else []
+        called = _name(name or _scalar(_get(value, _NAME)) or "Human", _Notes()) if moments else ""
+        for moment in moments:
+            at, time = _scalar(moment.get("at")).strip(), _number(moment.get("time_s"))
+            if at and time is not None and 0.0 <= time <= LONGEST_S:
+                plans.setdefault(called, {}).setdefault(at, time)
+    return plans
 
 
 def _human(name: str | None, value: Any, notes: _Notes) -> Human | None:

@@ -39,6 +39,7 @@ def configuration_shape(*, rich: bool, described: bool = True) -> dict[str, Any]
             "speed_m_s": NUMBER,
             "start_delay_s": NUMBER,
             "group": {"type": ["integer", "null"]},
+            "plan": {"type": "array", "items": _object({"at": TEXT, "time_s": NUMBER})},
             "tasks": {"type": "array", "items": _object({**task, "pauses": _PAUSES})},
         }
     )

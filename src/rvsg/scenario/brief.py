@@ -42,6 +42,51 @@ class Sample(Record):
     value: float | None = None
 
 
+class PersonAt(Record):
+    """One person at one moment, as seen from the robot."""
+
+    at: str
+    """Nearest waypoint."""
+    doing: str
+    """`waiting to start`, `walking leg 3 of 12`, `pausing` or `stuck`."""
+    side: str
+    """`ahead`, `left`, `right` or `behind` of the robot."""
+    distance_m: float
+    """Distance of the centres."""
+
+
+class Row(Record):
+    """One line of the table of a run: robot, everybody, and the value that is judged."""
+
+    time_s: float
+    robot_at: str
+    people: dict[str, PersonAt]
+    value: float | None = None
+
+
+class Arrival(Record):
+    """When a person reaches a waypoint for the first time, and when free walking at full speed would get there."""
+
+    at: str
+    time_s: float
+    unhindered_s: float
+
+
+class Part(Record):
+    """A part of the drive and the mean of the judged value in it."""
+
+    start_s: float
+    end_s: float
+    mean: float
+
+
+class Tried(Record):
+    """A configuration of the scenario that was measured: its mean, and what it changed in one line."""
+
+    mean: float
+    change: str
+
+
 class Feedback(Record):
     """What the last attempt of a scenario measured, told truthfully.
 
@@ -61,6 +106,21 @@ class Feedback(Record):
     influences: tuple[HumanInfluence, ...] = ()
     series: tuple[Sample, ...] = ()
     series_of: str = "measured value"
+    rows: tuple[Row, ...] = ()
+    """The run that is worst for the robot, every two seconds."""
+    parts: tuple[Part, ...] = ()
+    arrivals: dict[str, tuple[Arrival, ...]] = Field(default_factory=dict)
+    arrival_s: float | None = None
+    """When the robot arrives on average; None where it never does."""
+    arrived: int = 0
+    """Runs in which the robot arrives."""
+    touched: int = 0
+    """Runs in which the robot and a person touch."""
+    best: Scenario | None = None
+    """The best configuration of the scenario so far, where it is another one than `scenario`."""
+    best_mean: float | None = None
+    tried: tuple[Tried, ...] = ()
+    """All measured configurations of the scenario, the first one first."""
 
 
 class Remembered(Record):
@@ -86,6 +146,8 @@ class Brief(Record):
     requirement: Requirement | None
     aim: Aim | None = None
     """What people should bring about; None: not declared."""
+    moved_by: str = ""
+    """One sentence on what makes the requirement worse; empty: not declared."""
     kind: Literal["new", "refine", "tune"] = "new"
     humans: Annotated[int, Field(ge=1, le=100)] = 2
     seed: Annotated[int, Field(ge=0)]

@@ -29,7 +29,11 @@ class Behaviour(str, Enum):
 
 
 class Pause(Record):
-    """The human stands still at a waypoint of the task's path ("inspects for 5 s")."""
+    """The human stands still at a waypoint of the task's path ("inspects for 5 s").
+
+    It begins whenever the human arrives there. At the first waypoint of the first task that is after every round, not
+    at the start of the run: `start_delay_s` waits there.
+    """
 
     at: str
     duration_s: Annotated[float, Field(gt=0, le=600)]

@@ -118,6 +118,7 @@ def _environment(folder: Path | None) -> Environment:
         keep_trailing_newline=False,
         autoescape=False,
     )
+    environment.policies["json.dumps_kwargs"] = {"ensure_ascii": False}
     environment.filters |= {"quoted": quoted, "block": block, "num": number}
     return environment
 

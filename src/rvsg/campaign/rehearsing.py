@@ -1,0 +1,64 @@
+"""Makes the rehearsals of a generator on the simulator of the campaign."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rvsg.campaign.walks import arrivals, walk_of
+from rvsg.core.errors import SimulationError
+from rvsg.core.seeds import seed_for
+from rvsg.evaluation.naming import WaypointNames
+from rvsg.generation.rehearsal import Rehearsal, Rehearse, Walked
+from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Scenario
+from rvsg.simulation.protocol import Simulator
+from rvsg.simulation.run import Run
+from rvsg.world.world import World
+
+PERIOD_S = 2.0
+
+
+def rehearsing(simulator: Simulator, world: World, *, seed: int) -> Rehearse:
+    """Return the function that simulates a configuration once, with a seed that no run of the campaign has.
+
+    A rehearsal that the simulator cannot make is one in which nothing happens: the runs will tell why.
+    """
+    own = seed_for(seed, "rehearsal")
+
+    def rehearse(mission: Mission, people: HumanConfiguration) -> Rehearsal:
+        try:
+            run = simulator.run(Scenario(mission=mission, people=people), world, seed=own)
+        except SimulationError:
+            return Rehearsal(robot=(), arrival_s=None)
+        return in_short(run, people, world)
+
+    return rehearse
+
+
+def in_short(run: Run, people: HumanConfiguration, world: World) -> Rehearsal:
+    """Return a run in short."""
+    path = run.trajectory
+    if not len(path):
+        return Rehearsal(robot=(), arrival_s=None)
+    wanted = np.arange(0.0, float(path.t[-1]) + 1e-9, PERIOD_S)
+    samples = np.clip(np.searchsorted(path.t, wanted - 1e-9), 0, len(path) - 1)
+    at = WaypointNames(world.grid).nearest(path.x[samples], path.y[samples])
+    return Rehearsal(
+        robot=tuple((round(float(path.t[k]), 1), name) for k, name in zip(samples, at, strict=True)),
+        arrival_s=round(float(path.t[-1]), 1) if run.completed else None,
+        people={human.name: _walked(run, h, human, world) for h, human in enumerate(people.humans)},
+    )
+
+
+def _walked(run: Run, h: int, human: Human, world: World) -> Walked:
+    path = run.trajectory
+    walk = walk_of(run, h, human, world.grid)
+    away = np.hypot(path.human_x[:, h] - path.x, path.human_y[:, h] - path.y)
+    nearest = int(away.argmin())
+    stuck_s, stuck_at = walk.stuck_at or (None, None)
+    return Walked(
+        arrivals=arrivals(walk, human, world.grid),
+        stuck_at=stuck_at,
+        stuck_s=round(stuck_s, 1) if stuck_s is not None else None,
+        nearest_m=round(float(away[nearest]), 2),
+        nearest_s=round(float(path.t[nearest]), 1),
+    )

@@ -1,0 +1,117 @@
+"""What people do in a run: the leg of their way, pauses, arrivals, and where they are stuck."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rvsg.scenario.agents import decode
+from rvsg.scenario.brief import Arrival
+from rvsg.scenario.scenario import Human, HumanConfiguration
+from rvsg.simulation.run import Run
+from rvsg.world.grid import Grid
+
+REACHED_M = 0.6
+"""A waypoint counts as reached this near to it; people turn to the next one a little before they stand on it."""
+STILL_M_S, STUCK_S = 0.1, 2.0
+"""Somebody who should walk and moves less than the first for longer than the second is stuck."""
+AHEAD, BEHIND = math.radians(45.0), math.radians(135.0)
+
+
+@dataclass(frozen=True)
+class Walk:
+    """The walk of one person.
+
+    Attributes:
+        goals: Names of the waypoints of the cycle, in order.
+        leg: (N,) Number of goals reached so far at every sample.
+        doing: What the person does at every sample.
+        reached: The times at which goals are reached, in order, the start left out.
+        stuck_at: When and where the person is first stuck; None if never.
+    """
+
+    goals: tuple[str, ...]
+    leg: NDArray[np.int64]
+    doing: tuple[str, ...]
+    reached: tuple[float, ...]
+    stuck_at: tuple[float, str] | None
+
+
+def walk_of(run: Run, h: int, human: Human, grid: Grid) -> Walk:
+    """Follow person `h` of a run along the waypoints of their tasks."""
+    (agent,) = decode(HumanConfiguration(humans=(human,)), grid)
+    names = _names(human)
+    t, x, y = run.trajectory.t, run.trajectory.human_x[:, h], run.trajectory.human_y[:, h]
+    leg = np.zeros(len(t), np.int64)
+    reached: list[float] = []
+    for k in range(len(t)):
+        goal = agent.goals[(len(reached) + 1) % len(agent.goals)]
+        if t[k] >= agent.start_delay_s and math.dist((x[k], y[k]), goal) <= REACHED_M and len(agent.goals) > 1:
+            reached.append(float(t[k]))
+        leg[k] = len(reached)
+    speed = _speed(t, x, y)
+    doing: list[str] = []
+    stuck_at: tuple[float, str] | None = None
+    still_since: float | None = None
+    for k, time in enumerate(t):
+        at = int(leg[k]) % len(agent.goals)
+        since = reached[leg[k] - 1] if leg[k] else agent.start_delay_s
+        pauses = agent.pauses_s[at] if leg[k] else 0.0
+        if time < agent.start_delay_s:
+            doing.append("waiting to start")
+            continue
+        if pauses and time <= since + pauses + 1.5:
+            doing.append("pausing")
+            still_since = None
+            continue
+        still_since = (time if still_since is None else still_since) if speed[k] < STILL_M_S else None
+        if still_since is not None and time - still_since >= STUCK_S:
+            doing.append("stuck")
+            stuck_at = stuck_at or (float(still_since), grid.nearest(float(x[k]), float(y[k])))
+        else:
+            doing.append(f"walking leg {leg[k] % len(agent.goals) + 1} of {len(agent.goals)}")
+    return Walk(names, leg, tuple(doing), tuple(reached), stuck_at)
+
+
+def arrivals(walk: Walk, human: Human, grid: Grid) -> tuple[Arrival, ...]:
+    """Return when the person reaches each waypoint for the first time, and when unhindered walking would."""
+    (agent,) = decode(HumanConfiguration(humans=(human,)), grid)
+    found, clock = [], human.start_delay_s
+    for n, time in enumerate(walk.reached[: len(walk.goals)]):
+        before, goal = agent.goals[n % len(agent.goals)], agent.goals[(n + 1) % len(agent.goals)]
+        clock += math.dist(before, goal) / human.speed_m_s
+        name = walk.goals[(n + 1) % len(walk.goals)]
+        found.append(Arrival(at=name, time_s=round(time, 1), unhindered_s=round(clock, 1)))
+        clock += agent.pauses_s[(n + 1) % len(agent.goals)]
+    return tuple(found)
+
+
+def side_of(run: Run, k: int, h: int) -> str:
+    """Return on which side of the robot person `h` is at sample `k`."""
+    path = run.trajectory
+    bearing = math.remainder(
+        math.atan2(float(path.human_y[k, h] - path.y[k]), float(path.human_x[k, h] - path.x[k])) - float(path.yaw[k]),
+        2.0 * math.pi,
+    )
+    if abs(bearing) < AHEAD:
+        return "ahead"
+    return "behind" if abs(bearing) > BEHIND else "left" if bearing > 0.0 else "right"
+
+
+def _names(human: Human) -> tuple[str, ...]:
+    """The names of a person's goals, as `decode` makes them: without repetition where a task begins where one ends."""
+    names: list[str] = []
+    for task in human.tasks:
+        names += [name for i, name in enumerate(task.path) if i or not names or names[-1] != name]
+    return tuple(names[:-1] if len(names) > 1 and names[-1] == names[0] else names)
+
+
+def _speed(t: NDArray[np.float64], x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Speed over half a second around every sample, m/s."""
+    before = np.searchsorted(t, t - 0.25)
+    after = np.minimum(len(t) - 1, np.searchsorted(t, t + 0.25))
+    moved = np.hypot(x[after] - x[before], y[after] - y[before])
+    return np.asarray(moved / np.maximum(t[after] - t[before], 1e-6))

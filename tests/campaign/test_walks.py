@@ -1,0 +1,86 @@
+from __future__ import annotations
+
+import pytest
+from tests.campaign.parts import MemoryLedger, parts, plan, warehouse
+
+from rvsg.campaign.loop import feedback_from, run_campaign
+from rvsg.campaign.strategies import StudyStrategy
+from rvsg.campaign.walks import arrivals, walk_of
+from rvsg.core import plugins
+from rvsg.scenario.differences import differences
+from rvsg.scenario.scenario import Human, HumanConfiguration, Pause, Scenario, Task
+from rvsg.simulation.kinematic import KinematicSimulator
+
+
+def walker(**changes: object) -> Human:
+    path = warehouse().grid.shortest_path("E3", "E9")
+    assert path is not None
+    tasks = (Task(name=f"{path[0]} → {path[-1]}", path=path), Task(name=f"{path[-1]} → {path[0]}", path=path[::-1]))
+    return Human(**{"name": "Human 1", "tasks": tasks, "speed_m_s": 1.0, **changes})  # type: ignore[arg-type]
+
+
+def paused(human: Human, index: int, seconds: float) -> Human:
+    task = human.tasks[0]
+    pauses = (Pause(at=task.path[index], duration_s=seconds),)
+    return human.replace(tasks=(task.replace(pauses=pauses), *human.tasks[1:]))
+
+
+def scenario(human: Human) -> Scenario:
+    return Scenario(mission=plan().mission, people=HumanConfiguration(humans=(human,)))
+
+
+def test_a_walk_is_followed_from_leg_to_leg_with_its_delay_and_pause() -> None:
+    human = paused(walker(start_delay_s=2.0), 2, 3.0)
+    run = KinematicSimulator().run(scenario(human), warehouse(), seed=1)
+    walk = walk_of(run, 0, human, warehouse().grid)
+    t = run.trajectory.t
+    assert walk.doing[0] == "waiting to start"
+    assert "pausing" in walk.doing
+    assert walk.stuck_at is None
+    assert all(b >= a for a, b in zip(walk.leg, walk.leg[1:], strict=False))
+    arrived = arrivals(walk, human, warehouse().grid)
+    assert [arrival.at for arrival in arrived[:3]] == list(human.tasks[0].path[1:4])
+    for arrival in arrived[:4]:
+        assert arrival.time_s == pytest.approx(arrival.unhindered_s, abs=0.8)
+    assert float(t[walk.doing.index("pausing")]) == pytest.approx(arrived[1].time_s, abs=0.2)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("simulator", ["kinematic", "embedded"])
+def test_a_pause_at_the_first_waypoint_is_not_held_at_the_start(simulator: str) -> None:
+    human = paused(walker(), 0, 8.0)
+    run = plugins.make("simulator", simulator, {}).run(scenario(human), warehouse(), seed=1)
+    path = run.trajectory
+    k = int(path.t.searchsorted(3.0))
+    moved = abs(path.human_x[k, 0] - path.human_x[0, 0]) + abs(path.human_y[k, 0] - path.human_y[0, 0])
+    assert moved > 1.0
+
+
+def test_a_refinement_reads_a_table_the_best_and_all_that_was_tried() -> None:
+    ledger, the_plan = MemoryLedger(), plan(scenarios=1, refinements=3, confirmations=0)
+    strategy = StudyStrategy(the_plan, feedback_from(ledger, the_plan, warehouse()))  # type: ignore[arg-type]
+    attempts = [a for a in run_campaign(the_plan, strategy, parts(ledger)) if a.purpose == "search"]
+    feedback = attempts[-1].brief.feedback
+    assert feedback is not None
+    assert [row.time_s for row in feedback.rows[:3]] == pytest.approx([0.0, 2.0, 4.0], abs=0.1)
+    for row in feedback.rows:
+        assert set(row.people) == {human.name for human in feedback.scenario.people.humans}
+        assert all(person.side in ("ahead", "behind", "left", "right") for person in row.people.values())
+    assert [tried.mean for tried in feedback.tried] == [a.mean for a in attempts[:3]]
+    means = [a.mean for a in attempts[:3]]
+    assert feedback.best_mean == min(m for m in means if m is not None)
+    best = attempts[means.index(feedback.best_mean)].proposal.scenario
+    assert best is not None
+    assert feedback.best in (None, best)
+    assert (feedback.best is None) == (best.people == feedback.scenario.people)
+    assert 3 <= len(feedback.parts) <= 4
+    assert feedback.arrived <= len(feedback.objectives)
+
+
+def test_differences_name_what_changed_and_nothing_else() -> None:
+    human = walker()
+    one = HumanConfiguration(humans=(human,))
+    assert differences(one, one) == "no change"
+    faster = HumanConfiguration(humans=(human.replace(speed_m_s=1.4),))
+    assert differences(one, faster) == "Human 1 walks at 1.4 m/s (was 1)"
+    assert "pauses 4 s" in differences(one, HumanConfiguration(humans=(paused(human, 1, 4.0),)))

@@ -1,0 +1,104 @@
+from __future__ import annotations
+
+from itertools import combinations
+from pathlib import Path
+
+import pytest
+
+from rvsg.generation.facts import brief_facts, neighbour_rule, world_facts
+from rvsg.generation.prompts import Prompts
+from rvsg.scenario.brief import Brief
+from rvsg.scenario.requirements import load_requirement
+from rvsg.world.grid import Grid, Waypoint
+from rvsg.world.world import World
+
+MAPS = Path(__file__).parents[3].parent / "shared" / "data" / "maps"
+
+
+def joined_by_rule(grid: Grid) -> set[frozenset[str]]:
+    """The pairs that a reader of the rule and its exceptions takes for neighbours."""
+    rule = neighbour_rule(grid)
+    valid = [w for w in grid.waypoints if w.human]
+    pairs = set()
+    for a, b in combinations(valid, 2):
+        down, right = abs(a.row - b.row), abs(a.column - b.column)
+        if max(down, right) == 1 and (rule["diagonal"] or down + right == 1):
+            pairs.add(frozenset((a.name, b.name)))
+    pairs -= {frozenset((entry["name"], other)) for entry in rule["not_joined"] for other in entry["to"]}
+    return pairs | {frozenset((entry["name"], other)) for entry in rule["also_joined"] for other in entry["to"]}
+
+
+def test_rule_and_exceptions_say_exactly_who_is_whose_neighbour(warehouse: World) -> None:
+    assert joined_by_rule(warehouse.grid) == {frozenset(hop) for hop in warehouse.grid.hops}
+
+
+def grid_up_y() -> Grid:
+    """Rows differ in y, as in most maps; one straight hop is missing, and no diagonal is free."""
+    waypoints = tuple(
+        Waypoint(name=f"{'AB'[row]}{column + 1}", x=10.0 + 2 * column, y=5.0 - 1.5 * row, row=row, column=column)
+        for row in range(2)
+        for column in range(3)
+    )
+    hops = (("A1", "A2"), ("A2", "A3"), ("A1", "B1"), ("B1", "B2"), ("B2", "B3"), ("A3", "B3"))
+    return Grid(rows=("A", "B"), columns=("1", "2", "3"), waypoints=waypoints, hops=hops)
+
+
+def test_coordinates_are_those_of_the_axis_along_which_rows_and_columns_differ(warehouse: World) -> None:
+    from dataclasses import replace
+
+    facts = world_facts(replace(warehouse, grid=grid_up_y(), areas=()))
+    assert (facts["row_axis"], facts["column_axis"]) == ("y", "x")
+    assert facts["rows"] == [{"name": "A", "at": 5.0}, {"name": "B", "at": 3.5}]
+    assert [column["at"] for column in facts["columns"]] == [10.0, 12.0, 14.0]
+    assert facts["diagonal"] is False
+    assert facts["not_joined"] == [{"name": "A2", "to": ["B2"]}]
+    assert joined_by_rule(grid_up_y()) == {frozenset(hop) for hop in grid_up_y().hops}
+    text = Prompts().render("environment-2-grid", {**facts, "heights": False})
+    assert "Rows by their y in metres: A 5, B 3.5" in text
+
+
+def test_the_warehouse_keeps_its_own_axes(warehouse: World) -> None:
+    facts = world_facts(warehouse)
+    assert facts["row_axis"] == warehouse.grid.up
+    values = [row["at"] for row in facts["rows"]]
+    assert len(set(values)) == len(values)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["hunav_bookstore", "nav2_warehouse", "nav2_tb3_sandbox"])
+def test_public_maps_have_distinct_row_positions_and_exact_neighbours(name: str) -> None:
+    path = MAPS / f"{name}.yaml"
+    if not path.exists():
+        pytest.skip("the public maps are not at hand")
+    from rvsg.world.authoring.create import world_from_map
+
+    world = world_from_map(path, name=name).world
+    facts = world_facts(world)
+    for key in ("rows", "columns"):
+        values = [line["at"] for line in facts[key]]
+        assert values == sorted(values) or values == sorted(values, reverse=True)
+        assert len(set(values)) == len(values)
+    assert joined_by_rule(world.grid) == {frozenset(hop) for hop in world.grid.hops}
+
+
+def test_a_person_acts_against_the_robot_only_where_that_is_asked_for(brief: Brief, warehouse: World) -> None:
+    usual = brief_facts(brief, warehouse)
+    provoked = brief_facts(brief, warehouse, provoking=True)
+    assert "threatening" not in {behaviour["name"] for behaviour in usual["behaviours"]}
+    assert "threatening" in {behaviour["name"] for behaviour in provoked["behaviours"]}
+    system = [Prompts().render("system", facts) for facts in (usual, provoked)]
+    assert "do not act against the robot" in system[0]
+    assert "do not act against the robot" not in system[1]
+
+
+def test_a_prompt_says_how_fast_and_how_large_the_robot_is(brief: Brief, warehouse: World) -> None:
+    robot = brief_facts(brief, warehouse)["robot"]
+    assert robot["speed_m_s"] == pytest.approx(0.5)
+    assert robot["length_m"] == pytest.approx(0.7)
+    assert robot["goal_tolerance_m"] == pytest.approx(0.25)
+
+
+def test_what_moves_the_value_comes_from_the_metric(brief: Brief, warehouse: World) -> None:
+    moved = brief.replace(requirement=load_requirement("R1"), moved_by="People who stay near.")
+    text = Prompts().render("_requirement", brief_facts(moved, warehouse))
+    assert "What moves it: People who stay near." in text

@@ -1,0 +1,130 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from rvsg.campaign.rehearsing import rehearsing
+from rvsg.generation.conversation import VlmGenerator
+from rvsg.generation.facts import configuration_object
+from rvsg.generation.heuristic import HeuristicGenerator
+from rvsg.generation.rehearsal import Rehearsal, Walked, surprises
+from rvsg.generation.vlm.messages import Answer, Request
+from rvsg.scenario.brief import Arrival, Brief
+from rvsg.scenario.scenario import HumanConfiguration, Mission
+from rvsg.simulation.kinematic import KinematicSimulator
+from rvsg.world.world import World
+
+
+class Scripted:
+    """A model that gives its answers in turn, the last one again and again."""
+
+    name = "scripted"
+
+    def __init__(self, *answers: str) -> None:
+        self.answers = list(answers)
+        self.requests: list[Request] = []
+
+    def ask(self, request: Request) -> Answer:
+        self.requests.append(request)
+        return Answer(text=self.answers.pop(0) if len(self.answers) > 1 else self.answers[0], model=self.name)
+
+
+def planned(people: HumanConfiguration, at: str, time_s: float, **changes: float) -> str:
+    """The configuration as a model answers it, with one planned moment of the first person."""
+    answer = configuration_object(people, "Somebody carries boxes.")
+    answer["humans"][0] |= {"plan": [{"at": at, "time_s": time_s}], **changes}
+    return json.dumps({"analysis": "as planned", **answer})
+
+
+@pytest.fixture
+def people(brief: Brief, warehouse: World) -> HumanConfiguration:
+    scenario = HeuristicGenerator().propose(brief, warehouse).scenario
+    assert scenario is not None
+    return scenario.people
+
+
+def generator(model: Scripted, warehouse: World, **options: int) -> VlmGenerator:
+    made = VlmGenerator(model, **options)
+    made.rehearse = rehearsing(KinematicSimulator(), warehouse, seed=1)
+    return made
+
+
+def test_a_plan_that_does_not_happen_goes_back_once(
+    brief: Brief, warehouse: World, people: HumanConfiguration, record: Path
+) -> None:
+    late = people.humans[0].tasks[0].path[1]
+    model = Scripted(planned(people, late, 19.0), planned(people, late, 19.0, start_delay_s=3.0))
+    proposal = generator(model, warehouse).propose(brief, warehouse)
+    assert [call.purpose for call in proposal.calls] == ["new", "rehearse"]
+    assert f"reaches {late} at" in model.requests[1].messages[-1].text
+    assert "you planned 19 s" in model.requests[1].messages[-1].text
+    assert proposal.scenario is not None
+    assert proposal.scenario.people.humans[0].start_delay_s == 3.0
+
+
+def test_an_impossible_plan_ends_after_the_rehearsals_that_were_asked_for(
+    brief: Brief, warehouse: World, people: HumanConfiguration
+) -> None:
+    model = Scripted(planned(people, people.humans[0].tasks[0].path[1], 24.0))
+    proposal = generator(model, warehouse, rehearsals=5).propose(brief, warehouse)
+    assert len(model.requests) == 6
+    assert proposal.scenario is not None
+
+
+def test_what_an_invalid_answer_to_a_rehearsal_says_does_not_replace_a_valid_one(
+    brief: Brief, warehouse: World, people: HumanConfiguration
+) -> None:
+    model = Scripted(planned(people, people.humans[0].tasks[0].path[1], 24.0), "I would rather not.")
+    proposal = generator(model, warehouse).propose(brief, warehouse)
+    assert proposal.scenario is not None
+    assert [h.tasks for h in proposal.scenario.people.humans] == [h.tasks for h in people.humans]
+
+
+def test_a_plan_that_happens_costs_no_call(brief: Brief, warehouse: World, people: HumanConfiguration) -> None:
+    near = Rehearsal(
+        robot=((0.0, "A1"),),
+        arrival_s=20.0,
+        people={human.name: Walked(nearest_m=1.0, nearest_s=3.0) for human in people.humans},
+    )
+    model = Scripted(json.dumps({"analysis": "", **configuration_object(people, "Work.")}))
+    made = VlmGenerator(model)
+    made.rehearse = lambda mission, people: near
+    assert [call.purpose for call in made.propose(brief, warehouse).calls] == ["new"]
+
+
+def test_the_first_message_says_where_the_robot_is_without_people(
+    brief: Brief, warehouse: World, people: HumanConfiguration
+) -> None:
+    asked: list[HumanConfiguration] = []
+
+    def rehearse(mission: Mission, people: HumanConfiguration) -> Rehearsal:
+        asked.append(people)
+        return Rehearsal(robot=((0.0, "E1"), (2.0, "E3")), arrival_s=19.5)
+
+    model = Scripted(json.dumps({"analysis": "", **configuration_object(people, "Work.")}))
+    made = VlmGenerator(model, rehearsals=0)
+    made.rehearse = rehearse
+    made.propose(brief, warehouse)
+    made.propose(brief.replace(seed=4), warehouse)
+    assert [len(configuration.humans) for configuration in asked] == [0]
+    context = model.requests[0].messages[1].text
+    assert "0 s E1, 2 s E3; it arrives at 19.5 s" in context
+
+
+def test_a_first_prompt_stays_within_ten_thousand_tokens(brief: Brief, warehouse: World) -> None:
+    made = generator(Scripted("{}"), warehouse)
+    text = sum(len(message.text) for message in made.first_prompts(brief, warehouse))
+    assert text / 3.5 < 6_000  # the two pictures take about 2 200 tokens more
+
+
+def test_surprises_name_who_is_stuck_or_never_near_and_who_is_late() -> None:
+    stuck = Walked(stuck_at="B2", stuck_s=3.0, nearest_m=1.0, nearest_s=2.0)
+    far = Walked(nearest_m=6.0, nearest_s=2.0)
+    late = Walked(arrivals=(Arrival(at="C3", time_s=4.9, unhindered_s=2.0),), nearest_m=1.0, nearest_s=2.0)
+    rehearsal = Rehearsal(robot=(), arrival_s=20.0, people={"a": stuck, "b": far, "c": late})
+    assert len(surprises(rehearsal, {})) == 2
+    assert surprises(rehearsal, {"c": {"C3": 2.0}})[-1] == "c reaches C3 at 4.9 s; you planned 2 s."
+    assert len(surprises(rehearsal, {"c": {"C3": 4.0}})) == 2
+    assert len(surprises(rehearsal, {"c": {"D4": 4.0}})) == 3
