@@ -7,7 +7,8 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Self
 
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Column
 
 from rvsg.api.events import (
     Attempt,
@@ -58,15 +59,16 @@ class CampaignProgress:
         self.bar: Progress | None = None
         if live:
             self.bar = Progress(
-                TextColumn("{task.description}"),
-                BarColumn(),
-                MofNCompleteColumn(),
-                TextColumn("runs"),
-                TimeElapsedColumn(),
-                TextColumn("left"),
-                TimeRemainingColumn(),
+                BarColumn(bar_width=14),
+                MofNCompleteColumn(table_column=Column(no_wrap=True)),
+                TextColumn("runs,", table_column=Column(no_wrap=True)),
+                TimeRemainingColumn(table_column=Column(no_wrap=True)),
+                TextColumn("left", table_column=Column(no_wrap=True)),
+                # What is in progress gives way on a narrow terminal; how far it is does not.
+                TextColumn("{task.description}", table_column=Column(ratio=1, no_wrap=True, overflow="ellipsis")),
                 console=console(),
                 transient=True,
+                expand=True,
             )
             self.task = self.bar.add_task("starting", total=plan.runs, completed=self.runs)
 

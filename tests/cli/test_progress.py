@@ -1,0 +1,37 @@
+from __future__ import annotations
+
+import io
+
+import pytest
+from rich.console import Console
+from tests.campaign.parts import plan
+
+from rvsg.campaign.events import Proposing
+from rvsg.cli import progress
+from rvsg.cli.progress import CampaignProgress
+from rvsg.scenario.brief import Brief
+
+
+@pytest.mark.parametrize("width", [80, 60])
+def test_progress_shows_done_total_and_time_left_on_a_narrow_terminal(
+    width: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told = Console(width=width, force_terminal=True, file=io.StringIO(), color_system=None, legacy_windows=False)
+    monkeypatch.setattr(progress, "console", lambda: told)
+    the_plan = plan(scenarios=100, refinements=4, repeats=5, confirmations=30)
+    shown = CampaignProgress(the_plan, [])
+    assert shown.bar is not None
+    brief = Brief(mission=the_plan.mission, requirement=the_plan.requirement, seed=1, scenario_index=41)
+    shown(Proposing(campaign="test", index=41, brief=brief))
+    shown.runs = 1233
+    shown.bar.update(shown.task, completed=1233)
+    shown.worst = 1.2345
+    shown(Proposing(campaign="test", index=41, brief=brief))
+    with told.capture() as captured:
+        told.print(shown.bar.get_renderable())
+    (line,) = captured.get().splitlines()
+    assert len(line) <= width
+    assert f"1233/{the_plan.runs} runs" in " ".join(line.split())
+    assert " left " in line and ("-:--:--" in line or "0:" in line)
+    if width == 80:
+        assert "scenario 42" in line
