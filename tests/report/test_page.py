@@ -257,3 +257,13 @@ def test_in_junit_the_confirmation_tells_of_contacts_and_arrivals() -> None:
     suite = ET.fromstring(junit_xml(the_plan, summarise(the_plan, changed)))[0]
     told = {each.attrib["name"]: each.attrib["value"] for each in suite[-1].iter("property")}
     assert (told["contacts"], told["arrived"]) == ("5 of 5 runs", "5 of 5 runs")
+
+
+def test_an_unconfirmed_candidate_says_the_command_that_confirms_it() -> None:
+    ledger = MemoryLedger()
+    the_plan, attempts = campaign(ledger)
+    changed = [_with_objectives(a, 0.5) for a in attempts if a.purpose == "search"]
+    text = page(the_plan, changed, ledger)
+    found = re.findall(r"rvsg confirm FOLDER (\d+)", text)
+    assert found == [str(entry.attempt) for entry in summarise(the_plan, changed).ranking]
+    assert "rvsg confirm FOLDER" not in page(the_plan, attempts, ledger).replace("candidate", "")

@@ -351,7 +351,7 @@ class Campaign:
             attempts = list(ledger.attempts(self.name))
             simulator = self.record.simulator.name
             how = {"world": place, "run_of": ledger.run, "command": self.command, "simulator": simulator}
-            if path is None and (self.folder.parent / MATRIX).exists():
+            if page.parent == self.folder and (self.folder.parent / MATRIX).exists():
                 how["overview"] = f"../{REPORT}"
             write_page(page, self.plan, attempts, **how)
         best = best_attempt(attempts, self.requirement)
