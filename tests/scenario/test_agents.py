@@ -47,6 +47,15 @@ def test_pauses_stay_at_their_waypoint_and_add_up_at_a_joint() -> None:
     assert agent.pauses_s == (1.0, 7.0)
 
 
+def test_a_pause_at_the_start_is_held_only_if_the_first_task_asks_for_it() -> None:
+    back = Task(name="back", path=("A2", "A1"), pauses=(Pause(at="A1", duration_s=4),))
+    (agent,) = decode(walker(Task(name="there", path=("A1", "A2")), back), grid())
+    assert (agent.start_pause_s, agent.pauses_s) == (0.0, (4.0, 0.0))
+    there = Task(name="there", path=("A1", "A2"), pauses=(Pause(at="A1", duration_s=1),))
+    (agent,) = decode(walker(there, back), grid())
+    assert (agent.start_pause_s, agent.pauses_s) == (1.0, (5.0, 0.0))
+
+
 def test_a_name_that_the_grid_does_not_know_is_refused() -> None:
     with pytest.raises(UnknownName, match="A9"):
         decode(walker(Task(name="t", path=("A1", "A9"))), grid())

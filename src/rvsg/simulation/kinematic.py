@@ -1,9 +1,8 @@
-"""The everyday simulator: points that move, no physics, no sensors, no navigation stack. A whole run in milliseconds.
+"""A simulator of moving points, without physics, sensors or navigation. A run takes milliseconds.
 
-For trying a campaign's settings, a plug-in or a script before real runs are spent; its verdicts say nothing of a
-robot. The robot follows the shortest walk over the grid to the goal at constant speed and stands still while a human
-is close in front of it; humans walk their cyclic paths at their own speed and react to nobody. The seed varies every
-human's speed and start a little.
+Use it to try a campaign's settings, a plug-in or a script; its verdicts say nothing about a robot. The robot follows
+the shortest path over the grid to the goal at constant speed and stops while a person is close in front of it. People
+walk their cyclic paths at their own speed and react to nobody. The seed varies each person's speed and start slightly.
 """
 
 from __future__ import annotations
@@ -28,8 +27,10 @@ VERSION = 2
 
 
 class KinematicSimulator(Simulator):
-    """Runs scenarios without physics. `robot_speed_m_s` while it drives; it stops for a human nearer than `stop_gap_m`
-    within 60 degrees of its heading."""
+    """Runs scenarios without physics.
+
+    The robot drives at `robot_speed_m_s` and stops for a person nearer than `stop_gap_m` within 60° of its heading.
+    """
 
     name = "kinematic"
 
@@ -90,7 +91,7 @@ class KinematicSimulator(Simulator):
     def _drive(
         self, path: Floats, yaw: float, time: Floats, human_x: Floats, human_y: Floats, radii: Floats
     ) -> tuple[Floats, Floats, Floats, Floats, bool]:
-        """Follow `path` (K, 2); returns x, y, yaw, v up to arrival or the end of `time`, and whether it arrived."""
+        """Follow `path` (K, 2); return x, y, yaw, v up to arrival or the end of `time`, and whether it arrived."""
         along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
         rows: list[tuple[float, float, float, float]] = []
         driven = 0.0
@@ -132,7 +133,7 @@ def _columns(walks: Sequence[tuple[Floats, ...]], part: int, rows: int) -> Float
 
 
 def _walk(agent: HumanAgent, time: Floats, chance: np.random.Generator) -> tuple[Floats, Floats, Floats, Floats]:
-    """x, y, yaw, speed of a human at every time: its goals in a cycle, with pauses, after its delay."""
+    """Return x, y, yaw and speed of a person at every time: the goals in a cycle, with pauses, after the delay."""
     speed = agent.speed_m_s * float(chance.uniform(0.9, 1.1))
     begin = agent.start_delay_s + float(chance.uniform(0.0, 0.5))
     goals, pauses = _closed(agent.goals, agent.pauses_s)
@@ -157,19 +158,19 @@ def _walk(agent: HumanAgent, time: Floats, chance: np.random.Generator) -> tuple
 def _closed(
     goals: Sequence[tuple[float, float]], pauses: Sequence[float]
 ) -> tuple[list[tuple[float, float]], list[float]]:
-    """The goals with the first again at the end, so that a round ends where it began."""
+    """Return the goals with the first one again at the end, so that a round ends where it starts."""
     if len(goals) == 1 or len({*goals}) == 1:
         return [goals[0]], [0.0]
     return [*goals, goals[0]], [*pauses, pauses[0]]
 
 
 def _rate(values: Floats, time: Floats) -> Floats:
-    """The change of values per second since the sample before; 0 at the first."""
+    """Return the change of values per second since the sample before; 0 at the first."""
     step = np.diff(time, prepend=time[:1])
     return np.divide(np.diff(values, prepend=values[:1]), step, out=np.zeros_like(values), where=step > 0)
 
 
 def _every(path: Trajectory, step: int) -> Trajectory:
-    """Every `step`-th sample and the last."""
+    """Return every `step`-th sample and the last."""
     rows = np.unique(np.append(np.arange(0, len(path), step), len(path) - 1))
     return Trajectory(**{name: getattr(path, name)[rows] for name in Trajectory.__dataclass_fields__})
