@@ -11,6 +11,7 @@ import pytest
 
 import rvsg
 from rvsg.core.errors import InputError, UnknownName
+from rvsg.evaluation.judge import judge
 from rvsg.evaluation.verdict import Status
 from rvsg.scenario.scenario import Human, Task
 from rvsg.world.io.load import SHIPPED
@@ -59,6 +60,11 @@ def test_a_limit_that_depends_on_the_route_is_worked_out_for_the_runs(scenario: 
     judged = rvsg.judge(runs, "R3")
     assert judged.outcome is not Status.UNJUDGED
     assert judged.requirement.limit == pytest.approx(rvsg.load_requirement("R3", scenario.mission.route).limit or 0.0)
+
+
+def test_a_limit_that_is_not_worked_out_is_never_unjudged_in_silence() -> None:
+    with pytest.raises(InputError, match="R3"):
+        judge(rvsg.load_requirement("R3"), [10.0, 20.0])
 
 
 def test_a_metric_of_obstacles_is_judged_where_the_world_is_known(scenario: rvsg.Scenario, tmp_path: Path) -> None:

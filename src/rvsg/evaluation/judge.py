@@ -29,7 +29,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from rvsg.core.errors import Unfit
+from rvsg.core.errors import InputError, Unfit
 from rvsg.evaluation.metrics import find_metric, measure, metric
 from rvsg.evaluation.signals import formula, robustness
 from rvsg.evaluation.statistics import censored_median, clopper_pearson, mean_interval
@@ -123,7 +123,15 @@ def judge(
         arrived: Whether the robot arrived, for each run. A metric that is `censored` needs it: the value of a run that
             did not arrive is only a lower bound.
         time_limit_s: The route's time limit, which bounds times.
+
+    Raises:
+        InputError: The limit is a share of a time limit and not worked out, so nothing could be judged.
     """
+    if requirement.limit_share is not None:
+        raise InputError(
+            f"The limit of {requirement.name} is a share of the route's time limit. Work it out first: "
+            "requirement.for_time_limit(route.time_limit_s), or load_requirement(name, route)."
+        )
     rows = [k for k, value in enumerate(objectives) if value is not None]
     known = tuple(float(value) for value in objectives if value is not None)
     metric_of = find_metric(requirement.metric)
