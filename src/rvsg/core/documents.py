@@ -1,4 +1,4 @@
-"""YAML files that people write: read safely into records, every mistake reported at once with its file and line."""
+"""Reads YAML files into records, and reports all mistakes at once with file and line."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Model = TypeVar("Model", bound=BaseModel)
 
 @dataclass(frozen=True)
 class Problem:
-    """One thing wrong in a file: where and what."""
+    """A mistake in a file."""
 
     path: Path
     line: int | None
@@ -37,7 +37,7 @@ class Problem:
 
 
 class DocumentError(FileError):
-    """A file, or several that belong together, with everything that is wrong in them."""
+    """One file, or several that belong together, with all mistakes in them."""
 
     def __init__(self, problems: Iterable[Problem]) -> None:
         self.problems = tuple(problems)
@@ -59,14 +59,14 @@ class Document:
     lines: dict[Key, int]
 
     def line(self, *key: str | int) -> int | None:
-        """The line of the value under this path of keys, or of the nearest value around it."""
+        """Return the line of the value under this path of keys, or of the nearest value around it."""
         for length in range(len(key), -1, -1):
             if key[:length] in self.lines:
                 return self.lines[key[:length]]
         return None
 
     def problem(self, message: str, *key: str | int) -> Problem:
-        """A problem of the value under this path of keys."""
+        """Return a problem of the value under this path of keys."""
         return Problem(self.path, self.line(*key), message)
 
 
@@ -150,7 +150,7 @@ def read_document(path: Path, model: type[Model]) -> tuple[Model, Document]:
 
 
 def validated(document: Document, model: type[Model]) -> Model:
-    """The document as a record; raises DocumentError with every mistake."""
+    """Return the document as a record; raises DocumentError with every mistake."""
     if not isinstance(document.value, dict):
         wanted = ", ".join(model.model_fields)
         raise DocumentError([document.problem(f"expected keys and values ({wanted}), got {_shown(document.value)}")])
@@ -161,7 +161,7 @@ def validated(document: Document, model: type[Model]) -> Model:
 
 
 def problems_of(error: ValidationError, document: Document, model: type[BaseModel]) -> list[Problem]:
-    """Every error of a validation as a problem with its line, in the order of the file."""
+    """Return each error of a validation as a problem with its line, in the order of the file."""
     details: list[dict[str, Any]] = [dict(detail) for detail in error.errors(include_url=False)]
     keys = [_file_key(detail["loc"], document) for detail in details]
     within = Counter(key[:length] for key in keys for length in range(len(key) + 1))
@@ -180,7 +180,7 @@ def problems_of(error: ValidationError, document: Document, model: type[BaseMode
 
 
 def mistakes_of(error: ValidationError, model: type[BaseModel], *, noun: str = "key") -> list[str]:
-    """Every mistake of a validation in words, for values that are in no file; `noun` is what a key is called there."""
+    """Return each mistake of a validation in words, for values outside files; `noun` is the word for a key."""
     found = []
     for detail in error.errors(include_url=False):
         place = tuple(part for part in detail["loc"] if isinstance(part, int) or part.isidentifier())
@@ -190,7 +190,7 @@ def mistakes_of(error: ValidationError, model: type[BaseModel], *, noun: str = "
 
 
 def _file_key(loc: Key, document: Document) -> Key:
-    """The part of pydantic's location that is in the file (it also names branches of unions)."""
+    """Return the part of pydantic's location that is in the file; the location also names branches of unions."""
     key: Key = ()
     for part in loc:
         for candidate in ((*key, part), (*key, str(part))):
@@ -241,7 +241,7 @@ def _message(detail: dict[str, Any], key: Key, model: type[BaseModel]) -> str:
 
 
 def _of_length(detail: dict[str, Any]) -> str | None:
-    """What is wrong with a length, in words; None for a mistake of another kind."""
+    """Return a mistake of length in words; None for a mistake of another kind."""
     bounds = detail.get("ctx", {})
     match detail["type"]:
         case "string_too_short":
@@ -256,7 +256,7 @@ def _of_length(detail: dict[str, Any]) -> str | None:
 
 
 def _place(key: Key) -> str:
-    """A path of keys as people write it: `areas[0].name`."""
+    """Return a path of keys as people write it: `areas[0].name`."""
     text = ""
     for part in key:
         text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else str(part)
@@ -273,7 +273,7 @@ def _misspelt(key: str, place: str, model: type[BaseModel] | None) -> str:
 
 
 def _model_at(model: type[BaseModel], loc: Key) -> type[BaseModel] | None:
-    """The model whose keys stand at this location."""
+    """Return the model whose keys are at this location."""
     current: type[BaseModel] | None = model
     for part in loc:
         if current is not None and isinstance(part, str) and part in current.model_fields:

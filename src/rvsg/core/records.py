@@ -1,4 +1,4 @@
-"""What every record shares: frozen, strict about its keys, free of NaN, and named by its content."""
+"""The base of all records: frozen, strict about keys, free of NaN, with an id made of the content."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from pydantic import BaseModel, ConfigDict
 
 
 def canonical_json(value: Any) -> str:
-    """The one JSON text of `value`: keys sorted, no spaces, shortest round-trip floats, NaN refused (ValueError)."""
+    """Return the canonical JSON of `value`: keys sorted, no spaces, shortest floats; ValueError for NaN."""
     return json.dumps(value, sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
 
 
 def content_id(kind: str, value: Any) -> str:
-    """`kind-` and 16 hexadecimal digits of the SHA-256 of the canonical JSON: equal content, equal id."""
+    """Return `kind-` and 16 hexadecimal digits of the SHA-256 of the canonical JSON; equal content has equal id."""
     return text_id(kind, canonical_json(value))
 
 
 def text_id(kind: str, text: str) -> str:
-    """The `content_id` of the value whose canonical JSON is `text`."""
+    """Return the `content_id` of the value whose canonical JSON is `text`."""
     return f"{kind}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
 
 
@@ -37,19 +37,19 @@ class Record(BaseModel):
         return content_id(type(self).__name__.lower(), self.model_dump(mode="json"))
 
     def replace(self, **changes: Any) -> Self:
-        """A record with some fields changed, validated, with an id of its own."""
+        """Return a validated copy with some fields changed and an id of its own."""
         fields = {name: getattr(self, name) for name in type(self).model_fields}
         return type(self)(**(fields | changes))
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
-        """A copy, with some fields changed but not validated; what was computed of the original is not carried over."""
+        """Return a copy with some fields changed but not validated; cached properties are not copied."""
         copied = super().model_copy(update=update, deep=deep)
         for name in copied.__dict__.keys() - type(self).model_fields.keys():
             del copied.__dict__[name]
         return copied
 
     def to_json(self) -> str:
-        """The record as readable JSON, ending in a newline."""
+        """Return the record as readable JSON, ending in a newline."""
         return json.dumps(self.model_dump(mode="json"), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
     @classmethod

@@ -33,7 +33,7 @@ HOW_TO = (
 
 
 def model_folder() -> Path | None:
-    """The model folder of the installed package, or None where it is not installed."""
+    """Return the model folder of the installed package, or None where it is not installed."""
     spec = importlib.util.find_spec(PACKAGE)
     if spec is None or spec.origin is None:
         return None
@@ -41,7 +41,7 @@ def model_folder() -> Path | None:
 
 
 def embed(texts: Sequence[str], model_dir: Path | None = None) -> Floats32:
-    """(len(texts), 384) float32 embeddings of unit length. InputError where the model or its readers are absent."""
+    """Return (len(texts), 384) float32 embeddings of unit length; InputError where model or readers are missing."""
     folder = model_dir or model_folder()
     if folder is None:
         raise InputError(f"The package {PACKAGE.replace('_', '-')} is not installed. {HOW_TO}")
@@ -56,7 +56,7 @@ def embed(texts: Sequence[str], model_dir: Path | None = None) -> Floats32:
 
 @lru_cache(maxsize=4096)
 def _embed_text(text: str, folder: Path) -> Floats32:
-    """One embedding; kept, because a text of 200 tokens takes about 0.1 s and tables ask for the same ones again."""
+    """Return one embedding; cached, because a text of 200 tokens takes about 0.1 s and tables repeat texts."""
     weights, tokenizer = _load(folder)
     return _embed_one(tokenizer.encode(text).ids, weights)
 

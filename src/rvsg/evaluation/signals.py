@@ -1,4 +1,4 @@
-"""The signals that temporal formulas speak of, and the robustness of a formula over a run."""
+"""Signals of a run that temporal formulas name, and the robustness of a formula over a run."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Floats = NDArray[np.float64]
 
 
 class NotKnown(Exception):
-    """A signal that this run does not have: of a person where there is nobody, of a world that is not given."""
+    """The run does not have this signal: it needs a person or the world."""
 
 
 def _time(s: Sampled) -> Floats:
@@ -32,7 +32,7 @@ def _time(s: Sampled) -> Floats:
 
 
 def _distance_to_person(s: Sampled) -> Floats:
-    """Metres between the surfaces of robot and closest person; negative where they overlap."""
+    """Metres between the bodies of robot and closest person; negative where they overlap."""
     return s.closest_gap
 
 
@@ -181,7 +181,7 @@ SIGNALS: Registry[RunSignal] = Registry("signal", RunSignal, {signal.id: signal 
 
 @lru_cache(maxsize=256)
 def formula(text: str) -> Node:
-    """A formula over the signals above; FormulaError (with the position) where it cannot be read."""
+    """Return a parsed formula over the signals; FormulaError, with the position, where it cannot be parsed."""
     return parse(text, tuple(SIGNALS))
 
 
@@ -207,10 +207,10 @@ class _Lazily(Mapping[str, Floats]):
 
 
 def robustness(run: Run, text: str, *, world: World | None = None) -> float | None:
-    """The robustness of a formula at the start of the run, over its trajectory (20 Hz for our own runs).
+    """Return the robustness of a formula at the start of the run, over its trajectory.
 
-    None where it has no finite value: no samples, nobody for a signal of people, no `world` for one of obstacles, an
-    interval beyond the end.
+    It is None where it has no finite value: no samples, no person for a signal of people, no `world` for one of
+    obstacles, or an interval beyond the end.
     """
     sampled = Sampled(run, run.trajectory, world)
     node = formula(text)

@@ -1,6 +1,6 @@
 """Signal temporal logic over sampled signals, with exact quantitative robustness.
 
-A formula is read as a value per sample: how far the run is from breaking it (positive) or how badly it breaks it
+A formula has a value at each sample: how far the run is from breaking it (positive) or how badly it breaks it
 (negative), in the unit of the compared signal (Donze and Maler 2010). Over samples at t_0 < t_1 < ... < t_n:
 
     a > b, a >= b            a - b                    a < b, a <= b            b - a
@@ -45,11 +45,11 @@ class Interval:
 
     @property
     def is_everything(self) -> bool:
-        """Whether it reaches from now to the end."""
+        """Return whether it reaches from now to the end."""
         return self.low == 0.0 and self.high == float("inf")
 
     def samples(self, time: Floats) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """For each sample the first index inside the interval, and the first one after it."""
+        """Return for each sample the first index inside the interval and the first one after it."""
         first = np.searchsorted(time, time + self.low - TOLERANCE_S, side="left")
         after = np.searchsorted(time, time + self.high + TOLERANCE_S, side="right")
         return first, np.maximum(first, after)
@@ -62,7 +62,7 @@ class Number:
     value: float
 
     def values(self, time: Floats, signals: Mapping[str, Floats]) -> Floats:
-        """The constant at every sample."""
+        """Return the constant at every sample."""
         return np.full(len(time), self.value)
 
 
@@ -73,7 +73,7 @@ class Signal:
     name: str
 
     def values(self, time: Floats, signals: Mapping[str, Floats]) -> Floats:
-        """The signal."""
+        """Return the signal."""
         return np.asarray(signals[self.name], dtype=np.float64)
 
 
@@ -86,7 +86,7 @@ class Arithmetic:
     right: Node | None = None
 
     def values(self, time: Floats, signals: Mapping[str, Floats]) -> Floats:
-        """The result at every sample; division by zero gives an infinity of the dividend's sign, 0 / 0 zero."""
+        """Return the result at every sample; division by zero gives an infinity of the dividend's sign, 0 / 0 zero."""
         a = self.left.values(time, signals)
         if self.right is None:
             return np.abs(a) if self.kind == "abs" else -a
@@ -108,7 +108,7 @@ class Comparison:
     smaller: Node
 
     def values(self, time: Floats, signals: Mapping[str, Floats]) -> Floats:
-        """The room at every sample."""
+        """Return the room at every sample."""
         return self.greater.values(time, signals) - self.smaller.values(time, signals)
 
 
@@ -119,7 +119,7 @@ class Not:
     part: Node
 
     def values(self, time: Floats, signals: Mapping[str, Floats]) -> Floats:
-        """The negative."""
+        """Return the negative."""
         return -self.part.values(time, signals)
 
 
@@ -132,7 +132,7 @@ class Joined:
     right: Node
 
     def values(self, time: Floats, signals: Mapping[str, Floats]) -> Floats:
-        """The smaller, or the larger."""
+        """Return the smaller, or the larger."""
         a, b = self.left.values(time, signals), self.right.values(time, signals)
         return np.minimum(a, b) if self.kind == "and" else np.maximum(a, b)
 
@@ -145,7 +145,7 @@ class Always:
     interval: Interval = Interval()
 
     def values(self, time: Floats, signals: Mapping[str, Floats]) -> Floats:
-        """The smallest value over the interval from each sample on."""
+        """Return the smallest value over the interval from each sample on."""
         return _smallest(self.part.values(time, signals), self.interval, time)
 
 
@@ -157,7 +157,7 @@ class Eventually:
     interval: Interval = Interval()
 
     def values(self, time: Floats, signals: Mapping[str, Floats]) -> Floats:
-        """The largest value over the interval from each sample on."""
+        """Return the largest value over the interval from each sample on."""
         return -_smallest(-self.part.values(time, signals), self.interval, time)
 
 
@@ -170,7 +170,7 @@ class Until:
     interval: Interval = Interval()
 
     def values(self, time: Floats, signals: Mapping[str, Floats]) -> Floats:
-        """The best moment for `right` to take over."""
+        """Return the value at the best moment for `right` to take over."""
         holds, takes = self.left.values(time, signals), self.right.values(time, signals)
         if self.interval.is_everything:
             return _until_the_end(holds, takes)
@@ -192,7 +192,7 @@ def _until_the_end(holds: Floats, takes: Floats) -> Floats:
 
 
 def _smallest(values: Floats, interval: Interval, time: Floats) -> Floats:
-    """The smallest of the values within the interval from each sample on; +inf where it holds no sample."""
+    """Return the smallest value within the interval from each sample on; +inf where it holds no sample."""
     if interval.is_everything:
         running: Floats = np.minimum.accumulate(values[::-1])[::-1]
         return running
@@ -201,7 +201,7 @@ def _smallest(values: Floats, interval: Interval, time: Floats) -> Floats:
 
 
 def _range_minimum(values: Floats, first: NDArray[np.intp], after: NDArray[np.intp]) -> Floats:
-    """min(values[first:after]) for every pair, by a table of minima over stretches of 1, 2, 4, ... samples."""
+    """Return min(values[first:after]) for each pair, by a table of minima over 1, 2, 4, ... samples."""
     result = np.full(len(first), np.inf)
     width = after - first
     table, stretch = values, 1

@@ -1,4 +1,4 @@
-"""Reads temporal formulas as engineers write them, and says where they went wrong.
+"""Parses temporal formulas; an error names the position.
 
     always (distance_to_person > 0.5 or speed < 0.1)
     always (distance_to_person < 0.8 implies eventually[0, 2] speed < 0.3)
@@ -72,7 +72,7 @@ class Part(NamedTuple):
 
 
 def parse(text: str, signals: Collection[str]) -> Node:
-    """The formula as a tree whose value is its robustness. Raises FormulaError.
+    """Return the formula as a tree whose value is its robustness. Raises FormulaError.
 
     `signals` are the names that exist.
     """
@@ -120,7 +120,7 @@ class _Reader:
         return self.tokens[self.next]
 
     def take(self, *texts: str) -> Token | None:
-        """The next token if it is one of these."""
+        """Return the next token if it is one of these."""
         token = self.token
         if token.kind != "end" and token.text in texts:
             self.next += 1
@@ -141,7 +141,7 @@ class _Reader:
         return token.text if token.kind == "end" else f'"{token.text}"'
 
     def formula(self, depth: int) -> Part:
-        """A formula, or (inside parentheses) perhaps a number: implies is the loosest."""
+        """Parse a formula, or inside parentheses perhaps a number; `implies` binds loosest."""
         if depth > DEEPEST:
             raise self.error(self.token.at, f"nested deeper than {DEEPEST}")
         left = self._or(depth)
@@ -277,7 +277,7 @@ class _Reader:
         return Part(Signal(token.text), False, token.at, True)
 
     def _interval(self) -> Interval:
-        """[low, high] in seconds, if one stands here."""
+        """Parse [low, high] in seconds, if it is next."""
         opened = self.take("[")
         if opened is None:
             return Interval()

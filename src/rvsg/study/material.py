@@ -1,4 +1,4 @@
-"""What a store holds for the tables: the trials of every method, by requirement and route, and the repeated sets."""
+"""Collects what the tables need from stores: the trials of each method, by requirement and route, and the repeats."""
 
 from __future__ import annotations
 
@@ -35,7 +35,10 @@ class Sample:
 
 @dataclass(frozen=True)
 class Trial:
-    """One configuration of a scenario with its runs. `doubtful` says why its runs may not be of it, if they may not."""
+    """One configuration of a scenario with its runs.
+
+    `doubtful` is the reason why its runs may belong to another configuration; empty where there is none.
+    """
 
     scenario: tuple[str, int]
     configuration: int
@@ -45,7 +48,7 @@ class Trial:
     doubtful: str = ""
 
     def mean(self, metric: str) -> float | None:
-        """The mean of a metric over the runs; None where none has it."""
+        """Return the mean of a metric over the runs; None where no run has it."""
         values = [sample.values[metric] for sample in self.samples if metric in sample.values]
         return math.fsum(values) / len(values) if values else None
 
@@ -58,7 +61,7 @@ class Trial:
 
 @dataclass
 class Material:
-    """Everything the tables are made of.
+    """The data of the tables.
 
     `trials[requirement, route][method]` for rvsg, unguided and random; `repeats[requirement, route][method]` the runs
     of the best and the worst scenario. `notes` say what is left out of all tables, `honest_notes` what else is left
@@ -74,13 +77,13 @@ class Material:
     _positions: dict[str, NDArray[np.float64]] = field(default_factory=dict)
 
     def positions(self, run_id: str) -> NDArray[np.float64]:
-        """Where robot and people were in a run, at 2 Hz."""
+        """Return the positions of robot and people in a run, at 2 Hz."""
         if run_id not in self._positions:
             self._positions[run_id] = positions(self.run(run_id))
         return self._positions[run_id]
 
     def run(self, run_id: str) -> Run:
-        """The run of that id in any of the stores; StoreError where none holds it."""
+        """Return the run of that id from any of the stores; StoreError where none holds it."""
         for ledger in self.ledgers:
             found = ledger.find(run_id)
             if found is not None:
@@ -88,7 +91,7 @@ class Material:
         return self.ledgers[0].run(run_id)
 
     def cells(self) -> list[Key]:
-        """Every requirement and route there is anything for, sorted."""
+        """Return the requirements and routes that have data, sorted."""
         return sorted({*self.trials, *self.repeats})
 
 
@@ -175,7 +178,7 @@ def _samples(measurements: Sequence[Measurement], material: Material, selected: 
 
 
 def _values(measurement: Measurement, material: Material) -> dict[str, float]:
-    """The table values of a run: as measured at the time, else measured now."""
+    """Return the table values of a run: the stored ones, else measured now."""
     wanted = [f"{metric}_logged" for metric in TABLED]
     known = measurement.values
     if any(name not in known for name in wanted):

@@ -1,4 +1,4 @@
-"""The study's tables as files: long-form CSV, and Markdown and LaTeX for people."""
+"""Writes the study's tables as CSV in long form, Markdown and LaTeX."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def _write_one(folder: Path, name: str, way: str, rows: Sequence[Row], notes: Se
 
 
 def _effect_blocks(rows: Sequence[Row]) -> list[tuple[str, Cells]]:
-    """Per requirement: one line per route and method, one column per metric that has a value."""
+    """Return for each requirement one line per route and method, with a column for each metric that has a value."""
     found = []
     for requirement in _unique(row.requirement for row in rows):
         mine = {(r.route, r.method, r.metric): r.value for r in rows if r.requirement == requirement}
@@ -92,7 +92,7 @@ def _effect_blocks(rows: Sequence[Row]) -> list[tuple[str, Cells]]:
 
 
 def _comparison(mine: dict[tuple[str, str, str], float]) -> Cells:
-    """Per route and baseline: p and effect of the guided method against it, and the best of k runs of each."""
+    """Return for each route and baseline p and effect of the guided method, and the best of k runs of each."""
     compared = [(route, method) for route, method, metric in mine if metric == f"{TABLED[0]}_p"]
     best = next((m.removeprefix("dto_") for _, _, m in mine if m.startswith("dto_best")), None)
     cells = [["route", "baseline", "metric", "p (Holm)", "A12", "magnitude", *([f"rvsg {best}", best] if best else [])]]
@@ -110,7 +110,7 @@ def _comparison(mine: dict[tuple[str, str, str], float]) -> Cells:
 
 
 def _repeat_blocks(rows: Sequence[Row]) -> list[tuple[str, Cells]]:
-    """Per requirement: one line per route and metric with mean and spread of best and worst, p and effect."""
+    """Return for each requirement one line per route and metric: mean and spread of best and worst, p, effect."""
     found = []
     for requirement in _unique(row.requirement for row in rows):
         mine = {(r.route, r.method, r.metric): r.value for r in rows if r.requirement == requirement}
@@ -130,7 +130,7 @@ def _repeat_blocks(rows: Sequence[Row]) -> list[tuple[str, Cells]]:
 
 
 def shown(metric: str, value: float | None) -> str:
-    """A value as the study prints it: three decimals, one for counts of collisions; a dash where there is none."""
+    """Return a value as the study prints it: three decimals, one for collisions; a dash without a value."""
     if value is None or not math.isfinite(value):
         return DASH
     if metric == "runs":
@@ -171,7 +171,7 @@ _TEX |= {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textascii
 
 
 def _remarks(name: str, blocks: Sequence[tuple[str, Cells]]) -> list[str]:
-    """What has to be said of the tables of a file: why there are none, what a dash means."""
+    """Return remarks on the tables of a file: why there are none, what a dash means."""
     if not blocks:
         return [f"No rows: {UNREPEATED if name != 'rq1' else UNGUIDED}."]
     if not any(DASH in line for _, cells in blocks for line in cells):
@@ -182,7 +182,7 @@ def _remarks(name: str, blocks: Sequence[tuple[str, Cells]]) -> list[str]:
 
 
 def _latex(name: str, way: str, blocks: Sequence[tuple[str, Cells]], notes: Sequence[str]) -> str:
-    """Tables that need no package; what is to be said of them stands below the last one."""
+    """Return tables that need no LaTeX package, with the remarks below the last one."""
     parts = [f"% {TITLES[name]}\n% {WAYS[way]}"]
     for title, cells in blocks:
         head, *body = [[_tex(cell) for cell in line] for line in cells]

@@ -1,4 +1,4 @@
-"""The study's tables (RQ1 effectiveness, RQ2 best against worst, RQ3 the same per route), published way and honest.
+"""Builds the study's tables: RQ1 effectiveness, RQ2 best against worst, RQ3 the same per route; published and honest.
 
 Published way: the best of five configurations against single baseline runs, all repeats of the selected scenarios,
 uncorrected p values. Honest way: equal numbers of simulated runs and no selection in the means; the run by which a
@@ -43,7 +43,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Tables:
-    """The three tables of one way of counting."""
+    """The three tables, counted in one way."""
 
     rq1: list[Row]
     rq2: list[Row]
@@ -51,14 +51,14 @@ class Tables:
 
 
 def build(material: Material, model_dir: Path | None = None) -> tuple[Tables, Tables]:
-    """The published and the honest tables of a store."""
+    """Return the published and the honest tables of a store."""
     published = Tables(*(list(rows) for rows in (_rq1_published(material, model_dir), *_repeated(material, False))))
     honest = Tables(*(list(rows) for rows in (_rq1_honest(material, model_dir), *_repeated(material, True))))
     return published, Tables(*(corrected(rows) for rows in (honest.rq1, honest.rq2, honest.rq3)))
 
 
 def corrected(rows: Sequence[Row]) -> list[Row]:
-    """The rows with all p values corrected by Holm; a family is one requirement and one comparison."""
+    """Return the rows with p values corrected by Holm; a family is one requirement and one comparison."""
     families: dict[tuple[str, str], dict[str, float]] = {}
     for at, row in enumerate(rows):
         if row.metric.endswith("_p"):
@@ -108,7 +108,7 @@ def _described(
     *,
     per_run: bool = False,
 ) -> Iterable[Row]:
-    """Means of the metrics over trials (over single runs with `per_run`), diversities, and the runs spent."""
+    """Yield means of the metrics over trials (over runs with `per_run`), diversities, and the number of runs."""
     for metric in TABLED:
         found = [s.values.get(metric) for s in _runs(trials)] if per_run else [t.mean(metric) for t in trials]
         values = [value for value in found if value is not None]
@@ -140,7 +140,7 @@ def _sdd(material: Material, key: Key, method: str, texts: Sequence[str], model_
 
 
 def _by_scenario(trials: Iterable[Trial]) -> list[list[Trial]]:
-    """The trials of each scenario, in the order of their configurations."""
+    """Return the trials of each scenario, in the order of their configurations."""
     groups: dict[tuple[str, int], list[Trial]] = {}
     for trial in trials:
         groups.setdefault(trial.scenario, []).append(trial)
@@ -148,14 +148,14 @@ def _by_scenario(trials: Iterable[Trial]) -> list[list[Trial]]:
 
 
 def _best(group: Sequence[Trial], requirement: Requirement) -> Trial | None:
-    """The configuration with the worst mean objective for the robot; the earliest of equals."""
+    """Return the configuration with the worst mean objective for the robot; the earliest of equals."""
     known = [(t, t.objective) for t in group]
     rated = [(requirement.badness(value), t) for t, value in known if value is not None]
     return max(rated, key=lambda pair: pair[0])[1] if rated else None
 
 
 def _sound(trials: Sequence[Trial], material: Material, route: str) -> list[Trial]:
-    """The trials whose runs are surely of their configuration."""
+    """Return the trials whose runs surely belong to their configuration."""
     for trial in trials:
         note = (
             f"{trial.scenario[0]}: scenario {trial.scenario[1]}, configuration {trial.configuration}: {trial.doubtful}"
@@ -166,7 +166,7 @@ def _sound(trials: Sequence[Trial], material: Material, route: str) -> list[Tria
 
 
 def _first_runs(trials: Sequence[Trial], budget: int) -> list[Trial]:
-    """The first `budget` runs: one of every scenario before a second of any, first configurations first."""
+    """Return the first `budget` runs: one of each scenario before a second of any, first configurations first."""
     ranked = [
         (repeat, rank, at, trial, sample)
         for at, group in enumerate(_by_scenario(trials))
@@ -178,7 +178,7 @@ def _first_runs(trials: Sequence[Trial], budget: int) -> list[Trial]:
 
 
 def _best_of_equal(name: str, route: str, sound: dict[str, list[Trial]], requirement: Requirement) -> Iterable[Row]:
-    """Selection with an equal budget: the worst of k runs for the robot, for guided and baseline alike.
+    """Yield the worst of k runs for the robot, for guided and baseline alike: selection with an equal budget.
 
     k is the number of configurations per scenario. The guided method's k are those of a scenario; a baseline's
     value is the exact expectation over every choice of k of its runs. Of repeats only the first counts, or the guided
@@ -201,7 +201,7 @@ def _best_of_equal(name: str, route: str, sound: dict[str, list[Trial]], require
 
 
 def expected_best(samples: Sequence[Sample], metric: str, requirement: Requirement, k: int) -> float | None:
-    """The mean of `metric` over the worst run (by the requirement) of every choice of k runs; None under k runs."""
+    """Return the mean of `metric` over the worst run of every choice of k runs; None with fewer than k runs."""
     objective = (requirement.metric or "").removesuffix("_logged")
     rated = []
     for sample in samples:
@@ -225,7 +225,7 @@ def _runs(trials: Iterable[Trial]) -> list[Sample]:
 
 
 def _repeated(material: Material, honest: bool) -> tuple[list[Row], list[Row]]:
-    """RQ2 (pooled over routes) and RQ3 (per route) of the repeated best and worst scenarios."""
+    """Return RQ2 (pooled over routes) and RQ3 (per route) of the repeated best and worst scenarios."""
     pooled: dict[str, dict[str, list[list[Sample]]]] = {}
     spreads: dict[tuple[str, str], list[float]] = {}
     per_route: list[Row] = []
@@ -251,7 +251,7 @@ def _repeated(material: Material, honest: bool) -> tuple[list[Row], list[Row]]:
 
 
 def _summed(key: Key, method: str, sets: Sequence[Sequence[Sample]]) -> Iterable[Row]:
-    """Mean over all runs, mean over routes of the sample standard deviation, number of runs."""
+    """Yield the mean over all runs, the mean over routes of the standard deviation, and the number of runs."""
     for metric in TABLED:
         values = [[s.values[metric] for s in runs if metric in s.values] for runs in sets]
         together = [value for route in values for value in route]
@@ -264,7 +264,7 @@ def _summed(key: Key, method: str, sets: Sequence[Sequence[Sample]]) -> Iterable
 
 
 def _compared(key: Key, method: str, first: Sequence[Sample], second: Sequence[Sample]) -> Iterable[Row]:
-    """Per metric: two-sided Mann-Whitney p, and A12 of the first against the second."""
+    """Yield for each metric the two-sided Mann-Whitney p, and A12 of the first against the second."""
     for metric in TABLED:
         found = compare(*([s.values[metric] for s in samples if metric in s.values] for samples in (first, second)))
         if found is not None:
