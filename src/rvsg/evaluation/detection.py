@@ -22,6 +22,7 @@ from rvsg.evaluation.events import (
     Events,
     HardBrake,
     NearMiss,
+    ObstacleContact,
     Place,
     PlaceAt,
     StandStill,
@@ -31,6 +32,7 @@ from rvsg.evaluation.naming import WaypointNames
 from rvsg.evaluation.people import people_events
 from rvsg.evaluation.sampled import Flags, Sampled, Touch, joined, stretches, wrap
 from rvsg.scenario.scenario import Scenario
+from rvsg.simulation.events import ObstacleContact as RecordedObstacleContact
 from rvsg.simulation.events import RobotContact
 from rvsg.simulation.run import Outcome, Run
 from rvsg.world.world import World
@@ -73,7 +75,7 @@ def events_of(run: Run, *, world: World | None = None, scenario: Scenario | None
     found: list[Event] = []
     if s.people:
         found += [*contacts(s, at), *near_misses(s, at), *blocked_goals(s, at)]
-    found += [*hard_brakes(s, at), *standstills(s, at), ending(s, at)]
+    found += [*obstacle_contacts(s, at), *hard_brakes(s, at), *standstills(s, at), ending(s, at)]
     if s.people:
         found += people_events(s, scenario, world, at)
     return tuple(sorted(found, key=lambda event: event.time_s))
@@ -88,6 +90,18 @@ def place_namer(world: World | None) -> PlaceAt:
         return Place(x=round(float(x), 3), y=round(float(y), 3), waypoint=name)
 
     return at
+
+
+def obstacle_contacts(s: Sampled, at: PlaceAt) -> Iterator[ObstacleContact]:
+    """Yield the recorded contacts of the robot's body with walls and objects."""
+    for event in s.run.events:
+        if isinstance(event, RecordedObstacleContact):
+            yield ObstacleContact(
+                time_s=event.time_s,
+                place=at(event.x, event.y),
+                until_s=event.until_s,
+                speed_m_s=event.speed_m_s,
+            )
 
 
 def contacts(s: Sampled, at: PlaceAt) -> Iterator[Contact]:

@@ -18,7 +18,8 @@ from rvsg.generation.places import Place, places_of
 from rvsg.generation.seeding import rng_of
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.scenario import ForceFactors, Human, HumanConfiguration, Task
-from rvsg.scenario.validity.rules import ROBOT_RADIUS_M, START_CLEARANCE_M
+from rvsg.scenario.validity.checker import robot_reach_m
+from rvsg.scenario.validity.rules import START_CLEARANCE_M
 from rvsg.world.world import World
 
 HUMAN_RADIUS_M = 0.4
@@ -100,7 +101,7 @@ class RandomGenerator(Generator):
     ) -> tuple[Place, str]:
         """A random waypoint of a random place, clear of the robot and of everybody; after 100 draws whatever came."""
         robot = brief.mission.route.start
-        taken = [((robot.x, robot.y), ROBOT_RADIUS_M + HUMAN_RADIUS_M + START_CLEARANCE_M)]
+        taken = [((robot.x, robot.y), robot_reach_m(brief.mission) + HUMAN_RADIUS_M + START_CLEARANCE_M)]
         taken += [(world.grid.position(o.tasks[0].path[0]), o.radius_m + HUMAN_RADIUS_M) for o in others]
         for _ in range(100):
             drawn = _draw(places, set(), set(), rng)

@@ -29,8 +29,8 @@ Complexes = NDArray[np.complex128]
 STEP_S = 0.1
 ROBOT_SPEED_M_S, STARTS_AFTER_S, TURNS_FOR_S = 0.49, 0.5, 1.5
 """An undisturbed run of the study's robot: 0.5 m/s along the way, less the start, and a turn at the goal."""
-BODIES_M = 0.75
-"""Radius of the robot (0.35 m) and of a person (0.40 m): what lies between centre distance and gap."""
+PERSON_M = 0.4
+"""Radius of a person."""
 STOPS_AT_M, SLOWS_AT_M, FRONT = 0.7, 1.0, math.radians(40.0)
 GOAL_TAKEN_M = 0.6
 ROOM_M, ROOM_AHEAD_M, SWERVES_M, SWERVE_STEP_M = 0.9, 1.5, 1.0, 0.025
@@ -57,15 +57,27 @@ class Forecast:
 
 
 class Forecaster:
-    """Forecasts for one route; `robot_speed_m_s` and `pace` (a factor on everybody's speed) are fitted by `fitted`."""
+    """Forecasts for one route.
+
+    `robot_speed_m_s` and `pace` (a factor on everybody's speed) are fitted by `fitted`; `robot_radius_m` is that of the
+    disc that stands for the robot.
+    """
 
     def __init__(
-        self, ground: Ground, time_limit_s: float, *, robot_speed_m_s: float = ROBOT_SPEED_M_S, pace: float = 1.0
+        self,
+        ground: Ground,
+        time_limit_s: float,
+        *,
+        robot_speed_m_s: float = ROBOT_SPEED_M_S,
+        pace: float = 1.0,
+        robot_radius_m: float = 0.35,
     ) -> None:
         self.ground = ground
         self.limit = time_limit_s
         self.robot_speed = robot_speed_m_s
         self.pace = pace
+        self.bodies = robot_radius_m + PERSON_M
+        self.robot_radius = robot_radius_m
         self._line = _Line(ground.robot_path)
 
     def __call__(self, humans: Sequence[Human]) -> Forecast:
@@ -89,19 +101,21 @@ class Forecaster:
         ]
         if len(seen) < 5:
             return self
-        choices = [(speed, pace) for speed in (0.42, 0.46, 0.49) for pace in (0.8, 0.9, 0.95, 1.0, 1.05, 1.1, 1.2)]
+        scale = self.robot_speed / ROBOT_SPEED_M_S
+        speeds = [speed * scale for speed in (0.42, 0.46, 0.49)]
+        choices = [(speed, pace) for speed in speeds for pace in (0.8, 0.9, 0.95, 1.0, 1.05, 1.1, 1.2)]
         run = self._run([humans] * len(choices), [c[0] for c in choices], [c[1] for c in choices], keep=True)
         track = run.track()
         rows = np.clip(np.round([t / STEP_S for t, _ in seen]).astype(int), 0, len(track) - 1)
         errors = (np.abs(track[rows] - np.array([places for _, places in seen])[:, None]) ** 2).sum(axis=(0, 2))
         speed, pace = choices[int(np.argmin(errors))]
-        return Forecaster(self.ground, self.limit, robot_speed_m_s=speed, pace=pace)
+        return Forecaster(self.ground, self.limit, robot_speed_m_s=speed, pace=pace, robot_radius_m=self.robot_radius)
 
     def _run(
         self, variants: Sequence[Sequence[Human]], speeds: Sequence[float], paces: Sequence[float], keep: bool = False
     ) -> _Episode:
         people = _People(variants, self.ground.at, np.asarray(paces))
-        run = _Episode(self._line, people, np.asarray(speeds), keep)
+        run = _Episode(self._line, people, np.asarray(speeds), self.bodies, keep)
         for _ in range(int(self.limit / STEP_S)):
             run.step()
             if run.done.all():
@@ -210,10 +224,10 @@ class _Line:
 
 
 class _Episode:
-    """B runs side by side."""
+    """B runs side by side. `bodies`: radius of the robot and of a person, metres."""
 
-    def __init__(self, line: _Line, people: _People, speeds: Floats, keep: bool) -> None:
-        self.line, self.people, self.speeds, self.keep = line, people, speeds, keep
+    def __init__(self, line: _Line, people: _People, speeds: Floats, bodies: float, keep: bool) -> None:
+        self.line, self.people, self.speeds, self.bodies, self.keep = line, people, speeds, bodies, keep
         count, humans = people.p.shape
         self.rows = np.arange(count)
         self.s, self.turned, self.aside, self.swerved = (np.zeros(count) for _ in range(4))
@@ -266,7 +280,7 @@ class _Episode:
 
     def _measure(self, distance: Floats, bearing: Floats, going: NDArray[np.bool_]) -> Floats:
         """Take the gaps and meetings of this step; the share (B,) of its speed the robot keeps."""
-        gap = np.maximum(0.0, distance.min(axis=1) - BODIES_M)
+        gap = np.maximum(0.0, distance.min(axis=1) - self.bodies)
         self.gap_sum += np.where(going, gap, 0.0)
         self.least = np.where(going, np.minimum(self.least, gap), self.least)
         self.time += np.where(going, STEP_S, 0.0)

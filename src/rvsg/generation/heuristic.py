@@ -25,7 +25,7 @@ from rvsg.generation.telling import retold, told
 from rvsg.generation.work import HAND_IN_HAND, Workforce
 from rvsg.scenario.aim import Aim
 from rvsg.scenario.brief import Brief, Feedback, Remembered
-from rvsg.scenario.scenario import Behaviour, Human, HumanConfiguration, Task
+from rvsg.scenario.scenario import Behaviour, Human, HumanConfiguration, Mission, Task
 from rvsg.scenario.validity.checker import spawn_finding, start_gap_m
 from rvsg.scenario.validity.rules import START_CLEARANCE_M
 from rvsg.scenario.validity.sides import parts_of
@@ -97,7 +97,7 @@ class _Plan:
         self.ground = ground_of(self.world, self.brief.mission.route)
         self.uses = _uses(self.brief.memory, self.world)
         self.work = Workforce(self.ground, self.places, self.aim, self.rng, self.uses)
-        self.forecaster = Forecaster(self.ground, self.brief.mission.route.time_limit_s)
+        self.forecaster = Forecaster(self.ground, self.brief.mission.route.time_limit_s, **_robot(self.brief.mission))
 
     # -- a new scenario ----------------------------------------------------------------------------------------
 
@@ -295,3 +295,11 @@ def _aim_of(brief: Brief) -> Aim:
     if brief.requirement is None:
         return Aim.NONE
     return brief.aim or Aim.SHARE
+
+
+def _robot(mission: Mission) -> dict[str, float]:
+    """Return what the forecast has to know of a robot that is not the default one."""
+    robot = mission.robot
+    if isinstance(robot, str):
+        return {}
+    return {"robot_speed_m_s": 0.98 * robot.driving_speed_m_s, "robot_radius_m": robot.radius_m}

@@ -151,6 +151,12 @@ class Robot(Record):
         return 0.5 * max(right - left, high - low)
 
     @property
+    def driving_speed_m_s(self) -> float:
+        """Forward speed on a free way: what the limits, the planner and the velocity smoother allow."""
+        asked = (self.navigation.smoother.max_speed_m_s, self.navigation.dwb.max_speed_m_s)
+        return min([self.limits.speed_m_s, *(speed for speed in asked if speed is not None)])
+
+    @property
     def width_m(self) -> float:
         """Width of the body across its direction of motion."""
         (_, low), (_, high) = rectangle(self.outline)

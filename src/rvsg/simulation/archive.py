@@ -46,6 +46,8 @@ class RunHeader(Record):
     human_groups: tuple[int | None, ...] = ()
     events: tuple[RecordedEvent, ...] = ()
     robot_outline: tuple[tuple[float, float], ...] = ()
+    robot_latency_s: float = 0.0
+    robot_deceleration_m_s2: float = 2.5
     same_log: bool = False
 
 

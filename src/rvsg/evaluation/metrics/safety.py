@@ -11,7 +11,6 @@ from rvsg.evaluation.sampled import STILL_SPEED_M_S, Flags, Sampled
 from rvsg.scenario.aim import Aim
 
 REACTION_S = 0.3
-BRAKING_M_S2 = 2.5
 INTIMATE_M, PERSONAL_M, SOCIAL_M = 0.45, 1.2, 3.6
 EMERGENCY_DECELERATION_M_S2 = 2.0
 ADVANCING_M = 0.05
@@ -84,13 +83,14 @@ def time_to_collision(s: Sampled) -> float | None:
 def stopping_margin(s: Sampled) -> float | None:
     """Smallest gap minus the distance the robot needs to stop, over samples in which it closes in on the person.
 
-    Stopping distance = v 0.3 s + v^2 / (2 2.5 m/s^2): reaction and the robot's braking. Negative: it could not
-    have stopped in time. Without an approach the smallest gap.
+    Stopping distance = v (0.3 s + latency) + v^2 / (2 a): reaction, and the robot's deceleration a (2.5 m/s^2 where it
+    is not known). Negative: it could not have stopped in time. Without an approach the smallest gap.
     """
     if not s.people:
         return None
+    reaction, braking = REACTION_S + s.run.robot_latency_s, s.run.robot_deceleration_m_s2
     speed = np.abs(s.series.v)[:, None]
-    stopping = np.where(s.closing_speed > 0.0, speed * REACTION_S + speed**2 / (2 * BRAKING_M_S2), 0.0)
+    stopping = np.where(s.closing_speed > 0.0, speed * reaction + speed**2 / (2 * braking), 0.0)
     return float((s.gap - stopping).min())
 
 

@@ -59,6 +59,11 @@ def warnings(people: HumanConfiguration, mission: Mission, world: World) -> tupl
     return tuple(found)
 
 
+def robot_reach_m(mission: Mission) -> float:
+    """Return the radius of a disc around the robot's start that holds its body; the study's for the default robot."""
+    return ROBOT_RADIUS_M if isinstance(mission.robot, str) else mission.robot.turning_radius_m
+
+
 def start_gap_m(radius_m: float, at: tuple[float, float], mission: Mission) -> float:
     """Return the gap between the robot's body at its start and a person at a point, metres; negative: they overlap.
 

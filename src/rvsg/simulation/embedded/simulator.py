@@ -176,6 +176,8 @@ def simulate_agents(
         clock_ratio=settings.clock,
         robot_radius_m=robot.radius_m,
         robot_outline=() if options.human_defects else robot.outline,
+        robot_latency_s=robot.latency_s,
+        robot_deceleration_m_s2=robot.limits.deceleration_m_s2,
         human_names=tuple(agent.name for agent in agents),
         human_radius_m=tuple(agent.radius_m for agent in agents),
         human_groups=tuple(agent.group for agent in agents),

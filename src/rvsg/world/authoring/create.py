@@ -14,6 +14,9 @@ from numpy.typing import NDArray
 from rvsg.core.documents import read_document
 from rvsg.core.errors import FileError, InputError
 from rvsg.core.records import Pose
+from rvsg.robots import Robot, load_robot
+from rvsg.robots.files import DEFAULT_ROBOT
+from rvsg.robots.polygons import padded, rectangle
 from rvsg.world.authoring.labels import propose_areas
 from rvsg.world.authoring.rooms import indoors
 from rvsg.world.build import build_world
@@ -37,7 +40,6 @@ SECONDS_PER_M = 2.5  # the study gives its robot 2 to 2.5 s for a metre
 SHORTEST_LIMIT_S = 15.0
 MOST_LINES = 40  # more rows or columns are hard to read on one picture
 CONNECTED = 0.97
-HALF_LENGTH_M, HALF_WIDTH_M = 0.36, 0.25  # of the robot seen from above, a finger's breadth added
 TURNING_M = 0.45  # room in which a robot of 0.7 x 0.5 m turns on the spot
 
 
@@ -405,11 +407,14 @@ def _route(world: World, name: str, length: float, path: tuple[str, ...], area_a
     )
 
 
-def robot_stands(space: Space, pose: Pose) -> bool:
-    """Whether the robot's footprint at this pose (metres, radians) is clear of obstacles."""
-    along, across = np.meshgrid(
-        np.linspace(-HALF_LENGTH_M, HALF_LENGTH_M, 15), np.linspace(-HALF_WIDTH_M, HALF_WIDTH_M, 11)
-    )
+def robot_stands(space: Space, pose: Pose, robot: Robot | None = None) -> bool:
+    """Whether the robot's padded footprint at this pose (metres, radians) is clear of obstacles.
+
+    By default the robot is the default one; of any other the rectangle around its footprint counts.
+    """
+    robot = robot or load_robot(DEFAULT_ROBOT)
+    (rear, right), (front, left) = rectangle(padded(robot.footprint, robot.padding_m))
+    along, across = np.meshgrid(np.linspace(rear, front, 15), np.linspace(right, left, 11))
     c, s = math.cos(pose.yaw), math.sin(pose.yaw)
     points = np.stack([pose.x + c * along - s * across, pose.y + s * along + c * across], axis=-1)
     return bool((space.clearances(points) > 0.0).all())
