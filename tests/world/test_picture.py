@@ -11,6 +11,7 @@ from rvsg.core.errors import InputError, UnknownName
 from rvsg.core.records import Pose
 from rvsg.world.build import build_world
 from rvsg.world.drawing import GRID, LABELLED, PALETTES, Picture, draw_plan, grid_picture, labelled_map, png_bytes
+from rvsg.world.drawing.route import time_marks
 from rvsg.world.grid import GridSpec
 from rvsg.world.io.load import load_world, shipped_worlds
 from rvsg.world.world import OccupancyMap
@@ -120,3 +121,26 @@ def test_the_words_below_the_plan_say_from_where_rows_and_columns_count() -> Non
         words = " ".join(word.text for word in draw_plan(world, show=GRID).words)
         assert "Rows A to C from bottom to top" in words
         assert f"columns 1 to 2 from {across}" in words
+
+
+def test_the_way_has_a_mark_every_five_seconds_with_its_time() -> None:
+    world = load_world("warehouse")
+    route = world.route("route_2")
+    way = [(t * 0.5, route.start.x + (route.goal.x - route.start.x) * t / 40, route.start.y) for t in range(41)]
+    assert [time for time, _, _ in time_marks(way)] == [5.0, 10.0, 15.0, 20.0]
+    assert time_marks(way)[1][1] == pytest.approx((route.start.x + route.goal.x) / 2)
+    texts = {word.text for word in draw_plan(world, show=GRID, route=route, way=way).words}
+    assert {"5 s", "10 s", "15 s"} <= texts
+
+
+def test_coordinates_stand_where_they_are_on_the_page() -> None:
+    picture = draw_plan(load_world("warehouse"), show=GRID | {"metres"})
+    x, y = picture.view.up, "y" if picture.view.up == "x" else "x"
+    found = {word.text: word for word in picture.words if word.text[:2] in ("x ", "y ")}
+    assert {text.split()[0] for text in found} == {x, y}
+    for text, word in found.items():
+        axis, value = text.split()
+        point = (float(value), 0.0) if axis == "x" else (0.0, float(value))
+        across, down = picture.view.pixels(np.array(point))
+        where, wanted = (word.centre[1], down) if axis == x else (word.centre[0], across)
+        assert where == pytest.approx(wanted, abs=2)

@@ -11,6 +11,7 @@ from PIL import Image
 
 from rvsg.world.drawing.palette import PALETTES, Palette
 from rvsg.world.drawing.plan import GRID, LABELLED, LAYERS, Picture, draw_plan
+from rvsg.world.drawing.route import Way
 from rvsg.world.drawing.tiles import Tile, tiles
 from rvsg.world.drawing.view import Window
 from rvsg.world.world import Route, World
@@ -22,6 +23,7 @@ __all__ = [
     "PALETTES",
     "Picture",
     "Tile",
+    "Way",
     "draw_plan",
     "grid_picture",
     "labelled_map",
@@ -38,11 +40,12 @@ def labelled_map(
     colours: str | Palette = "light",
     show: frozenset[str] = LABELLED,
     window: Window | None = None,
+    way: Way | None = None,
 ) -> Image.Image:
     """The floor plan with its labelled areas, seen from above, about `width_px` pixels wide."""
     title = f"{world.title}: labelled areas" + (f" and {route.name}" if route else "")
     return draw_plan(
-        world, show=show, width_px=width_px, route=route, colours=colours, window=window, title=title
+        world, show=show, width_px=width_px, route=route, colours=colours, window=window, title=title, way=way
     ).image
 
 
@@ -54,11 +57,12 @@ def grid_picture(
     colours: str | Palette = "light",
     show: frozenset[str] = GRID,
     window: Window | None = None,
+    way: Way | None = None,
 ) -> Image.Image:
     """The floor plan with the grid of named waypoints on which people can stand, about `width_px` pixels wide."""
     title = f"{world.title}: grid of waypoints" + (f" and {route.name}" if route else "")
     return draw_plan(
-        world, show=show, width_px=width_px, route=route, colours=colours, window=window, title=title
+        world, show=show, width_px=width_px, route=route, colours=colours, window=window, title=title, way=way
     ).image
 
 

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from rvsg.world.drawing.palette import Colour
-from rvsg.world.drawing.placing import SMALLEST_TEXT, text_size
+from rvsg.world.drawing.placing import SMALLEST_TEXT, Word, text_size
 from rvsg.world.drawing.sheet import Sheet
 from rvsg.world.grid import Waypoint
 from rvsg.world.world import Route, World
@@ -194,3 +194,26 @@ def _ways(sheet: Sheet, world: World) -> tuple[str, str]:
     (x0, y0), (x1, y1) = sheet.view.pixels(np.array([[w.x, w.y] for w in (points[0], points[-1])]))
     down = "top to bottom" if y0 <= y1 else "bottom to top"
     return down, "left to right" if x0 <= x1 else "right to left"
+
+
+def draw_metres(sheet: Sheet) -> None:
+    """Write coordinates in metres along the lower and the left edge of the plan, inside it."""
+    left, top, right, bottom = sheet.view.plan
+    x0, y0, x1, y1 = sheet.view.window
+    size = max(9, round(13 * sheet.unit))
+    step = next(s for s in (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 500.0) if s * sheet.view.scale >= 9 * size)
+    for axis, low, high in (("x", x0, x1), ("y", y0, y1)):
+        for value in np.arange(np.ceil(low / step) * step, high, step).tolist():
+            point = (value, y0) if axis == "x" else (x0, value)
+            across, down = sheet.view.pixels(np.array(point)).tolist()
+            upright = axis == sheet.view.up
+            at = (left, down) if upright else (across, bottom)
+            if min(abs(at[0] - right), abs(at[1] - top)) < 2 * size:
+                continue
+            inner = (at[0] + size * 0.6, at[1]) if upright else (at[0], at[1] - size * 0.6)
+            sheet.line(np.array([at, inner]), sheet.palette.ink, 1.5)
+            text = f"{axis} {value:g}"
+            wide, tall = text_size(text, size)
+            x = inner[0] + 3 if upright else at[0] - wide / 2
+            y = at[1] - tall / 2 if upright else inner[1] - tall - 3
+            sheet.write(Word(text, (x, y, x + wide, y + tall), size), sheet.palette.ink, halo=sheet.palette.floor)

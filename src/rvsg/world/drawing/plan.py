@@ -10,16 +10,16 @@ from PIL import Image
 from rvsg.core.errors import UnknownName
 from rvsg.world.drawing.areas import areas_in_sight, draw_areas, write_areas
 from rvsg.world.drawing.floor import draw_floor, draw_objects
-from rvsg.world.drawing.furniture import draw_footer, draw_rulers, draw_title
+from rvsg.world.drawing.furniture import draw_footer, draw_metres, draw_rulers, draw_title
 from rvsg.world.drawing.palette import Palette, palette
 from rvsg.world.drawing.placing import Word
-from rvsg.world.drawing.route import draw_route, write_ends
+from rvsg.world.drawing.route import Way, draw_route, write_ends, write_times
 from rvsg.world.drawing.sheet import Sheet
 from rvsg.world.drawing.view import View, Window, view_of
 from rvsg.world.drawing.waypoints import draw_dots, write_waypoints
 from rvsg.world.world import Route, World
 
-LAYERS = frozenset({"objects", "lidar", "areas", "rulers", "waypoints", "names", "hops", "title", "legend"})
+LAYERS = frozenset({"objects", "lidar", "areas", "rulers", "waypoints", "names", "hops", "title", "legend", "metres"})
 LABELLED = frozenset({"objects", "areas", "title", "legend"})
 GRID = frozenset({"objects", "areas", "rulers", "waypoints", "names", "title", "legend"})
 
@@ -43,8 +43,15 @@ def draw_plan(
     colours: str | Palette = "light",
     window: Window | None = None,
     title: str = "",
+    way: Way | None = None,
 ) -> Picture:
-    """Draw what `show` names of LAYERS; `window` (x_min, y_min, x_max, y_max) in metres shows a part of the world."""
+    """Draw a floor plan.
+
+    Args:
+        show: Which of LAYERS to draw. "metres" puts coordinates along the left and lower edge.
+        window: The part of the world to show: x_min, y_min, x_max, y_max in metres.
+        way: With a route, the drive to draw as (time in s, x, y), with a mark every 5 s.
+    """
     for layer in sorted(show - LAYERS):
         raise UnknownName("layer", layer, LAYERS)
     ink = palette(colours)
@@ -70,14 +77,18 @@ def draw_plan(
             ends = view.pixels(np.array([world.grid.position(a), world.grid.position(b)]))
             sheet.line(ends, ink.tinted(ink.dot, share=0.3), 0.8)
     if route is not None:
-        draw_route(sheet, world, route)
+        draw_route(sheet, world, route, way)
     dots = draw_dots(sheet, world) if "waypoints" in show else []
     if route is not None:
         write_ends(sheet, route)
+        if way is not None:
+            write_times(sheet, way)
     if "names" in show:
         write_waypoints(sheet, dots)
     write_areas(sheet, areas, kinds, largest=26 if "waypoints" not in show else 19)
     sheet.clear_margins()
+    if "metres" in show:
+        draw_metres(sheet)
     if "title" in show:
         draw_title(sheet, title or world.title)
     end = draw_footer(sheet, world, show, kinds if areas else {}, route)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -15,12 +16,19 @@ from rvsg.world.route_words import line_of
 from rvsg.world.world import Route, World
 
 Floats = NDArray[np.float64]
+Way = Sequence[tuple[float, float, float]]
+MARK_EVERY_S = 5.0
 
 
-def draw_route(sheet: Sheet, world: World, route: Route) -> None:
-    """The way the robot roughly takes: through its waypoints, with arrows, from START to GOAL."""
+def draw_route(sheet: Sheet, world: World, route: Route, way: Way | None = None) -> None:
+    """Draw the way the robot drives, with arrows, from START to GOAL.
+
+    Args:
+        way: The drive as (time in s, x, y), such as a run without people. Without it, the rough way through the
+            route's waypoints is drawn.
+    """
     ink, unit = sheet.palette, sheet.unit
-    points = line_of(world, route)
+    points = line_of(world, route) if way is None else np.array([(x, y) for _, x, y in way], float)
     moved = np.append(True, np.any(np.diff(points, axis=0) != 0, axis=1))
     line = sheet.view.pixels(points[moved])
     if len(line) < 2:
@@ -67,3 +75,23 @@ def _arrow(sheet: Sheet, at: Floats, direction: Floats, size: float) -> None:
     across = np.array([-along[1], along[0]])
     tip, back = at + along * size * 0.7, at - along * size * 0.7
     sheet.polygon(np.array([tip, back + across * size * 0.75, back - across * size * 0.75]), fill=sheet.palette.route)
+
+
+def time_marks(way: Way, every_s: float = MARK_EVERY_S) -> tuple[tuple[float, float, float], ...]:
+    """Return where the robot is every `every_s` seconds of a drive, as (time, x, y), without its start."""
+    t, x, y = np.array(way, float).T
+    times = np.arange(every_s, t[-1] + 1e-9, every_s)
+    return tuple(zip(times.tolist(), np.interp(times, t, x).tolist(), np.interp(times, t, y).tolist(), strict=True))
+
+
+def write_times(sheet: Sheet, way: Way) -> None:
+    """Mark on a drive where the robot is every 5 seconds; a mark without room for its number stays a dot."""
+    unit = sheet.unit
+    for time, x, y in time_marks(way):
+        at = sheet.view.pixels(np.array([x, y]))
+        sheet.dot(float(at[0]), float(at[1]), 6 * unit, fill=sheet.palette.floor, edge=sheet.palette.route, width=2.5)
+        ring = np.array([at - 7 * unit, at + 7 * unit])
+        sizes = [round(size * unit) for size in (16, 13)]
+        found = place_beside(f"{time:g} s", ring, sheet.taken, sizes, sheet.view.plan)
+        if found is not None:
+            sheet.write(found, sheet.palette.route, halo=sheet.palette.floor, bold=True)
