@@ -32,8 +32,6 @@ HANG_S = 60
 STUCK_S = 600
 """Seconds of the clock, for a wait without end."""
 MOST_MEMORY_KB = 2_000_000
-FOUND = Path(__file__).parent / "found"
-"""Inputs that once were findings: KIND/NAME/, the files of the example's folder as they were."""
 
 
 @dataclass(frozen=True)

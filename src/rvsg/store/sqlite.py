@@ -87,7 +87,7 @@ class SqliteLedger:
 
     @classmethod
     def existing(cls, path: str | Path) -> Self:
-        """The ledger of a file that is there, for reading where it may not be written; StoreError where it is not."""
+        """Open an existing ledger, read-only where it cannot be written; StoreError where there is none."""
         path = Path(path)
         if not path.exists():
             raise StoreError(f"{path}: there is no store here. `rvsg run --out DIR` makes DIR/ledger.sqlite.")
@@ -152,7 +152,7 @@ class SqliteLedger:
             connection.execute(_campaigns.insert().values(row))
 
     def forget_empty(self, campaign: str) -> bool:
-        """Forget a campaign that was begun and never made an attempt; False, and nothing changed, where it made one."""
+        """Delete a campaign that has no attempt and return True; return False, changing nothing, where it has one."""
         made = sa.select(_attempts.c.position).where(_attempts.c.campaign == campaign).limit(1)
         with self._translated(), self._engine.begin() as connection:
             if connection.execute(made).first() is not None:
@@ -284,7 +284,7 @@ class SqliteLedger:
 
 
 class _Translated:
-    """A database error inside becomes a StoreError that names the file."""
+    """Turns a database error inside into a StoreError that names the file."""
 
     def __init__(self, ledger: SqliteLedger) -> None:
         self._ledger = ledger
