@@ -13,7 +13,7 @@ from rvsg.generation.generator import Proposal
 from rvsg.generation.vlm.messages import Answer, Request
 from rvsg.generation.vlm.model import Scripted
 from rvsg.generation.vlm.recording import Recording
-from rvsg.scenario.brief import Brief, Feedback, HumanInfluence, Moment, Remembered, Sample
+from rvsg.scenario.brief import Brief, Feedback, HumanInfluence, Moment, PersonAt, Remembered, Row, Sample, Tried
 from rvsg.scenario.scenario import Scenario
 from rvsg.scenario.validity import check
 from rvsg.world.world import World
@@ -180,16 +180,30 @@ def test_feedback_tells_the_truth(brief: Brief, warehouse: World) -> None:
     first = VlmGenerator(Scripted([GOOD])).propose(brief, warehouse)
     assert first.scenario is not None
     model = Scripted([GOOD])
-    proposal = VlmGenerator(model).propose(refining(brief, first.scenario), warehouse)
+    asked = refining(brief, first.scenario)
+    assert asked.feedback is not None
+    person = PersonAt(at="D20", doing="walking leg 3 of 12", side="left", distance_m=1.25)
+    feedback = asked.feedback.replace(
+        rows=(Row(time_s=4.0, robot_at="F13", people={"Human 2": person}, value=0.5),),
+        tried=(Tried(mean=1.4, change="first configuration"), Tried(mean=1.2, change="Human 1 walks at 1 m/s")),
+        arrived=1,
+        touched=1,
+        best=first.scenario,
+        best_mean=1.1,
+    )
+    proposal = VlmGenerator(model).propose(asked.replace(feedback=feedback), warehouse)
     told = model.asked[0].messages[-1].text
     for words in (
         "2 times",
-        "1.2 m on average (95 % interval 1 to 1.4; the runs: 1, 1.4)",
+        "1.2 m on average (95 % interval 1 to 1.4)",
         "50 % of the runs",
         "NOT separable from chance",
-        '"Human 2": closest gap 2.8 m; within 2 m of the robot for 0 % of the time',
-        "played no part (robot elsewhere): D22 D20",
-        "4.5 s: robot at F13",
+        "arrived in 1 of 2 runs",
+        "touched in 1 of 2 runs",
+        "| 4 | F13 | 0.5 | D20, walking leg 3 of 12, 1.25 left |",
+        "1.4: first configuration. 1.2: Human 1 walks at 1 m/s",
+        "The best configuration so far reached 1.1",
+        '"task":',
     ):
         assert words in told
     assert proposal.scenario is not None
