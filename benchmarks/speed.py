@@ -1,6 +1,6 @@
 """How fast the embedded simulator is, whole episodes on one core, set-up included.
 
-    python benchmarks/speed.py [--json] [--episodes 10] [--humans 2 10 50]
+    python benchmarks/speed.py [--json] [--episodes 10] [--humans 2 10 50] [--robot NAME|FILE]
 
 The shipped warehouse, both lidars at full resolution, planner at 20 Hz with replanning at 1 Hz, people at 10 Hz,
 trajectories at 20 Hz, default profile, warm cache. Humans walk random shortest ways over the grid. `rtf` is simulated
@@ -46,16 +46,15 @@ def walkers(world: Any, count: int, seed: int) -> list[Any]:
     return found
 
 
-def real_time_factor(world: Any, route: str, humans: int, episodes: int) -> tuple[float, float]:
+def real_time_factor(world: Any, route: str, humans: int, episodes: int, robot: Any) -> tuple[float, float]:
     """Simulated over wall seconds, and over this process's processor seconds, of whole episodes with other seeds."""
     from rvsg.simulation.embedded.simulator import simulate_agents
 
     agents = walkers(world, humans, humans)
-    simulate_agents(world, world.route(route), agents, seed=10_000)
+    simulate_agents(world, world.route(route), agents, robot=robot, seed=10_000)
     began, processor = time.perf_counter(), time.process_time()
-    simulated = sum(
-        simulate_agents(world, world.route(route), agents, seed=seed).trajectory.t[-1] for seed in range(episodes)
-    )
+    runs = (simulate_agents(world, world.route(route), agents, robot=robot, seed=seed) for seed in range(episodes))
+    simulated = sum(run.trajectory.t[-1] for run in runs)
     return simulated / (time.perf_counter() - began), simulated / (time.process_time() - processor)
 
 
@@ -68,7 +67,7 @@ def compilation_s() -> float:
     return float(done.stdout.split()[-1])
 
 
-def benchmark(humans: list[int], episodes: int, compile_first: bool) -> dict[str, Any]:
+def benchmark(humans: list[int], episodes: int, compile_first: bool, robot: Any) -> dict[str, Any]:
     """All figures."""
     from rvsg.simulation.embedded import simulator as embedded
     from rvsg.world.io.load import load_world
@@ -77,12 +76,12 @@ def benchmark(humans: list[int], episodes: int, compile_first: bool) -> dict[str
     warm_s = embedded.warm_up(lambda line: print(line, file=sys.stderr))
     began = time.perf_counter()
     short = world.route(ROUTES[0]).model_copy(update={"time_limit_s": 0.01})
-    embedded.simulate_agents(world, short, walkers(world, 2, 2), seed=0)
+    embedded.simulate_agents(world, short, walkers(world, 2, 2), robot=robot, seed=0)
     start_up_s = time.perf_counter() - began
     rtf: dict[str, float] = {}
     by_route: dict[str, dict[str, dict[str, float]]] = {}
     for count in humans:
-        each = {route: real_time_factor(world, route, count, episodes) for route in ROUTES}
+        each = {route: real_time_factor(world, route, count, episodes, robot) for route in ROUTES}
         by_route[str(count)] = {
             route: {"wall": round(wall, 1), "processor": round(processor, 1)}
             for route, (wall, processor) in each.items()
@@ -101,7 +100,8 @@ def benchmark(humans: list[int], episodes: int, compile_first: bool) -> dict[str
             "replanning_hz": 1,
             "people_hz": 10,
             "recording_hz": 20,
-            "rays": [818, 818],
+            "robot": robot.name,
+            "rays": [lidar.rays for lidar in robot.lidars],
             "humans": humans,
             "episodes": episodes,
             "routes": list(ROUTES),
@@ -120,8 +120,11 @@ def main() -> int:
     parser.add_argument("--episodes", type=int, default=10)
     parser.add_argument("--humans", type=int, nargs="+", default=[2, 10, 50])
     parser.add_argument("--compile", action="store_true", help="also time a first compilation (about a minute)")
+    parser.add_argument("--robot", default="tiago_omni", help="a shipped robot or a robot file")
     args = parser.parse_args()
-    found = benchmark(args.humans, args.episodes, args.compile)
+    from rvsg.robots import load_robot
+
+    found = benchmark(args.humans, args.episodes, args.compile, load_robot(args.robot))
     if args.json:
         print(json.dumps(found, indent=2))
         return 0
@@ -133,7 +136,8 @@ def main() -> int:
         )
         print(f"{count:>3} humans: {value:.0f} x real time ({each})")
     print(
-        f"step 10 ms, controller 20 Hz, replanning 1 Hz, people 10 Hz, record 20 Hz, 2 x {conditions['rays'][0]} rays, "
+        f"step 10 ms, controller 20 Hz, replanning 1 Hz, people 10 Hz, record 20 Hz, {conditions['robot']}, "
+        f"{conditions['rays']} rays, "
         f"{conditions['episodes']} episodes per route, 1 core of {conditions['cores_of_machine']} "
         f"(load {conditions['load_average']})"
     )

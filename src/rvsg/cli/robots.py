@@ -17,11 +17,19 @@ app = verb()
 def robots(
     robot: Annotated[str | None, typer.Argument(help="A shipped robot or a robot file; all shipped ones.")] = None,
     draw: Annotated[Path | None, typer.Option(metavar="DIR", help="Write a plan view of each as DIR/NAME.svg.")] = None,
+    from_urdf: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Print what a URDF file says as a robot file, and what it lacks."),
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print the records as JSON on standard output.")] = False,
 ) -> None:
-    """List robots with size, drive, limits and sensors, check a robot file, or draw them."""
+    """List robots with size, drive, limits and sensors, check a robot file, draw them, or read a URDF file."""
     from rvsg.api.files import write_whole
     from rvsg.api.robots import draw_robot, load_robot, shipped_robots
+
+    if from_urdf is not None:
+        _print_urdf(from_urdf)
+        return
 
     chosen = list(shipped_robots().values()) if robot is None else [load_robot(robot)]
     if draw is not None:
@@ -42,3 +50,15 @@ def robots(
             f"{'yes' if each.bumper else 'no'}\n"
             f"{'':20} Source: {each.source}"
         )
+
+
+def _print_urdf(path: Path) -> None:
+    import yaml
+
+    from rvsg.api.robots import read_urdf
+
+    found = read_urdf(path)
+    print(yaml.safe_dump(found.values, sort_keys=False, default_flow_style=None, width=120), end="")
+    for sentence in found.missing:
+        print(f"# {sentence}")
+        console.say(f"missing: {sentence}")
