@@ -13,7 +13,7 @@ from rvsg.simulation.embedded.episode import Episode, Outside
 from rvsg.simulation.embedded.options import profile
 from rvsg.simulation.embedded.scene import Surroundings
 from rvsg.simulation.embedded.simulator import simulate_agents
-from rvsg.simulation.embedded.walls import SLACK_M, Walls, free_pose, overlap
+from rvsg.simulation.embedded.walls import SLACK_M, Walls, clearance, free_pose, overlap
 from rvsg.simulation.events import ObstacleContact
 from rvsg.simulation.run import Outcome, Run
 from rvsg.world.grid import Grid
@@ -147,3 +147,10 @@ def test_overlap_is_the_length_of_outlines_inside_the_body(turn: float) -> None:
     lines = shapely.MultiLineString([((e[0], e[1]), (e[2], e[3])) for e in walls.edges])
     expected = shapely.Polygon(corners).intersection(lines).length
     assert overlap(walls, x, y, turn) == pytest.approx(expected, abs=1e-9)
+
+
+def test_clearance_is_the_distance_to_the_nearest_outline() -> None:
+    world, _ = room_with_door(0.45)
+    walls = Surroundings(world, TIAGO).walls()
+    assert clearance(walls, -0.5, 2.0) == pytest.approx(0.4)
+    assert clearance(walls, -3.0, 0.0) == pytest.approx(walls.reach)

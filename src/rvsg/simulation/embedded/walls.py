@@ -30,6 +30,8 @@ MOST_CONTACTS = 256
 # Columns of a contact: begin and end (s), place of the first touch (m), speed at the first touch (m/s), and where the
 # base was at the last touch (m).
 FROM, UNTIL, PLACE_X, PLACE_Y, SPEED, LAST_X, LAST_Y = range(7)
+AHEAD_M = 0.5
+"""How far beyond the body outlines are looked for: the base goes at most so far between two checks."""
 STUCK_M = 0.5
 """A robot that came no farther than this from its last contact is stuck in it: the progress checker's distance."""
 FREE_WITHIN_M = 0.1
@@ -41,7 +43,8 @@ class Walls(NamedTuple):
 
     `edges` (E, 4) outlines in the world frame; tile t of the raster of 1 m from (x, y) holds
     `near[start[t] : start[t + 1]]`, the numbers of all edges within the body's reach. `outline` (K, 2) corners of the
-    body. `cuts` scratch space; `contacts` (N, 7) the contacts so far and `counts` (1,) their number.
+    body. `free` (1,): how far the base can go before it can touch; `reach` (m) how far
+    outlines are looked for. `cuts` scratch space; `contacts` (N, 7) the contacts so far and `counts` (1,) their number.
     """
 
     edges: Floats
@@ -53,6 +56,8 @@ class Walls(NamedTuple):
     rows: int
     outline: Floats
     radius: float
+    reach: float
+    free: Floats
     cuts: Floats
     contacts: Floats
     counts: NDArray[np.int64]
@@ -63,7 +68,7 @@ WallsRef = by_reference(Walls)
 
 def reach_of(outline: Sequence[tuple[float, float]]) -> float:
     """Return how far from the base frame an edge can matter, m."""
-    return reach(outline) + 0.05
+    return reach(outline) + AHEAD_M
 
 
 def new_walls(
@@ -81,6 +86,8 @@ def new_walls(
         rows=shape[0],
         outline=np.array(outline, np.float64),
         radius=reach(outline),
+        reach=reach_of(outline),
+        free=np.zeros(1),
         cuts=np.zeros(len(outline) + 2),
         contacts=np.zeros((MOST_CONTACTS, 7)),
         counts=np.zeros(1, np.int64),
@@ -108,6 +115,27 @@ def overlap(walls: Walls, x: float, y: float, yaw: float) -> float:
             walls, cos * dx + sin * dy, cos * dy - sin * dx, cos * ex + sin * ey, cos * ey - sin * ex
         )
     return found
+
+
+@kernel
+def clearance(walls: Walls, x: float, y: float) -> float:
+    """Return the distance of a point from the nearest outline, at most `reach`, m."""
+    column = int((x - walls.x) // 1.0)
+    row = int((y - walls.y) // 1.0)
+    if not (0 <= column < walls.columns and 0 <= row < walls.rows):
+        return 0.0
+    tile = row * walls.columns + column
+    best = walls.reach * walls.reach
+    for k in range(walls.start[tile], walls.start[tile + 1]):
+        edge = walls.edges[walls.near[k]]
+        ax = edge[0] - x
+        ay = edge[1] - y
+        dx = edge[2] - edge[0]
+        dy = edge[3] - edge[1]
+        square = dx * dx + dy * dy
+        share = min(1.0, max(0.0, -(ax * dx + ay * dy) / square)) if square > 0.0 else 0.0
+        best = min(best, (ax + share * dx) ** 2 + (ay + share * dy) ** 2)
+    return math.sqrt(best)
 
 
 @inner
@@ -168,6 +196,14 @@ def touch_walls(walls: Walls, t: float, body: Floats, x: float, y: float, yaw: f
 
     The base makes as much of its step as does not enter anything: less translation first, then less rotation.
     """
+    dx = body[base.X] - x
+    dy = body[base.Y] - y
+    walls.free[0] -= math.sqrt(dx * dx + dy * dy)
+    if walls.free[0] > 0.0:
+        return 0.0
+    walls.free[0] = clearance(walls, body[base.X], body[base.Y]) - walls.radius
+    if walls.free[0] > 0.0:
+        return 0.0
     now = overlap(walls, body[base.X], body[base.Y], body[base.YAW])
     if now <= SLACK_M:
         return 0.0
@@ -175,8 +211,6 @@ def touch_walls(walls: Walls, t: float, body: Floats, x: float, y: float, yaw: f
     if now <= allowed:
         return 0.0
     _note(walls, t, body)
-    dx = body[base.X] - x
-    dy = body[base.Y] - y
     turn = base.wrap(body[base.YAW] - yaw)
     moved = 0.0
     turned = 1.0
