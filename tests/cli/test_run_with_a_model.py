@@ -9,8 +9,6 @@ import pytest
 from tests.generation.loopback import Behaviour, drops_in_mid_reply, fails, raw, says, serving
 
 from rvsg.cli import main
-from rvsg.cli.cells import _wired as wired_cells
-from rvsg.cli.cells import cells_of
 
 KEY = "sk-campaign-secret-key-42424242"
 GOOD = json.dumps(
@@ -233,8 +231,3 @@ def test_a_budget_is_for_all_the_campaigns_of_a_command_together(capsys: pytest.
     two = ["--route", "route_1", "--route", "route_3"]
     assert run("http://127.0.0.1:9/v1", *two, "--budget-calls", "1") == 2
     assert "less than one for each of the 2 campaigns" in capsys.readouterr().err
-    budgets = {"budget_usd": 3.0, "budget_calls": 5, "generator_options": {"prices": "2,0.5,8"}}
-    given = {"route": ["route_1", "route_3"], "model": "openai-chat:x", "base_url": "http://127.0.0.1:9/v1", **budgets}
-    cells = cells_of({}, given)
-    assert cells is not None
-    assert [(cell.values["budget_usd"], cell.values["budget_calls"]) for cell in wired_cells(cells)] == [(1.5, 2)] * 2

@@ -8,7 +8,7 @@ from tests.campaign.parts import MemoryLedger
 from tests.report.test_page import campaign
 
 from rvsg.campaign.plan import Plan
-from rvsg.cli.tables import cells_table, ranked_table, without_common_beginning
+from rvsg.cli.tables import matrix_table, ranked_table, without_common_beginning
 from rvsg.evaluation.verdict import Status
 from rvsg.report.summary import Summary, summarise
 
@@ -21,7 +21,7 @@ def found() -> tuple[Plan, Summary]:
 
 def drawn(*cells: tuple[Plan, Summary], width: int) -> list[str]:
     paper = io.StringIO()
-    Console(file=paper, width=width).print(cells_table(cells))
+    Console(file=paper, width=width).print(matrix_table(cells))
     return paper.getvalue().splitlines()
 
 
@@ -36,7 +36,7 @@ def test_several_campaigns_with_long_names_and_values_fit_a_terminal(found: tupl
     assert lines[1].split() == ["campaign", "worst", "[95", "%]", "verdict", "violated"]
     assert "…" not in "".join(lines)
     assert sum("*" in line for line in lines) == 2  # the one that is not confirmed, and what that means
-    assert lines[-1].rstrip() == "* of the search alone, not confirmed in fresh runs"
+    assert lines[-1].rstrip() == "* of the search alone, not confirmed"
 
 
 def test_campaigns_that_are_all_confirmed_need_no_remark(found: tuple[Plan, Summary]) -> None:
