@@ -234,7 +234,7 @@ def test_a_scenario_of_another_world_is_refused(refused, tmp_path: Path, scenari
 def test_a_scenario_of_a_world_that_has_changed_is_refused(refused, tmp_path: Path, scenario: dict) -> None:
     scenario["mission"] |= {"world_id": "world-0000000000000000", "parts": None}
     told = simulate(refused, tmp_path, scenario)
-    assert "world-0000000000000000" in told and "have changed" in told
+    assert "world-0000000000000000" in told and "rvsg scenario migrate" in told
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", "{}", "null", '{"people": 3}'])
