@@ -236,7 +236,7 @@ def initial(
         goals=goals,
         pauses=pauses,
         goal_count=codes([len(agent.goals) for agent in agents]),
-        goal_index=codes([_first_goal(agent) for agent in agents]),
+        goal_index=np.zeros(n, np.int64),
         pause_left=np.zeros(n),
         start_time=column([agent.start_delay_s + begin for agent in agents]),
         speed=column([agent.speed_m_s for agent in agents]),
@@ -309,11 +309,6 @@ def _surfaces(world: World) -> Surfaces:
             _SURFACES.clear()
         _SURFACES[world.id] = Surfaces(world)
     return _SURFACES[world.id]
-
-
-def _first_goal(agent: HumanAgent) -> int:
-    """The first goal lies at the start. A pause there is for later rounds, so whoever has one heads for the next."""
-    return 1 if len(agent.goals) > 1 and agent.pauses_s[0] > 0.0 else 0
 
 
 def _first_yaw(agent: HumanAgent, published: bool) -> float:
