@@ -254,7 +254,7 @@ def test_a_violation_in_few_fresh_runs_fails_the_build_though_fail_or_flaky_is_o
     assert '<failure message="INCONCLUSIVE (violated; FAIL or FLAKY is still open)' in junit.read_text()
     page = (folder / "report.html").read_text()
     assert '<span class="chip bad">violated</span>' in page
-    assert "violates far in 8 of 8 fresh runs; FAIL or FLAKY is still open (INCONCLUSIVE)." in page
+    assert "violates far in 8 of 8 confirmation runs; FAIL or FLAKY is still open (INCONCLUSIVE)." in page
 
 
 def test_an_undecided_campaign_says_the_command_that_adds_fresh_runs_to_those_it_made(
