@@ -12,6 +12,7 @@ from rvsg.campaign.plan import Plan
 from rvsg.core.records import Record
 from rvsg.evaluation.judge import DEFAULT, Procedure, violated
 from rvsg.evaluation.safety_summary import Arrivals, Contacts, summarise_safety
+from rvsg.evaluation.statistics import wilson
 from rvsg.evaluation.story import story_of
 from rvsg.evaluation.verdict import Verdict
 from rvsg.scenario.requirement import Requirement
@@ -116,15 +117,7 @@ def difference_interval(with_people: Share, without: Share, confidence: float = 
 
 
 def _wilson(share: Share, confidence: float) -> tuple[float, float]:
-    from statistics import NormalDist
-
-    if share.of == 0:
-        return (0.0, 1.0)
-    z = NormalDist().inv_cdf(0.5 + confidence / 2.0)
-    n, p = share.of, share.probability
-    middle = (p + z * z / (2 * n)) / (1 + z * z / n)
-    half = z / (1 + z * z / n) * math.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
-    return (max(0.0, middle - half), min(1.0, middle + half))
+    return wilson(share.violated, share.of, confidence) if share.of else (0.0, 1.0)
 
 
 def _finding(

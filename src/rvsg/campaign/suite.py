@@ -15,7 +15,7 @@ from pydantic import Field
 
 from rvsg.core.records import Record
 from rvsg.evaluation.judge import DEFAULT, Procedure, violated
-from rvsg.evaluation.statistics import holm
+from rvsg.evaluation.statistics import holm, wilson
 from rvsg.evaluation.verdict import Status, Verdict
 from rvsg.scenario.scenario import Scenario
 
@@ -247,10 +247,8 @@ def paired_interval(
         first, second: pairs in which the first, and the second, is true.
         n: pairs, at least 1.
     """
-    from scipy import stats
-
-    z = float(stats.norm.ppf(0.5 + confidence / 2))
-    (p1, l1, u1), (p2, l2, u2) = _wilson(first, n, z), _wilson(second, n, z)
+    p1, p2 = first / n, second / n
+    (l1, u1), (l2, u2) = wilson(first, n, confidence), wilson(second, n, confidence)
     both = first - only_first
     neither = n - both - only_first - only_second
     scale = first * (n - first) * second * (n - second)
@@ -258,14 +256,6 @@ def paired_interval(
     low = ((p2 - l2) ** 2 - 2 * phi * (p2 - l2) * (u1 - p1) + (u1 - p1) ** 2) ** 0.5
     high = ((u2 - p2) ** 2 - 2 * phi * (u2 - p2) * (p1 - l1) + (p1 - l1) ** 2) ** 0.5
     return max(-1.0, p2 - p1 - low), min(1.0, p2 - p1 + high)
-
-
-def _wilson(count: int, n: int, z: float) -> tuple[float, float, float]:
-    share = count / n
-    middle = share + z * z / (2 * n)
-    half = z * (share * (1 - share) / n + z * z / (4 * n * n)) ** 0.5
-    scale = 1 + z * z / n
-    return share, max(0.0, (middle - half) / scale), min(1.0, (middle + half) / scale)
 
 
 def _settled(verdict: Verdict) -> bool | None:
