@@ -2,10 +2,10 @@
 
 import pytest
 
-from rvsg.generation.chance import RandomGenerator
 from rvsg.generation.conformance import check_generator, odd_briefs
 from rvsg.generation.generator import Generator
 from rvsg.generation.heuristic import HeuristicGenerator
+from rvsg.generation.random_search import RandomGenerator
 from rvsg.scenario.scenario import Mission
 from rvsg.world.io.load import load_world, shipped_worlds
 

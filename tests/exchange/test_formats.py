@@ -20,7 +20,7 @@ from rvsg.exchange.nav2_goals import goals_yaml
 from rvsg.exchange.openscenario import scenario_osc
 from rvsg.exchange.recording import read_recording
 from rvsg.exchange.tables import write_csv, write_parquet
-from rvsg.generation.chance import RandomGenerator
+from rvsg.generation.random_search import RandomGenerator
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.scenario import Mission, Scenario
 from rvsg.simulation.kinematic import KinematicSimulator

@@ -13,18 +13,18 @@ from rvsg.generation.forecast import (
     goals_of,
     push,
 )
-from rvsg.generation.ground import Ground, nearest_on
+from rvsg.generation.walking_graph import WalkingGraph, nearest_on
 from rvsg.scenario.brief import Feedback, Sample
 from rvsg.scenario.scenario import Human, HumanConfiguration, Pause, Scenario, Task
 from rvsg.world.io.load import load_world
 
-GROUND = Ground(WORLD, MISSION.route)
+GROUND = WalkingGraph(WORLD, MISSION.route)
 FAR = human("E1 → E2: E1 E2", "E2 → E1: E2 E1")
 
 
 def track(person: Human, seconds: float = 40.0) -> np.ndarray:
     """Where somebody is every STEP_S (steps, 2) when the robot stays away."""
-    away = Ground(WORLD, MISSION.route)
+    away = WalkingGraph(WORLD, MISSION.route)
     away.robot_path = ((50.0, 50.0), (60.0, 50.0))
     run = Forecaster(away, seconds)._run([[person]], [0.4], [1.0], keep=True)
     walked = run.track()[:, 0, 1]
@@ -112,7 +112,7 @@ def robot_at(t: float) -> str:
 def test_the_robot_is_expected_to_drive_straight_where_the_map_leaves_it_room() -> None:
     warehouse = load_world("warehouse")
     route = warehouse.route("route_1")
-    path = Ground(warehouse, route).robot_path
+    path = WalkingGraph(warehouse, route).robot_path
     assert path[0] == (route.start.x, route.start.y) and path[-1] == (route.goal.x, route.goal.y)
     length = sum(np.hypot(*np.subtract(a, b)) for a, b in pairwise(path))
     assert 8.4 < length < 9.0  # the grid path along `via` has 10.1 m

@@ -5,24 +5,24 @@ import pytest
 from tests.scenario.small_world import MISSION as HALL_MISSION
 from tests.scenario.small_world import WORLD as HALL
 
-from rvsg.generation.chance import RandomGenerator
 from rvsg.generation.conformance import DISTANCE, SMOOTH, TIMELY, check_generator, odd_briefs
 from rvsg.generation.forecast import Forecaster
 from rvsg.generation.generator import Proposal
-from rvsg.generation.ground import Ground
 from rvsg.generation.heuristic import HeuristicGenerator
-from rvsg.generation.work import at_places
+from rvsg.generation.people_sampler import at_places
+from rvsg.generation.random_search import RandomGenerator
+from rvsg.generation.walking_graph import WalkingGraph
 from rvsg.scenario.aim import Aim
 from rvsg.scenario.brief import Brief, Feedback, Remembered
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Behaviour, ForceFactors, Human, HumanConfiguration, Mission, Scenario, Task
 from rvsg.scenario.validity import warnings
-from rvsg.scenario.validity.sides import parts_of, sides
+from rvsg.scenario.validity.task_ends import parts_of, sides
 from rvsg.world.io.load import load_world
 
 WORLD = load_world("warehouse")
 MISSION = Mission(world="warehouse", world_id=WORLD.id, route=WORLD.route("route_1"))
-FORECAST = Forecaster(Ground(WORLD, MISSION.route), MISSION.route.time_limit_s)
+FORECAST = Forecaster(WalkingGraph(WORLD, MISSION.route), MISSION.route.time_limit_s)
 AIMS = {DISTANCE: Aim.SHARE, SMOOTH: Aim.DISTURB, TIMELY: Aim.DELAY}
 PATH = ("G13", "G14", "G15", "G16", "G17", "G18", "G19", "G20")
 GENERATOR = HeuristicGenerator(tries=20, changes=30)

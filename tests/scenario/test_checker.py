@@ -7,7 +7,7 @@ from tests.scenario.small_world import GOOD, MISSION, WORLD, human, people, walk
 from rvsg.scenario.scenario import HumanConfiguration, Mission, Pause, Task
 from rvsg.scenario.validity import RULES, check, warnings
 from rvsg.scenario.validity.rules import rules_page
-from rvsg.scenario.validity.sides import near_place
+from rvsg.scenario.validity.task_ends import near_place
 
 
 def rules_of(configuration: HumanConfiguration) -> list[str]:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from rvsg.generation.people_sampler import HEEDLESS_AIMS, ROLES, UNDERWAY, PeopleSampler, Stop, at_places, ends_of
 from rvsg.generation.places import Place
-from rvsg.generation.work import HEEDLESS_AIMS, ROLES, UNDERWAY, Stop, Workforce, at_places, ends_of
 from rvsg.scenario.aim import Aim
 from rvsg.scenario.brief import Feedback
 from rvsg.scenario.scenario import Behaviour, Human, Pause, Task
@@ -21,11 +21,11 @@ SPEEDS_M_S = (0.45, 1.6)
 class Changing:
     """Changes people at random. `idle` are waypoints that never came near the robot, as the feedback says."""
 
-    work: Workforce
+    work: PeopleSampler
     idle: frozenset[str] = frozenset()
 
     @classmethod
-    def after(cls, work: Workforce, feedback: Feedback) -> Changing:
+    def after(cls, work: PeopleSampler, feedback: Feedback) -> Changing:
         """Changes that know what the feedback says."""
         return cls(work, frozenset(name for influence in feedback.influences for name in influence.idle_waypoints))
 

@@ -29,7 +29,7 @@ from rvsg.generation.pictures import pictures_of
 from rvsg.generation.prompts import Prompts, number
 from rvsg.generation.rehearsal import Rehearsal, Rehearse, surprises
 from rvsg.generation.replies import Reply, read_configuration, read_description, read_path_lines
-from rvsg.generation.shape import configuration_shape
+from rvsg.generation.reply_schema import configuration_schema
 from rvsg.generation.vlm.messages import Answer, Message
 from rvsg.generation.vlm.model import Model
 from rvsg.generation.vlm.recording import TOLD, place_of
@@ -190,7 +190,7 @@ class VlmGenerator(Generator):
     def _compact(self, dialogue: Dialogue, brief: Brief, world: World) -> tuple[list[_Judged], str]:
         """One structured answer, and corrections while there is something to correct."""
         self._before_compact(dialogue, brief)
-        shape = configuration_shape(rich=True)
+        shape = configuration_schema(rich=True)
         purpose, template = ("refine", "compact-refine") if brief.feedback else ("new", "compact-new")
         judged = [self._judge(dialogue.ask(purpose, template, shape=shape), brief, world)]
         while judged[-1].findings and len(judged) <= self.corrections:
@@ -219,7 +219,7 @@ class VlmGenerator(Generator):
             answer = dialogue.ask(
                 "rehearse",
                 "compact-rehearsal",
-                shape=configuration_shape(rich=True),
+                shape=configuration_schema(rich=True),
                 surprises=list(found),
                 rehearsal=rehearsal.model_dump(mode="json"),
             )
@@ -286,7 +286,7 @@ class VlmGenerator(Generator):
 
     def _configuration(self, dialogue: Dialogue, brief: Brief, world: World) -> _Judged:
         # A refinement describes itself; a new scenario was described in step 1.
-        shape = configuration_shape(rich=False, described=brief.feedback is not None)
+        shape = configuration_schema(rich=False, described=brief.feedback is not None)
         answer = dialogue.ask("P7", "P7-configuration", shape=shape)
         return self._judge(answer, brief, world)
 

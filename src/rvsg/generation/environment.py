@@ -22,7 +22,7 @@ from rvsg.generation.generator import Call
 from rvsg.generation.pictures import birdseye_of, pictures_of
 from rvsg.generation.prompts import Prompts
 from rvsg.generation.replies import read_object
-from rvsg.generation.shape import texts_shape
+from rvsg.generation.reply_schema import texts_schema
 from rvsg.generation.vlm.messages import Answer
 from rvsg.generation.vlm.model import Model
 from rvsg.world.io.load import SHIPPED, load_world
@@ -57,11 +57,11 @@ class EnvironmentDialogue:
         first = (self._labelled, self._birdseye) if self._birdseye is not None else (self._labelled,)
         self._usable(dialogue.ask("layout", "environment-1-layout", shown=first))
         self._usable(dialogue.ask("grid", "environment-2-grid", shown=(self._grid, self._labelled)))
-        return self._read(dialogue.ask("summary", "environment-3-summary", shape=texts_shape(*KEYS)))
+        return self._read(dialogue.ask("summary", "environment-3-summary", shape=texts_schema(*KEYS)))
 
     def revise(self, reason: str) -> Description:
         """One more turn: the description corrected for a person's reason."""
-        answer = self._dialogue.ask("revision", "environment-revision", shape=texts_shape(*KEYS), reason=reason)
+        answer = self._dialogue.ask("revision", "environment-revision", shape=texts_schema(*KEYS), reason=reason)
         return self._read(answer)
 
     def _usable(self, answer: Answer) -> None:
@@ -74,7 +74,7 @@ class EnvironmentDialogue:
         texts = read_object(answer.text, KEYS)
         if texts is None:
             problem = 'it holds no JSON object with a text under "layout" and one under "grid".'
-            again = self._dialogue.ask("summary", "reply-unreadable", shape=texts_shape(*KEYS), problem=problem)
+            again = self._dialogue.ask("summary", "reply-unreadable", shape=texts_schema(*KEYS), problem=problem)
             texts = read_object(again.text, KEYS)
             answer = again
         if texts is None:

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.generation.ground import Ground, Point
+from rvsg.generation.walking_graph import Point, WalkingGraph
 from rvsg.scenario.brief import Feedback
 from rvsg.scenario.scenario import Behaviour, Human
 
@@ -65,7 +65,7 @@ class Forecaster:
 
     def __init__(
         self,
-        ground: Ground,
+        ground: WalkingGraph,
         time_limit_s: float,
         *,
         robot_speed_m_s: float = ROBOT_SPEED_M_S,

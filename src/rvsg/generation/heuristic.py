@@ -16,19 +16,19 @@ import numpy as np
 from rvsg.generation.aims import FINALISTS, promise
 from rvsg.generation.answer import answer, nowhere_to_walk
 from rvsg.generation.changes import Changing
+from rvsg.generation.descriptions import describe, describe_changed
 from rvsg.generation.forecast import Forecast, Forecaster
 from rvsg.generation.generator import Generator, Proposal
-from rvsg.generation.ground import ground_of
+from rvsg.generation.people_sampler import HAND_IN_HAND, PeopleSampler
 from rvsg.generation.places import Place, places_of
 from rvsg.generation.seeding import rng_of
-from rvsg.generation.telling import retold, told
-from rvsg.generation.work import HAND_IN_HAND, Workforce
+from rvsg.generation.walking_graph import walking_graph
 from rvsg.scenario.aim import Aim
 from rvsg.scenario.brief import Brief, Feedback, Remembered
 from rvsg.scenario.scenario import Behaviour, Human, HumanConfiguration, Mission, Task
 from rvsg.scenario.validity.checker import spawn_finding, start_gap_m
 from rvsg.scenario.validity.rules import START_CLEARANCE_M
-from rvsg.scenario.validity.sides import parts_of
+from rvsg.scenario.validity.task_ends import parts_of
 from rvsg.world.world import World
 
 AIMED = 8
@@ -67,7 +67,7 @@ class HeuristicGenerator(Generator):
         plan = _Plan(brief, world, places, rng_of(brief, self.name), self.individuals, self.provoking)
         if brief.kind == "refine" and brief.feedback is not None and plan.refinable(brief.feedback):
             humans, reasoning, words = plan.refined(self.changes)
-            description = retold(brief.feedback.scenario, humans, words, world)
+            description = describe_changed(brief.feedback.scenario, humans, words, world)
         else:
             humans, reasoning = plan.drafted(self.tries)
             description = plan.description(humans)
@@ -94,9 +94,9 @@ class _Plan:
 
     def __post_init__(self) -> None:
         self.aim = _aim_of(self.brief)
-        self.ground = ground_of(self.world, self.brief.mission.route)
+        self.ground = walking_graph(self.world, self.brief.mission.route)
         self.uses = _uses(self.brief.memory, self.world)
-        self.work = Workforce(self.ground, self.places, self.aim, self.rng, self.uses)
+        self.work = PeopleSampler(self.ground, self.places, self.aim, self.rng, self.uses)
         self.forecaster = Forecaster(self.ground, self.brief.mission.route.time_limit_s, **_robot(self.brief.mission))
 
     # -- a new scenario ----------------------------------------------------------------------------------------
@@ -175,7 +175,7 @@ class _Plan:
         robot = f"The robot's task meanwhile: {route.purpose}." if route.purpose else "The robot drives meanwhile."
         activity = self._activity(humans)
         work = f"The work of the hour: {activity}. " if activity else ""
-        return f"{work}{told(humans, self.roles, self.world)}. {robot}"
+        return f"{work}{describe(humans, self.roles, self.world)}. {robot}"
 
     def _activity(self, humans: list[Human]) -> str | None:
         """The work of the place that names most of what the people visit and was told least in the memory."""

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.generation.ground import Ground, ground_of
+from rvsg.generation.people_sampler import at_places, begin_at, ends_of
 from rvsg.generation.places import places_of
-from rvsg.generation.work import at_places, begin_at, ends_of
+from rvsg.generation.walking_graph import WalkingGraph, walking_graph
 from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Pause, Task
 from rvsg.scenario.validity import check
 from rvsg.scenario.validity.checker import start_gap_m
@@ -53,7 +53,7 @@ class TuningSpace:
 
     def __init__(self, people: HumanConfiguration, mission: Mission, world: World) -> None:
         self.people, self.mission, self.world = people, mission, world
-        self.ground: Ground = ground_of(world, mission.route)
+        self.ground: WalkingGraph = walking_graph(world, mission.route)
         self.waypoints = {place.name: place.waypoints for place in places_of(world, reachable_from=mission.route.start)}
         self.dimensions: tuple[Dimension, ...] = tuple(
             dimension for index, human in enumerate(people.humans) for dimension in self._dimensions(index, human)

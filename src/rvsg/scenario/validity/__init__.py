@@ -6,7 +6,7 @@ What cannot be mended is still found by `check` afterwards: nothing invalid may 
 
 from rvsg.scenario.validity.checker import check, warnings
 from rvsg.scenario.validity.findings import Finding, Repair
-from rvsg.scenario.validity.mending import repair
+from rvsg.scenario.validity.repairs import repair
 from rvsg.scenario.validity.rules import RULES, Rule
 
 __all__ = ["RULES", "Finding", "Repair", "Rule", "check", "repair", "warnings"]

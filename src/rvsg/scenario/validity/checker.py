@@ -13,7 +13,7 @@ from rvsg.scenario.dependence import changes_that_matter
 from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Task
 from rvsg.scenario.validity.findings import Finding
 from rvsg.scenario.validity.rules import MAX_HUMANS, ROBOT_RADIUS_M, SPEED_RANGE_M_S, START_CLEARANCE_M
-from rvsg.scenario.validity.sides import Side, near_place, sides, spelled
+from rvsg.scenario.validity.task_ends import Side, near_place, sides, spelled
 from rvsg.scenario.validity.walkable import BODY_HALF_WIDTH_M, is_walkable
 from rvsg.world.space import human_space, robot_space
 from rvsg.world.world import World

@@ -3,11 +3,11 @@ from dataclasses import replace
 
 import pytest
 
-from rvsg.generation.chance import RandomGenerator
+from rvsg.generation.random_search import RandomGenerator
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.scenario import Mission
 from rvsg.scenario.validity import warnings
-from rvsg.scenario.validity.sides import parts_of
+from rvsg.scenario.validity.task_ends import parts_of
 from rvsg.world.grid import Grid
 from rvsg.world.io.load import load_world
 

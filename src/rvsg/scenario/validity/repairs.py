@@ -1,4 +1,4 @@
-"""The repair: what breaks a rule is mended by the shortest valid path, and every change is said.
+"""Repair: replace what breaks a rule by the shortest valid path, and report every change.
 
 The mending goes from the inside out, so that each step may rely on the ones before: names of waypoints and areas,
 then each path by itself, then the chain of tasks and its loop, then where people start, then the rest. It goes
@@ -16,7 +16,7 @@ from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Pause, Ta
 from rvsg.scenario.validity.checker import check, spawn_finding
 from rvsg.scenario.validity.findings import Repair
 from rvsg.scenario.validity.rules import MAX_HUMANS, SPEED_RANGE_M_S
-from rvsg.scenario.validity.sides import Side, near_place, parts_of, sides, spelled
+from rvsg.scenario.validity.task_ends import Side, near_place, parts_of, sides, spelled
 from rvsg.world.grid import Grid
 from rvsg.world.world import World
 
@@ -36,7 +36,7 @@ def repair(people: HumanConfiguration, mission: Mission, world: World) -> tuple[
     for _ in range(_ROUNDS):
         if not check(people, mission, world):
             break
-        mended = _Mending(world)
+        mended = _Repairer(world)
         humans = tuple(mended.human(human) for human in mended.crowd(people.humans))
         changed = HumanConfiguration(humans=mended.starts(humans, mission))
         repairs += mended.repairs
@@ -73,7 +73,7 @@ def walk_length(path: Path, grid: Grid) -> float:
 
 
 @dataclass
-class _Mending:
+class _Repairer:
     world: World
     repairs: list[Repair] = field(default_factory=list)
 

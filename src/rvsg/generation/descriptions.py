@@ -1,29 +1,29 @@
-"""How the offline generators tell of a scenario: who does what between which places; told anew when that changes."""
+"""Describe what people do and where, for the scenarios of the offline generators."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
 
-from rvsg.generation.work import HAND_IN_HAND, ROLES, at_places
+from rvsg.generation.people_sampler import HAND_IN_HAND, ROLES, at_places
 from rvsg.scenario.scenario import Human, Scenario
-from rvsg.scenario.validity.sides import parts_of
+from rvsg.scenario.validity.task_ends import parts_of
 from rvsg.world.world import World
 
-TOLD_APART = 6
-"""So many people are told of one by one."""
+MOST_DESCRIBED = 6
+"""At most this many people are described one by one."""
 
 NOW = "In this configuration"
 
 
-def told(humans: Sequence[Human], doing: Mapping[str, str], world: World) -> str:
+def describe(humans: Sequence[Human], doing: Mapping[str, str], world: World) -> str:
     """What people do and where, without a full stop: `Human 1 carries goods: Shelf 1, Boxes 3 and Area 2; ...`."""
-    parts = [f"{human.name} {doing[human.name]}: {_where(human, world)}" for human in humans[:TOLD_APART]]
-    more = f", and {len(humans) - TOLD_APART} others work nearby" if len(humans) > TOLD_APART else ""
+    parts = [f"{human.name} {doing[human.name]}: {_where(human, world)}" for human in humans[:MOST_DESCRIBED]]
+    more = f", and {len(humans) - MOST_DESCRIBED} others work nearby" if len(humans) > MOST_DESCRIBED else ""
     return "; ".join(parts) + more
 
 
-def retold(before: Scenario, humans: Sequence[Human], changes: Sequence[str], world: World) -> str:
+def describe_changed(before: Scenario, humans: Sequence[Human], changes: Sequence[str], world: World) -> str:
     """The description of a refined scenario, true of the changed people.
 
     `changes` are the words of the changes; a person who was given another way of working is told of with it. Where
@@ -31,7 +31,7 @@ def retold(before: Scenario, humans: Sequence[Human], changes: Sequence[str], wo
     """
     description, added = before.description, []
     known = {human.name: human for human in before.people.humans}
-    for human in humans[:TOLD_APART]:
+    for human in humans[:MOST_DESCRIBED]:
         was, where = known.get(human.name), _where(human, world)
         doing = next((r.doing for r in reversed(ROLES) if f"{human.name} {r.doing}" in changes), None)
         mate = f"{human.name} {HAND_IN_HAND}"

@@ -1,4 +1,4 @@
-"""The ground people walk on, made quick to ask: positions, valid hops with their lengths, and paths by preference."""
+"""The graph people walk on: positions, valid hops with their lengths, and paths by preference."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ PLANNER_CLEARANCE_M = 0.5
 """Planners keep about this far from obstacles where there is room (inflation radius of the study's robot: 0.55 m)."""
 
 
-class Ground:
+class WalkingGraph:
     """Positions (metres) and free hops of a world's grid, with remembered paths. `corridor` are the waypoints the
     robot's route passes: people who prefer them take the way the robot takes, as far as it leads where they go."""
 
@@ -75,18 +75,18 @@ class Ground:
 
 
 _KEPT = 8
-_GROUNDS: OrderedDict[tuple[str, str], Ground] = OrderedDict()
+_GRAPHS: OrderedDict[tuple[str, str], WalkingGraph] = OrderedDict()
 
 
-def ground_of(world: World, route: Route) -> Ground:
-    """The ground of a world and a route; that of the last few is kept, for its paths are asked for again and again."""
+def walking_graph(world: World, route: Route) -> WalkingGraph:
+    """Return the graph of a world and a route. The last few are cached together with their paths."""
     key = (world.id, route.id)
-    if key not in _GROUNDS:
-        _GROUNDS[key] = Ground(world, route)
-        while len(_GROUNDS) > _KEPT:
-            _GROUNDS.popitem(last=False)
-    _GROUNDS.move_to_end(key)
-    return _GROUNDS[key]
+    if key not in _GRAPHS:
+        _GRAPHS[key] = WalkingGraph(world, route)
+        while len(_GRAPHS) > _KEPT:
+            _GRAPHS.popitem(last=False)
+    _GRAPHS.move_to_end(key)
+    return _GRAPHS[key]
 
 
 def _robot_path(world: World, route: Route) -> tuple[Point, ...]:

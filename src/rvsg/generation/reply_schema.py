@@ -22,7 +22,7 @@ _PATH = {"type": "array", "items": TEXT, "minItems": 1}
 _PAUSES = {"type": "array", "items": _object({"at": TEXT, "duration_s": NUMBER})}
 
 
-def configuration_shape(*, rich: bool, described: bool = True) -> dict[str, Any]:
+def configuration_schema(*, rich: bool, described: bool = True) -> dict[str, Any]:
     """The schema of a configuration; `rich` with analysis, description, speeds, delays, pauses and behaviours.
 
     Without `rich` it is `described` or holds the people alone.
@@ -46,6 +46,6 @@ def configuration_shape(*, rich: bool, described: bool = True) -> dict[str, Any]
     return _object({"analysis": TEXT, "description": TEXT, "humans": {"type": "array", "items": human}})
 
 
-def texts_shape(*keys: str) -> dict[str, Any]:
+def texts_schema(*keys: str) -> dict[str, Any]:
     """The schema of an object of texts."""
     return _object(dict.fromkeys(keys, TEXT))

@@ -1,4 +1,4 @@
-"""How people work: a few ways of working, and people made from them between the places of a world.
+"""Ways of working, and people made from them between the places of a world.
 
 A way of working gives the reason for a speed, a pause and a way: somebody who pushes a loaded trolley is slow and
 takes the main aisle, somebody who checks labels stops. People keep to it whatever the robot does.
@@ -13,8 +13,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from rvsg.generation.ground import Ground
 from rvsg.generation.places import Place
+from rvsg.generation.walking_graph import WalkingGraph
 from rvsg.scenario.aim import Aim
 from rvsg.scenario.scenario import Behaviour, ForceFactors, Human, Pause, Task
 
@@ -93,11 +93,11 @@ class Stop:
     waypoint: str
 
 
-class Workforce:
+class PeopleSampler:
     """Makes people. `uses` counts how often a place was worked in earlier scenarios: those are drawn less often."""
 
     def __init__(
-        self, ground: Ground, places: Sequence[Place], aim: Aim, rng: np.random.Generator, uses: dict[str, int]
+        self, ground: WalkingGraph, places: Sequence[Place], aim: Aim, rng: np.random.Generator, uses: dict[str, int]
     ) -> None:
         self.ground, self.places, self.aim, self.rng = ground, places, aim, rng
         self.near = {name: ground.along(name) for place in places for name in place.waypoints}
