@@ -188,3 +188,30 @@ def test_without_javascript_the_page_tells_what_happens(show: Show) -> None:
     for frame in tab.locator(".stills svg.still").all():
         box = frame.bounding_box()
         assert box is not None and box["height"] > 80
+
+
+def test_a_second_replay_with_a_layer_can_be_mounted_and_removed(show: Show) -> None:
+    tab = show("contacts")
+    tab.evaluate(
+        """() => {
+          const data = JSON.parse(document.getElementById("data").textContent);
+          data.floor = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="-9 -9 18 18"/>';
+          const host = document.body.appendChild(document.createElement("div"));
+          host.id = "second";
+          window.second = rvsgReplay.mount(host, data);
+          window.second.addLayer({ id: "mine", label: "Mine", shown: true, has: () => true,
+            draw: (group, view) => { group.textContent = "";
+              view.node(group, "circle", { r: 0.1, transform: view.matrix(1, 2), "data-t": view.t }); },
+            say: () => "Mine is on." });
+          return window.second.ready();
+        }"""
+    )
+    tab.evaluate("second.seek(1)")
+    mine = tab.locator("#second .rp-layer-mine circle")
+    assert mine.get_attribute("data-t") == "1"
+    assert "Mine is on." in tab.locator("#second .rp-now").inner_text()
+    assert state(tab)["t"] != 1
+    tab.locator("#second .rp-layer-switches input").click()
+    assert not tab.locator("#second .rp-layer-mine").is_visible()
+    tab.evaluate("second.destroy()")
+    assert tab.locator("#second").inner_html() == ""

@@ -20,9 +20,10 @@ from rvsg.evaluation.judge import violated
 from rvsg.evaluation.safety_summary import summarise_safety
 from rvsg.evaluation.verdict import Status
 from rvsg.report.facts import run_facts
+from rvsg.report.floors import area_colours
 from rvsg.report.frames import Turn
 from rvsg.report.names import narrow_names
-from rvsg.report.page import area_colours, environment, headline
+from rvsg.report.page import environment, headline
 from rvsg.report.summary import Summary, counted, interval, number
 from rvsg.scenario.requirement import Requirement
 from rvsg.simulation.run import Run

@@ -25,8 +25,9 @@ from rvsg.report.answer import answer, headline
 from rvsg.report.charts import confirmation_chart, search_chart
 from rvsg.report.colours import distinct_colours
 from rvsg.report.facts import facts_of
+from rvsg.report.floors import area_colours
 from rvsg.report.happened import what_happens
-from rvsg.report.names import narrow_names, narrow_size
+from rvsg.report.names import narrow_names
 from rvsg.report.replay import component, replay_data
 from rvsg.report.shown import Shown, look_of
 from rvsg.report.summary import Summary, counted, number, summarise
@@ -34,8 +35,7 @@ from rvsg.report.tables import finding_rows, people_rows, run_rows
 from rvsg.report.thinking import thinking
 from rvsg.report.words import direction, quantity
 from rvsg.simulation.run import Run
-from rvsg.world.drawing.palette import DARK, LIGHT
-from rvsg.world.drawing.svg import FloorPlan, floor_plan
+from rvsg.world.drawing.svg import floor_plan
 from rvsg.world.world import World
 
 __all__ = ["environment", "headline", "render_page", "write_page"]
@@ -122,26 +122,6 @@ def environment() -> jinja2.Environment:
     )
     environment.filters["number"] = number
     return environment
-
-
-def area_colours(world: World, floor: FloorPlan) -> str:
-    """The style of the areas, as in `rvsg world draw`, and of their names on a narrow screen."""
-    kinds = (area.kind for area in world.areas)
-    names = list(dict.fromkeys(kinds))
-    rules = []
-    for ink, wrap in ((LIGHT, "{}"), (DARK, "@media (prefers-color-scheme: dark){{{}}}")):
-        colours = ink.kind_colours(names).values()
-        tints = "".join(
-            f".plan .kind-{place}{{fill:{css};stroke:{css};fill-opacity:{ink.tint}}}"
-            for place, css in enumerate("#{:02x}{:02x}{:02x}".format(*colour) for colour in colours)
-        )
-        rules.append(wrap.format(tints))
-    size = narrow_size(floor)
-    rules.append(
-        f"@media (max-width:640px){{.still .area-name,.map .area-name,.pin text{{font-size:{size:.3f}px}}"
-        f".pin circle{{r:{0.8 * size:.3f}px}}}}"
-    )
-    return "".join(rules)
 
 
 def _curse(plan: Plan, summary: Summary) -> str:

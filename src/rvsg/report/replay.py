@@ -16,8 +16,14 @@ from rvsg.report.words import quantity, untimed
 
 
 def component() -> str:
-    """The JavaScript of the replay component."""
+    """Return the JavaScript of the replay component; `static/replay.js` says how to mount it."""
     return (resources.files("rvsg.report") / "static" / "replay.js").read_text(encoding="utf-8")
+
+
+def styles() -> str:
+    """Return the styles of the replay component, with the colours that they use."""
+    folder = resources.files("rvsg.report") / "templates"
+    return "\n".join((folder / name).read_text(encoding="utf-8") for name in ("plan.css", "replay.css"))
 
 
 def replay_data(shown: Shown) -> dict[str, Any]:

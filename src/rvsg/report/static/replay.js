@@ -1,11 +1,29 @@
 /*
  * Replay of simulated runs: one component, no framework, no network.
  *
- *   const replay = rvsgReplay(element, data, { map: svg, address: true, keys: document });
+ *   const replay = rvsgReplay.mount(element, data, { map: svg, address: true, keys: document });
+ *   ...
+ *   replay.destroy();
  *
  * `element` receives the controls. `data` is the JSON that rvsg/report/payload.py makes. `map` is an <svg> with the
- * floor plan in it; the component draws over it. With `address` the shown run and time are kept in location.hash as
- * #run=ID&t=SECONDS, and #runs=ID,ID marks several runs. `keys` is where keyboard shortcuts are listened for.
+ * floor plan in it; the component draws over it. Without it, `data.floor` is the plan as SVG text, made by
+ * rvsg.report.replay.floor_svg. With `address` the shown run and time are kept in location.hash as
+ * #run=ID&t=SECONDS, and #runs=ID,ID marks several runs. `keys` is where keyboard shortcuts are listened for (default:
+ * the element). The component needs the styles of rvsg.report.replay.styles() and no global but `rvsgReplay`; a page
+ * can hold several.
+ *
+ * A layer is drawn on the map between the floor plan and the bodies, and has a switch where a run has it:
+ *
+ *   replay.addLayer({
+ *     id: "lidar", label: "Lidar", shown: true,
+ *     has: function (run) { return true; },            // run: its id
+ *     draw: function (group, view) { ... },            // group: an SVG <g>; called at every change of run or time
+ *     say: function (view) { return "Phase: spin."; }  // optional: a sentence beside the time
+ *   });
+ *
+ * `view` is { run, t, scale, point(x, y), matrix(x, y), node(parent, tag, attributes) }: the run's id, the time in s,
+ * pixels per unit of the plan, a world point (m) on the plan, and the transform that puts a drawing in metres, x to the
+ * east and y to the north, at a world point.
  *
  * A run's blob is base64 of a zlib stream of channels. A channel is a list of integers: the first value, then
  * differences, as zigzag varints. Channels: x, y (cm), yaw (0.01 rad), v (cm/s), gap to the nearest person (mm), then
@@ -182,8 +200,15 @@
 
   /* ---- the component ---- */
 
-  function rvsgReplay(element, data, options) {
+  /** The floor plan of SVG text as an element; text that is no SVG gives an empty plan. */
+  function planOf(text) {
+    const read = text ? new DOMParser().parseFromString(text, "image/svg+xml").documentElement : null;
+    return read && read.localName === "svg" ? document.importNode(read, true) : svg(null, "svg", { viewBox: "-10 -10 20 20" });
+  }
+
+  function mount(element, data, options) {
     options = Object.assign({ map: null, address: false, keys: element }, options);
+    const gone = new AbortController(), signal = gone.signal;
     const byRun = new Map();
     data.groups.forEach(function (group) { group.runs.forEach(function (run) { if (!byRun.has(run.id)) byRun.set(run.id, group); }); });
     const first = data.groups.find(function (group) { return group.runs.length; });
@@ -211,10 +236,11 @@
     const body = html(element, "div", { class: "rp-body" });
     const left = html(body, "div", { class: "rp-left" }), right = html(body, "div", { class: "rp-right" });
     const mapBox = html(left, "div", { class: "rp-map" });
-    const map = options.map || svg(null, "svg", { viewBox: "-10 -10 20 20" });
+    const map = options.map || planOf(data.floor);
+    map.classList.add("map");
     mapBox.appendChild(map);
     const whole = map.getAttribute("viewBox").split(/[ ,]+/).map(Number);
-    const grid = svg(map, "g", { class: "rp-grid-points" }), drawn = svg(map, "g", { class: "rp-drawn" });
+    const grid = svg(map, "g", { class: "rp-grid-points" }), layered = svg(map, "g", { class: "rp-layers" }), drawn = svg(map, "g", { class: "rp-drawn" });
     const lanes = html(left, "div", { class: "rp-lanes" });
     const controls = html(left, "div", { class: "rp-controls" });
     const back = html(controls, "button", { type: "button", "aria-label": "One second back" }, "\u2212 1 s");
@@ -235,6 +261,7 @@
       box.addEventListener("change", function () { show[each[0]] = box.checked; frame(); draw(); });
       switches[each[0]] = box;
     });
+    const layerSwitches = html(left, "div", { class: "rp-controls rp-layer-switches", role: "group", "aria-label": "Layers" });
     const now = html(right, "p", { class: "rp-now" });
     const moments = html(right, "div", { class: "rp-moments" });
     const charts = html(right, "div", { class: "rp-charts" });
@@ -286,6 +313,37 @@
       }
       fit();
     }
+    /* layers */
+    const layers = [];
+    function view() {
+      return {
+        run: state.run.id, t: state.t, scale: scale(), point: P, node: svg,
+        matrix: function (x, y) { const p = P(x, y); return "matrix(" + [ma, mb, mc, md, p[0], p[1]].join(" ") + ")"; },
+      };
+    }
+    function addLayer(layer) {
+      const label = html(null, "label", { class: "rp-switch" }), box = html(label, "input", { type: "checkbox" });
+      label.appendChild(document.createTextNode(" " + layer.label));
+      box.checked = !!layer.shown;
+      const group = svg(layered, "g", { class: "rp-layer-" + layer.id });
+      layerSwitches.appendChild(label);
+      layers.push({ layer: layer, label: label, box: box, group: group });
+      box.addEventListener("change", draw);
+      if (state.series) draw();
+    }
+    function drawLayers() {
+      const seen = view();
+      let any = false;
+      layers.forEach(function (each) {
+        const has = each.layer.has(state.run.id), on = has && each.box.checked;
+        any = any || has;
+        each.label.style.display = has ? "" : "none";
+        each.group.style.display = on ? "" : "none";
+        if (on) each.layer.draw(each.group, seen);
+      });
+      layerSwitches.style.display = any ? "" : "none";
+    }
+
     let parts = {};
     function actor(kind, person) {
       const node = svg(drawn, "g", { class: kind });
@@ -488,6 +546,9 @@
       }
       const judged = state.run.judged ? curveAt(state.run.judged, t) : null;
       if (judged !== null) text += " " + r.quantity.charAt(0).toUpperCase() + r.quantity.slice(1) + ": " + number(judged, r.unit) + (r.limit !== null ? " (limit " + number(r.limit, r.unit) + ")" : "") + ".";
+      layers.forEach(function (each) {
+        if (each.layer.say && each.box.checked && each.layer.has(state.run.id)) text += " " + each.layer.say(view());
+      });
       if (t >= s.end - 1e-6) text += " End: " + state.run.outcome + ".";
       now.textContent = text;
     }
@@ -496,6 +557,7 @@
       if (show.follow) frame();
       if (parts.ghost) place(parts.ghost, state.otherSeries, Math.min(state.t, state.otherSeries.end));
       place(parts.main, state.series, Math.min(state.t, state.series.end));
+      drawLayers();
       map.classList.toggle("rp-no-trails", !show.trails);
       updates.forEach(function (each) { each[0](state.t, each[1](state.t)); });
       if (laneCursor) laneCursor.place(Math.min(state.t, state.series.end));
@@ -590,8 +652,8 @@
     }
 
     /* events */
-    element.addEventListener("pointerdown", function () { touched = true; }, true);
-    element.addEventListener("keydown", function () { touched = true; }, true);
+    element.addEventListener("pointerdown", function () { touched = true; }, { capture: true, signal: signal });
+    element.addEventListener("keydown", function () { touched = true; }, { capture: true, signal: signal });
     groupSelect.addEventListener("change", function () { touched = true; pause(); state.marked = []; select(data.groups[+groupSelect.value].runs[0].id); });
     compareSelect.addEventListener("change", function () { compare(compareSelect.value); });
     before.addEventListener("click", function () { step(-1); });
@@ -631,19 +693,23 @@
       };
       if (!keys[event.key]) return;
       event.preventDefault(); touched = true; keys[event.key]();
-    });
+    }, { signal: signal });
     if (root.ResizeObserver) {
       let width = 0;
-      new root.ResizeObserver(function () {
+      const sizes = new root.ResizeObserver(function () {
         if (!state.series || element.clientWidth === width) return;
         width = element.clientWidth;
         redrawStrip(); redrawLanes(); redrawCharts(); frame(); draw();
-      }).observe(element);
+      });
+      sizes.observe(element);
+      signal.addEventListener("abort", function () { sizes.disconnect(); });
     }
-    if (options.address) root.addEventListener("hashchange", function () { if (fromAddress()) element.scrollIntoView({ block: "start" }); });
+    if (options.address) root.addEventListener("hashchange", function () { if (fromAddress()) element.scrollIntoView({ block: "start" }); }, { signal: signal });
+    /** Stop, and leave the element as it was, empty. */
+    function destroy() { pause(); gone.abort(); element.textContent = ""; element.classList.remove("rp"); }
 
     const api = {
-      select: select, compare: compare, seek: goTo, play: play, pause: pause, setSpeed: setSpeed,
+      select: select, compare: compare, addLayer: addLayer, destroy: destroy, seek: goTo, play: play, pause: pause, setSpeed: setSpeed,
       ready: function () { return ready; },
       runs: function () { return Array.from(byRun.keys()); },
       state: function () { return { marked: state.marked, group: state.group && state.group.id, run: state.run && state.run.id, other: state.other && state.other.id, t: state.t, playing: state.playing, speed: state.speed, end: state.series && end() }; },
@@ -652,5 +718,5 @@
     if (!(options.address && fromAddress())) select(options.run && byRun.has(options.run) ? options.run : first.runs[0].id, options.t);
     return api;
   }
-  root.rvsgReplay = rvsgReplay;
+  root.rvsgReplay = { mount: mount, channels: channels };
 })(window);
