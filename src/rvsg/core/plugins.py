@@ -24,6 +24,7 @@ KINDS = {
     "store": "rvsg.stores",
     "metric": "rvsg.metrics",
     "signal": "rvsg.signals",
+    "stack": "rvsg.stacks",
 }
 """Every kind of plug-in, with its entry point group."""
 
@@ -57,11 +58,16 @@ def find(kind: str, name: str) -> Any:
 
     Raises:
         UnknownName: no plug-in of this kind has this name.
-        InputError: its module cannot be imported.
+        InputError: two have it, or its module cannot be imported.
     """
     registered = _registered(kind)
     if name not in registered:
         raise UnknownName(kind, name, registered)
+    same = sorted({point.value for point in entry_points(group=KINDS[kind]) if point.name == name})
+    if len(same) > 1:
+        raise InputError(
+            f'Two plug-ins register the {kind} "{name}": {" and ".join(same)}. Rename one, or uninstall its package.'
+        )
     try:
         return registered[name].load()
     except (ImportError, AttributeError) as error:
@@ -76,7 +82,12 @@ def make(kind: str, name: str, options: Mapping[str, Any], *given: Any) -> Any:
     Raises:
         UnknownName, InputError: the plug-in does not exist, or does not accept the options.
     """
-    plugin = check_options(kind, name, options, given=len(given))
+    return made(kind, name, find(kind, name), options, *given)
+
+
+def made(kind: str, name: str, plugin: Any, options: Mapping[str, Any], *given: Any) -> Any:
+    """Return an instance of a plug-in whose class is known; see `make`."""
+    check_accepted(kind, name, plugin, options, given=len(given))
     try:
         return plugin(*given, **options)
     except (TypeError, ValueError) as error:
@@ -93,13 +104,18 @@ def check_options(kind: str, name: str, options: Mapping[str, Any], *, given: in
         InputError: names the option that is not accepted, the nearest one, and all that are.
     """
     plugin = find(kind, name)
+    check_accepted(kind, name, plugin, options, given=given)
+    return plugin
+
+
+def check_accepted(kind: str, name: str, plugin: Any, options: Mapping[str, Any], *, given: int = 0) -> None:
+    """Raise InputError where the class of a plug-in does not accept one of the options."""
     if unknown := _not_accepted(plugin, options, given):
         known = _accepted(plugin)[given:]
         near = difflib.get_close_matches(unknown[0], known, n=1, cutoff=0.5)
         hint = f' Did you mean "{near[0]}"?' if near else ""
         listed = f"Known options: {', '.join(known)}." if known else "It takes none."
         raise InputError(f'The {kind} "{name}" has no option "{unknown[0]}".{hint} {listed}')
-    return plugin
 
 
 def check_complete(kind: str, plugin: object, protocol: type) -> None:

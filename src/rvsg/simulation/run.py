@@ -29,6 +29,7 @@ class Outcome(str, Enum):
     ABORTED = "navigation gave up before the goal was reached"
     NO_PATH = "no path to the goal was found"
     STUCK = "the robot is stuck in contact with an obstacle"
+    STACK_FAILED = "the navigation stack under test failed"
     BLOCKED_START = "the robot stands in an obstacle or a person at the start"
 
 

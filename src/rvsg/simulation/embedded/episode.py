@@ -349,8 +349,9 @@ class Outside:
 
     control: Callable[[Episode], tuple[float, float] | None] | None = None
     """A local planner: forward speed (m/s) and yaw rate (rad/s), or None where it finds no valid command."""
-    stack: Callable[[Episode], tuple[float, float] | bool] | None = None
-    """A whole navigation stack: a velocity, True where it has reached the goal, False where it gives up."""
+    stack: Callable[[Episode], tuple[float, float] | bool | None] | None = None
+    """A whole navigation stack: a velocity, None where there is no new one, True where it has reached the goal, False
+    where it gives up."""
     stack_ticks: int = 5
     probe: Callable[[Episode], None] | None = None
     """A recorder."""

@@ -23,6 +23,7 @@ from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded import state as st
 from rvsg.simulation.embedded.compiled import cache_folder, is_cached
 from rvsg.simulation.embedded.contact import overlap_at_start
+from rvsg.simulation.embedded.driving import Driving
 from rvsg.simulation.embedded.episode import Episode, Outside, Recording, go_on, new_recording
 from rvsg.simulation.embedded.navigation.controllers.dwb import Rollouts, samples
 from rvsg.simulation.embedded.navigation.controllers.dwb import rollouts as new_rollouts
@@ -40,6 +41,8 @@ from rvsg.simulation.embedded.walls import free_pose, is_stuck, obstacle_contact
 from rvsg.simulation.events import in_order
 from rvsg.simulation.protocol import Simulator
 from rvsg.simulation.run import Outcome, Run, Trajectory
+from rvsg.simulation.stacks.protocol import Task
+from rvsg.simulation.stacks.registry import DEFAULT_STACK, StackChoice, StackLike
 from rvsg.world.world import Route, World
 
 Floats = NDArray[np.float64]
@@ -63,11 +66,13 @@ class EmbeddedSimulator(Simulator):
     """The in-process simulator behind the `Simulator` protocol.
 
     `profile` is `default` (how things should be) or `published-study` (with the defects of the published runs);
-    further options are those of `SimulatorOptions`, e.g. `noise={"lidar": 0}`.
+    further options are those of `SimulatorOptions`, e.g. `noise={"lidar": 0}`. `stack`: what drives the robot.
     """
 
-    def __init__(self, profile: str = "default", **options: Any) -> None:
+    def __init__(self, profile: str = "default", *, stack: StackLike | None = None, **options: Any) -> None:
         self._options = _profile(profile, **options)
+        choice = None if stack is None else StackChoice.of(stack)
+        self._stack = None if choice is None or choice.is_default else choice
 
     @property
     def name(self) -> str:
@@ -82,11 +87,18 @@ class EmbeddedSimulator(Simulator):
     @property
     def options(self) -> dict[str, object]:
         """The effective options, as they are stored with every run."""
-        return stored_options(self._options)
+        return stored_options(self._options, self._stack)
 
     def prepare(self, tell: Callable[[str], None]) -> None:
         """Compile or load the kernels before the first run; `tell` hears of it only where they must be compiled."""
         warm_up(tell)
+        if self._stack is not None:
+            self._stack.driver.prepare(tell)
+
+    def close(self) -> None:
+        """Close the stack under test."""
+        if self._stack is not None:
+            self._stack.driver.close()
 
     def run(self, scenario: Scenario, world: World, *, seed: int) -> Run:
         """Simulate one episode; raises InputError where world or scenario cannot be simulated at all."""
@@ -99,15 +111,21 @@ class EmbeddedSimulator(Simulator):
             seed=seed,
             scenario_id=scenario.id,
             robot=scenario.mission.robot_record,
+            stack=self._stack,
         )
 
 
 _profile = profile
 
 
-def stored_options(options: SimulatorOptions) -> dict[str, object]:
-    """Return options as plain data, with the version of the simulator's rules and the content of the default robot."""
-    return {"version": VERSION, "default_robot": load_robot(DEFAULT_ROBOT).id, **options.model_dump(mode="json")}
+def stored_options(options: SimulatorOptions, stack: StackChoice | None = None) -> dict[str, object]:
+    """Return options as plain data, with the version of the simulator's rules and the content of the default robot.
+
+    `stack`: another than the built-in one, with its version.
+    """
+    under_test = {} if stack is None else {"stack": stack.record.model_dump(mode="json")}
+    version = {"version": VERSION, "default_robot": load_robot(DEFAULT_ROBOT).id}
+    return {**version, **options.model_dump(mode="json"), **under_test}
 
 
 def simulate_agents(
@@ -119,12 +137,13 @@ def simulate_agents(
     seed: int = 0,
     scenario_id: str = "",
     robot: Robot | None = None,
+    stack: StackChoice | None = None,
     outside: Outside | None = None,
 ) -> Run:
     """Simulate one episode of a route among humans given in coordinates; `robot` is the TIAGo OMNI base by default.
 
-    A robot that starts in an obstacle or off the map is an Outcome. `outside`: what is computed by the caller, not by
-    the compiled loop.
+    A robot that starts in an obstacle or off the map is an Outcome. `stack`: what drives instead of the built-in
+    navigation. `outside`: what else is computed by the caller, not by the compiled loop.
 
     Raises:
         InputError: a number is not finite, the time limit is not positive or the map is turned.
@@ -132,7 +151,8 @@ def simulate_agents(
     options = options or profile()
     route = _settled(route, options.settling_m)
     _check(route, seed)
-    robot = _with_options(robot or load_robot(DEFAULT_ROBOT), options)
+    robot = robot or load_robot(DEFAULT_ROBOT)
+    robot = _with_options(robot if stack is None else stack.driver.adapt(robot), options)
     around = surroundings(world, robot)
     walls = around.walls()
     start = free_pose(walls, route.start) if options.solid_walls else route.start
@@ -153,6 +173,7 @@ def simulate_agents(
     own = _localisation(world, route, options, around, offset, seed)
     rest = around.rest_of_way(scene, goals)
     state = new_state(scene, goals, len(agents), robot, walls, own, rollouts(robot), rest)
+    details: dict[str, object] = {}
     state.body[base.X : base.YAW + 1] = (route.start.x, route.start.y, base.wrap(route.start.yaw))
     if blocked:
         _stand_still(record, route.start, crowd)
@@ -161,13 +182,21 @@ def simulate_agents(
         state.noise[:] = stream(seed, "lidar").standard_normal(NOISE_TABLE)
         state.dropouts[:] = stream(seed, "lidar/dropouts").random(NOISE_TABLE)
         phases, intervals = _phases(options, seed), _intervals(options, seed, route)
+        driving = None
+        if stack is not None and stack.record.name != DEFAULT_STACK:
+            driving = Driving(stack.driver, _task(robot, world, route, goals, own, seed))
+            outside = driving.outside(outside)
         Episode(scene, state, settings, crowd, phases, intervals, record, outside).run()
         outcome = _outcome(state)
+        if driving is not None:
+            details["stack"] = driving.details()
+            outcome = outcome if driving.fault is None else Outcome.STACK_FAILED
     end = goals[-1] + (offset[0], offset[1], 0.0)
+    details["map_from_world"] = [float(number) for number in own.frame[:3]]
     return Run(
         scenario_id=scenario_id,
         simulator=NAME,
-        options=stored_options(options),
+        options=stored_options(options, stack),
         seed=seed,
         outcome=outcome,
         trajectory=_trajectory(record.track, record.track_humans, int(record.counts[0])),
@@ -188,7 +217,23 @@ def simulate_agents(
             *events_of(crowd, [agent.name for agent in agents], [agent.behaviour for agent in agents]),
             *obstacle_contacts(walls),
         ),
-        details={"map_from_world": [float(number) for number in own.frame[:3]]},
+        details=details,
+    )
+
+
+def _task(robot: Robot, world: World, route: Route, goals: Floats, own: Localisation, seed: int) -> Task:
+    """What a stack under test is told before a run."""
+    x, y, turn = own.present
+    cos, sin = math.cos(turn), math.sin(turn)
+    begin = route.start
+    return Task(
+        robot=robot,
+        world=world,
+        start=Pose(x=cos * begin.x - sin * begin.y + x, y=sin * begin.x + cos * begin.y + y, yaw=begin.yaw + turn),
+        goals=tuple(Pose(x=float(gx), y=float(gy), yaw=float(yaw)) for gx, gy, yaw in goals),
+        time_limit_s=route.time_limit_s,
+        seed=seed,
+        period_s=1.0 / robot.navigation.behaviours.controller_hz,
     )
 
 

@@ -1,0 +1,283 @@
+"""Let a navigation stack under test drive: what it is told, and what becomes of its answers and its faults."""
+
+from __future__ import annotations
+
+import math
+import signal
+import threading
+import traceback
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rvsg.simulation.embedded import base
+from rvsg.simulation.embedded import state as st
+from rvsg.simulation.embedded.compiled import kernel
+from rvsg.simulation.embedded.episode import Episode, Outside
+from rvsg.simulation.embedded.navigation.controllers.dwb import PLAN_BEGIN, PLAN_END
+from rvsg.simulation.embedded.sensing.lidar import LEG_RADIUS_M, cast_disc, cast_edge
+from rvsg.simulation.embedded.sensing.localisation import MAP_X, MAP_Y, MAP_YAW
+from rvsg.simulation.embedded.stack import (
+    LIDAR_DROPOUT,
+    LIDAR_MAX,
+    LIDAR_MIN,
+    LIDAR_NOISE,
+    LIDAR_RAYS,
+    LIDAR_TICKS,
+    LIDAR_VIEW,
+    LIDAR_X,
+    LIDAR_Y,
+    LIDAR_YAW,
+)
+from rvsg.simulation.stacks.protocol import (
+    Costmap,
+    Ended,
+    LocalObservation,
+    LocalPlanner,
+    NavigationStack,
+    Scan,
+    StackError,
+    Task,
+    Velocity,
+    WholeStack,
+)
+
+Floats = NDArray[np.float64]
+
+COMMAND_TIME_S = 1.0
+"""Simulated time after which the base stops without a new velocity of a whole stack."""
+SEEN_PAST_M = 0.4
+"""A person counts as seen where a ray at their bearing ends no nearer than this before them."""
+
+
+class Observed(LocalObservation):
+    """What a stack is told, read off an episode when it is asked for."""
+
+    def __init__(self, episode: Episode) -> None:
+        self._episode, self._state = episode, episode.state
+        self._scans: dict[int, Scan] = {}
+
+    def refresh(self) -> None:
+        """Take over the present state; call it before every question."""
+        state, body = self._state, self._state.body
+        self.t = self._episode.t
+        self.pose = (float(body[base.X]), float(body[base.Y]), float(body[base.YAW]))
+        self.velocity = (float(body[base.V]), float(body[base.W]))
+        frame = state.own.present
+        self.map_from_odom = (float(frame[MAP_X]), float(frame[MAP_Y]), float(frame[MAP_YAW]))
+        self.plan = state.path[1, state.nav[PLAN_BEGIN] : state.nav[PLAN_END]]
+        newest = state.own.frame
+        x, y = _inverse(newest, state.goals[-1, 0], state.goals[-1, 1])
+        self.goal = (x, y, float(state.goals[-1, 2] - newest[MAP_YAW]))
+        side = state.stack.resolution
+        corner = (float(state.nav[st.WINDOW_COLUMN] * side), float(state.nav[st.WINDOW_ROW] * side))
+        self.costmap = Costmap(state.local[st.MASTER], *corner, side)
+
+    def scan(self, lidar: int = 0) -> Scan:
+        """Return the latest scan of a lidar."""
+        state, settings = self._state, self._episode.settings
+        row = state.stack.lidars[lidar]
+        period = int(row[LIDAR_TICKS])
+        tick = round(self.t / base.STEP_S)
+        tick -= (tick - settings.scan_phase_ticks) % period
+        taken = tick * base.STEP_S
+        if lidar in self._scans and self._scans[lidar].t == taken:
+            return self._scans[lidar]
+        rays = int(row[LIDAR_RAYS])
+        ranges = np.empty(rays)
+        full_scan(
+            ranges, state.directions[lidar], state.scanned[lidar], row, self._episode.scene.edges, state.legs[lidar]
+        )
+        begin = (tick * 9973 + lidar * 7919) % state.noise.size
+        drawn = (begin + np.arange(rays)) % state.noise.size
+        ranges += settings.lidar_noise * row[LIDAR_NOISE] * state.noise[drawn]
+        ranges[(ranges > row[LIDAR_MAX]) | (state.dropouts[drawn] < row[LIDAR_DROPOUT])] = np.inf
+        self._scans[lidar] = Scan(
+            taken, ranges, -0.5 * float(row[LIDAR_VIEW]), float(row[LIDAR_VIEW]) / (rays - 1), float(row[LIDAR_MIN]),
+            float(row[LIDAR_MAX]), float(row[LIDAR_X]), float(row[LIDAR_Y]), float(row[LIDAR_YAW]),
+        )  # fmt: skip
+        return self._scans[lidar]
+
+    def people(self) -> Floats:
+        """Return those whom a lidar sees."""
+        crowd = self._episode.crowd
+        seen = np.zeros(crowd.x.size, bool)
+        for lidar in range(len(self._state.stack.lidars)):
+            if not seen.all():
+                seen |= self._in_sight(lidar, crowd.x, crowd.y)
+        return np.column_stack([crowd.x, crowd.y, crowd.vx, crowd.vy])[seen]
+
+    def _in_sight(self, lidar: int, x: Floats, y: Floats) -> NDArray[np.bool_]:
+        scan, (rx, ry, yaw) = self.scan(lidar), self._state.scanned[lidar]
+        ox = rx + scan.x * math.cos(yaw) - scan.y * math.sin(yaw)
+        oy = ry + scan.x * math.sin(yaw) + scan.y * math.cos(yaw)
+        distance = np.hypot(x - ox, y - oy)
+        bearing = np.arctan2(y - oy, x - ox) - yaw - scan.yaw - scan.angle_min
+        ray = np.round(np.mod(bearing, 2.0 * math.pi) / scan.angle_increment).astype(int)
+        within = (ray < scan.ranges.size) & (distance < scan.range_max)
+        around = np.clip(ray[:, None] + np.array([-1, 0, 1]), 0, scan.ranges.size - 1)
+        return np.asarray(within & (scan.ranges[around].max(axis=1) >= distance - SEEN_PAST_M))
+
+
+@kernel
+def full_scan(ranges: Floats, directions: Floats, scanned: Floats, row: Floats, edges: Floats, legs: Floats) -> None:
+    """Cast the latest scan of a lidar without noise; inf where a ray meets nothing."""
+    yaw = scanned[2]
+    x = scanned[0] + row[LIDAR_X] * math.cos(yaw) - row[LIDAR_Y] * math.sin(yaw)
+    y = scanned[1] + row[LIDAR_X] * math.sin(yaw) + row[LIDAR_Y] * math.cos(yaw)
+    bearing = yaw + row[LIDAR_YAW] - 0.5 * row[LIDAR_VIEW]
+    step = row[LIDAR_VIEW] / (ranges.size - 1)
+    cos = math.cos(bearing)
+    sin = math.sin(bearing)
+    ranges[:] = np.inf
+    for e in range(edges.shape[0]):
+        ax = edges[e, 0] - x
+        ay = edges[e, 1] - y
+        bx = edges[e, 2] - x
+        by = edges[e, 3] - y
+        cast_edge(
+            ranges, directions, step, cos * ax + sin * ay, cos * ay - sin * ax, cos * bx + sin * by, cos * by - sin * bx
+        )
+    for i in range(legs.shape[0]):
+        dx = legs[i, 0] - x
+        dy = legs[i, 1] - y
+        cast_disc(ranges, directions, step, cos * dx + sin * dy, cos * dy - sin * dx, LEG_RADIUS_M)
+
+
+class Driving:
+    """A stack that drives one run."""
+
+    def __init__(self, driver: NavigationStack, task: Task) -> None:
+        self.driver, self.task = driver, task
+        self.fault: str | None = None
+        """Why the stack could not go on."""
+        self.counts = {"calls": 0, "without_command": 0, "not_finite": 0, "clipped": 0}
+        self._fault_t = 0.0
+        self._seen: Observed | None = None
+        self._commanded_t = -math.inf
+
+    def outside(self, besides: Outside | None = None) -> Outside:
+        """Reset the stack and return what the episode calls; `besides` may hold a recorder."""
+        besides = besides or Outside()
+        try:
+            with _in_time(self.driver.answer_time_s):
+                self.driver.reset(self.task)
+        except Exception as error:
+            self._fail(error)
+        if isinstance(self.driver, WholeStack):
+            return replace(besides, stack=self._step, stack_ticks=max(1, round(self.driver.period_s / base.STEP_S)))
+        return replace(besides, control=self._control)
+
+    def details(self) -> dict[str, Any]:
+        """End the run; return what it tells of the stack."""
+        facts: Mapping[str, Any] = {}
+        try:
+            with _in_time(self.driver.answer_time_s):
+                facts = self.driver.finish()
+        except Exception as error:
+            self._fail(error)
+        told = {**self.counts, **facts}
+        return told if self.fault is None else {**told, "fault": self.fault, "fault_t": self._fault_t}
+
+    def _control(self, episode: Episode) -> tuple[float, float] | None:
+        planner = self.driver
+        assert isinstance(planner, LocalPlanner)
+        answer = self._ask(episode, planner.command)
+        if self.fault is not None:
+            nav = episode.state.nav
+            nav[st.MODE], nav[st.RESULT] = st.DONE, st.ABORTED
+            episode.state.times[st.VALID_T] = episode.t
+            return None
+        velocity = self._velocity(answer)
+        self.counts["without_command"] += velocity is None
+        return velocity
+
+    def _step(self, episode: Episode) -> tuple[float, float] | bool | None:
+        stack = self.driver
+        assert isinstance(stack, WholeStack)
+        answer = self._ask(episode, stack.step)
+        if self.fault is not None or isinstance(answer, Ended):
+            return self.fault is None and answer is Ended.REACHED
+        velocity = self._velocity(answer)
+        if velocity is not None:
+            self._commanded_t = episode.t
+        elif episode.t - self._commanded_t > COMMAND_TIME_S:
+            return (0.0, 0.0)
+        return velocity
+
+    def _ask(self, episode: Episode, question: Callable[[Observed], Any]) -> Any:
+        if self._seen is None:
+            self._seen = Observed(episode)
+        if self.fault is not None:
+            return None
+        self._seen.refresh()
+        self.counts["calls"] += 1
+        try:
+            with _in_time(self.driver.answer_time_s):
+                return question(self._seen)
+        except Exception as error:
+            self._fail(error, self._seen.t)
+            return None
+
+    def _velocity(self, answer: Any) -> tuple[float, float] | None:
+        """Return a velocity within the limits of the robot; None where there is none or it is not finite."""
+        if answer is None:
+            return None
+        try:
+            v, w = (float(number) for number in answer)
+        except (TypeError, ValueError):
+            assert self._seen is not None
+            self._fail(StackError(f"it answered {answer!r:.80}; expected (v, w) or None"), self._seen.t)
+            return None
+        if not (math.isfinite(v) and math.isfinite(w)):
+            self.counts["not_finite"] += 1
+            return None
+        limits = self.task.robot.limits
+        kept = (
+            min(limits.speed_m_s, max(-limits.reverse_m_s, v)),
+            min(limits.yaw_rate_rad_s, max(-limits.yaw_rate_rad_s, w)),
+        )
+        self.counts["clipped"] += kept != (v, w)
+        return Velocity(*kept)
+
+    def _fail(self, error: Exception, t: float = 0.0) -> None:
+        """Keep the first fault; what a stack of somebody else raises ends its run, not the campaign."""
+        if self.fault is None:
+            self._fault_t = t
+            self.fault = str(error) if isinstance(error, StackError) else _where(error)
+
+
+def _where(error: Exception) -> str:
+    frames = traceback.extract_tb(error.__traceback__)
+    place = f" ({frames[-1].filename.rpartition('/')[2]}:{frames[-1].lineno})" if frames else ""
+    return f"{type(error).__name__}: {error}{place}"[:500]
+
+
+def _inverse(frame: Floats, x: float, y: float) -> tuple[float, float]:
+    """Return a point of the map in the odom frame."""
+    cos, sin = math.cos(frame[MAP_YAW]), math.sin(frame[MAP_YAW])
+    dx, dy = x - frame[MAP_X], y - frame[MAP_Y]
+    return float(cos * dx + sin * dy), float(cos * dy - sin * dx)
+
+
+@contextmanager
+def _in_time(limit_s: float | None) -> Iterator[None]:
+    """Raise StackError in a call that takes too long; only the main thread can be interrupted."""
+    if limit_s is None or threading.current_thread() is not threading.main_thread() or not hasattr(signal, "setitimer"):
+        yield
+        return
+
+    def late(*_: object) -> None:
+        raise StackError(f"it did not answer within {limit_s:g} s")
+
+    before = signal.signal(signal.SIGALRM, late)
+    signal.setitimer(signal.ITIMER_REAL, limit_s)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)

@@ -1,0 +1,193 @@
+"""What a navigation stack under test is told, and what it answers.
+
+A `LocalPlanner` follows the plan of the built-in Nav2: planner, costmaps, progress checker and recoveries stay. A
+`WholeStack` replaces all of that and decides itself when it has arrived. Both are asked in lock-step: simulated time
+stands still until they answer.
+
+Frames: `odom` is the robot's odometry, which does not drift here. `map` is the frame of the world's occupancy map.
+The robot believes that the map lies at `Observation.map_from_odom` in it. Metres, seconds, radians.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rvsg.core.records import Pose
+from rvsg.robots import Robot
+from rvsg.world.world import World
+
+Floats = NDArray[np.float64]
+
+
+class StackError(Exception):
+    """A stack under test cannot go on; the run ends with the outcome STACK_FAILED and this reason."""
+
+
+class Velocity(NamedTuple):
+    """What the base is told to do."""
+
+    v: float
+    """Forward speed, m/s."""
+    w: float
+    """Yaw rate, rad/s, counter-clockwise."""
+
+
+class Ended(Enum):
+    """How a whole stack ends its task."""
+
+    REACHED = "reached"
+    GAVE_UP = "gave up"
+
+
+class Costmap(NamedTuple):
+    """Nav2's rolling local costmap in the odom frame."""
+
+    cells: NDArray[np.uint8]
+    """(rows, columns) costs: 0 free, 253 inscribed, 254 lethal; row 0 has the smallest y."""
+    origin_x: float
+    """x of the lower left corner of the first cell."""
+    origin_y: float
+    resolution: float
+    """Side of a cell, m."""
+
+
+class Scan(NamedTuple):
+    """The latest scan of a lidar."""
+
+    t: float
+    """When it was taken."""
+    ranges: Floats
+    """(rays,) metres; inf where a ray does not return."""
+    angle_min: float
+    """Bearing of the first ray in the lidar's frame."""
+    angle_increment: float
+    range_min: float
+    range_max: float
+    x: float
+    """Place of the lidar in the base frame."""
+    y: float
+    yaw: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Task:
+    """What a stack is told before a run."""
+
+    robot: Robot
+    world: World
+    """Its `occupancy` is the robot's map."""
+    start: Pose
+    """The robot's start in the map frame, as it believes it."""
+    goals: tuple[Pose, ...]
+    """Poses to drive through in the map frame; the last one is the goal."""
+    time_limit_s: float
+    seed: int
+    period_s: float
+    """Simulated time between two calls."""
+
+
+class Observation(ABC):
+    """What a stack is told at a call. Arrays are views that hold until the call returns."""
+
+    t: float
+    """Simulated time since the start."""
+    pose: tuple[float, float, float]
+    """x, y, yaw in the odom frame."""
+    velocity: tuple[float, float]
+    """Measured forward speed and yaw rate."""
+    map_from_odom: tuple[float, float, float]
+    """x, y, yaw of the odom frame in the map frame, as localisation estimates it."""
+
+    @abstractmethod
+    def scan(self, lidar: int = 0) -> Scan:
+        """Return the latest scan of one of the robot's lidars; it is computed when it is asked for."""
+
+    @abstractmethod
+    def people(self) -> Floats:
+        """Return the people that a lidar sees now, as a perfect tracker reports them, (N, 4): x, y, vx, vy in odom."""
+
+
+class LocalObservation(Observation):
+    """What a local planner is told besides."""
+
+    plan: Floats
+    """(N, 2) the rest of the plan, x and y in the odom frame."""
+    goal: tuple[float, float, float]
+    """The goal pose in the odom frame."""
+    costmap: Costmap
+
+
+class NavigationStack(ABC):
+    """Anything that drives the robot. Derive a class from `LocalPlanner` or `WholeStack`, not from this one.
+
+    A stack reaches worker processes by pickling, before or after `prepare`. One instance makes many runs, one after
+    another.
+    """
+
+    name: ClassVar[str] = ""
+    """The name in records; by default that of the class."""
+    title: ClassVar[str] = ""
+    """One line on what it is."""
+    version: ClassVar[str] = "1"
+    """Part of a run's id: raise it when equal options and seeds give other runs than before."""
+    answer_time_s: ClassVar[float | None] = 10.0
+    """Wall time within which a call must return; None: without limit. A call that takes longer ends the run."""
+
+    @property
+    def options(self) -> Mapping[str, Any]:
+        """The effective options as JSON-able data; part of a run's id."""
+        return {}
+
+    def adapt(self, robot: Robot) -> Robot:
+        """Return the robot with the navigation parameters that this stack sets."""
+        return robot
+
+    def prepare(self, tell: Callable[[str], None]) -> None:
+        """Do once what takes long, e.g. compile or connect; `tell` takes messages for people. May be called again."""
+        return
+
+    @abstractmethod
+    def reset(self, task: Task) -> None:
+        """Get ready for a run. Forget everything of the run before: equal tasks must give equal runs."""
+
+    def close(self) -> None:
+        """Release what `prepare` or `reset` acquired. May be called again; `prepare` or `reset` may follow."""
+        return
+
+    def finish(self) -> Mapping[str, Any]:
+        """End a run; return facts for the run's `details`, as JSON-able data."""
+        return {}
+
+
+class LocalPlanner(NavigationStack):
+    """A local planner under the built-in Nav2, asked every control period (50 ms)."""
+
+    @abstractmethod
+    def command(self, seen: LocalObservation) -> tuple[float, float] | None:
+        """Return forward speed (m/s) and yaw rate (rad/s), or None where there is no valid command.
+
+        Without a valid command for some time (Nav2's `failure_tolerance`), the built-in behaviour tree recovers.
+        """
+
+
+class WholeStack(NavigationStack):
+    """A navigation stack with planner, maps and behaviours of its own."""
+
+    @property
+    def period_s(self) -> float:
+        """Simulated time between two steps, a multiple of 0.01 s."""
+        return 0.05
+
+    @abstractmethod
+    def step(self, seen: Observation) -> tuple[float, float] | Ended | None:
+        """Return a velocity for the base, None where there is no new one, or how the task ended.
+
+        The base goes on with the last velocity for a second (the time-out of a velocity smoother), then it stops.
+        """

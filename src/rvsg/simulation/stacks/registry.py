@@ -1,0 +1,184 @@
+"""Choose a stack under test: a registered one, a class of your own, a command, or a parameter file."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import importlib.util
+import inspect
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from types import ModuleType
+from typing import Any, TypeAlias
+
+from rvsg.core import plugins
+from rvsg.core.errors import FileError, InputError, UnknownName
+from rvsg.core.plugins import Spec
+from rvsg.core.records import Record
+from rvsg.simulation.stacks.protocol import LocalPlanner, NavigationStack, WholeStack
+
+DEFAULT_STACK = "nav2-dwb"
+"""What drives a robot where no stack is named."""
+HINT = "`rvsg stacks` lists them. Your own: module:Class, file.py:Class, exec:COMMAND, or a nav2_params.yaml."
+
+StackLike: TypeAlias = "str | Path | Spec | Mapping[str, Any] | NavigationStack | type[NavigationStack]"
+
+
+class Stack(Record):
+    """A navigation stack as data; part of the id of every run that it drives."""
+
+    name: str
+    version: str
+    options: dict[str, Any]
+
+
+def stack_names() -> tuple[str, ...]:
+    """Return the names of the registered stacks."""
+    return plugins.names("stack")
+
+
+class StackChoice:
+    """A stack that was chosen: its record, and the instance that drives. It can be pickled."""
+
+    def __init__(self, driver: NavigationStack, name: str, options: Mapping[str, Any]) -> None:
+        if not isinstance(driver, LocalPlanner | WholeStack):
+            raise InputError(
+                f"The stack {name} is a {type(driver).__name__}. Derive it from rvsg.stacks.LocalPlanner or WholeStack."
+            )
+        self.driver = driver
+        self.record = Stack(
+            name=name, version=_version(driver), options=_as_data(name, {**options, **dict(driver.options)})
+        )
+
+    @classmethod
+    def of(cls, given: StackLike, options: Mapping[str, Any] | None = None) -> StackChoice:
+        """Return the stack of a name, a file, a Spec or its data, a class or an instance.
+
+        Args:
+            options: for a name, a file or a class.
+
+        Raises:
+            UnknownName: there is no such stack.
+            InputError: it cannot be made with these options.
+            FileError: its file cannot be used.
+        """
+        if isinstance(given, NavigationStack):
+            return cls(given, _name(type(given)), {})
+        if isinstance(given, type):
+            return _of_class(given, _name(given), options or {})
+        if isinstance(given, Mapping):
+            given = _spec_of(given)
+        if isinstance(given, Spec):
+            return _named(given.name, {**given.options, **(options or {})})
+        return _named(str(given), options or {})
+
+    @property
+    def is_default(self) -> bool:
+        """Whether the run is that of the simulator without a stack."""
+        return self.record.name == DEFAULT_STACK and not self.record.options
+
+
+def _spec_of(given: Mapping[str, Any]) -> Spec:
+    values = dict(given)
+    version = values.pop("version", None)
+    if set(values) - {"name", "options"} or not isinstance(values.get("name"), str):
+        raise InputError(f"stack: expected a name, or name and options, got {dict(given)!r}")
+    options = values.get("options") or {}
+    if not isinstance(options, Mapping):
+        raise InputError(f"stack: expected options as NAME: VALUE, got {options!r}")
+    found = StackChoice.of(Spec(values["name"], options)).record.version if version is not None else None
+    if version != found:
+        raise InputError(
+            f"stack: {values['name']} is present in version {found}, not {version}. Leave the version out, or restore "
+            "that version."
+        )
+    return Spec(values["name"], options)
+
+
+def _named(name: str, options: Mapping[str, Any]) -> StackChoice:
+    if name in stack_names():
+        driver = plugins.make("stack", name, options)
+        return StackChoice(driver, name, options)
+    if ":" in name:
+        module, _, attribute = name.rpartition(":")
+        return _of_class(_load_class(module, attribute, name), name, options)
+    raise UnknownName("stack", name, stack_names(), hint=HINT)
+
+
+def _of_class(found: Any, name: str, options: Mapping[str, Any]) -> StackChoice:
+    if not (isinstance(found, type) and issubclass(found, NavigationStack)):
+        raise InputError(f"The stack {name} must be a class derived from rvsg.stacks.LocalPlanner or WholeStack.")
+    if missing := sorted(getattr(found, "__abstractmethods__", ())):
+        raise InputError(f"The stack {name} lacks {', '.join(missing)}.")
+    return StackChoice(plugins.made("stack", name, found, options), name, options)
+
+
+def _load_class(module: str, attribute: str, name: str) -> Any:
+    loaded = _load_file(Path(module)) if module.endswith(".py") else _load_module(module, name)
+    try:
+        return getattr(loaded, attribute)
+    except AttributeError:
+        classes = [
+            key for key, value in vars(loaded).items()
+            if isinstance(value, type) and issubclass(value, NavigationStack) and value.__module__ == loaded.__name__
+        ]  # fmt: skip
+        raise UnknownName("class", attribute, classes, hint=f"It was looked for in {module}.") from None
+
+
+def _load_module(module: str, name: str) -> ModuleType:
+    if "" not in sys.path:
+        sys.path.insert(0, "")  # as `python -m` does: a module beside you
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        raise InputError(f"Cannot load the stack {name}: {error}. {HINT}") from error
+    except Exception as error:
+        raise InputError(f"Cannot load the stack {name}: {type(error).__name__}: {error}") from error
+
+
+def _load_file(path: Path) -> ModuleType:
+    """Import a Python file under a name that is made of its path."""
+    path = path.resolve()
+    if not path.is_file():
+        raise FileError(path, "there is no such file. Expected a Python file that defines the stack.")
+    name = f"_rvsg_stack_{path.stem}_{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"
+    if name in sys.modules:
+        return sys.modules[name]
+    spec = importlib.util.spec_from_file_location(name, path)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:
+        del sys.modules[name]
+        line = error.lineno if isinstance(error, SyntaxError) else None
+        raise FileError(path, f"cannot be imported: {type(error).__name__}: {error}", line=line) from error
+    return module
+
+
+def _name(kind: type[NavigationStack]) -> str:
+    return kind.name or f"{kind.__module__}:{kind.__qualname__}"
+
+
+def _version(driver: NavigationStack) -> str:
+    """Return the declared version; for a stack that does not ship, with a hash of the file that defines its class."""
+    version = str(driver.version)
+    kind = type(driver)
+    if kind.__module__.partition(".")[0] == "rvsg":
+        return version
+    try:
+        file = inspect.getsourcefile(kind)
+        content = Path(file).read_bytes() if file and Path(file).is_file() else inspect.getsource(kind).encode()
+    except (OSError, TypeError):
+        return version
+    return f"{version}+{hashlib.sha256(content).hexdigest()[:12]}"
+
+
+def _as_data(name: str, options: Mapping[str, Any]) -> dict[str, Any]:
+    try:
+        Stack(name=name, version="", options=dict(options)).id  # noqa: B018  (canonical JSON checks every value)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"The options of the stack {name} are not plain data: {error}") from None
+    return dict(options)

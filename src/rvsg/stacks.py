@@ -1,0 +1,38 @@
+"""Write a navigation stack of your own: derive a class from `LocalPlanner` or `WholeStack`.
+
+See docs/how-to/test-your-own-stack.md. `rvsg.testing.check_stack` examines one.
+"""
+
+from rvsg.simulation.stacks import (
+    Costmap,
+    Ended,
+    LocalObservation,
+    LocalPlanner,
+    NavigationStack,
+    Observation,
+    Scan,
+    Stack,
+    StackChoice,
+    StackError,
+    Task,
+    Velocity,
+    WholeStack,
+    stack_names,
+)
+
+__all__ = [
+    "Costmap",
+    "Ended",
+    "LocalObservation",
+    "LocalPlanner",
+    "NavigationStack",
+    "Observation",
+    "Scan",
+    "Stack",
+    "StackChoice",
+    "StackError",
+    "Task",
+    "Velocity",
+    "WholeStack",
+    "stack_names",
+]

@@ -1,0 +1,157 @@
+"""Stacks under test: how they are chosen, what they are told, and what becomes of their faults."""
+
+from __future__ import annotations
+
+import math
+import pickle
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rvsg.core.errors import FileError, InputError, UnknownName
+from rvsg.core.plugins import Spec
+from rvsg.core.records import Pose
+from rvsg.scenario.agents import HumanAgent
+from rvsg.simulation.embedded.rehearsal import empty_room
+from rvsg.simulation.embedded.simulator import EmbeddedSimulator, simulate_agents
+from rvsg.simulation.run import Outcome, Run
+from rvsg.stacks import Ended, LocalObservation, LocalPlanner, Observation, StackChoice, Task, WholeStack
+from rvsg.world.world import Route
+
+ROUTE = Route(name="across", start=Pose(x=-2.0, y=0.0), goal=Pose(x=1.5, y=0.0), time_limit_s=12.0)
+HUMAN = HumanAgent(name="ann", start=(0.0, 1.5), goals=((0.0, 1.5), (1.0, 1.5)), pauses_s=(0.0, 0.0))
+EXAMPLE = Path(__file__).parents[2] / "examples" / "stacks" / "follow_the_plan.py"
+
+
+def drive(stack: Any, seed: int = 0, **options: Any) -> Run:
+    return simulate_agents(empty_room(), ROUTE, [HUMAN], seed=seed, stack=StackChoice.of(stack, options))
+
+
+class Straight(LocalPlanner):
+    """Answers what it is made with."""
+
+    def __init__(self, answer: Any = (0.5, 0.0)) -> None:
+        self.answer = answer
+        self.seen: list[tuple[float, ...]] = []
+
+    def reset(self, task: Task) -> None:
+        self.task, self.seen = task, []
+
+    def command(self, seen: LocalObservation) -> tuple[float, float] | None:
+        self.seen.append((seen.t, *seen.pose, len(seen.plan), *seen.goal))
+        if self.answer == "raise":
+            raise ValueError("no map")
+        return self.answer  # type: ignore[no-any-return]
+
+
+class Towards(WholeStack):
+    """Drives straight on for some time, then says how it ended."""
+
+    def __init__(self, until_s: float = 7.0, end: Any = Ended.REACHED) -> None:
+        self.until_s, self.end = until_s, end
+
+    def reset(self, task: Task) -> None:
+        self.task, self.steps = task, 0
+
+    def step(self, seen: Observation) -> tuple[float, float] | Ended | None:
+        self.steps += 1
+        self.seen = seen.people(), seen.scan(1), seen.map_from_odom
+        if seen.t >= self.until_s:
+            return self.end  # type: ignore[no-any-return]
+        return (0.5, 0.0)
+
+
+def test_a_planner_drives_and_is_told_where_it_is() -> None:
+    planner = Straight()
+    run = drive(planner)
+    assert run.outcome is Outcome.REACHED
+    assert run.details["stack"] == {"calls": len(planner.seen), "without_command": 0, "not_finite": 0, "clipped": 0}
+    _, x, y, _, points, *goal = planner.seen[-1]
+    assert math.hypot(x - goal[0], y - goal[1]) < 0.4
+    assert points > 10 and abs(goal[0] - 1.5) < 0.2
+    assert planner.seen[1][0] - planner.seen[0][0] == pytest.approx(planner.task.period_s)
+
+
+def test_a_whole_stack_drives_and_says_when_it_has_arrived() -> None:
+    stack = Towards()
+    run = drive(stack)
+    assert run.outcome is Outcome.REACHED
+    assert run.trajectory.x[-1] > 1.2
+    people, scan, offset = stack.seen
+    assert people.shape == (1, 4) and people[0, 1] == pytest.approx(1.5, abs=0.3)
+    assert np.isfinite(scan.ranges).all() and scan.ranges.min() > 0.5
+    task = stack.task
+    assert task.start.x == pytest.approx(-2.0 + offset[0]) and task.goals[-1].x == pytest.approx(1.5 + offset[0])
+
+
+@pytest.mark.parametrize(
+    ("end", "outcome"),
+    [(Ended.GAVE_UP, Outcome.ABORTED), (None, Outcome.TIMED_OUT), ((math.nan, 0.0), Outcome.TIMED_OUT)],
+)
+def test_a_whole_stack_may_give_up_or_fall_silent(end: Any, outcome: Outcome) -> None:
+    run = drive(Towards(2.0, end))
+    assert run.outcome is outcome
+    assert run.trajectory.t[-1] < 2.2 or run.trajectory.v[-1] == 0.0
+
+
+@pytest.mark.parametrize("answer", ["raise", "fast", (1.0,), (1.0, 2.0, 3.0)])
+def test_a_planner_that_fails_ends_its_run(answer: Any) -> None:
+    run = drive(Straight(answer))
+    assert run.outcome is Outcome.STACK_FAILED
+    assert run.details["stack"]["calls"] == 1 and run.details["stack"]["fault"]  # type: ignore[index]
+    assert run.trajectory.t[-1] < 1.0
+
+
+def test_a_velocity_that_is_not_finite_counts_as_no_command_and_an_impossible_one_is_clipped() -> None:
+    run = drive(Straight((math.nan, 0.0)))
+    told: Any = run.details["stack"]
+    assert run.outcome is not Outcome.REACHED
+    assert told["not_finite"] == told["without_command"] == told["calls"] > 0
+    run = drive(Straight((99.0, 0.0)))
+    told = run.details["stack"]
+    assert told["clipped"] == told["calls"]
+    assert run.trajectory.v.max() <= 0.5 + 1e-9
+
+
+def test_the_stack_is_part_of_the_options_and_the_default_is_not() -> None:
+    plain, named = EmbeddedSimulator(), EmbeddedSimulator(stack="nav2-dwb")
+    assert plain.options == named.options and "stack" not in plain.options
+    one = EmbeddedSimulator(stack=f"{EXAMPLE}:FollowThePlan")
+    other = EmbeddedSimulator(stack=Spec(f"{EXAMPLE}:FollowThePlan", {"speed": 0.4}))
+    assert one.options != other.options
+    record: Any = other.options["stack"]
+    assert record["options"] == {"speed": 0.4} and record["version"].startswith("1+")
+    assert pickle.loads(pickle.dumps(other.options)) == other.options
+    assert EmbeddedSimulator(stack=record).options == other.options
+
+
+def test_the_example_reaches_the_goal_in_equal_runs() -> None:
+    runs = [drive(f"{EXAMPLE}:FollowThePlan", seed=3) for _ in range(2)]
+    assert [run.outcome for run in runs] == [Outcome.REACHED] * 2
+    assert np.array_equal(runs[0].trajectory.x, runs[1].trajectory.x)
+    assert len(EXAMPLE.read_text().splitlines()) < 60
+
+
+def test_what_cannot_be_chosen_is_one_error(tmp_path: Path) -> None:
+    with pytest.raises(UnknownName):
+        StackChoice.of("nav2-dbw")
+    with pytest.raises(InputError):
+        StackChoice.of("no_such_module:Planner")
+    with pytest.raises(FileError):
+        StackChoice.of(f"{tmp_path / 'missing.py'}:Planner")
+    broken = tmp_path / "broken.py"
+    broken.write_text("class Planner:\n    pass\nx = (\n")
+    with pytest.raises(FileError):
+        StackChoice.of(f"{broken}:Planner")
+    fine = tmp_path / "fine.py"
+    fine.write_text("class Planner:\n    pass\n")
+    with pytest.raises(InputError):
+        StackChoice.of(f"{fine}:Planner")
+    with pytest.raises(UnknownName):
+        StackChoice.of(f"{fine}:Other")
+    with pytest.raises(InputError):
+        StackChoice.of(f"{EXAMPLE}:FollowThePlan", {"sped": 1})
+    with pytest.raises(InputError):
+        StackChoice.of({"name": "nav2-dwb", "version": "0"})
