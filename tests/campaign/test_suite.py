@@ -12,7 +12,6 @@ from rvsg.campaign.suite import (
     SuiteResult,
     compare_results,
     counts,
-    paired_interval,
     state_of,
 )
 from rvsg.evaluation.judge import judge
@@ -107,26 +106,3 @@ def test_identical_versions_raise_no_alarm_in_100_comparisons_of_12_cases() -> N
         found = counts(compare_results(first, second))
         alarms += bool(found[Change.BROKEN] or found[Change.FIXED])
     assert alarms <= 5
-
-
-def test_the_paired_interval_covers_the_true_difference() -> None:
-    """Pairs whose two sides agree in half of the cases, on top of chance: at least 93 of 100 intervals cover."""
-    rng = np.random.default_rng(3)
-    n, p1, p2, draws = 30, 0.3, 0.6, 1000
-    covered = 0
-    for _ in range(draws):
-        shared, same = rng.random(n), rng.random(n) < 0.5
-        first = shared < p1
-        second = np.where(same, shared < p2, rng.random(n) < p2)
-        low, high = paired_interval(
-            int((first & ~second).sum()), int((second & ~first).sum()), int(first.sum()), int(second.sum()), n
-        )
-        covered += low <= p2 - p1 <= high
-    assert covered / draws >= 0.93
-
-
-@pytest.mark.parametrize("n", [1, 2, 30])
-def test_the_paired_interval_stays_within_its_bounds(n: int) -> None:
-    for first, second in ((0, 0), (n, n), (0, n), (n, 0)):
-        low, high = paired_interval(max(0, first - second), max(0, second - first), first, second, n)
-        assert -1.0 <= low <= (second - first) / n <= high <= 1.0

@@ -7,7 +7,7 @@ runs do not decide, the state is unclear, and that is no failure.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from enum import Enum
 from typing import Annotated, Any, Literal
 
@@ -15,7 +15,7 @@ from pydantic import Field
 
 from rvsg.core.records import Record
 from rvsg.evaluation.judge import DEFAULT, Procedure, violated
-from rvsg.evaluation.statistics import holm, wilson
+from rvsg.evaluation.statistics import holm, share_difference
 from rvsg.evaluation.verdict import Status, Verdict
 from rvsg.scenario.scenario import Scenario
 
@@ -141,6 +141,10 @@ class CaseChange(Record):
     """By Holm over all cases of the comparison."""
 
 
+Pairs = Sequence[tuple[bool, bool]]
+"""For each common seed whether the first and the second version violate."""
+
+
 def compare_results(first: SuiteResult, second: SuiteResult, *, error_rate: float = 0.05) -> tuple[CaseChange, ...]:
     """Compare two versions case by case, on the same seeds.
 
@@ -149,48 +153,50 @@ def compare_results(first: SuiteResult, second: SuiteResult, *, error_rate: floa
     and unclear where they do not and the test is not sure.
     """
     theirs = {(case.case, case.requirement): case for case in second.cases}
-    pairs = [(case, theirs.get((case.case, case.requirement))) for case in first.cases]
-    tested = {f"{case.case}/{case.requirement}": _discordant(case, other) for case, other in pairs if other}
-    p_values = {key: _mcnemar(only_first, only_second) for key, (only_first, only_second, _, _, _) in tested.items()}
+    matched = [(case, theirs.get((case.case, case.requirement))) for case in first.cases]
+    pairs = {_key(case): _pairs(case, other) for case, other in matched if other}
+    p_values = {key: _mcnemar(*_discordant(found)) for key, found in pairs.items()}
     corrected = holm(p_values)
     known = {(case.case, case.requirement) for case in first.cases}
     changes = [
-        _change(case, other, tested, p_values, corrected, error_rate) if other else _missing(case)
-        for case, other in pairs
+        _change(case, other, pairs[_key(case)], p_values[_key(case)], corrected[_key(case)], error_rate)
+        if other
+        else _missing(case)
+        for case, other in matched
     ]
     changes += [_missing(case) for case in second.cases if (case.case, case.requirement) not in known]
     return tuple(changes)
 
 
+def _key(case: CaseResult) -> str:
+    return f"{case.case}/{case.requirement}"
+
+
 def _change(
-    case: CaseResult,
-    other: CaseResult,
-    tested: Mapping[str, tuple[int, int, int, int, int]],
-    p_values: Mapping[str, float],
-    corrected: Mapping[str, float],
-    error_rate: float,
+    case: CaseResult, other: CaseResult, pairs: Pairs, p: float, p_corrected: float, error_rate: float
 ) -> CaseChange:
-    key = f"{case.case}/{case.requirement}"
-    only_first, only_second, a, b, n = tested[key]
-    if corrected[key] < error_rate:
+    only_first, only_second = _discordant(pairs)
+    if p_corrected < error_rate:
         change = Change.BROKEN if only_second > only_first else Change.FIXED
     elif only_first == only_second == 0 or _settled(case.verdict) == _settled(other.verdict) is not None:
         change = Change.UNCHANGED
     else:
         change = Change.UNCLEAR
+    before, after = [a for a, _ in pairs], [b for _, b in pairs]
+    difference = share_difference(after, before, paired=True)
     return CaseChange(
         case=case.case,
         title=case.title,
         requirement=case.requirement,
         change=change,
-        seeds=n,
-        violations=(a, b),
+        seeds=len(pairs),
+        violations=(sum(before), sum(after)),
         only_first=only_first,
         only_second=only_second,
-        difference=(b - a) / n if n else None,
-        interval=paired_interval(only_first, only_second, a, b, n) if n else None,
-        p=p_values[key],
-        p_corrected=corrected[key],
+        difference=difference.difference if difference else None,
+        interval=difference.interval if difference else None,
+        p=p,
+        p_corrected=p_corrected,
     )
 
 
@@ -211,17 +217,19 @@ def _missing(case: CaseResult) -> CaseChange:
     )
 
 
-def _discordant(first: CaseResult, second: CaseResult) -> tuple[int, int, int, int, int]:
-    """Seeds that violate only in the first, only in the second, in the first, in the second, and common seeds."""
+def _pairs(first: CaseResult, second: CaseResult) -> Pairs:
+    """Return whether each common seed violates in the first and in the second version."""
     theirs = dict(zip(second.seeds, second.violations, strict=True))
-    pairs = [
-        (mine, theirs[seed])
+    return tuple(
+        (mine, other)
         for seed, mine in zip(first.seeds, first.violations, strict=True)
-        if mine is not None and theirs.get(seed) is not None
-    ]
-    only_first = sum(bool(a and not b) for a, b in pairs)
-    only_second = sum(bool(b and not a) for a, b in pairs)
-    return only_first, only_second, sum(bool(a) for a, _ in pairs), sum(bool(b) for _, b in pairs), len(pairs)
+        if mine is not None and (other := theirs.get(seed)) is not None
+    )
+
+
+def _discordant(pairs: Pairs) -> tuple[int, int]:
+    """Return how many seeds violate in the first version alone, and in the second alone."""
+    return sum(a and not b for a, b in pairs), sum(b and not a for a, b in pairs)
 
 
 def _mcnemar(only_first: int, only_second: int) -> float:
@@ -232,30 +240,6 @@ def _mcnemar(only_first: int, only_second: int) -> float:
     if discordant == 0:
         return 1.0
     return float(stats.binomtest(only_second, discordant, 0.5).pvalue)
-
-
-def paired_interval(
-    only_first: int, only_second: int, first: int, second: int, n: int, confidence: float = 0.95
-) -> tuple[float, float]:
-    """Return an interval of the difference of two paired shares, second minus first.
-
-    Newcombe's method 10 (Statistics in Medicine 17, 1998): Wilson intervals of both shares, combined with the
-    correlation of the pairs. It stays within -1 and 1.
-
-    Args:
-        only_first, only_second: pairs in which only the one is true.
-        first, second: pairs in which the first, and the second, is true.
-        n: pairs, at least 1.
-    """
-    p1, p2 = first / n, second / n
-    (l1, u1), (l2, u2) = wilson(first, n, confidence), wilson(second, n, confidence)
-    both = first - only_first
-    neither = n - both - only_first - only_second
-    scale = first * (n - first) * second * (n - second)
-    phi = (both * neither - only_first * only_second) / scale**0.5 if scale else 0.0
-    low = ((p2 - l2) ** 2 - 2 * phi * (p2 - l2) * (u1 - p1) + (u1 - p1) ** 2) ** 0.5
-    high = ((u2 - p2) ** 2 - 2 * phi * (u2 - p2) * (p1 - l1) + (p1 - l1) ** 2) ** 0.5
-    return max(-1.0, p2 - p1 - low), min(1.0, p2 - p1 + high)
 
 
 def _settled(verdict: Verdict) -> bool | None:
