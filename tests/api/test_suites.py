@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 import rvsg
-from rvsg.api.suites import compare_versions, junit_of_suite
+from rvsg.api.suites import junit_of_suite
+from rvsg.api.versions import compare_versions
 from rvsg.campaign.suite import Change, State
 from rvsg.core.errors import FileError, InputError, UnknownName
 

@@ -164,6 +164,11 @@ class Campaign:
         return self.config.folder
 
     @property
+    def source(self) -> Path:
+        """The folder or the ledger file it is read from."""
+        return self._store
+
+    @property
     def name(self) -> str:
         """The name of the campaign in its store."""
         return self.record.plan.name

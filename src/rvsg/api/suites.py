@@ -19,7 +19,7 @@ import yaml
 from pydantic import Field
 
 from rvsg.api.requirements import load_requirement
-from rvsg.api.scenarios import check_robot, check_valid, load_scenario_in
+from rvsg.api.scenarios import as_robot, check_robot, check_valid, load_scenario_in
 from rvsg.api.simulating import ignore, make_simulator
 from rvsg.api.worlds import folder_of, world_of
 from rvsg.campaign.attempt import Failure, Measurement
@@ -27,14 +27,10 @@ from rvsg.campaign.measuring import Measuring
 from rvsg.campaign.parallel import Simulations
 from rvsg.campaign.suite import (
     Case,
-    CaseChange,
     CaseResult,
-    Change,
     Expectation,
     State,
     SuiteResult,
-    compare_results,
-    counts,
     state_of,
 )
 from rvsg.core.documents import read_document
@@ -44,12 +40,13 @@ from rvsg.core.plugins import Spec
 from rvsg.core.records import Record
 from rvsg.evaluation.judge import DEFAULT, Procedure, next_repeats
 from rvsg.evaluation.story import story_of
-from rvsg.report.suites import changes_markdown, suite_junit
+from rvsg.report.suites import suite_junit
+from rvsg.robots import Robot
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.protocol import Simulator
 from rvsg.simulation.run import Run
-from rvsg.world.world import World
+from rvsg.world.world import Route, World
 
 HEAD = "suite.yaml"
 
@@ -160,6 +157,7 @@ class Suite:
         jobs: int = 1,
         runs: int | None = None,
         only: Sequence[str] = (),
+        robot: Robot | str | Path | None = None,
         on_result: Callable[[CaseResult], None] = ignore,
         on_message: Callable[[str], None] = ignore,
     ) -> SuiteResult:
@@ -173,6 +171,8 @@ class Suite:
             jobs: worker processes; the results are the same.
             runs: runs of every case; by default as few as decide each verdict. Give a number to compare versions.
             only: names of cases; by default all.
+            robot: drives every case instead of the robot of its scenario: a record, the name of a shipped robot or a
+                robot file.
             on_result: called with the result of each case and requirement.
 
         Raises:
@@ -185,9 +185,11 @@ class Suite:
                 raise UnknownName("case", name, names, hint=f"Suite: {self.folder}.")
         made = make_simulator(simulator)
         made.prepare(on_message)
+        other = None if robot is None else as_robot(robot, made)
         results = []
         for case in self.cases:
             if not only or case.name in only:
+                case = case if other is None else driven_by(case, other)
                 check_robot(case.scenario, made)
                 for result in self._run_case(case, made, jobs, runs, on_message):
                     results.append(result)
@@ -219,7 +221,7 @@ class Suite:
         world = self.worlds[case.name]
         procedure = self.head.judging.replace(max_runs=runs or case.max_runs)
         route = case.scenario.mission.route
-        asked = [load_requirement(_requirement(e.requirement, self.folder), route) for e in case.expectations]
+        asked = [requirement_of(e, self.folder, route) for e in case.expectations]
         measuring = [Measuring(requirement, world, procedure=procedure) for requirement in asked]
         made: list[Run] = []
         measured: list[list[Measurement]] = [[] for _ in asked]
@@ -269,83 +271,10 @@ class Suite:
         write_whole(self.folder / f"{case.name}.yaml", _yaml({k: v for k, v in values.items() if v is not None}))
 
 
-@dataclass(frozen=True, kw_only=True)
-class VersionComparison:
-    """Two versions of the system under test on the same scenarios and seeds."""
-
-    first: SuiteResult
-    second: SuiteResult
-    changes: tuple[CaseChange, ...]
-
-    @property
-    def broken(self) -> tuple[CaseChange, ...]:
-        """The cases that the second version breaks."""
-        return tuple(each for each in self.changes if each.change is Change.BROKEN)
-
-    @property
-    def markdown(self) -> str:
-        """The comparison as a table for a pull request."""
-        return changes_markdown(self.first, self.second, self.changes)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the comparison as plain data."""
-        return {
-            "first": self.first.version,
-            "second": self.second.version,
-            "counts": {change.value: number for change, number in counts(self.changes).items()},
-            "changes": [each.model_dump(mode="json") for each in self.changes],
-        }
-
-
-def compare_versions(
-    first: str | Path | SuiteResult,
-    second: str | Path | SuiteResult,
-    *,
-    suite: str | Path | None = None,
-    runs: int = 20,
-    jobs: int = 1,
-    error_rate: float = 0.05,
-    on_message: Callable[[str], None] = ignore,
-) -> VersionComparison:
-    """Compare two versions of the system under test.
-
-    Args:
-        first, second: results, or files of `rvsg suite run --json`; with `suite`, simulators to run it with, as
-            `NAME` or `NAME:OPTION=VALUE,OPTION=VALUE`.
-        runs: runs of every case, where the suite is run now.
-        error_rate: probability of one false alarm in the whole comparison.
-
-    Raises:
-        InputError: a version cannot be run, or the results have no case in common.
-    """
-    if suite is None:
-        results = [given if isinstance(given, SuiteResult) else read_results(given) for given in (first, second)]
-    else:
-        opened = Suite.open(suite)
-        results = []
-        for given in (str(first), str(second)):
-            on_message(f"Running {len(opened.cases)} cases with {given}.")
-            results.append(
-                opened.run(simulator=_version(given), version=given, jobs=jobs, runs=runs, on_message=on_message)
-            )
-    changes = compare_results(results[0], results[1], error_rate=error_rate)
-    if all(each.change is Change.MISSING for each in changes):
-        raise InputError("The two results have no case in common. Run the same suite with both versions.")
-    return VersionComparison(first=results[0], second=results[1], changes=changes)
-
-
-def _version(text: str) -> Spec:
-    name, _, options = text.partition(":")
-    values = {}
-    for pair in filter(None, options.split(",")):
-        key, equals, value = pair.partition("=")
-        if not (key and equals):
-            raise InputError(f"{text}: expected SIMULATOR:OPTION=VALUE,OPTION=VALUE.")
-        try:
-            values[key] = yaml.safe_load(value)
-        except yaml.YAMLError as error:
-            raise InputError(f"{text}: the value of {key} cannot be read: {error}") from None
-    return Spec(name, values)
+def driven_by(case: Case, robot: Robot | str) -> Case:
+    """Return a case with another robot."""
+    scenario = case.scenario
+    return case.replace(scenario=scenario.replace(mission=scenario.mission.replace(robot=robot)))
 
 
 def junit_of_suite(result: SuiteResult) -> str:
@@ -380,7 +309,7 @@ def _read_case(path: Path) -> tuple[Case, World]:
             max_runs=file.max_runs,
         )
         for expectation in case.expectations:
-            load_requirement(_requirement(expectation.requirement, path.parent), file.scenario.mission.route)
+            requirement_of(expectation, path.parent, file.scenario.mission.route)
     except FileError:
         raise
     except InputError as error:
@@ -389,6 +318,11 @@ def _read_case(path: Path) -> tuple[Case, World]:
         wanted = "small letters, digits, dots, hyphens and underscores"
         raise FileError(path, f"a case is named by its file: {wanted}, at most 80.") from None
     return case, world
+
+
+def requirement_of(expectation: Expectation, folder: Path, route: Route | None = None) -> Requirement:
+    """Return the requirement of an expectation in the suite of that folder."""
+    return load_requirement(_requirement(expectation.requirement, folder), route)
 
 
 def _requirement(name: str, folder: Path) -> str:

@@ -20,7 +20,7 @@ def compare_versions(
     suite: Annotated[
         Path | None,
         typer.Option(
-            help="Run this suite now, with the versions SIMULATOR[:OPTION=VALUE,...], e.g. embedded:profile=x."
+            help="Run this suite now, with the versions SIMULATOR[:OPTION=VALUE,...], e.g. embedded:robot=slow.yaml."
         ),
     ] = None,
     runs: Annotated[int, typer.Option(min=1, help="Runs of every case and version, on the same seeds.")] = 20,
@@ -37,7 +37,7 @@ def compare_versions(
     --error-rate. The exit code is 1 where a case is broken.
     """
     from rvsg.api.records import check_writable, write_text
-    from rvsg.api.suites import compare_versions as compare
+    from rvsg.api.versions import compare_versions as compare
 
     if markdown is not None:
         check_writable(markdown)

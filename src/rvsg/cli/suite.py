@@ -55,6 +55,9 @@ def run(
     only: Annotated[
         list[str] | None, typer.Option(metavar="CASE", help="Only this case; repeat it for several.")
     ] = None,
+    robot: Annotated[
+        str | None, typer.Option(help="Drive every case with this robot: a shipped one or a robot file.")
+    ] = None,
     runs: Annotated[int | None, typer.Option(min=1, help="Runs of every case. [as few as decide each verdict]")] = None,
     jobs: Annotated[int, typer.Option(min=1, help="Worker processes.")] = 1,
     junit: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the results as JUnit XML.")] = None,
@@ -79,6 +82,7 @@ def run(
         jobs=jobs,
         runs=runs,
         only=only or (),
+        robot=robot,
         on_result=lambda case: say(describe_result(case)),
         on_message=say,
     )

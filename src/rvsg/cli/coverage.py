@@ -1,0 +1,51 @@
+"""`rvsg coverage`: what suites and campaigns have exercised, and what is untested."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rvsg.cli.console import print_json, say
+from rvsg.cli.frame import verb
+
+app = verb()
+
+
+@app.command()
+def coverage(
+    sources: Annotated[list[Path], typer.Argument(help="Folders of suites and campaigns.")],
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write a page (.html), a map (.png) or .json.")
+    ] = None,
+    runs: Annotated[
+        int, typer.Option(min=0, help="Runs of each scenario of a suite, to see encounters; campaigns store theirs.")
+    ] = 1,
+    simulator: Annotated[str, typer.Option(help="What runs the scenarios of a suite.")] = "embedded",
+    simulator_option: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="For the simulator.")] = None,
+    jobs: Annotated[int, typer.Option(min=1, help="Worker processes.")] = 1,
+    json: Annotated[bool, typer.Option("--json", help="Print the coverage as JSON on standard output.")] = False,
+) -> None:
+    """Show which places, routes, encounters, behaviours and requirements are exercised, and what is untested.
+
+    Places, behaviours and requirements are those that the scenarios ask for. Encounters are read from runs: who comes
+    within 1.5 m of the robot, and from which side.
+    """
+    from rvsg.api.coverage import check_format, write_coverage
+    from rvsg.api.coverage import coverage as measure
+    from rvsg.api.records import check_writable
+    from rvsg.cli.options import spec
+
+    if out is not None:
+        check_format(out)
+        check_writable(out)
+    chosen = spec("simulator", simulator, simulator_option)
+    found = measure(*sources, runs=runs, jobs=jobs, simulator=chosen, on_message=say)
+    if out is not None:
+        write_coverage(out, found)
+    if json:
+        print_json([each.coverage.model_dump(mode="json") for each in found])
+        return
+    for each in found:
+        say(each.text)
