@@ -87,7 +87,7 @@ def drive(crowd: Crowd, body: np.ndarray, ticks: int) -> None:
         body[base.X] += body[base.V] * math.cos(yaw) * base.STEP_S
         body[base.Y] += body[base.V] * math.sin(yaw) * base.STEP_S
         body[base.YAW] += body[base.W] * base.STEP_S
-        touch_people(crowd, 0.01 * k, body, x, y, yaw)
+        touch_people(crowd, 0.01 * k, body, x, y, yaw, 0.0)
 
 
 def driven(crowd: Crowd, speed: float, ticks: int, yaw: float = 0.0) -> np.ndarray:

@@ -25,6 +25,8 @@ from rvsg.evaluation.events import (
     ObstacleContact,
     Place,
     PlaceAt,
+    Recovery,
+    Replan,
     StandStill,
     TimeOut,
 )
@@ -32,7 +34,7 @@ from rvsg.evaluation.naming import WaypointNames
 from rvsg.evaluation.people import people_events
 from rvsg.evaluation.sampled import Flags, Sampled, Touch, joined, stretches, wrap
 from rvsg.scenario.scenario import Scenario
-from rvsg.simulation.events import ObstacleContact as RecordedObstacleContact
+from rvsg.simulation import events as recorded
 from rvsg.simulation.events import RobotContact
 from rvsg.simulation.run import Outcome, Run
 from rvsg.world.world import World
@@ -75,7 +77,7 @@ def events_of(run: Run, *, world: World | None = None, scenario: Scenario | None
     found: list[Event] = []
     if s.people:
         found += [*contacts(s, at), *near_misses(s, at), *blocked_goals(s, at)]
-    found += [*obstacle_contacts(s, at), *hard_brakes(s, at), *standstills(s, at), ending(s, at)]
+    found += [*obstacle_contacts(s, at), *navigation(s, at), *hard_brakes(s, at), *standstills(s, at), ending(s, at)]
     if s.people:
         found += people_events(s, scenario, world, at)
     return tuple(sorted(found, key=lambda event: event.time_s))
@@ -95,12 +97,31 @@ def place_namer(world: World | None) -> PlaceAt:
 def obstacle_contacts(s: Sampled, at: PlaceAt) -> Iterator[ObstacleContact]:
     """Yield the recorded contacts of the robot's body with walls and objects."""
     for event in s.run.events:
-        if isinstance(event, RecordedObstacleContact):
+        if isinstance(event, recorded.ObstacleContact):
             yield ObstacleContact(
                 time_s=event.time_s,
                 place=at(event.x, event.y),
                 until_s=event.until_s,
                 speed_m_s=event.speed_m_s,
+            )
+
+
+def navigation(s: Sampled, at: PlaceAt) -> Iterator[Replan | Recovery]:
+    """Yield the recorded recoveries, and the paths that differ clearly from those before."""
+    for event in s.run.events:
+        if isinstance(event, recorded.Replan):
+            yield Replan(
+                time_s=event.time_s,
+                place=at(event.x, event.y),
+                length_m=event.length_m,
+                deviation_m=event.deviation_m,
+            )
+        elif isinstance(event, recorded.Recovery):
+            yield Recovery(
+                time_s=event.time_s,
+                place=at(event.x, event.y),
+                until_s=min(event.until_s, float(s.series.t[-1])),
+                action=event.action,
             )
 
 
@@ -223,6 +244,9 @@ def _reason(s: Sampled, index: int) -> tuple[Reason, str]:
             return "person_ahead", s.run.human_names[int(np.where(ahead, s.gap[index], np.inf).argmin())]
         if s.gap[index, nearest] < BESIDE_M:
             return "person_close", s.run.human_names[nearest]
+    t = float(s.series.t[index])
+    if any(isinstance(e, recorded.Recovery) and e.time_s <= t + 1e-9 < e.until_s for e in s.run.events):
+        return "recovery", ""
     if s.obstacle_distance is not None and s.obstacle_distance[index] < s.run.robot_radius_m + OBSTACLE_M:
         return "obstacle", ""
     return "unknown", ""

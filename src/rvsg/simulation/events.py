@@ -102,8 +102,36 @@ class PersonReached(_OfPerson):
     """Index of the waypoint in the person's goals."""
 
 
+class Replan(_Recorded):
+    """The global planner returns a path to the same goal that differs clearly from the one before.
+
+    The place is the robot's.
+    """
+
+    kind: Literal["replan"] = "replan"
+    length_m: float
+    """Length of the new path."""
+    deviation_m: float
+    """Largest distance of the new path from the one before."""
+
+
+class Recovery(_Recorded):
+    """The navigation runs a recovery behaviour; the place is the robot's when it begins."""
+
+    kind: Literal["recovery"] = "recovery"
+    until_s: float
+    action: Literal["clear_costmaps", "spin", "wait", "back_up", "other"]
+
+
 RecordedEvent = Annotated[
-    RobotContact | ObstacleContact | PersonStuck | PersonPaused | PersonReacted | PersonReached,
+    RobotContact
+    | ObstacleContact
+    | PersonStuck
+    | PersonPaused
+    | PersonReacted
+    | PersonReached
+    | Replan
+    | Recovery,
     Field(discriminator="kind"),
 ]
 

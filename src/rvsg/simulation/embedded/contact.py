@@ -21,12 +21,14 @@ LEAST_M = 1e-4
 
 
 @inner
-def touch_people(crowd: CrowdRef, t: float, body: Floats, x: float, y: float, yaw: float) -> float:
+def touch_people(
+    crowd: CrowdRef, t: float, body: Floats, x: float, y: float, yaw: float, bumper_s: float
+) -> float:
     """Resolve the contacts of the base after its step from the pose (x, y, yaw); return the change of its speed, m/s.
 
     A person who walks is moved out of the way unless walls or other people are there. Where a person stands or is
     pinned, the base makes only the part of its step that does not enter the body: less translation first, then less
-    rotation.
+    rotation. A body that the robot's reaches triggers the bumper, which stops the drive for `bumper_s`, whoever gives way.
     """
     touched = False
     for i in range(crowd.x.size):
@@ -35,6 +37,8 @@ def touch_people(crowd: CrowdRef, t: float, body: Floats, x: float, y: float, ya
             continue
         touched = True
         note_touch(crowd, i, t, body[base.X], body[base.Y], body[base.YAW], body[base.V], body[base.W])
+        if gap <= LEAST_M and bumper_s > 0.0:
+            body[base.STOPPED_T] = max(body[base.STOPPED_T], t + bumper_s)
         if gap < 0.0 and crowd.stands[i] == 0:
             _give_way(crowd, i, -gap * ux, -gap * uy)
     if not touched:

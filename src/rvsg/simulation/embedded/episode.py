@@ -330,7 +330,7 @@ def go_on(
         if settings.solid_walls:
             change = touch_walls(state.walls, t + base.STEP_S, body, x, y, yaw)
         if not crowd.published:
-            change += touch_people(crowd, t + base.STEP_S, body, x, y, yaw)
+            change += touch_people(crowd, t + base.STEP_S, body, x, y, yaw, state.stack.bumper_s)
         if change != 0.0:
             forward += change / base.STEP_S
             body[base.STOPPED_T] = max(body[base.STOPPED_T], t + state.stack.bumper_s)

@@ -24,6 +24,8 @@ Bytes = NDArray[np.uint8]
 Ints = NDArray[np.int64]
 
 NOISE_TABLE = 32_768
+JOURNAL = 4096
+"""Rows of the journal: a path per second for an hour, the longest run, and all recoveries."""
 
 # What the navigator is doing.
 DRIVE, SPIN, WAIT, BACK_UP, DONE = range(5)
@@ -33,9 +35,9 @@ RUNNING, REACHED, ABORTED = range(3)
 MASTER = -1
 # Indices of the integers, behind those of the controller.
 (MODE, RESULT, RECOVERIES, NEXT_ACTION, FAILED_ACTIONS, FOLLOW_RETRIED, PLAN_RETRIED, GOAL, PLANNED, NEED_PLAN,
- CLEAR_LOCAL, CLEAR_GLOBAL, WINDOW_COLUMN, WINDOW_ROW, NOISE_AT, DROPOUT_AT) = range(
-    dwb.CONTROLLER_INTS, dwb.CONTROLLER_INTS + 16)  # fmt: skip
-INTS = dwb.CONTROLLER_INTS + 16
+ CLEAR_LOCAL, CLEAR_GLOBAL, WINDOW_COLUMN, WINDOW_ROW, NOISE_AT, DROPOUT_AT, NOTED, PLANNED_GOAL) = range(
+    dwb.CONTROLLER_INTS, dwb.CONTROLLER_INTS + 18)  # fmt: skip
+INTS = dwb.CONTROLLER_INTS + 18
 # ... and of the reals: times in s, places in m.
 (PLAN_T, CONTROL_T, PROGRESS_X, PROGRESS_Y, PROGRESS_T, VALID_T, ACTION_T, ACTION_DONE, ACTION_X, ACTION_Y, ACTION_YAW,
  ACTION_DUE, LOCAL_T, GLOBAL_T, SMOOTH_T) = range(dwb.CONTROLLER_REALS, dwb.CONTROLLER_REALS + 15)  # fmt: skip
@@ -66,8 +68,8 @@ class State(NamedTuple):
     """The robot's side of a run.
 
     `body`, `nav`, `times`: vectors indexed by the names above (and those of `base` and `dwb`). `goals` (G, 3) poses to
-    drive through in the map frame, the last one the goal; `path` (2, P, 2) the plan in the map and in the world,
-    where `own` localises the robot. `local` (L + 1, cells, cells) a voxel layer for each of L lidars and, last, the
+    drive through in the map frame, the last one the goal; `path` (3, P, 2) the plan in the map, in the world,
+    where `own` localises the robot, and the plan before in the map. `journal` (J, 7), see `navigation.journal`. `local` (L + 1, cells, cells) a voxel layer for each of L lidars and, last, the
     master map; `layers` (L, rows, columns) the global obstacle layers and `global_master` their merger with the static
     map; `costs`, `potential`, `waiting` flat grids and `buffers`, `cells` scratch space of NavFn; `rest` its least cost
     from every cell to the goal, 1e10 where that is not known.
@@ -82,6 +84,7 @@ class State(NamedTuple):
     times: Floats
     goals: Floats
     path: Floats
+    journal: Floats
     local: Bytes
     layers: Bytes
     global_master: Bytes
@@ -137,7 +140,8 @@ def new_state(
         nav=np.zeros(INTS, np.int64),
         times=np.zeros(REALS),
         goals=goals,
-        path=np.zeros((2, longest, 2)),
+        path=np.zeros((3, longest, 2)),
+        journal=np.zeros((JOURNAL, 7)),
         local=np.full((len(lidars) + 1, cells, cells), FREE, np.uint8),
         layers=np.full((len(lidars), rows, columns), UNKNOWN, np.uint8),
         global_master=np.zeros((rows, columns), np.uint8),

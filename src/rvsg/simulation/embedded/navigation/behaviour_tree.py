@@ -12,6 +12,7 @@ from rvsg.simulation.embedded import state as st
 from rvsg.simulation.embedded.compiled import inner
 from rvsg.simulation.embedded.navigation.controllers import dwb
 from rvsg.simulation.embedded.navigation.costmap import LETHAL, footprint_spans
+from rvsg.simulation.embedded.navigation.journal import go_on_recovery, keep_path, note_path, note_recovery
 from rvsg.simulation.embedded.navigation.planners.navfn import plan
 from rvsg.simulation.embedded.scene import Scene
 from rvsg.simulation.embedded.sensing.localisation import MAP_YAW, to_map, to_world
@@ -61,6 +62,8 @@ def plan_route(scene: Scene, state: State, t: float) -> bool:
     nav = state.nav
     x, y = to_map(state.own.present, state.body[base.X], state.body[base.Y])
     g = nav[st.GOAL]
+    before = nav[dwb.PLAN_END]
+    keep_path(state, before)
     count = plan(
         state.path[0], 0, x, y, state.goals[g, 0], state.goals[g, 1], state.global_master, state.costs, scene.reach,
         state.rest, state.potential, state.waiting, state.buffers, state.cells, scene.origin_x, scene.origin_y,
@@ -70,6 +73,7 @@ def plan_route(scene: Scene, state: State, t: float) -> bool:
         return False
     state.nav[dwb.PLAN_BEGIN] = 0
     state.nav[dwb.PLAN_END] = count
+    note_path(state, before, count, t)
     place_path(state)
     dwb.reset(state.nav)
     nav[st.PLANNED] = 1
@@ -211,6 +215,7 @@ def begin_action(state: State, settings: Settings, t: float) -> None:
     if action == 1 and state.stack.wheelbase > 0.0:
         action = 2  # no spin for a robot that cannot turn on the spot
     nav[st.NEXT_ACTION] = (action + 1) % ACTIONS
+    note_recovery(state, action, t)
     times = state.times
     times[st.ACTION_T] = t
     times[st.ACTION_DUE] = t
@@ -233,6 +238,7 @@ def begin_action(state: State, settings: Settings, t: float) -> None:
 @inner
 def end_action(state: State, t: float) -> None:
     """A recovery has succeeded: stop, plan at once, follow."""
+    go_on_recovery(state, t)
     command(state, 0.0, 0.0, False, t)
     state.nav[st.MODE] = st.DRIVE
     state.nav[st.NEED_PLAN] = 1
@@ -281,6 +287,7 @@ def act(state: State, settings: Settings, t: float) -> None:
     if t < times[st.ACTION_DUE] - 1e-9:
         return
     times[st.ACTION_DUE] += ACTION_PERIOD_S * settings.clock
+    go_on_recovery(state, t)
     elapsed = t - times[st.ACTION_T]
     if nav[st.MODE] == st.WAIT:
         if elapsed >= state.stack.wait_s * settings.clock:

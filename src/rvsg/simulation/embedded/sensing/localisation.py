@@ -43,6 +43,7 @@ ALPHA = 0.2
 """Odometry noise alpha1 to alpha5."""
 START_SD = (0.5, 0.5, 0.2617)
 """Spread of the first particles (m, m, rad): variances 0.25, 0.25 and 0.0685, RViz's for a pose set by hand."""
+NO_DIRECTION_M = 0.01
 UPDATE_M = 0.25
 UPDATE_RAD = 0.2
 POPULATION_ERROR = 0.05
@@ -93,6 +94,8 @@ class Localisation(NamedTuple):
     mount_yaw: float
     field_of_view: float
     range_max: float
+    differential: bool
+    """The motion model: that of a base that cannot move sideways, or of one that can."""
 
 
 LocalisationRef = by_reference(Localisation)
@@ -124,6 +127,7 @@ def known_offset(x: float, y: float) -> Localisation:
         mount_yaw=0.0,
         field_of_view=0.0,
         range_max=0.0,
+        differential=False,
     )
 
 
@@ -134,10 +138,12 @@ def particle_filter(
     start: tuple[float, float, float],
     lidar_noise_m: float,
     rng: np.random.Generator,
+    *,
+    differential: bool = False,
 ) -> Localisation:
     """AMCL at its start: particles around `start` (x, y, yaw), the robot's pose in the world taken as one in the map.
 
-    Of the lidar's rays it uses every n-th, n = (rays - 1) // 59, as Nav2 does.
+    Of the lidar's rays it uses every n-th, n = (rays - 1) // 59, as Nav2 does. `differential` chooses the motion model.
     """
     skip = max(1, (lidar.rays - 1) // (MAX_BEAMS - 1))
     angles = np.arange(0, lidar.rays, skip) * (lidar.field_of_view_rad / (lidar.rays - 1))
@@ -169,6 +175,7 @@ def particle_filter(
         mount_yaw=lidar.yaw,
         field_of_view=lidar.field_of_view_rad,
         range_max=lidar.max_range_m,
+        differential=differential,
     )
 
 
@@ -219,7 +226,10 @@ def localise(own: Localisation, t: float, x: float, y: float, yaw: float, edges:
     if own.counts[UPDATES] > 0:
         if abs(dx) <= UPDATE_M and abs(dy) <= UPDATE_M and abs(turn) <= UPDATE_RAD:
             return False
-        _move(own, dx, dy, turn)
+        if own.differential:
+            _drive(own, dx, dy, turn)
+        else:
+            _move(own, dx, dy, turn)
     own.frame[LAST_X] = x
     own.frame[LAST_Y] = y
     own.frame[LAST_YAW] = yaw
@@ -281,6 +291,29 @@ def _move(own: Localisation, dx: float, dy: float, turn: float) -> None:
         particles[i, 0] += ahead * math.cos(heading) + aside * math.sin(heading)
         particles[i, 1] += ahead * math.sin(heading) - aside * math.cos(heading)
         particles[i, 2] += turned
+
+
+@inner
+def _drive(own: Localisation, dx: float, dy: float, turn: float) -> None:
+    """Differential motion model: a turn, a straight way and another turn, each with noise, for every particle.
+
+    As nav2_amcl: a way below 1 cm has no direction, and the noise of driving backwards is that of driving forwards.
+    """
+    particles = own.particles[0]
+    way = math.sqrt(dx * dx + dy * dy)
+    first = 0.0 if way < NO_DIRECTION_M else wrap(math.atan2(dy, dx) - own.frame[LAST_YAW])
+    second = wrap(turn - first)
+    noise = min(abs(first), abs(wrap(first - math.pi)))
+    other = min(abs(second), abs(wrap(second - math.pi)))
+    first_sd = math.sqrt(ALPHA * (noise * noise + way * way))
+    way_sd = math.sqrt(ALPHA * (way * way + noise * noise + other * other))
+    second_sd = math.sqrt(ALPHA * (other * other + way * way))
+    for i in range(own.counts[PARTICLES]):
+        heading = particles[i, 2] + first - first_sd * _normal(own)
+        ahead = way - way_sd * _normal(own)
+        particles[i, 0] += ahead * math.cos(heading)
+        particles[i, 1] += ahead * math.sin(heading)
+        particles[i, 2] = heading + second - second_sd * _normal(own)
 
 
 @inner
