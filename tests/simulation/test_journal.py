@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -60,7 +62,9 @@ def drive(world: World, people: list[HumanAgent], robot: Robot | None = None) ->
 
 
 def test_a_person_in_one_of_two_gates_makes_the_planner_take_the_other() -> None:
-    run, replans, _ = drive(room((5.0, 0.05, 5.5, 0.6), (5.0, 1.9, 5.5, 2.4), (5.0, 3.7, 5.5, 5.95)), [standing(5.25, 3.05)])
+    run, replans, _ = drive(
+        room((5.0, 0.05, 5.5, 0.6), (5.0, 1.9, 5.5, 2.4), (5.0, 3.7, 5.5, 5.95)), [standing(5.25, 3.05)]
+    )
     assert run.completed
     assert replans and replans[0].deviation_m > journal.CLEARLY_M
     assert replans[0].length_m > 0.0 and 0.0 < replans[0].time_s < run.trajectory.t[-1]
@@ -71,7 +75,7 @@ def test_a_person_in_the_only_gate_makes_the_navigation_recover() -> None:
     assert not run.completed
     assert run.recoveries >= 2 and len(recoveries) >= run.recoveries
     assert [e.action for e in recoveries[:2]] == ["clear_costmaps", "spin"]
-    assert all(a.until_s <= b.time_s + 1e-9 for a, b in zip(recoveries, recoveries[1:], strict=False))
+    assert all(a.until_s <= b.time_s + 1e-9 for a, b in pairwise(recoveries))
     waits = [e for e in recoveries if e.action == "wait"]
     assert all(e.until_s - e.time_s <= 5.2 for e in waits)
     kinds = [e.kind for e in events_of(run)]

@@ -124,14 +124,7 @@ class Recovery(_Recorded):
 
 
 RecordedEvent = Annotated[
-    RobotContact
-    | ObstacleContact
-    | PersonStuck
-    | PersonPaused
-    | PersonReacted
-    | PersonReached
-    | Replan
-    | Recovery,
+    RobotContact | ObstacleContact | PersonStuck | PersonPaused | PersonReacted | PersonReached | Replan | Recovery,
     Field(discriminator="kind"),
 ]
 

@@ -21,14 +21,12 @@ LEAST_M = 1e-4
 
 
 @inner
-def touch_people(
-    crowd: CrowdRef, t: float, body: Floats, x: float, y: float, yaw: float, bumper_s: float
-) -> float:
+def touch_people(crowd: CrowdRef, t: float, body: Floats, x: float, y: float, yaw: float, bumper_s: float) -> float:
     """Resolve the contacts of the base after its step from the pose (x, y, yaw); return the change of its speed, m/s.
 
     A person who walks is moved out of the way unless walls or other people are there. Where a person stands or is
     pinned, the base makes only the part of its step that does not enter the body: less translation first, then less
-    rotation. A body that the robot's reaches triggers the bumper, which stops the drive for `bumper_s`, whoever gives way.
+    rotation. A touched body triggers the bumper, which stops the drive for `bumper_s`, whoever gives way.
     """
     touched = False
     for i in range(crowd.x.size):

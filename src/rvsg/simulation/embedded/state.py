@@ -68,11 +68,12 @@ class State(NamedTuple):
     """The robot's side of a run.
 
     `body`, `nav`, `times`: vectors indexed by the names above (and those of `base` and `dwb`). `goals` (G, 3) poses to
-    drive through in the map frame, the last one the goal; `path` (3, P, 2) the plan in the map, in the world,
-    where `own` localises the robot, and the plan before in the map. `journal` (J, 7), see `navigation.journal`. `local` (L + 1, cells, cells) a voxel layer for each of L lidars and, last, the
-    master map; `layers` (L, rows, columns) the global obstacle layers and `global_master` their merger with the static
-    map; `costs`, `potential`, `waiting` flat grids and `buffers`, `cells` scratch space of NavFn; `rest` its least cost
-    from every cell to the goal, 1e10 where that is not known.
+    drive through in the map frame, the last one the goal; `path` (3, P, 2) the plan in the map, in the world, where
+    `own` localises the robot, and the plan before in the map; `journal` (J, 7), see `navigation.journal`. `local`
+    (L + 1, cells, cells) a voxel layer for each of L lidars and, last, the master map; `layers` (L, rows, columns) the
+    global obstacle layers and `global_master` their merger with the static map; `costs`, `potential`, `waiting` flat
+    grids and `buffers`, `cells` scratch space of NavFn; `rest` its least cost from every cell to the goal, 1e10 where
+    that is not known.
     `scanned` (L, 3) the robot's pose and `legs` (L, 2N, 2) what a lidar sees of people, both at its latest scan;
     `ranges` (L, rays) and `directions` (L, rays, 2) its rays. `dropouts` uniform numbers for rays without a return.
     `delayed` (ticks, 2): commands on their way to the base. `zone_until` (Z,): until when each safety zone limits

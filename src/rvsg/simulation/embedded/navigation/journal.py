@@ -11,14 +11,13 @@ from numpy.typing import NDArray
 from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded import state as st
 from rvsg.simulation.embedded.compiled import inner
-from rvsg.simulation.embedded.sensing.localisation import to_map
 from rvsg.simulation.embedded.state import State
 from rvsg.simulation.events import Recovery, Replan
 
 Floats = NDArray[np.float64]
 
 REPLANNED, RECOVERED = range(2)
-# Columns: kind, first and last time (s), place of the robot (m), and length and deviation of the path (m) or the action.
+# Columns: kind, first and last time (s), place of the robot (m), length and deviation of the path (m) or the action.
 KIND, FROM, UNTIL, X, Y, FIRST, SECOND = range(7)
 CLEARLY_M = 0.5
 """A new path that leaves the one before by more than this is an event."""
