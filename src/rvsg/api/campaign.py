@@ -52,6 +52,7 @@ if TYPE_CHECKING:
     from rvsg.campaign.parallel import Executor
     from rvsg.generation.generator import Generator
     from rvsg.simulation.protocol import Simulator
+    from rvsg.simulation.stacks.protocol import NavigationStack
 
 
 class Campaign:
@@ -67,10 +68,11 @@ class Campaign:
         *,
         generator: Generator | None = None,
         simulator: Simulator | None = None,
+        stack: NavigationStack | None = None,
     ) -> None:
         self.record = record
         self.config = config
-        self._given: dict[str, Any] = {"generator": generator, "simulator": simulator}
+        self._given: dict[str, Any] = {"generator": generator, "simulator": simulator, "stack": stack}
         self._cancelled = threading.Event()
         self._prepared = False
         self._known: Wired | None = None
@@ -84,6 +86,7 @@ class Campaign:
         file: Mapping[str, Any] | None = None,
         generator: str | Spec | Generator | None = None,
         simulator: str | Spec | Simulator | None = None,
+        stack: str | Spec | NavigationStack | None = None,
         on_message: Callable[[str], None] = ignore,
         paths: Mapping[str, str] | None = None,
         begun_in: str | None = None,
@@ -96,6 +99,7 @@ class Campaign:
             file: settings of a campaign file, as `read_campaign_file` returns them.
             generator, simulator: a registered name, a Spec, or an instance of your own; an instance has to be given
                 again to `open` the campaign.
+            stack: the navigation stack under test, in the same ways, or as `module:Class`.
             on_message: called with what a person should know.
             paths: where typed paths among the settings are, if they are not relative to the current folder.
             begun_in: the folder they are relative to.
@@ -105,7 +109,7 @@ class Campaign:
             InputError: a setting cannot be used, or the folder holds a campaign with other settings.
         """
         settings |= {} if out is None else {"out": str(out)}
-        instances = _instances(settings, generator=generator, simulator=simulator)
+        instances = _instances(settings, generator=generator, simulator=simulator, stack=stack)
         from_file = dict(file or {})
         config = effective(None, from_file, settings)
         check_out(config.folder)
@@ -134,13 +138,14 @@ class Campaign:
         *,
         generator: Generator | None = None,
         simulator: Simulator | None = None,
+        stack: NavigationStack | None = None,
         **machine: Any,
     ) -> Campaign:
         """Open the campaign stored in a folder.
 
         Args:
             name: which one, where the store holds several; `campaigns_in` lists them.
-            generator, simulator: the instances it was created with, where these were no plug-ins.
+            generator, simulator, stack: the instances it was created with, where these were no plug-ins.
             machine: settings that decide no record: `jobs`, `executor`, `budget_usd`, ...
 
         Raises:
@@ -154,7 +159,7 @@ class Campaign:
         out = folder if folder.is_dir() else folder.parent
         kept = {"store": store[0], "store_options": store[1]} if store else {}
         config = effective(record.config | kept, {}, {**machine, "out": str(out)})
-        campaign = cls(record, config, generator=generator, simulator=simulator)
+        campaign = cls(record, config, generator=generator, simulator=simulator, stack=stack)
         campaign._store = folder
         return campaign
 
@@ -502,5 +507,5 @@ def _instances(settings: dict[str, Any], **given: Any) -> dict[str, Any]:
                 settings[f"{kind}_options"] = spec.options
         else:
             instances[kind] = plugin
-            settings[kind] = plugin.name
+            settings[kind] = plugin.name or type(plugin).__name__
     return instances

@@ -23,6 +23,7 @@ from rvsg.core.records import Record
 from rvsg.evaluation.judge import DEFAULT, Procedure
 from rvsg.generation.vlm.budget import NO_CALL
 from rvsg.robots.files import DEFAULT_ROBOT
+from rvsg.simulation.stacks.registry import DEFAULT_STACK
 
 Positive = Annotated[int, Field(ge=1, le=100_000, strict=True)]
 NotNegative = Annotated[int, Field(ge=0, strict=True)]
@@ -56,6 +57,8 @@ class CampaignConfig(Record):
     strategy: str = "study"
     simulator: str = "embedded"
     simulator_options: dict[str, Any] = Field(default_factory=dict)
+    stack: str | None = None
+    stack_options: dict[str, Any] = Field(default_factory=dict)
     humans: Annotated[int, Field(ge=1, le=100)] = 2
     scenarios: Positive = 10
     refinements: Annotated[int, Field(ge=0, le=1000)] = 4
@@ -107,6 +110,12 @@ class CampaignConfig(Record):
         """The simulator with its options."""
         return Spec(self.simulator, self.simulator_options)
 
+    def stack_spec(self, paths: Mapping[str, str]) -> Spec | None:
+        """Return the navigation stack under test; None for the simulator's own."""
+        if self.stack is None and self.stack_options:
+            return Spec(DEFAULT_STACK, self.stack_options)
+        return None if self.stack is None else Spec(paths.get(self.stack, self.stack), self.stack_options)
+
     @property
     def generator_name(self) -> str:
         """The generator that is used."""
@@ -122,7 +131,8 @@ class CampaignConfig(Record):
         if self.out:
             return Path(self.out)
         world, requirement = Path(self.world).name, called(self.requirement)
-        name = f"{world}-{self.route}-{requirement}-{self.generator_name}-{self.strategy}-{self.seed}"
+        driver = f"-{self.stack}" if self.stack else ""
+        name = f"{world}-{self.route}-{requirement}-{self.generator_name}-{self.strategy}-{self.seed}{driver}"
         return Path("runs") / safe_name(name)
 
     def deciding(self) -> dict[str, Any]:
@@ -160,7 +170,7 @@ def read_campaign_file(path: Path) -> dict[str, Any]:
     for key in PATHS:
         if isinstance(values.get(key), str):
             values[key] = str(path.parent / values[key])
-    for key in ("world", "requirement", "robot"):
+    for key in ("world", "requirement", "robot", "stack"):
         if isinstance(values.get(key), list):
             values[key] = [_beside(path, name) for name in values[key]]
         elif key in values:
@@ -190,8 +200,8 @@ def safe_name(name: str) -> str:
 
 
 def file_of(reference: str) -> str:
-    """Return the file in `my.yaml#name` or `my.yaml:name`; the whole reference where it names no part."""
-    return re.sub(r"(\.ya?ml)[#:].*", r"\1", reference)
+    """Return the file in `my.yaml#name`, `my.yaml:name` or `my.py:Class`; all of it where it names no part."""
+    return re.sub(r"(\.(?:ya?ml|py))[#:].*", r"\1", reference)
 
 
 def effective(stored: dict[str, Any] | None, from_file: dict[str, Any], from_options: dict[str, Any]) -> CampaignConfig:

@@ -20,6 +20,7 @@ from rvsg.core.plugins import Spec
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.protocol import Simulator
 from rvsg.simulation.run import Outcome, Run
+from rvsg.simulation.stacks.registry import StackLike
 from rvsg.world.world import World
 
 if TYPE_CHECKING:
@@ -35,11 +36,18 @@ def ignore(_: object) -> None:
     """Do nothing with a message or an event."""
 
 
-def make_simulator(given: str | Spec | Simulator) -> Simulator:
-    """Return a simulator given by name, by Spec or by itself."""
+def make_simulator(given: str | Spec | Simulator, stack: StackLike | None = None) -> Simulator:
+    """Return a simulator given by name, by Spec or by itself.
+
+    Args:
+        stack: the navigation stack under test, for a simulator that is given by name or Spec.
+    """
     if isinstance(given, str | Spec):
         spec = Spec.of(given)
-        simulator: Simulator = plugins.make("simulator", spec.name, spec.options)
+        options = spec.options if stack is None else {**spec.options, "stack": stack}
+        simulator: Simulator = plugins.make("simulator", spec.name, options)
+    elif stack is not None:
+        raise InputError(f"The simulator {given.name} is given as an instance. Give it the stack when you make it.")
     else:
         simulator = given
     plugins.check_complete("simulator", simulator, Simulator)
@@ -130,6 +138,7 @@ def simulate(
     *,
     jobs: int = 1,
     simulator: str | Spec | Simulator = "embedded",
+    stack: StackLike | None = None,
     world: World | str | Path | None = None,
     on_run: Callable[[Run], None] = ignore,
     on_message: Callable[[str], None] = ignore,
@@ -141,6 +150,8 @@ def simulate(
     Args:
         seeds: the seeds, or how many: then they are 0, 1, ...
         jobs: worker processes.
+        stack: the navigation stack under test: a name (`rvsg stacks`), a Spec, `module:Class`, a class or an instance;
+            by default the simulator's own.
         world: the world of the scenario, or its folder, where it cannot be found by itself.
         on_run: called with every run, in the order of the seeds.
         on_message: called with what a person should know, e.g. that the simulator is being compiled.
@@ -152,7 +163,7 @@ def simulate(
     """
     place = world_of(scenario.mission, world)
     check_valid(scenario, place)
-    made = make_simulator(simulator)
+    made = make_simulator(simulator, stack)
     check_robot(scenario, made)
     made.prepare(on_message)
     wanted = range(seeds) if isinstance(seeds, int) else tuple(seeds)

@@ -46,6 +46,7 @@ from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.protocol import Simulator
 from rvsg.simulation.run import Run
+from rvsg.simulation.stacks.registry import StackLike
 from rvsg.world.world import Route, World
 
 HEAD = "suite.yaml"
@@ -153,6 +154,7 @@ class Suite:
         self,
         *,
         simulator: str | Spec | Simulator = "embedded",
+        stack: StackLike | None = None,
         version: str = "",
         jobs: int = 1,
         runs: int | None = None,
@@ -167,6 +169,7 @@ class Suite:
 
         Args:
             simulator: what runs the scenarios: the version under test.
+            stack: the navigation stack under test, by default the simulator's own.
             version: a label for the results.
             jobs: worker processes; the results are the same.
             runs: runs of every case; by default as few as decide each verdict. Give a number to compare versions.
@@ -183,7 +186,7 @@ class Suite:
         for name in only:
             if name not in names:
                 raise UnknownName("case", name, names, hint=f"Suite: {self.folder}.")
-        made = make_simulator(simulator)
+        made = make_simulator(simulator, stack)
         made.prepare(on_message)
         other = None if robot is None else as_robot(robot, made)
         results = []

@@ -27,6 +27,7 @@ from rvsg.evaluation.judge import Procedure
 from rvsg.generation.generator import Generator
 from rvsg.scenario.scenario import Mission
 from rvsg.simulation.protocol import Simulator
+from rvsg.simulation.stacks.protocol import NavigationStack
 from rvsg.world.world import World
 
 VLM_OPTIONS = (
@@ -97,12 +98,13 @@ def wire(
     *,
     generator: Generator | None = None,
     simulator: Simulator | None = None,
+    stack: NavigationStack | None = None,
 ) -> Wired:
     """Look everything up and make it.
 
     Args:
         paths: where typed paths of a campaign are that was begun in another folder.
-        generator, simulator: instances to use instead of the plug-ins that the settings name.
+        generator, simulator, stack: instances to use instead of the plug-ins that the settings name.
 
     Raises:
         InputError: the first thing that cannot be used.
@@ -113,7 +115,7 @@ def wire(
     check_route(route, world)
     requirement = load_requirement(paths.get(config.requirement, config.requirement), route)
     strategy_class = plugins.find("strategy", config.strategy)
-    simulator = make_simulator(simulator or config.simulator_spec)
+    simulator = make_simulator(simulator or config.simulator_spec, stack or config.stack_spec(paths))
     mission = Mission.of(world, route)
     mission = mission.replace(robot=as_robot(paths.get(config.robot, config.robot), simulator))
     if generator is None:

@@ -35,6 +35,7 @@ VERBS: dict[str, Verb] = {
     "describe": Verb("describe", "Describe a world in words, by a vision language model that looks at it"),
     "prompt": Verb("prompt", "Print what a model would be asked next in a campaign, without asking it"),
     "robots": Verb("robots", "List the robots that can be tested, check a robot file, or draw them"),
+    "stacks": Verb("stacks", "List the navigation stacks that can be tested"),
     "metrics": Verb("metrics", "List the metrics with formula and unit, or measure a run"),
     "import-study": Verb("import_study", "Import results in the published study's layout into a store"),
 }

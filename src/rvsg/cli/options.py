@@ -8,6 +8,7 @@ from typing import Any
 from rvsg import Spec
 from rvsg.api.errors import InputError
 from rvsg.api.files import is_too_deep
+from rvsg.api.stacks import DEFAULT_STACK
 
 
 def pairs(kind: str, given: list[str] | None) -> dict[str, Any]:
@@ -18,6 +19,13 @@ def pairs(kind: str, given: list[str] | None) -> dict[str, Any]:
 def spec(kind: str, name: str, options: list[str] | None) -> Spec:
     """Return a plug-in by its name and its `NAME=VALUE` options."""
     return Spec(name, pairs(kind, options))
+
+
+def stack_spec(name: str | None, options: list[str] | None) -> Spec | None:
+    """Return the navigation stack under test with its `NAME=VALUE` options; None for the simulator's own."""
+    if name is None and not options:
+        return None
+    return Spec(name or DEFAULT_STACK, pairs("stack", options))
 
 
 def _pair(kind: str, pair: str) -> tuple[str, Any]:

@@ -45,6 +45,9 @@ def run(
     simulator: Annotated[
         str | None, typer.Option(help="embedded; kinematic: no physics; or a plug-in. [embedded]")
     ] = None,
+    stack: Annotated[
+        str | None, typer.Option(help="Navigation stack under test: a name (`rvsg stacks`) or file. [nav2-dwb]")
+    ] = None,
     humans: Annotated[int | None, typer.Option(min=1, max=100, help="People in a scenario. [2]")] = None,
     scenarios: Annotated[int | None, typer.Option(min=1, help="Scenarios to find. [10]")] = None,
     refinements: Annotated[int | None, typer.Option(min=0, help="Refinements of each scenario. [4]")] = None,
@@ -79,6 +82,7 @@ def run(
     budget_tokens: Annotated[int | None, typer.Option(help="Stop before more tokens.")] = None,
     generator_option: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="For the generator.")] = None,
     simulator_option: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="For the simulator.")] = None,
+    stack_option: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="For the stack.")] = None,
     executor_option: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="For the executor.")] = None,
     store_option: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="For the store.")] = None,
     fail_on_violation: Annotated[
@@ -105,7 +109,7 @@ def run(
     from rvsg.cli.matrix import run_matrix
     from rvsg.cli.options import pairs
 
-    for kind in ("generator", "simulator", "executor", "store"):
+    for kind in ("generator", "simulator", "stack", "executor", "store"):
         if options := given.pop(f"{kind}_option", None):
             given[f"{kind}_options"] = pairs(kind, options)
     from_file = read_campaign_file(campaign) if campaign else {}

@@ -22,8 +22,12 @@ def simulate(
     robot: Annotated[
         str | None, typer.Option(help="Instead of the scenario's robot: a shipped one (`rvsg robots`) or a robot file.")
     ] = None,
+    stack: Annotated[
+        str | None, typer.Option(help="Navigation stack under test: a name (`rvsg stacks`) or file. [nav2-dwb]")
+    ] = None,
     simulator: Annotated[str, typer.Option(help="embedded; kinematic: no physics.")] = "embedded",
     simulator_option: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="For the simulator.")] = None,
+    stack_option: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="For the stack.")] = None,
     jobs: Annotated[int, typer.Option(min=1, help="Worker processes.")] = 1,
     out: Annotated[Path, typer.Option(help="Where the runs are written; - is standard output.")] = Path("-"),
     bag: Annotated[
@@ -38,7 +42,7 @@ def simulate(
     from rvsg.api.exchange import export
     from rvsg.api.records import check_writable, runs_text, write_text
     from rvsg.api.scenarios import as_robot, check_valid, load_scenario_in
-    from rvsg.cli.options import spec
+    from rvsg.cli.options import spec, stack_spec
 
     check_writable(out)
     if bag is not None:
@@ -54,7 +58,10 @@ def simulate(
 
     seeds = range(seed, seed + repeats)
     chosen = spec("simulator", simulator, simulator_option)
-    runs = rvsg.simulate(asked, seeds, jobs=jobs, simulator=chosen, world=place, on_run=made, on_message=say)
+    driver = stack_spec(stack, stack_option)
+    runs = rvsg.simulate(
+        asked, seeds, jobs=jobs, simulator=chosen, stack=driver, world=place, on_run=made, on_message=say
+    )
     write_text(out, runs_text(runs))
     if bag is not None:
         export(runs, bag, "mcap")

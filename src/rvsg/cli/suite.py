@@ -51,6 +51,10 @@ def run(
     suite: Folder,
     simulator: Annotated[str, typer.Option(help="What runs the scenarios.")] = "embedded",
     simulator_option: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="For the simulator.")] = None,
+    stack: Annotated[
+        str | None, typer.Option(help="Navigation stack under test: a name (`rvsg stacks`) or file. [nav2-dwb]")
+    ] = None,
+    stack_option: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="For the stack.")] = None,
     version: Annotated[str, typer.Option(help="A label for the results, e.g. a commit.")] = "",
     only: Annotated[
         list[str] | None, typer.Option(metavar="CASE", help="Only this case; repeat it for several.")
@@ -71,13 +75,14 @@ def run(
     from rvsg import Suite
     from rvsg.api.records import check_writable, write_text
     from rvsg.api.suites import describe_result, junit_of_suite
-    from rvsg.cli.options import spec
+    from rvsg.cli.options import spec, stack_spec
 
     if junit is not None:
         check_writable(junit)
     chosen = spec("simulator", simulator, simulator_option)
     result = Suite.open(suite).run(
         simulator=chosen,
+        stack=stack_spec(stack, stack_option),
         version=version,
         jobs=jobs,
         runs=runs,

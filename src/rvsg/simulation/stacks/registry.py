@@ -8,6 +8,7 @@ import importlib.util
 import inspect
 import sys
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeAlias
@@ -36,6 +37,31 @@ class Stack(Record):
 def stack_names() -> tuple[str, ...]:
     """Return the names of the registered stacks."""
     return plugins.names("stack")
+
+
+@dataclass(frozen=True)
+class Listed:
+    """A registered stack as `rvsg stacks` lists it."""
+
+    name: str
+    title: str
+    version: str
+    options: dict[str, Any]
+    """Every option with its default."""
+
+
+def listed_stacks() -> list[Listed]:
+    """Return the registered stacks, by name."""
+    return [
+        Listed(name, found.title, found.version, _defaults(found))
+        for name, found in ((name, plugins.find("stack", name)) for name in stack_names())
+    ]
+
+
+def _defaults(kind: type[NavigationStack]) -> dict[str, Any]:
+    parameters = inspect.signature(kind).parameters.values()
+    named = [p for p in parameters if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)]
+    return {p.name: None if p.default is p.empty else p.default for p in named}
 
 
 class StackChoice:

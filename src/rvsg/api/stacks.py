@@ -1,0 +1,23 @@
+"""Navigation stacks under test. The names load on first use."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from rvsg.core.lazy import lazily
+
+if TYPE_CHECKING:
+    from rvsg.simulation.stacks.registry import DEFAULT_STACK as DEFAULT_STACK
+    from rvsg.simulation.stacks.registry import Listed as Listed
+    from rvsg.simulation.stacks.registry import StackChoice as StackChoice
+    from rvsg.simulation.stacks.registry import listed_stacks as listed_stacks
+
+__getattr__ = lazily(
+    __name__,
+    {
+        "DEFAULT_STACK": "rvsg.simulation.stacks.registry",
+        "Listed": "rvsg.simulation.stacks.registry",
+        "StackChoice": "rvsg.simulation.stacks.registry",
+        "listed_stacks": "rvsg.simulation.stacks.registry",
+    },
+)
