@@ -9,7 +9,7 @@ from rvsg.generation.conformance import DISTANCE, SMOOTH, TIMELY, check_generato
 from rvsg.generation.forecast import Forecaster
 from rvsg.generation.generator import Proposal
 from rvsg.generation.heuristic import HeuristicGenerator
-from rvsg.generation.people_sampler import at_places
+from rvsg.generation.people_sampler import at_places, ends_of
 from rvsg.generation.random_search import RandomGenerator
 from rvsg.generation.walking_graph import WalkingGraph
 from rvsg.scenario.aim import Aim
@@ -17,7 +17,7 @@ from rvsg.scenario.brief import Brief, Feedback, Remembered
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Behaviour, ForceFactors, Human, HumanConfiguration, Mission, Scenario, Task
 from rvsg.scenario.validity import warnings
-from rvsg.scenario.validity.task_ends import parts_of, sides
+from rvsg.scenario.validity.task_ends import task_ends
 from rvsg.world.io.load import load_world
 
 WORLD = load_world("warehouse")
@@ -64,7 +64,7 @@ def test_every_person_works_between_labelled_areas_and_never_runs() -> None:
         for human in scenario(seed).people.humans:
             assert 0.4 <= human.speed_m_s <= 1.6
             for task in human.tasks:
-                start, end = sides(task, WORLD)
+                start, end = task_ends(task, WORLD)
                 assert start.known and end.known and start.text and end.text
 
 
@@ -77,7 +77,7 @@ def test_the_description_tells_the_work_the_people_and_the_robots_task() -> None
 
 
 def stops(human: Human) -> list[str]:
-    return [parts_of(task.name, WORLD)[0] for task in human.tasks]
+    return [ends_of(task)[0] for task in human.tasks]
 
 
 def test_a_refinement_keeps_the_work_of_the_hour_and_describes_what_its_own_people_do() -> None:
@@ -117,7 +117,7 @@ def test_refinements_of_one_configuration_differ_from_each_other() -> None:
 
 
 def places(found: Scenario) -> set[str]:
-    return {part for h in found.people.humans for t in h.tasks for part in parts_of(t.name, WORLD)}
+    return {part for h in found.people.humans for t in h.tasks for part in ends_of(t)}
 
 
 def test_memory_makes_new_scenarios_work_elsewhere() -> None:

@@ -7,7 +7,6 @@ from rvsg.generation.random_search import RandomGenerator
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.scenario import Mission
 from rvsg.scenario.validity import warnings
-from rvsg.scenario.validity.task_ends import parts_of
 from rvsg.world.grid import Grid
 from rvsg.world.io.load import load_world
 
@@ -35,7 +34,7 @@ def test_numbers_of_tasks_and_areas_are_drawn_fairly() -> None:
         assert scenario is not None
         for human in scenario.people.humans:
             tasks[len(human.tasks)] += 1
-            areas.update(parts_of(task.name, WORLD)[0] for task in human.tasks)
+            areas.update(task.start_area for task in human.tasks)
     assert set(tasks) == set(range(2, 21))
     assert max(tasks.values()) < 4 * min(tasks.values())
     assert len(areas) == len(WORLD.areas)

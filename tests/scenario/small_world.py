@@ -9,6 +9,7 @@ import numpy as np
 
 from rvsg.core.records import Pose
 from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Task
+from rvsg.scenario.validity import read_ends
 from rvsg.world.grid import Grid, Waypoint
 from rvsg.world.world import Area, OccupancyMap, Route, World
 
@@ -63,7 +64,8 @@ def walk(text: str) -> Task:
 
 
 def people(*humans: Human) -> HumanConfiguration:
-    return HumanConfiguration(humans=humans)
+    """A configuration as it is read from a file: the names of tasks say their areas."""
+    return read_ends(HumanConfiguration(humans=humans), WORLD)
 
 
 GOOD = ("Dock → Store: A1 B1 C1 D1 E1", "Store → Dock: E1 D1 C1 B1 A1")

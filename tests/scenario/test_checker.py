@@ -5,7 +5,7 @@ import pytest
 from tests.scenario.small_world import GOOD, MISSION, WORLD, human, people, walk
 
 from rvsg.scenario.scenario import HumanConfiguration, Mission, Pause, Task
-from rvsg.scenario.validity import RULES, check, warnings
+from rvsg.scenario.validity import RULES, check, read_ends, warnings
 from rvsg.scenario.validity.rules import rules_page
 from rvsg.scenario.validity.task_ends import near_place
 
@@ -171,3 +171,12 @@ def test_a_place_that_only_surrounds_an_area_or_waypoint_means_that() -> None:
 def test_the_reference_page_in_the_documentation_is_that_of_the_table() -> None:
     page = Path(__file__).resolve().parents[2] / "docs" / "reference" / "validity-rules.md"
     assert rules_page() in page.read_text(encoding="utf-8")
+
+
+def test_only_fields_promise_areas_and_only_files_and_replies_fill_them_from_names() -> None:
+    humans = HumanConfiguration(humans=(human("Dock → Store: A1 B1 C1 D1", "x: D1 C1 B1 A1"),))
+    assert check(humans, MISSION, WORLD) == ()
+    read = read_ends(humans, WORLD)
+    assert [(task.start_area, task.end_area) for task in read.humans[0].tasks] == [("Dock", "Store"), (None, None)]
+    assert [finding.rule for finding in check(read, MISSION, WORLD)] == ["wrong-area"]
+    assert read_ends(read, WORLD) is read

@@ -71,7 +71,7 @@ def test_a_hop_through_the_shelf_goes_around_it() -> None:
 def test_a_task_between_two_that_are_not_joined_is_put_in() -> None:
     mended, repairs = repair(people(human(GOOD[0], "Office → Dock: E6 D6 C6 B6 A5 A4 A3 A2 A1")), MISSION, WORLD)
     assert [task.name for task in mended.humans[0].tasks] == ["Dock → Store", "Store → Office", "Office → Dock"]
-    assert "put in" in repairs[0].what
+    assert (repairs[0].before, repairs[0].after) == ((), mended.humans[0].tasks[1].path)
 
 
 def test_an_open_loop_is_closed_by_a_way_back() -> None:
@@ -98,7 +98,7 @@ def test_somebody_whose_only_area_is_taken_starts_with_another_task() -> None:
 def test_a_misspelt_waypoint_is_read_and_an_unknown_one_left_out_and_both_are_said() -> None:
     mended, repairs = repair(people(human("Dock → Dock: A1 a-2 Q9 A1")), MISSION, WORLD)
     assert mended.humans[0].tasks[0].path == ("A1", "A2", "A1")
-    assert [change.what for change in repairs] == ["a-2 read as A2", "Q9 left out: there is no such waypoint"]
+    assert ["A2" in change.what or "Q9" in change.what for change in repairs] == [True, True]
 
 
 def test_who_cannot_be_given_work_stays_invalid() -> None:

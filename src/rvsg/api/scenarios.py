@@ -48,7 +48,7 @@ class Walk:
         path = world.grid.shortest_path(start, end) if start in valid and end in valid else None
         way = path or (start, end)  # the checker says what is wrong with it
         pauses = tuple(Pause(at=at, duration_s=self.pauses_s[at]) for at in way[1:] if at in self.pauses_s)
-        return Task(name=f"{start} → {end}", path=way, pauses=pauses)
+        return Task.between(start, end, way, pauses)
 
 
 def walk(
@@ -188,7 +188,8 @@ def load_scenario_in(path: str | Path, world: World | str | Path | None = None) 
     found, saved = records.read_scenario(path)
     beside = path.parent / found.mission.world
     near = (saved, beside) if saved is not None else (beside,)
-    return found, world_of(found.mission, world, near=near)
+    place = world_of(found.mission, world, near=near)
+    return found.replace(people=validity.read_ends(found.people, place)), place
 
 
 def scenario_json(scenario: Scenario) -> str:

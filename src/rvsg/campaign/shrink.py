@@ -199,10 +199,7 @@ def _without_stop(tasks: tuple[Task, ...], i: int, grid: Grid) -> tuple[Task, ..
     if start == end:
         rest = (*tasks[: i - 1], *tasks[i + 1 :])
     elif (path := grid.shortest_path(start, end)) is not None:
-        ends = (before.name.split("→")[0].strip() or start, after.name.split("→")[-1].strip() or end)
-        straight = Task(
-            name=" → ".join(ends), path=path, start_area=before.start_area, end_area=after.end_area, pauses=()
-        )
+        straight = Task.between(before.start_area or start, after.end_area or end, path)
         rest = (*tasks[: i - 1], straight, *tasks[i + 1 :])
     else:
         return None

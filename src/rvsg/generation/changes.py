@@ -45,7 +45,7 @@ class Changing:
         by_name = {place.name: place for place in self.work.places}
         stops = []
         for task in at_places(human.tasks):
-            name = task.start_area or ends_of(task)[0]
+            name = ends_of(task)[0]
             place = by_name.get(name) or self.place_of(task.path[0])
             if place is None or task.path[0] not in place.waypoints:
                 return None

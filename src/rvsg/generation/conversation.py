@@ -12,7 +12,7 @@ cannot be repaired is a Proposal with problems.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -37,7 +37,7 @@ from rvsg.generation.vlm.watching import Tell
 from rvsg.generation.wiring import Access, wired
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.scenario import HumanConfiguration, Mission, Scenario
-from rvsg.scenario.validity import Finding, Repair, check, repair
+from rvsg.scenario.validity import Finding, Repair, check, read_ends, repair
 from rvsg.world.world import World
 
 Conversation = Literal["compact", "study"]
@@ -296,7 +296,7 @@ class VlmGenerator(Generator):
         if people is None:
             reason = f"the lines `human | task | waypoints` for {', '.join(names)} could not be found in your answer."
             return (Finding(rule="unreadable-reply", reason=reason, suggestion="Give them in exactly that form."),)
-        return check(people, brief.mission, world)
+        return check(read_ends(people, world), brief.mission, world)
 
     def _before_refinement(self, dialogue: Dialogue, brief: Brief, world: World) -> None:
         """Where the history of the scenario is not known any more, the shortest one that says the same."""
@@ -332,7 +332,10 @@ class VlmGenerator(Generator):
             finding = Finding(rule=f"{answer.finish}-reply", reason=reason)
             return _Judged(answer=answer, reply=Reply(findings=(finding,), fatal=True), findings=(finding,))
         reply = read_configuration(answer.text, human_names(brief.humans))
-        checked = check(reply.people, brief.mission, world) if reply.people is not None else ()
+        if reply.people is None:
+            return _Judged(answer=answer, reply=reply, findings=reply.findings)
+        people = read_ends(reply.people, world)
+        reply, checked = replace(reply, people=people), check(people, brief.mission, world)
         return _Judged(answer=answer, reply=reply, findings=(*reply.findings, *checked))
 
     def _concluded(

@@ -5,10 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 
-from rvsg.generation.people_sampler import HAND_IN_HAND, ROLES, at_places
+from rvsg.generation.people_sampler import HAND_IN_HAND, ROLES, at_places, ends_of
 from rvsg.scenario.scenario import Human, Scenario
-from rvsg.scenario.validity.task_ends import parts_of
-from rvsg.world.world import World
 
 MOST_DESCRIBED = 6
 """At most this many people are described one by one."""
@@ -16,14 +14,14 @@ MOST_DESCRIBED = 6
 NOW = "In this configuration"
 
 
-def describe(humans: Sequence[Human], doing: Mapping[str, str], world: World) -> str:
+def describe(humans: Sequence[Human], doing: Mapping[str, str]) -> str:
     """What people do and where, without a full stop: `Human 1 carries goods: Shelf 1, Boxes 3 and Area 2; ...`."""
-    parts = [f"{human.name} {doing[human.name]}: {_where(human, world)}" for human in humans[:MOST_DESCRIBED]]
+    parts = [f"{human.name} {doing[human.name]}: {_where(human)}" for human in humans[:MOST_DESCRIBED]]
     more = f", and {len(humans) - MOST_DESCRIBED} others work nearby" if len(humans) > MOST_DESCRIBED else ""
     return "; ".join(parts) + more
 
 
-def describe_changed(before: Scenario, humans: Sequence[Human], changes: Sequence[str], world: World) -> str:
+def describe_changed(before: Scenario, humans: Sequence[Human], changes: Sequence[str]) -> str:
     """The description of a refined scenario, true of the changed people.
 
     `changes` are the words of the changes; a person who was given another way of working is told of with it. Where
@@ -32,14 +30,14 @@ def describe_changed(before: Scenario, humans: Sequence[Human], changes: Sequenc
     description, added = before.description, []
     known = {human.name: human for human in before.people.humans}
     for human in humans[:MOST_DESCRIBED]:
-        was, where = known.get(human.name), _where(human, world)
+        was, where = known.get(human.name), _where(human)
         doing = next((r.doing for r in reversed(ROLES) if f"{human.name} {r.doing}" in changes), None)
         mate = f"{human.name} {HAND_IN_HAND}"
         doing = next((c.removeprefix(f"{human.name} ") for c in reversed(changes) if c.startswith(mate)), doing)
-        found = _found(description, was, world) if was is not None else None
+        found = _found(description, was) if was is not None else None
         if human.group is None and found is not None and found[1].startswith(HAND_IN_HAND):
             doing = doing if doing and not doing.startswith(HAND_IN_HAND) else "works"
-        if before.description and was is not None and doing is None and _where(was, world) == where:
+        if before.description and was is not None and doing is None and _where(was) == where:
             continue
         if found is None:
             added.append(f"{human.name} {doing or 'works'}: {where}")
@@ -56,11 +54,11 @@ def describe_changed(before: Scenario, humans: Sequence[Human], changes: Sequenc
     return f"{description} {NOW} {parts}.".strip()
 
 
-def _found(description: str, human: Human, world: World) -> re.Match[str] | None:
+def _found(description: str, human: Human) -> re.Match[str] | None:
     """Where a description tells of a person as `told` does; the group is what they do."""
-    return re.search(f"{re.escape(human.name)} ([^:;]+): {re.escape(_where(human, world))}", description)
+    return re.search(f"{re.escape(human.name)} ([^:;]+): {re.escape(_where(human))}", description)
 
 
-def _where(human: Human, world: World) -> str:
-    stops = list(dict.fromkeys(parts_of(task.name, world)[0] for task in at_places(human.tasks)))
+def _where(human: Human) -> str:
+    stops = list(dict.fromkeys(ends_of(task)[0] for task in at_places(human.tasks)))
     return f"{', '.join(stops[:-1])} and {stops[-1]}" if len(stops) > 1 else stops[0]

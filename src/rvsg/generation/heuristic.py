@@ -19,7 +19,7 @@ from rvsg.generation.changes import Changing
 from rvsg.generation.descriptions import describe, describe_changed
 from rvsg.generation.forecast import Forecast, Forecaster
 from rvsg.generation.generator import Generator, Proposal
-from rvsg.generation.people_sampler import HAND_IN_HAND, PeopleSampler
+from rvsg.generation.people_sampler import HAND_IN_HAND, PeopleSampler, ends_of
 from rvsg.generation.places import Place, places_of
 from rvsg.generation.seeding import rng_of
 from rvsg.generation.walking_graph import walking_graph
@@ -28,7 +28,6 @@ from rvsg.scenario.brief import Brief, Feedback, Remembered
 from rvsg.scenario.scenario import Behaviour, Human, HumanConfiguration, Mission, Task
 from rvsg.scenario.validity.checker import spawn_finding, start_gap_m
 from rvsg.scenario.validity.rules import START_CLEARANCE_M
-from rvsg.scenario.validity.task_ends import parts_of
 from rvsg.world.world import World
 
 AIMED = 8
@@ -67,7 +66,7 @@ class HeuristicGenerator(Generator):
         plan = _Plan(brief, world, places, rng_of(brief, self.name), self.individuals, self.provoking)
         if brief.kind == "refine" and brief.feedback is not None and plan.refinable(brief.feedback):
             humans, reasoning, words = plan.refined(self.changes)
-            description = describe_changed(brief.feedback.scenario, humans, words, world)
+            description = describe_changed(brief.feedback.scenario, humans, words)
         else:
             humans, reasoning = plan.drafted(self.tries)
             description = plan.description(humans)
@@ -95,7 +94,7 @@ class _Plan:
     def __post_init__(self) -> None:
         self.aim = _aim_of(self.brief)
         self.ground = walking_graph(self.world, self.brief.mission.route)
-        self.uses = _uses(self.brief.memory, self.world)
+        self.uses = _uses(self.brief.memory)
         self.work = PeopleSampler(self.ground, self.places, self.aim, self.rng, self.uses)
         self.forecaster = Forecaster(self.ground, self.brief.mission.route.time_limit_s, **_robot(self.brief.mission))
 
@@ -155,7 +154,7 @@ class _Plan:
         end = next((o for o in names if o != start and self.ground.path(start, o)), None)
         path = self.ground.path(start, end) if end else (start,)
         assert path is not None
-        tasks = (Task(name=f"{start} → {path[-1]}", path=path), Task(name=f"{path[-1]} → {start}", path=path[::-1]))
+        tasks = (Task.between(start, path[-1], path), Task.between(path[-1], start, path[::-1]))
         return Human(name=f"Human {index + 1}", tasks=tasks, speed_m_s=1.0)
 
     def _individual(self, human: Human, index: int) -> Human:
@@ -175,13 +174,13 @@ class _Plan:
         robot = f"The robot's task meanwhile: {route.purpose}." if route.purpose else "The robot drives meanwhile."
         activity = self._activity(humans)
         work = f"The work of the hour: {activity}. " if activity else ""
-        return f"{work}{describe(humans, self.roles, self.world)}. {robot}"
+        return f"{work}{describe(humans, self.roles)}. {robot}"
 
     def _activity(self, humans: list[Human]) -> str | None:
         """The work of the place that names most of what the people visit and was told least in the memory."""
         if not self.world.activities:
             return None
-        stops = {part for human in humans for task in human.tasks for part in parts_of(task.name, self.world)}
+        stops = {end for human in humans for task in human.tasks for end in ends_of(task)}
         kinds = {place.name: place.kind for place in self.places}
         words = Counter(w for stop in stops for w in f"{stop} {kinds.get(stop, '')}".lower().split())
         known = Counter(a for r in self.brief.memory for a in self.world.activities if a in r.description)
@@ -275,11 +274,12 @@ def _together(humans: list[Human], index: int, changed: Human) -> list[Human]:
     return [h.model_copy(update={"group": None}) if h.group is not None and sizes[h.group] < 2 else h for h in result]
 
 
-def _uses(memory: tuple[Remembered, ...], world: World) -> dict[str, int]:
-    """In how many of the remembered scenarios each place was worked."""
+def _uses(memory: tuple[Remembered, ...]) -> dict[str, int]:
+    """Return in how many of the remembered scenarios each area or waypoint is the end of a task."""
     counts: Counter[str] = Counter()
     for remembered in memory:
-        counts.update({p for tasks in remembered.tasks.values() for task in tasks for p in parts_of(task, world)})
+        humans = remembered.scenario.people.humans
+        counts.update({end for human in humans for task in human.tasks for end in ends_of(task)})
     return dict(counts)
 
 

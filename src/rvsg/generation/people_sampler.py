@@ -19,7 +19,6 @@ from rvsg.scenario.aim import Aim
 from rvsg.scenario.scenario import Behaviour, ForceFactors, Human, Pause, Task
 
 T = TypeVar("T")
-ARROW = "→"
 HAND_IN_HAND = "works hand in hand with"
 
 HEEDLESS_AIMS = (Aim.MEET, Aim.DISTURB, Aim.DELAY)
@@ -154,9 +153,9 @@ class PeopleSampler:
             return None
         end, start = ends_of(first)[1], ends_of(last)[0]
         joined = (
-            Task(name=f"{here} {ARROW} {end}", path=out, pauses=tuple(p for p in first.pauses if p.at in out[1:])),
+            Task.between(here, end, out, tuple(p for p in first.pauses if p.at in out[1:])),
             *other.tasks[1:-1],
-            Task(name=f"{start} {ARROW} {here}", path=back, pauses=tuple(p for p in last.pauses if p.at in back[1:])),
+            Task.between(start, here, back, tuple(p for p in last.pauses if p.at in back[1:])),
         )
         changes = {"name": name, "tasks": joined, "group": group, "factors": ForceFactors()}
         if other.behaviour is Behaviour.THREATENING:
@@ -204,7 +203,7 @@ class PeopleSampler:
             path = self.ground.path(a.waypoint, b.waypoint, along_route=along_route)
             if path is None or len(path) < 2:
                 return ()
-            tasks.append(Task(name=f"{a.place.name} {ARROW} {b.place.name}", path=path))
+            tasks.append(Task.between(a.place.name, b.place.name, path))
         return tuple(tasks) if len(tasks) > 1 else ()
 
     def pausing(self, human: Human, seconds: tuple[float, float]) -> Human:
@@ -231,8 +230,8 @@ def begin_at(human: Human, k: int, at: int) -> Human:
         return human.model_copy(update={"tasks": (*tasks[k:], *tasks[:k])})
     task, here = tasks[k], tasks[k].path[at]
     start, end = ends_of(task)
-    first = Task(name=f"{here} {ARROW} {end}", path=task.path[at:])
-    last = Task(name=f"{start} {ARROW} {here}", path=task.path[: at + 1])
+    first = Task.between(here, end, task.path[at:])
+    last = Task.between(start, here, task.path[: at + 1])
     split = tuple(
         part.model_copy(update={"pauses": tuple(p for p in task.pauses if p.at in part.path[1:])})
         for part in (first, last)
@@ -247,10 +246,9 @@ def at_places(tasks: tuple[Task, ...]) -> tuple[Task, ...]:
     if len(tasks) < 3 or not begin == close == first.path[0]:
         return tasks
     path, pauses = (*last.path, *first.path[1:]), (*last.pauses, *first.pauses)
-    return (Task(name=f"{start} {ARROW} {end}", path=path, pauses=pauses), *tasks[1:-1])
+    return (Task.between(start, end, path, pauses), *tasks[1:-1])
 
 
 def ends_of(task: Task) -> tuple[str, str]:
-    """From where to where a task goes, by its name, else by its path."""
-    sides = [side.strip() for side in task.name.split(ARROW)]
-    return (sides[0], sides[1]) if len(sides) == 2 else (task.path[0], task.path[-1])
+    """Return the areas, or else the waypoints, between which a task leads."""
+    return task.start_area or task.path[0], task.end_area or task.path[-1]

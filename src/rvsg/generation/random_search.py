@@ -87,7 +87,7 @@ class RandomGenerator(Generator):
         for (place, start), (goal, end) in zip(stops, [*stops[1:], stops[0]], strict=True):
             path = world.grid.shortest_path(start, end)
             assert path is not None
-            tasks.append(Task(name=f"{place.name} → {goal.name}", path=path))
+            tasks.append(Task.between(place.name, goal.name, path))
         return Human(
             name=f"Human {index + 1}",
             tasks=tuple(tasks),

@@ -111,7 +111,7 @@ class TuningSpace:
 
     def _others(self, task: Task) -> list[str]:
         """The waypoints at which the task may start instead, in order along the robot's way; its own among them."""
-        place = self.waypoints.get(task.start_area or ends_of(task)[0], ())
+        place = self.waypoints.get(ends_of(task)[0], ())
         if task.path[0] not in place:
             return []
         return sorted(place, key=lambda name: (self.ground.along(name)[0], name))

@@ -40,13 +40,22 @@ class Pause(Record):
 
 
 class Task(Record):
-    """One task of a cyclic list: `name` as people read it ("Area 2 → Shelf 6"), `path` the waypoints in order."""
+    """One task of a cyclic list."""
 
     name: Name
+    """For people to read, such as "Area 2 → Shelf 6". Nothing is decided by it."""
     path: tuple[str, ...]
+    """Names of waypoints, in order."""
     start_area: str | None = None
+    """The labelled area or waypoint where the task has to start; None: anywhere."""
     end_area: str | None = None
+    """The labelled area or waypoint where the task has to end; None: anywhere."""
     pauses: tuple[Pause, ...] = ()
+
+    @classmethod
+    def between(cls, start: str, end: str, path: tuple[str, ...], pauses: tuple[Pause, ...] = ()) -> Self:
+        """Return the task of walking from one area or waypoint to another, named after both."""
+        return cls(name=f"{start} → {end}"[:120], path=path, start_area=start, end_area=end, pauses=pauses)
 
 
 class ForceFactors(Record):

@@ -63,8 +63,8 @@ class WalkingGenerator(Generator):
             while path is None or len(path) < SHORTEST_PATH:
                 a, b = chance.choice(names, size=2, replace=False)
                 path = world.grid.shortest_path(str(a), str(b))
-            there = Task(name=f"{path[0]} → {path[-1]}", path=path)
-            back = Task(name=f"{path[-1]} → {path[0]}", path=path[::-1])
+            there = Task.between(path[0], path[-1], path)
+            back = Task.between(path[-1], path[0], path[::-1])
             humans.append(Human(name=f"human {number}", tasks=(there, back)))
         people = HumanConfiguration(humans=tuple(humans))
         scenario = Scenario(mission=brief.mission, people=people, description=f"walk {brief.scenario_index}")

@@ -1,12 +1,13 @@
-"""The rules that make a configuration valid, and the repair of what breaks them. The checker is the judge.
+"""The rules that make a configuration valid, and the repair of one that breaks them.
 
-`check` lists every finding; `repair` mends what can be mended by the shortest valid path and says what it changed.
-What cannot be mended is still found by `check` afterwards: nothing invalid may reach a simulator.
+`check` lists every finding; `repair` replaces what it can by the shortest valid path and lists what it changed. What
+cannot be repaired is reported by `check` again: nothing invalid reaches a simulator.
 """
 
 from rvsg.scenario.validity.checker import check, warnings
 from rvsg.scenario.validity.findings import Finding, Repair
 from rvsg.scenario.validity.repairs import repair
 from rvsg.scenario.validity.rules import RULES, Rule
+from rvsg.scenario.validity.task_ends import read_ends
 
-__all__ = ["RULES", "Finding", "Repair", "Rule", "check", "repair", "warnings"]
+__all__ = ["RULES", "Finding", "Repair", "Rule", "check", "read_ends", "repair", "warnings"]

@@ -13,7 +13,7 @@ from rvsg.scenario.dependence import changes_that_matter
 from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Task
 from rvsg.scenario.validity.findings import Finding
 from rvsg.scenario.validity.rules import MAX_HUMANS, ROBOT_RADIUS_M, SPEED_RANGE_M_S, START_CLEARANCE_M
-from rvsg.scenario.validity.task_ends import Side, near_place, sides, spelled
+from rvsg.scenario.validity.task_ends import TaskEnd, near_place, spelled, task_ends
 from rvsg.scenario.validity.walkable import BODY_HALF_WIDTH_M, is_walkable
 from rvsg.world.space import human_space, robot_space
 from rvsg.world.world import World
@@ -40,7 +40,7 @@ def warnings(people: HumanConfiguration, mission: Mission, world: World) -> tupl
         for human in people.humans:
             for task in human.tasks:
                 named = {"human": human.name, "task": task.name}
-                found += [each.model_copy(update=named) for each in _side_findings(task, world)]
+                found += [each.model_copy(update=named) for each in _end_findings(task, world)]
     for human in people.humans:
         at = human.starts_at(world.grid)
         if at is None:
@@ -91,8 +91,8 @@ def human_findings(human: Human, world: World, *, labels: bool = True) -> Iterat
         labels: Also check the areas that tasks name.
     """
     for task in human.tasks:
-        sides_found = _side_findings(task, world) if labels else ()
-        for found in (*_path_findings(human, task, world), *sides_found, *_pause_findings(task)):
+        ends_found = _end_findings(task, world) if labels else ()
+        for found in (*_path_findings(human, task, world), *ends_found, *_pause_findings(task)):
             yield found.model_copy(update={"human": human.name, "task": task.name})
     yield from _point_findings(human, world)
     yield from _chain_findings(human)
@@ -220,32 +220,32 @@ def _point_findings(human: Human, world: World) -> Iterator[Finding]:
         )
 
 
-def _side_findings(task: Task, world: World) -> Iterator[Finding]:
+def _end_findings(task: Task, world: World) -> Iterator[Finding]:
     ends = (
-        (side, word, place) for side, word, place in zip(sides(task, world), ("start", "end"), (0, -1), strict=True)
+        (end, word, place) for end, word, place in zip(task_ends(task, world), ("start", "end"), (0, -1), strict=True)
     )
-    for side, word, place in ends:
-        if not side.known:
-            near = near_place(side.text, world)
+    for end, word, place in ends:
+        if not end.known:
+            near = near_place(end.text, world)
             known = ", ".join(area.name for area in world.areas)
             yield Finding(
                 rule="unknown-area",
-                reason=f'The task\'s {word}, "{side.text}", is not a labelled area.',
+                reason=f'The task\'s {word}, "{end.text}", is not a labelled area.',
                 suggestion=f'Did you mean "{near}"?' if near else f"Areas: {known}.",
             )
-        elif task.path and (at := task.path[place]) in world.grid.valid and not side.allows(at):
-            yield _wrong_area(side, word, at, place % len(task.path))
+        elif task.path and (at := task.path[place]) in world.grid.valid and not end.allows(at):
+            yield _wrong_area(end, word, at, place % len(task.path))
 
 
-def _wrong_area(side: Side, word: str, at: str, position: int) -> Finding:
-    own = sorted(side.waypoints or ())
+def _wrong_area(end: TaskEnd, word: str, at: str, position: int) -> Finding:
+    own = sorted(end.waypoints or ())
     listed = ", ".join(own) if own else "none where a person can stand"
     verb = "starts" if word == "start" else "ends"
     return Finding(
         rule="wrong-area",
         position=position,
-        reason=f"The task {verb} at {at}, which is not a waypoint of {side.text}.",
-        suggestion=f"Waypoints of {side.text}: {listed}.",
+        reason=f"The task {verb} at {at}, which is not a waypoint of {end.text}.",
+        suggestion=f"Waypoints of {end.text}: {listed}.",
     )
 
 

@@ -1,4 +1,4 @@
-"""Findings, what the checker says, and Repairs, what the mending changed."""
+"""Findings of the checker, and Repairs, the changes of the repair."""
 
 from __future__ import annotations
 
@@ -6,17 +6,19 @@ from rvsg.core.records import Record
 
 
 class Finding(Record):
-    """One reason why a configuration is not valid: who, which task, where in the path, why, and what would help.
-
-    `rule` is a key of `RULES`; `position` counts from 0 in the task's path.
-    """
+    """One reason why a configuration is not valid."""
 
     rule: str
+    """The rule it breaks, a key of `RULES`."""
     human: str | None = None
+    """The name of the person."""
     task: str | None = None
+    """The name of the person's task."""
     position: int | None = None
+    """The index in the path of the task, from 0."""
     reason: str
     suggestion: str = ""
+    """How to correct it."""
 
     def __str__(self) -> str:
         place = ", ".join(
@@ -32,12 +34,14 @@ class Finding(Record):
 
 
 class Repair(Record):
-    """What a repair changed, in words and as the path before and after (both empty where no path changed)."""
+    """One change made by a repair."""
 
     human: str
     task: str
     what: str
+    """The change in words."""
     before: tuple[str, ...]
+    """The path before; both paths are empty where no path changed."""
     after: tuple[str, ...]
 
     def __str__(self) -> str:

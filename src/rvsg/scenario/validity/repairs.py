@@ -1,8 +1,7 @@
 """Repair: replace what breaks a rule by the shortest valid path, and report every change.
 
-The mending goes from the inside out, so that each step may rely on the ones before: names of waypoints and areas,
-then each path by itself, then the chain of tasks and its loop, then where people start, then the rest. It goes
-round again while something is left (a moved start may open a loop), a few times at most.
+Each step relies on the ones before: names of waypoints and areas, then each path by itself, then the chain of tasks
+and its loop, then where people start. The steps are repeated up to three times, since a moved start may open a loop.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Pause, Ta
 from rvsg.scenario.validity.checker import check, spawn_finding
 from rvsg.scenario.validity.findings import Repair
 from rvsg.scenario.validity.rules import MAX_HUMANS, SPEED_RANGE_M_S
-from rvsg.scenario.validity.task_ends import Side, near_place, parts_of, sides, spelled
+from rvsg.scenario.validity.task_ends import TaskEnd, near_place, spelled, task_ends
 from rvsg.world.grid import Grid
 from rvsg.world.world import World
 
@@ -27,19 +26,19 @@ Placed = list[tuple[Human, tuple[float, float]]]
 
 
 def repair(people: HumanConfiguration, mission: Mission, world: World) -> tuple[HumanConfiguration, tuple[Repair, ...]]:
-    """The configuration with what can be mended mended, and what was changed.
+    """Repair a configuration as far as possible; return it with the changes made.
 
-    A valid configuration comes back as it is. What cannot be mended (no way between two places, nobody knows what
-    a person should do, a blocked route) is left as it is, and `check` finds it.
+    A valid configuration is returned unchanged. What cannot be repaired (two places that are not connected, a person
+    without a usable task, a blocked route) stays as it is, and `check` reports it.
     """
     repairs: list[Repair] = []
     for _ in range(_ROUNDS):
         if not check(people, mission, world):
             break
-        mended = _Repairer(world)
-        humans = tuple(mended.human(human) for human in mended.crowd(people.humans))
-        changed = HumanConfiguration(humans=mended.starts(humans, mission))
-        repairs += mended.repairs
+        repairer = _Repairer(world)
+        humans = tuple(repairer.human(human) for human in repairer.crowd(people.humans))
+        changed = HumanConfiguration(humans=repairer.starts(humans, mission))
+        repairs += repairer.repairs
         if changed == people:
             break
         people = changed
@@ -47,9 +46,9 @@ def repair(people: HumanConfiguration, mission: Mission, world: World) -> tuple[
 
 
 def joined(path: Path, grid: Grid) -> Path:
-    """The path with each hop that is not a free one replaced by the shortest valid path; repetitions left out.
+    """Return a path of valid waypoints with every blocked hop replaced by the shortest valid path.
 
-    Expects valid waypoints. A pair with no way between stays as it is.
+    Repetitions are dropped. Two waypoints that are not connected stay as they are.
     """
     result = list(path[:1])
     for a, b in pairwise(path):
@@ -61,19 +60,21 @@ def joined(path: Path, grid: Grid) -> Path:
 
 
 def nearest_of(start: str, allowed: frozenset[str], grid: Grid) -> Path | None:
-    """The shortest valid path from a waypoint to one of several; None where none can be reached."""
+    """Return the shortest valid path from a waypoint to one of several; None where none can be reached."""
     ways = (grid.shortest_path(start, other) for other in sorted(allowed))
     return min((way for way in ways if way), key=lambda way: (walk_length(way, grid), way), default=None)
 
 
 def walk_length(path: Path, grid: Grid) -> float:
-    """Length in metres of the straight legs of a path."""
+    """Return the length of a path in metres."""
     points = [grid.position(name) for name in path]
     return sum(math.dist(a, b) for a, b in pairwise(points))
 
 
 @dataclass
 class _Repairer:
+    """Repairs one configuration and records what it changes."""
+
     world: World
     repairs: list[Repair] = field(default_factory=list)
 
@@ -81,15 +82,15 @@ class _Repairer:
     def grid(self) -> Grid:
         return self.world.grid
 
-    def say(self, human: str, task: str, what: str, before: Path = (), after: Path = ()) -> None:
+    def record(self, human: str, task: str, what: str, before: Path = (), after: Path = ()) -> None:
         self.repairs.append(Repair(human=human, task=task, what=what, before=before, after=after))
 
     # -- everybody ---------------------------------------------------------------------------------------------
 
     def crowd(self, humans: tuple[Human, ...]) -> tuple[Human, ...]:
-        """Limits, names and groups."""
+        """Repair the number of people, their names, groups and speeds."""
         for human in humans[MAX_HUMANS:]:
-            self.say(human.name, "", f"left out: at most {MAX_HUMANS} people are simulated")
+            self.record(human.name, "", f"left out: at most {MAX_HUMANS} people are simulated")
         taken: set[str] = set()
         sizes = Counter(h.group for h in humans[:MAX_HUMANS] if h.group is not None)
         low, high = SPEED_RANGE_M_S
@@ -98,27 +99,27 @@ class _Repairer:
             changes: dict[str, object] = {}
             if human.name in taken:
                 changes["name"] = _free_name(human.name, taken | {h.name for h in humans})
-                self.say(human.name, "", f"renamed to {changes['name']}: the name was taken")
+                self.record(human.name, "", f"renamed to {changes['name']}: the name was taken")
             taken.add(str(changes.get("name", human.name)))
             if human.group is not None and sizes[human.group] == 1:
                 changes["group"] = None
-                self.say(human.name, "", f"left group {human.group}: nobody else is in it")
+                self.record(human.name, "", f"left group {human.group}: nobody else is in it")
             speed = min(max(human.speed_m_s, low), high)
             if speed != human.speed_m_s:
                 changes["speed_m_s"] = speed
-                self.say(human.name, "", f"walks at {speed:g} instead of {human.speed_m_s:g} m/s")
+                self.record(human.name, "", f"walks at {speed:g} instead of {human.speed_m_s:g} m/s")
             kept.append(human.model_copy(update=changes))
         return tuple(kept)
 
     # -- one person --------------------------------------------------------------------------------------------
 
     def human(self, human: Human) -> Human:
-        """Names, paths, chain and loop of one person."""
+        """Repair the names, paths, chain and loop of one person."""
         tasks: list[Task] = []
         for task in human.tasks:
             last = tasks[-1].path[-1] if tasks else None
-            if (mended := self.task(task, human.name, last)) is not None:
-                tasks.append(mended)
+            if (repaired := self.task(task, human.name, last)) is not None:
+                tasks.append(repaired)
         if not tasks:
             return human
         tasks = self.chain(tasks, human.name)
@@ -126,60 +127,59 @@ class _Repairer:
         return human.model_copy(update={"tasks": tuple(tasks)})
 
     def task(self, task: Task, human: str, came_from: str | None) -> Task | None:
-        """One task by itself; None where it has to be left out."""
+        """Repair one task by itself; return None where it has to be dropped."""
         path = self.names(task, human)
-        task = self.sides(task.model_copy(update={"path": path}), human)
-        start, end = sides(task, self.world)
-        before, path = task.path, self.led(task.path, start, end, came_from)
+        task = self.areas(task.model_copy(update={"path": path}), human)
+        start, end = task_ends(task, self.world)
+        before, path = task.path, self.connected(task.path, start, end, came_from)
         if not path or (len(path) == 1 and not task.pauses):
-            self.say(human, task.name, "left out: it has no walk", before, ())
+            self.record(human, task.name, "left out: it has no walk", before, ())
             return None
         if path != before:
-            self.say(human, task.name, "led along the shortest valid path", before, path)
+            self.record(human, task.name, "rerouted along the shortest valid path", before, path)
         return task.model_copy(update={"path": path})
 
     def names(self, task: Task, human: str) -> Path:
-        """The path with misspelt waypoints corrected, and unknown or invalid ones and repetitions left out."""
+        """Correct misspelt waypoints; drop unknown or invalid ones and repetitions."""
         kept: list[str] = []
         for name in task.path:
             meant = name if name in self.grid.valid else spelled(name, self.world)
             if meant is None or meant not in self.grid.valid:
                 why = "nobody can stand there" if name in self.grid.by_name else "there is no such waypoint"
-                self.say(human, task.name, f"{name} left out: {why}", task.path, ())
+                self.record(human, task.name, f"{name} left out: {why}", task.path, ())
                 continue
             if meant != name:
-                self.say(human, task.name, f"{name} read as {meant}", task.path, ())
+                self.record(human, task.name, f"{name} read as {meant}", task.path, ())
             if kept and kept[-1] == meant:
-                self.say(human, task.name, f"the repetition of {meant} left out", task.path, ())
+                self.record(human, task.name, f"repeated {meant} left out", task.path, ())
                 continue
             kept.append(meant)
         return tuple(kept)
 
-    def sides(self, task: Task, human: str) -> Task:
-        """The task with unknown areas in its name corrected, or replaced by the waypoint at that end."""
-        start, end = sides(task, self.world)
+    def areas(self, task: Task, human: str) -> Task:
+        """Correct unknown areas of a task, or replace them by the waypoint at that end of its path."""
+        start, end = task_ends(task, self.world)
         if start.known and end.known:
             return task
-        first, last = (self._side_text(side, task.path, at) for side, at in ((start, 0), (end, -1)))
-        parts = parts_of(task.name, self.world)
-        name = f"{first} → {last}" if first and last else task.name.replace("→", "to").replace(">", "")
-        changes: dict[str, object] = {"name": name}
-        if task.start_area is not None or not parts:
-            changes["start_area"] = first if first and task.start_area is not None else None
-        if task.end_area is not None or not parts:
-            changes["end_area"] = last if last and task.end_area is not None else None
-        self.say(human, task.name, f'renamed to "{name}": its place is not on the map', task.path, task.path)
+        first, last = self._known_text(start, task.path, 0), self._known_text(end, task.path, -1)
+        name = f"{first} → {last}" if first and last else task.name
+        changes = {
+            "name": name,
+            "start_area": first or None if task.start_area is not None else None,
+            "end_area": last or None if task.end_area is not None else None,
+        }
+        self.record(human, task.name, f'renamed to "{name}": its place is not on the map', task.path, task.path)
         return task.model_copy(update=changes)
 
-    def _side_text(self, side: Side, path: Path, at: int) -> str:
-        if side.known:
-            return side.text or (path[at] if path else "")
-        return near_place(side.text, self.world, cutoff=0.8) or (path[at] if path else "")
+    def _known_text(self, end: TaskEnd, path: Path, at: int) -> str:
+        if end.known:
+            return end.text or (path[at] if path else "")
+        return near_place(end.text, self.world, cutoff=0.8) or (path[at] if path else "")
 
-    def led(self, path: Path, start: Side, end: Side, came_from: str | None) -> Path:
-        """The path led from the start to the end the task promises, over valid hops."""
+    def connected(self, path: Path, start: TaskEnd, end: TaskEnd, came_from: str | None) -> Path:
+        """Return a path over valid hops from the start to the end of a task."""
         if not path:
-            path = self.begun(start, end, came_from)
+            path = self.first_waypoint(start, end, came_from)
         if not path:
             return ()
         if not start.allows(path[0]) and (way := nearest_of(path[0], start.waypoints or frozenset(), self.grid)):
@@ -190,8 +190,8 @@ class _Repairer:
             path = nearest_of(path[0], others, self.grid) or path
         return joined(path, self.grid)
 
-    def begun(self, start: Side, end: Side, came_from: str | None) -> Path:
-        """Where a task without any valid waypoint begins; empty where nothing says so."""
+    def first_waypoint(self, start: TaskEnd, end: TaskEnd, came_from: str | None) -> Path:
+        """Return where a task without any valid waypoint begins; empty where it is not known."""
         if came_from is not None and start.allows(came_from) and end.waypoints:
             return (came_from,)
         return (min(start.waypoints),) if start.waypoints and end.waypoints else ()
@@ -199,7 +199,7 @@ class _Repairer:
     # -- the chain of tasks ------------------------------------------------------------------------------------
 
     def chain(self, tasks: list[Task], human: str) -> list[Task]:
-        """The tasks joined end to start, and the last one to the first."""
+        """Connect the end of each task to the start of the next, and the last one to the first."""
         result = [tasks[0]]
         for task in tasks[1:]:
             result += self.link(result.pop(), task, human)
@@ -207,44 +207,45 @@ class _Repairer:
         return [*result, *closing[:-1]]
 
     def link(self, before: Task, after: Task, human: str, closes: bool = False) -> list[Task]:
-        """Both tasks so that one ends where the other starts, with a task in between where areas differ."""
+        """Return both tasks so that one ends where the other starts, with a task in between where areas differ."""
         here, there = before.path[-1], after.path[0]
         way = self.grid.shortest_path(here, there)
         if here == there or way is None:
             return [before, after]
-        ends, starts = sides(before, self.world)[1], sides(after, self.world)[0]
+        ends, starts = task_ends(before, self.world)[1], task_ends(after, self.world)[0]
         if ends.allows(there):
             longer = before.model_copy(update={"path": (*before.path, *way[1:])})
-            self.say(human, before.name, f"led on to {there}, where the next task starts", before.path, longer.path)
+            what = f"extended to {there}, where the next task starts"
+            self.record(human, before.name, what, before.path, longer.path)
             return [longer, after]
         if starts.allows(here) and not closes:
             longer = after.model_copy(update={"path": (*way, *after.path[1:])})
-            self.say(human, after.name, f"started at {here}, where the task before ended", after.path, longer.path)
+            self.record(human, after.name, f"started at {here}, where the task before ended", after.path, longer.path)
             return [before, longer]
-        name = f"{_area_text(ends, here)} → {_area_text(starts, there)}"
-        self.say(human, name, "put in: the tasks were not joined", (), way)
-        return [before, Task(name=name, path=way), after]
+        between = Task.between(_area_text(ends, here), _area_text(starts, there), way)
+        self.record(human, between.name, "inserted: the tasks were not connected", (), way)
+        return [before, between, after]
 
     def pauses(self, task: Task, human: str) -> Task:
-        """The task with its pauses on its path."""
+        """Move pauses onto the path; drop those at unknown waypoints."""
         kept: list[Pause] = []
         for pause in task.pauses:
             at = pause.at if pause.at in task.path else spelled(pause.at, self.world)
             if at is None:
-                self.say(human, task.name, f"pause at {pause.at} left out: there is no such waypoint")
+                self.record(human, task.name, f"pause at {pause.at} left out: there is no such waypoint")
                 continue
             if at not in task.path:
                 here = self.grid.position(at)
                 at = min(task.path, key=lambda name: math.dist(self.grid.position(name), here))
             if at != pause.at:
-                self.say(human, task.name, f"pause at {pause.at} moved to {at}, which is on the path")
+                self.record(human, task.name, f"pause at {pause.at} moved to {at}, which is on the path")
             kept.append(pause.model_copy(update={"at": at}))
         return task.model_copy(update={"pauses": tuple(kept)})
 
     # -- where people start ------------------------------------------------------------------------------------
 
     def starts(self, humans: tuple[Human, ...], mission: Mission) -> tuple[Human, ...]:
-        """Everybody with a start that is clear of the robot, of obstacles and of those listed earlier."""
+        """Give everybody a start that is clear of the robot, of obstacles and of people listed earlier."""
         placed: Placed = []
         result: list[Human] = []
         for human in humans:
@@ -256,7 +257,7 @@ class _Repairer:
         return tuple(result)
 
     def start(self, human: Human, placed: Placed, mission: Mission) -> Human:
-        """One person with a clear start: elsewhere in the same area, with another task of the list, or a new one."""
+        """Give one person a clear start: elsewhere in the same area, with another task, or with an inserted one."""
 
         def clear(waypoint: str) -> bool:
             return spawn_finding(human, self.grid.position(waypoint), placed, mission, self.world) is None
@@ -265,7 +266,7 @@ class _Repairer:
         old = tasks[0].path[0]
         if clear(old):
             return human
-        begin, end = sides(tasks[0], self.world)[0], sides(tasks[-1], self.world)[1]
+        begin, end = task_ends(tasks[0], self.world)[0], task_ends(tasks[-1], self.world)[1]
         free = frozenset(name for name in self.grid.valid if name != old and clear(name))
         inside = frozenset(name for name in free if begin.allows(name))
         for allowed in (frozenset(name for name in inside if end.allows(name)), inside):
@@ -273,32 +274,32 @@ class _Repairer:
                 return self._moved(human, way)
         for index, task in enumerate(tasks[1:], start=1):
             if clear(task.path[0]):
-                self.say(human.name, task.name, f"the list starts with this task: {old} was taken")
+                self.record(human.name, task.name, f"moved to the start of the list: {old} is occupied")
                 return human.model_copy(update={"tasks": (*tasks[index:], *tasks[:index])})
         if (way := nearest_of(old, free, self.grid)) is not None:
-            return self._led_in(human, tuple(reversed(way)), begin)
+            return self._with_approach(human, tuple(reversed(way)), begin)
         return human
 
-    def _led_in(self, human: Human, way: Path, begin: Side) -> Human:
-        """The person with a task put in before the first one, from a clear start."""
-        name = f"{way[0]} → {_area_text(begin, way[-1])}"
-        self.say(human.name, name, f"put in: {way[-1]} was taken at the start", (), way)
-        tasks = self.chain([Task(name=name, path=way), *human.tasks], human.name)
+    def _with_approach(self, human: Human, way: Path, begin: TaskEnd) -> Human:
+        """Insert a task before the first one that leads there from a clear start."""
+        approach = Task.between(way[0], _area_text(begin, way[-1]), way)
+        self.record(human.name, approach.name, f"inserted: {way[-1]} is occupied at the start", (), way)
+        tasks = self.chain([approach, *human.tasks], human.name)
         return human.model_copy(update={"tasks": tuple(tasks)})
 
     def _moved(self, human: Human, way: Path) -> Human:
-        """The person starting at the end of a way that begins at the old start."""
+        """Move the start of a person to the end of a path that begins at the old start."""
         first, new = human.tasks[0], way[-1]
         path = first.path[first.path.index(new) :] if new in first.path[:-1] else (*reversed(way), *first.path[1:])
         moved = first.model_copy(update={"path": path})
-        self.say(human.name, first.name, f"started at {new}: {way[0]} was taken", first.path, path)
+        self.record(human.name, first.name, f"started at {new}: {way[0]} is occupied", first.path, path)
         tasks = [moved, *human.tasks[1:]]
         tasks = [self.pauses(task, human.name) for task in self.chain(tasks, human.name)]
         return human.model_copy(update={"tasks": tuple(tasks)})
 
 
-def _area_text(side: Side, waypoint: str) -> str:
-    return side.text if side.known and side.text else waypoint
+def _area_text(end: TaskEnd, waypoint: str) -> str:
+    return end.text if end.known and end.text else waypoint
 
 
 def _free_name(name: str, taken: set[str]) -> str:

@@ -107,7 +107,7 @@ _TABLE = (
     ),
     Rule(
         name="unknown-area",
-        demands='Both sides of a task named "from → to" are labelled areas of the world, or waypoints.',
+        demands="The start and end area of a task are labelled areas of the world, or waypoints.",
         because="A place that is not on the map cannot be checked.",
         repair="A near misspelling is corrected; any other name is replaced by the waypoint at that end of the path.",
     ),

@@ -1,4 +1,4 @@
-"""What a task's name promises: "Area 2 → Shelf 6" starts in one labelled area and ends in another."""
+"""Where a task has to start and end: in a labelled area, at a waypoint, or anywhere."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import difflib
 import re
 from dataclasses import dataclass
 
-from rvsg.scenario.scenario import Task
+from rvsg.scenario.scenario import HumanConfiguration, Task
 from rvsg.world.world import World
 
 _ARROW = re.compile(r"\s*(?:→|⟶|➔|➜|⇒|-+>|=+>|–>|—>)\s*")
@@ -15,8 +15,8 @@ _NOTE = re.compile(r"\s*\([^()]*\)\s*")
 
 
 @dataclass(frozen=True)
-class Side:
-    """One end of a task: the text, and the waypoints it allows; None where it claims nothing or is not known."""
+class TaskEnd:
+    """The start or the end of a task: its text, and the waypoints it allows (None: any)."""
 
     text: str
     waypoints: frozenset[str] | None = None
@@ -27,25 +27,52 @@ class Side:
         return self.waypoints is None or waypoint in self.waypoints
 
 
-ANYWHERE = Side("")
+ANYWHERE = TaskEnd("")
 
 
-def resolve(text: str, world: World) -> Side:
-    """The area or waypoint a text names, case and spacing aside; an unknown one allows anything and says so."""
+def resolve(text: str, world: World) -> TaskEnd:
+    """Return the area or waypoint a text names, ignoring case and spacing; an unknown one has `known` False."""
     wanted = " ".join(text.split()).casefold()
     for area in world.areas:
         if area.name.casefold() == wanted:
-            return Side(area.name, frozenset(area.waypoints) & world.grid.valid)
+            return TaskEnd(area.name, frozenset(area.waypoints) & world.grid.valid)
     for name in world.grid.valid:
         if name.casefold() == wanted:
-            return Side(name, frozenset({name}))
+            return TaskEnd(name, frozenset({name}))
     bare = " ".join(_NOTE.sub(" ", text).split())
     if bare and bare != " ".join(text.split()):
         return resolve(bare, world)
-    return Side(text.strip(), None, known=False)
+    return TaskEnd(text.strip(), None, known=False)
 
 
-def parts_of(name: str, world: World) -> tuple[str, ...]:
+def task_ends(task: Task, world: World) -> tuple[TaskEnd, TaskEnd]:
+    """Return the start and the end that a task promises by `start_area` and `end_area`."""
+    start, end = task.start_area, task.end_area
+    return (resolve(start, world) if start else ANYWHERE, resolve(end, world) if end else ANYWHERE)
+
+
+def read_ends(people: HumanConfiguration, world: World) -> HumanConfiguration:
+    """Return the configuration with the areas of tasks read from their names where the fields do not say them.
+
+    For what comes from outside: replies of models and files of earlier versions say "Area 2 → Shelf 6" in the name
+    alone. Nothing else reads the name of a task.
+    """
+    humans = tuple(
+        human.model_copy(update={"tasks": tuple(_with_ends(task, world) for task in human.tasks)})
+        for human in people.humans
+    )
+    return people if humans == people.humans else people.model_copy(update={"humans": humans})
+
+
+def _with_ends(task: Task, world: World) -> Task:
+    named = _named_places(task.name, world)
+    if not named or (task.start_area and task.end_area):
+        return task
+    changes = {"start_area": task.start_area or named[0], "end_area": task.end_area or named[-1]}
+    return task.model_copy(update=changes)
+
+
+def _named_places(name: str, world: World) -> tuple[str, ...]:
     """The places a task's name lists: two or more around arrows, one for the name of an area, none for free text."""
     parts = tuple(part.strip() for part in _ARROW.split(name.strip()) if part.strip())
     if len(parts) >= 2:
@@ -56,33 +83,28 @@ def parts_of(name: str, world: World) -> tuple[str, ...]:
     return parts if len(parts) == 1 and resolve(parts[0], world).known else ()
 
 
-def sides(task: Task, world: World) -> tuple[Side, Side]:
-    """The start and the end a task promises: by `start_area` and `end_area`, else by its name."""
-    parts = parts_of(task.name, world)
-    start = task.start_area or (parts[0] if parts else None)
-    end = task.end_area or (parts[-1] if parts else None)
-    return (resolve(start, world) if start else ANYWHERE, resolve(end, world) if end else ANYWHERE)
-
-
 def near_place(text: str, world: World, cutoff: float = 0.6) -> str | None:
-    """What an unknown place most likely means: the one area or waypoint its text holds ("Area 3 entry"), else the
-    area with the most similar name; None where two are held ("Shelf 2/Shelf 3") or none is similar."""
-    held = _held(text, [area.name for area in world.areas]) or _held(text, sorted(world.grid.valid))
-    if held:
-        return held[0] if len(held) == 1 else None
+    """Return what an unknown place most likely means.
+
+    That is the one area or waypoint its text contains ("Area 3 entry"), else the area with the most similar name;
+    None where the text contains two ("Shelf 2/Shelf 3") or no name is similar.
+    """
+    contained = _contained(text, [area.name for area in world.areas]) or _contained(text, sorted(world.grid.valid))
+    if contained:
+        return contained[0] if len(contained) == 1 else None
     bare = _NOTE.sub(" ", text).strip() or text
     near = difflib.get_close_matches(bare, [a.name for a in world.areas], n=1, cutoff=cutoff)
     return near[0] if near else None
 
 
-def _held(text: str, names: list[str]) -> list[str]:
-    """The names that stand in a text as whole words, without those that are part of a longer one found there."""
-    held = [name for name in names if re.search(rf"(?<!\w){re.escape(name)}(?!\w)", text, re.IGNORECASE)]
-    return [name for name in held if not any(name != other and name in other for other in held)]
+def _contained(text: str, names: list[str]) -> list[str]:
+    """Return the names a text contains as whole words, without those that are part of a longer one found there."""
+    found = [name for name in names if re.search(rf"(?<!\w){re.escape(name)}(?!\w)", text, re.IGNORECASE)]
+    return [name for name in found if not any(name != other and name in other for other in found)]
 
 
 def spelled(name: str, world: World) -> str | None:
-    """The one waypoint a misspelt name can mean: `e15`, `E-15`, `E 15`, `E015`, `(E15)`; None where there is none."""
+    """Return the one waypoint a misspelt name can mean: `e15`, `E-15`, `E 15`, `E015`, `(E15)`; or None."""
     match = re.fullmatch(r"\W*([A-Za-z]{1,2})[\s_\-.,]*0*(\d{1,3})\W*", name)
     if match is None:
         return None
