@@ -44,7 +44,10 @@ def test_from_a_map_to_a_checked_and_drawn_world(tmp_path: Path, capsys: pytest.
 
 def test_a_large_grid_is_also_drawn_in_parts(tmp_path: Path) -> None:
     world = tmp_path / "fine"
-    assert main(["world", "new", str(world), "--map", str(write_map(tmp_path)), "--spacing", "0.2"]) == 0
+    assert (
+        main(["world", "new", str(world), "--map", str(write_map(tmp_path)), "--spacing", "0.2", "--no-simulation"])
+        == 0
+    )
     assert main(["world", "draw", str(world), "--what", "grid", "--width", "500"]) == 0
     assert len(list((world / "pictures").glob("grid_part_*.png"))) > 1
 
@@ -53,7 +56,7 @@ def test_the_check_ends_with_2_if_something_is_wrong_and_says_where(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     world = tmp_path / "hall"
-    main(["world", "new", str(world), "--map", str(write_map(tmp_path))])
+    main(["world", "new", str(world), "--map", str(write_map(tmp_path)), "--no-simulation"])
     (world / "labels.yaml").write_text("areas:\n  - {name: Far, rectangle: [90, 90, 95, 95]}\n")
     capsys.readouterr()
     assert main(["world", "check", str(world), "--json"]) == 2
@@ -66,7 +69,7 @@ def test_shipped_worlds_are_listed_and_shown_by_name(capsys: pytest.CaptureFixtu
     assert main(["world", "list", "--json"]) == 0
     assert {"hospital", "office", "warehouse"} <= {world["name"] for world in json.loads(capsys.readouterr().out)}
     assert main(["world", "list"]) == 0
-    assert main(["world", "check", "office"]) == 0
+    assert main(["world", "check", "office", "--no-simulation"]) == 0
     assert "Nothing is wrong." in capsys.readouterr().err
     assert main(["world", "show", "office", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["routes"][0]["description"].startswith("The robot starts")

@@ -276,14 +276,14 @@ def _robot(folder: Path) -> list[Path]:
 
 KINDS = (
     Kind("campaign", lambda f: _written(f / "c.yaml", CAMPAIGN), lambda f: ["prompt", str(f / "c.yaml")]),
-    Kind("world", _world("warehouse"), lambda f: ["world", "check", str(f / "w")]),
-    Kind("objects world", _world("office"), lambda f: ["world", "check", str(f / "w")]),
-    Kind("map", _map, lambda f: ["world", "new", str(f / "w"), "--map", str(f / "m.yaml")]),
-    Kind("sdf", _sdf, lambda f: ["world", "new", str(f / "w"), "--sdf", str(f / "a.sdf")]),
+    Kind("world", _world("warehouse"), lambda f: ["world", "check", str(f / "w"), "--no-simulation"]),
+    Kind("objects world", _world("office"), lambda f: ["world", "check", str(f / "w"), "--no-simulation"]),
+    Kind("map", _map, lambda f: ["world", "new", str(f / "w"), "--no-simulation", "--map", str(f / "m.yaml")]),
+    Kind("sdf", _sdf, lambda f: ["world", "new", str(f / "w"), "--no-simulation", "--sdf", str(f / "a.sdf")]),
     Kind(
         "objects",
         lambda f: _written(f / "objects.yaml", (WORLDS / "office" / "objects.yaml").read_bytes()),
-        lambda f: ["world", "new", str(f / "w"), "--objects", str(f / "objects.yaml")],
+        lambda f: ["world", "new", str(f / "w"), "--no-simulation", "--objects", str(f / "objects.yaml")],
     ),
     Kind(
         "requirement",

@@ -20,7 +20,7 @@ from rvsg.scenario.validity.checker import robot_reach_m, start_gap_m
 from rvsg.simulation.archive import PackedRun, run_from_json, run_to_json
 from rvsg.simulation.events import ObstacleContact
 from rvsg.simulation.run import Run
-from rvsg.world.authoring.create import robot_stands
+from rvsg.world.authoring.routes import robot_stands
 from rvsg.world.io.load import load_world
 from rvsg.world.space import robot_space
 

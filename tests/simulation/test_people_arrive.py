@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
-from tests.simulation.test_people import CORRECT, FAR, crowd_of, human, walk, world_with
+from tests.simulation.test_people import CORRECT, crowd_of, human, walk, world_with
 
-from rvsg.scenario.agents import HumanAgent
 from rvsg.scenario.scenario import Behaviour
 from rvsg.scenario.validity.walkable import is_walkable
-from rvsg.simulation.embedded.people import initial, reference, tick
+from rvsg.simulation.embedded.people.alone import not_walked
 from rvsg.simulation.embedded.people.recorded import events_of
 from rvsg.world.grid import Grid, Waypoint
 from rvsg.world.io.load import load_world
@@ -23,33 +21,8 @@ from rvsg.world.world import World
 WORLDS = ("warehouse", "office", "hospital")
 
 
-def time_of(world: World, way: tuple[str, ...], speed_m_s: float, limit_s: float) -> float:
-    """Return the time a person takes alone along waypoints; infinity where they do not arrive in time."""
-    goals = tuple(world.grid.position(name) for name in way)
-    agent = HumanAgent(
-        name="p", start=goals[0], goals=goals, pauses_s=(0.0,) * (len(goals) - 1) + (99.0,), speed_m_s=speed_m_s
-    )
-    crowd = initial([agent], world, options=CORRECT, seed=0, time_limit_s=limit_s)
-    by_reference = reference(crowd)
-    for k in range(math.ceil(limit_s / 0.1)):
-        tick(by_reference, 0.1 * k, 0.1, *FAR)
-        if k > 0 and crowd.goal_index[0] == 0:
-            return 0.1 * (k + 1)
-    return math.inf
-
-
-def length(world: World, way: tuple[str, ...]) -> float:
-    points = [world.grid.position(name) for name in way]
-    return sum(math.dist(a, b) for a, b in pairwise(points))
-
-
 def too_slow(world: World, ways: list[tuple[str, ...]], speed_m_s: float) -> list[tuple[str, ...]]:
-    found = []
-    for way in ways:
-        limit = 1.25 * length(world, way) / speed_m_s + 1.0
-        if time_of(world, way, speed_m_s, limit) > limit:
-            found.append(way)
-    return found
+    return not_walked(world, ways, [speed_m_s])
 
 
 def both_ways(world: World) -> list[tuple[str, ...]]:

@@ -15,13 +15,13 @@ from rvsg.world.authoring.check import Remark, check_world
 from rvsg.world.authoring.create import (
     Created,
     largest_part,
-    propose_routes,
     world_from_map,
     world_from_objects,
     world_from_sdf,
 )
 from rvsg.world.authoring.named_areas import unknown_areas
 from rvsg.world.authoring.readme import write_readme
+from rvsg.world.authoring.routes import propose_routes
 from rvsg.world.drawing import grid_picture, labelled_map
 from rvsg.world.drawing.birdseye import birdseye
 from rvsg.world.grid import GridSpec

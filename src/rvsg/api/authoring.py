@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 from rvsg.core.lazy import lazily
 
 if TYPE_CHECKING:
+    from rvsg.api.trial import SimulatedTrial as SimulatedTrial
+    from rvsg.api.trial import trial_of as trial_of
     from rvsg.world.authoring.check import Remark as Remark
     from rvsg.world.authoring.check import check_world as check_world
     from rvsg.world.authoring.create import Created as Created
@@ -39,6 +41,7 @@ __getattr__ = lazily(
         "GRID": "rvsg.world.drawing",
         "GridSpec": "rvsg.world.grid",
         "LABELLED": "rvsg.world.drawing",
+        "SimulatedTrial": "rvsg.api.trial",
         "Remark": "rvsg.world.authoring.check",
         "SHIPPED": "rvsg.world.io.load",
         "World": "rvsg.world.world",
@@ -52,6 +55,7 @@ __getattr__ = lazily(
         "route_paragraph": "rvsg.world.route_words",
         "save_world": "rvsg.world.io.save",
         "shipped_worlds": "rvsg.world.io.load",
+        "trial_of": "rvsg.api.trial",
         "tiles": "rvsg.world.drawing",
         "world_from_map": "rvsg.world.authoring.create",
         "world_from_objects": "rvsg.world.authoring.create",

@@ -20,6 +20,9 @@ app = verb(no_args_is_help=True, help="Make a world from a map, check it, draw i
 
 WorldName = Annotated[str, typer.Argument(metavar="WORLD", help="A shipped world or a world folder.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON on standard output.")]
+NoSimulation = Annotated[
+    bool, typer.Option("--no-simulation", help="Do not drive routes and walk hops in the simulator.")
+]
 
 
 @app.command("new")
@@ -65,6 +68,7 @@ def new(
     lenient: Annotated[
         bool, typer.Option("--lenient", help="With --sdf: leave out models and meshes that are missing or unreadable.")
     ] = False,
+    no_simulation: NoSimulation = False,
     force: Annotated[bool, typer.Option("--force", help="Replace the world in a folder that has one.")] = False,
     json: AsJson = False,
 ) -> None:
@@ -73,10 +77,12 @@ def new(
     The map is a Nav2 map, a Gazebo world or a file of objects.
 
     Labels and routes are proposals: read the README in the folder, edit them, then `rvsg world check DIR`.
+    Each proposed route is driven once in the simulator; one that the robot cannot drive alone is not proposed.
     """
     from rvsg.api.authoring import (
         check_world,
         save_world,
+        trial_of,
         world_from_map,
         world_from_objects,
         world_from_sdf,
@@ -103,8 +109,9 @@ def new(
     _refuse_occupied(folder, force=force)
     spec = _grid_spec(spacing, human_clearance, robot_clearance)
     name = folder.resolve().name
+    trial = None if no_simulation else trial_of(progress=say)
     if map_file is not None:
-        created = world_from_map(map_file, name=name, title=title, grid_spec=spec, free_thresh=free_thresh)
+        created = world_from_map(map_file, name=name, title=title, grid_spec=spec, free_thresh=free_thresh, trial=trial)
     elif sdf is not None:
         created = world_from_sdf(
             sdf,
@@ -119,14 +126,21 @@ def new(
             lenient=lenient,
             without=without or (),
             progress=_progress(),
+            trial=trial,
         )
     else:
         assert objects is not None
         created = world_from_objects(
-            objects, name=name, title=title, grid_spec=spec, lidar_height_m=lidar_height, resolution_m=resolution
+            objects,
+            name=name,
+            title=title,
+            grid_spec=spec,
+            lidar_height_m=lidar_height,
+            resolution_m=resolution,
+            trial=trial,
         )
     save_world(created.world, folder)
-    remarks = check_world(folder)
+    remarks = check_world(folder, trial=trial)
     write_readme(created, folder, [f"{'error' if r.serious else 'warning'}: {r.problem.message}" for r in remarks])
     _show_created(created, remarks, folder)
     if json:
@@ -136,20 +150,22 @@ def new(
 @app.command()
 def check(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="The world folder.")] = Path(),
+    no_simulation: NoSimulation = False,
     json: AsJson = False,
 ) -> None:
-    """Tell all that is wrong in a world folder.
+    """List everything that is wrong or suspicious in a world folder, with file and line.
 
-    Everything wrong or suspicious is told at once, each with file and line.
+    The robot drives every route and a person walks every hop in the simulator, with nobody else about. The results are
+    kept, so that a world that has not changed is checked at once.
 
     Exit code 2 if something is wrong, 0 if there are only warnings or nothing.
     """
-    from rvsg.api.authoring import SHIPPED, check_world, shipped_worlds
+    from rvsg.api.authoring import SHIPPED, check_world, shipped_worlds, trial_of
 
     place = (
         SHIPPED / str(folder) if str(folder) in shipped_worlds() and not (folder / "world.yaml").is_file() else folder
     )
-    remarks = check_world(place)
+    remarks = check_world(place, trial=None if no_simulation else trial_of(progress=say))
     _show_remarks(remarks)
     if json:
         print_json([_remark_json(remark) for remark in remarks])

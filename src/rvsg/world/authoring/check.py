@@ -16,10 +16,12 @@ from numpy.typing import NDArray
 from rvsg.core.documents import Document, DocumentError, Problem, read_yaml
 from rvsg.core.errors import FileError
 from rvsg.core.records import Pose
-from rvsg.world.authoring.create import robot_stands
 from rvsg.world.authoring.named_areas import unknown_areas
+from rvsg.world.authoring.routes import robot_stands
+from rvsg.world.authoring.trial import Trial
 from rvsg.world.grid import GridSpec
 from rvsg.world.io.load import places_in, read_world, route_names, routes_in, told_apart, world_folder
+from rvsg.world.passages import free_width_m
 from rvsg.world.raster import outermost
 from rvsg.world.route_words import length_m, line_of, nearest_area
 from rvsg.world.space import Space, frame_of, human_space, main_floor, robot_space, world_map
@@ -32,6 +34,7 @@ FAR_M = 3.0
 TIGHT = 0.6  # with less than this share of the clearance the robot surely touches
 AISLE_WIDEST_M = 3.0
 AISLE_LENGTH_M = 1.5
+AISLE_SAMPLES = 9  # points at which an aisle's width is measured
 PART_M2 = 2.0
 MANY_WAYPOINTS = 1000
 MOST_OF_A_KIND = 12
@@ -43,13 +46,18 @@ class Remark:
 
     problem: Problem
     serious: bool
+    key: tuple[str | int, ...] = ()
+    """What of the file it is about, e.g. ("routes", 0, "goal")."""
 
     def __str__(self) -> str:
         return f"{'error' if self.serious else 'warning'}: {self.problem}"
 
 
-def check_world(folder: str | Path) -> tuple[Remark, ...]:
-    """All findings on a world folder: unreadable files first, then whatever can be judged of the rest."""
+def check_world(folder: str | Path, *, trial: Trial | None = None) -> tuple[Remark, ...]:
+    """Return all findings on a world folder: unreadable files first, then whatever can be judged of the rest.
+
+    With a trial, every route is also driven and every hop walked in a simulator.
+    """
     folder = world_folder(folder)
     problems: list[Problem] = []
     try:
@@ -59,16 +67,17 @@ def check_world(folder: str | Path) -> tuple[Remark, ...]:
     except FileError as error:
         return (Remark(problem=Problem(error.path, error.line, error.reason), serious=True),)
     found = [Remark(problem=p, serious=True) for p in problems]
-    return (*found, *_Checker(folder, world).all())
+    return (*found, *_Checker(folder, world, trial).all())
 
 
 class _Checker:
     """The judgement of a world that could be read."""
 
-    def __init__(self, folder: Path, world: World) -> None:
+    def __init__(self, folder: Path, world: World, trial: Trial | None) -> None:
         from shapely import Polygon
 
         self.world = world
+        self.trial = trial
         self.head = read_yaml(folder / "world.yaml")
         self.labels = read_yaml(folder / str(self.head.value.get("labels", "labels.yaml")))
         self.routes = read_yaml(folder / str(self.head.value.get("routes", "routes.yaml")))
@@ -88,10 +97,13 @@ class _Checker:
         self._check_unknown()
         self._check_size()
         self._check_activities()
+        if self.trial is not None:
+            self._drive_routes(self.trial)
+            self._walk_hops(self.trial)
         return self.remarks
 
     def _say(self, document: Document, message: str, *key: str | int, serious: bool = False) -> None:
-        self.remarks.append(Remark(problem=document.problem(message, *key), serious=serious))
+        self.remarks.append(Remark(problem=document.problem(message, *key), serious=serious, key=key))
 
     # --- areas ---
 
@@ -227,6 +239,43 @@ class _Checker:
         if math.dist((route.start.x, route.start.y), (route.goal.x, route.goal.y)) < 0.5 and not route.through:
             self._say(self.routes, f"{route.name} ends where it starts", "routes", index, "goal")
 
+    def _drive_routes(self, trial: Trial) -> None:
+        names = told_apart(self.routes, "routes", route_names(self.routes))
+        for route in self.world.routes:
+            key = ("routes", names.index(route.name))
+            if any(remark.serious and remark.key[:2] == key for remark in self.remarks):
+                continue
+            drive = trial.drive(self.world, route)
+            at = f"({drive.x:.1f}, {drive.y:.1f}), near {self.world.grid.nearest(drive.x, drive.y)}"
+            if not drive.arrived:
+                message = (
+                    f"the robot alone does not arrive on {route.name}: {drive.outcome}, after {drive.time_s:.0f} s at "
+                    f"{at}. Move the poses, or choose another route"
+                )
+                self._say(self.routes, message, *key, serious=True)
+            elif drive.time_s > route.time_limit_s:
+                message = (
+                    f"the robot alone takes {drive.time_s:.0f} s for {route.name}, longer than its time limit of "
+                    f"{route.time_limit_s:g} s: every run would end without arriving"
+                )
+                self._say(self.routes, message, *key, "time_limit_s", serious=True)
+            if drive.touched_s:
+                times = ", ".join(f"{time:.1f} s" for time in drive.touched_s[:3])
+                self._say(self.routes, f"the robot alone touches an obstacle on {route.name} (at {times})", *key)
+
+    def _walk_hops(self, trial: Trial) -> None:
+        hops = self.world.grid.hops
+        blocked = trial.not_walked(self.world, [*hops, *((b, a) for a, b in hops)])
+        pairs = sorted({(min(hop), max(hop)) for hop in blocked})
+        if pairs:
+            listed = ", ".join(f"{a} to {b}" for a, b in pairs[:MOST_OF_A_KIND])
+            more = f" and {len(pairs) - MOST_OF_A_KIND} more" if len(pairs) > MOST_OF_A_KIND else ""
+            message = (
+                f"a person who walks alone does not get from {listed}{more} in time, although the line between the "
+                "waypoints is free. A larger human_clearance_m leaves such a hop out"
+            )
+            self._say(self.head, message, "grid")
+
     # --- the grid ---
 
     def _reachable_parts(self) -> list[set[str]]:
@@ -319,8 +368,18 @@ class _Checker:
             samples = samples[contains_xy(strip, samples[:, 0], samples[:, 1])]
             if len(samples) == 0 or (self.human.clearances(samples) > 0).mean() < 0.7:
                 continue
+            width = self._free_width_m(samples)
+            if not 2 * self.spec.human_clearance_m <= width <= AISLE_WIDEST_M:
+                continue
             if not len(valid) or not (strip.buffer(0.05).contains(points(valid))).any():
                 yield first, second, width
+
+    def _free_width_m(self, samples: NDArray[np.float64]) -> float:
+        """Return the width from wall to wall of an aisle given by points in it (N, 2); labels may end before walls."""
+        clear = self.human.clearances(samples)
+        middle = samples[clear >= np.quantile(clear, 0.8)]
+        chosen = middle[:: max(1, len(middle) // AISLE_SAMPLES)]
+        return float(np.median([free_width_m(self.world, float(x), float(y)) for x, y in chosen]))
 
     def _is_floor(self, area: Area) -> bool:
         from rvsg.world.lattice import open_share

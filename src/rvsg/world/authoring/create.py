@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -13,12 +11,10 @@ from numpy.typing import NDArray
 
 from rvsg.core.documents import read_document
 from rvsg.core.errors import FileError, InputError
-from rvsg.core.records import Pose
-from rvsg.robots import Robot, load_robot
-from rvsg.robots.files import DEFAULT_ROBOT
-from rvsg.robots.polygons import padded, rectangle
 from rvsg.world.authoring.labels import propose_areas
 from rvsg.world.authoring.rooms import indoors
+from rvsg.world.authoring.routes import propose_routes, route_notes
+from rvsg.world.authoring.trial import Trial
 from rvsg.world.build import build_world
 from rvsg.world.grid import Grid, GridSpec
 from rvsg.world.io.files import COARSEST_M, FARTHEST_M, FINEST_M, HIGHEST_LIDAR_M, ObjectsFile
@@ -26,21 +22,15 @@ from rvsg.world.io.nav2_map import load_nav2_map, upright
 from rvsg.world.io.sdf import Progress, load_sdf
 from rvsg.world.lattice import build_grid, fitting_spacing
 from rvsg.world.occupancy import occupancy_from_objects
-from rvsg.world.space import Space, human_space_of, main_floor, robot_space
-from rvsg.world.world import FREE, UNKNOWN, Area, OccupancyMap, Route, SolidObject, World
+from rvsg.world.space import Space, human_space_of, main_floor
+from rvsg.world.world import FREE, UNKNOWN, Area, OccupancyMap, SolidObject, World
 
-ROUTES = 3
 OPEN_M = 2.0
 INDOOR_SHARE = 0.3  # with less floor between walls the place is a yard with things in it
 RESOLUTIONS_M = (0.05, 0.1, 0.2)
 EASY_CELLS = 8_000_000  # a larger map takes minutes and gigabytes
-LONGEST_ROUTE_M = 25.0
-SHORTEST_ROUTE_M = 3.0
-SECONDS_PER_M = 2.5  # the study gives its robot 2 to 2.5 s for a metre
-SHORTEST_LIMIT_S = 15.0
 MOST_LINES = 40  # more rows or columns are hard to read on one picture
 CONNECTED = 0.97
-TURNING_M = 0.45  # room in which a robot of 0.7 x 0.5 m turns on the spot
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,6 +49,7 @@ def world_from_map(
     title: str = "",
     grid_spec: GridSpec | None = None,
     free_thresh: float | None = None,
+    trial: Trial | None = None,
 ) -> Created:
     """A world from a Nav2 map: labels from free-standing obstacles and open floor, routes between them.
 
@@ -73,7 +64,7 @@ def world_from_map(
             "frame; positions are the same."
         )
     try:
-        return _created(name, title, (), occupancy, grid_spec, str(path), notes)
+        return _created(name, title, (), occupancy, grid_spec, str(path), notes, trial=trial)
     except FileError:
         raise
     except InputError as error:
@@ -94,6 +85,7 @@ def world_from_sdf(
     lenient: bool = False,
     without: Sequence[str] = (),
     progress: Progress | None = None,
+    trial: Trial | None = None,
 ) -> Created:
     """Make a world from a Gazebo world: its solid objects, the map a lidar would draw of them, labels and routes.
 
@@ -117,7 +109,15 @@ def world_from_sdf(
         notes = list(read.notes)
         occupancy = _mapped(read.objects, resolution_m, notes)
         return _created(
-            name, title, read.objects, occupancy, grid_spec, str(path), notes, lidar_height_m=lidar_height_m
+            name,
+            title,
+            read.objects,
+            occupancy,
+            grid_spec,
+            str(path),
+            notes,
+            lidar_height_m=lidar_height_m,
+            trial=trial,
         )
     except FileError:
         raise
@@ -133,6 +133,7 @@ def world_from_objects(
     grid_spec: GridSpec | None = None,
     lidar_height_m: float = 0.21,
     resolution_m: float | None = None,
+    trial: Trial | None = None,
 ) -> Created:
     """A world from our own file of objects (oriented boxes and polygons), mapped as a lidar would see them."""
     _refuse_absurd_sizes(resolution_m, lidar_height_m)
@@ -141,7 +142,9 @@ def world_from_objects(
     try:
         notes: list[str] = []
         occupancy = _mapped(objects, resolution_m, notes)
-        return _created(name, title, objects, occupancy, grid_spec, str(path), notes, lidar_height_m=lidar_height_m)
+        return _created(
+            name, title, objects, occupancy, grid_spec, str(path), notes, lidar_height_m=lidar_height_m, trial=trial
+        )
     except FileError:
         raise
     except InputError as error:
@@ -202,6 +205,7 @@ def _created(
     notes: list[str],
     *,
     lidar_height_m: float = 0.21,
+    trial: Trial | None = None,
 ) -> Created:
     spec = fitting_spec(spec or GridSpec(), human_space_of(objects, occupancy))
     areas = propose_areas(objects, occupancy)
@@ -223,7 +227,8 @@ def _created(
     world = replace(world, areas=reached)
     if grid_is_coarse(world.grid):
         notes.append(f"the map is large, so the grid is {world.grid.spacing_m:g} m wide; --spacing makes it finer.")
-    world = replace(world, routes=propose_routes(world))
+    world = replace(world, routes=propose_routes(world, trial=trial))
+    notes += route_notes(world, trial)
     if not world.routes:
         notes.append("no route is proposed: the robot fits on too few waypoints. Write some into routes.yaml.")
     return Created(world=world, source=source, notes=tuple(notes))
@@ -311,115 +316,3 @@ def renumbered(areas: Sequence[Area]) -> tuple[Area, ...]:
             area = area.model_copy(update={"name": f"{word} {count[word]}"})
         named.append(area)
     return tuple(named)
-
-
-# --- routes -------------------------------------------------------------------------------------------------------
-
-
-def propose_routes(world: World, count: int = ROUTES) -> tuple[Route, ...]:
-    """Routes between areas far apart, each about as long as the longest walk but at most 25 m, from different places.
-
-    Only waypoints on which the robot fits are used, and hops between them.
-    """
-    ends = _ends(world)
-    drivable = grid_of_robot(world.grid)
-    walks = []
-    for i, (start, area_a) in enumerate(ends):
-        for goal, area_b in ends[i + 1 :]:
-            path = drivable.shortest_path(start, goal)
-            if path is None:
-                continue
-            if not _ends_fit(world, path):
-                continue
-            length = _length(world.grid, path)
-            if length >= SHORTEST_ROUTE_M:
-                walks.append((length, path, area_a, area_b))
-    if not walks:
-        return ()
-    wanted = min(max(w[0] for w in walks), LONGEST_ROUTE_M)
-    walks.sort(key=lambda walk: (abs(walk[0] - wanted), walk[1]))
-    chosen: list[tuple[float, tuple[str, ...], str, str]] = []
-    used: set[str] = set()
-    for strict in (True, False):
-        for walk in walks:
-            if len(chosen) < count and walk not in chosen and not (strict and used & {walk[2], walk[3]}):
-                chosen.append(walk)
-                used |= {walk[2], walk[3]}
-    return tuple(_route(world, f"route_{i}", *walk) for i, walk in enumerate(chosen, start=1))
-
-
-def _ends(world: World) -> list[tuple[str, str]]:
-    """For every area the waypoint it is best driven to, with the area's name; at most twenty.
-
-    Best is where the robot can turn, then what is nearest to the middle of the area.
-    """
-    space = robot_space(world)
-    ends: list[tuple[str, str]] = []
-    for area in world.areas:
-        middle = np.mean(np.array(area.outline), axis=0)
-        fit = [world.grid.by_name[name] for name in area.waypoints if world.grid.by_name[name].robot]
-        if fit:
-            tight = {w.name: space.clearance(w.x, w.y) < TURNING_M for w in fit}
-            best = min(fit, key=lambda w: (tight[w.name], math.dist((w.x, w.y), middle), w.name))
-            if best.name not in {name for name, _ in ends}:
-                ends.append((best.name, area.name))
-    step = max(1, math.ceil(len(ends) / 20))
-    return ends[::step]
-
-
-def grid_of_robot(grid: Grid) -> Grid:
-    """The part of the grid on which the robot fits."""
-    fits = {w.name for w in grid.waypoints if w.human and w.robot}
-    waypoints = tuple(w if w.name in fits else w.model_copy(update={"human": False}) for w in grid.waypoints)
-    return grid.model_copy(
-        update={"waypoints": waypoints, "hops": tuple(hop for hop in grid.hops if hop[0] in fits and hop[1] in fits)}
-    )
-
-
-def _length(grid: Grid, path: Sequence[str]) -> float:
-    return sum(math.dist(grid.position(a), grid.position(b)) for a, b in pairwise(path))
-
-
-def _ends_fit(world: World, path: Sequence[str]) -> bool:
-    """Whether the robot stands free at both ends of a path, looking along it."""
-    points = [world.grid.position(p) for p in path]
-    space = robot_space(world)
-    return all(
-        robot_stands(space, Pose(x=at[0], y=at[1], yaw=_heading(a, b)))
-        for at, a, b in ((points[0], points[0], points[1]), (points[-1], points[-2], points[-1]))
-    )
-
-
-def _heading(a: tuple[float, float], b: tuple[float, float]) -> float:
-    return round(math.atan2(b[1] - a[1], b[0] - a[0]), 2)
-
-
-def _route(world: World, name: str, length: float, path: tuple[str, ...], area_a: str, area_b: str) -> Route:
-    points = [world.grid.position(p) for p in path]
-
-    return Route(
-        name=name,
-        start=Pose(x=points[0][0], y=points[0][1], yaw=_heading(points[0], points[1])),
-        goal=Pose(x=points[-1][0], y=points[-1][1], yaw=_heading(points[-2], points[-1])),
-        time_limit_s=time_limit_s(length),
-        via=path,
-        purpose=f"from {area_a} to {area_b}",
-    )
-
-
-def robot_stands(space: Space, pose: Pose, robot: Robot | None = None) -> bool:
-    """Whether the robot's padded footprint at this pose (metres, radians) is clear of obstacles.
-
-    By default the robot is the default one; of any other the rectangle around its footprint counts.
-    """
-    robot = robot or load_robot(DEFAULT_ROBOT)
-    (rear, right), (front, left) = rectangle(padded(robot.footprint, robot.padding_m))
-    along, across = np.meshgrid(np.linspace(rear, front, 15), np.linspace(right, left, 11))
-    c, s = math.cos(pose.yaw), math.sin(pose.yaw)
-    points = np.stack([pose.x + c * along - s * across, pose.y + s * along + c * across], axis=-1)
-    return bool((space.clearances(points) > 0.0).all())
-
-
-def time_limit_s(length_m: float) -> float:
-    """A sensible time limit for a way of this length, in steps of 5 s."""
-    return max(SHORTEST_LIMIT_S, 5.0 * math.ceil(SECONDS_PER_M * length_m / 5.0))

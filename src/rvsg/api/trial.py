@@ -1,0 +1,169 @@
+"""Try a world out in the embedded simulator: every route driven, every hop walked, with nobody else about.
+
+What a trial finds depends on the floor, the robot and the simulator alone, so it is kept in the user's cache folder and
+a world that has not changed is not simulated again.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+from pydantic import TypeAdapter, ValidationError
+
+from rvsg.core.errors import FileError
+from rvsg.core.files import write_whole
+from rvsg.core.inputs import exists, parse_json, read_text
+from rvsg.core.records import content_id
+from rvsg.robots import Robot, load_robot
+from rvsg.robots.files import DEFAULT_ROBOT
+from rvsg.scenario.scenario import ROBOT, HumanConfiguration, Mission, Scenario
+from rvsg.simulation.protocol import Simulator
+from rvsg.simulation.run import Outcome
+from rvsg.world.authoring.trial import Drive, Hop
+from rvsg.world.space import human_space
+from rvsg.world.world import Route, World
+
+SEED = 0
+LONGEST_S = 600.0
+"""No trial of a route takes longer, whatever its time limit."""
+PATIENCE = 2.0
+"""The robot gets this many times the route's time limit, so that a trial tells how long it takes."""
+
+
+CLEAR_M = 1.0
+POINTS = 20
+"""Points along a hop at which its clearance is read."""
+
+T = TypeVar("T")
+_DRIVE = TypeAdapter(Drive)
+_HOPS = TypeAdapter(tuple[Hop, ...])
+
+
+def trial_of(
+    robot: str | Path | Robot | None = None, *, progress: Callable[[str], None] = lambda _: None
+) -> SimulatedTrial:
+    """Return a trial with a robot (a record, the name of a shipped one or a file) whose results are kept."""
+    record = robot if robot is None or isinstance(robot, Robot) else load_robot(robot)
+    return SimulatedTrial(record, progress=progress, cache=cache_folder())
+
+
+def cache_folder() -> Path:
+    """Return the folder in which results of trials are kept."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser() / "rvsg" / "trials"
+
+
+class SimulatedTrial:
+    """Routes and hops tried in the embedded simulator.
+
+    Args:
+        robot: The robot that drives; None: the default robot.
+        progress: Called with a line for people before each part of the work.
+        cache: The folder in which results are kept; None: they are not kept.
+    """
+
+    def __init__(
+        self,
+        robot: Robot | None = None,
+        *,
+        progress: Callable[[str], None] = lambda _: None,
+        cache: Path | None = None,
+    ) -> None:
+        self.robot = robot
+        self.progress = progress
+        self.cache = cache
+        self._simulator: Simulator | None = None
+
+    def drive(self, world: World, route: Route) -> Drive:
+        """Drive a route once, with nobody about."""
+        simulator = self._prepared()
+        patient = route.model_copy(update={"time_limit_s": min(PATIENCE * route.time_limit_s, LONGEST_S)})
+        mission = Mission.of(world, patient, robot=self.robot or ROBOT)
+        scenario = Scenario(mission=mission, people=HumanConfiguration(humans=()))
+        key = content_id("drive", self._floor(world) | {"route": patient.model_dump(mode="json")})
+        known = self._known(key, _DRIVE)
+        if known is not None:
+            return known
+        self.progress(f"Driving {route.name} with nobody about")
+        run = simulator.run(scenario, world, seed=SEED)
+        path = run.trajectory
+        drive = Drive(
+            arrived=run.outcome is Outcome.REACHED,
+            outcome=run.outcome.value,
+            time_s=float(path.t[-1]),
+            x=float(path.x[-1]),
+            y=float(path.y[-1]),
+            touched_s=tuple(event.time_s for event in run.events if event.kind == "obstacle_contact"),
+        )
+        self._keep(key, drive.model_dump(mode="json"))
+        return drive
+
+    def not_walked(self, world: World, hops: Sequence[Hop]) -> tuple[Hop, ...]:
+        """Return the hops on which a person who walks alone, slowly or fast, does not arrive in time.
+
+        Hops with `CLEAR_M` of free floor to either side all along are not simulated: nothing there holds a person up.
+        """
+        from rvsg.simulation.embedded.people import alone
+
+        hops = _beside_obstacles(world, hops)
+        where = {name: world.grid.position(name) for name in sorted({name for hop in hops for name in hop})}
+        key = content_id("hops", self._floor(world) | {"hops": [list(hop) for hop in hops], "where": where})
+        known = self._known(key, _HOPS)
+        if known is None:
+            self.progress(f"Walking the {len(hops)} hops beside obstacles, with nobody else about")
+            known = tuple((way[0], way[1]) for way in alone.not_walked(world, hops))
+            self._keep(key, known)
+        return known
+
+    def _prepared(self) -> Simulator:
+        if self._simulator is None:
+            from rvsg.api.simulating import make_simulator
+
+            self._simulator = make_simulator("embedded")
+            self._simulator.prepare(self.progress)
+        return self._simulator
+
+    def _floor(self, world: World) -> dict[str, object]:
+        """Return what every result depends on."""
+        simulator = self._prepared()
+        robot = self.robot or load_robot(DEFAULT_ROBOT)
+        return {
+            "floor": world.floor_id,
+            "robot": robot.model_dump(mode="json"),
+            "simulator": simulator.name,
+            "options": dict(simulator.options),
+        }
+
+    def _known(self, key: str, kind: TypeAdapter[T]) -> T | None:
+        """Return a result that is kept; None where there is none, or where its file is damaged."""
+        if self.cache is None or not exists(self.cache / f"{key}.json"):
+            return None
+        path = self.cache / f"{key}.json"
+        try:
+            return kind.validate_python(parse_json(read_text(path), path), strict=False)
+        except (FileError, ValidationError):
+            return None  # it is made again, and written anew
+
+    def _keep(self, key: str, result: object) -> None:
+        if self.cache is None:
+            return
+        try:
+            self.cache.mkdir(parents=True, exist_ok=True)
+            write_whole(self.cache / f"{key}.json", json.dumps(result))
+        except (OSError, FileError) as error:
+            self.progress(f"The result is not kept for the next time: {error}")
+
+
+def _beside_obstacles(world: World, hops: Sequence[Hop]) -> list[Hop]:
+    """Return the hops with an obstacle within `CLEAR_M` of the line between their waypoints."""
+    if not hops:
+        return []
+    ends = np.array([[world.grid.position(a), world.grid.position(b)] for a, b in hops])
+    share = np.linspace(0.0, 1.0, POINTS)[None, :, None]
+    points = ends[:, :1] + share * (ends[:, 1:] - ends[:, :1])
+    clear = human_space(world).clearances(points.reshape(-1, 2)).reshape(len(hops), POINTS).min(axis=1)
+    return [hop for hop, room in zip(hops, clear, strict=True) if room < CLEAR_M]

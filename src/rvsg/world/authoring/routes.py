@@ -1,0 +1,214 @@
+"""Propose routes: ways across the building that the robot can drive."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections import Counter
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from rvsg.core.records import Pose
+from rvsg.robots import Robot, load_robot
+from rvsg.robots.files import DEFAULT_ROBOT
+from rvsg.robots.polygons import padded, rectangle
+from rvsg.world.authoring.trial import Trial
+from rvsg.world.grid import Grid
+from rvsg.world.passages import narrowest_passage
+from rvsg.world.route_words import length_m, line_of
+from rvsg.world.space import Space, robot_space
+from rvsg.world.world import Route, World
+
+ROUTES = 3
+LONGEST_ROUTE_M = 60.0
+SHORTEST_ROUTE_M = 3.0
+SECONDS_PER_M = 2.5  # the study gives its robot 2 to 2.5 s for a metre
+SHORTEST_LIMIT_S = 15.0
+SPARE_TIME = 1.25  # the time limit is at least this many times what the robot takes alone
+MOST_DRIVES = 6  # ways tried for one proposal
+WIDE_M = 5.0  # a narrowest place wider than this is not worth a word
+TURNING_M = 0.45  # room in which a robot of 0.7 x 0.5 m turns on the spot
+
+
+class _Walk(NamedTuple):
+    """A way between two areas that may become a route."""
+
+    length_m: float
+    path: tuple[str, ...]
+    start: str
+    goal: str
+
+
+def propose_routes(world: World, count: int = ROUTES, trial: Trial | None = None) -> tuple[Route, ...]:
+    """Return routes that cross the building: the longest way, the busiest, and the one through the narrowest place.
+
+    They lead from area to area over waypoints on which the robot fits, from different places where there are enough.
+    With a trial each is driven once in a simulator: a way the robot does not drive alone is no proposal, and the time
+    limit leaves room for the time it takes.
+    """
+    walks = _walks(world)
+    chosen: list[_Walk] = []
+    routes: list[Route] = []
+    for ranked in itertools.islice(itertools.cycle(_rankings(world, walks)), count):
+        used = {name for walk in chosen for name in (walk.start, walk.goal)}
+        fresh = [walk for walk in ranked if walk not in chosen]
+        for walk in sorted(fresh, key=lambda w: bool(used & {w.start, w.goal}))[:MOST_DRIVES]:
+            route = _driven(world, _route(world, f"route_{len(routes) + 1}", walk), trial)
+            if route is not None:
+                chosen.append(walk)
+                routes.append(route)
+                break
+    return tuple(routes)
+
+
+def _walks(world: World) -> list[_Walk]:
+    """Return the shortest ways between all areas that are long enough and at whose ends the robot stands free."""
+    ends = _ends(world)
+    drivable = grid_of_robot(world.grid)
+    walks = []
+    for i, (start, area_a) in enumerate(ends):
+        for goal, area_b in ends[i + 1 :]:
+            path = drivable.shortest_path(start, goal)
+            if path is None or not _ends_fit(world, path):
+                continue
+            length = _length(world.grid, path)
+            if length >= SHORTEST_ROUTE_M:
+                walks.append(_Walk(length, path, area_a, area_b))
+    return walks
+
+
+def _rankings(world: World, walks: Sequence[_Walk]) -> list[list[_Walk]]:
+    """Return the walks by length, by how many others share their hops, and by their narrowest place."""
+    if not walks:
+        return []
+    longest = min(max(walk.length_m for walk in walks), LONGEST_ROUTE_M)
+    users = Counter(_hop(a, b) for walk in walks for a, b in pairwise(walk.path))
+    widths = {hop: _width_m(world, *hop) for hop in users}
+
+    def shared(walk: _Walk) -> float:
+        return sum(users[_hop(a, b)] for a, b in pairwise(walk.path)) / len(walk.path)
+
+    def narrowest(walk: _Walk) -> float:
+        return round(min(widths[_hop(a, b)] for a, b in pairwise(walk.path)), 2)
+
+    crossing = [walk for walk in walks if walk.length_m <= LONGEST_ROUTE_M]
+    return [
+        sorted(walks, key=lambda walk: (abs(walk.length_m - longest), walk.path)),
+        sorted(crossing, key=lambda walk: (-shared(walk), -walk.length_m, walk.path)),
+        sorted(crossing, key=lambda walk: (narrowest(walk), -walk.length_m, walk.path)),
+    ]
+
+
+def _hop(a: str, b: str) -> tuple[str, str]:
+    return (a, b) if a < b else (b, a)
+
+
+def _width_m(world: World, a: str, b: str) -> float:
+    """Return the free width in metres at the narrowest place between two waypoints."""
+    found = narrowest_passage(world, np.array([world.grid.position(a), world.grid.position(b)]))
+    return found.width_m if found else 0.0
+
+
+def _driven(world: World, route: Route, trial: Trial | None) -> Route | None:
+    """Return the route with a time limit that fits the trial; None where the robot does not drive it alone."""
+    if trial is None:
+        return route
+    drive = trial.drive(world, route)
+    if not drive.arrived or drive.touched_s:
+        return None
+    needed = 5.0 * math.ceil(SPARE_TIME * drive.time_s / 5.0)
+    return route.model_copy(update={"time_limit_s": max(route.time_limit_s, needed)})
+
+
+def route_notes(world: World, trial: Trial | None) -> tuple[str, ...]:
+    """Return a sentence on each route: its length, how long the robot takes alone, and its narrowest place."""
+    notes = []
+    for route in world.routes:
+        line = line_of(world, route)
+        said = f"{route.name} leads {route.purpose or 'through the world'}, {length_m(line):.0f} m"
+        if trial is not None:
+            said += f"; the robot alone takes {trial.drive(world, route).time_s:.0f} s"
+        narrow = narrowest_passage(world, line)
+        if narrow is not None and narrow.width_m < WIDE_M:
+            said += f"; its narrowest place is {narrow.width_m:.1f} m wide, near {narrow.waypoint}"
+        notes.append(f"{said}.")
+    return tuple(notes)
+
+
+def _ends(world: World) -> list[tuple[str, str]]:
+    """For every area the waypoint it is best driven to, with the area's name; at most twenty.
+
+    Best is where the robot can turn, then what is nearest to the middle of the area.
+    """
+    space = robot_space(world)
+    ends: list[tuple[str, str]] = []
+    for area in world.areas:
+        middle = np.mean(np.array(area.outline), axis=0)
+        fit = [world.grid.by_name[name] for name in area.waypoints if world.grid.by_name[name].robot]
+        if fit:
+            tight = {w.name: space.clearance(w.x, w.y) < TURNING_M for w in fit}
+            best = min(fit, key=lambda w: (tight[w.name], math.dist((w.x, w.y), middle), w.name))
+            if best.name not in {name for name, _ in ends}:
+                ends.append((best.name, area.name))
+    step = max(1, math.ceil(len(ends) / 20))
+    return ends[::step]
+
+
+def grid_of_robot(grid: Grid) -> Grid:
+    """The part of the grid on which the robot fits."""
+    fits = {w.name for w in grid.waypoints if w.human and w.robot}
+    waypoints = tuple(w if w.name in fits else w.model_copy(update={"human": False}) for w in grid.waypoints)
+    return grid.model_copy(
+        update={"waypoints": waypoints, "hops": tuple(hop for hop in grid.hops if hop[0] in fits and hop[1] in fits)}
+    )
+
+
+def _length(grid: Grid, path: Sequence[str]) -> float:
+    return sum(math.dist(grid.position(a), grid.position(b)) for a, b in pairwise(path))
+
+
+def _ends_fit(world: World, path: Sequence[str]) -> bool:
+    """Whether the robot stands free at both ends of a path, looking along it."""
+    points = [world.grid.position(p) for p in path]
+    space = robot_space(world)
+    return all(
+        robot_stands(space, Pose(x=at[0], y=at[1], yaw=_heading(a, b)))
+        for at, a, b in ((points[0], points[0], points[1]), (points[-1], points[-2], points[-1]))
+    )
+
+
+def _heading(a: tuple[float, float], b: tuple[float, float]) -> float:
+    return round(math.atan2(b[1] - a[1], b[0] - a[0]), 2)
+
+
+def _route(world: World, name: str, walk: _Walk) -> Route:
+    points = [world.grid.position(p) for p in walk.path]
+    return Route(
+        name=name,
+        start=Pose(x=points[0][0], y=points[0][1], yaw=_heading(points[0], points[1])),
+        goal=Pose(x=points[-1][0], y=points[-1][1], yaw=_heading(points[-2], points[-1])),
+        time_limit_s=time_limit_s(walk.length_m),
+        via=walk.path,
+        purpose=f"from {walk.start} to {walk.goal}",
+    )
+
+
+def robot_stands(space: Space, pose: Pose, robot: Robot | None = None) -> bool:
+    """Whether the robot's padded footprint at this pose (metres, radians) is clear of obstacles.
+
+    By default the robot is the default one; of any other the rectangle around its footprint counts.
+    """
+    robot = robot or load_robot(DEFAULT_ROBOT)
+    (rear, right), (front, left) = rectangle(padded(robot.footprint, robot.padding_m))
+    along, across = np.meshgrid(np.linspace(rear, front, 15), np.linspace(right, left, 11))
+    c, s = math.cos(pose.yaw), math.sin(pose.yaw)
+    points = np.stack([pose.x + c * along - s * across, pose.y + s * along + c * across], axis=-1)
+    return bool((space.clearances(points) > 0.0).all())
+
+
+def time_limit_s(length_m: float) -> float:
+    """A sensible time limit for a way of this length, in steps of 5 s."""
+    return max(SHORTEST_LIMIT_S, 5.0 * math.ceil(SECONDS_PER_M * length_m / 5.0))
