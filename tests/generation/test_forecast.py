@@ -6,13 +6,10 @@ from tests.scenario.small_world import MISSION, WORLD, human
 
 from rvsg.generation.forecast import (
     ROBOT_SPEED_M_S,
-    STARTS_AFTER_S,
-    STEP_S,
-    TURNS_FOR_S,
     Forecaster,
     goals_of,
-    push,
 )
+from rvsg.generation.forecast_kernel import SOCIAL_WEIGHT, STARTS_AFTER_S, STEP_S, TURNS_FOR_S, push
 from rvsg.generation.walking_graph import WalkingGraph, nearest_on
 from rvsg.scenario.brief import Feedback, Sample
 from rvsg.scenario.scenario import Human, HumanConfiguration, Pause, Scenario, Task
@@ -26,8 +23,8 @@ def track(person: Human, seconds: float = 40.0) -> np.ndarray:
     """Where somebody is every STEP_S (steps, 2) when the robot stays away."""
     away = WalkingGraph(WORLD, MISSION.route)
     away.robot_path = ((50.0, 50.0), (60.0, 50.0))
-    run = Forecaster(away, seconds)._run([[person]], [0.4], [1.0], keep=True)
-    walked = run.track()[:, 0, 1]
+    _, kept = Forecaster(away, seconds)._run([[person]], [0.4], [1.0], keep=True)
+    walked = kept[:, 0, 1]
     return np.stack([walked.real, walked.imag], axis=1)
 
 
@@ -58,11 +55,11 @@ def test_pauses_where_two_tasks_meet_add_up_as_in_the_simulator() -> None:
 
 
 def test_the_social_force_is_that_of_the_published_check_values() -> None:
-    me, mine = np.zeros((1, 1), complex), np.array([[1.5 + 0j]])
-    aside, opposite = np.array([[0j, 2.0 + 0.3j]]), np.array([[1.5 + 0j, -1.0 + 0j]])
-    assert push(me, mine, aside, opposite)[0, 0] == pytest.approx(-0.999606 - 1.478699j, abs=1e-5)
-    head_on = np.array([[0j, 2.0 + 0j]])
-    assert push(me, mine, head_on, opposite)[0, 0] == pytest.approx(-1.929107, abs=1e-5)
+    mine, opposite = 1.5 + 0j, -1.0 + 0j
+    aside, head_on, myself = 2.0 + 0.3j, 2.0 + 0j, 0j
+    assert SOCIAL_WEIGHT * push(aside, mine - opposite) == pytest.approx(-0.999606 - 1.478699j, abs=1e-5)
+    assert SOCIAL_WEIGHT * push(head_on, mine - opposite) == pytest.approx(-1.929107, abs=1e-5)
+    assert push(myself, mine) == 0
 
 
 def test_a_robot_without_people_near_arrives_after_its_way_at_its_usual_speed() -> None:

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from tests.simulation.test_people import CORRECT, crowd_of, human, world_with
 
+from rvsg.core.compiled import kernel
 from rvsg.core.records import Pose
 from rvsg.scenario.agents import HumanAgent, reaction_of
 from rvsg.scenario.scenario import Behaviour
 from rvsg.simulation.archive import run_from_json, run_to_json
 from rvsg.simulation.embedded import base
-from rvsg.simulation.embedded.compiled import kernel
 from rvsg.simulation.embedded.contact import touch_people
 from rvsg.simulation.embedded.options import profile
 from rvsg.simulation.embedded.people import Crowd, reference

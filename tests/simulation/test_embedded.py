@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from rvsg.core.compiled import kernel
 from rvsg.core.errors import InputError, SimulationError, UnknownName
 from rvsg.core.records import Pose
 from rvsg.scenario.agents import HumanAgent
 from rvsg.simulation.archive import PackedRun, run_from_json, run_to_json
 from rvsg.simulation.embedded import base
-from rvsg.simulation.embedded.compiled import kernel
 from rvsg.simulation.embedded.episode import Episode, Outside
 from rvsg.simulation.embedded.navigation.behaviour_tree import choose_dwb
 from rvsg.simulation.embedded.options import Noise, profile

@@ -7,11 +7,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from rvsg.core.compiled import kernel
 from rvsg.core.records import Pose
 from rvsg.evaluation.detection import events_of
 from rvsg.robots import Robot, load_robot
 from rvsg.scenario.agents import HumanAgent
-from rvsg.simulation.embedded.compiled import kernel
 from rvsg.simulation.embedded.navigation import journal
 from rvsg.simulation.embedded.simulator import simulate_agents
 from rvsg.simulation.events import Recovery, Replan

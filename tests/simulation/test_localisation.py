@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from tests.simulation.tiago import TIAGO
 
+from rvsg.core.compiled import kernel
 from rvsg.core.records import Pose
-from rvsg.simulation.embedded.compiled import kernel
 from rvsg.simulation.embedded.sensing.localisation import (
     MAX_PARTICLES,
     MIN_PARTICLES,

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -114,9 +115,11 @@ def welch(first: Values, second: Values) -> float | None:
     a, b = np.asarray(first, dtype=np.float64), np.asarray(second, dtype=np.float64)
     if not (np.ptp(a) or np.ptp(b)):
         return float(a[0] == b[0])
-    from scipy import stats
+    from scipy.special import stdtr  # loads in a tenth of the time of scipy.stats, and every campaign needs it
 
-    return float(stats.ttest_ind(a, b, equal_var=False).pvalue)
+    shares = np.array([np.var(a, ddof=1) / len(a), np.var(b, ddof=1) / len(b)])
+    freedom = shares.sum() ** 2 / (shares**2 / np.array([len(a) - 1, len(b) - 1])).sum()
+    return float(2.0 * stdtr(freedom, -abs(a.mean() - b.mean()) / math.sqrt(shares.sum())))
 
 
 def seed_of(values: Values) -> int:

@@ -8,6 +8,7 @@ the places and the work that the memory holds. People work by their tasks: nobod
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from dataclasses import dataclass, field
 
@@ -90,6 +91,7 @@ class _Plan:
     individuals: bool
     provoking: bool
     roles: dict[str, str] = field(default_factory=dict)
+    free: dict[tuple[str, float], bool] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.aim = _aim_of(self.brief)
@@ -162,11 +164,20 @@ class _Plan:
         return human.model_copy(update={"factors": "random_normal"}) if differs else human
 
     def _clear(self, human: Human, others: list[Human]) -> bool:
-        placed = [(other, self.ground.at[other.tasks[0].path[0]]) for other in others]
-        at = self.ground.at[human.tasks[0].path[0]]
-        if start_gap_m(human.radius_m, at, self.brief.mission) < START_CLEARANCE_M:
+        """Whether a person starts clear of the robot, of obstacles and of the others."""
+        begins, at = human.tasks[0].path[0], self.ground.at
+        if not self._free_start(begins, human):
             return False
-        return spawn_finding(human, at, placed, self.brief.mission, self.world) is None
+        return all(math.dist(at[begins], at[o.tasks[0].path[0]]) >= human.radius_m + o.radius_m for o in others)
+
+    def _free_start(self, begins: str, human: Human) -> bool:
+        """Whether a person who is alone may start at a waypoint; remembered."""
+        key = (begins, human.radius_m)
+        if key not in self.free:
+            at, mission = self.ground.at[begins], self.brief.mission
+            gap = start_gap_m(human.radius_m, at, mission)
+            self.free[key] = gap >= START_CLEARANCE_M and not spawn_finding(human, at, [], mission, self.world)
+        return self.free[key]
 
     def description(self, humans: list[Human]) -> str:
         """What is going on, in a few sentences: from the world's list of work, the areas and the ways of working."""

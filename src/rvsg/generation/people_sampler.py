@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rvsg.generation.places import Place
 from rvsg.generation.walking_graph import WalkingGraph
@@ -25,6 +26,8 @@ HEEDLESS_AIMS = (Aim.MEET, Aim.DISTURB, Aim.DELAY)
 """For these aims some people do not step aside for the robot; for nearness it makes no measurable difference."""
 UNDERWAY = {Aim.DELAY: 0.7}
 """How often a person is already on the way when the robot sets off, by the aim."""
+STOPS = (2, 2, 3, 4)
+"""How many places a person goes round, each as likely as the other."""
 REACH_M = 2.0
 """Places this far from the robot's route are drawn 1/e as often as those beside it."""
 
@@ -101,6 +104,7 @@ class PeopleSampler:
         self.ground, self.places, self.aim, self.rng = ground, places, aim, rng
         self.near = {name: ground.along(name) for place in places for name in place.waypoints}
         self.closest = [min((self.near[name] for name in p.waypoints), key=lambda at: at[1]) for p in places]
+        self._known: dict[tuple[str, str, bool], NDArray[np.float64]] = {}
         self.fresh = np.array([0.4 ** min(3, uses.get(place.name, 0)) for place in places])
 
     def role(self) -> Role:
@@ -164,7 +168,7 @@ class PeopleSampler:
 
     def stops(self, role: Role) -> list[Stop]:
         """Two to four places to go round."""
-        count = min(len(self.places), int(self.rng.choice([2, 2, 3, 4])))
+        count = min(len(self.places), STOPS[int(self.rng.integers(len(STOPS)))])
         chosen: list[Stop] = []
         while len(chosen) < count:
             stop = self.stop(chosen, role)
@@ -175,18 +179,28 @@ class PeopleSampler:
 
     def stop(self, chosen: Sequence[Stop], role: Role) -> Stop | None:
         """One more place: near the robot's route, seldom worked before, far from or near to the last by the role."""
-        last = chosen[-1].place.name if chosen else None
-        weights = []
-        for place, fresh, (along, away) in zip(self.places, self.fresh, self.closest, strict=True):
-            weight = float(fresh) * (1.0 if self.aim is Aim.NONE else math.exp(-away / REACH_M))
-            if chosen and self.aim is not Aim.NONE:
-                apart = abs(along - self.near[chosen[-1].waypoint][0])
-                weight *= min(apart, 6.0) + 0.3 if role.far else math.exp(-apart / 2.0)
-            weights.append(0.0 if place.name == last else weight)
-        if not sum(weights):
+        weights = self._weights(chosen[-1] if chosen else None, role.far)
+        if not weights.sum():
             return None
-        place = self.pick(self.places, weights)
+        place = self.places[drawn(weights, self.rng)]
         return self.at(place, {stop.waypoint for stop in chosen[-1:]})
+
+    def _weights(self, last: Stop | None, far: bool) -> NDArray[np.float64]:
+        """How often each place is drawn after the last one."""
+        key = (last.place.name if last else "", last.waypoint if last else "", far)
+        if key not in self._known:
+            self._known[key] = np.array([self._weight(k, last, far) for k in range(len(self.places))])
+        return self._known[key]
+
+    def _weight(self, index: int, last: Stop | None, far: bool) -> float:
+        place, (along, away) = self.places[index], self.closest[index]
+        if last is not None and place.name == last.place.name:
+            return 0.0
+        weight = float(self.fresh[index]) * (1.0 if self.aim is Aim.NONE else math.exp(-away / REACH_M))
+        if last is not None and self.aim is not Aim.NONE:
+            apart = abs(along - self.near[last.waypoint][0])
+            weight *= min(apart, 6.0) + 0.3 if far else math.exp(-apart / 2.0)
+        return weight
 
     def at(self, place: Place, without: set[str]) -> Stop | None:
         """A waypoint of a place, sooner near the robot's route."""
@@ -219,8 +233,15 @@ class PeopleSampler:
 
     def pick(self, options: Sequence[T], weights: Sequence[float]) -> T:
         """One of the options, drawn by weight."""
-        shares = np.asarray(weights, float)
-        return options[int(self.rng.choice(len(options), p=shares / shares.sum()))]
+        return options[drawn(np.asarray(weights, float), self.rng)]
+
+
+def drawn(weights: NDArray[np.float64], rng: np.random.Generator) -> int:
+    """Return an index drawn by weight: as `rng.choice` draws it, without its checks."""
+    shares = weights / weights.sum()
+    ends = shares.cumsum()
+    ends /= ends[-1]
+    return int(ends.searchsorted(rng.random(), side="right"))
 
 
 def begin_at(human: Human, k: int, at: int) -> Human:

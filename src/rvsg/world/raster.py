@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -49,6 +50,15 @@ class Frame:
         on_map = (at[..., 0] >= 0) & (at[..., 0] < columns) & (at[..., 1] >= 0) & (at[..., 1] < rows)
         values = cells[np.clip(at[..., 1], 0, rows - 1), np.clip(at[..., 0], 0, columns - 1)]
         return np.asarray(np.where(on_map, values, np.zeros((), cells.dtype)))
+
+    def looked_up_at(self, cells: NDArray[Any], x: float, y: float) -> Any:
+        """The value of the cell in which one point in metres lies; 0 off the raster."""
+        if self.origin.yaw:
+            return self.looked_up(cells, np.array([x, y]))
+        column = math.floor((x - self.origin.x) / self.resolution + 1e-9)
+        row = math.floor((y - self.origin.y) / self.resolution + 1e-9)
+        rows, columns = self.shape
+        return cells[row, column] if 0 <= column < columns and 0 <= row < rows else cells.dtype.type(0)
 
     @property
     def corners(self) -> Floats:

@@ -19,6 +19,9 @@ from rvsg.world.world import FREE, OccupancyMap, SolidObject, World
 Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
 
+MOST_SEGMENTS = 1000
+"""So many segments are looked at in one step, which bounds the memory."""
+
 
 @dataclass(frozen=True, eq=False)
 class Space:
@@ -35,7 +38,7 @@ class Space:
 
     def clearance(self, x: float, y: float) -> float:
         """Distance in metres from a point to the nearest obstacle; 0 inside one or off the map."""
-        return float(self.clearances(np.array([x, y])))
+        return float(self.frame.looked_up_at(self.field, x, y))
 
     def is_free(self, x: float, y: float, radius: float = 0.0) -> bool:
         """Whether a disc of this radius (metres) fits here; radius 0 asks whether the point itself is free."""
@@ -71,10 +74,13 @@ class Space:
             return np.zeros(0, bool)
         longest = float(np.hypot(*(ends - starts).T).max())
         samples = max(2, int(np.ceil(longest / (self.frame.resolution / 2))) + 1)
+        shares = np.linspace(0.0, 1.0, samples)
         free = np.ones(len(starts), bool)
-        for share in np.linspace(0.0, 1.0, samples):
-            clear = self.clearances(starts + (ends - starts) * share)
-            free &= (clear > 0.0) & (clear >= radius)
+        for first in range(0, len(starts), MOST_SEGMENTS):
+            some = slice(first, first + MOST_SEGMENTS)
+            way = (ends[some] - starts[some])[:, None] * shares[:, None]
+            clear = self.clearances(starts[some, None] + way)
+            free[some] = ((clear > 0.0) & (clear >= radius)).all(axis=1)
         return free
 
     def segment_free(self, a: tuple[float, float], b: tuple[float, float], radius: float = 0.0) -> bool:

@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from rvsg.core.compiled import inner
 from rvsg.simulation.embedded import base
-from rvsg.simulation.embedded.compiled import inner
 from rvsg.simulation.embedded.people.contact import TOUCH_M, note_overlap, note_touch, robot_gap
 from rvsg.simulation.embedded.people.crowd import CrowdRef
 from rvsg.simulation.embedded.people.motion import off_walls

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rvsg.core.compiled import kernel
 from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded import state as st
-from rvsg.simulation.embedded.compiled import kernel
 from rvsg.simulation.embedded.episode import Episode, Outside
 from rvsg.simulation.embedded.navigation.controllers.dwb import PLAN_BEGIN, PLAN_END
 from rvsg.simulation.embedded.sensing.lidar import LEG_RADIUS_M, cast_disc, cast_edge

@@ -10,10 +10,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rvsg.core.compiled import inner, kernel
 from rvsg.core.errors import SimulationError
 from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded import state as st
-from rvsg.simulation.embedded.compiled import inner, kernel
 from rvsg.simulation.embedded.contact import touch_people
 from rvsg.simulation.embedded.navigation.behaviour_tree import (
     begin_following,

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rvsg.core.compiled import cache_folder, is_cached
 from rvsg.core.errors import InputError, SimulationError
 from rvsg.core.records import Pose
 from rvsg.core.seeds import stream
@@ -21,7 +22,6 @@ from rvsg.scenario.agents import HumanAgent, decode
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded import state as st
-from rvsg.simulation.embedded.compiled import cache_folder, is_cached
 from rvsg.simulation.embedded.contact import overlap_at_start
 from rvsg.simulation.embedded.driving import Driving
 from rvsg.simulation.embedded.episode import Episode, Outside, Recording, go_on, new_recording

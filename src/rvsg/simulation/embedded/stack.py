@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rvsg.core.compiled import by_reference, kernel
 from rvsg.robots import Robot
 from rvsg.robots.polygons import distance, inside, padded, reach, rectangle
-from rvsg.simulation.embedded.compiled import by_reference, kernel
 
 Floats = NDArray[np.float64]
 

@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rvsg.core.compiled import by_reference
 from rvsg.robots import Robot
 from rvsg.simulation.embedded.base import new_body
-from rvsg.simulation.embedded.compiled import by_reference
 from rvsg.simulation.embedded.navigation.controllers import dwb
 from rvsg.simulation.embedded.navigation.costmap import FREE, UNKNOWN
 from rvsg.simulation.embedded.navigation.planners.navfn import BUFFER, HIGH

@@ -13,10 +13,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rvsg.core.compiled import by_reference, inner, kernel
 from rvsg.core.records import Pose
 from rvsg.robots.polygons import reach
 from rvsg.simulation.embedded import base
-from rvsg.simulation.embedded.compiled import by_reference, inner, kernel
 from rvsg.simulation.events import ObstacleContact
 
 Floats = NDArray[np.float64]

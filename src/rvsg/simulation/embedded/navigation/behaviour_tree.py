@@ -7,9 +7,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from rvsg.core.compiled import inner
 from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded import state as st
-from rvsg.simulation.embedded.compiled import inner
 from rvsg.simulation.embedded.navigation.controllers import dwb
 from rvsg.simulation.embedded.navigation.costmap import LETHAL, footprint_spans
 from rvsg.simulation.embedded.navigation.journal import go_on_recovery, keep_path, note_path, note_recovery

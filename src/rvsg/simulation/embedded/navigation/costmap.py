@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.simulation.embedded.compiled import kernel
+from rvsg.core.compiled import kernel
 from rvsg.simulation.embedded.sensing.lidar import FAR
 
 Floats = NDArray[np.float64]

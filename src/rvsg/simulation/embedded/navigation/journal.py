@@ -8,9 +8,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from rvsg.core.compiled import inner
 from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded import state as st
-from rvsg.simulation.embedded.compiled import inner
 from rvsg.simulation.embedded.state import State
 from rvsg.simulation.events import Recovery, Replan
 

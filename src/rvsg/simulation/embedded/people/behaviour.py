@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from rvsg.simulation.embedded.compiled import inner, kernel
+from rvsg.core.compiled import inner, kernel
 from rvsg.simulation.embedded.people.acceleration import find_obstacle, sum_groups, total_force
 from rvsg.simulation.embedded.people.contact import TOUCH_M, note_overlap, note_touch, robot_gap, separate
 from rvsg.simulation.embedded.people.crowd import Crowd, CrowdRef

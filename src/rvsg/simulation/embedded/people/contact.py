@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from rvsg.simulation.embedded.compiled import inner
+from rvsg.core.compiled import inner
 from rvsg.simulation.embedded.people.crowd import Crowd
 from rvsg.simulation.embedded.people.log import AGAIN_S, FIRST, TOUCHED, UNTIL, note_until
 from rvsg.simulation.embedded.people.motion import off_walls

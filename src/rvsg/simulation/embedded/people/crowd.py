@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from rvsg.core.compiled import by_reference, kernel
 from rvsg.core.errors import InputError
 from rvsg.core.records import Record
 from rvsg.core.seeds import stream
@@ -18,7 +19,6 @@ from rvsg.robots.files import DEFAULT_ROBOT
 from rvsg.robots.polygons import reach, rectangle
 from rvsg.scenario.agents import HumanAgent
 from rvsg.scenario.scenario import Behaviour, ForceFactors, Reaction
-from rvsg.simulation.embedded.compiled import by_reference, kernel
 from rvsg.simulation.embedded.people.obstacles import Surfaces, boxes_of
 from rvsg.world.world import World
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from rvsg.simulation.embedded.compiled import kernel
+from rvsg.core.compiled import kernel
 
 LAMBDA = 2.0
 GAMMA = 0.35

@@ -7,9 +7,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from rvsg.core.compiled import inner
 from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded import state as st
-from rvsg.simulation.embedded.compiled import inner
 from rvsg.simulation.embedded.navigation.costmap import (
     FREE,
     UNKNOWN,

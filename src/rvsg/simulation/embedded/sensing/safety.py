@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
+from rvsg.core.compiled import inner
 from rvsg.simulation.embedded import base
-from rvsg.simulation.embedded.compiled import inner
 from rvsg.simulation.embedded.scene import Scene
 from rvsg.simulation.embedded.sensing.lidar import FAR
 from rvsg.simulation.embedded.sensing.perception import ranges_of, sense

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rvsg.core.compiled import inner, kernel
 from rvsg.simulation.embedded.base import wrap
-from rvsg.simulation.embedded.compiled import inner, kernel
 from rvsg.simulation.embedded.navigation.costmap import INSCRIBED, outline_hits
 from rvsg.simulation.embedded.stack import Stack
 

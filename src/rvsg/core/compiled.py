@@ -1,4 +1,4 @@
-"""Compilation of the simulator's kernels with numba, and the cache that keeps the compiled code.
+"""Compilation of kernels with numba, and the cache that keeps the compiled code.
 
 The cache is addressed by content. A kernel is loaded only where its own code, the code of every kernel it calls, the
 constants they read, the layout of its arguments, and the versions of Python, numba, llvmlite and the processor are

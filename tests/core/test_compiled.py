@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 MODULE = """
-from rvsg.simulation.embedded.compiled import inner, kernel
+from rvsg.core.compiled import inner, kernel
 from rvsg.simulation import constants_of_test as constants
 
 LIMIT = 2.0
@@ -35,7 +35,7 @@ def run(folder: Path, cache: Path, code: str) -> str:
     return done.stdout.strip()
 
 
-CALL = "from rvsg.simulation import kernels_of_test as m; from rvsg.simulation.embedded.compiled import is_cached\n"
+CALL = "from rvsg.simulation import kernels_of_test as m; from rvsg.core.compiled import is_cached\n"
 LOOK = CALL + "print(is_cached(m.limited), is_cached(m.scaled))"
 USE = CALL + "print(m.limited(1.5))"
 
