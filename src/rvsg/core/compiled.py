@@ -88,7 +88,7 @@ def cache_folder() -> Path:
         Path("~/.cache/rvsg"),
         Path(tempfile.gettempdir()) / f"rvsg-{os.getuid() if hasattr(os, 'getuid') else 'user'}",
     ]
-    name = f"kernels-{FORMAT}-py{sys.version_info[0]}{sys.version_info[1]}-numba{numba.__version__}-llvmlite" + (
+    name: str = f"kernels-{FORMAT}-py{sys.version_info[0]}{sys.version_info[1]}-numba{numba.__version__}-llvmlite" + (
         llvmlite.__version__
     )
     for choice in choices:
