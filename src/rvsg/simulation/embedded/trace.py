@@ -1,6 +1,6 @@
 """A trace: one run simulated again with everything the robot sees and plans. Runs are deterministic, so it is the run.
 
-Reading the state changes nothing: the trajectory of a traced run equals that of the run, bit for bit.
+Recording changes nothing of the run: the trajectory of a traced run equals that of the run, bit for bit.
 """
 
 from __future__ import annotations
@@ -17,7 +17,8 @@ from rvsg.scenario.scenario import ROBOT, Scenario
 from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded import state as st
 from rvsg.simulation.embedded.episode import Episode, Outside
-from rvsg.simulation.embedded.navigation.controllers.dwb import PLAN_END
+from rvsg.simulation.embedded.navigation.behaviour_tree import ODOMETRY_DEADBAND
+from rvsg.simulation.embedded.navigation.controllers.dwb import PLAN_END, SAMPLE_STEPS, SAMPLE_V, SAMPLE_W, STAMP
 from rvsg.simulation.embedded.options import SimulatorOptions
 from rvsg.simulation.embedded.sensing.lidar import FAR, NO_RETURN, scan
 from rvsg.simulation.embedded.simulator import simulate_agents
@@ -30,6 +31,8 @@ from rvsg.simulation.embedded.stack import (
     LIDAR_Y,
     LIDAR_YAW,
 )
+from rvsg.simulation.embedded.state import State
+from rvsg.simulation.embedded.tree_log import NodeChange, TreeLog
 from rvsg.simulation.run import Run
 from rvsg.world.world import World
 
@@ -39,6 +42,34 @@ FRAME_TICKS = 10
 """A frame every 0.1 s."""
 PHASES = {st.DRIVE: "drive", st.SPIN: "spin", st.WAIT: "wait", st.BACK_UP: "back up", st.DONE: "done"}
 """What the behaviour tree does; spin, wait and back up are recoveries."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Evaluation:
+    """What the local planner tried when it was asked last. S sampled velocities."""
+
+    t: float
+    """When it was asked, s."""
+    pose: tuple[float, float, float]
+    """Where the robot was: x, y, yaw."""
+    velocity: Floats
+    """(S, 2) forward speed (m/s) and yaw rate (rad/s) of each sample."""
+    end: Floats
+    """(S, 2) x and y where the sampled trajectory ends, world frame."""
+    score: Floats
+    """(S,) total of all critics, lower is better; infinite where a critic forbids the sample, and where its
+    trajectory was found to meet an obstacle."""
+    best: int
+    """Index of the chosen sample; -1 where none was allowed."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Patch:
+    """The part of a costmap that is new: its cells, and the row and column of the first of them."""
+
+    row: int
+    column: int
+    cells: NDArray[np.uint8]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -55,6 +86,8 @@ class Frame:
     phase: str
     """One of `PHASES`."""
     recoveries: int
+    seen_from: tuple[tuple[float, float, float], ...]
+    """The robot's pose at the latest scan of every lidar."""
     scans: tuple[Floats, ...]
     """Ranges (m) of every lidar at its latest scan, without noise; infinite where nothing returns."""
     costmap: NDArray[np.uint8]
@@ -63,16 +96,26 @@ class Frame:
     """World coordinates of the corner of cell (0, 0)."""
     plan: Floats | None
     """(N, 2) where the plan is new since the last frame, else None."""
+    global_costmap: Patch | None
+    """What of the global costmap changed since the last frame; all of it in the first."""
+    evaluation: Evaluation | None
+    """The local planner's latest answer, where it is new since the last frame."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Trace:
-    """A run with its frames; `resolution` (m) is that of the local costmap."""
+    """A run with its frames, and every change of a node of the behaviour tree."""
 
     run: Run
     robot: Robot
     frames: tuple[Frame, ...]
+    nodes: tuple[NodeChange, ...]
     resolution: float
+    """Of the local costmap, m."""
+    global_resolution: float
+    """Of the global costmap, m."""
+    global_origin: tuple[float, float]
+    """Corner of the global costmap's cell (0, 0), map frame."""
 
 
 def trace_run(
@@ -88,7 +131,7 @@ def trace_run(
         InputError: the scenario cannot be simulated.
     """
     robot = scenario.mission.robot_record or load_robot(ROBOT)
-    recorder = _Recorder()
+    recorder = _Recorder(ticks)
     run = simulate_agents(
         world,
         scenario.mission.route,
@@ -97,45 +140,108 @@ def trace_run(
         seed=seed,
         scenario_id=scenario.id,
         robot=scenario.mission.robot_record,
-        outside=Outside(probe=recorder, probe_ticks=ticks),
+        outside=Outside(probe=recorder, probe_ticks=1),
     )
-    return Trace(run=run, robot=robot, frames=tuple(recorder.frames), resolution=recorder.resolution)
+    return recorder.trace(run, robot)
 
 
 class _Recorder:
-    """A probe that copies the state."""
+    """A probe at every tick that copies the state every so many ticks."""
 
-    def __init__(self) -> None:
-        self.frames: list[Frame] = []
-        self.resolution = 0.05
+    def __init__(self, ticks: int) -> None:
+        self._ticks = ticks
+        self._frames: list[Frame] = []
+        self._tree = TreeLog()
         self._planned_at = -math.inf
+        self._stamp = 0
+        self._evaluation: Evaluation | None = None
+        self._global = np.zeros((0, 0), np.uint8)
+        self._maps = (0.05, 0.05, (0.0, 0.0))
+
+    def trace(self, run: Run, robot: Robot) -> Trace:
+        """Return what was recorded."""
+        local, of_map, origin = self._maps
+        return Trace(
+            run=run, robot=robot, frames=tuple(self._frames), nodes=tuple(self._tree.changes), resolution=local,
+            global_resolution=of_map, global_origin=origin,
+        )  # fmt: skip
 
     def __call__(self, episode: Episode) -> None:
-        state, stack = episode.state, episode.state.stack
+        self._tree.watch(episode.state, episode.t)
+        self._evaluate(episode.state, episode.t)
+        if round(episode.t / base.STEP_S) % self._ticks == 0:
+            self._frames.append(self._frame(episode))
+
+    def _frame(self, episode: Episode) -> Frame:
+        state, stack, scene = episode.state, episode.state.stack, episode.scene
         body, nav = state.body, state.nav
-        self.resolution = float(stack.resolution)
-        plan = None
-        planned_at = float(state.times[st.PLAN_T])
-        end = int(nav[PLAN_END])
-        if planned_at != self._planned_at and end > 0:
-            plan = state.path[1, :end].copy()
-            self._planned_at = planned_at
-        self.frames.append(
-            Frame(
-                t=episode.t,
-                pose=(float(body[base.X]), float(body[base.Y]), float(body[base.YAW])),
-                velocity=(float(body[base.V]), float(body[base.W])),
-                command=(float(body[base.COMMAND_V]), float(body[base.COMMAND_W])),
-                phase=PHASES[int(nav[st.MODE])],
-                recoveries=int(nav[st.RECOVERIES]),
-                scans=tuple(_cast(episode, side) for side in range(stack.lidars.shape[0])),
-                costmap=state.local[-1].copy(),
-                costmap_origin=(
-                    float(nav[st.WINDOW_COLUMN] * stack.resolution),
-                    float(nav[st.WINDOW_ROW] * stack.resolution),
-                ),
-                plan=plan,
-            )
+        self._maps = (float(stack.resolution), float(scene.resolution), (float(scene.origin_x), float(scene.origin_y)))
+        evaluation, self._evaluation = self._evaluation, None
+        lidars = range(stack.lidars.shape[0])
+        return Frame(
+            t=episode.t,
+            pose=(float(body[base.X]), float(body[base.Y]), float(body[base.YAW])),
+            velocity=(float(body[base.V]), float(body[base.W])),
+            command=(float(body[base.COMMAND_V]), float(body[base.COMMAND_W])),
+            phase=PHASES[int(nav[st.MODE])],
+            recoveries=int(nav[st.RECOVERIES]),
+            seen_from=tuple((float(x), float(y), float(yaw)) for x, y, yaw in state.scanned),
+            scans=tuple(_cast(episode, side) for side in lidars),
+            costmap=state.local[-1].copy(),
+            costmap_origin=(
+                float(nav[st.WINDOW_COLUMN] * stack.resolution),
+                float(nav[st.WINDOW_ROW] * stack.resolution),
+            ),
+            plan=self._new_plan(state),
+            global_costmap=self._new_cells(state.global_master),
+            evaluation=evaluation,
+        )
+
+    def _new_plan(self, state: State) -> Floats | None:
+        planned_at, end = float(state.times[st.PLAN_T]), int(state.nav[PLAN_END])
+        if planned_at == self._planned_at or end == 0:
+            return None
+        self._planned_at = planned_at
+        return state.path[1, :end].copy()
+
+    def _new_cells(self, master: NDArray[np.uint8]) -> Patch | None:
+        if master.shape != self._global.shape:
+            self._global = master.copy()
+            return Patch(row=0, column=0, cells=master.copy())
+        rows, columns = np.nonzero(master != self._global)
+        if not len(rows):
+            return None
+        top, left = int(rows.min()), int(columns.min())
+        changed = master[top : rows.max() + 1, left : columns.max() + 1].copy()
+        self._global[top : rows.max() + 1, left : columns.max() + 1] = changed
+        return Patch(row=top, column=left, cells=changed)
+
+    def _evaluate(self, state: State, t: float) -> None:
+        """Copy what the local planner has just scored; it counts its answers in STAMP."""
+        stamp = int(state.nav[STAMP])
+        if stamp == self._stamp:
+            return
+        self._stamp = stamp
+        body, samples = state.body, state.samples
+        count = len(samples) if state.stack.dwb_whole_range else int(np.count_nonzero(samples[:, SAMPLE_STEPS]))
+        v, w = (u if abs(u) > ODOMETRY_DEADBAND else 0.0 for u in (float(body[base.V]), float(body[base.W])))
+        slots = np.flatnonzero((state.memo.keys[:, 0] == v) & (state.memo.keys[:, 1] == w))
+        pose = (float(body[base.X]), float(body[base.Y]), float(body[base.YAW]))
+        cos, sin = math.cos(pose[2]), math.sin(pose[2])
+        ahead, left = state.memo.ends[slots[0], :count, 0], state.memo.ends[slots[0], :count, 1]
+        velocity = samples[:count, [SAMPLE_V, SAMPLE_W]].copy()
+        score = state.scratch.totals[:count].copy()
+        asked = (velocity[:, 0] == body[base.COMMAND_V]) & (velocity[:, 1] == body[base.COMMAND_W])
+        chosen = np.flatnonzero(asked & np.isfinite(score))
+        if not state.stack.dwb_whole_range:
+            samples[:, SAMPLE_STEPS] = 0.0  # the planner writes its samples anew each time, and fewer or more of them
+        self._evaluation = Evaluation(
+            t=t,
+            pose=pose,
+            velocity=velocity,
+            end=np.column_stack([pose[0] + cos * ahead - sin * left, pose[1] + sin * ahead + cos * left]),
+            score=score,
+            best=int(chosen[0]) if len(chosen) else -1,
         )
 
 
@@ -156,7 +262,7 @@ def _cast(episode: Episode, side: int) -> Floats:
         state.legs[side],
         episode.settings.closed,
         mount[LIDAR_VIEW],
-        state.stack.scan_reach,
+        float(mount[LIDAR_MAX]),
     )
     nothing = (ranges == NO_RETURN) | (ranges >= FAR) | (ranges > mount[LIDAR_MAX]) | (ranges < mount[LIDAR_MIN])
     return np.where(nothing, np.inf, ranges)
