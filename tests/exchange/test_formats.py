@@ -14,11 +14,13 @@ import yaml
 from rvsg.core.errors import FileError, UnknownName
 from rvsg.core.records import Pose
 from rvsg.evaluation.metrics import METRICS, measure
-from rvsg.exchange.bag import open_bag, rosbags_types, write_bag
+from rvsg.exchange.bag import write_bag
+from rvsg.exchange.bag_reading import open_bag
 from rvsg.exchange.gazebo import world_sdf
 from rvsg.exchange.nav2_goals import goals_yaml
 from rvsg.exchange.openscenario import scenario_osc
 from rvsg.exchange.recording import read_recording
+from rvsg.exchange.ros_types import rosbags_types
 from rvsg.exchange.tables import write_csv, write_parquet
 from rvsg.generation.random_search import RandomGenerator
 from rvsg.scenario.brief import Brief

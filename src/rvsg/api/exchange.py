@@ -10,7 +10,7 @@ from typing import Any
 from rvsg.api.records import read_runs, read_scenario
 from rvsg.api.scenarios import check_valid, load_scenario_in
 from rvsg.api.scenarios import scenario as scenario_of
-from rvsg.api.simulating import RunSet, ignore, make_simulator, once
+from rvsg.api.simulating import RunSet, ignore, make_simulator, once, simulate
 from rvsg.api.worlds import as_world, world_of
 from rvsg.core.errors import InputError, UnknownName
 from rvsg.core.files import write_whole
@@ -256,10 +256,8 @@ def _write_runs(
             recorded = trace(given.scenario, seed, simulator=simulator, world=given.world)
             runs = (recorded.run,)
         else:
-            made = make_simulator(simulator)
-            made.prepare(on_message)
-            check_valid(given.scenario, given.world)
-            runs = (made.run(given.scenario, given.world, seed=seed),)
+            made = simulate(given.scenario, [seed], simulator=simulator, world=given.world, on_message=on_message)
+            runs = made.runs
     elif traced:
         raise InputError("A trace simulates a scenario again: give the scenario and --seed, not the runs.")
     if format == "csv":

@@ -24,7 +24,8 @@ from numpy.typing import NDArray
 
 from rvsg.core.errors import FileError, UnknownName
 from rvsg.core.records import text_id
-from rvsg.exchange.bag import bag_messages, log_of, open_bag
+from rvsg.exchange.bag import log_of
+from rvsg.exchange.bag_reading import bag_messages, open_bag
 from rvsg.simulation.archive import RunHeader
 from rvsg.simulation.run import Outcome, Run, Trajectory
 from rvsg.world.world import Route, World

@@ -71,6 +71,15 @@ class Patch:
     column: int
     cells: NDArray[np.uint8]
 
+    def onto(self, costmap: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Return a costmap with these cells; the first patch of a trace is the whole costmap."""
+        rows, columns = self.cells.shape
+        if self.row + rows > costmap.shape[0] or self.column + columns > costmap.shape[1]:
+            return self.cells.copy()
+        changed = costmap.copy()
+        changed[self.row : self.row + rows, self.column : self.column + columns] = self.cells
+        return changed
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Frame:
@@ -167,8 +176,8 @@ class _Recorder:
         )  # fmt: skip
 
     def __call__(self, episode: Episode) -> None:
-        self._tree.watch(episode.state, episode.t)
-        self._evaluate(episode.state, episode.t)
+        self._tree.watch(episode.state, round(episode.t, 3))
+        self._evaluate(episode.state, round(episode.t, 3))
         if round(episode.t / base.STEP_S) % self._ticks == 0:
             self._frames.append(self._frame(episode))
 

@@ -42,7 +42,9 @@ class TreeLog:
         planned_at = float(state.times[st.PLAN_T])
         planned = planned_at != self._planned_at and bool(nav[st.PLANNED])
         if planned or now != self._known:
-            self._compare(dict(zip(WATCHED, self._known, strict=True)), dict(zip(WATCHED, now, strict=True)), planned, t)
+            self._compare(
+                dict(zip(WATCHED, self._known, strict=True)), dict(zip(WATCHED, now, strict=True)), planned, t
+            )
         self._known = now
         if planned:
             self._planned_at = planned_at
