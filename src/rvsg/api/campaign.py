@@ -304,7 +304,7 @@ class Campaign:
 
     def attempts(self) -> list[Attempt]:
         """Return everything that was tried so far, in order."""
-        with self._reading() as ledger:
+        with self.reading() as ledger:
             return list(ledger.attempts(self.name))
 
     def candidates(self) -> list[Attempt]:
@@ -317,7 +317,7 @@ class Campaign:
     @property
     def findings(self) -> tuple[Finding, ...]:
         """Every confirmation with what it means, the worst first."""
-        with self._reading() as ledger:
+        with self.reading() as ledger:
             attempts = list(ledger.attempts(self.name))
             return findings(self.plan, attempts, run_of=ledger.run, world=self.world, procedure=self.record.judging)
 
@@ -333,7 +333,7 @@ class Campaign:
 
     def runs(self) -> Iterator[Run]:
         """Return every run of the campaign, one at a time, in the order of the attempts."""
-        with self._reading() as ledger:
+        with self.reading() as ledger:
             ids = [m.run_id for attempt in ledger.attempts(self.name) for m in attempt.measurements]
             for run_id in dict.fromkeys(ids):
                 yield ledger.run(run_id)
@@ -357,7 +357,7 @@ class Campaign:
         page = Path(path) if path is not None else self.page()
         place = self.world if world is None else world_of(self.plan.mission, world)
         check_same_route(self.plan.mission, place)
-        with self._reading() as ledger:
+        with self.reading() as ledger:
             attempts = list(ledger.attempts(self.name))
             simulator = self.record.simulator.name
             how = {"world": place, "run_of": ledger.run, "command": self.command, "simulator": simulator}
@@ -390,7 +390,8 @@ class Campaign:
     def _ledger(self) -> contextlib.AbstractContextManager[Ledger]:
         return opened(self.folder, self.config.store, self.config.store_options)
 
-    def _reading(self) -> contextlib.AbstractContextManager[Ledger]:
+    def reading(self) -> contextlib.AbstractContextManager[Ledger]:
+        """Open its store to be read; closed at the end of the `with` block."""
         return reading(self._store)
 
     def _begin(self, stored: CampaignRecord | None) -> None:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from importlib import resources
 from typing import Any
 
-from rvsg.campaign.plan import Plan
 from rvsg.report.facts import AttemptFacts, RunFacts
 from rvsg.report.payload import ReplayGroup, ReplayRun, replay_payload
 from rvsg.report.robots import footprint_of
@@ -13,6 +13,10 @@ from rvsg.report.shown import Shown, group_label, in_order
 from rvsg.report.summary import counted
 from rvsg.report.tables import manner
 from rvsg.report.words import quantity, untimed
+from rvsg.scenario.requirement import Requirement
+from rvsg.scenario.scenario import Mission
+from rvsg.world.drawing.svg import FloorPlan
+from rvsg.world.world import World
 
 
 def component() -> str:
@@ -26,10 +30,26 @@ def styles() -> str:
     return "\n".join((folder / name).read_text(encoding="utf-8") for name in ("plan.css", "replay.css"))
 
 
+def look() -> str:
+    """Return the style sheet of the pages, that of the replay component included."""
+    folder = resources.files("rvsg.report") / "templates"
+    return "".join((folder / name).read_text(encoding="utf-8") for name in ("plan.css", "look.css", "replay.css"))
+
+
 def replay_data(shown: Shown) -> dict[str, Any]:
     """Return the data of the replay: the runs of every configuration, the subject of the page first."""
+    plan = shown.plan
+    return data_of(
+        in_order(shown), mission=plan.mission, requirement=plan.requirement, world=shown.world, floor=shown.floor
+    )
+
+
+def data_of(
+    shown: Iterable[AttemptFacts], *, mission: Mission, requirement: Requirement, world: World, floor: FloorPlan
+) -> dict[str, Any]:
+    """Return the data of the replay component for the runs of these configurations, in this order."""
     groups = []
-    for facts in in_order(shown):
+    for facts in shown:
         scenario = facts.attempt.proposal.scenario
         groups.append(
             ReplayGroup(
@@ -38,24 +58,24 @@ def replay_data(shown: Shown) -> dict[str, Any]:
                 purpose=facts.attempt.purpose,
                 status=facts.attempt.verdict.status.value if facts.attempt.verdict else "",
                 manners={human.name: manner(human) for human in scenario.people.humans} if scenario else {},
-                runs=tuple(_replay_run(run) for run in _worst_first(facts, shown.plan)),
+                runs=tuple(_replay_run(run) for run in _worst_first(facts, requirement)),
             )
         )
     return replay_payload(
         groups,
-        mission=shown.plan.mission,
-        requirement=shown.plan.requirement,
-        waypoints=[(w.name, w.x, w.y) for w in shown.world.grid.waypoints if w.human],
-        matrix=shown.floor.matrix,
-        quantity=f"{quantity(shown.plan.requirement)} so far",
-        footprint=lambda run: footprint_of(run, shown.plan.mission.robot_record),
+        mission=mission,
+        requirement=requirement,
+        waypoints=[(w.name, w.x, w.y) for w in world.grid.waypoints if w.human],
+        matrix=floor.matrix,
+        quantity=f"{quantity(requirement)} so far",
+        footprint=lambda run: footprint_of(run, mission.robot_record),
     )
 
 
-def _worst_first(facts: AttemptFacts, plan: Plan) -> list[RunFacts]:
+def _worst_first(facts: AttemptFacts, requirement: Requirement) -> list[RunFacts]:
     def key(run: RunFacts) -> float:
         value = run.measurement.objective
-        return -plan.requirement.badness(value) if value is not None else float("inf")
+        return -requirement.badness(value) if value is not None else float("inf")
 
     return sorted(facts.runs, key=key)
 
