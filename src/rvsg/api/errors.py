@@ -12,6 +12,7 @@ from rvsg.core.errors import (
     SimulationError,
     StoreError,
     UnknownName,
+    how_to_install,
 )
 
 __all__ = [
@@ -26,4 +27,5 @@ __all__ = [
     "SimulationError",
     "StoreError",
     "UnknownName",
+    "how_to_install",
 ]

@@ -83,7 +83,7 @@ class Lister:
         self._lock = threading.Lock()
         self._known: dict[str, _Kept] = _read_cache(cache) if cache is not None else {}
 
-    def list(self) -> Listing:
+    def listing(self) -> Listing:
         """Return what lies in the folder now."""
         with self._lock:
             worlds, stores, suites, cut = [], [], [], False

@@ -34,6 +34,7 @@ VERBS: dict[str, Verb] = {
     "demo": Verb("demo", "Run a recorded campaign again, whose scenarios a vision language model wrote"),
     "describe": Verb("describe", "Describe a world in words, by a vision language model that looks at it"),
     "prompt": Verb("prompt", "Print what a model would be asked next in a campaign, without asking it"),
+    "studio": Verb("studio", "Work in a local web page: worlds, campaigns, findings, scenarios"),
     "robots": Verb("robots", "List the robots that can be tested, check a robot file, or draw them"),
     "stacks": Verb("stacks", "List the navigation stacks that can be tested"),
     "metrics": Verb("metrics", "List the metrics with formula and unit, or measure a run"),

@@ -1,0 +1,76 @@
+"""The data behind the pages: what the JavaScript components fetch and send. Every answer is JSON or a listed file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib import resources
+from typing import Any
+
+from fastapi import FastAPI, Request
+from fastapi.responses import JSONResponse, Response
+from nicegui import run
+
+from rvsg.api.errors import RvsgError
+from rvsg.api.showing import component, look
+from rvsg.studio import answers
+from rvsg.studio.workspace import Workspace
+
+LARGEST = 2_000_000
+"""Bytes that a request may send."""
+OWN_FILES = {"studio.css": "text/css", "studio.js": "text/javascript"}
+
+
+def add_data(app: FastAPI, workspace: Workspace) -> None:
+    """Add the addresses of the files and data to the application."""
+
+    @app.get("/files/{name}")
+    def files(name: str) -> Response:
+        if name == "look.css":
+            return Response(look(), media_type="text/css", headers=FRESH)
+        if name == "replay.js":
+            return Response(component(), media_type="text/javascript", headers=FRESH)
+        if name in OWN_FILES:
+            text = (resources.files("rvsg.studio") / "static" / name).read_text(encoding="utf-8")
+            return Response(text, media_type=OWN_FILES[name], headers=FRESH)
+        return Response(status_code=404)
+
+    for name, answer in answers.ANSWERS.items():
+        app.add_api_route(f"/data/{name}", _asked(workspace, answer), methods=["GET"])
+    for name, answer in answers.CHANGES.items():
+        app.add_api_route(f"/data/{name}", _sent(workspace, answer), methods=["POST"])
+
+
+FRESH = {"cache-control": "no-cache"}
+Answer = Callable[[Workspace, dict[str, Any]], Any]
+
+
+def _asked(workspace: Workspace, answer: Answer) -> Callable[[Request], Any]:
+    async def asked(request: Request) -> Response:
+        return await _answered(workspace, answer, dict(request.query_params))
+
+    return asked
+
+
+def _sent(workspace: Workspace, answer: Answer) -> Callable[[Request], Any]:
+    async def sent(request: Request) -> Response:
+        if request.headers.get("content-type", "").partition(";")[0] != "application/json":
+            return JSONResponse({"error": "Expected JSON."}, status_code=415)
+        if int(request.headers.get("content-length") or 0) > LARGEST:
+            return JSONResponse({"error": "The request is too large."}, status_code=413)
+        try:
+            value = await request.json()
+        except ValueError:
+            return JSONResponse({"error": "This is no JSON."}, status_code=400)
+        if not isinstance(value, dict):
+            return JSONResponse({"error": "Expected an object."}, status_code=400)
+        return await _answered(workspace, answer, value)
+
+    return sent
+
+
+async def _answered(workspace: Workspace, answer: Answer, given: dict[str, Any]) -> Response:
+    try:
+        made = await run.io_bound(answer, workspace, given)
+    except RvsgError as error:
+        return JSONResponse({"error": str(error)}, status_code=400)
+    return made if isinstance(made, Response) else JSONResponse(made)

@@ -1,0 +1,12 @@
+"""The pages of the studio, each in a module that adds its addresses."""
+
+from __future__ import annotations
+
+from rvsg.studio.pages import home
+from rvsg.studio.workspace import Workspace
+
+
+def add_pages(workspace: Workspace) -> None:
+    """Add every page."""
+    for module in (home,):
+        module.add(workspace)

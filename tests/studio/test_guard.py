@@ -1,0 +1,91 @@
+"""Who gets in: token, host and origin, for pages, files and websockets alike."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+import pytest
+
+from rvsg.studio.guard import Guard
+
+PORT = 8420
+HOST = f"127.0.0.1:{PORT}"
+COOKIE = f"rvsg-studio-{PORT}=secret"
+
+
+def ask(path: str = "/", *, query: str = "", kind: str = "http", method: str = "GET", **headers: str) -> dict[str, Any]:
+    """What the guard answers; `inside` where the request came through to the application behind it."""
+    sent: list[Any] = []
+
+    async def inner(scope: Any, receive: Any, send: Any) -> None:
+        await send({"type": "http.response.start", "status": 200, "headers": []})
+
+    async def send(message: Any) -> None:
+        sent.append(message)
+
+    given = {"host": HOST} | headers
+    scope = {
+        "type": kind,
+        "method": method,
+        "path": path,
+        "query_string": query.encode(),
+        "headers": [(key.encode(), value.encode()) for key, value in given.items()],
+    }
+    asyncio.run(Guard(inner, token="secret", port=PORT)(scope, None, send))  # type: ignore[arg-type]
+    return sent[0]
+
+
+@pytest.mark.parametrize("path", ["/", "/files/look.css", "/data/replay", "/_nicegui/x/static/nicegui.js", "/nowhere"])
+def test_without_the_token_everything_is_refused(path: str) -> None:
+    assert ask(path)["status"] == 403
+
+
+@pytest.mark.parametrize("cookie", ["", f"rvsg-studio-{PORT}=wrong", f"rvsg-studio-{PORT + 1}=secret", "a;b=;=\x01"])
+def test_a_wrong_cookie_is_refused(cookie: str) -> None:
+    assert ask(cookie=cookie)["status"] == 403
+
+
+def test_the_token_in_the_address_becomes_a_cookie_and_leaves_the_address() -> None:
+    answer = ask("/campaign", query="folder=a%20b&token=secret")
+    headers = dict(answer["headers"])
+    assert answer["status"] == 303
+    assert headers[b"location"] == b"/campaign?folder=a+b"
+    assert b"secret" in headers[b"set-cookie"]
+    assert b"HttpOnly" in headers[b"set-cookie"] and b"SameSite=Strict" in headers[b"set-cookie"]
+
+
+@pytest.mark.parametrize("token", ["", "wrong", "secret2", "\u00e4"])
+def test_a_wrong_token_is_refused(token: str) -> None:
+    assert ask(query=f"token={token}")["status"] == 403
+
+
+def test_the_token_does_not_lead_to_another_site() -> None:
+    assert dict(ask("//evil.example", query="token=secret")["headers"])[b"location"] == b"/evil.example"
+
+
+def test_a_change_needs_the_cookie() -> None:
+    assert ask(method="POST", query="token=secret")["status"] == 403
+    assert ask(method="POST", cookie=COOKIE)["status"] == 200
+
+
+def test_with_the_cookie_the_page_comes_with_its_policy() -> None:
+    answer = ask(cookie=COOKIE)
+    assert answer["status"] == 200
+    assert b"default-src 'self'" in dict(answer["headers"])[b"content-security-policy"]
+
+
+@pytest.mark.parametrize("host", ["evil.example", "evil.example:8420", "127.0.0.1", "127.0.0.1:1"])
+def test_another_host_is_refused(host: str) -> None:
+    assert ask(cookie=COOKIE, host=host)["status"] == 403
+
+
+@pytest.mark.parametrize("kind", ["http", "websocket"])
+def test_another_origin_is_refused(kind: str) -> None:
+    answer = ask(kind=kind, cookie=COOKIE, origin="https://evil.example")
+    assert answer.get("status") == 403 or answer["type"] == "websocket.close"
+    assert ask(cookie=COOKIE, origin=f"http://{HOST}")["status"] == 200
+
+
+def test_a_websocket_without_the_cookie_is_closed_before_it_opens() -> None:
+    assert ask(kind="websocket", query="token=secret")["type"] == "websocket.close"
