@@ -13,10 +13,11 @@ from rvsg.core.errors import InputError
 from rvsg.generation.generator import Proposal
 from rvsg.report.charts import confirmation_chart, search_chart
 from rvsg.report.facts import AttemptFacts, facts_of, run_facts
-from rvsg.report.page import area_colours
+from rvsg.report.floors import area_colours, floor_svg
 from rvsg.report.replay import component, data_of, look
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.requirement import Requirement
+from rvsg.scenario.scenario import Mission
 from rvsg.world.drawing.svg import floor_plan
 from rvsg.world.world import World
 
@@ -72,9 +73,7 @@ def replay_of_attempts(campaign: Campaign, attempts: Iterable[Attempt]) -> dict[
     world = campaign.world
     with campaign.reading() as ledger:
         facts = facts_of(attempts, campaign.requirement, world, ledger.run)
-    mission = campaign.plan.mission
-    floor = floor_plan(world, tooltips=False)
-    return data_of(facts, mission=mission, requirement=campaign.requirement, world=world, floor=floor)
+    return _data(facts, campaign.plan.mission, campaign.requirement, world)
 
 
 def replay_of_runs(runs: RunSet, requirement: Requirement) -> dict[str, Any]:
@@ -101,5 +100,11 @@ def replay_of_runs(runs: RunSet, requirement: Requirement) -> dict[str, Any]:
     )
     each = (run_facts(run, m, requirement, world, scenario) for run, m in zip(runs, measured, strict=True))
     facts = AttemptFacts(attempt=attempt, runs=tuple(each))
+    return _data([facts], scenario.mission, requirement, world)
+
+
+def _data(facts: Iterable[AttemptFacts], mission: Mission, requirement: Requirement, world: World) -> dict[str, Any]:
+    """Return the data of the replay component, with the floor plan as SVG that `mount` reads."""
     floor = floor_plan(world, tooltips=False)
-    return data_of([facts], mission=scenario.mission, requirement=requirement, world=world, floor=floor)
+    data = data_of(facts, mission=mission, requirement=requirement, world=world, floor=floor)
+    return data | {"floor": floor_svg(world)}

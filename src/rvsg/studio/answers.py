@@ -7,7 +7,7 @@ from typing import Any
 
 import rvsg
 from rvsg.api.errors import InputError
-from rvsg.api.showing import floor_of, related, replay_of_attempts
+from rvsg.api.showing import related, replay_of_attempts
 from rvsg.studio.workspace import Workspace
 
 Answer = Callable[[Workspace, dict[str, Any]], Any]
@@ -30,14 +30,13 @@ def number_of(given: dict[str, Any], key: str) -> int:
 
 
 def replay(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
-    """Return the replay of an attempt of a campaign and of what is tied to it, with the floor plan."""
+    """Return the replay of an attempt of a campaign and of what is tied to it."""
     folder = workspace.existing(text_of(given, "campaign"))
     index = number_of(given, "attempt")
 
     def made() -> dict[str, Any]:
         campaign = rvsg.Campaign.open(folder)
-        data = replay_of_attempts(campaign, related(campaign.attempts(), index))
-        return {"replay": data, "floor": floor_of(campaign.world)}
+        return replay_of_attempts(campaign, related(campaign.attempts(), index))
 
     found: dict[str, Any] = workspace.kept(("replay", str(folder), index), folder, made)
     return found
