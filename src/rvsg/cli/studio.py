@@ -41,7 +41,7 @@ def studio(
     from the network. Campaigns run in processes of their own: they go on when you close the page or the studio.
     Every action shows the command line that does the same.
 
-    Needs the extra `studio`: pip install 'rvsg[studio]'.
+    Needs the extra `studio`.
     """
     from rvsg.studio.server import serve
 
