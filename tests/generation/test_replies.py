@@ -40,7 +40,7 @@ json_values = st.recursive(
 def test_proper_json_is_found_as_it_is_wherever_it_stands(value: dict[str, object], before: str) -> None:
     found = find_json(f"{before}{json.dumps(value)}\n``` and more words")
     assert [one.value for one in found] == [value]
-    assert found[0].mended == ()
+    assert not found[0].repaired
 
 
 @given(st.text(alphabet=string.printable, max_size=400))
@@ -55,7 +55,7 @@ def test_no_text_makes_the_reader_fail(text: str) -> None:
 def test_a_cut_off_reply_is_read_as_far_as_it_goes_and_said_to_be_cut_off(length: int) -> None:
     found = find_json(json.dumps(TWO)[:length])
     assert len(found) == 1
-    assert "the text ended before the JSON did" in found[0].mended
+    assert not found[0].complete
     names = [h["name"] for h in found[0].value.get("humans", []) if isinstance(h, dict) and "name" in h]
     assert all("Human 1".startswith(n) or "Human 2".startswith(n) for n in names)
 
@@ -64,25 +64,23 @@ def test_a_cut_off_reply_is_read_as_far_as_it_goes_and_said_to_be_cut_off(length
     ("text", "value"),
     [
         ("{'a': 'b',}", {"a": "b"}),
+        ('{"a": {"b": [1, 2}}', {"a": {"b": [1, 2]}}),
+        ('{"a": "5" tall", "b": 1}', {"a": '5" tall', "b": 1}),
         ('{"a": 1 // why\n, /* and */ b: True, # so\n c: None}', {"a": 1, "b": True, "c": None}),
         ("{“a”: “b”}", {"a": "b"}),
         ('{"a": "he said "no" to it", "b": 2}', {"a": 'he said "no" to it', "b": 2}),
-        ('{"a": [1, 2 "b": 3}', {"a": [1, 2, "b"]}),
+        ('{"a": [1, 2 "b": 3}', {"a": [1, 2], "b": 3}),
         ('{"path": ["A1", "A2"}]', {"path": ["A1", "A2"]}),
         ('{"path": [G7, G8, ...]}', {"path": ["G7", "G8"]}),
         ('{"a": 1 "b": 2}', {"a": 1, "b": 2}),
-        ('{"a": NaN, "b": 1e999}', {"a": "NaN", "b": "1e999"}),
+        ('{"a": NaN, "b": 1e999}', {"a": "NaN", "b": "out of range"}),
         ('{"a": "line\nbreak"}', {"a": "line\nbreak"}),
     ],
 )
-def test_half_broken_json_is_mended_and_said_to_be(text: str, value: object) -> None:
+def test_half_broken_json_is_repaired_and_said_to_be(text: str, value: object) -> None:
     found = find_json(f"Here: {text} Good luck.")
-    if value == {"a": [1, 2, "b"]}:
-        # A list that swallowed a key cannot be told apart from prose: nothing is better than a wrong value.
-        assert all(one.value.get("b") != 3 for one in found)
-        return
     assert [one.value for one in found] == [value]
-    assert found[0].mended
+    assert found[0].repaired and found[0].complete
 
 
 @pytest.mark.parametrize("text", ["{" * 200_000, "[" * 200_000, '{"' * 100_000, '{"a":[' * 30_000, "[{" * 100_000])

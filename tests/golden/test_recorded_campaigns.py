@@ -21,7 +21,7 @@ from rvsg.generation.vlm.replay import Replayed
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.requirements import load_requirement
 from rvsg.scenario.scenario import Mission, Scenario
-from rvsg.scenario.validity import check
+from rvsg.scenario.validity import check, read_ends
 from rvsg.world.io.load import load_world
 from rvsg.world.world import World
 
@@ -49,14 +49,14 @@ def configurations(name: str, world: World) -> list[dict[str, object]]:
             continue
         reply = read_configuration(call.answer.text, human_names(config.get("humans", 2)))
         assert reply.people is not None
-        found = [*reply.findings, *check(reply.people, mission, world)]
+        found = [*reply.findings, *check(read_ends(reply.people, world), mission, world)]
         read.append(
             {
                 "place": call.key.split("-")[0] + "-" + call.key.split("-")[1],
                 "purpose": call.purpose,
                 "paths": [[" ".join(task.path) for task in human.tasks] for human in reply.people.humans],
                 "findings": [finding.rule for finding in found],
-                "mended": list(reply.mended),
+                "repaired": reply.repaired_json,
             }
         )
     return read

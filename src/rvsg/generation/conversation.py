@@ -365,7 +365,8 @@ class VlmGenerator(Generator):
                 "conversation": self.conversation,
                 "pictures": [p.reference.model_dump(mode="json") for p in dialogue.pictures.values()],
                 "findings_by_answer": [len(j.findings) for j in judged],
-                "mended": list(last.reply.mended),
+                "complete": last.reply.complete,
+                "repaired_json": last.reply.repaired_json,
             },
         )
 

@@ -61,7 +61,10 @@ class Reply:
     """When each person is planned to be at which waypoint (s)."""
     findings: tuple[Finding, ...] = ()
     repairs: tuple[Repair, ...] = ()
-    mended: tuple[str, ...] = ()
+    complete: bool = True
+    """Whether the JSON ends before the answer does; if not, the answer was cut off."""
+    repaired_json: bool = False
+    """Whether the JSON was malformed."""
     fatal: bool = False
 
 
@@ -91,8 +94,7 @@ def read_configuration(text: str, names: Sequence[str] | None = None) -> Reply:
     people_value, holder, source = chosen
     notes = _Notes()
     humans = [h for h in (_human(name, value, notes) for name, value in people_value) if h is not None]
-    complete = not any("ended before" in m for m in source.mended)
-    if not complete:
+    if not source.complete:
         notes.find(
             "reply-cut-off",
             "the answer ends before its JSON does; what stands there is what was read.",
@@ -106,7 +108,8 @@ def read_configuration(text: str, names: Sequence[str] | None = None) -> Reply:
         plan=_plan_of(people_value),
         findings=tuple(notes.findings),
         repairs=tuple(notes.repairs),
-        mended=source.mended,
+        complete=source.complete,
+        repaired_json=source.repaired,
         fatal=fatal or not humans,
     )
 
