@@ -1,12 +1,14 @@
 """Test doubles and conformance checks for those who write plug-ins.
 
-Run `check_generator`, `check_simulator`, `check_strategy` or `check_ledger` in the tests of your plug-in; each raises
-AssertionError with the first promise that is broken. The doubles are deterministic and need no model and no files.
+Run `check_generator`, `check_simulator`, `check_stack`, `check_strategy` or `check_ledger` in the tests of your
+plug-in; each raises AssertionError with the first promise that is broken. The doubles are deterministic and need no
+model and no files.
 """
 
 from rvsg.campaign.conformance import check_ledger, check_strategy
 from rvsg.generation.conformance import check_generator
 from rvsg.simulation.conformance import check_simulator
+from rvsg.simulation.stacks.conformance import check_stack
 from rvsg.store.memory import MemoryLedger
 from rvsg.testing.generators import ScriptedGenerator, WalkingGenerator
 
@@ -17,5 +19,6 @@ __all__ = [
     "check_generator",
     "check_ledger",
     "check_simulator",
+    "check_stack",
     "check_strategy",
 ]

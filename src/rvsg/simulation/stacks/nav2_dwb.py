@@ -2,17 +2,32 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
-from rvsg.simulation.stacks.protocol import LocalObservation, LocalPlanner, Task
+from pydantic import Field
+
+from rvsg.simulation.stacks.configured import Configured, Nav2Settings
+from rvsg.simulation.stacks.protocol import LocalObservation, Task
 
 
-class Nav2Dwb(LocalPlanner):
-    """Nav2 with DWB, NavFn and the default behaviour tree, with the parameters of the robot."""
+class DwbSettings(Nav2Settings):
+    """The options of `nav2-dwb`."""
+
+    dwb: dict[str, Any] = Field(default_factory=dict)
+    """Keys of the robot's `navigation.dwb`."""
+
+
+class Nav2Dwb(Configured):
+    """Nav2 with DWB, NavFn and the default behaviour tree, by default with the parameters of the robot."""
 
     name: ClassVar[str] = "nav2-dwb"
     title: ClassVar[str] = "Nav2 (Humble) with DWB, NavFn and the default behaviour tree"
-    answer_time_s: ClassVar[float | None] = None
+    Settings: ClassVar[type[Nav2Settings]] = DwbSettings
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """The options that differ from the robot's own parameters."""
+        return {key: value for key, value in super().options.items() if key in self.settings.model_fields_set}
 
     def reset(self, task: Task) -> None:
         """Do nothing: the compiled loop holds the planner."""

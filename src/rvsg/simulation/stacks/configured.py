@@ -1,0 +1,83 @@
+"""Stacks whose options are a record, and what every stack on the built-in Nav2 lets you set."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, ClassVar
+
+from pydantic import Field, ValidationError
+
+from rvsg.core.documents import mistakes_of
+from rvsg.core.errors import InputError
+from rvsg.core.records import Record
+from rvsg.robots import Robot, SafetyZone
+from rvsg.robots.navigation import Behaviours, Costmaps, Dwb, Smoother
+from rvsg.robots.robot import Polygon
+from rvsg.simulation.stacks.protocol import LocalPlanner
+
+SECTIONS: dict[str, type[Record]] = {
+    "smoother": Smoother,
+    "costmaps": Costmaps,
+    "behaviours": Behaviours,
+    "dwb": Dwb,
+}
+
+
+class Nav2Settings(Record):
+    """What a stack on the built-in Nav2 changes of the robot's navigation parameters."""
+
+    smoother: dict[str, Any] = Field(default_factory=dict)
+    """Keys of the robot's `navigation.smoother`, likewise the next ones."""
+    costmaps: dict[str, Any] = Field(default_factory=dict)
+    behaviours: dict[str, Any] = Field(default_factory=dict)
+    footprint: Polygon | None = None
+    """What Nav2 takes for the robot's outline; its body stays what it is."""
+    padding_m: Annotated[float, Field(ge=0, le=0.5)] | None = None
+    safety_zones: tuple[SafetyZone, ...] = ()
+    """Zones of a collision monitor; they limit every command, recoveries included."""
+
+
+class Configured(LocalPlanner):
+    """A local planner whose options are the fields of its `Settings`."""
+
+    answer_time_s: ClassVar[float | None] = None
+    Settings: ClassVar[type[Nav2Settings]] = Nav2Settings
+
+    def __init__(self, **options: Any) -> None:
+        try:
+            self.settings: Any = self.Settings.model_validate(options)
+            for section, kind in SECTIONS.items():
+                kind.model_validate(getattr(self.settings, section, {}))
+        except ValidationError as error:
+            wrong = "; ".join(mistakes_of(error, self.Settings, noun="option"))
+            raise InputError(f"options of the stack {self.name}: {wrong}") from None
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """The effective options; those of the robot's navigation only where they are set."""
+        return {
+            key: value
+            for key, value in self.settings.model_dump(mode="json").items()
+            if key not in Nav2Settings.model_fields or key in self.settings.model_fields_set
+        }
+
+    def adapt(self, robot: Robot) -> Robot:
+        """Return the robot with these navigation parameters."""
+        given = self.settings
+        sections = {key: getattr(given, key) for key in SECTIONS if getattr(given, key, None)}
+        navigation = robot.navigation.replace(
+            **{key: getattr(robot.navigation, key).replace(**values) for key, values in sections.items()}
+        )
+        changes: dict[str, Any] = {"navigation": navigation} if sections else {}
+        if given.footprint is not None:
+            changes |= {"footprint": given.footprint, "body": robot.outline}
+        if given.padding_m is not None:
+            changes["padding_m"] = given.padding_m
+        if given.safety_zones:
+            changes["safety_zones"] = (*robot.safety_zones, *given.safety_zones)
+        if not changes:
+            return robot
+        try:
+            return robot.replace(**changes)
+        except ValidationError as error:
+            wrong = "; ".join(mistakes_of(error, Robot, noun="option"))
+            raise InputError(f"the stack {self.name} does not fit the robot {robot.name}: {wrong}") from None
