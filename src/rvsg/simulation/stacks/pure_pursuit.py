@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from rvsg.core.compiled import kernel
 from rvsg.robots.polygons import distance, padded, reach
-from rvsg.simulation.embedded.compiled import kernel
 from rvsg.simulation.embedded.navigation.costmap import FREE, UNKNOWN, outline_hits
 from rvsg.simulation.stacks.configured import Configured, Nav2Settings
 from rvsg.simulation.stacks.protocol import LocalObservation, Task
