@@ -8,7 +8,7 @@ from itertools import pairwise
 from pathlib import Path
 
 from rvsg.api import records
-from rvsg.api.worlds import as_world, folder_of, world_of
+from rvsg.api.worlds import as_world, folder_of, load_moved, world_of
 from rvsg.core.errors import InputError, InvalidScenario, UnknownName
 from rvsg.core.files import write_whole
 from rvsg.robots import Robot, load_robot
@@ -17,7 +17,7 @@ from rvsg.scenario.scenario import ROBOT, Behaviour, Human, HumanConfiguration, 
 from rvsg.scenario.validity import Finding
 from rvsg.simulation.protocol import Simulator
 from rvsg.world.space import robot_space
-from rvsg.world.world import Route, World
+from rvsg.world.world import Route, SolidObject, World
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,16 +93,19 @@ def scenario(
     *,
     description: str = "",
     robot: Robot | str | Path = ROBOT,
+    moved: Iterable[SolidObject] | str | Path = (),
 ) -> Scenario:
     """Make a scenario: a robot's mission on a route of a world, and the people who walk there.
 
-    Without people it is the mission alone. `robot` is a record, the name of a shipped robot or a robot file.
+    Without people it is the mission alone. `robot` is a record, the name of a shipped robot or a robot file. `moved`
+    are objects in the robot's way that its map does not show, or a file of them (like objects.yaml).
 
     Raises:
         InvalidScenario: it breaks a rule; `findings` says which.
         UnknownName: the world has no such route.
     """
     place = as_world(world)
+    place = place.with_moved(load_moved(moved, place) if isinstance(moved, str | Path) else tuple(moved))
     taken = place.route(route) if isinstance(route, str) else route
     if not isinstance(people, HumanConfiguration):
         humans = tuple(each.human(place) if isinstance(each, Walk) else each for each in people)
@@ -114,6 +117,16 @@ def scenario(
     )
     check_valid(made, place)
     return made
+
+
+def with_moved(scenario: Scenario, path: str | Path, world: World) -> tuple[Scenario, World]:
+    """Return a scenario and its world with the objects of a file moved into it, instead of those it had.
+
+    Raises:
+        FileError: the file is wrong; names every mistake with its line.
+    """
+    moved = load_moved(path, world)
+    return scenario.replace(mission=scenario.mission.replace(moved=moved)), world.with_moved(moved)
 
 
 def check(scenario: Scenario, world: World | str | Path | None = None) -> tuple[Finding, ...]:

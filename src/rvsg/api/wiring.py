@@ -12,7 +12,7 @@ from rvsg.api.config import CampaignConfig
 from rvsg.api.requirements import load_requirement
 from rvsg.api.scenarios import as_robot, check_route
 from rvsg.api.simulating import make_simulator
-from rvsg.api.worlds import load_world
+from rvsg.api.worlds import load_moved, load_world
 from rvsg.campaign.loop import feedback_from
 from rvsg.campaign.measuring import Measuring
 from rvsg.campaign.parallel import Executor, Simulations
@@ -111,6 +111,8 @@ def wire(
     """
     paths = paths or {}
     world = load_world(paths.get(config.world, config.world))
+    if config.moved is not None:
+        world = world.with_moved(load_moved(paths.get(config.moved, config.moved), world))
     route = world.route(config.route)
     check_route(route, world)
     requirement = load_requirement(paths.get(config.requirement, config.requirement), route)

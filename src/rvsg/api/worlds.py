@@ -9,11 +9,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from rvsg.core.documents import read_document
 from rvsg.core.errors import InputError, RvsgError, UnknownName
 from rvsg.scenario.dependence import same_floor
 from rvsg.scenario.scenario import Mission
 from rvsg.world.io import load
-from rvsg.world.world import World
+from rvsg.world.io.files import ObjectsFile
+from rvsg.world.world import SolidObject, World
 
 _worlds: dict[str, World] = {}
 """Worlds seen in this process by their content id."""
@@ -46,6 +48,16 @@ def as_world(world: World | str | Path) -> World:
     return remember(world) if isinstance(world, World) else load_world(world)
 
 
+def load_moved(path: str | Path, world: World) -> tuple[SolidObject, ...]:
+    """Load objects that were moved into a world: a file like objects.yaml, with boxes or footprints in metres.
+
+    Raises:
+        FileError: the file is wrong; names every mistake with its line.
+    """
+    file, _ = read_document(Path(path), ObjectsFile)
+    return tuple(entry.solid(world.lidar_height_m) for entry in file.objects)
+
+
 def folder_of(world_id: str) -> Path | None:
     """Return where a world that is not shipped was found; None where that is not known."""
     return _folders.get(world_id)
@@ -62,9 +74,9 @@ def world_of(mission: Mission, given: World | str | Path | None = None, *, near:
         InputError: the world given is another one, or the world has changed or cannot be found.
     """
     if given is not None:
-        return _same(mission, as_world(given), given)
+        return _same(mission, as_world(given), given).with_moved(mission.moved)
     if mission.world_id in _worlds:
-        return _worlds[mission.world_id]
+        return _worlds[mission.world_id].with_moved(mission.moved)
     other: World | None = None
     places: tuple[str | Path, ...] = (*near, mission.world)
     for place in places:
@@ -77,7 +89,7 @@ def world_of(mission: Mission, given: World | str | Path | None = None, *, near:
                 continue
             raise
         if same_floor(mission, found):
-            return found
+            return found.with_moved(mission.moved)
         other = other or found
     if other is None:
         raise UnknownName(

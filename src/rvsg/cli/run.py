@@ -45,6 +45,10 @@ def run(
     simulator: Annotated[
         str | None, typer.Option(help="embedded; kinematic: no physics; or a plug-in. [embedded]")
     ] = None,
+    moved: Annotated[
+        str | None,
+        typer.Option(metavar="FILE", help="Objects in the robot's way that its map does not show (objects.yaml)."),
+    ] = None,
     stack: Annotated[
         str | None, typer.Option(help="Navigation stack under test: a name (`rvsg stacks`) or file. [nav2-dwb]")
     ] = None,

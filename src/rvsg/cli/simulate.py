@@ -22,6 +22,10 @@ def simulate(
     robot: Annotated[
         str | None, typer.Option(help="Instead of the scenario's robot: a shipped one (`rvsg robots`) or a robot file.")
     ] = None,
+    moved: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Objects in the robot's way that its map does not show (objects.yaml)."),
+    ] = None,
     stack: Annotated[
         str | None, typer.Option(help="Navigation stack under test: a name (`rvsg stacks`) or file. [nav2-dwb]")
     ] = None,
@@ -41,7 +45,7 @@ def simulate(
     import rvsg
     from rvsg.api.exchange import export
     from rvsg.api.records import check_writable, runs_text, write_text
-    from rvsg.api.scenarios import as_robot, check_valid, load_scenario_in
+    from rvsg.api.scenarios import as_robot, check_valid, load_scenario_in, with_moved
     from rvsg.cli.options import spec, stack_spec
 
     check_writable(out)
@@ -50,6 +54,8 @@ def simulate(
     asked, place = load_scenario_in(scenario, world)
     if robot is not None:
         asked = asked.replace(mission=asked.mission.replace(robot=as_robot(robot)))
+    if moved is not None:
+        asked, place = with_moved(asked, moved, place)
     for doubtful in check_valid(asked, place):
         say(f"warning: {doubtful}")
 

@@ -38,7 +38,7 @@ def world_sdf(world: World, run: Run | None = None, *, skin: str = SKIN) -> str:
         plane = ET.SubElement(ET.SubElement(ET.SubElement(link, kind, name=kind), "geometry"), "plane")
         _text(plane, "normal", "0 0 1")
         _text(plane, "size", "100 100")
-    for thing in world.objects:
+    for thing in world.solids:
         _model(root, thing)
     if run is not None:
         for index in range(len(run.human_names)):

@@ -11,7 +11,7 @@ from rvsg.core.records import Record
 from rvsg.robots import Robot, shipped_robots
 from rvsg.robots.files import DEFAULT_ROBOT
 from rvsg.world.grid import Grid
-from rvsg.world.world import Route, World, WorldParts
+from rvsg.world.world import Route, SolidObject, World, WorldParts
 
 Name = Annotated[str, Field(min_length=1, max_length=120)]
 Point = tuple[float, float]
@@ -126,6 +126,9 @@ class HumanConfiguration(Record):
     humans: tuple[Human, ...]
 
 
+MOST_MOVED = 50
+"""More moved objects than this in one mission are refused."""
+
 ROBOT = DEFAULT_ROBOT
 """The robot of a mission that names none: the TIAGo OMNI base."""
 
@@ -145,18 +148,24 @@ class Mission(Record):
     route: Route
     robot: str | Robot = ROBOT
     parts: WorldParts | None = None
+    moved: Annotated[tuple[SolidObject, ...], Field(max_length=MOST_MOVED)] = ()
+    """Objects that stand in the way and that the robot's map does not show, such as a pallet left in an aisle."""
 
     @classmethod
-    def of(cls, world: World, route: Route, *, robot: str | Robot = ROBOT) -> Self:
-        """Return the mission of driving a route in a world."""
-        return cls(world=world.name, world_id=world.id, route=route, robot=robot, parts=world.parts)
+    def of(
+        cls, world: World, route: Route, *, robot: str | Robot = ROBOT, moved: tuple[SolidObject, ...] | None = None
+    ) -> Self:
+        """Return the mission of driving a route in a world, with the objects moved there (by default the world's)."""
+        objects = world.moved if moved is None else moved
+        return cls(world=world.name, world_id=world.id, route=route, robot=robot, parts=world.parts, moved=objects)
 
     @model_serializer(mode="wrap")
-    def _without_absent_parts(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave out absent parts, so that a mission saved by an earlier version keeps its id."""
+    def _without_what_is_absent(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out absent parts and objects, so that a mission saved by an earlier version keeps its id."""
         written: dict[str, Any] = handler(self)
-        if written.get("parts") is None:
-            written.pop("parts", None)
+        for name in ("parts", "moved"):
+            if not written.get(name):
+                written.pop(name, None)
         return written
 
     @field_validator("robot", mode="before")

@@ -146,14 +146,14 @@ _robot_spaces: WeakKeyDictionary[World, Space] = WeakKeyDictionary()
 def human_space(world: World) -> Space:
     """Where a person can be in this world, in the world frame; computed once per world."""
     if world not in _human_spaces:
-        _human_spaces[world] = human_space_of(world.objects, world_map(world))
+        _human_spaces[world] = human_space_of(world.solids, world_map(world))
     return _human_spaces[world]
 
 
 def robot_space(world: World) -> Space:
     """Where the robot can be in this world as far as its map tells, in the world frame; computed once per world."""
     if world not in _robot_spaces:
-        bare = not world.objects  # then people and robot go by the same map
+        bare = not world.solids  # then people and robot go by the same map
         _robot_spaces[world] = human_space(world) if bare else robot_space_of(world_map(world))
     return _robot_spaces[world]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from hashlib import sha256
 from typing import Annotated, Literal
@@ -141,6 +141,14 @@ class World:
     description: Description | None = None
     map_offset: Point = (0.0, 0.0)
     grid_spec: GridSpec | None = None
+    moved: tuple[SolidObject, ...] = ()
+    """Objects that a scenario puts into the world. They are solid, but the robot's map does not show them, and they
+    are no part of the world's id."""
+
+    @property
+    def solids(self) -> tuple[SolidObject, ...]:
+        """Everything solid: the world's own objects, then those that were moved there."""
+        return self.objects + self.moved
 
     @cached_property
     def floor_id(self) -> str:
@@ -188,6 +196,23 @@ class World:
                 "map_offset": list(self.map_offset),
             },
         )
+
+    @cached_property
+    def place_id(self) -> str:
+        """The content id of the world together with the objects that were moved there."""
+        if not self.moved:
+            return self.id
+        return content_id("place", {"world": self.id, "moved": [o.model_dump(mode="json") for o in self.moved]})
+
+    def with_moved(self, moved: tuple[SolidObject, ...]) -> World:
+        """Return the world with these objects moved into it, and no others; its id stays the same."""
+        if moved == self.moved:
+            return self
+        changed = replace(self, moved=moved)
+        for name in ("id", "floor_id", "parts"):
+            if name in self.__dict__:
+                changed.__dict__[name] = self.__dict__[name]  # they do not depend on what was moved
+        return changed
 
     def route(self, name: str) -> Route:
         """Return the route of that name; raises UnknownName."""

@@ -12,6 +12,7 @@ from rvsg.robots.polygons import distance, inside
 from rvsg.scenario.dependence import changes_that_matter
 from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Task
 from rvsg.scenario.validity.findings import Finding
+from rvsg.scenario.validity.moved import moved_findings
 from rvsg.scenario.validity.rules import MAX_HUMANS, ROBOT_RADIUS_M, SPEED_RANGE_M_S, START_CLEARANCE_M
 from rvsg.scenario.validity.task_ends import TaskEnd, near_place, spelled, task_ends
 from rvsg.scenario.validity.walkable import BODY_HALF_WIDTH_M, is_walkable
@@ -378,6 +379,7 @@ def _mission_findings(people: HumanConfiguration, mission: Mission, world: World
             reason=change,
             suggestion="Give the world the scenario was made for, or adapt it with `rvsg scenario migrate`.",
         )
+    yield from moved_findings(mission, world)
     start = mission.route.start
     if not robot_space(world).is_free(start.x, start.y):
         yield Finding(

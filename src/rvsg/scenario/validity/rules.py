@@ -186,6 +186,24 @@ _TABLE = (
         repair="None: load the world the mission was made for.",
     ),
     Rule(
+        name="moved-off-map",
+        demands="Every object moved into the world lies on its map.",
+        because="Nobody meets an object outside the building, so the scenario would not be what it says.",
+        repair="None; the object has to be moved or left out.",
+    ),
+    Rule(
+        name="moved-on-robot",
+        demands="No moved object stands where the robot starts.",
+        because="The run would end before it begins.",
+        repair="None; the object has to be moved or left out.",
+    ),
+    Rule(
+        name="moved-blocks-route",
+        demands="The moved objects leave the robot a way to its goal.",
+        because="A mission that cannot be done says nothing about people.",
+        repair="None; an object has to be moved or left out.",
+    ),
+    Rule(
         name="robot-start-blocked",
         demands="The robot's start is free in the world.",
         because="Navigation cannot plan from inside an obstacle.",

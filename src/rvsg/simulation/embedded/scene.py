@@ -153,22 +153,28 @@ def static_costs(occupancy: OccupancyMap) -> Bytes:
 def lidar_edges(world: World) -> tuple[Floats, NDArray[np.int64]]:
     """Edges (E, 4) of what the lidar plane cuts, world frame, and the number of the object each belongs to.
 
-    A world without objects shows the borders of its occupied cells, straight runs joined.
+    A world without objects of its own shows the borders of its occupied cells, straight runs joined.
     """
     found: list[Floats] = []
     owner: list[int] = []
-    for number, thing in enumerate(world.objects):
+    for number, thing in enumerate(world.solids):
         for outline in thing.slices:
             points = np.asarray(outline, np.float64).reshape(-1, 2)
             found.append(np.hstack([points, np.roll(points, -1, axis=0)]))
             owner += [number] * len(points)
-    if world.objects:
-        edges = np.concatenate(found) if found else np.zeros((0, 4))
-        return np.ascontiguousarray(edges), np.array(owner, np.int64)
+    if not world.objects:
+        walls = _map_borders(world)
+        found.append(walls)
+        owner += [len(world.solids)] * len(walls)
+    edges = np.concatenate(found) if found else np.zeros((0, 4))
+    return np.ascontiguousarray(edges), np.array(owner, np.int64)
+
+
+def _map_borders(world: World) -> Floats:
+    """Return the borders of the map's occupied cells (E, 4), world frame."""
     x = world.occupancy.origin.x + world.map_offset[0]
     y = world.occupancy.origin.y + world.map_offset[1]
-    edges = cell_borders(world.occupancy.cells == 100, world.occupancy.resolution, x, y)
-    return edges, np.zeros(len(edges), np.int64)
+    return cell_borders(world.occupancy.cells == 100, world.occupancy.resolution, x, y)
 
 
 def cell_borders(occupied: NDArray[np.bool_], resolution: float, x: float, y: float) -> Floats:

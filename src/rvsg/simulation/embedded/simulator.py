@@ -251,7 +251,7 @@ def _settled(route: Route, by: tuple[float, float]) -> Route:
 
 def surroundings(world: World, robot: Robot) -> Surroundings:
     """Return the arrays of a world for a robot, computed once per process and kept for the last few pairs."""
-    key = (world.id, robot.id)
+    key = (world.place_id, robot.id)
     if key not in _SURROUNDINGS:
         _SURROUNDINGS[key] = Surroundings(world, robot)
         while len(_SURROUNDINGS) > _KEPT:

@@ -42,7 +42,7 @@ def birdseye(
     margins = (round(20 * unit), round(56 * unit), round(20 * unit), round(24 * unit))
     x0, y0, x1, y1 = known_window(world, 0.3)
     corners = np.array([(x, y, z) for x in (x0, x1) for y in (y0, y1) for z in (0.0, WALL_CUT_M)])
-    tops = [(*point, _top(thing)) for thing in world.objects for point in thing.footprint]
+    tops = [(*point, _top(thing)) for thing in world.solids for point in thing.footprint]
     points = np.concatenate([corners, np.array(tops).reshape(-1, 3)])
     view, height = Oblique(world.grid.up).fitted(points, width_px, margins)
     fine = Oblique(view.up, view.scale * FINE, view.left * FINE, view.top * FINE)
@@ -50,8 +50,8 @@ def birdseye(
     kinds = ink.kind_colours(area.kind for area in world.areas)
     _tint_areas(pixels, world, fine, ink, kinds)
     canvas = Canvas(fine, pixels)
-    if world.objects:
-        for thing in world.objects:
+    if world.solids:
+        for thing in world.solids:
             _draw_object(canvas, thing, ink, _colour_of(thing, world.areas, kinds, ink))
     else:
         _raise_map(pixels, solid, ink, fine)
@@ -74,7 +74,7 @@ def _floor(
     colours = np.array([ink.page, ink.outside, ink.floor, ink.tinted(ink.wall, share=0.35)], np.uint8)
     kind = np.full((rows, columns), 1, np.uint8)
     kind[occupancy.cells == 0] = 2
-    kind[occupancy.cells == 100] = 2 if world.objects else 3
+    kind[occupancy.cells == 100] = 2 if world.solids else 3
     x0, y0, x1, y1 = known_window(world, 0.3)
     bands = []
     solid = []
@@ -192,10 +192,10 @@ def _written(
     said = (
         f"Seen from below the floor plan, slightly from the right. Walls are cut at {WALL_CUT_M:g} m; what is higher "
         f"than {TALLEST_M:g} m is drawn {TALLEST_M:g} m high."
-        if world.objects
+        if world.solids
         else f"Obstacles of the map are drawn {MAP_HEIGHT_M:g} m high: their true heights are not known."
     )
-    if route is not None and world.objects:
+    if route is not None and world.solids:
         said += " The route is dashed where things hide it."
     sheet.write_at(said, 20 * unit, height + 4 * unit, round(17 * unit), ink.faint_ink, anchor="l")
     return sheet.finished(height + 24 * unit)
@@ -245,9 +245,9 @@ def _height_in(area: Area, world: World) -> float:
     from shapely import Point, Polygon
 
     shape = Polygon(area.outline).buffer(0.05)
-    inside = [t for t in world.objects if not is_wall(t) and shape.covers(Point(t.box.center[0], t.box.center[1]))]
+    inside = [t for t in world.solids if not is_wall(t) and shape.covers(Point(t.box.center[0], t.box.center[1]))]
     if not inside:
-        things = [t for t in world.objects if not is_wall(t)]
+        things = [t for t in world.solids if not is_wall(t)]
         around = [t for t in things if Polygon(t.footprint).buffer(0.1).covers(Polygon(area.outline))]
         return max((_top(t) for t in around), default=0.0)
     return max(_top(t) for t in inside)

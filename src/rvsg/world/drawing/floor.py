@@ -30,8 +30,8 @@ def draw_floor(sheet: Sheet, world: World, guides: tuple[list[float], list[float
     kind[occupancy.cells == OCCUPIED] = 2
     thick = max(1, round(THICK_WALL_M / 2 / frame.resolution))
     kind[binary_erosion(kind == 2, iterations=thick)] = 4
-    if hidden and world.objects:
-        kind[binary_dilation(solid_cells(world.objects, frame), np.ones((5, 5), bool)) & (kind == 2)] = 1
+    if hidden and world.solids:
+        kind[binary_dilation(solid_cells(world.solids, frame), np.ones((5, 5), bool)) & (kind == 2)] = 1
     left, top, right, bottom = sheet.view.plan
     across = left + (np.arange((right - left) * FINE) + 0.5) / FINE
     all_down = top + (np.arange((bottom - top) * FINE) + 0.5) / FINE

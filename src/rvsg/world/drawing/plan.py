@@ -64,9 +64,9 @@ def draw_plan(
     guides = draw_rulers(sheet, world) if "rulers" in show else ([], [])
     draw_floor(sheet, world, guides, hidden="objects" in show)
     if "objects" in show:
-        draw_objects(sheet, world.objects)
+        draw_objects(sheet, world.solids)
     if "lidar" in show:
-        for thing in world.objects:
+        for thing in world.solids:
             for cut in thing.slices:
                 sheet.polygon(view.pixels(np.array(cut)), fill=None, edge=ink.wall, width=1.5)
     kinds = ink.kind_colours(area.kind for area in world.areas)

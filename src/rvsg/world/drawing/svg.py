@@ -126,7 +126,7 @@ def _kinds(world: World) -> list[int]:
 def _objects(world: World, tooltips: bool) -> list[str]:
     """Walls first, then things; a hole is a part of the same path."""
     parts = []
-    for thing in sorted(world.objects, key=lambda o: (not is_wall(o), o.box.size[2], o.name)):
+    for thing in sorted(world.solids, key=lambda o: (not is_wall(o), o.box.size[2], o.name)):
         rings = "".join(f"M{_points(ring)}z" for ring in (thing.footprint, *thing.holes))
         kind = "wall" if is_wall(thing) else "thing"
         title = f"<title>{html.escape(thing.name)}</title>" if tooltips else ""
@@ -139,10 +139,10 @@ def _cells(world: World) -> list[str]:
     occupancy = world_map(world)
     frame = frame_of(occupancy)
     occupied = occupancy.cells == OCCUPIED
-    if world.objects:
+    if world.solids:
         from scipy.ndimage import binary_dilation
 
-        occupied &= ~binary_dilation(solid_cells(world.objects, frame), np.ones((5, 5), bool))
+        occupied &= ~binary_dilation(solid_cells(world.solids, frame), np.ones((5, 5), bool))
     floor = (occupancy.cells == FREE) | ((occupancy.cells == OCCUPIED) & ~occupied)
     paths = []
     for kind, cells in (("floor", floor | occupied), ("wall", occupied)):

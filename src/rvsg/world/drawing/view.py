@@ -103,7 +103,7 @@ def known_window(world: World, margin_m: float = 0.15) -> Window:
         (c0, r0), (c1, r1) = known.min(axis=0), known.max(axis=0) + 1
         parts.append(frame.to_metres(np.array([[c0, r0], [c1, r0], [c1, r1], [c0, r1]], float)))
     low, high = frame.corners.min(axis=0) - BESIDE_MAP_M, frame.corners.max(axis=0) + BESIDE_MAP_M
-    for thing in world.objects:
+    for thing in world.solids:
         corners = np.array(thing.footprint)
         if (corners.max(axis=0) > low).all() and (corners.min(axis=0) < high).all():
             parts.append(np.clip(corners, low, high))

@@ -212,7 +212,7 @@ def initial(
     names = {group: k for k, group in enumerate(sorted({a.group for a in agents if a.group is not None}))}
     begin = beginning(options, seed)
     phase = stream(seed, "people/gait").uniform(0.0, LEG_PERIOD_M, n) if options.leg_phase_noise else np.zeros(n)
-    boxes, origins = boxes_of(world.objects) if published else (np.zeros((0, 6)), np.zeros((0, 3)))
+    boxes, origins = boxes_of(world.solids) if published else (np.zeros((0, 6)), np.zeros((0, 3)))
     surfaces = None if published else _surfaces(world)
     yaw = np.array([_first_yaw(agent, published) for agent in agents], dtype=np.float64)
 
@@ -304,11 +304,11 @@ _SURFACES: dict[str, Surfaces] = {}
 
 def _surfaces(world: World) -> Surfaces:
     """The surfaces of a world, worked out once per process."""
-    if world.id not in _SURFACES:
+    if world.place_id not in _SURFACES:
         if len(_SURFACES) > 8:
             _SURFACES.clear()
-        _SURFACES[world.id] = Surfaces(world)
-    return _SURFACES[world.id]
+        _SURFACES[world.place_id] = Surfaces(world)
+    return _SURFACES[world.place_id]
 
 
 def _first_yaw(agent: HumanAgent, published: bool) -> float:

@@ -198,7 +198,6 @@ class Surfaces:
     """
 
     def __init__(self, world: World) -> None:
-        outlines = [outline for thing in world.objects for outline in outlines_of(thing)]
         cells = world.occupancy.cells
         resolution = world.occupancy.resolution
         offset_x = world.occupancy.origin.x + world.map_offset[0]
@@ -208,21 +207,20 @@ class Surfaces:
         self.columns = math.ceil((cells.shape[1] * resolution + 2.0) / RASTER_M)
         self.rows = math.ceil((cells.shape[0] * resolution + 2.0) / RASTER_M)
         self.inside = np.zeros((self.rows, self.columns), np.uint8)
-        if outlines:
-            edges = [_edges(outline) for outline in outlines]
-            for thing in world.objects:
-                body = np.zeros_like(self.inside)
-                for outline in outlines_of(thing):
-                    _flip_inside(body, _edges(outline), self.x, self.y)
-                self.inside |= body
-            self.segments = np.concatenate(edges)
-        else:
-            self.segments = _cell_borders(cells == 100, resolution, offset_x, offset_y)
+        edges = [_edges(outline) for thing in world.solids for outline in outlines_of(thing)]
+        for thing in world.solids:
+            body = np.zeros_like(self.inside)
+            for outline in outlines_of(thing):
+                _flip_inside(body, _edges(outline), self.x, self.y)
+            self.inside |= body
+        if not world.objects:
+            edges.append(_cell_borders(cells == 100, resolution, offset_x, offset_y))
             rows = ((self.y + (np.arange(self.rows) + 0.5) * RASTER_M - offset_y) // resolution).astype(int)
             columns = ((self.x + (np.arange(self.columns) + 0.5) * RASTER_M - offset_x) // resolution).astype(int)
             within = np.ix_((rows >= 0) & (rows < cells.shape[0]), (columns >= 0) & (columns < cells.shape[1]))
             known = cells[np.ix_(rows[within[0].ravel()], columns[within[1].ravel()])]
-            self.inside[within] = (known == 100).astype(np.uint8)
+            self.inside[within] |= (known == 100).astype(np.uint8)
+        self.segments = np.concatenate(edges)
         self.nearest = _nearest_segments(self.segments, self.x, self.y, self.rows, self.columns)
 
 
