@@ -24,6 +24,7 @@ from rvsg.report.summary import number
 from rvsg.report.words import quantity
 from rvsg.robots import Robot
 from rvsg.scenario.requirement import Requirement
+from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.run import Run
 from rvsg.world.world import World
 
@@ -68,13 +69,19 @@ def _of_campaign(campaign: Campaign, run: str | None, world: str | None) -> Shot
         raise UnknownName("run", run, known)
     attempt, measured = known[run] if run is not None else _worst(campaign, attempts)
     place = campaign.world if world is None else load_world(world)
-    requirement = campaign.requirement
     found = next(each for each in campaign.runs() if each.id == measured.run_id)
-    facts = run_facts(found, measured, requirement, place, attempt.proposal.scenario)
+    scenario = attempt.proposal.scenario
+    assert scenario is not None  # it has a run
+    return shot_of_run(found, measured, campaign.requirement, place, scenario)
+
+
+def shot_of_run(run: Run, measured: Measurement, requirement: Requirement, world: World, scenario: Scenario) -> Shot:
+    """Return a shot of a run at the moments that matter for a requirement."""
+    facts = run_facts(run, measured, requirement, world, scenario)
     return Shot(
-        run=found,
-        world=place,
-        robot=campaign.plan.mission.robot_record,
+        run=run,
+        world=world,
+        robot=scenario.mission.robot_record,
         moments=still_times(facts),
         judged=lambda t_s: _judged(facts, requirement, t_s),
     )

@@ -10,7 +10,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -21,31 +21,26 @@ from pydantic import Field
 from rvsg.api.requirements import load_requirement
 from rvsg.api.scenarios import as_robot, check_robot, check_valid, load_scenario_in
 from rvsg.api.simulating import ignore, make_simulator
+from rvsg.api.suite_cases import CaseWork
 from rvsg.api.worlds import folder_of, world_of
-from rvsg.campaign.attempt import Failure, Measurement
-from rvsg.campaign.measuring import Measuring
-from rvsg.campaign.parallel import Simulations
 from rvsg.campaign.suite import (
     Case,
     CaseResult,
     Expectation,
     State,
     SuiteResult,
-    state_of,
 )
 from rvsg.core.documents import read_document
-from rvsg.core.errors import FileError, InputError, SimulationError, UnknownName
+from rvsg.core.errors import FileError, InputError, UnknownName
 from rvsg.core.files import write_whole
 from rvsg.core.plugins import Spec
 from rvsg.core.records import Record
-from rvsg.evaluation.judge import DEFAULT, Procedure, next_repeats
-from rvsg.evaluation.story import story_of
+from rvsg.evaluation.judge import DEFAULT, Procedure
 from rvsg.report.suites import suite_junit
 from rvsg.robots import Robot
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.protocol import Simulator
-from rvsg.simulation.run import Run
 from rvsg.simulation.stacks.registry import StackLike
 from rvsg.world.world import Route, World
 
@@ -160,6 +155,7 @@ class Suite:
         runs: int | None = None,
         only: Sequence[str] = (),
         robot: Robot | str | Path | None = None,
+        pictures: str | Path | None = None,
         on_result: Callable[[CaseResult], None] = ignore,
         on_message: Callable[[str], None] = ignore,
     ) -> SuiteResult:
@@ -176,6 +172,7 @@ class Suite:
             only: names of cases; by default all.
             robot: drives every case instead of the robot of its scenario: a record, the name of a shipped robot or a
                 robot file.
+            pictures: a folder for pictures of the worst run of each case that has a violating run.
             on_result: called with the result of each case and requirement.
 
         Raises:
@@ -194,7 +191,10 @@ class Suite:
             if not only or case.name in only:
                 case = case if other is None else driven_by(case, other)
                 check_robot(case.scenario, made)
-                for result in self._run_case(case, made, jobs, runs, on_message):
+                asked = [requirement_of(e, self.folder, case.scenario.mission.route) for e in case.expectations]
+                procedure = self.head.judging.replace(max_runs=runs or case.max_runs)
+                work = CaseWork(case, self.worlds[case.name], tuple(asked), procedure, made)
+                for result in work.results(runs=runs, jobs=jobs, pictures=pictures, on_message=on_message):
                     results.append(result)
                     on_result(result)
         return SuiteResult(
@@ -217,50 +217,6 @@ class Suite:
                 expectations = tuple(_updated(each, mine.get(each.requirement)) for each in case.expectations)
                 self._write(case.replace(expectations=expectations), self.worlds[case.name])
         return changed
-
-    def _run_case(
-        self, case: Case, simulator: Simulator, jobs: int, runs: int | None, on_message: Callable[[str], None]
-    ) -> Iterator[CaseResult]:
-        world = self.worlds[case.name]
-        procedure = self.head.judging.replace(max_runs=runs or case.max_runs)
-        route = case.scenario.mission.route
-        asked = [requirement_of(e, self.folder, route) for e in case.expectations]
-        measuring = [Measuring(requirement, world, procedure=procedure) for requirement in asked]
-        made: list[Run] = []
-        measured: list[list[Measurement]] = [[] for _ in asked]
-        with Simulations(simulator, world, jobs=jobs, notify=on_message) as simulations:
-            more = runs or _more(asked, [[]] * len(asked), procedure)
-            while more:
-                pending = [simulations.submit(case.scenario, seed) for seed in range(len(made), len(made) + more)]
-                for each in pending:
-                    found = each.result()
-                    if isinstance(found, Failure):
-                        raise SimulationError(f"{case.name}, seed {found.seed}: {found.reason}")
-                    run = found.unpack()
-                    made.append(run)
-                    for k, measure in enumerate(measuring):
-                        measured[k].append(measure.measure(run))
-                more = 0 if runs else _more(asked, [[m.objective for m in row] for row in measured], procedure)
-        for expectation, requirement, measure, row in zip(case.expectations, asked, measuring, measured, strict=True):
-            verdict = measure.judge(row)
-            flags = [None if m.objective is None else requirement.violated_by(m.objective) for m in row]
-            worst = _worst(requirement, [m.objective for m in row])
-            sentences = story_of(made[worst], world=world, scenario=case.scenario) if worst is not None else ()
-            yield CaseResult(
-                case=case.name,
-                title=case.title,
-                requirement=expectation.requirement,
-                expected=expectation.expected,
-                reason=expectation.reason,
-                state=state_of(expectation.expected, verdict, procedure=procedure),
-                verdict=verdict,
-                seeds=tuple(run.seed for run in made),
-                violations=tuple(flags),
-                contacts=sum((m.values.get("contacts") or 0.0) > 0.0 for m in row),
-                arrived=sum(run.completed for run in made),
-                seconds=float(sum(run.trajectory.t[-1] for run in made)),
-                story=tuple(sentence.text for sentence in sentences),
-            )
 
     def _write(self, case: Case, world: World) -> None:
         folder = folder_of(world.id)
@@ -332,24 +288,6 @@ def _requirement(name: str, folder: Path) -> str:
     """A requirement's file is looked for beside the suite."""
     file, hash_, key = name.partition("#")
     return f"{folder / file}{hash_}{key}" if file.endswith((".yaml", ".yml")) else name
-
-
-def _more(
-    requirements: Sequence[Requirement], objectives: Sequence[Sequence[float | None]], procedure: Procedure
-) -> int:
-    """The most runs that any requirement asks for next; all of them where there is no limit."""
-    wanted = []
-    for requirement, values in zip(requirements, objectives, strict=True):
-        if requirement.threshold is None:
-            wanted.append(procedure.max_runs - len(values))
-        else:
-            wanted.append(next_repeats(requirement, values, procedure=procedure))
-    return max(wanted)
-
-
-def _worst(requirement: Requirement, objectives: Sequence[float | None]) -> int | None:
-    known = [(requirement.badness(value), -k) for k, value in enumerate(objectives) if value is not None]
-    return -max(known)[1] if known else None
 
 
 def _updated(expectation: Expectation, result: CaseResult | None) -> Expectation:

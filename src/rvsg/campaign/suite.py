@@ -80,6 +80,10 @@ class CaseResult(Record):
     """Simulated seconds of all runs together."""
     story: tuple[str, ...] = ()
     """What happens in the worst run, in sentences."""
+    worst_seed: int | None = None
+    """The seed of that run."""
+    picture: str | None = None
+    """The file with pictures of that run, as it was written; None where none was asked for."""
 
 
 class SuiteResult(Record):

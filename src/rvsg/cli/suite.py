@@ -65,6 +65,10 @@ def run(
     runs: Annotated[int | None, typer.Option(min=1, help="Runs of every case. [as few as decide each verdict]")] = None,
     jobs: Annotated[int, typer.Option(min=1, help="Worker processes.")] = 1,
     junit: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the results as JUnit XML.")] = None,
+    pictures: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Draw the worst run of each violating case; JUnit names the files."),
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print the results as JSON on standard output.")] = False,
 ) -> None:
     """Run a suite. The exit code is 1 where a case that should pass violates its requirement.
@@ -88,6 +92,7 @@ def run(
         runs=runs,
         only=only or (),
         robot=robot,
+        pictures=pictures,
         on_result=lambda case: say(describe_result(case)),
         on_message=say,
     )

@@ -13,7 +13,8 @@ def suite_junit(result: SuiteResult) -> str:
     """Return JUnit XML with one test case for each case and requirement, under stable names.
 
     A broken case is a failure. A known failure and an unclear case are skipped with the reason; a fixed one passes
-    and says in `system-out` that the expectation can be updated.
+    and says in `system-out` that the expectation can be updated. A picture is named there in the notation of Jenkins
+    and GitLab, `[[ATTACHMENT|path]]`.
     """
     suite = ET.Element("testsuite", name=clean(f"rvsg {result.suite}"))
     suite.extend(_case(result, case) for case in result.cases)
@@ -59,7 +60,8 @@ def _case(result: SuiteResult, case: CaseResult) -> ET.Element:
         ET.SubElement(element, "skipped", message=clean(f"{message}. {case.reason}".strip()))
     elif case.state is State.UNCLEAR:
         ET.SubElement(element, "skipped", message=message)
-    ET.SubElement(element, "system-out").text = clean("\n".join([message, *case.story]))
+    attached = [] if case.picture is None else [f"[[ATTACHMENT|{case.picture}]]"]
+    ET.SubElement(element, "system-out").text = clean("\n".join([message, *case.story, *attached]))
     return element
 
 
