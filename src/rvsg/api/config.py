@@ -213,8 +213,7 @@ def effective(stored: dict[str, Any] | None, from_file: dict[str, Any], from_opt
     except pydantic.ValidationError as error:
         empty = [e for e in error.errors() if e["loc"] and e["loc"][0] in BUDGETS and e["input"] in (0, "0")]
         messages = [f"{e['loc'][0]}: {NO_CALL}" for e in empty]
-        known = tuple(f"{e['loc'][0]}: " for e in empty)
-        messages += [m for m in mistakes_of(error, CampaignConfig, noun="option") if not m.startswith(known)]
+        messages += mistakes_of(error, CampaignConfig, noun="option", besides=[str(e["loc"][0]) for e in empty])
         raise InputError("; ".join(messages)) from None
 
 

@@ -111,15 +111,16 @@ def make_folder(folder: Path, *, option: str = "--out") -> None:
 
 @contextlib.contextmanager
 def alone_in(folder: Path) -> Iterator[None]:
-    """Hold the folder while a campaign runs in it; InputError where another process does. The lock ends with us."""
+    """Hold the lock of a folder while a campaign runs in it. The lock ends with the process.
+
+    Raises:
+        InputError: another process holds it.
+    """
+    from filelock import FileLock, Timeout
+
     try:
-        import fcntl
-    except ImportError:  # where there is no fcntl the ledger still refuses an attempt that is there already
-        yield
-        return
-    with (folder / ".lock").open("w") as lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            raise InputError(f"{folder}: another `rvsg run` works in this folder. Wait for it, or stop it.") from None
+        held = FileLock(folder / ".lock", blocking=False, thread_local=False).acquire()
+    except Timeout:
+        raise InputError(f"{folder}: another `rvsg run` works in this folder. Wait for it, or stop it.") from None
+    with held:
         yield

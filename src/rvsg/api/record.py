@@ -127,10 +127,10 @@ def differences(known: Mapping[str, Any], asked: Mapping[str, Any], prefix: str 
 def check_same(known: CampaignRecord, asked: CampaignRecord, where: object) -> None:
     """Refuse to resume a campaign with settings that decide other records."""
     ignored = {"provenance"}
-    found = differences(known.model_dump(mode="json", exclude=ignored), asked.model_dump(mode="json", exclude=ignored))
-    if found:
-        typed = [line.removeprefix("config.") for line in found if line.startswith("config.")] or found
-        listed = "\n".join(f"  - {line}" for line in typed)
+    stored, wanted = (record.model_dump(mode="json", exclude=ignored) for record in (known, asked))
+    # What follows from the options is listed only where no option differs.
+    if found := differences(stored["config"], wanted["config"]) or differences(stored, wanted):
+        listed = "\n".join(f"  - {line}" for line in found)
         raise InputError(
             f"{where}: this folder holds a campaign with other settings:\n{listed}\n"
             "To resume it, leave these options out. For a new campaign, choose another --out."

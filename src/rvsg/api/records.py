@@ -170,7 +170,7 @@ def _validated(path: Path, value: object, kind: type[Kept]) -> Kept:
     try:
         return kind.model_validate_json(json.dumps(value))
     except pydantic.ValidationError as error:
-        wrong = [f"the whole file{said}" if said.startswith(":") else said for said in mistakes_of(error, kind)]
+        wrong = mistakes_of(error, kind, whole="the whole file")
         more = [f"and {len(wrong) - MOST_LISTED} more"] if len(wrong) > MOST_LISTED else []
         listed = "; ".join([*wrong[:MOST_LISTED], *more])
         raise FileError(path, f"this is not a {kind.__name__.lower()}: {listed}.") from None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import datetime
 import difflib
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar, get_args
@@ -179,13 +179,22 @@ def problems_of(error: ValidationError, document: Document, model: type[BaseMode
     return sorted(set(found), key=lambda problem: (problem.line or 0, problem.message))
 
 
-def mistakes_of(error: ValidationError, model: type[BaseModel], *, noun: str = "key") -> list[str]:
-    """Return each mistake of a validation in words, for values outside files; `noun` is the word for a key."""
+def mistakes_of(
+    error: ValidationError, model: type[BaseModel], *, noun: str = "key", besides: Collection[str] = (), whole: str = ""
+) -> list[str]:
+    """Return each mistake of a validation in words, for values outside files.
+
+    Args:
+        noun: The word for a key.
+        besides: Keys whose mistakes are left out.
+        whole: The word for a value as a whole, put before a mistake that names no key.
+    """
     found = []
     for detail in error.errors(include_url=False):
+        if detail["loc"] and detail["loc"][0] in besides:
+            continue
         place = tuple(part for part in detail["loc"] if isinstance(part, int) or part.isidentifier())
-        said = _message(dict(detail), place, model)
-        found.append(said.replace("there is no key", f"there is no {noun}", 1))
+        found.append(_message(dict(detail), place, model, noun=noun, whole=whole))
     return list(dict.fromkeys(found))
 
 
@@ -221,11 +230,11 @@ _SAID = {
 }
 
 
-def _message(detail: dict[str, Any], key: Key, model: type[BaseModel]) -> str:
+def _message(detail: dict[str, Any], key: Key, model: type[BaseModel], *, noun: str = "key", whole: str = "") -> str:
     kind, loc = detail["type"], detail["loc"]
     place = _place(key)
     if kind == "extra_forbidden":
-        return _misspelt(str(loc[-1]), _place(key[:-1]), _model_at(model, loc[:-1]))
+        return _misspelt(str(loc[-1]), _place(key[:-1]), _model_at(model, loc[:-1]), noun)
     if kind == "missing":
         if isinstance(loc[-1], int):
             return f"{place}: expected more values than {_shown(detail['input'])}"
@@ -237,7 +246,7 @@ def _message(detail: dict[str, Any], key: Key, model: type[BaseModel]) -> str:
     said = said.replace("Input should be less", "expected a value less").replace("Input should be", "expected")
     if kind == "string_type" and isinstance(detail["input"], bool | int | float | datetime.date):
         said += " (put it in quotes)"
-    return f"{place}: {said}, got {_shown(detail['input'])}"
+    return f"{place or whole}: {said}, got {_shown(detail['input'])}"
 
 
 def _of_length(detail: dict[str, Any]) -> str | None:
@@ -263,13 +272,13 @@ def _place(key: Key) -> str:
     return text
 
 
-def _misspelt(key: str, place: str, model: type[BaseModel] | None) -> str:
+def _misspelt(key: str, place: str, model: type[BaseModel] | None, noun: str) -> str:
     known = [field.alias or name for name, field in model.model_fields.items()] if model is not None else []
     near = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
     where = f" in {place}" if place else ""
     asked = f'. Did you mean "{near[0]}"?' if near else "." if known else ""
     listed = f" Known: {', '.join(known)}" if known else ""
-    return f'there is no key "{key}"{where}{asked}{listed}'
+    return f'there is no {noun} "{key}"{where}{asked}{listed}'
 
 
 def _model_at(model: type[BaseModel], loc: Key) -> type[BaseModel] | None:

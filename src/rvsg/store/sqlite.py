@@ -63,8 +63,9 @@ _runs = sa.Table(
 )
 PATIENCE_S = 30.0
 """How long to wait for another process that holds the file."""
-DAMAGED = ("malformed", "no such table", "no such column", "unsupported file format")
-"""What SQLite says about a file that lost a part."""
+DAMAGED = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_ERROR)
+"""Result codes for a file that lost a part; the statements are ours, so a failing one misses a table or a column."""
+BUSY = (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED)
 _CHECKSUMS_SINCE = 2
 """The store version from which on runs have a checksum."""
 
@@ -267,19 +268,19 @@ class SqliteLedger:
         return _Translated(self)
 
     def _error(self, error: DatabaseError) -> StoreError:
-        reason = str(error.orig)
-        if any(sign in reason for sign in DAMAGED):
-            return self._damaged(reason)
-        if "decode to UTF-8" in reason:  # the message goes on with all of the text
+        reason, code = str(error.orig), _code(error.orig)
+        if code is None and isinstance(error.orig, sqlite3.OperationalError):  # a text that is not UTF-8
             return self._damaged("a text in it is not what was stored")
-        if "locked" in reason:
+        if code in DAMAGED:
+            return self._damaged(reason)
+        if code in BUSY:
             reason += "; another process holds it"
-        if "not a database" in reason:
+        if code == sqlite3.SQLITE_NOTADB:
             reason = "this is no RVSG store (file is not a database). If it was one, restore it from a copy."
-        if "unable to open" in reason and _has_log(self.path):
-            reason += f". What was kept last stands in {self.path.name}-wal; copy the folder to where it may be written"
-        if "full" in reason:
-            reason += ". Make room there; the same command goes on."
+        if code == sqlite3.SQLITE_CANTOPEN and _has_log(self.path):
+            reason += f". The last records are in {self.path.name}-wal; copy the folder to where it may be written"
+        if code == sqlite3.SQLITE_FULL:
+            reason += ". Free some space and run the same command again to resume."
         return StoreError(f"{self.path}: {reason}")
 
 
@@ -345,6 +346,12 @@ def _engine(path: Path, *, readonly: bool) -> sa.Engine:
     return engine
 
 
+def _code(error: BaseException | None) -> int | None:
+    """Return the primary result code of an SQLite error; None where Python raised it."""
+    code = getattr(error, "sqlite_errorcode", None)
+    return None if code is None else code & 0xFF
+
+
 def _configure(connection: Any, _: Any) -> None:
     cursor = connection.cursor()
     deadline = time.monotonic() + PATIENCE_S
@@ -353,7 +360,7 @@ def _configure(connection: Any, _: Any) -> None:
             cursor.execute("PRAGMA journal_mode=WAL")
             break
         except sqlite3.OperationalError as error:  # SQLite does not wait here where another process opens a new store
-            if "locked" not in str(error) or time.monotonic() > deadline:
+            if _code(error) not in BUSY or time.monotonic() > deadline:
                 raise
             time.sleep(0.02)
     cursor.execute("PRAGMA synchronous=NORMAL")
