@@ -116,6 +116,8 @@ class Campaign:
         stored, config, known = _resumed(config, from_file, settings)
         reject_unused_model_options(config, settings, on_message)
         wired = wire(config, {**(paths or {}), **known}, **instances)
+        for note in wired.notes:
+            on_message(note)
         begun_in = (stored.provenance.begun_in if stored else None) or begun_in or str(Path.cwd())
         record = CampaignRecord.of(config, wired.plan, wired.simulator_spec, begun_in)
         if stored is not None:

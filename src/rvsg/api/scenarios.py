@@ -16,6 +16,7 @@ from rvsg.scenario import validity
 from rvsg.scenario.scenario import ROBOT, Behaviour, Human, HumanConfiguration, Mission, Pause, Scenario, Task
 from rvsg.scenario.validity import Finding
 from rvsg.simulation.protocol import Simulator
+from rvsg.world.fitting import fitted
 from rvsg.world.space import robot_space
 from rvsg.world.world import Route, SolidObject, World
 
@@ -97,8 +98,9 @@ def scenario(
 ) -> Scenario:
     """Make a scenario: a robot's mission on a route of a world, and the people who walk there.
 
-    Without people it is the mission alone. `robot` is a record, the name of a shipped robot or a robot file. `moved`
-    are objects in the robot's way that its map does not show, or a file of them (like objects.yaml).
+    Without people it is the mission alone. `robot` is a record, the name of a shipped robot or a robot file; the route
+    is fitted to it, see `mission_of`. `moved` are objects in the robot's way that its map does not show, or a file of
+    them (like objects.yaml).
 
     Raises:
         InvalidScenario: it breaks a rule; `findings` says which.
@@ -111,7 +113,7 @@ def scenario(
         humans = tuple(each.human(place) if isinstance(each, Walk) else each for each in people)
         people = HumanConfiguration(humans=humans)
     made = Scenario(
-        mission=Mission.of(place, taken, robot=as_robot(robot)),
+        mission=mission_of(place, taken, robot)[0],
         people=people,
         description=description,
     )
@@ -168,6 +170,33 @@ def as_robot(robot: Robot | str | Path, simulator: Simulator | None = None) -> R
     """
     names = (ROBOT,) if simulator is None else (ROBOT, *simulator.robots)
     return robot if isinstance(robot, Robot) or robot in names else load_robot(robot)
+
+
+def mission_of(
+    world: World, route: Route, robot: Robot | str | Path = ROBOT, simulator: Simulator | None = None
+) -> tuple[Mission, tuple[str, ...]]:
+    """Return the mission of a robot on a route, and what of the route was fitted to the robot, in words.
+
+    The routes of a world are written for the default robot. For another one the goal moves to where its body can stand,
+    and the time limit to what its speed needs.
+
+    Raises:
+        UnknownName: there is no such robot and no such file.
+        FileError: the robot file is wrong.
+    """
+    driver = as_robot(robot, simulator)
+    if not isinstance(driver, Robot):
+        return Mission.of(world, route, robot=driver), ()
+    fit = fitted(route, driver, world)
+    return Mission.of(world, fit.route, robot=driver), fit.notes
+
+
+def with_robot(
+    scenario: Scenario, robot: Robot | str | Path, world: World, simulator: Simulator | None = None
+) -> tuple[Scenario, tuple[str, ...]]:
+    """Return a scenario with another robot on its route, and what of the route was fitted to it, in words."""
+    mission, notes = mission_of(world, scenario.mission.route, robot, simulator)
+    return scenario.replace(mission=scenario.mission.replace(robot=mission.robot, route=mission.route)), notes
 
 
 def check_robot(scenario: Scenario, simulator: Simulator) -> None:

@@ -19,7 +19,7 @@ import yaml
 from pydantic import Field
 
 from rvsg.api.requirements import load_requirement
-from rvsg.api.scenarios import as_robot, check_robot, check_valid, load_scenario_in
+from rvsg.api.scenarios import as_robot, check_robot, check_valid, load_scenario_in, with_robot
 from rvsg.api.simulating import ignore, make_simulator
 from rvsg.api.suite_cases import CaseWork
 from rvsg.api.worlds import folder_of, world_of
@@ -189,7 +189,7 @@ class Suite:
         results = []
         for case in self.cases:
             if not only or case.name in only:
-                case = case if other is None else driven_by(case, other)
+                case = case if other is None else driven_by(case, other, self.worlds[case.name])
                 check_robot(case.scenario, made)
                 asked = [requirement_of(e, self.folder, case.scenario.mission.route) for e in case.expectations]
                 procedure = self.head.judging.replace(max_runs=runs or case.max_runs)
@@ -230,10 +230,11 @@ class Suite:
         write_whole(self.folder / f"{case.name}.yaml", _yaml({k: v for k, v in values.items() if v is not None}))
 
 
-def driven_by(case: Case, robot: Robot | str) -> Case:
-    """Return a case with another robot."""
-    scenario = case.scenario
-    return case.replace(scenario=scenario.replace(mission=scenario.mission.replace(robot=robot)))
+def driven_by(case: Case, robot: Robot | str, world: World) -> Case:
+    """Return a case with another robot; the route is fitted to it."""
+    if not isinstance(robot, Robot):
+        return case.replace(scenario=case.scenario.replace(mission=case.scenario.mission.replace(robot=robot)))
+    return case.replace(scenario=with_robot(case.scenario, robot, world)[0])
 
 
 def junit_of_suite(result: SuiteResult) -> str:

@@ -10,7 +10,7 @@ from typing import Any
 
 from rvsg.api.config import CampaignConfig
 from rvsg.api.requirements import load_requirement
-from rvsg.api.scenarios import as_robot, check_route
+from rvsg.api.scenarios import check_route, mission_of
 from rvsg.api.simulating import make_simulator
 from rvsg.api.worlds import load_moved, load_world
 from rvsg.campaign.loop import feedback_from
@@ -25,7 +25,6 @@ from rvsg.core.errors import InputError
 from rvsg.core.plugins import Spec
 from rvsg.evaluation.judge import Procedure
 from rvsg.generation.generator import Generator
-from rvsg.scenario.scenario import Mission
 from rvsg.simulation.protocol import Simulator
 from rvsg.simulation.stacks.protocol import NavigationStack
 from rvsg.world.world import World
@@ -49,6 +48,8 @@ class Wired:
     executor: Executor | None
     paths: Mapping[str, str] = field(default_factory=dict)
     """The typed paths among the settings, with where they are."""
+    notes: tuple[str, ...] = ()
+    """What of the route was fitted to the robot, in words."""
 
     @property
     def simulator_spec(self) -> Spec:
@@ -115,11 +116,10 @@ def wire(
         world = world.with_moved(load_moved(paths.get(config.moved, config.moved), world))
     route = world.route(config.route)
     check_route(route, world)
-    requirement = load_requirement(paths.get(config.requirement, config.requirement), route)
     strategy_class = plugins.find("strategy", config.strategy)
     simulator = make_simulator(simulator or config.simulator_spec, stack or config.stack_spec(paths))
-    mission = Mission.of(world, route)
-    mission = mission.replace(robot=as_robot(paths.get(config.robot, config.robot), simulator))
+    mission, notes = mission_of(world, route, paths.get(config.robot, config.robot), simulator)
+    requirement = load_requirement(paths.get(config.requirement, config.requirement), mission.route)
     if generator is None:
         generator = plugins.make("generator", config.generator_name, generator_options(config, paths))
     plugins.check_complete("generator", generator, Generator)
@@ -149,6 +149,7 @@ def wire(
         strategy_class=strategy_class,
         executor=executor_of(config),
         paths=paths,
+        notes=notes,
     )
 
 

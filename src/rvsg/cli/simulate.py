@@ -45,7 +45,7 @@ def simulate(
     import rvsg
     from rvsg.api.exchange import export
     from rvsg.api.records import check_writable, runs_text, write_text
-    from rvsg.api.scenarios import as_robot, check_valid, load_scenario_in, with_moved
+    from rvsg.api.scenarios import check_valid, load_scenario_in, with_moved, with_robot
     from rvsg.cli.options import spec, stack_spec
 
     check_writable(out)
@@ -53,7 +53,9 @@ def simulate(
         check_writable(bag)
     asked, place = load_scenario_in(scenario, world)
     if robot is not None:
-        asked = asked.replace(mission=asked.mission.replace(robot=as_robot(robot)))
+        asked, notes = with_robot(asked, robot, place)
+        for note in notes:
+            say(note)
     if moved is not None:
         asked, place = with_moved(asked, moved, place)
     for doubtful in check_valid(asked, place):

@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Iterator
 from itertools import pairwise
 
+from rvsg.robots import Robot
 from rvsg.robots.polygons import distance, inside
 from rvsg.scenario.dependence import changes_that_matter
 from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Task
@@ -16,6 +17,7 @@ from rvsg.scenario.validity.moved import moved_findings
 from rvsg.scenario.validity.rules import MAX_HUMANS, ROBOT_RADIUS_M, SPEED_RANGE_M_S, START_CLEARANCE_M
 from rvsg.scenario.validity.task_ends import TaskEnd, near_place, spelled, task_ends
 from rvsg.scenario.validity.walkable import BODY_HALF_WIDTH_M, is_walkable
+from rvsg.world.fitting import fits_through
 from rvsg.world.space import human_space, robot_space
 from rvsg.world.world import World
 
@@ -386,4 +388,11 @@ def _mission_findings(people: HumanConfiguration, mission: Mission, world: World
             rule="robot-start-blocked",
             reason=f"The robot's start ({start.x:g}, {start.y:g}) of {mission.route.name} is not free in {world.name}.",
             suggestion="Move the route's start into free space.",
+        )
+    elif isinstance(mission.robot, Robot) and not fits_through(mission.robot, mission.route, world):
+        yield Finding(
+            rule="robot-too-wide",
+            reason=f"{mission.robot.name} is {mission.robot.width_m:.2f} m wide; no way from the start to the goal of "
+            f"{mission.route.name} is.",
+            suggestion="Choose another route or another robot; `rvsg world check --robot` checks all routes.",
         )

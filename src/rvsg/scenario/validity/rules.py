@@ -209,6 +209,12 @@ _TABLE = (
         because="Navigation cannot plan from inside an obstacle.",
         repair="None: correct the route.",
     ),
+    Rule(
+        name="robot-too-wide",
+        demands="Some way from the start to the goal is as wide as the robot.",
+        because="The robot cannot arrive, whatever people do. Checked for robots other than the default one.",
+        repair="None: choose another route or robot.",
+    ),
 )
 
 RULES: dict[str, Rule] = {rule.name: rule for rule in _TABLE}
