@@ -154,3 +154,50 @@ def test_clearance_is_the_distance_to_the_nearest_outline() -> None:
     walls = Surroundings(world, TIAGO).walls()
     assert clearance(walls, -0.5, 2.0) == pytest.approx(0.4)
     assert clearance(walls, -3.0, 0.0) == pytest.approx(walls.reach)
+
+
+def scraping(robot: Robot) -> tuple[Run, Walls]:
+    """Drive straight on at 0.3 m/s, askew into the long wall of a room at y = 3.95."""
+    world, _ = room_with_door(1.0)
+    start = Pose(x=-4.0, y=2.9, yaw=math.radians(35))
+    route = Route(name="askew", start=start, goal=Pose(x=-1.0, y=0.0), time_limit_s=8.0)
+    run = simulate_agents(world, route, [], robot=robot, seed=0, outside=Outside(stack=lambda _: (0.3, 0.0)))
+    return run, Surroundings(world, robot).walls()
+
+
+def test_an_omnidirectional_base_slides_along_a_wall() -> None:
+    run, walls = scraping(TIAGO)
+    touch = next(event for event in run.events if isinstance(event, ObstacleContact))
+    path = run.trajectory
+    after = path.t > touch.time_s + 0.2
+    assert path.x[-1] - path.x[after][0] > 0.5
+    assert deepest(run, walls) <= 2 * SLACK_M
+
+
+def test_a_differential_base_turns_away_from_a_wall_and_moves_only_ahead() -> None:
+    robot = load_robot("industrial_amr").replace(bumper=None, safety_zones=())
+    run, walls = scraping(robot)
+    path = run.trajectory
+    assert run.events and abs(path.yaw[-1]) < math.radians(5)
+    step_x, step_y, middle = np.diff(path.x), np.diff(path.y), path.yaw[:-1] + 0.5 * np.diff(path.yaw)
+    aside = np.abs(step_y * np.cos(middle) - step_x * np.sin(middle))
+    assert aside.max() < 1e-3
+    assert deepest(run, walls) <= 2 * SLACK_M
+
+
+def test_a_base_with_steered_wheels_stops_at_a_wall() -> None:
+    run, walls = scraping(load_robot("tugger").replace(safety_zones=()))
+    path = run.trajectory
+    assert run.events
+    assert np.hypot(path.x[-1] - path.x[-40], path.y[-1] - path.y[-40]) < 0.01
+    assert np.ptp(path.yaw) < 0.01
+    assert deepest(run, walls) <= 2 * SLACK_M
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["office", "hospital"])
+def test_no_shipped_route_is_lost_at_a_door_jamb(name: str) -> None:
+    world = load_world(name)
+    for route in world.routes:
+        run = simulate_agents(world, route, [], seed=1)
+        assert run.outcome is Outcome.REACHED, (route.name, run.events)

@@ -102,7 +102,7 @@ class Surroundings:
     def walls(self) -> Walls:
         """Return what the robot's body cannot enter, for one run."""
         start, near, shape = self.wall_tiles
-        return new_walls(self.edges, start, near, (self.x, self.y), shape, self.robot.outline)
+        return new_walls(self.edges, start, near, (self.x, self.y), shape, self.robot)
 
     def rest_of_way(self, scene: Scene, goals: Floats) -> NDArray[np.float32] | None:
         """The least cost from every cell to the goal, kept for the last few goals; None where it is not known.

@@ -1,4 +1,4 @@
-"""Contact of the robot's body with walls and objects: the base is held back, and the contact is recorded.
+"""Contact of the robot's body with walls and objects: the base slides or is held back, and the contact is recorded.
 
 Solid is what the lidar plane cuts, or the occupied cells of a world without objects: the outlines that the robot can
 see. The overlap of a pose is the length of these outlines inside the body. A step of the base may not raise it.
@@ -15,8 +15,10 @@ from numpy.typing import NDArray
 
 from rvsg.core.compiled import by_reference, inner, kernel
 from rvsg.core.records import Pose
-from rvsg.robots.polygons import reach
+from rvsg.robots import Robot
+from rvsg.robots.polygons import reach, rectangle
 from rvsg.simulation.embedded import base
+from rvsg.simulation.embedded.outline import contact_with, is_inside
 from rvsg.simulation.events import ObstacleContact
 
 Floats = NDArray[np.float64]
@@ -24,6 +26,13 @@ Floats = NDArray[np.float64]
 SLACK_M = 1e-3
 """Less outline than this inside the body is no overlap."""
 HALVINGS = 10
+ROUNDS = 12
+SPARE_M = 2e-4
+"""A base that slides keeps this far from what it touches."""
+LEAST_EASE = 0.05
+"""A base that gives way to a push less than this is held back: 1 is a base that moves as it is pushed."""
+FARTHEST_M = 0.005
+"""Contact moves the base at most this much farther than its own step."""
 AGAIN_S = 0.5
 """Contacts less than this apart count as one."""
 MOST_CONTACTS = 256
@@ -43,8 +52,9 @@ class Walls(NamedTuple):
 
     `edges` (E, 4) outlines in the world frame; tile t of the raster of 1 m from (x, y) holds
     `near[start[t] : start[t + 1]]`, the numbers of all edges within the body's reach. `outline` (K, 2) corners of the
-    body. `free` (1,): how far the base can go before it can touch; `reach` (m) how far
-    outlines are looked for. `cuts` scratch space; `contacts` (N, 7) the contacts so far and `counts` (1,) their number.
+    body. `free` (1,): how far the base can go before it can touch; `reach` (m) how far outlines are looked for.
+    `sideways` (0 or 1) and `turning` (1/m²): how easily the base moves sideways and round where it is pushed, against
+    moving ahead. `cuts` scratch space; `contacts` (N, 7) the contacts so far and `counts` (1,) their number.
     """
 
     edges: Floats
@@ -57,6 +67,8 @@ class Walls(NamedTuple):
     outline: Floats
     radius: float
     reach: float
+    sideways: float
+    turning: float
     free: Floats
     cuts: Floats
     contacts: Floats
@@ -73,9 +85,13 @@ def reach_of(outline: Sequence[tuple[float, float]]) -> float:
 
 def new_walls(
     edges: Floats, start: NDArray[np.int64], near: NDArray[np.int32], corner: tuple[float, float],
-    shape: tuple[int, int], outline: Sequence[tuple[float, float]],
+    shape: tuple[int, int], robot: Robot,
 ) -> Walls:  # fmt: skip
     """Return the walls of a run. `corner` and `shape` (rows, columns) of the raster of tiles."""
+    outline = robot.outline
+    (left, low), (right, high) = rectangle(outline)
+    # A rectangle of even mass resists turning like its mass at this squared distance.
+    inertia = ((right - left) ** 2 + (high - low) ** 2) / 12.0
     return Walls(
         edges=edges,
         start=start,
@@ -87,6 +103,8 @@ def new_walls(
         outline=np.array(outline, np.float64),
         radius=reach(outline),
         reach=reach_of(outline),
+        sideways=1.0 if robot.drive.kind == "omnidirectional" else 0.0,
+        turning=0.0 if robot.drive.kind == "ackermann" else 1.0 / inertia,
         free=np.zeros(1),
         cuts=np.zeros(len(outline) + 2),
         contacts=np.zeros((MOST_CONTACTS, 7)),
@@ -172,29 +190,69 @@ def _length_inside(walls: Walls, ax: float, ay: float, bx: float, by: float) -> 
     found = 0.0
     for k in range(count):
         middle = 0.5 * (cuts[k] + cuts[k + 1])
-        if _is_inside(walls.outline, ax + middle * dx, ay + middle * dy):
+        if is_inside(walls.outline, ax + middle * dx, ay + middle * dy):
             found += cuts[k + 1] - cuts[k]
     return found * math.sqrt(square)
 
 
 @inner
-def _is_inside(outline: Floats, x: float, y: float) -> bool:
-    found = False
-    j = outline.shape[0] - 1
-    for i in range(outline.shape[0]):
-        ay = outline[i, 1]
-        by = outline[j, 1]
-        if (ay > y) != (by > y) and x < outline[i, 0] + (y - ay) / (by - ay) * (outline[j, 0] - outline[i, 0]):
-            found = not found
-        j = i
+def _deepest(walls: Walls, x: float, y: float, yaw: float) -> tuple[float, float, float, float, float]:
+    """Return the deepest contact at a pose: depth (m), place and direction for the body in the base frame."""
+    column = int((x - walls.x) // 1.0)
+    row = int((y - walls.y) // 1.0)
+    found = (0.0, 0.0, 0.0, 0.0, 0.0)
+    if not (0 <= column < walls.columns and 0 <= row < walls.rows):
+        return found
+    tile = row * walls.columns + column
+    cos = math.cos(yaw)
+    sin = math.sin(yaw)
+    for k in range(walls.start[tile], walls.start[tile + 1]):
+        edge = walls.edges[walls.near[k]]
+        dx = edge[0] - x
+        dy = edge[1] - y
+        ex = edge[2] - x
+        ey = edge[3] - y
+        ax = cos * dx + sin * dy
+        ay = cos * dy - sin * dx
+        bx = cos * ex + sin * ey
+        by = cos * ey - sin * ex
+        if _length_inside(walls, ax, ay, bx, by) > 0.0:
+            pressing = contact_with(walls.outline, ax, ay, bx, by)
+            if pressing[0] > found[0]:
+                found = pressing
     return found
 
 
 @inner
-def touch_walls(walls: Walls, t: float, body: Floats, x: float, y: float, yaw: float) -> float:
-    """Hold the base back after its step from the pose (x, y, yaw); return the change of its speed, m/s.
+def push_out(walls: Walls, x: float, y: float, yaw: float) -> tuple[float, float, float]:
+    """Return the pose to which contact pushes the base out of walls, as far as its wheels let it move.
 
-    The base makes as much of its step as does not enter anything: less translation first, then less rotation.
+    Every contact moves the base ahead, sideways and round in the shares in which a body of even mass yields to a push
+    there. A differential base does not move sideways; one with steered wheels neither sideways nor round.
+    """
+    for _ in range(ROUNDS):
+        depth, px, py, nx, ny = _deepest(walls, x, y, yaw)
+        lever = px * ny - py * nx
+        ease = nx * nx + walls.sideways * ny * ny + walls.turning * lever * lever
+        if depth <= 0.0 or ease < LEAST_EASE:
+            break
+        push = (depth + SPARE_M) / ease
+        cos = math.cos(yaw)
+        sin = math.sin(yaw)
+        ahead = push * nx
+        aside = push * walls.sideways * ny
+        x += cos * ahead - sin * aside
+        y += sin * ahead + cos * aside
+        yaw += push * walls.turning * lever
+    return x, y, yaw
+
+
+@inner
+def touch_walls(walls: Walls, t: float, body: Floats, x: float, y: float, yaw: float) -> float:
+    """Let the base slide or hold it back after its step from the pose (x, y, yaw); return the change of its speed, m/s.
+
+    Where sliding does not free it, it makes as much of its step as does not enter anything: less translation first,
+    then less rotation.
     """
     dx = body[base.X] - x
     dy = body[base.Y] - y
@@ -211,6 +269,13 @@ def touch_walls(walls: Walls, t: float, body: Floats, x: float, y: float, yaw: f
     if now <= allowed:
         return 0.0
     _note(walls, t, body)
+    if _slide(walls, body, x, y, yaw, math.sqrt(dx * dx + dy * dy), allowed):
+        speed = (math.cos(yaw) * (body[base.X] - x) + math.sin(yaw) * (body[base.Y] - y)) / base.STEP_S
+        change = speed - body[base.V]
+        body[base.V] = speed
+        body[base.W] = base.wrap(body[base.YAW] - yaw) / base.STEP_S
+        body[base.ACCELERATION] = 0.0
+        return change
     turn = base.wrap(body[base.YAW] - yaw)
     moved = 0.0
     turned = 1.0
@@ -238,6 +303,25 @@ def touch_walls(walls: Walls, t: float, body: Floats, x: float, y: float, yaw: f
     body[base.W] *= turned
     body[base.ACCELERATION] = 0.0
     return change
+
+
+@inner
+def _slide(walls: Walls, body: Floats, x: float, y: float, yaw: float, step: float, allowed: float) -> bool:
+    """Push the base out of what its step of this length (m) enters; whether that frees it. The step is kept if not."""
+    slid_x, slid_y, slid_yaw = push_out(walls, body[base.X], body[base.Y], body[base.YAW])
+    if math.sqrt((slid_x - x) ** 2 + (slid_y - y) ** 2) > step + FARTHEST_M:
+        return False
+    if (
+        abs(base.wrap(slid_yaw - yaw)) * walls.radius
+        > step + walls.radius * abs(body[base.W]) * base.STEP_S + FARTHEST_M
+    ):
+        return False
+    if overlap(walls, slid_x, slid_y, slid_yaw) > allowed:
+        return False
+    body[base.X] = slid_x
+    body[base.Y] = slid_y
+    body[base.YAW] = base.wrap(slid_yaw)
+    return True
 
 
 @inner
