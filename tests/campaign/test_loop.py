@@ -142,10 +142,15 @@ def test_a_confirmation_ends_when_the_verdict_is_sure(values: list[float], statu
     confirmation = confirmed_with(values)
     assert confirmation.verdict is not None
     assert (confirmation.verdict.status, len(confirmation.measurements)) == (status, runs)
-    assert confirmed_with(values, jobs=2) == confirmation
     # Not one run earlier: the status is that of the counts, and the counts before were not enough.
     earlier = judge(REQUIREMENT, values[: runs - 1])
     assert earlier.status is Status.INCONCLUSIVE
+
+
+@pytest.mark.slow
+def test_a_confirmation_ends_at_the_same_run_in_any_number_of_processes() -> None:
+    values = [2.0] * 5 + [0.5] + [2.0] * 24
+    assert confirmed_with(values, jobs=2) == confirmed_with(values)
 
 
 def test_a_confirmation_that_is_not_sure_ends_with_its_budget_and_says_so() -> None:
@@ -193,6 +198,7 @@ def test_a_confirmation_never_takes_part_in_the_ranking() -> None:
     assert all(a.purpose == "search" for a in ranking(attempts, REQUIREMENT))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("max_in_flight", [1, 3])
 @pytest.mark.parametrize("strategy", [StudyStrategy, EliteStrategy, RandomStrategy])
 def test_records_do_not_depend_on_the_number_of_jobs(strategy: type, max_in_flight: int) -> None:
@@ -216,6 +222,7 @@ def ahead_of(ledger: MemoryLedger) -> Ahead:
     return Ahead(KinematicSimulator(), warehouse(), measure=measure, known=ledger.find)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("strategy", STRATEGIES)
 @settings(max_examples=8, deadline=None)
 @given(scenarios=integers(1, 7), refinements=integers(0, 3), max_in_flight=integers(1, 5), ahead=integers(0, 6))
@@ -293,6 +300,7 @@ def test_a_finished_campaign_is_not_run_again() -> None:
     assert again.runs == 0
 
 
+@pytest.mark.slow
 def test_a_spent_budget_stops_the_campaign_and_what_was_proposed_is_kept() -> None:
     class Poor(WalkGenerator):
         def propose(self, brief: Brief, world: World) -> Proposal:
@@ -342,6 +350,7 @@ def test_a_simulator_that_makes_no_run_at_all_stops_the_campaign() -> None:
     assert ledger.kept == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("always", [False, True])
 def test_a_worker_that_dies_hard_costs_at_most_its_own_run(tmp_path: Path, always: bool) -> None:
     the_plan = plan(scenarios=1, refinements=0, repeats=4, confirmations=0)
@@ -358,6 +367,7 @@ def test_the_sqlite_ledger_gives_the_same_campaign_as_lists(tmp_path: Path) -> N
         assert run(ledger) == run(MemoryLedger())
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks at processes in /proc")
 def test_workers_end_when_their_parent_is_killed(tmp_path: Path) -> None:
     code = (

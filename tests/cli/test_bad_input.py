@@ -507,6 +507,7 @@ def test_a_junit_file_that_cannot_be_made_is_told_before_the_campaign(
     assert not (tmp_path / "new").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/dev/full").is_char_device(), reason="needs a device that is always full")
 @pytest.mark.parametrize("stream", ["stdout", "stderr"])
 def test_a_full_disk_is_no_defect_of_the_program(tmp_path: Path, a_run: dict, stream: str) -> None:
@@ -543,6 +544,7 @@ def test_junit_into_a_folder_is_refused_before_the_work(refused) -> None:
     assert "this is a folder" in refused("run", *SMALL, "--junit", ".", "--out", "one")
 
 
+@pytest.mark.slow
 def test_a_reader_that_goes_away_is_no_violation(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "rvsg", "run", *SMALL, "--out", str(tmp_path / "one")]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL)

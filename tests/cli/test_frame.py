@@ -114,6 +114,7 @@ def test_every_verb_of_the_table_loads_and_helps(name: str, capsys: pytest.Captu
     assert "Usage: rvsg " + name in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_help_answers_fast_and_loads_no_backend() -> None:
     """0.5 s is the promise; a loaded test machine may take longer, so the fastest of three counts."""
     code = (

@@ -77,6 +77,7 @@ def ended(code: str) -> subprocess.CompletedProcess[str]:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "killpg"), reason="a terminal sends Ctrl-C to a process group")
 def test_ctrl_c_while_the_workers_start_ends_in_order_and_resumes(tmp_path: Path) -> None:
     options = [*SMALL[: SMALL.index("--jobs")], "--jobs", "2"]
@@ -102,6 +103,7 @@ def test_ctrl_c_while_the_workers_start_ends_in_order_and_resumes(tmp_path: Path
     assert records(tmp_path / "one") == records(tmp_path / "whole")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("work", "told"),
     [

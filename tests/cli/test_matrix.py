@@ -24,7 +24,7 @@ from rvsg.world.io.load import SHIPPED
 
 SMALL = [
     *("--simulator", "kinematic", "--strategy", "random", "--scenarios", "2", "--refinements", "1"),
-    *("--repeats", "2", "--confirmations", "4", "--seed", "7"),
+    *("--repeats", "2", "--confirmations", "4", "--seed", "7", "--jobs", "1"),
 ]
 PAIRS = [("route_1", "R1"), ("route_1", "R3"), ("route_2", "R1"), ("route_2", "R3")]
 ASKED = ["--route", "route_1", "--route", "route_2", "--requirement", "R1", "--requirement", "R3"]
@@ -42,6 +42,7 @@ def alone(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[str]]:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("jobs", ["1", "3"])
 def test_campaigns_side_by_side_keep_what_each_keeps_alone(
     tmp_path: Path, alone: dict[str, list[str]], jobs: str, capsys: pytest.CaptureFixture[str]
@@ -66,6 +67,7 @@ def test_campaigns_side_by_side_keep_what_each_keeps_alone(
     assert (out / "report.html").read_text() == overview
 
 
+@pytest.mark.slow
 def test_a_campaign_file_may_list_routes_and_requirements(tmp_path: Path, alone: dict[str, list[str]]) -> None:
     file = tmp_path / "c.yaml"
     file.write_text(
@@ -77,6 +79,7 @@ def test_a_campaign_file_may_list_routes_and_requirements(tmp_path: Path, alone:
     assert records(tmp_path / "all" / "route_2-R1") == alone["route_2-R1"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
 def test_cells_that_are_stopped_resume_to_identical_records(
     tmp_path: Path, alone: dict[str, list[str]], how: signal.Signals
@@ -124,6 +127,7 @@ def test_a_mistake_in_one_cell_is_told_before_any_begins(
     assert not (tmp_path / "all").exists()
 
 
+@pytest.mark.slow
 def test_cells_keep_their_settings_and_more_may_be_added(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], alone: dict[str, list[str]]
 ) -> None:
@@ -213,6 +217,7 @@ def test_two_cells_that_would_share_a_folder_are_refused(tmp_path: Path, capsys:
     assert "Two of the campaigns would be kept in" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_pair_that_is_added_is_one_pair(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "all"
     assert main(["run", *SMALL, "--route", "route_1", "--route", "route_2", "--out", str(out)]) == 0
@@ -230,6 +235,7 @@ def test_a_pair_that_is_added_is_one_pair(tmp_path: Path, capsys: pytest.Capture
     assert {path.name for path in folders_in(out)} == names | {"route_1-R2", "route_2-R2"}
 
 
+@pytest.mark.slow
 def test_cells_with_a_world_of_their_own_go_on_in_any_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     shutil.copytree(SHIPPED / "warehouse", tmp_path / "mine")
     (tmp_path / "elsewhere").mkdir()

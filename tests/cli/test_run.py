@@ -73,6 +73,7 @@ def test_the_stored_configuration_repeats_the_campaign(tmp_path: Path) -> None:
     assert records(tmp_path / "one") == records(tmp_path / "two")
 
 
+@pytest.mark.slow
 def test_one_job_and_two_end_with_identical_records(tmp_path: Path) -> None:
     main(["run", *SMALL, "--seed", "7", "--out", str(tmp_path / "one")])
     main(["run", *SMALL, "--seed", "7", "--out", str(tmp_path / "two"), "--jobs", "2"])
@@ -90,6 +91,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     return records(folder)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
 def test_a_killed_campaign_resumes_to_identical_records(tmp_path: Path, whole: list[str], how: signal.Signals) -> None:
     folder = tmp_path / "killed"
@@ -149,12 +151,11 @@ def test_a_campaign_from_before_a_setting_was_added_is_resumed(tmp_path: Path) -
     assert records(out) == before
 
 
-@pytest.mark.xfail(reason="a campaign of 0.1 goes on with other confirmations in 0.2")
 def test_a_campaign_from_before_attempts_were_in_flight_together_goes_on_one_by_one(tmp_path: Path) -> None:
     out, small = tmp_path / "one", [*SMALL, "--strategy", "elite", "--confirmations", "0"]
     main(["run", *small, "--out", str(out)])
     before = records(out)
-    main(["run", *small, "--out", str(tmp_path / "other"), "--abreast", "4"])
+    main(["run", *small, "--out", str(tmp_path / "other"), "--max-in-flight", "4"])
     assert records(tmp_path / "other") != before  # how many are under way decides what is tried
     connection = sqlite3.connect(out / LEDGER)
     (text,) = connection.execute("SELECT settings FROM campaigns").fetchone()

@@ -33,6 +33,7 @@ def test_propose_shows_the_checker_and_writes_a_valid_scenario(capsys: pytest.Ca
     assert json.loads(captured.out)["scenario"]["mission"]["route"]["name"] == "route_1"
 
 
+@pytest.mark.slow
 def test_repeats_have_the_next_seeds_and_do_not_depend_on_the_jobs(proposal: Path, tmp_path: Path) -> None:
     asked = ["simulate", str(proposal), *KINEMATIC, "--seed", "9", "--repeats", "3"]
     main([*asked, "--out", str(tmp_path / "one.jsonl")])

@@ -65,6 +65,7 @@ def test_the_same_world_gives_the_same_bytes() -> None:
     assert png_bytes(grid_picture(world)) == png_bytes(grid_picture(world))
 
 
+@pytest.mark.slow
 def test_another_process_draws_the_same_bytes() -> None:
     code = (
         "import hashlib; from rvsg.world.io.load import load_world;"
