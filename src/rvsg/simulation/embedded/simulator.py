@@ -190,7 +190,9 @@ def simulate_agents(
         Episode(scene, state, settings, crowd, phases, intervals, record, outside).run()
         outcome = _outcome(state)
         if driving is not None:
-            details["stack"] = driving.details()
+            told = driving.details()
+            details["stack"] = told
+            state.nav[st.RECOVERIES] = told.get("recoveries", state.nav[st.RECOVERIES])
             outcome = outcome if driving.fault is None else Outcome.STACK_FAILED
     end = goals[-1] + (offset[0], offset[1], 0.0)
     details["map_from_world"] = [float(number) for number in own.frame[:3]]

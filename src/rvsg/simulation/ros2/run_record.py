@@ -1,0 +1,136 @@
+"""What there is to tell of a run on a ROS 2 system besides its trajectory."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from rvsg.simulation.ros2.dds import ActionClient, Subscription
+from rvsg.simulation.ros2.interfaces import Release
+from rvsg.simulation.ros2.options import Ros2Options
+from rvsg.simulation.stacks.protocol import Observation, Task
+
+if TYPE_CHECKING:
+    from rvsg.simulation.ros2.session import Session
+
+PAUSE_S = 1.0
+"""A longer gap between commands is a pause of the behaviour tree, not a missed period."""
+NEAR_M, AWAY_M = 1.0, 1.5
+"""The robot turns back at a pose to drive through where it was nearer than the first and is farther than the second,
+and the pose is still to come."""
+MOST_PLANS, MOST_POINTS, MOST_CHANGES = 200, 60, 2000
+
+
+class RunRecord:
+    """Counts and lists of one run; `facts` returns them."""
+
+    def __init__(self, speed: float, control_hz: float, task: Task, release: Release) -> None:
+        self.release = release
+        self.failed = False
+        """Whether a node crashed or hung."""
+        self._speed, self._period, self._task = speed, 1.0 / control_hz, task
+        self._warnings: list[str] = []
+        self._commands = self._missed = 0
+        self._last: float | None = None
+        self._late = 0.0
+        self._recoveries = self._turned_back = 0
+        self._was_near = False
+        self._remaining = len(task.goals)
+        self._plans: list[Any] = []
+        self._changes: list[Any] = []
+        self._result: dict[str, Any] = {}
+        self._plan_topic: Subscription | None = None
+        self._tree_topic: Subscription | None = None
+
+    def listen(self, session: Session, options: Ros2Options) -> None:
+        """Subscribe to plans and to the log of the behaviour tree."""
+        self._plan_topic = session.bus.subscribe(options.plan, "nav_msgs/msg/Path")
+        self._tree_topic = session.bus.subscribe(options.behaviour_tree_log, "nav2_msgs/msg/BehaviorTreeLog")
+
+    def warn(self, text: str) -> None:
+        """Keep a warning, once."""
+        if text not in self._warnings:
+            self._warnings.append(text)
+
+    def commanded(self, at: float) -> None:
+        """Count a command sent at this time (s, any origin, at the speed of the run)."""
+        self._commands += 1
+        if self._last is not None:
+            gap = at - self._last
+            if 1.5 * self._period < gap < PAUSE_S:
+                self._missed += round(gap / self._period) - 1
+        self._last = at
+
+    def late(self, by_s: float) -> None:
+        """Count wall time by which RVSG itself was behind."""
+        self._late += by_s
+
+    @property
+    def missed_share(self) -> float:
+        """Missed control periods over all."""
+        return self._missed / max(1, self._missed + self._commands)
+
+    def note(self, seen: Observation, feedback: Any) -> None:
+        """Take over feedback, plans and the behaviour tree's log."""
+        if feedback is not None:
+            self._recoveries = max(self._recoveries, int(feedback.number_of_recoveries))
+            self._watch_poses(seen, int(getattr(feedback, "number_of_poses_remaining", 0)))
+        if self._plan_topic is not None:
+            for plan in self._plan_topic.take():
+                if len(self._plans) < MOST_PLANS and plan.poses:
+                    step = math.ceil(len(plan.poses) / MOST_POINTS)
+                    points = [(p.pose.position.x, p.pose.position.y) for p in plan.poses[::step]]
+                    self._plans.append([round(seen.t, 2), [[round(x, 3), round(y, 3)] for x, y in points]])
+        if self._tree_topic is not None:
+            for message in self._tree_topic.take():
+                for change in message.event_log:
+                    if len(self._changes) < MOST_CHANGES:
+                        self._changes.append([round(seen.t, 2), change.node_name, change.current_status])
+
+    def _watch_poses(self, seen: Observation, remaining: int) -> None:
+        """Count how often the robot leaves a pose to drive through that does not count as passed."""
+        if remaining != self._remaining or not 1 < remaining <= len(self._task.goals):
+            self._remaining, self._was_near = remaining, False
+            return
+        x, y, yaw = seen.map_from_odom
+        px = x + math.cos(yaw) * seen.pose[0] - math.sin(yaw) * seen.pose[1]
+        py = y + math.sin(yaw) * seen.pose[0] + math.cos(yaw) * seen.pose[1]
+        pose = self._task.goals[-remaining]
+        distance = math.hypot(pose.x - px, pose.y - py)
+        if distance < NEAR_M:
+            self._was_near = True
+        elif self._was_near and distance > AWAY_M:
+            self._turned_back, self._was_near = self._turned_back + 1, False
+
+    def end(self, client: ActionClient) -> None:
+        """Keep how the action ended."""
+        result = client.result
+        self._result = {
+            "status": client.status,
+            "error_code": int(getattr(result, "error_code", 0)),
+            "error_msg": str(getattr(result, "error_msg", "")),
+        }
+
+    def facts(self, speed: float) -> dict[str, Any]:
+        """Return everything as JSON-able data; `speed` is the one that was reached."""
+        warnings = list(self._warnings)
+        if self._missed and self.missed_share > 0.0:
+            warnings.append(
+                f"controller: {self._missed} of {self._missed + self._commands} periods of {self._period:g} s missed"
+            )
+        if speed < 0.95 * self._speed:
+            warnings.append(f"speed {speed:.2f} reached, {self._speed:g} asked")
+        return {
+            "repeatable": False,
+            "release": self.release,
+            "speed_asked": self._speed,
+            "speed": round(speed, 3),
+            "commands": self._commands,
+            "missed_periods": self._missed,
+            "recoveries": self._recoveries,
+            "turned_back": self._turned_back,
+            "result": self._result,
+            "plans": self._plans,
+            "behaviour_tree": self._changes,
+            "warnings": warnings,
+        }

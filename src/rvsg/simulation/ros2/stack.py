@@ -1,0 +1,411 @@
+"""The stack `ros2`: a ROS 2 navigation system of the user's, driven over DDS at a multiple of real time."""
+
+from __future__ import annotations
+
+import atexit
+import math
+import time
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar
+
+from rvsg.core.errors import SimulationError
+from rvsg.core.records import canonical_json
+from rvsg.simulation.ros2.dds import POLL_S, SUCCEEDED, ActionClient, Subscription
+from rvsg.simulation.ros2.options import read_options
+from rvsg.simulation.ros2.robot_side import RobotSide
+from rvsg.simulation.ros2.run_record import RunRecord
+from rvsg.simulation.ros2.session import Session
+from rvsg.simulation.stacks.protocol import Ended, Observation, StackError, Task, Velocity, WholeStack
+
+PERIOD_S = 0.02
+"""Simulated time between two messages of odometry, transforms and clock."""
+MISSED_SHARE = 0.02
+"""A larger share of missed control periods lowers the speed of the runs that follow."""
+SLOWER = 0.75
+LOCALISED_M, LOCALISED_RAD = 0.5, 0.35
+"""A system counts as localised where its estimate is this close to the truth."""
+ASK_AGAIN_S = 2.0
+"""Wall time after which the initial pose is sent again."""
+TURN_LIMIT_S = 3600.0
+_END_LIMIT_S = 1.0
+
+
+class Ros2Stack(WholeStack):
+    """The user's running or launched ROS 2 navigation. Runs are not repeatable bit for bit: the seed is a run number.
+
+    Options are those of `rvsg.simulation.ros2.options.Ros2Options`.
+    """
+
+    name: ClassVar[str] = "ros2"
+    title: ClassVar[str] = "your own ROS 2 navigation (Nav2), running or launched, over DDS"
+    version: ClassVar[str] = "1"
+    repeatable: ClassVar[bool] = False
+    """Whether equal seeds give equal runs."""
+    answer_time_s: ClassVar[float | None] = None
+    """No limit of the caller's own: this stack keeps time itself."""
+
+    def __init__(self, **options: Any) -> None:
+        self._options = read_options(options)
+        self._clear()
+
+    def _clear(self) -> None:
+        self._speed = self._options.speed
+        self._session: Session | None = None
+        self._tell: Callable[[str], None] = _ignore
+        self._task: Task | None = None
+        self._run: _Running | None = None
+        self._restart = False
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Close the connection: the copy makes its own where it is used."""
+        self.close()
+        return {"_options": self._options}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self._options = state["_options"]
+        self._clear()
+
+    @property
+    def options(self) -> Mapping[str, Any]:
+        """The effective options, with the content of the parameter file."""
+        values = self._options.model_dump(mode="json")
+        if self._options.params is not None:
+            from rvsg.core.documents import read_yaml
+            from rvsg.core.records import text_id
+
+            content = canonical_json(read_yaml(self._path()).value)
+            values["params"] = f"{self._path().name} {text_id('params', content)}"
+        return values
+
+    def _path(self) -> Any:
+        from pathlib import Path
+
+        return Path(str(self._options.params))
+
+    @property
+    def period_s(self) -> float:
+        """Simulated time between two steps."""
+        return PERIOD_S
+
+    def prepare(self, tell: Callable[[str], None]) -> None:
+        """Find the running system or start it, so that what is missing is said before the first run.
+
+        Raises:
+            InputError, SimulationError: see `Session`.
+        """
+        self._tell = tell
+        if self._session is not None:
+            return
+        self._open()
+        assert self._session is not None
+        try:
+            self._session.find(_wait)
+        except BaseException:
+            self.close()
+            raise
+        self._say_what_is_scaled(tell)
+
+    def _open(self) -> Session:
+        self._session = Session(self._options, self._speed, self._tell)
+        atexit.register(self.close)
+        return self._session
+
+    def _say_what_is_scaled(self, tell: Callable[[str], None]) -> None:
+        assert self._session is not None
+        scaled = self._session.scaled
+        if scaled is not None and self._speed != 1.0:
+            for change in scaled.changes:
+                tell(f"speed {self._speed:g}: {change.name}: {change.before} becomes {change.after}")
+            for note in scaled.notes:
+                tell(f"speed {self._speed:g}: {note}")
+        elif self._speed != 1.0:
+            tell(
+                f"speed {self._speed:g}: the running system keeps its parameters. Start it with those that "
+                "`rvsg ros2 params` prints, or its loops run too slowly."
+            )
+
+    def reset(self, task: Task) -> None:
+        """Keep the task; the system is made ready in the first step, where the robot's sensors are known."""
+        if self._run is not None:
+            self.finish()
+        self._task = task
+
+    def step(self, seen: Observation) -> tuple[float, float] | Ended | None:
+        """Send the sensors, keep pace, and return the newest velocity or how the goal ended."""
+        try:
+            if self._run is None:
+                assert self._task is not None
+                self._run = self._begin(self._task, seen)
+            return self._run.step(seen)
+        except SimulationError as error:
+            raise StackError(str(error)) from error
+
+    def _begin(self, task: Task, seen: Observation) -> _Running:
+        if self._session is not None and (self._restart or self._options.restart):
+            self._session.close()
+            self._session = None
+        self._restart = False
+        session = self._session or self._open()
+        try:
+            return _Running(session, task, seen)
+        except BaseException:
+            if session.launched is not None:
+                self.close()  # a system that did not get ready is started anew for the next run
+            raise
+
+    def finish(self) -> Mapping[str, Any]:
+        """End the goal and let other processes use the system; return what there is to tell of the run."""
+        if self._run is None:
+            return {}
+        running, self._run = self._run, None
+        facts = running.finish()
+        if running.record.missed_share > MISSED_SHARE and self._speed > 1.0:
+            self._speed = max(1.0, self._speed * SLOWER)
+            self._restart = self._options.launch is not None
+            facts["speed_of_next_runs"] = self._speed
+            if self._session is not None:
+                self._session.speed = self._speed
+        if running.record.failed and self._options.launch is not None:
+            self._restart = True
+        return facts
+
+    def close(self) -> None:
+        """Disconnect, and end the system where it was launched."""
+        if self._run is not None:
+            self.finish()
+        if self._session is not None:
+            self._session.close()
+            self._session = None
+        atexit.unregister(self.close)
+
+
+class _Running:
+    """One run on a system that is ready."""
+
+    def __init__(self, session: Session, task: Task, seen: Observation) -> None:
+        self.session, self.task, self.options = session, task, session.options
+        self.record = RunRecord(session.speed, self._control_hz(), task, session.bus.types.release)
+        self._base = session.turn.take(TURN_LIMIT_S)
+        self._now = self._base
+        try:
+            session.find(_wait)
+            self.record.release = session.bus.types.release
+            self.robot: RobotSide = session.connect(task.robot)
+            self.robot.start_over()
+            self._frozen = time.monotonic()
+            self._get_ready(seen)
+        except BaseException:
+            self._give_back()
+            raise
+        self.robot.start_over()
+        self._base = self._now - round(seen.t * 1e9)
+        self._due = time.monotonic()
+        self._begun, self._begun_t = self._due, seen.t
+        self._heard = self._due
+        self._velocity: Velocity | None = None
+
+    def _control_hz(self) -> float:
+        if self.options.control_hz is not None:
+            return self.options.control_hz
+        return 20.0 if self.session.scaled is None else self.session.scaled.control_hz
+
+    # Getting ready: simulated time stands still, ROS time goes on at the pace of the run.
+
+    def _get_ready(self, seen: Observation) -> None:
+        pump = lambda: self._pump(seen)  # noqa: E731
+        limit = self.options.start_limit_s
+        until = time.monotonic() + limit
+        graph = self.session.bus.graph()
+        own = bool(graph.subscribers(self.options.initial_pose))
+        self.robot.gives_transform = self.options.localisation == "given" or (
+            self.options.localisation == "auto" and not own
+        )
+        mapped = bool(graph.publishers(self.options.map))
+        if self.options.publish_map == "always" or (self.options.publish_map == "auto" and not mapped):
+            self.robot.publish_map(self._now, self.task.world)
+        self._transforms = self.session.bus.subscribe("/tf", "tf2_msgs/msg/TFMessage", reliable=True, depth=200)
+        self._wait_until_active(pump, until)
+        self.actions = {through: self.session.action(through) for through in (False, True)}
+        self._stop_others(pump)
+        self._wait_until_localised(seen, pump, until)
+        for service in self.session.clear_costmaps(self.options.answer_limit_s, pump):
+            self.record.warn(f"{service} did not answer")
+        self._pump_for(seen, self.options.settle_s)
+        self._commands: Subscription = self.session.commands()
+        self.record.listen(self.session, self.options)
+        self._send_goal(pump)
+
+    def _wait_until_active(self, pump: Callable[[], None], until: float) -> None:
+        lifecycle = self.session.lifecycle
+        lifecycle.states.clear()
+        sent = 0.0
+        while True:
+            lifecycle.poll()
+            waiting = lifecycle.waiting_for()
+            if lifecycle.states and not waiting:
+                return
+            if time.monotonic() - sent > ASK_AGAIN_S:
+                sent = time.monotonic()
+                self._send_start()
+            self.session.check()
+            if time.monotonic() > until:
+                listed = "; ".join(waiting)
+                raise SimulationError(f"Not active after {self.options.start_limit_s:g} s: {listed}.")
+            pump()
+
+    def _send_start(self) -> None:
+        """Tell localisation the start: costmaps become active only with a transform from the map."""
+        if not self.robot.gives_transform:
+            start = self.task.start
+            self.robot.publish_initial_pose(self._now, start.x, start.y, start.yaw)
+
+    def _stop_others(self, pump: Callable[[], None]) -> None:
+        for client in self.actions.values():
+            if self.session.bus.graph().servers(f"{client.name}/_action/send_goal"):
+                client.cancel_all(self.options.answer_limit_s, pump)
+
+    def _wait_until_localised(self, seen: Observation, pump: Callable[[], None], until: float) -> None:
+        if self.robot.gives_transform:
+            return
+        self._transforms.take()
+        sent = 0.0
+        while True:
+            if time.monotonic() - sent > ASK_AGAIN_S:
+                sent = time.monotonic()
+                self._send_start()
+            off = self._off(seen)
+            if off is not None and off[0] < LOCALISED_M and off[1] < LOCALISED_RAD:
+                return
+            if time.monotonic() > until:
+                how = "no transform from map to odom came" if off is None else f"its estimate is {off[0]:.2f} m off"
+                raise SimulationError(f"Not localised after {self.options.start_limit_s:g} s: {how}.")
+            pump()
+
+    def _off(self, seen: Observation) -> tuple[float, float] | None:
+        """Return how far (m, rad) the newest estimate of the robot's place is off its start in the map."""
+        found = None
+        for message in self._transforms.take():
+            for each in message.transforms:
+                if (each.header.frame_id, each.child_frame_id) == (self.options.map_frame, self.options.odom_frame):
+                    turn = each.transform.rotation
+                    yaw = 2.0 * math.atan2(turn.z, turn.w)
+                    x, y, heading = seen.pose
+                    cos, sin = math.cos(yaw), math.sin(yaw)
+                    px = each.transform.translation.x + cos * x - sin * y
+                    py = each.transform.translation.y + sin * x + cos * y
+                    start = self.task.start
+                    aside = math.remainder(heading + yaw - start.yaw, 2.0 * math.pi)
+                    found = (math.hypot(px - start.x, py - start.y), abs(aside))
+        return found
+
+    def _send_goal(self, pump: Callable[[], None]) -> None:
+        goals = self.task.goals
+        through = len(goals) > 1 if self.options.goal == "auto" else self.options.goal == "through_poses"
+        self.client: ActionClient = self.actions[through]
+        until = time.monotonic() + self.options.answer_limit_s
+        while not self.client.is_matched:
+            if time.monotonic() > until:
+                raise SimulationError(f"The action {self.client.name} is not there.")
+            pump()
+        goal = self.client.new_goal()
+        poses = [self.robot.pose_stamped(0, pose.x, pose.y, pose.yaw) for pose in goals]
+        if not through:
+            goal.pose = poses[-1]
+        elif isinstance(goal.poses, list):
+            goal.poses = poses
+        else:
+            goal.poses.goals = poses
+        self._commands.take()
+        self.client.send_goal(goal)
+        while self.client.accepted is None:
+            if time.monotonic() > until + self.options.answer_limit_s:
+                raise SimulationError(f"The action {self.client.name} did not answer the goal.")
+            pump()
+            self.client.poll()
+        if not self.client.accepted:
+            raise SimulationError(f"The action {self.client.name} rejected the goal.")
+
+    def _pump(self, seen: Observation) -> None:
+        """Let PERIOD_S of ROS time pass while the robot stands."""
+        self._now += round(PERIOD_S * 1e9)
+        at = (self._now - self._base) / 1e9
+        self.robot.publish(self._now, seen, at=at)
+        self._frozen += PERIOD_S / self.session.speed
+        rest = self._frozen - time.monotonic()
+        if rest > 0.0:
+            time.sleep(rest)
+        else:
+            self._frozen = time.monotonic()
+            time.sleep(POLL_S)
+
+    def _pump_for(self, seen: Observation, seconds: float) -> None:
+        until = self._now + round(seconds * 1e9)
+        while self._now < until:
+            self._pump(seen)
+
+    # The run itself.
+
+    def step(self, seen: Observation) -> tuple[float, float] | Ended | None:
+        """Send what the robot senses, wait until its time has come, and take what the system answers."""
+        self._now = self._base + round(seen.t * 1e9)
+        self.robot.publish(self._now, seen)
+        self.robot.publish_joints(self._now)
+        self._keep_pace()
+        self.client.poll()
+        self.record.note(seen, self.client.feedback)
+        if self.client.status is not None:
+            self.record.end(self.client)
+            return Ended.REACHED if self.client.status == SUCCEEDED else Ended.GAVE_UP
+        return self._command(seen)
+
+    def _keep_pace(self) -> None:
+        self._due += PERIOD_S / self.session.speed
+        rest = self._due - time.monotonic()
+        if rest > 0.0:
+            time.sleep(rest)
+        else:
+            self.record.late(-rest)
+            self._due -= rest
+
+    def _command(self, seen: Observation) -> Velocity | None:
+        newest = None
+        for message in self._commands.take():
+            twist = getattr(message, "twist", message)
+            newest = Velocity(float(twist.linear.x), float(twist.angular.z))
+            self.record.commanded(message.sample_info.source_timestamp / 1e9 * self.session.speed)
+        if newest is not None:
+            self._heard = time.monotonic()
+        elif time.monotonic() - self._heard > self.options.answer_limit_s:
+            self._ask_whether_alive()
+        return newest
+
+    def _ask_whether_alive(self) -> None:
+        """Name the nodes that are gone or do not answer; a system that only waits goes on."""
+        self.session.check()
+        silent = self.session.lifecycle.silent(self.options.answer_limit_s)
+        if silent:
+            self.record.failed = True
+            listed = ", ".join(silent)
+            raise SimulationError(f"{listed}: no answer within {self.options.answer_limit_s:g} s, crashed or hanging")
+        self._heard = self._due = time.monotonic()
+
+    def finish(self) -> dict[str, Any]:
+        """Cancel the goal where it still runs; return the facts of the run."""
+        wall = time.monotonic() - self._begun
+        simulated = (self._now - self._base) / 1e9 - self._begun_t
+        if self.client.accepted and self.client.status is None and not self.record.failed:
+            self.client.cancel_all(_END_LIMIT_S)
+        self._give_back()
+        return self.record.facts(simulated / wall if wall > 0.0 else 0.0)
+
+    def _give_back(self) -> None:
+        if self.session.launched is None:
+            self.session.turn.give_back(self._now)
+
+
+def _wait() -> None:
+    time.sleep(0.02)
+
+
+def _ignore(_: str) -> None:
+    pass

@@ -1,0 +1,83 @@
+"""The options of the stack ros2."""
+
+from __future__ import annotations
+
+import pickle
+from pathlib import Path
+
+import pytest
+
+from rvsg.core.errors import InputError
+from rvsg.core.plugins import make
+from rvsg.robots import load_robot
+from rvsg.simulation.ros2.launching import Launched, ros_environment
+from rvsg.simulation.ros2.options import domain_of, read_options
+from rvsg.simulation.ros2.robot_side import scan_topic
+from rvsg.simulation.ros2.stack import Ros2Stack
+from rvsg.simulation.stacks.registry import StackChoice
+
+
+def test_the_stack_is_registered_and_says_its_options() -> None:
+    stack = make("stack", "ros2", {"speed": 2.0})
+    assert isinstance(stack, Ros2Stack)
+    assert stack.options["speed"] == 2.0
+    assert StackChoice.of(stack).record.name == "ros2"
+
+
+@pytest.mark.parametrize(
+    ("wrong", "named"),
+    [
+        ({"speed": 0}, "speed"),
+        ({"sped": 2}, "speed"),
+        ({"restart": True}, "restart"),
+        ({"params": "nav2.yaml"}, "params"),
+        ({"launch": "ros2 launch x", "speed": 4}, "params"),
+        ({"launch": "ros2 {params}", "params": "/nowhere.yaml"}, "/nowhere.yaml"),
+        ({"domain": 233}, "domain"),
+        ({"cmd_vel": "two words"}, "cmd_vel"),
+    ],
+)
+def test_wrong_options_are_one_error_each(wrong: dict[str, object], named: str) -> None:
+    with pytest.raises(InputError, match=named):
+        read_options(wrong)
+
+
+def test_the_domain_is_that_of_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", "7")
+    assert domain_of(None) == 7
+    assert domain_of(3) == 3
+    monkeypatch.setenv("ROS_DOMAIN_ID", "seven")
+    with pytest.raises(InputError, match="ROS_DOMAIN_ID"):
+        domain_of(None)
+
+
+def test_another_middleware_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_fastrtps_cpp")
+    with pytest.raises(InputError, match="rvsg-ros2"):
+        ros_environment(0)
+
+
+def test_a_missing_launch_command_says_what_to_do() -> None:
+    with pytest.raises(InputError, match="Source"):
+        Launched("no-such-command-here --x", {})
+    with pytest.raises(InputError, match="launch"):
+        Launched("ros2 'open", {})
+
+
+def test_a_stack_is_pickled_without_its_connection() -> None:
+    copy = pickle.loads(pickle.dumps(Ros2Stack(speed=2.0)))
+    assert copy.options == Ros2Stack(speed=2.0).options
+
+
+def test_the_content_of_the_parameter_file_is_part_of_the_options(tmp_path: Path) -> None:
+    path = tmp_path / "nav2.yaml"
+    path.write_text("a: 1\n")
+    before = Ros2Stack(launch="ros2 {params}", params=str(path)).options["params"]
+    path.write_text("a: 2\n")
+    assert Ros2Stack(launch="ros2 {params}", params=str(path)).options["params"] != before
+
+
+def test_the_first_lidar_has_nav2s_topic_and_the_others_their_names() -> None:
+    lidars = load_robot("tiago_omni").lidars
+    topics = [scan_topic(read_options({}), lidars, k) for k in range(2)]
+    assert topics == ["/scan", "/scan_rear"]

@@ -1,0 +1,109 @@
+"""The stack ros2 against a process that plays Nav2."""
+
+from __future__ import annotations
+
+import pytest
+from tests.simulation.ros2.isolated import drive
+
+pytestmark = pytest.mark.slow
+SPEED = 3
+
+
+def test_a_running_system_drives_two_runs_one_after_another() -> None:
+    told = drive({}, runs=2, options={"speed": SPEED})
+    assert [run["outcome"] for run in told["runs"]] == ["REACHED", "REACHED"]
+    first, second = told["runs"]
+    assert first["id"] != second["id"]
+    facts = first["stack"]
+    assert facts["release"] == "humble"
+    assert facts["result"]["status"] == 4
+    assert first["recoveries"] == 2
+    assert facts["commands"] > 50
+    assert 0.5 * SPEED < facts["speed"] < 1.1 * SPEED
+    assert facts["plans"][0][1][-1] == pytest.approx([1.0, 0.5], abs=0.2)
+    assert facts["behaviour_tree"][0][1:] == ["FollowPath", "RUNNING"]
+    heard = told["heard"]
+    assert heard["goals"] == 2
+    assert heard["clears"] == 4
+    assert heard["scans"] == {"front": 818}
+    assert heard["static"] == ["base_link", "front", "rear"]
+    assert heard["initial"][-1] == pytest.approx([-2.0, 0.0], abs=0.3)
+
+
+@pytest.mark.parametrize("release", ["jazzy", "kilted", "lyrical"])
+def test_the_release_is_read_from_the_announced_types(release: str) -> None:
+    told = drive({"release": release, "stamped": True}, through=[(-1.0, 0.0)], options={"speed": SPEED})
+    (run,) = told["runs"]
+    assert run["outcome"] == "REACHED"
+    assert run["stack"]["release"] == release
+
+
+def test_map_and_transform_are_given_where_the_system_has_no_localisation() -> None:
+    told = drive({"localises": False, "map": False}, options={"speed": SPEED})
+    assert told["runs"][0]["outcome"] == "REACHED"
+    assert told["heard"]["initial"] == []
+    assert told["heard"]["map"] == [120, 120]
+
+
+def test_an_aborted_goal_is_an_outcome() -> None:
+    told = drive({"release": "jazzy", "abort_at_s": 1.0}, options={"speed": SPEED})
+    (run,) = told["runs"]
+    assert run["outcome"] == "ABORTED"
+    assert run["stack"]["result"] == {"status": 6, "error_code": 9000, "error_msg": "stuck"}
+
+
+def test_a_rejected_goal_and_a_late_run_end_with_an_outcome() -> None:
+    assert drive({"reject": True})["runs"][0]["outcome"] == "STACK_FAILED"
+    late = drive({"speed_m_s": 0.01}, limit=2.0, options={"speed": SPEED})
+    assert late["runs"][0]["outcome"] == "TIMED_OUT"
+    assert late["heard"]["cancels"] == 3  # both actions before the run, the goal after it
+
+
+@pytest.mark.parametrize("how", ["hang_at_s", "lose_controller_at_s"])
+def test_a_node_that_hangs_or_is_gone_is_named(how: str) -> None:
+    told = drive({how: 1.0}, options={"speed": SPEED, "answer_limit_s": 1.0})
+    (run,) = told["runs"]
+    assert run["outcome"] == "STACK_FAILED"
+    assert run["stack"]["fault"].startswith("controller_server:")
+    assert 1.0 < run["stack"]["fault_t"] < 10.0
+
+
+def test_missed_control_periods_are_told_and_lower_the_speed() -> None:
+    told = drive({"miss_every": 4}, runs=2, options={"speed": 4.0})
+    first, second = (run["stack"] for run in told["runs"])
+    assert first["missed_periods"] > 5
+    assert first["warnings"]
+    assert first["speed_of_next_runs"] == 3.0
+    assert second["speed_asked"] == 3.0
+
+
+def test_a_node_that_does_not_become_active_is_named() -> None:
+    told = drive({"inactive": ["planner_server"]}, options={"start_limit_s": 3.0})
+    assert told["runs"][0]["stack"]["fault"] == "Not active after 3 s: planner_server is inactive."
+
+
+def test_a_missing_system_is_an_error_before_the_first_run() -> None:
+    told = drive(None, options={"start_limit_s": 1.0})
+    assert "/navigate_to_pose" in told["error"]
+    assert told["runs"] == []
+
+
+def test_a_launched_system_is_restarted_after_a_crash_and_leaves_no_process() -> None:
+    told = drive({"die_at_s": 1.0}, runs=2, options={"launch": "{peer}", "answer_limit_s": 1.0})
+    assert [run["outcome"] for run in told["runs"]] == ["STACK_FAILED", "STACK_FAILED"]
+    assert "ended with code 7" in told["runs"][0]["stack"]["fault"]
+    assert "ended with code 7" in told["runs"][1]["stack"]["fault"]
+    assert told["left"] == []
+
+
+def test_a_launched_system_that_works_is_ended_with_its_children() -> None:
+    told = drive({}, options={"launch": "sh -c 'setsid sleep 300 & exec {peer}'", "speed": 1.0})
+    assert told["runs"][0]["outcome"] == "REACHED"
+    assert told["mark"]
+    assert told["left"] == []
+
+
+def test_a_launch_command_that_ends_at_once_is_an_error_with_its_output() -> None:
+    told = drive(None, options={"launch": "sh -c 'echo no such package; exit 3'"})
+    assert "ended with code 3" in told["error"]
+    assert "no such package" in told["error"]
