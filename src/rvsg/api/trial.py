@@ -88,7 +88,7 @@ class SimulatedTrial:
         known = self._known(key, _DRIVE)
         if known is not None:
             return known
-        self.progress(f"Driving {route.name} with nobody about")
+        self.progress(f"Driving {route.name} {route.purpose}".rstrip() + ", with nobody about")
         run = simulator.run(scenario, world, seed=SEED)
         path = run.trajectory
         drive = Drive(

@@ -230,7 +230,10 @@ def _created(
     world = replace(world, routes=propose_routes(world, trial=trial))
     notes += route_notes(world, trial)
     if not world.routes:
-        notes.append("no route is proposed: the robot fits on too few waypoints. Write some into routes.yaml.")
+        notes.append(
+            "no route is proposed: on the ways between areas the robot does not fit, or it touches something or does "
+            "not arrive when it drives alone. Write some into routes.yaml; `rvsg world check` drives them."
+        )
     return Created(world=world, source=source, notes=tuple(notes))
 
 

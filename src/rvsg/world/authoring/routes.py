@@ -28,6 +28,7 @@ SHORTEST_ROUTE_M = 3.0
 SECONDS_PER_M = 2.5  # the study gives its robot 2 to 2.5 s for a metre
 SHORTEST_LIMIT_S = 15.0
 SPARE_TIME = 1.25  # the time limit is at least this many times what the robot takes alone
+CROSSING = 0.5  # a way that crosses the building is at least this share of the longest one
 MOST_DRIVES = 6  # ways tried for one proposal
 WIDE_M = 5.0  # a narrowest place wider than this is not worth a word
 TURNING_M = 0.45  # room in which a robot of 0.7 x 0.5 m turns on the spot
@@ -94,7 +95,7 @@ def _rankings(world: World, walks: Sequence[_Walk]) -> list[list[_Walk]]:
     def narrowest(walk: _Walk) -> float:
         return round(min(widths[_hop(a, b)] for a, b in pairwise(walk.path)), 2)
 
-    crossing = [walk for walk in walks if walk.length_m <= LONGEST_ROUTE_M]
+    crossing = [walk for walk in walks if CROSSING * longest <= walk.length_m <= LONGEST_ROUTE_M] or list(walks)
     return [
         sorted(walks, key=lambda walk: (abs(walk.length_m - longest), walk.path)),
         sorted(crossing, key=lambda walk: (-shared(walk), -walk.length_m, walk.path)),
