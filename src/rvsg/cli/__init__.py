@@ -29,6 +29,7 @@ VERBS: dict[str, Verb] = {
     "import-agents": Verb("import_agents", "Make a scenario of a HuNavSim agents file"),
     "suite": Verb("suite", "Keep scenarios, run them against every version, tell what broke"),
     "compare-versions": Verb("compare_versions", "Compare two versions on the same scenarios and seeds"),
+    "explore": Verb("explore", "Run a scenario with ranges, and show where in them it violates a requirement"),
     "coverage": Verb("coverage", "Show what suites and campaigns exercise, and what is untested"),
     "replay": Verb("replay", "Write a run as a film or a strip of pictures"),
     "demo": Verb("demo", "Run a recorded campaign again, whose scenarios a vision language model wrote"),

@@ -1,0 +1,213 @@
+"""Explore a scenario with ranges: where in the ranges it violates a requirement, and which range matters."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from rvsg.api.records import WORLD_FOLDER
+from rvsg.api.requirements import load_requirement
+from rvsg.api.scenarios import check_robot, scenario_json
+from rvsg.api.simulating import ignore, make_simulator
+from rvsg.api.worlds import world_of
+from rvsg.campaign.attempt import Failure
+from rvsg.campaign.exploration import FEWEST, Exploration, Point, shares_of
+from rvsg.campaign.measuring import Measuring
+from rvsg.campaign.parallel import Simulations
+from rvsg.core.errors import FileError, InputError, SimulationError
+from rvsg.core.files import write_whole
+from rvsg.core.inputs import parse_json, read_text
+from rvsg.core.plugins import Spec
+from rvsg.core.seeds import seed_for
+from rvsg.evaluation.response import Sensitivity, Surface, fit_surface, sensitivities
+from rvsg.evaluation.statistics import clopper_pearson
+from rvsg.report.response import response_page, response_svg
+from rvsg.scenario import validity
+from rvsg.scenario.ranges import Range, ScenarioFamily, family_of
+from rvsg.scenario.requirement import Requirement
+from rvsg.simulation.protocol import Simulator
+from rvsg.world.world import World
+
+FORMATS = (".html", ".svg", ".json")
+
+
+def load_family(source: str | Path, vary: Sequence[str] = ()) -> tuple[ScenarioFamily, World]:
+    """Load a scenario file that may hold ranges, and its world.
+
+    Args:
+        vary: further ranges, as `PERSON.KEY=LOW to HIGH`.
+
+    Raises:
+        FileError: the file holds no scenario, or a range that cannot be used.
+    """
+    path = Path(source)
+    value = parse_json(read_text(path), path)
+    saved = value.pop(WORLD_FOLDER, None) if isinstance(value, dict) else None
+    for key in ("proposal", "scenario"):
+        if isinstance(value, dict) and key in value and "people" not in value:
+            value = value[key]
+    if not isinstance(value, dict):
+        raise FileError(path, "this file holds no scenario.")
+    try:
+        family = family_of(value, vary)
+    except InputError as error:
+        raise FileError(path, str(error)) from None
+    mission = family.middle.mission
+    near = (Path(saved),) if isinstance(saved, str) else ()
+    return family, world_of(mission, near=(*near, path.parent / mission.world))
+
+
+def explore(
+    family: ScenarioFamily | str | Path,
+    requirement: Requirement | str = "R1",
+    *,
+    vary: Sequence[str] = (),
+    runs: int = 60,
+    seed: int = 0,
+    jobs: int = 1,
+    simulator: str | Spec | Simulator = "embedded",
+    world: World | str | Path | None = None,
+    on_point: Callable[[Point], None] = ignore,
+    on_message: Callable[[str], None] = ignore,
+) -> Exploration:
+    """Run a scenario at points of its ranges and fit how often it violates a requirement.
+
+    The points are a Latin hypercube. Each is run once, with a seed of its own: for a surface, more points say more
+    than repeated ones.
+
+    Args:
+        runs: points of the Latin hypercube.
+        seed: of the points and of the runs.
+
+    Raises:
+        InputError: no range, a requirement without a limit, or no point that is valid.
+    """
+    if not isinstance(family, ScenarioFamily):
+        family, found = load_family(family, vary)
+        world = world or found
+    place = world_of(family.middle.mission, world)
+    asked = load_requirement(requirement, family.middle.mission.route)
+    if asked.threshold is None:
+        raise InputError(f"{asked.name} has no limit, so no run violates it. Choose a requirement with a limit.")
+    made = make_simulator(simulator)
+    check_robot(family.middle, made)
+    made.prepare(on_message)
+    points = _run(family, _hypercube(family.ranges, runs, seed), asked, place, made, seed, jobs, on_point, on_message)
+    judged = [point for point in points if point.violated is not None]
+    if not judged:
+        raise InputError(f"No point of the ranges can be judged: {'; '.join(points[0].problems) or 'no value'}.")
+    violations = sum(bool(point.violated) for point in judged)
+    surface: Surface | None = None
+    told: tuple[Sensitivity, ...] = ()
+    if len(judged) >= FEWEST:
+        shares = shares_of(family.ranges, judged)
+        surface = fit_surface(shares, [bool(point.violated) for point in judged])
+        badness = [None if p.objective is None else asked.badness(p.objective) for p in judged]
+        told = sensitivities(surface, [each.name for each in family.ranges], shares, badness, seed=seed)
+    return Exploration(
+        scenario=family.middle,
+        ranges=family.ranges,
+        requirement=asked,
+        simulator=made.name,
+        seed=seed,
+        points=tuple(points),
+        violations=violations,
+        runs=len(judged),
+        interval=clopper_pearson(violations, len(judged)),
+        surface=surface,
+        sensitivities=told,
+    )
+
+
+def check_exploration_format(path: Path) -> None:
+    """Refuse a file whose ending is none that an exploration can be written as."""
+    if path.suffix.lower() not in FORMATS:
+        raise InputError(f"{path}: an exploration is written as {', '.join(FORMATS)}. Give --out one of these endings.")
+
+
+def write_exploration(path: str | Path, found: Exploration) -> None:
+    """Write an exploration as a page (.html), as its picture (.svg) or as the numbers (.json)."""
+    path = Path(path)
+    check_exploration_format(path)
+    kind = path.suffix.lower()
+    if kind == ".json":
+        write_whole(path, found.to_json())
+    elif kind == ".html":
+        write_whole(path, response_page(found))
+    else:
+        write_whole(path, response_svg(found, alone=True))
+
+
+def worst_point(found: Exploration) -> str:
+    """Return the scenario at the point with the worst objective as JSON."""
+    judged = [point for point in found.points if point.objective is not None]
+    worst = max(judged, key=lambda point: found.requirement.badness(point.objective or 0.0))
+    family = ScenarioFamily(middle=found.scenario, ranges=found.ranges)
+    return scenario_json(family.at(worst.values))
+
+
+def _hypercube(ranges: Sequence[Range], count: int, seed: int) -> list[tuple[float, ...]]:
+    from scipy.stats import qmc
+
+    sampler = qmc.LatinHypercube(len(ranges), rng=np.random.default_rng(seed_for(seed, "explore")))
+    shares = sampler.random(count)
+    return [tuple(round(r.at(float(s)), 6) for r, s in zip(ranges, row, strict=True)) for row in shares]
+
+
+def _run(
+    family: ScenarioFamily,
+    values: Sequence[tuple[float, ...]],
+    requirement: Requirement,
+    world: World,
+    simulator: Simulator,
+    seed: int,
+    jobs: int,
+    on_point: Callable[[Point], None],
+    on_message: Callable[[str], None],
+) -> list[Point]:
+    measuring = Measuring(requirement, world)
+    points = []
+    with Simulations(simulator, world, jobs=jobs, notify=on_message) as simulations:
+        submitted = []
+        for k, each in enumerate(values):
+            scenario = family.at(each)
+            problems = validity.check(scenario.people, scenario.mission, world)
+            run_seed = seed_for(seed, "run", k)
+            waiting = None if problems else simulations.submit(scenario, run_seed)
+            submitted.append((each, run_seed, tuple(str(problem) for problem in problems), waiting))
+        for each, run_seed, said, waiting in submitted:
+            if waiting is None:
+                point = Point(values=each, seed=run_seed, problems=said)
+            else:
+                run = waiting.result()
+                if isinstance(run, Failure):
+                    raise SimulationError(f"seed {run.seed}: {run.reason}")
+                value = measuring.measure(run.unpack()).objective
+                violated = None if value is None else requirement.violated_by(value)
+                point = Point(values=each, seed=run_seed, objective=value, violated=violated, outcome=run.outcome.value)
+            points.append(point)
+            on_point(point)
+    return points
+
+
+def describe_exploration(found: Exploration) -> str:
+    """Return what was found as lines for a terminal."""
+    low, high = found.interval
+    lines = [
+        f"{found.requirement.name} is violated in {found.violations} of {found.runs} runs over the ranges "
+        f"({100 * low:.0f} to {100 * high:.0f} %)."
+    ]
+    if invalid := sum(bool(point.problems) for point in found.points):
+        lines.append(f"{invalid} of {len(found.points)} points are no valid scenario and were not run.")
+    if found.surface is None:
+        return "\n".join([*lines, f"A surface needs at least {FEWEST} runs."])
+    if found.surface.degree == 0:
+        lines.append("The runs show no dependence on the ranges.")
+    for each in sorted(found.sensitivities, key=lambda s: -s.share):
+        told = f"  {each.name}: {100 * each.at_low:.0f} % at the low end, {100 * each.at_high:.0f} % at the high end"
+        if each.p is not None and each.correlation is not None:
+            told += f"; rank correlation with the objective {each.correlation:+.2f} (p {each.p:.2g})"
+        lines.append(told)
+    return "\n".join(lines)
