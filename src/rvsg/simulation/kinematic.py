@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.core.seeds import stream
+from rvsg.robots import Robot
 from rvsg.scenario.agents import HumanAgent, decode
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.protocol import Simulator
@@ -23,16 +24,20 @@ from rvsg.world.world import World
 Floats = NDArray[np.float64]
 
 PERIOD_S = 0.05
+RADIUS_M = 0.35
+"""Radius of the default robot."""
 VERSION = 2
 
 
 class KinematicSimulator(Simulator):
     """Runs scenarios without physics.
 
-    The robot drives at `robot_speed_m_s` and stops for a person nearer than `stop_gap_m` within 60° of its heading.
+    The robot drives at `robot_speed_m_s` and stops for a person nearer than `stop_gap_m` within 60° of its heading. A
+    robot other than the default one drives at its own speed. Every robot is a disc of its social radius.
     """
 
     name = "kinematic"
+    any_robot = True
 
     def __init__(self, *, robot_speed_m_s: float = 0.5, stop_gap_m: float = 0.4) -> None:
         for name, value, least in (("robot_speed_m_s", robot_speed_m_s, 0.01), ("stop_gap_m", stop_gap_m, 0.0)):
@@ -58,7 +63,10 @@ class KinematicSimulator(Simulator):
         outcome = Outcome.NO_PATH if path is None else Outcome.TIMED_OUT
         if path is None:
             path, time = np.array([[route.start.x, route.start.y]]), time[:1]
-        x, y, yaw, v, arrived = self._drive(path, route.start.yaw, time, human_x, human_y, radii)
+        other = scenario.mission.robot if isinstance(scenario.mission.robot, Robot) else None
+        speed = self.robot_speed_m_s if other is None else other.driving_speed_m_s
+        radius = RADIUS_M if other is None else other.radius_m
+        x, y, yaw, v, arrived = self._drive(path, route.start.yaw, time, human_x, human_y, radii + radius, speed)
         n = len(x)
         trajectory = Trajectory(
             t=time[:n],
@@ -79,6 +87,7 @@ class KinematicSimulator(Simulator):
             options=self.options,
             seed=seed,
             outcome=Outcome.REACHED if arrived else outcome,
+            robot_radius_m=radius,
             trajectory=trajectory,
             log=_every(trajectory, 10),
             human_names=tuple(agent.name for agent in agents),
@@ -89,9 +98,12 @@ class KinematicSimulator(Simulator):
         )
 
     def _drive(
-        self, path: Floats, yaw: float, time: Floats, human_x: Floats, human_y: Floats, radii: Floats
+        self, path: Floats, yaw: float, time: Floats, human_x: Floats, human_y: Floats, reach: Floats, full_speed: float
     ) -> tuple[Floats, Floats, Floats, Floats, bool]:
-        """Follow `path` (K, 2); return x, y, yaw, v up to arrival or the end of `time`, and whether it arrived."""
+        """Follow `path` (K, 2); return x, y, yaw, v up to arrival or the end of `time`, and whether it arrived.
+
+        `reach` (H,): distance of the robot and each person at which they touch, metres.
+        """
         along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
         rows: list[tuple[float, float, float, float]] = []
         driven = 0.0
@@ -101,11 +113,11 @@ class KinematicSimulator(Simulator):
             dx, dy = np.interp(ahead, along, path[:, 0]) - x, np.interp(ahead, along, path[:, 1]) - y
             yaw = float(np.arctan2(dy, dx)) if dx or dy else yaw
             off_x, off_y = human_x[k] - x, human_y[k] - y
-            gap = np.hypot(off_x, off_y) - 0.35 - radii
+            gap = np.hypot(off_x, off_y) - reach
             facing = np.cos(np.arctan2(off_y, off_x) - yaw) > 0.5
             arrived = driven >= along[-1] and len(path) > 1
             blocked = bool(((gap < self.stop_gap_m) & facing).any())
-            speed = 0.0 if blocked or arrived else self.robot_speed_m_s
+            speed = 0.0 if blocked or arrived else full_speed
             rows.append((float(x), float(y), yaw, speed))
             if arrived:
                 break

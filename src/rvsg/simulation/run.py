@@ -89,10 +89,10 @@ class Run:
     human_groups: tuple[int | None, ...] = ()
     events: tuple[RecordedEvent, ...] = ()
     robot_outline: tuple[tuple[float, float], ...] = ()
-    robot_latency_s: float = 0.0
-    robot_deceleration_m_s2: float = 2.5
     """Corners of the robot's body in its frame, metres, where the simulator keeps bodies apart and records their
     contacts in `events`; empty: the body is the disc of `robot_radius_m`, and bodies may overlap."""
+    robot_latency_s: float = 0.0
+    robot_deceleration_m_s2: float = 2.5
 
     @cached_property
     def id(self) -> str:
