@@ -38,7 +38,14 @@ def touch_people(crowd: CrowdRef, t: float, body: Floats, x: float, y: float, ya
         if gap <= LEAST_M and bumper_s > 0.0:
             body[base.STOPPED_T] = max(body[base.STOPPED_T], t + bumper_s)
         if gap < 0.0 and crowd.stands[i] == 0:
+            was_x = crowd.x[i]
+            was_y = crowd.y[i]
             _give_way(crowd, i, -gap * ux, -gap * uy)
+            after, _, _ = robot_gap(crowd, i, body[base.X], body[base.Y], body[base.YAW])
+            if after < gap:
+                # Walls would push the person deeper into the robot: pinned between both.
+                crowd.x[i] = was_x
+                crowd.y[i] = was_y
     if not touched:
         return 0.0
     change = _hold_back(crowd, body, x, y, yaw)
