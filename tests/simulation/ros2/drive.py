@@ -20,6 +20,8 @@ from rvsg.scenario.agents import HumanAgent
 from rvsg.simulation.embedded.rehearsal import empty_room
 from rvsg.simulation.embedded.simulator import simulate_agents
 from rvsg.simulation.ros2 import keeper
+from rvsg.simulation.ros2.check import check_system
+from rvsg.simulation.ros2.options import read_options
 from rvsg.simulation.ros2.stack import Ros2Stack
 from rvsg.simulation.stacks.registry import StackChoice
 from rvsg.world.world import Route
@@ -49,6 +51,11 @@ def main(given: dict[str, Any]) -> dict[str, Any]:
     told: dict[str, Any] = {"messages": [], "runs": []}
     stack = None
     try:
+        if "check" in given:
+            found = check_system(read_options(options), load_robot("tiago_omni"), seconds=given["check"])
+            told["usable"], told["release"] = found.is_usable, found.release
+            told["findings"] = {each.name: [each.status.name, each.detail] for each in found.findings}
+            return told
         stack = Ros2Stack(**options)
         stack.prepare(told["messages"].append)
         for seed in range(given.get("runs", 1)):

@@ -1,0 +1,78 @@
+"""`rvsg ros2`: check a running ROS 2 navigation, and scale Nav2's parameters for a faster clock."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rvsg.cli import console
+from rvsg.cli.frame import verb
+from rvsg.cli.options import pairs
+
+app = verb(no_args_is_help=True, help="Check a running ROS 2 navigation, or scale Nav2's parameters.")
+
+
+@app.command()
+def check(
+    robot: Annotated[str, typer.Option(help="A shipped robot (`rvsg robots`) or a robot file.")] = "tiago_omni",
+    stack_option: Annotated[
+        list[str] | None, typer.Option(metavar="NAME=VALUE", help="An option of the stack ros2.")
+    ] = None,
+    seconds: Annotated[float, typer.Option(min=0.5, max=60, help="How long to look.")] = 5.0,
+    json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON on standard output.")] = False,
+) -> None:
+    """Say what of the running ROS 2 system is found, missing, or of another type; exit code 1 where it cannot drive.
+
+    Run it in the environment of your system (ROS_DOMAIN_ID, CYCLONEDDS_URI). It starts and changes nothing.
+    """
+    from rvsg.api.ros2 import check_ros2
+
+    found = check_ros2(pairs("stack", stack_option), robot, seconds=seconds)
+    if json:
+        console.print_json(
+            {
+                "domain": found.domain,
+                "release": found.release,
+                "usable": found.is_usable,
+                "findings": [
+                    {"name": each.name, "status": each.status.name, "detail": each.detail} for each in found.findings
+                ],
+            }
+        )
+    else:
+        print(f"DDS domain {found.domain}, message definitions of {found.release}")
+        for each in found.findings:
+            print(f"{each.status.value:33}{each.name}{f': {each.detail}' if each.detail else ''}")
+    if not found.is_usable:
+        raise typer.Exit(1)
+
+
+@app.command()
+def params(
+    file: Annotated[Path, typer.Argument(help="A Nav2 parameter file.")],
+    speed: Annotated[float, typer.Option(min=0.1, max=20, help="Simulated over wall time.")],
+    release: Annotated[str, typer.Option(help="humble, jazzy, kilted or lyrical.")] = "jazzy",
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Write params.yaml and the behaviour trees there.")
+    ] = None,
+) -> None:
+    """Scale the wall-clock rates of a Nav2 parameter file for a faster clock, and say what was changed.
+
+    Nav2 before Lyrical runs its loops on wall time, also with use_sim_time.
+    """
+    from rvsg.api.ros2 import release_named, scale_nav2_params
+
+    scaled = scale_nav2_params(file, speed, release_named(release))
+    if out is None:
+        print(scaled.text(), end="")
+        if scaled.trees:
+            console.say("The behaviour trees must be scaled, too: write them with --out DIR.")
+    else:
+        out.mkdir(parents=True, exist_ok=True)
+        console.say(f"wrote {scaled.write(out)}")
+    for change in scaled.changes:
+        console.say(f"{change.name}: {change.before} becomes {change.after}")
+    for note in scaled.notes:
+        console.say(f"note: {note}")
