@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rvsg.api.commands import command_for, confirm_command
-from rvsg.api.config import CampaignConfig, effective, safe_name
+from rvsg.api.config import CampaignConfig, check_stack_named, effective, safe_name
 from rvsg.api.folder import (
     BEST,
     CONFIG,
@@ -77,6 +77,7 @@ class Campaign:
         self._prepared = False
         self._known: Wired | None = None
         self._store = config.folder
+        self._named_stack: str | None = None
 
     @classmethod
     def create(
@@ -114,6 +115,7 @@ class Campaign:
         config = effective(None, from_file, settings)
         check_out(config.folder)
         stored, config, known = _resumed(config, from_file, settings)
+        check_stack_named(config.stack, settings.get("stack"))
         reject_unused_model_options(config, settings, on_message)
         wired = wire(config, {**(paths or {}), **known}, **instances)
         for note in wired.notes:
@@ -140,7 +142,7 @@ class Campaign:
         *,
         generator: Generator | None = None,
         simulator: Simulator | None = None,
-        stack: NavigationStack | None = None,
+        stack: str | NavigationStack | None = None,
         **machine: Any,
     ) -> Campaign:
         """Open the campaign stored in a folder.
@@ -148,6 +150,7 @@ class Campaign:
         Args:
             name: which one, where the store holds several; `campaigns_in` lists them.
             generator, simulator, stack: the instances it was created with, where these were no plug-ins.
+                A stack that runs code of its own (module:Class, exec:COMMAND) has to be named again.
             machine: settings that decide no record: `jobs`, `executor`, `budget_usd`, ...
 
         Raises:
@@ -161,7 +164,9 @@ class Campaign:
         out = folder if folder.is_dir() else folder.parent
         kept = {"store": store[0], "store_options": store[1]} if store else {}
         config = effective(record.config | kept, {}, {**machine, "out": str(out)})
-        campaign = cls(record, config, generator=generator, simulator=simulator, stack=stack)
+        instance = None if stack is None or isinstance(stack, str) else stack
+        campaign = cls(record, config, generator=generator, simulator=simulator, stack=instance)
+        campaign._named_stack = config.stack if instance is not None or stack == config.stack else None
         campaign._store = folder
         return campaign
 
@@ -386,6 +391,7 @@ class Campaign:
     @property
     def _wired(self) -> Wired:
         if self._known is None:
+            check_stack_named(self.config.stack, self._named_stack)
             self._known = wire(self.config, self._paths, **self._given)
         return self._known
 

@@ -7,6 +7,7 @@ relative to the file.
 from __future__ import annotations
 
 import re
+import shlex
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -23,7 +24,7 @@ from rvsg.core.records import Record
 from rvsg.evaluation.judge import DEFAULT, Procedure
 from rvsg.generation.vlm.budget import NO_CALL
 from rvsg.robots.files import DEFAULT_ROBOT
-from rvsg.simulation.stacks.registry import DEFAULT_STACK
+from rvsg.simulation.stacks.registry import DEFAULT_STACK, runs_own_code
 
 Positive = Annotated[int, Field(ge=1, le=100_000, strict=True)]
 NotNegative = Annotated[int, Field(ge=0, strict=True)]
@@ -155,6 +156,20 @@ class CampaignFile(CampaignConfig):
 
     route: Names = Field(default_factory=lambda: ["route_1"])  # type: ignore[assignment]
     requirement: Names = Field(default_factory=lambda: ["R1"])  # type: ignore[assignment]
+
+
+def check_stack_named(stack: str | None, named: str | None) -> None:
+    """Refuse a stack of a file or a store that runs code of its own, unless the user names one.
+
+    Raises:
+        InputError: says how to name it.
+    """
+    if stack is not None and runs_own_code(stack) and named is None:
+        raise InputError(
+            f"The settings name the stack {stack}, which runs code that is not installed. Nothing that a file names is "
+            f"run by itself: name it on the command line, too, with --stack {shlex.quote(stack)}, or in Python with "
+            "stack=."
+        )
 
 
 def read_campaign_file(path: Path) -> dict[str, Any]:

@@ -22,7 +22,16 @@ from pydantic import TypeAdapter, ValidationError
 
 from rvsg.api.campaign import Campaign
 from rvsg.api.commands import command_for
-from rvsg.api.config import BUDGETS, CampaignConfig, CampaignFile, called, effective, renamed, safe_name
+from rvsg.api.config import (
+    BUDGETS,
+    CampaignConfig,
+    CampaignFile,
+    called,
+    check_stack_named,
+    effective,
+    renamed,
+    safe_name,
+)
 from rvsg.api.folder import CELLS, MATRIX, REPORT, alone_in, check_out, make_folder, reading, store_of
 from rvsg.api.index import campaigns_in
 from rvsg.api.paths import as_stored, paths_of
@@ -69,6 +78,8 @@ class Matrix:
     """The typed paths among the settings, with where they are."""
     begun_in: str
     """The folder that relative paths are read from."""
+    named_stack: str | None = None
+    """The stack under test as the user names it now, not a file or a folder."""
 
     @classmethod
     def of(cls, from_file: Mapping[str, Any], given: Mapping[str, Any]) -> Matrix | None:
@@ -97,7 +108,9 @@ class Matrix:
         _check_same(stored, values, default.folder)
         pairs = _asked(tuple(itertools.product(routes, requirements)), [key in asked for key in LISTED], known)
         folder = default.folder
-        return cls(folder=folder, pairs=pairs, settings=rest, stored=known, paths=paths, begun_in=begun_in)
+        named = given.get("stack")
+        found: dict[str, Any] = {"folder": folder, "pairs": pairs, "settings": rest, "stored": known}
+        return cls(**found, paths=paths, begun_in=begun_in, named_stack=named)
 
     @classmethod
     def open(cls, folder: Path) -> Matrix:
@@ -154,6 +167,7 @@ class Matrix:
         check_out(self.folder)
         if store_of(self.folder) is not None:
             raise InputError(f"{self.folder}: this folder holds a single campaign. Choose another --out for several.")
+        check_stack_named(self.settings.get("stack"), self.named_stack)
         values = self._values()
         make_folder(self.folder)
         listed = {key: list(dict.fromkeys(pair[at] for pair in self.all_pairs)) for at, key in enumerate(LISTED)}
@@ -161,7 +175,8 @@ class Matrix:
         with alone_in(self.folder):
             write_whole(self.folder / MATRIX, json.dumps(kept, indent=2, ensure_ascii=False) + "\n")
         paths, begun_in = self.paths, self.begun_in
-        return [Campaign.create(file=v, on_message=on_message, paths=paths, begun_in=begun_in) for v in values]
+        how: dict[str, Any] = {"on_message": on_message, "paths": paths, "begun_in": begun_in}
+        return [Campaign.create(file=v, stack=self.settings.get("stack"), **how) for v in values]
 
     def run(self, campaigns: Sequence[Campaign]) -> Iterator[tuple[Campaign, Event | Ended]]:
         """Run campaigns side by side on the workers of the matrix, yielding the events of each.

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from rvsg.core.lazy import lazily
 
 if TYPE_CHECKING:
+    from rvsg.simulation.stacks.clients import write_clients_to as write_clients_to
     from rvsg.simulation.stacks.registry import DEFAULT_STACK as DEFAULT_STACK
     from rvsg.simulation.stacks.registry import Listed as Listed
     from rvsg.simulation.stacks.registry import StackChoice as StackChoice
@@ -19,5 +20,6 @@ __getattr__ = lazily(
         "Listed": "rvsg.simulation.stacks.registry",
         "StackChoice": "rvsg.simulation.stacks.registry",
         "listed_stacks": "rvsg.simulation.stacks.registry",
+        "write_clients_to": "rvsg.simulation.stacks.clients",
     },
 )

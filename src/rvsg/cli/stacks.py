@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -15,14 +16,22 @@ app = verb()
 
 @app.command()
 def stacks(
+    write_clients: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Write the clients of exec: stacks, in Python and C++, and do no more."),
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print the list as JSON on standard output.")] = False,
 ) -> None:
     """List the navigation stacks with their options; --stack of `run`, `simulate` and `suite run` takes one.
 
-    Your own is given as module:Class or file.py:Class.
+    Your own is given as module:Class, file.py:Class or exec:COMMAND; see docs/how-to/test-your-own-stack.md.
     """
-    from rvsg.api.stacks import listed_stacks
+    from rvsg.api.stacks import listed_stacks, write_clients_to
 
+    if write_clients is not None:
+        for path in write_clients_to(write_clients):
+            console.say(f"wrote {path}")
+        return
     found = listed_stacks()
     if json:
         console.print_json([asdict(each) for each in found])

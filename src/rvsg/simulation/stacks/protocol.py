@@ -135,7 +135,7 @@ class NavigationStack(ABC):
     """The name in records; by default that of the class."""
     title: ClassVar[str] = ""
     """One line on what it is."""
-    version: ClassVar[str] = "1"
+    version: str = "1"
     """Part of a run's id: raise it when equal options and seeds give other runs than before."""
     answer_time_s: ClassVar[float | None] = 10.0
     """Wall time within which a call must return; None: without limit. A call that takes longer ends the run."""

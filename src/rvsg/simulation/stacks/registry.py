@@ -23,6 +23,9 @@ DEFAULT_STACK = "nav2-dwb"
 """What drives a robot where no stack is named."""
 HINT = "`rvsg stacks` lists them. Your own: module:Class, file.py:Class, exec:COMMAND, or a nav2_params.yaml."
 
+COMMANDS = ("exec", "exec-stack")
+"""Stacks whose name is followed by a command: `exec:./my_planner`."""
+
 StackLike: TypeAlias = "str | Path | Spec | Mapping[str, Any] | NavigationStack | type[NavigationStack]"
 
 
@@ -32,6 +35,11 @@ class Stack(Record):
     name: str
     version: str
     options: dict[str, Any]
+
+
+def runs_own_code(name: str) -> bool:
+    """Whether a stack of this name runs code that is not installed: a command, a class or a file of the user."""
+    return ":" in name or name in COMMANDS
 
 
 def stack_names() -> tuple[str, ...]:
@@ -129,6 +137,9 @@ def _named(name: str, options: Mapping[str, Any]) -> StackChoice:
     if name in stack_names():
         driver = plugins.make("stack", name, options)
         return StackChoice(driver, name, options)
+    kind, _, rest = name.partition(":")
+    if rest and kind in COMMANDS:
+        return _named(kind, {"command": rest, **options})
     if ":" in name:
         module, _, attribute = name.rpartition(":")
         return _of_class(_load_class(module, attribute, name), name, options)

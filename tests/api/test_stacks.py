@@ -1,0 +1,66 @@
+"""The stack under test in Python, in campaign files and on the command line."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+import rvsg
+from rvsg.api.config import read_campaign_file
+from rvsg.api.matrix import Matrix
+from rvsg.cli import main
+from rvsg.core.errors import InputError
+
+EXAMPLE = str(Path(__file__).parents[2] / "examples" / "stacks" / "follow_the_plan.py") + ":FollowThePlan"
+SMALL = {"scenarios": 1, "refinements": 0, "repeats": 1, "confirmations": 0}
+
+
+def test_a_campaign_keeps_its_stack_with_version_and_options(tmp_path: Path) -> None:
+    campaign = rvsg.Campaign.create(tmp_path / "a", stack=rvsg.Spec("nav2-rpp", {"desired_linear_vel": 0.4}), **SMALL)
+    stack = campaign.record.simulator.options["stack"]
+    assert stack["name"] == "nav2-rpp" and stack["version"] and stack["options"]["desired_linear_vel"] == 0.4
+    assert "--stack nav2-rpp" in campaign.command and "--stack-option desired_linear_vel=0.4" in campaign.command
+    assert rvsg.Campaign.open(tmp_path / "a").record == campaign.record
+    other = rvsg.Campaign.create(tmp_path / "b", stack="stop-and-go", **SMALL)
+    assert other.record.simulator != campaign.record.simulator
+
+
+def test_a_file_or_a_folder_never_runs_code_that_the_user_does_not_name(tmp_path: Path) -> None:
+    file = tmp_path / "campaign.yaml"
+    file.write_text(f"stack: {EXAMPLE}\n")
+    values = read_campaign_file(file)
+    with pytest.raises(InputError):
+        rvsg.Campaign.create(tmp_path / "a", file=values, **SMALL)
+    made = rvsg.Campaign.create(tmp_path / "a", file=values, stack=EXAMPLE, **SMALL)
+    with pytest.raises(InputError):
+        rvsg.Campaign.create(tmp_path / "a")
+    with pytest.raises(InputError):
+        rvsg.Campaign.open(tmp_path / "a").prepare()
+    assert rvsg.Campaign.open(tmp_path / "a", stack=EXAMPLE)._wired.simulator.options == made.record.simulator.options
+    matrix = Matrix.of(values | {"route": ["route_1", "route_2"]}, {"out": str(tmp_path / "b"), **SMALL})
+    assert matrix is not None
+    with pytest.raises(InputError):
+        matrix.create()
+
+
+def test_a_stack_file_beside_the_campaign_file_is_found(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text("")
+    (tmp_path / "campaign.yaml").write_text("stack: mine.py:Mine\n")
+    assert read_campaign_file(tmp_path / "campaign.yaml")["stack"] == str(tmp_path / "mine.py:Mine")
+
+
+def test_a_simulator_without_stacks_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", "--simulator", "kinematic", "--stack", "nav2-rpp", "--out", str(tmp_path / "a")]) == 2
+    assert main(["run", "--stack", "nav2-rrp", "--out", str(tmp_path / "a")]) == 2
+    assert "nav2-rpp" in capsys.readouterr().err
+
+
+def test_the_list_names_every_stack(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    assert main(["stacks", "--json"]) == 0
+    listed = {each["name"]: each for each in json.loads(capsys.readouterr().out)}
+    assert {"nav2-dwb", "nav2-rpp", "stop-and-go", "social", "exec", "exec-stack"} <= set(listed)
+    assert listed["nav2-rpp"]["options"]["lookahead_dist"] == 0.6
+    assert main(["stacks", "--write-clients", str(tmp_path)]) == 0
+    assert (tmp_path / "rvsg_client.py").stat().st_size and (tmp_path / "rvsg_client.hpp").stat().st_size

@@ -1,0 +1,247 @@
+"""Stacks in another process: the protocol byte by byte, both clients, and every way to misbehave."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import socket
+import struct
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rvsg.core.errors import InputError
+from rvsg.core.records import Pose
+from rvsg.robots import load_robot
+from rvsg.scenario.agents import HumanAgent
+from rvsg.simulation.embedded.rehearsal import empty_room
+from rvsg.simulation.embedded.simulator import simulate_agents
+from rvsg.simulation.run import Outcome, Run
+from rvsg.simulation.stacks import frames
+from rvsg.simulation.stacks.clients import write_clients_to
+from rvsg.stacks import StackChoice, StackError, Task
+from rvsg.testing import check_stack
+from rvsg.world.world import Route
+
+ROUTE = Route(name="across", start=Pose(x=-2.0, y=0.0), goal=Pose(x=1.5, y=0.0), time_limit_s=12.0)
+HUMAN = HumanAgent(name="ann", start=(0.0, 2.0), goals=((0.0, 2.0),), pauses_s=(0.0,))
+EXAMPLES = Path(__file__).parents[2] / "examples" / "stacks"
+HEAD = "import os, struct, sys, time\nimport rvsg_client\n"
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    write_clients_to(tmp_path)
+    return tmp_path
+
+
+def script(folder: Path, body: str) -> str:
+    """The command of a planner in Python whose `command` has this body."""
+    text = HEAD + "class Mine(rvsg_client.Planner):\n    scans = people = False\n    def command(self, seen):\n"
+    text += "".join(f"        {line}\n" for line in body.splitlines()) + "rvsg_client.serve(Mine())\n"
+    (folder / "mine.py").write_text(text)
+    return f"exec:{sys.executable} {folder / 'mine.py'}"
+
+
+def drive(choice: StackChoice) -> Run:
+    return simulate_agents(empty_room(), ROUTE, [HUMAN], stack=choice)
+
+
+def test_the_task_is_described_byte_by_byte() -> None:
+    world = empty_room()
+    start, goals = Pose(x=1.0, y=2.0, yaw=0.5), (Pose(x=3.0, y=4.0),)
+    robot = load_robot("tiago_omni")
+    task = Task(robot=robot, world=world, start=start, goals=goals, time_limit_s=20.0, seed=7, period_s=0.05)
+    frame = frames.task_frame(task)
+    assert frame[:1] == b"R"
+    assert struct.unpack_from("<Q2d", frame, 1) == (7, 0.05, 20.0)
+    assert struct.unpack_from("<3d3dI3d", frame, 25) == (1.0, 0.5, 1.0, 1.0, 2.0, 0.5, 1, 3.0, 4.0, 0.0)
+    (size,) = struct.unpack_from("<I", frame, 101)
+    rows, columns, resolution, x, y = struct.unpack_from("<2I3d", frame, 105 + size)
+    assert (rows, columns, resolution, x, y) == (120, 120, 0.05, -3.0, -3.0)
+    assert frame[105 + size + 32 :] == world.occupancy.cells.tobytes()
+
+
+@pytest.mark.parametrize(
+    "answer", [b"", b"V", struct.pack("<cIB2d", b"V", 2, 1, 0, 0), struct.pack("<cIB2d", b"V", 1, 9, 0, 0), b"hello"]
+)
+def test_an_answer_that_is_none_is_refused(answer: bytes) -> None:
+    with pytest.raises(StackError):
+        frames.read_answer(answer, 1)
+
+
+def test_the_answer_to_the_hello_says_what_is_sent() -> None:
+    assert frames.read_hello(b'H{"protocol": 1, "scans": false}') == frames.Wanted(False, True, True)
+    for answer in (b"", b"H", b"H{}", b'H{"protocol": 2}', b"R", b"H[1]", b"H\xff"):
+        with pytest.raises(StackError):
+            frames.read_hello(answer)
+
+
+def test_a_channel_never_waits_for_ever() -> None:
+    reads, writes = os.pipe()
+    back, _other = os.pipe()
+    channel = frames.Channel(back, writes)
+    with pytest.raises(StackError):
+        channel.receive(0.05)
+    with pytest.raises(StackError):
+        channel.send(bytes(1_000_000), 0.05)  # nobody reads
+    os.write(_other, struct.pack("<I", 2**31))
+    with pytest.raises(StackError):
+        channel.receive(1.0)
+    os.write(_other, struct.pack("<I", 22) + b"V123")
+    os.close(_other)
+    with pytest.raises(StackError, match="middle"):
+        channel.receive(1.0)
+    for descriptor in (reads, writes, back):
+        os.close(descriptor)
+
+
+def test_what_cannot_be_started_is_one_error(tmp_path: Path) -> None:
+    for name in ("exec:./no_such_program", "exec:", "exec:tcp://example.org:80", "exec:tcp://127.0.0.1:0"):
+        with pytest.raises(InputError):
+            StackChoice.of(name)
+    with pytest.raises(InputError):
+        StackChoice.of("exec:sh", {"timeout_s": 0})
+    with pytest.raises(InputError):
+        StackChoice.of(f"exec:{shutil.which('true')}").driver.prepare(lambda _: None)
+
+
+def test_another_program_is_another_version(folder: Path) -> None:
+    one = StackChoice.of(script(folder, "return 0.3, 0.0")).record
+    other = StackChoice.of(script(folder, "return 0.4, 0.0")).record
+    assert one.options == other.options and one.version != other.version
+
+
+@pytest.mark.slow
+def test_the_python_client_passes_the_exam(folder: Path) -> None:
+    body = """import math
+x, y, yaw = seen.pose
+away = [math.hypot(px - x, py - y) for px, py in seen.plan]
+k = away.index(min(away))
+while k + 1 < len(away) and away[k] < 0.6: k += 1
+arrived = away[-1] < 0.2
+heading = math.atan2(seen.plan[k][1] - y, seen.plan[k][0] - x)
+error = math.remainder((seen.goal[2] if arrived else heading) - yaw, math.tau)
+print("noise on standard output")
+return (0.0, max(-1.0, min(1.0, 2 * error))) if arrived or abs(error) > 0.8 else (0.5, math.sin(error) / 0.6)"""
+    first, _ = check_stack(script(folder, body))
+    assert first.outcome is Outcome.REACHED
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("g++") is None, reason="there is no g++")
+def test_the_cpp_client_drives_and_is_told_everything(folder: Path) -> None:
+    shutil.copy(EXAMPLES / "follow_the_plan.cpp", folder)
+    build = ["g++", "-O1", "-std=c++17", "-Wall", "-Wextra", "-Werror"]
+    subprocess.run([*build, "follow_the_plan.cpp", "-o", "planner"], cwd=folder, check=True)
+    check_stack(f"exec:{folder / 'planner'}")
+    (folder / "probe.cpp").write_text(PROBE)
+    subprocess.run([*build, "probe.cpp", "-o", "probe"], cwd=folder, check=True)
+    run = drive(StackChoice.of(f"exec:{folder / 'probe'}"))
+    told: Any = run.details["stack"]
+    assert "fault" not in told, told
+
+
+PROBE = """#include <cmath>
+#include "rvsg_client.hpp"
+struct Probe : rvsg::Planner {
+  void reset(const rvsg::Task &t) override {
+    if (t.map_rows != 120 || t.map_cells[0] != 100 || t.goals.size() != 1 || t.max_speed != 1.0) throw 1;
+    if (t.robot_json.find("tiago_omni") == std::string::npos) throw 2;
+  }
+  rvsg::Answer command(const rvsg::Observation &seen) override {
+    if (seen.scans.size() != 2 || seen.scans[1].ranges.size() != 818) throw 3;
+    if (!(seen.scans[0].ranges[400] > 0.1f && seen.scans[0].ranges[400] < 9.0f)) throw 4;
+    if (seen.people.size() != 1 || std::abs(seen.people[0].y - 2.0f) > 0.3f) throw 5;
+    if (seen.costmap.size() != 3600 || std::abs(seen.costmap_resolution - 0.05) > 1e-12) throw 6;
+    if (seen.plan.size() < 4 || std::abs(seen.goal.x - 1.5) > 0.3) throw 7;
+    return rvsg::velocity(0.5, 0.0);
+  }
+};
+int main() { Probe probe; return rvsg::serve(probe); }
+"""
+
+FAULTS = {
+    "crash": "raise ValueError('no map')",
+    "exit": "os._exit(3)",
+    "middle": "os.write(4, b'')\nos._exit(0) if seen.t < 1 else None\nreturn None",
+    "hang": "time.sleep(60)",
+    "status": "return rvsg_client.REACHED",
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("body", FAULTS.values(), ids=FAULTS)
+def test_a_process_that_fails_ends_its_run_and_the_next_gets_a_fresh_one(folder: Path, body: str) -> None:
+    once = f"if seen.t > 0.5 and not os.path.exists({str(folder / 'failed')!r}):\n"
+    once += f"    open({str(folder / 'failed')!r}, 'w').close()\n"
+    lines = "\n".join(f"    {line}" for line in body.splitlines())
+    choice = StackChoice.of(script(folder, f"{once}{lines}\nreturn 0.5, 0.0"), {"timeout_s": 1.0})
+    first, second = drive(choice), drive(choice)
+    assert first.outcome is Outcome.STACK_FAILED
+    told: Any = first.details["stack"]
+    assert told["fault"] and 0.4 < told["fault_t"] < 0.7
+    assert second.outcome is Outcome.REACHED
+    choice.driver.close()
+
+
+@pytest.mark.slow
+def test_a_process_that_floods_or_prints_ends_its_run(folder: Path) -> None:
+    (folder / "flood.py").write_text(
+        "import os, sys\nimport rvsg_client\nimport threading\n"
+        "class Mine(rvsg_client.Planner):\n    scans = people = False\n    def command(self, seen):\n"
+        "        os.write(self.out, b'x' * 60000)\n        return 0.1, 0.0\n"
+        "mine = Mine()\nmine.out = os.dup(1)\nrvsg_client.serve(mine)\n"
+    )
+    choice = StackChoice.of(f"exec:{sys.executable} {folder / 'flood.py'}", {"timeout_s": 2.0})
+    run = drive(choice)
+    assert run.outcome is Outcome.STACK_FAILED
+    assert "standard output" in str(run.details["stack"])
+
+
+@pytest.fixture
+def server() -> Iterator[str]:
+    """A planner on a loopback socket, served in a thread by the client file that ships."""
+    import importlib.util
+
+    from rvsg.simulation.stacks import clients
+
+    path = Path(clients.__file__).with_name("rvsg_client.py")
+    spec = importlib.util.spec_from_file_location("rvsg_client_under_test", path)
+    assert spec is not None and spec.loader is not None
+    client = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(client)
+
+    class Mine(client.Planner):  # type: ignore[name-defined,misc]
+        people = scans = False
+
+        def command(self, seen: Any) -> tuple[float, float]:
+            return 0.5, 0.0
+
+    listening = socket.create_server(("127.0.0.1", 0))
+
+    def serve() -> None:
+        connection, _ = listening.accept()
+        with connection:
+            client.serve(Mine(), connection.fileno(), connection.fileno())
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+    yield f"exec:tcp://127.0.0.1:{listening.getsockname()[1]}"
+    thread.join(10.0)
+    listening.close()
+    assert not thread.is_alive()
+
+
+def test_a_server_on_this_machine_drives_over_a_socket(server: str) -> None:
+    choice = StackChoice.of(server)
+    run = drive(choice)
+    choice.driver.close()
+    assert run.outcome is Outcome.REACHED
+    assert np.isfinite(run.trajectory.x).all()
