@@ -32,7 +32,8 @@ from rvsg.cli.model_options import (
 
 if TYPE_CHECKING:
     from rvsg.api.authoring import Description
-    from rvsg.api.models import CallNews, EnvironmentDialogue, Wiring
+    from rvsg.api.describing import EnvironmentSession
+    from rvsg.api.models import CallNews, Wiring
 
 app = verb()
 REVIEWER = Annotated[str | None, typer.Option(help="Who reviews, kept with the description.")]
@@ -46,7 +47,7 @@ def describe(
     review: Annotated[bool, typer.Option("--review", help="Accept, edit or reject what is written.")] = False,
     reviewer: REVIEWER = None,
     out: Annotated[Path | None, typer.Option(help="Store it here: a world folder, or a .yaml of its own.")] = None,
-    prompts: Annotated[Path | None, typer.Option(help="Folder of prompt templates that replace ours.")] = None,
+    prompts: Annotated[Path | None, typer.Option(help="Folder of your own prompt templates.")] = None,
     record: Record = None,
     replay: Replay = None,
     strict: Strict = False,
@@ -63,51 +64,26 @@ def describe(
     world.yaml (for a shipped world in your data folder) and goes into every prompt from then on. Without --model the
     stored description is shown, and with --review reviewed.
     """
-    from rvsg.api.authoring import load_world, shipped_worlds
-    from rvsg.api.models import (
-        EnvironmentDialogue,
-        Prompts,
-        answered_from_record,
-        description_of,
-        reach,
-        store_description,
-    )
-    from rvsg.api.words import describe_calls
+    names = ("base_url", "replay", "budget_calls", "budget_tokens", "budget_usd", "prices")
+    access = {key: value for key, value in locals().items() if key in names}
+    from rvsg.api.authoring import load_world
+    from rvsg.api.describing import open_session, store, stored
 
     loaded = load_world(world)
-    dialogue: EnvironmentDialogue | None = None
-    wiring: Wiring | None = None
-    if model is not None or replay is not None:
-        # What was paid for is kept, and the same command goes on from it.
-        wiring = reach(
-            model,
-            record or (None if replay else Path("runs") / f"describe-{loaded.name}"),
-            base_url=base_url,
-            replay=replay,
-            strict=strict or None,
-            call_timeout_s=call_timeout,
-            budget_calls=budget_calls,
-            budget_tokens=budget_tokens,
-            budget_usd=budget_usd,
-            prices=prices,
-        )
-        dialogue = EnvironmentDialogue(loaded, wiring.model, Prompts(prompts))
-        with CallsShown(_watch(wiring)), _kept(wiring):
-            description = dialogue.describe()
-        say(describe_calls(dialogue.calls))
-        if earlier := answered_from_record(wiring):
-            say(earlier)
-        for note in wiring.notes():
+    session = open_session(loaded, model, record, prompts, **access, strict=strict or None, call_timeout_s=call_timeout)
+    if session is not None:
+        with CallsShown(_watch(session.wiring)), _kept(session.wiring):
+            description = session.dialogue.describe()
+        for note in session.notes():
             say(note)
     else:
-        description = _stored(description_of(loaded), world)
+        description = stored(loaded, as_started(shlex.join(["rvsg", "describe", world, "--model", "PROVIDER:NAME"])))
     if review:
-        description = _reviewed(description, reviewer, _revising(dialogue, wiring) if dialogue else None)
+        description = _reviewed(description, reviewer, _revising(session) if session else None)
     else:
         _show(description)
-    if dialogue is not None or review:
-        place = out if out is not None else None if world in shipped_worlds() else Path(world)
-        say(f"Stored in {store_description(loaded, description, place)}")
+    if session is not None or review:
+        say(f"Stored in {store(loaded, description, out=out, name=world)}")
         if not description.reviewed:
             review_it = as_started(shlex.join(["rvsg", "describe", world, "--review"]))
             say(f"Nobody has reviewed it yet: {review_it}")
@@ -116,7 +92,7 @@ def describe(
 
 
 def _watch(wiring: Wiring) -> Callable[[Callable[[CallNews], None] | None], None]:
-    """Return what sets who is told of the calls of a model; a replay makes none."""
+    """Return a function that sets who receives the calls of a model; a replay makes none."""
 
     def watch(tell: Callable[[CallNews], None] | None) -> None:
         if not wiring.replaying:
@@ -127,7 +103,7 @@ def _watch(wiring: Wiring) -> Callable[[Callable[[CallNews], None] | None], None
 
 @contextlib.contextmanager
 def _kept(wiring: Wiring) -> Iterator[None]:
-    """Say, where a call fails or an answer is no use, that nothing that was answered is lost."""
+    """Where a call fails or an answer cannot be used, say that all answers are kept."""
     from rvsg.api.errors import BudgetSpent, GenerationError, ModelUnavailable
 
     try:
@@ -141,24 +117,14 @@ def _kept(wiring: Wiring) -> Iterator[None]:
         raise
 
 
-def _revising(dialogue: EnvironmentDialogue, wiring: Wiring | None) -> Callable[[str], Description]:
-    """The revision by the model, shown while it is made."""
+def _revising(session: EnvironmentSession) -> Callable[[str], Description]:
+    """Return a function that has the model revise the description for a reason, with progress."""
 
     def revise(reason: str) -> Description:
-        assert wiring is not None
-        with CallsShown(_watch(wiring)), _kept(wiring):
-            return dialogue.revise(reason)
+        with CallsShown(_watch(session.wiring)), _kept(session.wiring):
+            return session.dialogue.revise(reason)
 
     return revise
-
-
-def _stored(description: Description | None, world: str) -> Description:
-    from rvsg.api.errors import InputError
-
-    if description is None:
-        write_it = as_started(shlex.join(["rvsg", "describe", world, "--model", "PROVIDER:NAME"]))
-        raise InputError(f"{world} has no description yet. Let a model write it: {write_it}")
-    return description
 
 
 def _show(description: Description) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -79,72 +79,15 @@ def new(
     Labels and routes are proposals: read the README in the folder, edit them, then `rvsg world check DIR`.
     Each proposed route is driven once in the simulator; one that the robot cannot drive alone is not proposed.
     """
-    from rvsg.api.authoring import (
-        check_world,
-        save_world,
-        trial_of,
-        world_from_map,
-        world_from_objects,
-        world_from_sdf,
-        write_readme,
-    )
-    from rvsg.api.errors import InputError
+    given = {key: value for key, value in locals().items() if key not in ("folder", "no_simulation", "json")}
+    from rvsg.api.authoring import trial_of
+    from rvsg.api.world_folders import create_world, world_summary
 
-    given = [option for option, value in (("--map", map_file), ("--sdf", sdf), ("--objects", objects)) if value]
-    if len(given) != 1:
-        raise InputError(f"give exactly one of --map, --sdf and --objects; got {' and '.join(given) or 'none'}")
-    _refuse_unused(
-        given[0],
-        {
-            "--free-thresh": (free_thresh is not None, ("--map",)),
-            "--model-path": (bool(model_path), ("--sdf",)),
-            "--without": (bool(without), ("--sdf",)),
-            "--box-for-unreadable": (box_for_unreadable, ("--sdf",)),
-            "--lenient": (lenient, ("--sdf",)),
-            "--floor": (floor != 0.0, ("--sdf",)),
-            "--resolution": (resolution is not None, ("--sdf", "--objects")),
-            "--lidar-height": (lidar_height != 0.21, ("--sdf", "--objects")),
-        },
-    )
-    _refuse_occupied(folder, force=force)
-    spec = _grid_spec(spacing, human_clearance, robot_clearance)
-    name = folder.resolve().name
     trial = None if no_simulation else trial_of(progress=say)
-    if map_file is not None:
-        created = world_from_map(map_file, name=name, title=title, grid_spec=spec, free_thresh=free_thresh, trial=trial)
-    elif sdf is not None:
-        created = world_from_sdf(
-            sdf,
-            name=name,
-            title=title,
-            grid_spec=spec,
-            model_paths=model_path or (),
-            lidar_height_m=lidar_height,
-            floor_m=floor,
-            resolution_m=resolution,
-            box_for_unreadable=box_for_unreadable,
-            lenient=lenient,
-            without=without or (),
-            progress=_progress(),
-            trial=trial,
-        )
-    else:
-        assert objects is not None
-        created = world_from_objects(
-            objects,
-            name=name,
-            title=title,
-            grid_spec=spec,
-            lidar_height_m=lidar_height,
-            resolution_m=resolution,
-            trial=trial,
-        )
-    save_world(created.world, folder)
-    remarks = check_world(folder, trial=trial)
-    write_readme(created, folder, [f"{'error' if r.serious else 'warning'}: {r.problem.message}" for r in remarks])
+    created, remarks = create_world(folder, **given, trial=trial, progress=_progress())
     _show_created(created, remarks, folder)
     if json:
-        print_json(_summary(created.world) | {"folder": str(folder), "notes": list(created.notes)})
+        print_json(world_summary(created.world) | {"folder": str(folder), "notes": list(created.notes)})
 
 
 @app.command()
@@ -160,12 +103,10 @@ def check(
 
     Exit code 2 if something is wrong, 0 if there are only warnings or nothing.
     """
-    from rvsg.api.authoring import SHIPPED, check_world, shipped_worlds, trial_of
+    from rvsg.api.authoring import check_world, trial_of
+    from rvsg.api.world_folders import folder_named
 
-    place = (
-        SHIPPED / str(folder) if str(folder) in shipped_worlds() and not (folder / "world.yaml").is_file() else folder
-    )
-    remarks = check_world(place, trial=None if no_simulation else trial_of(progress=say))
+    remarks = check_world(folder_named(folder), trial=None if no_simulation else trial_of(progress=say))
     _show_remarks(remarks)
     if json:
         print_json([_remark_json(remark) for remark in remarks])
@@ -191,11 +132,11 @@ def draw(
     Where the names of the waypoints are too many for one picture of the grid, it is also drawn in parts.
     """
     from rvsg.api.authoring import load_world
+    from rvsg.api.world_folders import draw_world
 
-    loaded = load_world(world)
-    shown = loaded.route(route) if route else None
     folder = out or (Path(world) / "pictures" if Path(world).is_dir() else Path())
-    written = _draw(loaded, folder, what, shown, width, colours, _window(window))
+    shown = _window(window)
+    written = draw_world(load_world(world), folder, what=what, route=route, width=width, colours=colours, window=shown)
     for path, notes in written:
         say(f"{path}" + "".join(f"\n  {note}" for note in notes))
     if json:
@@ -212,10 +153,11 @@ def show(
     Grid, areas with their waypoints, routes in words, activities.
     """
     from rvsg.api.authoring import load_world
+    from rvsg.api.world_folders import world_summary
 
     loaded = load_world(world)
     if json:
-        print_json(_summary(loaded))
+        print_json(world_summary(loaded))
         return
     _show_world(loaded)
 
@@ -224,13 +166,14 @@ def show(
 def list_worlds(json: AsJson = False) -> None:
     """List the worlds that ship with RVSG."""
     from rvsg.api.authoring import load_world, shipped_worlds
+    from rvsg.api.world_folders import size_m, world_summary
 
     worlds = [load_world(name) for name in shipped_worlds()]
     if json:
-        print_json([_summary(world) for world in worlds])
+        print_json([world_summary(world) for world in worlds])
         return
     for world in worlds:
-        wide, high = _size_m(world)
+        wide, high = size_m(world)
         say(
             f"{world.name:<12} {world.title}: {wide:.0f} x {high:.0f} m, {len(world.grid.valid)} waypoints, "
             f"{len(world.areas)} areas, routes {', '.join(r.name for r in world.routes)}"
@@ -279,41 +222,6 @@ def _progress() -> Callable[[str], None]:
     return show
 
 
-def _refuse_unused(source: str, options: dict[str, tuple[bool, tuple[str, ...]]]) -> None:
-    """InputError for options that are given (name: given, sources they go with) and would change nothing."""
-    from rvsg.api.errors import InputError
-
-    useless = [
-        f"{name} goes with {' or '.join(ok)}" for name, (given, ok) in options.items() if given and source not in ok
-    ]
-    if useless:
-        raise InputError(f"{'; '.join(useless)}; got {source}")
-
-
-def _refuse_occupied(folder: Path, *, force: bool) -> None:
-    from rvsg.api.errors import FileError
-
-    if folder.exists() and not folder.is_dir():
-        raise FileError(folder, "this is a file; expected the name of a folder to make")
-    if (folder / "world.yaml").exists() and not force:
-        raise FileError(folder, "the folder already holds a world; --force replaces it, with all that was edited")
-    if folder.is_dir() and any(folder.iterdir()) and not (folder / "world.yaml").exists() and not force:
-        raise FileError(folder, "the folder is not empty; choose a new one, or --force to write into it")
-
-
-def _grid_spec(spacing: float | None, human_clearance: float, robot_clearance: float) -> Any:
-    from pydantic import ValidationError
-
-    from rvsg.api.authoring import GridSpec
-    from rvsg.api.errors import InputError
-
-    try:
-        return GridSpec(spacing_m=spacing, human_clearance_m=human_clearance, robot_clearance_m=robot_clearance)
-    except ValidationError as error:
-        listed = "; ".join(f"{d['loc'][0]}: {d['msg'].lower()}, got {d['input']}" for d in error.errors())
-        raise InputError(f"the grid cannot be laid so: {listed}") from None
-
-
 def _window(text: str | None) -> tuple[float, float, float, float] | None:
     from rvsg.api.errors import InputError
 
@@ -326,94 +234,11 @@ def _window(text: str | None) -> tuple[float, float, float, float] | None:
     return (x0, y0, x1, y1)
 
 
-def _draw(
-    world: World, folder: Path, what: str, route: Any, width: int, colours: str, window: Any
-) -> list[tuple[Path, tuple[str, ...]]]:
-    """Draw and write; the paths with what each picture could not show."""
-    from rvsg.api.authoring import floor_plan_svg, png_bytes
-    from rvsg.api.errors import FileError
-    from rvsg.api.folder import make_folder
-
-    made: list[tuple[str, bytes, tuple[str, ...]]] = []
-    whole = ("shows the whole world: --window is for the labelled map and the grid",) if window else ()
-    if what == "svg":
-        made.append(("plan.svg", floor_plan_svg(world, colours=colours).encode(), whole))
-    for name, image, notes in _pictures(world, what, route, width, colours, window):
-        told = (*notes, *whole) if name == "birdseye" else notes
-        made.append((f"{name}_{route.name}.png" if route else f"{name}.png", png_bytes(image), told))
-    written = []
-    try:
-        make_folder(folder)
-        for file, content, notes in made:
-            (folder / file).write_bytes(content)
-            written.append((folder / file, notes))
-    except OSError as error:
-        raise FileError(folder, f"the pictures cannot be written here: {error.strerror}") from None
-    return written
-
-
-def _pictures(
-    world: World, what: str, route: Any, width: int, colours: str, window: Any
-) -> Iterator[tuple[str, Any, tuple[str, ...]]]:
-    """Name, image and notes of every picture that is asked for."""
-    from rvsg.api.authoring import GRID, LABELLED, birdseye, draw_plan, tiles
-
-    for name, layers, said in (("labels", LABELLED, "labelled areas"), ("grid", GRID, "grid of waypoints")):
-        if what in ("all", name):
-            title = f"{world.title}: {said}" + (f" and {route.name}" if route else "")
-            plan = draw_plan(
-                world, show=layers, width_px=width, route=route, colours=colours, window=window, title=title
-            )
-            yield name, plan.image, plan.notes
-    if what in ("all", "grid") and window is None:
-        parts = tiles(world, width_px=width, route=route, colours=colours)
-        for part in parts if len(parts) > 1 else ():
-            yield f"grid_part_{part.row + 1}_{part.column + 1}", part.picture.image, part.picture.notes
-    if what in ("all", "birdseye"):
-        yield "birdseye", birdseye(world, width_px=width, colours=colours, route=route), ()
-
-
-def _size_m(world: World) -> tuple[float, float]:
-    rows, columns = world.occupancy.cells.shape
-    return columns * world.occupancy.resolution, rows * world.occupancy.resolution
-
-
-def _summary(world: World) -> dict[str, Any]:
-    from rvsg.api.authoring import route_paragraph
-
-    wide, high = _size_m(world)
-    return {
-        "name": world.name,
-        "title": world.title,
-        "id": world.id,
-        "size_m": [round(wide, 3), round(high, 3)],
-        "objects": len(world.objects),
-        "grid": {
-            "rows": list(world.grid.rows),
-            "columns": list(world.grid.columns),
-            "valid_waypoints": len(world.grid.valid),
-            "hops": len(world.grid.hops),
-        },
-        "areas": [
-            {"name": a.name, "kind": a.kind, "region": a.region, "waypoints": list(a.waypoints)} for a in world.areas
-        ],
-        "routes": [
-            {
-                "name": r.name,
-                "purpose": r.purpose,
-                "time_limit_s": r.time_limit_s,
-                "description": route_paragraph(world, r),
-            }
-            for r in world.routes
-        ],
-        "activities": list(world.activities),
-    }
-
-
 def _show_world(world: World) -> None:
     from rvsg.api.authoring import route_paragraph
+    from rvsg.api.world_folders import size_m
 
-    wide, high = _size_m(world)
+    wide, high = size_m(world)
     grid = world.grid
     say(f"{world.title} ({world.name}): {wide:.1f} x {high:.1f} m, {len(world.objects)} solid objects")
     say(
@@ -435,9 +260,10 @@ def _show_world(world: World) -> None:
 
 def _show_created(created: Created, remarks: tuple[Remark, ...], folder: Path) -> None:
     from rvsg.api.authoring import shipped_worlds
+    from rvsg.api.world_folders import size_m
 
     world = created.world
-    wide, high = _size_m(world)
+    wide, high = size_m(world)
     say(
         f"{folder}: {wide:.1f} x {high:.1f} m, {len(world.grid.valid)} waypoints, {len(world.areas)} areas and "
         f"{len(world.routes)} routes proposed."

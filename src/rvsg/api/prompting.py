@@ -1,0 +1,125 @@
+"""The prompt of the next call of a campaign, without calling a model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rvsg.api.config import CampaignConfig, effective, read_campaign_file
+from rvsg.api.events import search_attempts
+from rvsg.api.files import write_whole
+from rvsg.api.folder import CONFIG, make_folder, reading, store_of
+from rvsg.api.wiring import wire
+from rvsg.core.errors import InputError
+from rvsg.generation.conversation import VlmGenerator
+from rvsg.generation.pictures import pictures_of
+from rvsg.generation.prompts import template_text
+from rvsg.generation.vlm.messages import Message as Message
+from rvsg.generation.vlm.messages import estimated_tokens, picture_tokens
+from rvsg.generation.vlm.model import Scripted
+from rvsg.scenario.brief import Brief
+from rvsg.world.world import World
+
+_NO_MODEL: dict[str, Any] = {
+    **{"generator": "heuristic", "model": None, "base_url": None, "prompts": None, "replay": None},
+    **{"generator_options": {}, "budget_usd": None, "budget_calls": None, "budget_tokens": None},
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class NextPrompt:
+    """What a model would be asked next."""
+
+    brief: Brief
+    world: World
+    messages: tuple[Message, ...]
+    own_templates: tuple[str, ...]
+    """Names of the templates that replace shipped ones."""
+
+    @property
+    def pictures(self) -> int:
+        """The number of pictures in the messages."""
+        return sum(len(message.pictures) for message in self.messages)
+
+    @property
+    def tokens(self) -> int:
+        """The estimated number of input tokens."""
+        shown = [picture for message in self.messages for picture in message.pictures]
+        texts = sum(estimated_tokens(message.text) for message in self.messages)
+        return texts + sum(picture_tokens(picture.width, picture.height) for picture in shown)
+
+
+def configured(campaign: Path | None, given: Mapping[str, Any]) -> CampaignConfig:
+    """Return the configuration of a campaign file, or of the folder of a campaign, with options on top."""
+    if campaign is None:
+        return effective(None, {}, dict(given))
+    file = campaign / CONFIG if campaign.is_dir() else campaign
+    out = {"out": str(campaign)} if campaign.is_dir() else {}
+    return effective(None, {**read_campaign_file(file), **out}, dict(given))
+
+
+def templates_folder(config: CampaignConfig, prompts: Path | None = None) -> Path:
+    """Return the folder in which a campaign's own prompt templates are."""
+    return prompts or (Path(config.prompts) if config.prompts else config.folder / "prompts")
+
+
+def next_prompt(config: CampaignConfig, prompts: Path | None = None) -> NextPrompt:
+    """Return what the model would be asked next in a campaign.
+
+    Args:
+        prompts: A folder of templates that replace the shipped ones.
+
+    Raises:
+        InputError: the search of the campaign is finished.
+    """
+    folder = templates_folder(config, prompts)
+    chosen = prompts is not None or bool(config.prompts)
+    brief, world = _next_brief(config)
+    own = folder if chosen or folder.is_dir() else None
+    generator = VlmGenerator(Scripted([]), conversation=config.conversation, prompts=own)
+    messages = generator.first_prompts(brief, world)
+    return NextPrompt(brief=brief, world=world, messages=messages, own_templates=tuple(generator.prompts.overridden()))
+
+
+def _next_brief(config: CampaignConfig) -> tuple[Brief, World]:
+    """Return the brief a campaign asks for next: from its ledger where it has one, else the first."""
+    wired = wire(config.model_copy(update=_NO_MODEL))
+    if store_of(config.folder) is None:
+        return wired.strategy(None).ask()[0].brief, wired.world
+    with reading(config.folder) as ledger:
+        strategy = wired.strategy(ledger)
+        known = ledger.campaigns()
+        for attempt in search_attempts(list(ledger.attempts(known[0] if known else wired.plan.name))):
+            strategy.tell(attempt)
+        asks = strategy.ask()
+    if not asks:
+        raise InputError(f"{config.folder}: the search is finished. Start another campaign with --out.")
+    return asks[0].brief, wired.world
+
+
+def copy_template(name: str, folder: Path) -> Path:
+    """Copy a shipped prompt template into a folder, to be changed there; return its path.
+
+    Raises:
+        InputError: there is such a file already.
+    """
+    path = folder / f"{name}.md.j2"
+    if path.exists():
+        raise InputError(f"{path} exists already and is not overwritten.")
+    text = template_text(name)
+    make_folder(folder, option="--to")
+    write_whole(path, text)
+    return path
+
+
+def write_pictures(prompt: NextPrompt, folder: Path) -> list[Path]:
+    """Write the pictures of a prompt into a folder; return their paths."""
+    make_folder(folder, option="--pictures")
+    written = []
+    for picture in pictures_of(prompt.world, prompt.brief.mission.route):
+        path = folder / f"{picture.name.replace(' ', '_')}.png"
+        path.write_bytes(picture.png)
+        written.append(path)
+    return written

@@ -1,0 +1,255 @@
+"""Create, draw and summarise worlds: what `rvsg world` does."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from PIL.Image import Image
+from pydantic import ValidationError
+
+from rvsg.api.folder import make_folder
+from rvsg.core.errors import FileError, InputError
+from rvsg.world.authoring.check import Remark, check_world
+from rvsg.world.authoring.create import Created, world_from_map, world_from_objects, world_from_sdf
+from rvsg.world.authoring.readme import write_readme
+from rvsg.world.drawing import GRID, LABELLED, draw_plan, png_bytes, tiles
+from rvsg.world.drawing.birdseye import birdseye
+from rvsg.world.drawing.svg import floor_plan_svg
+from rvsg.world.grid import GridSpec
+from rvsg.world.io.load import SHIPPED, shipped_worlds
+from rvsg.world.io.save import save_world
+from rvsg.world.route_words import route_paragraph
+from rvsg.world.world import Route, World
+
+if TYPE_CHECKING:
+    from rvsg.api.trial import SimulatedTrial
+
+Window = tuple[float, float, float, float]
+LIDAR_HEIGHT_M = 0.21
+
+_GOES_WITH: dict[str, tuple[str, ...]] = {
+    "free_thresh": ("map",),
+    "model_path": ("sdf",),
+    "without": ("sdf",),
+    "box_for_unreadable": ("sdf",),
+    "lenient": ("sdf",),
+    "floor": ("sdf",),
+    "resolution": ("sdf", "objects"),
+    "lidar_height": ("sdf", "objects"),
+}
+"""The sources for which an option means something."""
+
+
+def create_world(
+    folder: Path,
+    *,
+    map_file: Path | None = None,
+    sdf: Path | None = None,
+    objects: Path | None = None,
+    title: str = "",
+    spacing: float | None = None,
+    human_clearance: float = 0.3,
+    robot_clearance: float = 0.3,
+    free_thresh: float | None = None,
+    model_path: Sequence[Path] | None = None,
+    lidar_height: float = LIDAR_HEIGHT_M,
+    floor: float = 0.0,
+    resolution: float | None = None,
+    without: Sequence[str] | None = None,
+    box_for_unreadable: bool = False,
+    lenient: bool = False,
+    force: bool = False,
+    trial: SimulatedTrial | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> tuple[Created, tuple[Remark, ...]]:
+    """Create a world folder from a map, a Gazebo world or a file of objects.
+
+    Lengths are in metres. Labels and routes are proposals; the README in the folder says how to edit them.
+
+    Args:
+        folder: Where to write the world; its name becomes the world's.
+        map_file: A Nav2 map; or give `sdf` or `objects` instead.
+        force: Overwrite a world that is in the folder.
+        trial: Drives every proposed route; routes that the robot cannot drive alone are not proposed.
+
+    Returns:
+        The world with notes on how it was made, and what `check_world` says of it.
+
+    Raises:
+        InputError: not exactly one source, or an option that means nothing for it.
+        FileError: a source that cannot be read, or a folder that is occupied.
+    """
+    source = _only_source({"map": map_file, "sdf": sdf, "objects": objects})
+    _refuse_unused(
+        source,
+        free_thresh=free_thresh is not None,
+        model_path=bool(model_path),
+        without=bool(without),
+        box_for_unreadable=box_for_unreadable,
+        lenient=lenient,
+        floor=floor != 0.0,
+        resolution=resolution is not None,
+        lidar_height=lidar_height != LIDAR_HEIGHT_M,
+    )
+    _refuse_occupied(folder, force=force)
+    spec = _grid_spec(spacing, human_clearance, robot_clearance)
+    shared: dict[str, Any] = {"name": folder.resolve().name, "title": title, "grid_spec": spec, "trial": trial}
+    if map_file is not None:
+        created = world_from_map(map_file, free_thresh=free_thresh, **shared)
+    elif sdf is not None:
+        created = world_from_sdf(
+            sdf,
+            model_paths=model_path or (),
+            lidar_height_m=lidar_height,
+            floor_m=floor,
+            resolution_m=resolution,
+            box_for_unreadable=box_for_unreadable,
+            lenient=lenient,
+            without=without or (),
+            progress=progress,
+            **shared,
+        )
+    else:
+        assert objects is not None
+        created = world_from_objects(objects, lidar_height_m=lidar_height, resolution_m=resolution, **shared)
+    save_world(created.world, folder)
+    remarks = check_world(folder, trial=trial)
+    write_readme(created, folder, [f"{'error' if r.serious else 'warning'}: {r.problem.message}" for r in remarks])
+    return created, remarks
+
+
+def folder_named(name: Path) -> Path:
+    """Return the folder of a world: the named one, or that of the shipped world of this name."""
+    shipped = str(name) in shipped_worlds() and not (name / "world.yaml").is_file()
+    return SHIPPED / str(name) if shipped else name
+
+
+def _only_source(sources: dict[str, Path | None]) -> str:
+    given = [name for name, path in sources.items() if path is not None]
+    if len(given) != 1:
+        options = " and ".join(f"--{name}" for name in given) or "none"
+        raise InputError(f"give exactly one of --map, --sdf and --objects; got {options}")
+    return given[0]
+
+
+def _refuse_unused(source: str, **given: bool) -> None:
+    """Refuse options that mean nothing for a source."""
+    useless = [
+        f"--{name.replace('_', '-')} goes with {' or '.join(f'--{s}' for s in _GOES_WITH[name])}"
+        for name, is_given in given.items()
+        if is_given and source not in _GOES_WITH[name]
+    ]
+    if useless:
+        raise InputError(f"{'; '.join(useless)}; got --{source}")
+
+
+def _refuse_occupied(folder: Path, *, force: bool) -> None:
+    """Refuse a folder that holds something, unless it may be overwritten."""
+    if folder.exists() and not folder.is_dir():
+        raise FileError(folder, "this is a file; expected the name of a folder to make")
+    if (folder / "world.yaml").exists() and not force:
+        raise FileError(folder, "the folder already holds a world; --force replaces it, with all your edits")
+    if folder.is_dir() and any(folder.iterdir()) and not (folder / "world.yaml").exists() and not force:
+        raise FileError(folder, "the folder is not empty; choose a new one, or --force to write into it")
+
+
+def _grid_spec(spacing: float | None, human_clearance: float, robot_clearance: float) -> GridSpec:
+    try:
+        return GridSpec(spacing_m=spacing, human_clearance_m=human_clearance, robot_clearance_m=robot_clearance)
+    except ValidationError as error:
+        listed = "; ".join(f"{d['loc'][0]}: {d['msg'].lower()}, got {d['input']}" for d in error.errors())
+        raise InputError(f"these values make no grid: {listed}") from None
+
+
+def draw_world(
+    world: World,
+    folder: Path,
+    *,
+    what: Literal["all", "labels", "grid", "birdseye", "svg"] = "all",
+    route: str | None = None,
+    width: int = 1600,
+    colours: str = "light",
+    window: Window | None = None,
+) -> list[tuple[Path, tuple[str, ...]]]:
+    """Draw pictures of a world into a folder; return each file with what it could not show.
+
+    Args:
+        route: The name of a route to draw.
+        width: Width of the pictures in pixels.
+        window: x0, y0, x1, y1 of the part to show, in metres.
+    """
+    shown = world.route(route) if route else None
+    made: list[tuple[str, bytes, tuple[str, ...]]] = []
+    whole = ("shows the whole world: --window is for the labelled map and the grid",) if window else ()
+    if what == "svg":
+        made.append(("plan.svg", floor_plan_svg(world, colours=colours).encode(), whole))
+    for name, image, notes in _pictures(world, what, shown, width, colours, window):
+        remarks = (*notes, *whole) if name == "birdseye" else notes
+        made.append((f"{name}_{shown.name}.png" if shown else f"{name}.png", png_bytes(image), remarks))
+    written = []
+    try:
+        make_folder(folder)
+        for file, content, notes in made:
+            (folder / file).write_bytes(content)
+            written.append((folder / file, notes))
+    except OSError as error:
+        raise FileError(folder, f"the pictures cannot be written here: {error.strerror}") from None
+    return written
+
+
+def _pictures(
+    world: World, what: str, route: Route | None, width: int, colours: str, window: Window | None
+) -> Iterator[tuple[str, Image, tuple[str, ...]]]:
+    """Yield the name, image and notes of every picture asked for."""
+    for name, layers, said in (("labels", LABELLED, "labelled areas"), ("grid", GRID, "grid of waypoints")):
+        if what in ("all", name):
+            title = f"{world.title}: {said}" + (f" and {route.name}" if route else "")
+            plan = draw_plan(
+                world, show=layers, width_px=width, route=route, colours=colours, window=window, title=title
+            )
+            yield name, plan.image, plan.notes
+    if what in ("all", "grid") and window is None:
+        parts = tiles(world, width_px=width, route=route, colours=colours)
+        for part in parts if len(parts) > 1 else ():
+            yield f"grid_part_{part.row + 1}_{part.column + 1}", part.picture.image, part.picture.notes
+    if what in ("all", "birdseye"):
+        yield "birdseye", birdseye(world, width_px=width, colours=colours, route=route), ()
+
+
+def size_m(world: World) -> tuple[float, float]:
+    """Return the width and the height of a world's map in metres."""
+    rows, columns = world.occupancy.cells.shape
+    return columns * world.occupancy.resolution, rows * world.occupancy.resolution
+
+
+def world_summary(world: World) -> dict[str, Any]:
+    """Return what a world holds, as plain data."""
+    wide, high = size_m(world)
+    return {
+        "name": world.name,
+        "title": world.title,
+        "id": world.id,
+        "size_m": [round(wide, 3), round(high, 3)],
+        "objects": len(world.objects),
+        "grid": {
+            "rows": list(world.grid.rows),
+            "columns": list(world.grid.columns),
+            "valid_waypoints": len(world.grid.valid),
+            "hops": len(world.grid.hops),
+        },
+        "areas": [
+            {"name": a.name, "kind": a.kind, "region": a.region, "waypoints": list(a.waypoints)} for a in world.areas
+        ],
+        "routes": [
+            {
+                "name": r.name,
+                "purpose": r.purpose,
+                "time_limit_s": r.time_limit_s,
+                "description": route_paragraph(world, r),
+            }
+            for r in world.routes
+        ],
+        "activities": list(world.activities),
+    }
