@@ -10,8 +10,9 @@ import pytest
 import yaml
 
 import rvsg
-from rvsg.api.exchange import export, import_agents, load_recordings, trace
+from rvsg.api.exchange import export, import_agents, load_recordings
 from rvsg.api.scenarios import save_scenario
+from rvsg.api.tracing import trace
 from rvsg.cli import main
 from rvsg.core.errors import InputError, UnknownName
 from rvsg.simulation.embedded.simulator import EmbeddedSimulator

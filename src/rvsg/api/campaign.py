@@ -28,6 +28,7 @@ from rvsg.api.paths import as_stored, paths_of, spelled_out
 from rvsg.api.record import CampaignRecord, check_same
 from rvsg.api.scenarios import scenario_json
 from rvsg.api.simulating import ignore
+from rvsg.api.tracing import traces_beside
 from rvsg.api.wiring import VLM_OPTIONS, Wired, jobs_of, wire
 from rvsg.api.worlds import world_of
 from rvsg.campaign import confirmation
@@ -367,7 +368,9 @@ class Campaign:
         with self.reading() as ledger:
             attempts = list(ledger.attempts(self.name))
             simulator = self.record.simulator.name
-            how = {"world": place, "run_of": ledger.run, "command": self.command, "simulator": simulator}
+            runs = {measured.run_id for attempt in attempts for measured in attempt.measurements}
+            how: dict[str, Any] = {"traces": traces_beside(page, runs)}
+            how |= {"world": place, "run_of": ledger.run, "command": self.command, "simulator": simulator}
             if page.parent == self.folder and (self.folder.parent / MATRIX).exists():
                 how["overview"] = f"../{REPORT}"
             write_page(page, self.plan, attempts, **how)

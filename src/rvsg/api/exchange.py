@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from rvsg.api.records import read_runs, read_scenario
-from rvsg.api.scenarios import check_valid, load_scenario_in
+from rvsg.api.scenarios import load_scenario_in
 from rvsg.api.scenarios import scenario as scenario_of
-from rvsg.api.simulating import RunSet, ignore, make_simulator, once, simulate
+from rvsg.api.simulating import RunSet, ignore, once, simulate
+from rvsg.api.tracing import trace as traced_run
 from rvsg.api.worlds import as_world, world_of
 from rvsg.core.errors import InputError, UnknownName
 from rvsg.core.files import write_whole
@@ -19,8 +20,6 @@ from rvsg.exchange import bag, foxglove, gazebo, hunav, nav2_goals, openscenario
 from rvsg.exchange.recording import read_recording
 from rvsg.scenario.agents import HumanAgent, decode
 from rvsg.scenario.scenario import Human, Pause, Scenario, Task
-from rvsg.simulation.embedded.options import profile
-from rvsg.simulation.embedded.trace import Trace, trace_run
 from rvsg.simulation.run import Run
 from rvsg.world.world import World
 
@@ -83,23 +82,6 @@ def export(
     if format in OF_RUNS:
         return _write_runs(given, path, format, seed, simulator, trace, on_message)
     return _write_scenario(given, path, format, dialect, release)
-
-
-def trace(
-    scenario: Scenario, seed: int = 0, *, simulator: str | Spec = "embedded", world: World | str | Path | None = None
-) -> Trace:
-    """Simulate a run again with everything recorded: scans, costmaps, plans, commands and the behaviour tree.
-
-    Raises:
-        InputError: the simulator records no traces, or the scenario cannot be simulated.
-    """
-    place = world_of(scenario.mission, world)
-    check_valid(scenario, place)
-    spec = Spec.of(simulator)
-    if spec.name != "embedded":
-        raise InputError(f'The simulator "{spec.name}" records no traces; "embedded" does.')
-    make_simulator(spec)  # refuses options that it does not know
-    return trace_run(scenario, place, seed=seed, options=profile(**spec.options))
 
 
 def load_recordings(
@@ -253,7 +235,7 @@ def _write_runs(
         if given.scenario is None or given.world is None:
             raise InputError("Give a scenario or runs.")
         if traced:
-            recorded = trace(given.scenario, seed, simulator=simulator, world=given.world)
+            recorded = traced_run(given.scenario, seed, simulator=simulator, world=given.world, on_message=on_message)
             runs = (recorded.run,)
         else:
             made = simulate(given.scenario, [seed], simulator=simulator, world=given.world, on_message=on_message)

@@ -5,14 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 from rvsg.api.campaign import Campaign
-from rvsg.api.records import read_runs
+from rvsg.api.records import holds_runs, read_runs
 from rvsg.api.scenarios import load_scenario_in
 from rvsg.api.simulating import simulate
 from rvsg.api.worlds import load_world
 from rvsg.campaign.attempt import Attempt, Measurement
 from rvsg.campaign.ranking import best_attempt
 from rvsg.core.errors import InputError, UnknownName
-from rvsg.core.inputs import LARGEST_RUNS, read_text
 from rvsg.core.plugins import Spec
 from rvsg.report.facts import RunFacts, run_facts
 from rvsg.report.film import Shot
@@ -52,10 +51,10 @@ def shot_of(
     """
     if source.is_dir() or source.suffix == ".sqlite":
         return _of_campaign(Campaign.open(source), run, world)
-    if '"arrays"' in read_text(source, largest=LARGEST_RUNS).partition("\n")[0]:
+    if holds_runs(source):
         if world is None:
             raise InputError(f"{source}: a file of runs does not say in which world they took place. Add --world.")
-        chosen = _chosen(read_runs([source]), run)
+        chosen = chosen_run(read_runs([source]), run)
         return _plain(chosen, load_world(world), None)
     scenario, place = load_scenario_in(source, world)
     made = simulate(scenario, [seed], simulator=simulator, world=place)
@@ -67,7 +66,7 @@ def _of_campaign(campaign: Campaign, run: str | None, world: str | None) -> Shot
     known = {m.run_id: (attempt, m) for attempt in attempts for m in attempt.measurements}
     if run is not None and run not in known:
         raise UnknownName("run", run, known)
-    attempt, measured = known[run] if run is not None else _worst(campaign, attempts)
+    attempt, measured = known[run] if run is not None else worst_run(campaign, attempts)
     place = campaign.world if world is None else load_world(world)
     found = next(each for each in campaign.runs() if each.id == measured.run_id)
     scenario = attempt.proposal.scenario
@@ -87,7 +86,8 @@ def shot_of_run(run: Run, measured: Measurement, requirement: Requirement, world
     )
 
 
-def _worst(campaign: Campaign, attempts: list[Attempt]) -> tuple[Attempt, Measurement]:
+def worst_run(campaign: Campaign, attempts: list[Attempt]) -> tuple[Attempt, Measurement]:
+    """Return the worst run of the worst finding of a campaign, and its attempt; InputError where there is none."""
     chosen = campaign.summary().confirmed or best_attempt(attempts, campaign.requirement)
     if chosen is None or not chosen.measurements:
         raise InputError(f"{campaign.folder}: this campaign holds no run yet.")
@@ -100,7 +100,8 @@ def _worst(campaign: Campaign, attempts: list[Attempt]) -> tuple[Attempt, Measur
     return chosen, max(chosen.measurements, key=badness)
 
 
-def _chosen(runs: list[Run], run: str | None) -> Run:
+def chosen_run(runs: list[Run], run: str | None) -> Run:
+    """Return the run of an id, or the first; UnknownName where there is none of that id."""
     known = {each.id: each for each in runs}
     if run is None:
         return runs[0]

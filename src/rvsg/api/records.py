@@ -10,6 +10,7 @@ import json
 import os
 import sys
 from collections.abc import Iterable
+from itertools import islice
 from pathlib import Path
 from typing import TypeVar
 
@@ -19,7 +20,7 @@ import pydantic
 from rvsg.core.documents import mistakes_of
 from rvsg.core.errors import FileError, InputError
 from rvsg.core.files import write_whole
-from rvsg.core.inputs import LARGEST_RUNS, parse_json, read_text
+from rvsg.core.inputs import parse_json, read_lines, read_text
 from rvsg.core.records import Record
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.archive import RunHeader, run_from_value, run_to_json
@@ -27,6 +28,7 @@ from rvsg.simulation.run import Run
 
 Kept = TypeVar("Kept", bound=Record)
 MOST_LISTED = 12
+NO_RUNS = "this holds no runs, one JSON object per line; `rvsg simulate SCENARIO --out RUNS` makes some."
 WORLD_FOLDER = "world_folder"
 """The key beside a saved record under which the folder of its world stands. It is no part of the record or its id."""
 
@@ -88,15 +90,20 @@ def with_world_folder(text: str, folder: Path | None) -> str:
     return json.dumps({WORLD_FOLDER: str(folder), **json.loads(text)}, indent=2, ensure_ascii=False) + "\n"
 
 
+def holds_runs(path: Path) -> bool:
+    """Whether a file holds runs rather than a scenario, by its first line; False for standard input."""
+    return str(path) != "-" and any('"arrays"' in line for _, line in islice(read_lines(path), 1))
+
+
 def read_runs(paths: Iterable[Path]) -> list[Run]:
     """Return all runs of the files, in order; FileError names the line of what is not a run."""
     runs = []
     for path in paths:
-        text = read_text(path, largest=LARGEST_RUNS)
-        _no_other_record(path, text)
-        for number, line in enumerate(text.splitlines(), 1):
+        for number, line in read_lines(path):
             if not line.strip():
                 continue
+            if not runs and line.strip() in ("{", "["):
+                raise FileError(path, NO_RUNS)
             try:
                 run = run_from_value(parse_json(line, path, line=number))
             except FileError:
@@ -127,20 +134,6 @@ def _impossible(run: Run) -> str:
             before, after = late[0], late[0] + 1
             return f"{name} must increase, but {name}[{after}] is {t[after]:g} s after {t[before]:g} s."
     return ""
-
-
-def _no_other_record(path: Path, text: str) -> None:
-    """Refuse a JSON document over several lines: a scenario or a proposal, not runs."""
-    if text.lstrip().partition("\n")[0].strip() not in ("{", "["):
-        return
-    try:
-        value = parse_json(text, path)
-    except FileError:
-        return
-    if not (isinstance(value, dict) and "arrays" in value):
-        raise FileError(
-            path, "this holds no runs, one JSON object per line; `rvsg simulate SCENARIO --out RUNS` makes some."
-        )
 
 
 def _reason(error: InputError) -> str:

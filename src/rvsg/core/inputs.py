@@ -8,19 +8,22 @@ nesting that exhausts the stack) is refused.
 
 from __future__ import annotations
 
+import contextlib
+import io
 import json
 import os
 import re
 import sys
+from collections.abc import Iterator
 from pathlib import Path
-from typing import IO, Any, NoReturn
+from typing import IO, Any, NoReturn, cast
 
 from rvsg.core.errors import FileError, InputError
 
 LARGEST_FILE = 20_000_000
 """Bytes of a file that a person writes."""
-LARGEST_RUNS = 500_000_000
-"""Bytes of a file of runs."""
+LONGEST_LINE = 250_000_000
+"""Bytes of a line in a file that is read line by line; a run of an hour with 30 people has about 200 million."""
 DEEPEST = 60
 """Levels of nesting in JSON and in the values of options."""
 LONGEST_NUMBER = 400
@@ -34,17 +37,11 @@ def read_bytes(path: Path, *, largest: int = LARGEST_FILE) -> bytes:
     Raises:
         FileError: The file is absent, unreadable, a folder, or has more than `largest` bytes.
     """
-    try:
-        with path.open("rb") as file:
+    with _opened(path) as file:
+        try:
             return _at_most(file, path, largest)
-    except FileNotFoundError:
-        raise FileError(path, "the file does not exist") from None
-    except IsADirectoryError:
-        raise FileError(path, "this is a folder; expected a file") from None
-    except OSError as error:
-        raise FileError(_shortened(path), f"the file cannot be read: {error.strerror}") from None
-    except ValueError as error:  # a NUL character or a lone surrogate in the path
-        raise InputError(f"{str(_shortened(path))!r} cannot be the path of a file: {error}") from None
+        except OSError as error:
+            raise FileError(_shortened(path), f"the file cannot be read: {error.strerror}") from None
 
 
 def read_text(path: Path, *, largest: int = LARGEST_FILE) -> str:
@@ -58,12 +55,65 @@ def read_text(path: Path, *, largest: int = LARGEST_FILE) -> str:
 
 def read_standard_input(*, largest: int = LARGEST_FILE) -> bytes:
     """Return all of standard input."""
+    return _at_most(_standard_input(), Path("-"), largest)
+
+
+def read_lines(path: Path, *, longest: int = LONGEST_LINE) -> Iterator[tuple[int, str]]:
+    """Yield number and text of each line of a UTF-8 file, or of standard input where the path is `-`.
+
+    One line is in memory at a time, so the file may be larger than that.
+
+    Raises:
+        FileError: The file is absent or unreadable, or a line has more than `longest` bytes or is not UTF-8.
+    """
+    with _opened(path) as file:
+        number = 0
+        while True:
+            try:
+                line = file.readline(longest + 1)
+            except OSError as error:
+                raise FileError(_shortened(path), f"the file cannot be read: {error.strerror}") from None
+            if not line:
+                return
+            number += 1
+            if len(line) > longest:
+                raise FileError(
+                    path, f"the line has more than {longest} bytes; at most {longest} are read", line=number
+                )
+            try:
+                yield number, line.decode("utf-8-sig" if number == 1 else "utf-8")
+            except UnicodeDecodeError as error:
+                reason = f"the line is not UTF-8 text ({error.reason} at byte {error.start})"
+                raise FileError(path, reason, line=number) from None
+
+
+@contextlib.contextmanager
+def _opened(path: Path) -> Iterator[IO[bytes]]:
+    """Open a file or standard input to be read; FileError says why it cannot be."""
+    if str(path) == "-":
+        yield _standard_input()
+        return
+    try:
+        file = path.open("rb")
+    except FileNotFoundError:
+        raise FileError(path, "the file does not exist") from None
+    except IsADirectoryError:
+        raise FileError(path, "this is a folder; expected a file") from None
+    except OSError as error:
+        raise FileError(_shortened(path), f"the file cannot be read: {error.strerror}") from None
+    except ValueError as error:  # a NUL character or a lone surrogate in the path
+        raise InputError(f"{str(_shortened(path))!r} cannot be the path of a file: {error}") from None
+    with file:
+        yield file
+
+
+def _standard_input() -> IO[bytes]:
     if sys.stdin is None:
         raise InputError("Standard input is closed; give a file instead of -.")
     stream = getattr(sys.stdin, "buffer", None)
     if stream is None:  # replaced by a stream of text
-        return sys.stdin.read(largest).encode(errors="surrogatepass")
-    return _at_most(stream, Path("-"), largest)
+        return io.BytesIO(sys.stdin.read().encode(errors="surrogatepass"))
+    return cast(IO[bytes], stream)
 
 
 def parse_json(text: str, path: Path, *, line: int | None = None) -> Any:

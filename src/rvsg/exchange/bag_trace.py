@@ -2,7 +2,7 @@
 
 Topics: `/scan_K` for every lidar, `/cmd_vel`, `/plan`, `/local_costmap/costmap` (5 Hz), `/global_costmap/costmap`
 (when it changes), `/evaluation` (dwb_msgs/LocalPlanEvaluation) and `/local_trajectories` (a marker for Foxglove and
-RViz), both at 2 Hz, `/local_plan` (the chosen trajectory), `/behavior_tree_log` (nav2_msgs/BehaviorTreeLog) and
+RViz), both at 1 Hz, `/local_plan` (the chosen trajectory), `/behavior_tree_log` (nav2_msgs/BehaviorTreeLog) and
 `/rvsg/navigation` (std_msgs/String: the phase and the number of recoveries as JSON, when they change).
 """
 
@@ -26,8 +26,8 @@ Event = tuple[int, str, Any]
 
 COSTMAP_FRAMES = 2
 """The local costmap is written in every second frame, 5 Hz."""
-EVALUATION_FRAMES = 5
-"""The samples of the local planner are written in every fifth frame, 2 Hz."""
+EVALUATION_FRAMES = 10
+"""The samples of the local planner are written in every tenth frame, 1 Hz."""
 LINE_LIST = 5
 """visualization_msgs/Marker.LINE_LIST."""
 

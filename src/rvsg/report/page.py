@@ -7,7 +7,7 @@ any `<`. The page is a function of the records: equal campaigns give equal pages
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -57,6 +57,7 @@ def render_page(
     command: str,
     simulator: str = "",
     overview: str = "",
+    traces: Sequence[Mapping[str, Any]] = (),
 ) -> str:
     """Return the page of a campaign, finished or not.
 
@@ -64,6 +65,7 @@ def render_page(
         run_of: Finds a run by its id.
         command: The command that repeats the campaign.
         overview: The address of the overview this campaign belongs to, seen from the page.
+        traces: Traces of runs of the campaign, as `trace_view` makes them; the replay shows them.
     """
     shown = Shown(
         plan=plan,
@@ -107,6 +109,7 @@ def render_page(
             command=command,
             simulator=simulator,
             overview=overview,
+            traces=[_script_safe(trace) for trace in traces],
         )
     )
 

@@ -20,8 +20,9 @@ from rvsg.world.world import World
 
 
 def component() -> str:
-    """Return the JavaScript of the replay component; `static/replay.js` says how to mount it."""
-    return (resources.files("rvsg.report") / "static" / "replay.js").read_text(encoding="utf-8")
+    """Return the JavaScript of the replay and its traces; the files in `static` say how to use them."""
+    folder = resources.files("rvsg.report") / "static"
+    return "\n".join((folder / name).read_text(encoding="utf-8") for name in ("replay.js", "trace.js"))
 
 
 def styles() -> str:

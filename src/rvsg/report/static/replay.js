@@ -262,6 +262,7 @@
       switches[each[0]] = box;
     });
     const layerSwitches = html(left, "div", { class: "rp-controls rp-layer-switches", role: "group", "aria-label": "Layers" });
+    const tools = html(left, "div", { class: "rp-controls rp-tools" });
     const now = html(right, "p", { class: "rp-now" });
     const moments = html(right, "div", { class: "rp-moments" });
     const charts = html(right, "div", { class: "rp-charts" });
@@ -709,7 +710,7 @@
     function destroy() { pause(); gone.abort(); element.textContent = ""; element.classList.remove("rp"); }
 
     const api = {
-      select: select, compare: compare, addLayer: addLayer, destroy: destroy, seek: goTo, play: play, pause: pause, setSpeed: setSpeed,
+      select: select, compare: compare, addLayer: addLayer, redraw: draw, element: element, tools: tools, destroy: destroy, seek: goTo, play: play, pause: pause, setSpeed: setSpeed,
       ready: function () { return ready; },
       runs: function () { return Array.from(byRun.keys()); },
       state: function () { return { marked: state.marked, group: state.group && state.group.id, run: state.run && state.run.id, other: state.other && state.other.id, t: state.t, playing: state.playing, speed: state.speed, end: state.series && end() }; },

@@ -101,8 +101,11 @@ class EmbeddedSimulator(Simulator):
         if self._stack is not None:
             self._stack.driver.close()
 
-    def run(self, scenario: Scenario, world: World, *, seed: int) -> Run:
-        """Simulate one episode; raises InputError where world or scenario cannot be simulated at all."""
+    def run(self, scenario: Scenario, world: World, *, seed: int, outside: Outside | None = None) -> Run:
+        """Simulate one episode; raises InputError where world or scenario cannot be simulated at all.
+
+        `outside`: what else is computed by the caller, such as a recorder.
+        """
         agents = decode(scenario.people, world.grid)
         return simulate_agents(
             world,
@@ -113,6 +116,7 @@ class EmbeddedSimulator(Simulator):
             scenario_id=scenario.id,
             robot=scenario.mission.robot_record,
             stack=self._stack,
+            outside=outside,
         )
 
 

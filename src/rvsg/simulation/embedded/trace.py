@@ -12,16 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.robots import Robot, load_robot
-from rvsg.scenario.agents import decode
 from rvsg.scenario.scenario import ROBOT, Scenario
 from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded import state as st
 from rvsg.simulation.embedded.episode import Episode, Outside
 from rvsg.simulation.embedded.navigation.behaviour_tree import ODOMETRY_DEADBAND
 from rvsg.simulation.embedded.navigation.controllers.dwb import PLAN_END, SAMPLE_STEPS, SAMPLE_V, SAMPLE_W, STAMP
-from rvsg.simulation.embedded.options import SimulatorOptions
 from rvsg.simulation.embedded.sensing.lidar import FAR, NO_RETURN, scan
-from rvsg.simulation.embedded.simulator import simulate_agents
+from rvsg.simulation.embedded.simulator import EmbeddedSimulator
 from rvsg.simulation.embedded.stack import (
     LIDAR_MAX,
     LIDAR_MIN,
@@ -128,30 +126,21 @@ class Trace:
 
 
 def trace_run(
-    scenario: Scenario, world: World, *, seed: int, options: SimulatorOptions | None = None, ticks: int = FRAME_TICKS
+    scenario: Scenario, world: World, *, seed: int, simulator: EmbeddedSimulator | None = None, ticks: int = FRAME_TICKS
 ) -> Trace:
     """Simulate a scenario again with everything recorded.
 
     Args:
-        options: the options the run was simulated with.
+        simulator: the simulator of the run, with its options.
         ticks: a frame every so many ticks of 10 ms.
 
     Raises:
         InputError: the scenario cannot be simulated.
     """
-    robot = scenario.mission.robot_record or load_robot(ROBOT)
     recorder = _Recorder(ticks)
-    run = simulate_agents(
-        world,
-        scenario.mission.route,
-        decode(scenario.people, world.grid),
-        options=options,
-        seed=seed,
-        scenario_id=scenario.id,
-        robot=scenario.mission.robot_record,
-        outside=Outside(probe=recorder, probe_ticks=1),
-    )
-    return recorder.trace(run, robot)
+    simulator = simulator or EmbeddedSimulator()
+    run = simulator.run(scenario, world, seed=seed, outside=Outside(probe=recorder, probe_ticks=1))
+    return recorder.trace(run, scenario.mission.robot_record or load_robot(ROBOT))
 
 
 class _Recorder:

@@ -1,0 +1,198 @@
+"""Simulate a run again with everything recorded, and write it as a bag or as a trace for the replay."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rvsg.api.records import digest, holds_runs, read_runs
+from rvsg.api.scenarios import check_valid, load_scenario_in
+from rvsg.api.simulating import ignore, make_simulator
+from rvsg.api.worlds import load_world, world_of
+from rvsg.core.errors import FileError, InputError, UnknownName
+from rvsg.core.files import write_whole
+from rvsg.core.inputs import parse_json, read_text
+from rvsg.core.plugins import Spec
+from rvsg.exchange.bag import write_bag
+from rvsg.exchange.ros_types import rosbags_types
+from rvsg.report.trace_view import FORMAT, trace_json
+from rvsg.scenario.scenario import Scenario
+from rvsg.simulation.archive import rounded
+from rvsg.simulation.embedded.simulator import EmbeddedSimulator
+from rvsg.simulation.embedded.trace import Trace, trace_run
+from rvsg.simulation.run import Run
+from rvsg.simulation.stacks.registry import StackLike
+from rvsg.world.world import World
+
+TRACES = "traces"
+"""The folder beside a report in which the report finds traces."""
+SUFFIX = ".trace.json"
+MOST_IN_A_PAGE = 1_500_000
+"""Bytes of traces that a page holds; it opens further ones from their files."""
+OF_RECORD = ("version", "default_robot")
+"""Options of a stored run that the simulator adds by itself."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Traced:
+    """A trace with the world it took place in."""
+
+    trace: Trace
+    world: World
+
+    @property
+    def run(self) -> Run:
+        """The run."""
+        return self.trace.run
+
+    def write(self, path: Path) -> None:
+        """Write the trace: `.mcap` is a bag with everything, `.json` the file that the replay shows.
+
+        Raises:
+            FileError: the name ends otherwise, or the file cannot be written.
+            InputError: rosbags is not installed.
+        """
+        check_trace_file(path)
+        if path.suffix == ".mcap":
+            write_bag(self.run, self.world, path, trace=self.trace)
+        else:
+            write_whole(path, trace_json(self.trace, self.world))
+
+
+def check_trace_file(path: Path) -> None:
+    """Refuse a name by which no trace is written, and a bag where rosbags is not installed."""
+    if path.suffix not in (".mcap", ".json"):
+        raise FileError(path, "a trace is written as .mcap or .json; choose a name that ends so.")
+    if path.suffix == ".mcap":
+        rosbags_types()
+
+
+def trace_file_beside(folder: Path, run: str) -> Path:
+    """Return the file in which the report of a folder finds the trace of a run."""
+    return folder / TRACES / f"{run}{SUFFIX}"
+
+
+def trace(
+    scenario: Scenario,
+    seed: int = 0,
+    *,
+    simulator: str | Spec = "embedded",
+    stack: StackLike | None = None,
+    world: World | str | Path | None = None,
+    on_message: Callable[[str], None] = ignore,
+) -> Trace:
+    """Simulate a scenario with everything recorded: scans, costmaps, plans, trajectories tried, behaviour tree.
+
+    Raises:
+        InputError: the simulator records no traces, or the scenario cannot be simulated.
+    """
+    place = world_of(scenario.mission, world)
+    check_valid(scenario, place)
+    made = make_simulator(simulator, stack)
+    if not isinstance(made, EmbeddedSimulator):
+        raise InputError(f'The simulator "{made.name}" records no traces; "embedded" does.')
+    made.prepare(on_message)
+    return trace_run(scenario, place, seed=seed, simulator=made)
+
+
+def trace_again(run: Run, scenario: Scenario, world: World, *, on_message: Callable[[str], None] = ignore) -> Traced:
+    """Simulate a stored run again with everything recorded, and check that it is the same run.
+
+    Raises:
+        InputError: the run is of another scenario or simulator, or this version simulates it otherwise.
+    """
+    if run.scenario_id != scenario.id:
+        raise InputError(f"The run {run.id} is of another scenario ({run.scenario_id}, not {scenario.id}).")
+    if run.simulator != "embedded":
+        raise InputError(f'The run {run.id} is of the simulator "{run.simulator}", which records no traces.')
+    options = {name: value for name, value in run.options.items() if name not in OF_RECORD}
+    made = EmbeddedSimulator(**options)  # type: ignore[arg-type]  # checked by it
+    made.prepare(on_message)
+    found = trace_run(scenario, world, seed=run.seed, simulator=made)
+    if found.run.id != run.id or digest(rounded(found.run)) != digest(rounded(run)):
+        made_by = run.options.get("version")
+        raise InputError(
+            f"The run {run.id} cannot be repeated: it was simulated by rules of version {made_by}, and these are of "
+            f"version {made.options['version']}. Run the campaign again, or trace it with the RVSG that made it."
+        )
+    return Traced(trace=found, world=world)
+
+
+def trace_source(
+    source: Path,
+    *,
+    run: str | None = None,
+    seed: int = 0,
+    scenario: Path | None = None,
+    world: str | None = None,
+    simulator: str | Spec = "embedded",
+    stack: StackLike | None = None,
+    on_message: Callable[[str], None] = ignore,
+) -> Traced:
+    """Trace a run of a campaign, of a file of runs, or of a scenario.
+
+    Args:
+        source: the folder of a campaign, a file of runs, or a scenario.
+        run: the id of a run of the campaign or the file; by default the worst run of the worst finding, or the first
+            run of the file.
+        seed: the seed with which a scenario is simulated.
+        scenario: the scenario of a file of runs.
+        world: the world, where it was moved.
+
+    Raises:
+        InputError: the source holds no run, or the run cannot be repeated.
+        UnknownName: there is no run of that id.
+    """
+    from rvsg.api.filming import chosen_run
+
+    if source.is_dir() or source.suffix == ".sqlite":
+        return _of_campaign(source, run, world, on_message)
+    if holds_runs(source):
+        if scenario is None:
+            raise InputError(f"{source}: a file of runs does not hold their scenario. Add --scenario.")
+        found, place = load_scenario_in(scenario, world)
+        return trace_again(chosen_run(read_runs([source]), run), found, place, on_message=on_message)
+    if run is not None:
+        raise InputError(f"{source}: --run names a run of a campaign or of a file of runs. Give --seed for a scenario.")
+    asked, place = load_scenario_in(source, world)
+    made = trace(asked, seed, simulator=simulator, stack=stack, world=place, on_message=on_message)
+    return Traced(trace=made, world=place)
+
+
+def _of_campaign(source: Path, run: str | None, world: str | None, on_message: Callable[[str], None]) -> Traced:
+    from rvsg.api.campaign import Campaign
+    from rvsg.api.filming import worst_run
+
+    campaign = Campaign.open(source)
+    attempts = [attempt for attempt in campaign.attempts() if attempt.measurements]
+    known = {m.run_id: attempt for attempt in attempts for m in attempt.measurements}
+    if run is None:
+        run = worst_run(campaign, attempts)[1].run_id
+    if run not in known:
+        raise UnknownName("run", run, known)
+    scenario = known[run].proposal.scenario
+    assert scenario is not None, "an attempt with runs has a scenario"
+    place = campaign.world if world is None else load_world(world)
+    stored = next(each for each in campaign.runs() if each.id == run)
+    return trace_again(stored, scenario, place, on_message=on_message)
+
+
+def traces_beside(page: Path, runs: Collection[str]) -> list[Mapping[str, Any]]:
+    """Return the traces beside a page that are of its runs, in the order of their names, as far as the page holds them.
+
+    Raises:
+        FileError: a file is no trace.
+    """
+    found: list[Mapping[str, Any]] = []
+    left = MOST_IN_A_PAGE
+    for path in sorted((page.parent / TRACES).glob(f"*{SUFFIX}")):
+        if path.name.removesuffix(SUFFIX) not in runs or path.stat().st_size > left:
+            continue
+        value = parse_json(read_text(path), path)
+        if not isinstance(value, dict) or value.get("format") != FORMAT or value.get("run") not in runs:
+            raise FileError(path, "this is not the trace its name says. Remove it, or write it again: rvsg trace.")
+        left -= path.stat().st_size
+        found.append(value)
+    return found
