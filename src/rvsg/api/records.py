@@ -97,7 +97,7 @@ def holds_runs(path: Path) -> bool:
 
 def read_runs(paths: Iterable[Path]) -> list[Run]:
     """Return all runs of the files, in order; FileError names the line of what is not a run."""
-    runs = []
+    runs: list[Run] = []
     for path in paths:
         for number, line in read_lines(path):
             if not line.strip():
