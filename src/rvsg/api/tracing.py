@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rvsg.api.records import digest, holds_runs, read_runs
+from rvsg.api.records import holds_runs, read_runs
 from rvsg.api.scenarios import check_valid, load_scenario_in
 from rvsg.api.simulating import ignore, make_simulator
 from rvsg.api.worlds import load_world, world_of
@@ -19,7 +19,7 @@ from rvsg.exchange.bag import write_bag
 from rvsg.exchange.ros_types import rosbags_types
 from rvsg.report.trace_view import FORMAT, trace_json
 from rvsg.scenario.scenario import Scenario
-from rvsg.simulation.archive import rounded
+from rvsg.simulation.archive import PackedRun, rounded
 from rvsg.simulation.embedded.simulator import EmbeddedSimulator
 from rvsg.simulation.embedded.trace import Trace, trace_run
 from rvsg.simulation.run import Run
@@ -111,7 +111,7 @@ def trace_again(run: Run, scenario: Scenario, world: World, *, on_message: Calla
     made = EmbeddedSimulator(**options)  # type: ignore[arg-type]  # checked by it
     made.prepare(on_message)
     found = trace_run(scenario, world, seed=run.seed, simulator=made)
-    if found.run.id != run.id or digest(rounded(found.run)) != digest(rounded(run)):
+    if found.run.id != run.id or PackedRun.of(rounded(found.run)).data != PackedRun.of(rounded(run)).data:
         made_by = run.options.get("version")
         raise InputError(
             f"The run {run.id} cannot be repeated: it was simulated by rules of version {made_by}, and these are of "
