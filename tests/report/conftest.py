@@ -8,8 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.campaign.parts import MemoryLedger
+from tests.campaign.parts import MemoryLedger, warehouse
 from tests.report.test_page import NastyGenerator, campaign, page
+from tests.report.test_trace_view import made
+
+from rvsg.report.trace_view import trace_json, trace_view
 
 CHROMIUM = next((path for name in ("chromium", "chromium-browser") if (path := shutil.which(name))), None)
 FLAGS = (
@@ -38,16 +41,23 @@ def browser() -> Iterator[Any]:
 def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """Pages by name: `contacts` passes although robot and people touch; `crowd` has 30 people; `hostile` attacks."""
     folder = tmp_path_factory.mktemp("pages")
-    made = {
+    wanted = {
         "contacts": {},
         "crowd": {"humans": 30, "scenarios": 1, "refinements": 0, "confirmations": 3},
         "hostile": {"generator": NastyGenerator()},
     }
     found = {}
-    for name, changes in made.items():
+    for name, changes in wanted.items():
         ledger = MemoryLedger()
         found[name] = folder / f"{name}.html"
-        found[name].write_text(page(*campaign(ledger, **changes), ledger), encoding="utf-8")
+        the_plan, attempts = campaign(ledger, **changes)
+        found[name].write_text(page(the_plan, attempts, ledger), encoding="utf-8")
+        if name == "contacts":
+            run = ledger.run(attempts[0].measurements[0].run_id)
+            found["traced"] = folder / "traced.html"
+            view = trace_view(made(run), warehouse())
+            found["traced"].write_text(page(the_plan, attempts, ledger, traces=[view]), encoding="utf-8")
+            (folder / "one.trace.json").write_text(trace_json(made(run), warehouse()), encoding="utf-8")
     return found
 
 

@@ -162,7 +162,7 @@ def test_no_two_involved_people_share_a_colour(show: Show) -> None:
     assert len(set(shown)) == len(shown) == len(colours)
 
 
-@pytest.mark.parametrize("name", ["contacts", "hostile"])
+@pytest.mark.parametrize("name", ["contacts", "hostile", "traced"])
 @pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (1280, "dark"), (390, "light")])
 def test_axe_finds_no_violation(show: Show, name: str, width: int, scheme: str) -> None:
     axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe-playwright-python is not installed")
@@ -215,3 +215,47 @@ def test_a_second_replay_with_a_layer_can_be_mounted_and_removed(show: Show) -> 
     assert not tab.locator("#second .rp-layer-mine").is_visible()
     tab.evaluate("second.destroy()")
     assert tab.locator("#second").inner_html() == ""
+
+
+def test_a_trace_is_shown_as_layers_that_can_be_switched(show: Show) -> None:
+    tab = show("traced")
+    run = tab.evaluate("traces.runs()")[0]
+    open_address(tab, f"#run={run}&t=0.3")
+    tab.evaluate("traces.ready()")
+    assert tab.locator(".rp-layer-switches .rp-switch:visible").count() == 6
+    assert "Behaviour tree: spin. Last: Spin RUNNING at 0.3 s." in tab.locator(".rp-now").inner_text()
+    assert "Local planner: 0.50 m/s, 0.00 rad/s, score 4.2." in tab.locator(".rp-now").inner_text()
+    assert tab.locator(".rp-layer-plan path").get_attribute("d") == "M1.00 2.00L2.00 2.00"
+    assert tab.locator(".rp-best").get_attribute("d") == "M1.00 2.00L1.80 2.00"
+    assert tab.locator(".rp-forbidden").get_attribute("d").startswith("M1.00 2.00A")
+    assert tab.locator(".rp-hits").first.get_attribute("d").startswith("M")
+    assert tab.locator(".rp-layer-local-costmap image").get_attribute("href").startswith("data:image/png")
+    switch = tab.locator(".rp-layer-switches input").nth(1)
+    switch.click()
+    assert not tab.locator(".rp-layer-local-costmap").is_visible()
+    other = next(each for each in tab.evaluate("replay.runs()") if each != run)
+    open_address(tab, f"#run={other}")
+    assert tab.locator(".rp-layer-switches .rp-switch:visible").count() == 0
+
+
+def test_a_trace_is_opened_from_its_file_and_another_file_is_refused(show: Show, pages: dict[str, Any]) -> None:
+    tab = show("contacts")
+    file = pages["contacts"].parent / "one.trace.json"
+    assert tab.locator(".rp-layer-switches .rp-switch:visible").count() == 0
+    tab.locator(".rp-open input").set_input_files(file)
+    tab.wait_for_function("() => traces.runs().length === 1")
+    tab.evaluate("replay.ready().then(traces.ready)")
+    assert state(tab)["run"] == tab.evaluate("traces.runs()[0]")
+    assert tab.locator(".rp-layer-switches .rp-switch:visible").count() == 6
+    for content in (
+        "[]",
+        "no JSON",
+        '{"format": "rvsg-trace", "version": 9}',
+        '{"format": "rvsg-trace", "version": 1}',
+    ):
+        other = pages["contacts"].parent / "other.json"
+        other.write_text(content)
+        tab.locator(".rp-open input").set_input_files(other)
+        tab.wait_for_function("() => document.querySelector('.rp-note').textContent !== ''")
+        tab.evaluate("document.querySelector('.rp-note').textContent = ''")
+    assert tab.evaluate("traces.runs().length") == 1

@@ -45,8 +45,8 @@ def campaign(ledger: MemoryLedger, generator: object = None, strategy: type = St
     return the_plan, attempts
 
 
-def page(the_plan, attempts: list[Attempt], ledger: MemoryLedger) -> str:
-    return render_page(the_plan, attempts, world=warehouse(), run_of=ledger.run, command="rvsg run --seed 7")
+def page(the_plan, attempts: list[Attempt], ledger: MemoryLedger, **more: Any) -> str:
+    return render_page(the_plan, attempts, world=warehouse(), run_of=ledger.run, command="rvsg run --seed 7", **more)
 
 
 class Reader(html.parser.HTMLParser):

@@ -21,6 +21,7 @@ from rvsg.exchange.recording import read_recording
 from rvsg.scenario.agents import HumanAgent, decode
 from rvsg.scenario.scenario import Human, Pause, Scenario, Task
 from rvsg.simulation.run import Run
+from rvsg.simulation.stacks.registry import StackLike
 from rvsg.world.world import World
 
 OF_RUNS = ("csv", "parquet", "mcap")
@@ -46,6 +47,7 @@ def export(
     *,
     seed: int = 0,
     simulator: str | Spec = "embedded",
+    stack: StackLike | None = None,
     world: World | str | Path | None = None,
     dialect: str = "block",
     release: str = "jazzy",
@@ -59,6 +61,7 @@ def export(
         out: the file.
         format: one of `FORMATS`.
         seed: of the run that is simulated.
+        stack: the navigation stack under test of that run.
         dialect: of `hunav`: flat, block, v2.
         release: of `nav2-goals`: humble, jazzy, kilted.
         trace: for `mcap`: simulate the run again and record scans, costmaps and plans, too.
@@ -80,7 +83,7 @@ def export(
         return ()
     given = _source(source, world)
     if format in OF_RUNS:
-        return _write_runs(given, path, format, seed, simulator, trace, on_message)
+        return _write_runs(given, path, format, seed, simulator, stack, trace, on_message)
     return _write_scenario(given, path, format, dialect, release)
 
 
@@ -227,6 +230,7 @@ def _write_runs(
     format: str,
     seed: int,
     simulator: str | Spec,
+    stack: StackLike | None,
     traced: bool,
     on_message: Callable[[str], None],
 ) -> tuple[str, ...]:
@@ -235,10 +239,14 @@ def _write_runs(
         if given.scenario is None or given.world is None:
             raise InputError("Give a scenario or runs.")
         if traced:
-            recorded = traced_run(given.scenario, seed, simulator=simulator, world=given.world, on_message=on_message)
+            recorded = traced_run(
+                given.scenario, seed, simulator=simulator, stack=stack, world=given.world, on_message=on_message
+            )
             runs = (recorded.run,)
         else:
-            made = simulate(given.scenario, [seed], simulator=simulator, world=given.world, on_message=on_message)
+            made = simulate(
+                given.scenario, [seed], simulator=simulator, stack=stack, world=given.world, on_message=on_message
+            )
             runs = made.runs
     elif traced:
         raise InputError("A trace simulates a scenario again: give the scenario and --seed, not the runs.")

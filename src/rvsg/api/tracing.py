@@ -61,10 +61,11 @@ class Traced:
             write_whole(path, trace_json(self.trace, self.world))
 
 
-def check_trace_file(path: Path) -> None:
+def check_trace_file(path: Path, *, bag_only: bool = False) -> None:
     """Refuse a name by which no trace is written, and a bag where rosbags is not installed."""
-    if path.suffix not in (".mcap", ".json"):
-        raise FileError(path, "a trace is written as .mcap or .json; choose a name that ends so.")
+    kinds = (".mcap",) if bag_only else (".mcap", ".json")
+    if path.suffix not in kinds:
+        raise FileError(path, f"the name must end in {' or '.join(kinds)}.")
     if path.suffix == ".mcap":
         rosbags_types()
 

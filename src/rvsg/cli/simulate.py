@@ -35,7 +35,8 @@ def simulate(
     jobs: Annotated[int, typer.Option(min=1, help="Worker processes.")] = 1,
     out: Annotated[Path, typer.Option(help="Where the runs are written; - is standard output.")] = Path("-"),
     bag: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write the run as a rosbag2 (MCAP), too; see `rvsg export`.")
+        Path | None,
+        typer.Option(metavar="FILE", help="Write the run as a rosbag2 (MCAP) too, with all that the robot sees."),
     ] = None,
 ) -> None:
     """Simulate a scenario and write its runs, one JSON object per line.
@@ -43,13 +44,18 @@ def simulate(
     The scenario is checked first: an unknown waypoint or a path through an obstacle never reaches a simulator.
     """
     import rvsg
+    from rvsg.api.errors import InputError
     from rvsg.api.exchange import export
     from rvsg.api.records import check_writable, runs_text, write_text
     from rvsg.api.scenarios import check_valid, load_scenario_in, with_moved, with_robot
+    from rvsg.api.tracing import check_trace_file
     from rvsg.cli.options import spec, stack_spec
 
     check_writable(out)
     if bag is not None:
+        if repeats > 1:
+            raise InputError("--bag writes one run, and --repeats asks for several. Leave one of them out.")
+        check_trace_file(bag, bag_only=True)
         check_writable(bag)
     asked, place = load_scenario_in(scenario, world)
     if robot is not None:
@@ -72,4 +78,7 @@ def simulate(
     )
     write_text(out, runs_text(runs))
     if bag is not None:
-        export(runs, bag, "mcap")
+        if chosen.name == "embedded":
+            export(asked, bag, "mcap", seed=seed, simulator=chosen, stack=driver, world=place, trace=True)
+        else:
+            export(runs, bag, "mcap")

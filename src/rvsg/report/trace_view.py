@@ -63,7 +63,7 @@ def _lidar(trace: Trace, frames: Sequence[Frame], number: int) -> dict[str, Any]
     step = -(-lidar.rays // MOST_RAYS)
     kept = np.arange(0, lidar.rays, step)
     poses = np.array([frame.seen_from[number] for frame in frames]).reshape(-1, 3)
-    ranges = np.array([frame.scans[number][kept] for frame in frames]).reshape(len(frames), -1)
+    ranges = np.array([frame.scans[number][kept] for frame in frames]).reshape(len(frames), len(kept))
     channels = [poses[:, 0] * 100, poses[:, 1] * 100, np.unwrap(poses[:, 2]) * 100]
     channels += list(np.where(np.isfinite(ranges), np.maximum(1.0, ranges * 100), 0.0))
     return {
