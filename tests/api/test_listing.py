@@ -55,7 +55,7 @@ def test_nothing_is_read_again_until_it_changes(folder: Path, monkeypatch: pytes
     assert list(json.loads(cache.read_text())["stores"]) == ["runs/b"]
 
 
-@pytest.mark.parametrize("text", ["", "{", "[]", '{"format": 1, "stores": {"a": 3}}', '{"format": 99, "stores": {}}'])
+@pytest.mark.parametrize("text", ["", "{", "[]", '{"format": 2, "stores": {"a": 3}}', '{"format": 99, "stores": {}}'])
 def test_a_damaged_index_is_made_anew(folder: Path, text: str) -> None:
     cache = folder / "index.json"
     cache.write_text(text)

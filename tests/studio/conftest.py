@@ -98,6 +98,7 @@ def show(browser: Any, studio: Server) -> Iterator[Callable[..., Any]]:
     def opened(path: str = "/", *, width: int = 1280, **how: Any) -> Any:
         context = browser.new_context(viewport={"width": width, "height": 900}, **how)
         contexts.append(context)
+        context.set_default_timeout(120_000)
         tab = context.new_page()
         tab.on("pageerror", lambda error: wrong.append(f"error: {error}"))
         tab.on("console", lambda message: wrong.append(message.text) if message.type == "error" else None)

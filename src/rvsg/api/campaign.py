@@ -203,6 +203,12 @@ class Campaign:
         return world_of(self.plan.mission, near=(Path(self._paths.get(typed, typed)),))
 
     @property
+    def simulator(self) -> Spec:
+        """What makes its runs, with the stack under test, as `simulate` and `shrink` take it."""
+        spec, stack = self.config.simulator_spec, self.config.stack_spec(self._paths)
+        return spec if stack is None else Spec(spec.name, {**spec.options, "stack": stack})
+
+    @property
     def command(self) -> str:
         """The command line that repeats the campaign."""
         return command_for(self.config)

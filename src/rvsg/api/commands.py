@@ -45,6 +45,23 @@ def confirm_command(folder: Path, attempt: int) -> str:
     return shlex.join(["rvsg", "confirm", str(folder), str(attempt)])
 
 
+def runs_command(scenario: str, config: CampaignConfig | None, *, seed: int, repeats: int, out: str) -> str:
+    """Return the command that simulates a scenario as a campaign does."""
+    words = ["rvsg", "simulate", scenario, "--seed", str(seed), "--repeats", str(repeats), "--out", out]
+    return shlex.join([*words, *_simulator(config)])
+
+
+def shrink_command(scenario: str, config: CampaignConfig | None, *, requirement: str, out: str) -> str:
+    """Return the command that shrinks a scenario under the requirement of a campaign."""
+    words = ["rvsg", "shrink", scenario, "--requirement", requirement, "--out", out]
+    return shlex.join([*words, *_simulator(config)])
+
+
+def _simulator(config: CampaignConfig | None) -> list[str]:
+    keys = ("simulator", "simulator_options", "stack", "stack_options")
+    return [] if config is None else _options(config, without=[k for k in CampaignConfig.model_fields if k not in keys])
+
+
 def _options(config: CampaignConfig, *, without: Sequence[str]) -> list[str]:
     """Return the options of `rvsg run` that give these settings: those that are not the default."""
     words: list[str] = []

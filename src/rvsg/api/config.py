@@ -17,7 +17,7 @@ import yaml
 from pydantic import BeforeValidator, ConfigDict, Field, model_validator
 
 from rvsg.campaign.plan import InFlight
-from rvsg.core.documents import DocumentError, mistakes_of, read_yaml, validated
+from rvsg.core.documents import Document, DocumentError, mistakes_of, parse_yaml, read_yaml, validated
 from rvsg.core.errors import FileError, InputError
 from rvsg.core.plugins import Spec
 from rvsg.core.records import Record
@@ -178,7 +178,19 @@ def read_campaign_file(path: Path) -> dict[str, Any]:
     Raises:
         DocumentError: every mistake with its line; a misspelt key comes with a suggestion.
     """
-    document = read_yaml(path)
+    return _settings(read_yaml(path), path)
+
+
+def parse_campaign_file(text: str, path: Path) -> dict[str, Any]:
+    """Return the settings of the text of a campaign file, checked as `read_campaign_file` does.
+
+    Args:
+        path: where the file lies or will lie; its paths are relative to it.
+    """
+    return _settings(parse_yaml(text, path), path)
+
+
+def _settings(document: Document, path: Path) -> dict[str, Any]:
     if document.value is None:
         return {}
     validated(document, CampaignFile)
@@ -232,4 +244,4 @@ def effective(stored: dict[str, Any] | None, from_file: dict[str, Any], from_opt
         raise InputError("; ".join(messages)) from None
 
 
-__all__ = ["CampaignConfig", "DocumentError", "FileError", "effective", "read_campaign_file"]
+__all__ = ["CampaignConfig", "DocumentError", "FileError", "effective", "parse_campaign_file", "read_campaign_file"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.events import Attempted, Confirming, Event, Explaining, Message, ModelCall, Proposing, RunMade
 from rvsg.campaign.plan import Plan
-from rvsg.campaign.ranking import rule, search_attempts
+from rvsg.campaign.ranking import best_attempt, rule, search_attempts
 
 __all__ = [
     "Attempt",
@@ -18,6 +18,7 @@ __all__ = [
     "Plan",
     "Proposing",
     "RunMade",
+    "best_attempt",
     "rule",
     "search_attempts",
 ]

@@ -22,7 +22,7 @@ DEEPEST = 6
 """Levels of folders below the one that is listed."""
 MOST_FOLDERS = 20_000
 SKIPPED = ("node_modules", "__pycache__")
-FORMAT = 1
+FORMAT = 2
 
 
 class FoundFinding(Record):
@@ -51,6 +51,9 @@ class FoundCampaign(Record):
     planned: int = 0
     runs: int = 0
     calls: int = 0
+    calls_s: float = 0.0
+    """What the calls of the model took together, seconds."""
+    model: str = ""
     cost_usd: float | None = None
     violated: bool = False
     changed_s: float = 0.0
@@ -193,6 +196,7 @@ def _found(campaign: Any, place: str, changed: float) -> FoundCampaign:
     attempts = campaign.attempts()
     summary = summarise(campaign.plan, attempts)
     account = summary.accounting
+    calls = [call for attempt in attempts if attempt.purpose == "search" for call in attempt.proposal.calls]
     return FoundCampaign(
         folder=place,
         name=campaign.name,
@@ -205,6 +209,8 @@ def _found(campaign: Any, place: str, changed: float) -> FoundCampaign:
         planned=campaign.plan.attempts,
         runs=account.search_runs + account.confirmation_runs + account.baseline_runs,
         calls=account.calls,
+        calls_s=sum(call.latency_s for call in calls),
+        model=calls[0].model if calls else "",
         cost_usd=account.cost_usd,
         violated=summary.violated,
         changed_s=changed,

@@ -7,7 +7,10 @@ from pathlib import Path
 from rvsg.evaluation.judge import check_requirement
 from rvsg.scenario import requirements
 from rvsg.scenario.requirement import Requirement
+from rvsg.scenario.requirements import shipped_requirements
 from rvsg.world.world import Route
+
+__all__ = ["load_requirement", "shipped_requirements"]
 
 
 def load_requirement(

@@ -239,6 +239,11 @@ def scenario_json(scenario: Scenario) -> str:
     return records.with_world_folder(scenario.to_json(), folder_of(scenario.mission.world_id))
 
 
+def without_people(scenario: Scenario) -> Scenario:
+    """Return the mission alone."""
+    return scenario.replace(people=HumanConfiguration(humans=()), description="")
+
+
 def save_scenario(scenario: Scenario, path: str | Path) -> None:
     """Write a scenario to a file from which `load_scenario` finds its world again."""
     write_whole(Path(path), scenario_json(scenario))

@@ -30,15 +30,17 @@ def number_of(given: dict[str, Any], key: str) -> int:
 
 
 def replay(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
-    """Return the replay of an attempt of a campaign and of what is tied to it."""
+    """Return the replay of an attempt of a campaign, and of what is tied to it unless it is asked for `alone`."""
     folder = workspace.existing(text_of(given, "campaign"))
-    index = number_of(given, "attempt")
+    alone = bool(given.get("alone"))
+    name, index = given.get("name") or None, number_of(given, "attempt")
 
     def made() -> dict[str, Any]:
-        campaign = rvsg.Campaign.open(folder)
-        return replay_of_attempts(campaign, related(campaign.attempts(), index))
+        campaign = rvsg.Campaign.open(folder, name)
+        shown = related(campaign.attempts(), index)
+        return replay_of_attempts(campaign, shown[:1] if alone else shown)
 
-    found: dict[str, Any] = workspace.kept(("replay", str(folder), index), folder, made)
+    found: dict[str, Any] = workspace.kept(("replay", str(folder), name, index, alone), folder, made)
     return found
 
 

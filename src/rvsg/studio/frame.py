@@ -92,7 +92,7 @@ class Page:
         self, text: str, action: Handler, *, command: str = "", cls: str = "", what: str = "", **attributes: Any
     ) -> Tag:
         """Add a button; an error of its action becomes a message. `command` is listed on the page."""
-        made = tag("button", text, cls=cls, type="button", title=command or None, **attributes)
+        made = tag("button", text, cls=f"st-button {cls}".strip(), type="button", title=command or None, **attributes)
         made.on("click", self.guarded(action))
         if command:
             self.command(what or text, command)

@@ -38,12 +38,14 @@ def serve(folder: Path, *, port: int | None, browser: bool, say: Callable[[str],
     """
     if not folder.is_dir():
         raise FileError(folder, "this is no folder. Name an existing one: rvsg studio DIR")
+    os.chdir(folder)  # relative paths of settings and command lines are read from the folder of the studio
+    folder = Path.cwd()
     with _listening(port) as sock:
         number = sock.getsockname()[1]
         token = secrets.token_urlsafe(24)
         app = make_app(folder, token=token, port=number)
         address = f"http://{HOST}:{number}/?token={token}"
-        say(f"Studio of {folder.resolve()}: {address}")
+        say(f"Studio of {folder}: {address}")
         say("Whoever knows this address can use the studio. Ctrl-C ends it; jobs go on.")
         if browser:
             webbrowser.open(address)

@@ -1,1 +1,73 @@
-"use strict";
+/*
+ * What the pages of the studio need beside NiceGUI: it mounts the replay of the static report, and the editors.
+ *
+ * An element with data-studio="NAME" is given to the part of that name when it appears, with its other data-*
+ * attributes as settings. Text from data is only ever set with textContent or as an attribute.
+ */
+(function (root) {
+  "use strict";
+  const parts = {};
+
+  function html(parent, tag, attributes, text) {
+    const node = document.createElement(tag);
+    for (const key in attributes || {}) node.setAttribute(key, attributes[key]);
+    if (text !== undefined) node.textContent = text;
+    if (parent) parent.appendChild(node);
+    return node;
+  }
+  async function answer(response) {
+    const value = await response.json();
+    if (!response.ok) throw new Error(value.error || "The studio answered " + response.status + ".");
+    return value;
+  }
+  /** Ask for data; an Error says why there is none. */
+  function ask(address) { return fetch(address, { credentials: "same-origin" }).then(answer); }
+  /** Send a change or a long question. */
+  function send(address, value) {
+    return fetch(address, { method: "POST", credentials: "same-origin", headers: { "content-type": "application/json" }, body: JSON.stringify(value) }).then(answer);
+  }
+  function wrong(element, error) {
+    element.textContent = "";
+    html(element, "p", { class: "st-message st-wrong" }, error.message);
+  }
+
+  /* The replay of the static report: data-url gives its data, data-play starts it, data-keys="page" listens everywhere. */
+  parts.replay = function (element) {
+    let shown = null, wanted = 0;
+    const host = html(element, "div", {});
+    function load(address) {
+      const turn = ++wanted;
+      if (!shown) html(host, "p", { class: "st-wait" }, "Loading the replay\u2026");
+      return ask(address).then(function (data) {
+        if (turn !== wanted) return;
+        if (shown) shown.destroy();
+        host.textContent = "";
+        shown = rvsgReplay.mount(host, data, { keys: element.dataset.keys === "page" ? document : host });
+        element.replay = shown;
+        if (!shown) return;
+        return shown.ready().then(function () {
+          if (element.dataset.play !== undefined) { shown.seek(0); shown.play(); }
+          element.dataset.ready = "true";
+        });
+      }).catch(function (error) { if (turn === wanted) wrong(host, error); });
+    }
+    new MutationObserver(function () { load(element.dataset.url); }).observe(element, { attributes: true, attributeFilter: ["data-url"] });
+    if (element.dataset.url) load(element.dataset.url);
+  };
+
+  function start(element) {
+    if (element.studioStarted || !parts[element.dataset.studio]) return;
+    element.studioStarted = true;
+    parts[element.dataset.studio](element);
+  }
+  function search(node) {
+    if (node.nodeType !== 1) return;
+    if (node.dataset.studio) start(node);
+    node.querySelectorAll("[data-studio]").forEach(start);
+  }
+  new MutationObserver(function (records) {
+    records.forEach(function (record) { record.addedNodes.forEach(search); });
+  }).observe(document.documentElement, { childList: true, subtree: true });
+
+  root.studio = { parts: parts, ask: ask, send: send, html: html, wrong: wrong };
+})(window);

@@ -1,0 +1,181 @@
+"""The process of a job: `python -m rvsg.studio.worker FOLDER`. It writes what happens as JSON lines."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sys
+import time
+import traceback
+from collections.abc import Callable
+from pathlib import Path
+from types import FrameType
+from typing import Any, TextIO
+
+import rvsg
+from rvsg.api.errors import RvsgError
+from rvsg.api.events import Attempted, Confirming, Event, Explaining, Message, ModelCall, Proposing, RunMade
+from rvsg.api.files import write_whole
+from rvsg.api.records import runs_text
+from rvsg.api.scenarios import load_scenario_in, save_scenario
+from rvsg.studio.jobs import EVENTS, JOB, RESULT, holding
+
+Tell = Callable[..., None]
+
+
+class Work:
+    """The work of one job: its arguments, where its events go, and whether it was asked to pause."""
+
+    def __init__(self, folder: Path, events: TextIO) -> None:
+        told = json.loads((folder / JOB).read_text(encoding="utf-8"))
+        self.kind: str = told["kind"]
+        self.arguments: dict[str, Any] = told["arguments"]
+        self._events = events
+        self.pausing = False
+        self.cancel: Callable[[], None] = lambda: None
+
+    def tell(self, kind: str, **facts: Any) -> None:
+        """Append an event; on return it is in the file."""
+        self._events.write(json.dumps({"at": time.time(), "kind": kind, **facts}) + "\n")
+        self._events.flush()
+
+    def say(self, text: str) -> None:
+        """Append a message."""
+        self.tell("message", text=text)
+
+    def asked_to_end(self, *_: int | FrameType | None) -> None:
+        """Pause at the first signal; end at once at the second."""
+        if self.pausing:
+            os._exit(3)
+        self.pausing = True
+        self.cancel()
+
+    def campaign(self) -> rvsg.Campaign:
+        """Return the campaign that the job is about."""
+        return rvsg.Campaign.open(self.arguments["folder"], self.arguments.get("name"), **self._machine())
+
+    def _machine(self) -> dict[str, Any]:
+        return {key: value for key, value in self.arguments.get("machine", {}).items() if value is not None}
+
+
+def run_campaign(work: Work) -> dict[str, Any]:
+    """Do what is left of a campaign and write its report."""
+    campaign = work.campaign()
+    work.cancel = campaign.cancel
+    if work.pausing:
+        campaign.cancel()
+    for _ in campaign.run(observe=lambda event: tell_event(work, event)):
+        if work.pausing:
+            campaign.cancel()
+    summary = campaign.summary()
+    campaign.report()
+    return {"state": "finished" if summary.complete else "paused", "violated": summary.violated}
+
+
+def tell_event(work: Work, event: Event) -> None:
+    """Append what a page shows of an event of a campaign."""
+    match event:
+        case Message():
+            work.say(event.text)
+        case Proposing():
+            brief = event.brief
+            work.tell("proposing", scenario=brief.scenario_index, configuration=brief.configuration_index)
+        case ModelCall():
+            news = event.news
+            work.tell("model", what=news.what, model=news.model, purpose=news.purpose, why=news.why,
+                      usd=news.spent.cost_usd, calls=news.spent.calls)  # fmt: skip
+        case RunMade():
+            work.tell("run", attempt=event.index, purpose=event.purpose)
+        case Attempted():
+            work.tell("attempt", attempt=event.attempt.index, purpose=event.attempt.purpose)
+        case Confirming():
+            work.tell("confirming", number=event.number, of=event.of, runs=event.runs)
+        case Explaining():
+            work.tell("explaining", without=list(event.without), runs=event.runs)
+
+
+def confirm(work: Work) -> dict[str, Any]:
+    """Confirm one more candidate of a campaign."""
+    campaign = work.campaign()
+    work.cancel = campaign.cancel
+    made = campaign.confirm(work.arguments["candidate"], observe=lambda event: tell_event(work, event))
+    campaign.report()
+    verdict = made.verdict
+    status = verdict.status.value if verdict else ""
+    return {"state": "finished", "attempt": made.index, "status": status, "reason": verdict.reason if verdict else ""}
+
+
+def make_runs(work: Work) -> dict[str, Any]:
+    """Simulate a scenario with seeds one after the other, judge the runs and write them to a file."""
+    given = work.arguments
+    scenario, world = load_scenario_in(given["scenario"])
+    requirement, simulator = _judged_by(work)
+    first, count = given["seed"], given["repeats"]
+    runs = rvsg.simulate(
+        scenario, range(first, first + count), jobs=os.cpu_count() or 1, simulator=simulator, world=world,
+        on_run=lambda run: work.tell("run", seed=run.seed), on_message=work.say,
+    )  # fmt: skip
+    write_whole(Path(given["out"]), runs_text(runs))
+    judged = rvsg.judge(runs, requirement)
+    verdict = judged.verdict
+    counts = {"violations": verdict.violations, "runs": verdict.runs}
+    return {"state": "finished", "out": given["out"], "status": verdict.status.value, "reason": str(judged), **counts}
+
+
+def shrink(work: Work) -> dict[str, Any]:
+    """Find the smallest scenario that violates about as often, and write it to a file."""
+    given = work.arguments
+    scenario, world = load_scenario_in(given["scenario"])
+    requirement, simulator = _judged_by(work)
+    shrunk = rvsg.shrink(
+        scenario, requirement, jobs=os.cpu_count() or 1, simulator=simulator, world=world, on_message=work.say,
+        on_step=lambda step: work.tell("step", what=step.what, kept=step.kept, violations=step.violations,
+                                       runs=step.runs),
+    )  # fmt: skip
+    save_scenario(shrunk.smallest, given["out"])
+    before, after = shrunk.before, shrunk.after
+    reason = (
+        f"{len(shrunk.original.people.humans)} people become {len(shrunk.smallest.people.humans)}. The original "
+        f"violates it in {before.violations} of {before.runs} fresh runs, the smallest in {after.violations} of "
+        f"{after.runs}."
+    )
+    return {"state": "finished", "out": given["out"], "reason": reason}
+
+
+def _judged_by(work: Work) -> tuple[Any, Any]:
+    """Return requirement and simulator: those of the campaign the scenario is of, or the named ones."""
+    given = work.arguments
+    if given.get("folder") is None:
+        return given["requirement"], "embedded"
+    campaign = work.campaign()
+    return campaign.requirement, campaign.simulator
+
+
+KINDS: dict[str, Callable[[Work], dict[str, Any]]] = {
+    "campaign": run_campaign,
+    "confirm": confirm,
+    "runs": make_runs,
+    "shrink": shrink,
+}
+
+
+def main(folder: Path) -> None:
+    """Do a job and write how it ended."""
+    with holding(folder), (folder / EVENTS).open("a", encoding="utf-8") as events:
+        work = Work(folder, events)
+        for number in (signal.SIGTERM, signal.SIGINT):
+            signal.signal(number, work.asked_to_end)
+        try:
+            result = KINDS[work.kind](work)
+        except RvsgError as error:
+            result = {"state": "failed", "reason": str(error)}
+        except Exception as unexpected:
+            traceback.print_exc()  # into worker.log
+            reason = f"Error in RVSG itself: {type(unexpected).__name__}: {unexpected}. The log lies in {folder}."
+            result = {"state": "failed", "reason": reason}
+        write_whole(folder / RESULT, json.dumps(result))
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

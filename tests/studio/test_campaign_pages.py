@@ -1,0 +1,136 @@
+"""New campaign, its live page, and a finding: what a person does there, and what is on the disk afterwards."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+import yaml
+from tests.studio.conftest import HOSTILE, Server, axe_violations
+
+import rvsg
+from rvsg.api.notes import notes_of
+
+pytestmark = pytest.mark.slow
+Show = Callable[..., Any]
+PATIENT = 300_000
+"""Milliseconds after which something is broken rather than slow."""
+SETTINGS = {
+    "simulator": "kinematic",
+    "scenarios": 2,
+    "refinements": 0,
+    "repeats": 2,
+    "confirmations": 2,
+    "out": "runs/new",
+}
+
+
+def confirmed(folder: Any) -> int:
+    attempts = rvsg.Campaign.open(folder / "runs" / "first").attempts()
+    return next(a.index for a in attempts if a.purpose == "confirmation")
+
+
+@pytest.mark.parametrize(("width", "scheme"), [(1280, "dark"), (390, "light")])
+def test_a_campaign_is_written_estimated_started_and_followed(
+    show: Show, studio: Server, width: int, scheme: str
+) -> None:
+    tab = show("/campaign/new", width=width, color_scheme=scheme, bypass_csp=True)
+    assert axe_violations(tab) == []
+    tab.get_by_role("spinbutton", name="Scenarios").fill("3")
+    tab.wait_for_function("document.getElementById('yaml').value.includes('scenarios: 3')")
+    tab.locator("#yaml").fill("scenarios: many\n")
+    tab.get_by_text("scenarios", exact=False).and_(tab.locator("[role=alert]")).wait_for()
+    tab.locator("#yaml").fill(yaml.safe_dump(SETTINGS))
+    tab.wait_for_function("document.querySelector('[role=alert]').textContent === ''")
+    tab.wait_for_function("document.querySelector('.st-field input[type=number]') !== null")
+    assert tab.get_by_role("spinbutton", name="Scenarios").input_value() == "2"
+    tab.get_by_role("button", name="Estimate time and cost").click()
+    tab.get_by_text("No model is called").wait_for(timeout=PATIENT)
+    tab.get_by_role("button", name="Start", exact=True).click()
+    tab.wait_for_url("**/campaign?folder=runs**")
+    tab.locator(".chip", has_text="finished").first.wait_for(timeout=PATIENT)
+    campaign = rvsg.Campaign.open(studio.folder / "runs" / "new")
+    assert campaign.finished and campaign.summary().accounting.search_attempts == 2
+    tab.locator("#worst-replay .rp-map svg").wait_for(timeout=PATIENT)
+    assert tab.locator(".chart-box svg circle").count() == 2
+    assert axe_violations(tab) == []
+    assert tab.evaluate("document.documentElement.scrollWidth") <= width
+
+
+def test_what_was_typed_survives_a_kill(show: Show, studio: Server) -> None:
+    tab = show("/campaign/new")
+    tab.locator("#yaml").fill("world: warehouse\nscenarios: 7\n")
+    tab.wait_for_function("[...document.querySelectorAll('input')].some(each => each.value === '7')")
+    tab.close()
+    studio.kill()
+    studio.start()
+    assert show("/campaign/new").locator("#yaml").input_value() == "world: warehouse\nscenarios: 7\n"
+
+
+def test_a_running_campaign_outlives_the_studio_and_pauses_and_resumes(show: Show, studio: Server) -> None:
+    tab = show("/campaign/new")
+    tab.locator("#yaml").fill(yaml.safe_dump(SETTINGS | {"scenarios": 40, "repeats": 3, "jobs": 1}))
+    tab.wait_for_function("[...document.querySelectorAll('input')].some(each => each.value === '40')")
+    tab.get_by_role("button", name="Start", exact=True).click()
+    tab.wait_for_url("**/campaign?folder=runs**")
+    tab.get_by_role("button", name="Pause").wait_for(timeout=PATIENT)
+    address = tab.url.removeprefix(studio.base)
+    tab.close()
+    studio.kill()
+    studio.start()
+    tab = show(address)
+    tab.get_by_role("button", name="Pause").click()
+    tab.get_by_role("button", name="Resume").wait_for(timeout=PATIENT)
+    folder = studio.folder / "runs" / "new"
+    before = rvsg.Campaign.open(folder).attempts()
+    assert 0 < len(before) < 40
+    tab.get_by_role("button", name="Resume").click()
+    tab.get_by_role("button", name="Stop now").click(timeout=PATIENT)
+    tab.get_by_role("button", name="Resume").wait_for(timeout=PATIENT)
+    assert rvsg.Campaign.open(folder).attempts()[: len(before)] == before
+
+
+@pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (390, "dark")])
+def test_a_finding_is_replayed_noted_and_simulated_again(show: Show, studio: Server, width: int, scheme: str) -> None:
+    index = confirmed(studio.folder)
+    tab = show(f"/finding?campaign=runs/first&attempt={index}", width=width, color_scheme=scheme, bypass_csp=True)
+    tab.locator("#replay[data-ready]").wait_for(timeout=PATIENT)
+    state = "document.getElementById('replay').replay.state()"
+    before = tab.evaluate(state)["t"]
+    tab.locator("body").press("ArrowRight")
+    assert tab.evaluate(state)["t"] != before
+    assert axe_violations(tab) == []
+    tab.get_by_label("Comment").fill(HOSTILE)
+    tab.get_by_label("Status").select_option("accepted")
+    tab.get_by_text("Kept in notes.yaml").wait_for(timeout=PATIENT)
+    scenario = rvsg.Campaign.open(studio.folder / "runs" / "first").attempts()[index].proposal.scenario
+    assert scenario is not None
+    for _ in range(300):
+        kept = notes_of(studio.folder / "runs" / "first").findings.get(scenario.id)
+        if kept and kept.comment and kept.status == "accepted":
+            break
+        time.sleep(0.1)
+    assert kept is not None and (kept.comment, kept.status) == (HOSTILE, "accepted")
+    tab.get_by_role("button", name="30 more runs").click()
+    line = tab.locator(".st-job", has_text="30 more runs")
+    line.get_by_role("link", name="Replay these runs").wait_for(timeout=PATIENT)
+    runs = rvsg.load_runs(studio.folder / f"runs/first/attempt-{index}-runs.jsonl")
+    assert sorted(run.seed for run in runs) == list(range(900_000, 900_030))
+    tab.reload()
+    assert tab.get_by_label("Comment").input_value() == HOSTILE
+    assert tab.locator("main img").count() == 0
+
+
+def test_files_outside_the_folder_are_never_shown(show: Show, studio: Server) -> None:
+    outside = studio.folder.parent / "outside"
+    (studio.folder / "runs" / "first").rename(outside)
+    (studio.folder / "runs" / "link").symlink_to(outside)
+    tab = show()
+    for path in ("../outside", str(outside), "runs/link", "runs/../../outside", ".rvsg-studio"):
+        answer = tab.request.get(f"{studio.base}/data/replay?campaign={path}&attempt=0")
+        assert answer.status == 400
+        assert "outside the folder" in answer.json()["error"]
+    tab.goto(f"{studio.base}/campaign?folder=../outside")
+    assert "outside the folder" in tab.locator("main").inner_text()
