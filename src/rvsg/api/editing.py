@@ -1,0 +1,180 @@
+"""Edit a world: what an editor shows of it, its changes, and their undoing."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rvsg.core.errors import InputError
+from rvsg.core.files import write_whole
+from rvsg.report.floors import area_colours
+from rvsg.world.authoring.check import check_world
+from rvsg.world.authoring.editing import CHANGES, Edit, edit_world
+from rvsg.world.drawing.svg import floor_plan, rectangles
+from rvsg.world.io.load import SHIPPED, read_world, shipped_worlds, world_folder
+from rvsg.world.passages import free_width_m
+from rvsg.world.route_words import length_m, line_of
+from rvsg.world.space import frame_of, world_map
+from rvsg.world.world import OCCUPIED, Route, World
+
+__all__ = ["CHANGES", "Edit", "History", "edit_world", "editable_world", "folder_of_world", "remarks_on"]
+
+MOST_EDGES = 4000
+STEPS = 200
+"""Changes that can be undone."""
+
+
+def folder_of_world(name: str | Path) -> Path:
+    """Return the folder of a world given by its path or by the name of a shipped one."""
+    return SHIPPED / name if isinstance(name, str) and name in shipped_worlds() else world_folder(name)
+
+
+def editable_world(name: str | Path) -> dict[str, Any]:
+    """Return what an editor shows of a world: floor plan, areas, waypoints, routes, and edges to snap to.
+
+    A world with mistakes is shown as far as it can be read; `remarks_on` says what is wrong.
+
+    Raises:
+        FileError: its files cannot be read at all.
+    """
+    world = read_world(folder_of_world(name), [])
+    floor = floor_plan(world, areas=False, tooltips=False)
+    kinds = list(dict.fromkeys(area.kind for area in world.areas))
+    return {
+        "name": world.name,
+        "title": world.title,
+        "editable": not folder_of_world(name).resolve().is_relative_to(SHIPPED.resolve()),
+        "floor": {
+            "view_box": floor.view_box,
+            "matrix": [float(v) for v in floor.matrix[7:-1].replace(",", " ").split()],
+            "shapes": floor.shapes,
+            "style": area_colours(world, floor_plan(world, tooltips=False)),
+        },
+        "kinds": kinds,
+        "areas": [
+            {
+                "name": area.name,
+                "kind": area.kind,
+                "region": area.region or "",
+                "note": area.note or "",
+                "outline": [list(point) for point in area.outline],
+                "waypoints": list(area.waypoints),
+            }
+            for area in world.areas
+        ],
+        "waypoints": [[w.name, w.x, w.y, w.robot] for w in world.grid.waypoints if w.human],
+        "routes": [_route(world, route) for route in world.routes],
+        "activities": list(world.activities),
+        "edges": _edges(world),
+    }
+
+
+def remarks_on(name: str | Path) -> list[dict[str, Any]]:
+    """Return what `rvsg world check` finds, each with the place in the world it is about, where there is one."""
+    folder = folder_of_world(name)
+    found = []
+    for remark in check_world(folder):
+        problem = remark.problem
+        said = {"serious": remark.serious, "message": problem.message, "file": problem.path.name, "line": problem.line}
+        found.append(said | {"key": list(remark.key)})
+    return found
+
+
+class History:
+    """The changes of a world that can be undone, kept in a file so that a restart loses none."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def make(self, folder: str | Path, change: Mapping[str, Any]) -> None:
+        """Make a change and remember it."""
+        edit = edit_world(folder, change)
+        if edit.after == edit.before:
+            return
+        edit.apply()
+        kept = self._read()
+        done = [*kept["done"], _as_data(edit)][-STEPS:]
+        self._write({"done": done, "undone": []})
+
+    def undo(self) -> None:
+        """Undo the last change; InputError where there is none."""
+        self._move("done", "undone", undo=True)
+
+    def redo(self) -> None:
+        """Make the change again that was undone last; InputError where there is none."""
+        self._move("undone", "done", undo=False)
+
+    @property
+    def steps(self) -> tuple[int, int]:
+        """How many changes can be undone and made again."""
+        kept = self._read()
+        return len(kept["done"]), len(kept["undone"])
+
+    def _move(self, source: str, target: str, *, undo: bool) -> None:
+        kept = self._read()
+        if not kept[source]:
+            raise InputError(f"There is nothing to {'undo' if undo else 'redo'}.")
+        data = kept[source].pop()
+        edit = Edit(path=Path(data["path"]), before=data["before"], after=data["after"])
+        (edit.revert if undo else edit.apply)()
+        kept[target].append(data)
+        self._write(kept)
+
+    def _read(self) -> dict[str, list[dict[str, str]]]:
+        if not self.path.is_file():
+            return {"done": [], "undone": []}
+        found: dict[str, list[dict[str, str]]] = json.loads(self.path.read_text(encoding="utf-8"))
+        return found
+
+    def _write(self, kept: Mapping[str, Sequence[Mapping[str, str]]]) -> None:
+        write_whole(self.path, json.dumps(kept))
+
+
+def _as_data(edit: Edit) -> dict[str, str]:
+    return {"path": str(edit.path), "before": edit.before, "after": edit.after}
+
+
+def _route(world: World, route: Route) -> dict[str, Any]:
+    line = line_of(world, route)
+    steps = np.diff(line, axis=0)
+    middle = (line[:-1] + line[1:]) / 2
+    widths = [
+        free_width_m(world, float(x), float(y), math.atan2(dy, dx))
+        for (x, y), (dx, dy) in zip(middle, steps, strict=True)
+        if math.hypot(dx, dy) > 0.01
+    ]
+    return {
+        "name": route.name,
+        "purpose": route.purpose,
+        "time_limit_s": route.time_limit_s,
+        "line": [[round(float(x), 3), round(float(y), 3)] for x, y in line],
+        "start": [route.start.x, route.start.y, route.start.yaw],
+        "goal": [route.goal.x, route.goal.y, route.goal.yaw],
+        "length_m": round(length_m(line), 1),
+        "narrowest_m": round(min(widths), 2) if widths else None,
+    }
+
+
+def _edges(world: World) -> list[list[float]]:
+    """Return edges of walls and things that lie along the axes, [x0, y0, x1, y1] in metres, for areas to snap to."""
+    found = []
+    for thing in world.objects:
+        for ring in (thing.footprint, *thing.holes):
+            for (x0, y0), (x1, y1) in zip(ring, (*ring[1:], ring[0]), strict=True):
+                if abs(x0 - x1) < 0.02 or abs(y0 - y1) < 0.02:
+                    found.append([round(v, 2) for v in (x0, y0, x1, y1)])
+    if not world.objects:
+        occupancy = world_map(world)
+        frame = frame_of(occupancy)
+        for left, bottom, right, top in rectangles(occupancy.cells == OCCUPIED):
+            (x0, y0), (x1, y1) = frame.to_metres(np.array([[left, bottom], [right, top]], float))
+            box = [round(float(v), 2) for v in (x0, y0, x1, y1)]
+            found += [[box[0], box[1], box[2], box[1]], [box[0], box[3], box[2], box[3]]]
+            found += [[box[0], box[1], box[0], box[3]], [box[2], box[1], box[2], box[3]]]
+    longest = sorted(found, key=lambda e: -abs(e[2] - e[0]) - abs(e[3] - e[1]))
+    return longest[:MOST_EDGES]

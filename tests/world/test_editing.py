@@ -1,0 +1,147 @@
+"""Changes of a world's files: what they change, and that everything else stays as it was written."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rvsg.api.editing import History, editable_world, remarks_on
+from rvsg.core.errors import FileError, InputError, UnknownName
+from rvsg.world.authoring.editing import edit_world
+from rvsg.world.io.load import SHIPPED, load_world
+
+pytest.importorskip("ruamel.yaml", reason="ruamel.yaml is not installed")
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    shutil.copytree(SHIPPED / "office", tmp_path / "office")
+    return tmp_path / "office"
+
+
+def made(folder: Path, what: str, **values: Any) -> Any:
+    edit_world(folder, {"what": what, **values}).apply()
+    return load_world(folder)
+
+
+def changed_lines(before: str, after: str) -> tuple[set[str], set[str]]:
+    old, new = set(before.splitlines()), set(after.splitlines())
+    return old - new, new - old
+
+
+def test_a_new_name_changes_its_entry_alone_and_keeps_the_comments(folder: Path) -> None:
+    before = (folder / "labels.yaml").read_text()
+    world = made(folder, "change area", name="Reception", values={"name": "Front Desk"})
+    gone, new = changed_lines(before, (folder / "labels.yaml").read_text())
+    assert len(gone) <= 2 and len(new) == 1 and "Front Desk" in new.pop()  # an entry on two lines becomes one
+    assert world.area("Front Desk").outline == load_world("office").area("Reception").outline
+    assert (folder / "labels.yaml").read_text().startswith(before.splitlines()[0])
+
+
+def test_areas_are_added_shaped_and_removed(folder: Path) -> None:
+    world = made(folder, "add area", name="no", kind="yes: x # y", rectangle=[3.0, 5.0, 1.0, 2.0])
+    assert world.area("no").kind == "yes: x # y"
+    assert world.area("no").outline == ((1, 2), (3, 2), (3, 5), (1, 5))
+    world = made(folder, "change area", name="no", values={"outline": [[1, 2], [3, 2], [2, 5]]})
+    assert len(world.area("no").outline) == 3
+    world = made(folder, "remove area", name="no")
+    assert "no" not in [area.name for area in world.areas]
+
+
+def test_a_split_area_is_merged_again(folder: Path) -> None:
+    whole = load_world(folder).area("Lounge").outline
+    x = (min(p[0] for p in whole) + max(p[0] for p in whole)) / 2
+    world = made(folder, "split area", name="Lounge", line=[[x, -100], [x, 100]])
+    assert {"Lounge 1", "Lounge 2"} <= {area.name for area in world.areas}
+    world = made(folder, "merge areas", name="Lounge 1", other="Lounge 2")
+    xs = [p[0] for p in world.area("Lounge 1").outline]
+    assert (min(xs), max(xs)) == pytest.approx((min(p[0] for p in whole), max(p[0] for p in whole)), abs=0.02)
+
+
+def test_routes_and_activities(folder: Path) -> None:
+    world = made(folder, "add route", name="tour", points=[[4.0, 4.1], [9.0, 7.1], [17.0, 7.1]], purpose="a tour")
+    route = world.route("tour")
+    assert (route.start.x, route.goal.x, len(route.through)) == (4.0, 17.0, 1)
+    assert route.goal.yaw == 0.0 and route.time_limit_s > 13
+    world = made(folder, "change route", name="tour", values={"time_limit_s": 99, "goal": [18.0, 7.1, 1.57]})
+    assert (world.route("tour").time_limit_s, world.route("tour").goal.x) == (99, 18.0)
+    world = made(folder, "remove route", name="tour")
+    assert "tour" not in [each.name for each in world.routes]
+    assert made(folder, "set activities", values=["sweep: the floor", " "]).activities == ("sweep: the floor",)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"what": "add area", "name": "Reception", "rectangle": [0, 0, 1, 1]},
+        {"what": "add area", "name": " ", "rectangle": [0, 0, 1, 1]},
+        {"what": "add area", "name": "x", "rectangle": [0, 0, 0, 1]},
+        {"what": "add area", "name": "x", "outline": [[0, 0], [1, 1], [0, 1], [1, 0]]},
+        {"what": "add area", "name": "x", "outline": [[0, 0], [1, float("nan")], [0, 1]]},
+        {"what": "add area", "name": "x", "rectangle": "0011"},
+        {"what": "add area", "name": "x" * 200, "rectangle": [0, 0, 1, 1]},
+        {"what": "merge areas", "name": "Reception", "other": "Lounge"},
+        {"what": "merge areas", "name": "Reception", "other": "Reception"},
+        {"what": "split area", "name": "Lounge", "line": [[0, 0], [0, 1]]},
+        {"what": "add route", "name": "x", "points": [[0, 0]]},
+        {"what": "change route", "name": "route_1", "values": {"time_limit_s": "soon"}},
+        {"what": "set activities", "values": "one"},
+        {"what": "rm -rf"},
+        {"what": "remove area", "name": "nowhere"},
+    ],
+)
+def test_what_would_be_wrong_is_refused_and_nothing_changes(folder: Path, change: dict[str, Any]) -> None:
+    before = {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
+    with pytest.raises(InputError):
+        edit_world(folder, change).apply()
+    assert {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()} == before
+
+
+def test_a_shipped_world_is_not_changed() -> None:
+    with pytest.raises(InputError):
+        edit_world(SHIPPED / "office", {"what": "remove area", "name": "Lounge"})
+
+
+def test_an_unknown_area_is_told_with_its_nearest(folder: Path) -> None:
+    with pytest.raises(UnknownName) as error:
+        edit_world(folder, {"what": "remove area", "name": "Lunge"})
+    assert "Lounge" in str(error.value)
+
+
+def test_changes_are_undone_and_made_again_also_after_a_restart(folder: Path, tmp_path: Path) -> None:
+    kept = tmp_path / "undo.json"
+    original = (folder / "labels.yaml").read_text()
+    History(kept).make(folder, {"what": "remove area", "name": "Lounge"})
+    History(kept).make(folder, {"what": "change area", "name": "Reception", "values": {"kind": "desk"}})
+    edited = (folder / "labels.yaml").read_text()
+    assert History(kept).steps == (2, 0)
+    History(kept).undo()
+    History(kept).undo()
+    assert (folder / "labels.yaml").read_text() == original and History(kept).steps == (0, 2)
+    History(kept).redo()
+    History(kept).redo()
+    assert (folder / "labels.yaml").read_text() == edited
+    with pytest.raises(InputError):
+        History(kept).redo()
+
+
+def test_what_somebody_else_changed_is_not_undone(folder: Path, tmp_path: Path) -> None:
+    history = History(tmp_path / "undo.json")
+    history.make(folder, {"what": "remove area", "name": "Lounge"})
+    labels = folder / "labels.yaml"
+    labels.write_text(labels.read_text() + "# by hand\n")
+    with pytest.raises(FileError):
+        history.undo()
+    assert labels.read_text().endswith("# by hand\n") and history.steps == (1, 0)
+
+
+def test_an_editor_sees_what_the_check_finds_and_where(folder: Path) -> None:
+    made(folder, "add area", name="Far away", rectangle=[900, 900, 901, 901])
+    seen = editable_world(folder)
+    place = [area["name"] for area in seen["areas"]].index("Far away")
+    assert any(remark["key"][:2] == ["areas", place] and remark["serious"] for remark in remarks_on(folder))
+    assert seen["editable"] and not editable_world("office")["editable"]
+    assert seen["edges"] and seen["routes"][0]["narrowest_m"] > 0
