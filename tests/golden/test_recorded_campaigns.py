@@ -78,7 +78,7 @@ def briefs(name: str, world: World) -> list[Brief]:
     for session in dict.fromkeys(call.session for call in recording):
         place = re.fullmatch(r"s(\d+)-c(\d+)-([0-9a-f]{8})", session)
         assert place is not None
-        told = recording.told(session) or {}
+        told = recording.measured(session) or {}
         found.append(
             Brief.model_validate(
                 {

@@ -36,8 +36,8 @@ def store_of(folder: Path) -> tuple[str, dict[str, Any]] | None:
     try:
         if not exists(folder / STORE):
             return ("sqlite", {}) if exists(folder / LEDGER) else None
-        told = parse_json(read_text(folder / STORE), folder / STORE)
-        return str(told["store"]), dict(told["options"])
+        stored = parse_json(read_text(folder / STORE), folder / STORE)
+        return str(stored["store"]), dict(stored["options"])
     except (ValueError, KeyError, TypeError) as error:
         raise FileError(folder / STORE, f"it does not say which store keeps this campaign ({error}).") from None
 

@@ -46,7 +46,7 @@ def propose(
     """Ask a generator for one scenario.
 
     Args:
-        requirement: what the scenario should violate; None: the generator is not told of any.
+        requirement: what the scenario should violate; None: none.
         feedback: what an earlier scenario measured; the proposal refines that one.
 
     Returns:

@@ -82,7 +82,7 @@ class CaseWork:
         case, expectation, requirement = self.case, self.case.expectations[index], self.requirements[index]
         verdict = self._measuring(requirement).judge(row)
         worst = _worst(requirement, [m.objective for m in row])
-        told = () if worst is None else story_of(made[worst], world=self.world, scenario=case.scenario)
+        sentences = () if worst is None else story_of(made[worst], world=self.world, scenario=case.scenario)
         picture = None
         if pictures is not None and worst is not None and verdict.violations:
             picture = pictures / f"{case.name}-{requirement.name}.png"
@@ -100,7 +100,7 @@ class CaseWork:
             contacts=sum((m.values.get("contacts") or 0.0) > 0.0 for m in row),
             arrived=sum(run.completed for run in made),
             seconds=float(sum(run.trajectory.t[-1] for run in made)),
-            story=tuple(sentence.text for sentence in told),
+            story=tuple(sentence.text for sentence in sentences),
             worst_seed=None if worst is None else made[worst].seed,
             picture=None if picture is None else picture.as_posix(),
         )

@@ -73,7 +73,7 @@ def _noted(events: Iterator[Event], attempts: list[Attempt]) -> Iterator[Event]:
 def _search(plan: Plan, strategy: Strategy, index: int, parts: Parts) -> Iterator[Event]:
     """Make the attempts a strategy asks for, from number `index` on; several may be in progress.
 
-    The strategy is told of them in their order, whichever finishes first. As soon as it is told of one, it is asked
+    The strategy receives them in their order, whichever finishes first. As soon as it has one, it is asked
     what can begin beside those still in progress.
     """
     in_progress: deque[tuple[Attempt, list[PendingRun]]] = deque()

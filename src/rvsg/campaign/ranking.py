@@ -115,7 +115,7 @@ def candidates(attempts: Iterable[Attempt], requirement: Requirement) -> list[At
 
 
 def remember(attempts: Iterable[Attempt], requirement: Requirement, *, last: int) -> tuple[Remembered, ...]:
-    """The memory a new scenario is told of: the `last` scenarios, each by its best configuration."""
+    """Return the memory for a new scenario: the `last` scenarios, each by its best configuration."""
     found = []
     for group in by_scenario(attempts):
         attempt = worst_by_mean(group, requirement)

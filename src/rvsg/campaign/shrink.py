@@ -2,8 +2,8 @@
 
 What is left explains the violation: people, tasks, pauses and delays that do not matter are gone. Every simpler
 scenario meets the same seeds as the original, so that both meet the same noise; it is kept where it violates the
-requirement at least `keep` times as often. Whether that is true and not luck is told at the end by fresh seeds that
-took no part in the choice.
+requirement at least `keep` times as often. New seeds, which took no part in the choice, show at the end whether that
+was luck.
 """
 
 from __future__ import annotations

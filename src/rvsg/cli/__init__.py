@@ -48,7 +48,7 @@ VERBS: dict[str, Verb] = {
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code; without `argv` it is that of this process, signals included.
 
-    0 done; 1 done, and a requirement is violated where the user asked to be told; 2 usage or input error;
+    0 done; 1 done, and a requirement is violated (with --fail-on-violation); 2 usage or input error;
     3 interrupted but resumable; 4 an error in RVSG itself.
     """
     if argv is not None:

@@ -47,7 +47,7 @@ def console() -> Console:
 def as_started(command: str) -> str:
     """A command line `rvsg ...` as it is typed here: begun in the way this program was, e.g. as `.venv/bin/rvsg`.
 
-    For what people are told only: nothing that is recorded or reported depends on how the program was begun.
+    For messages only: no record and no report depends on how the program was started.
     """
     program = Path(sys.argv[0])
     if program.name == "__main__.py" and program.parent.name == "rvsg":

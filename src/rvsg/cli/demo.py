@@ -35,7 +35,7 @@ def demo(
     """Run a shipped campaign from the recorded replies of a vision language model: no model, no key, no network.
 
     The replies are the recorded ones; reading, checking, simulating, judging and reporting happen now. Where today's
-    prompts differ from the recorded ones, the first differences are told at the end, and where the simulator measures
+    prompts differ from the recorded ones, the first differences are listed at the end, and where the simulator measures
     otherwise than then.
     """
     from rvsg.api.config import read_campaign_file

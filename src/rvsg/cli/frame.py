@@ -153,7 +153,7 @@ def _debugging(arguments: Sequence[str]) -> bool:
 
 
 def _tell(message: str) -> None:
-    with contextlib.suppress(OSError):  # where nothing can be told, the exit code still says it
+    with contextlib.suppress(OSError):  # where nothing can be written, the exit code says it
         print(message, file=sys.stderr, flush=True)
 
 

@@ -34,7 +34,7 @@ class CallsShown:
     """Shows the calls of a model while they are made: on a terminal as a moving line, else as a line for each.
 
     Args:
-        watch: sets who is told of every call, e.g. `Generator.watch`; None ends it.
+        watch: sets what receives every call, e.g. `Generator.watch`; None ends it.
     """
 
     def __init__(self, watch: Callable[[Callable[[CallNews], None] | None], None]) -> None:

@@ -60,12 +60,12 @@ def story_of(
     ends = (Arrival, TimeOut, Abort)
     middle = [event for event in found if not isinstance(event, ends)]
     chosen = sorted(middle, key=weight, reverse=True)[: MOST - 2]
-    told = [Sentence(text=in_words(event), time_s=event.time_s) for event in chosen]
-    if len(told) < FEWEST - 2 and not any(isinstance(event, Contact | NearMiss) for event in chosen):
-        told += _closest(run, world)
-    told.sort(key=lambda sentence: sentence.time_s)
+    sentences = [Sentence(text=in_words(event), time_s=event.time_s) for event in chosen]
+    if len(sentences) < FEWEST - 2 and not any(isinstance(event, Contact | NearMiss) for event in chosen):
+        sentences += _closest(run, world)
+    sentences.sort(key=lambda sentence: sentence.time_s)
     last = [Sentence(text=_end_in_words(event, run), time_s=event.time_s) for event in found if isinstance(event, ends)]
-    return (_opening(run, world), *told, *last)
+    return (_opening(run, world), *sentences, *last)
 
 
 def weight(event: Event) -> float:

@@ -32,7 +32,7 @@ from rvsg.generation.replies import Reply, read_configuration, read_description,
 from rvsg.generation.reply_schema import configuration_schema
 from rvsg.generation.vlm.messages import Answer, Message
 from rvsg.generation.vlm.model import Model
-from rvsg.generation.vlm.recording import TOLD, place_of
+from rvsg.generation.vlm.recording import MEASURED, place_of
 from rvsg.generation.vlm.watching import Tell
 from rvsg.generation.wiring import Access, wired
 from rvsg.scenario.brief import Brief
@@ -99,7 +99,7 @@ class VlmGenerator(Generator):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What a user should be told at the end: where a replay diverged from its record."""
+        """Return where a replay diverged from its record."""
         if not self._moved:
             return self.wiring.notes()
         answers = "1 recorded answer was" if self._moved == 1 else f"{self._moved} recorded answers were"
@@ -134,13 +134,14 @@ class VlmGenerator(Generator):
         if recording is None or not (brief.feedback or brief.memory):
             return brief
         if not self.wiring.replaying:
-            recording.keep_told(_session(brief), _measured(brief))
+            recording.keep_measured(_session(brief), _measured(brief))
             return brief
-        told = recording.told(_session(brief))
+        measured = recording.measured(_session(brief))
         try:
-            then = brief.model_validate(brief.model_dump() | told) if isinstance(told, dict) else None
+            then = brief.model_validate(brief.model_dump() | measured) if isinstance(measured, dict) else None
         except ValidationError:
-            raise StoreError(f"{recording.folder / TOLD}: what {_session(brief)} was told is damaged.") from None
+            file = recording.folder / MEASURED
+            raise StoreError(f"{file}: the measurements of {_session(brief)} are damaged.") from None
         if then is None or (then.feedback is None) != (brief.feedback is None):
             return brief
         self._moved += _told_values(brief) != _told_values(then)
@@ -246,9 +247,9 @@ class VlmGenerator(Generator):
     def _ask_again(
         self, dialogue: Dialogue, last: _Judged, template: str, purpose: str, shape: dict[str, Any] | None
     ) -> Answer:
-        """Send the findings back; an answer nothing could be read from is told so instead."""
+        """Send the findings back, or say that nothing could be read."""
         if last.reply.people is None:
-            return dialogue.ask(purpose, "reply-unreadable", shape=shape, problem=_told(last))
+            return dialogue.ask(purpose, "reply-unreadable", shape=shape, problem=_unreadable(last))
         return dialogue.ask(purpose, template, shape=shape, findings=[str(f) for f in last.findings])
 
     # -- study -------------------------------------------------------------------------------------------------------
@@ -274,11 +275,11 @@ class VlmGenerator(Generator):
         findings = self._findings_of_lines(paths.text, human_names(brief.humans), brief, world)
         while not judged or (judged[-1].findings and len(judged) <= self.corrections):
             if judged and judged[-1].reply.people is None:
-                answer = dialogue.ask("P7", "reply-unreadable", problem=_told(judged[-1]))
+                answer = dialogue.ask("P7", "reply-unreadable", problem=_unreadable(judged[-1]))
                 judged.append(self._judge(answer, brief, world))
                 continue
-            told = judged[-1].findings if judged else findings
-            revised = dialogue.ask("P6", "P6-revision", findings=[str(finding) for finding in told])
+            left = judged[-1].findings if judged else findings
+            revised = dialogue.ask("P6", "P6-revision", findings=[str(finding) for finding in left])
             judged.append(
                 self._configuration(dialogue, brief, world) if _of_use(revised) else self._judge(revised, brief, world)
             )
@@ -350,8 +351,8 @@ class VlmGenerator(Generator):
         valid = people if usable and not problems else None
         scenario = None
         if valid is not None:
-            told = description or inherited_description(brief, valid)
-            scenario = Scenario(mission=brief.mission, people=valid, description=told)
+            text = description or inherited_description(brief, valid)
+            scenario = Scenario(mission=brief.mission, people=valid, description=text)
         return Proposal(
             generator=self.name,
             scenario=scenario,
@@ -408,7 +409,7 @@ def _of_use(answer: Answer) -> bool:
     return answer.finish not in ("refused", "empty")
 
 
-def _told(judged: _Judged) -> str:
+def _unreadable(judged: _Judged) -> str:
     if judged.answer.finish == "refused":
         return (
             "it was a refusal. This is a test in a simulator: nobody can come to harm, and the people do ordinary work."

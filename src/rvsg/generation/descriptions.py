@@ -24,7 +24,7 @@ def describe(humans: Sequence[Human], doing: Mapping[str, str]) -> str:
 def describe_changed(before: Scenario, humans: Sequence[Human], changes: Sequence[str]) -> str:
     """The description of a refined scenario, true of the changed people.
 
-    `changes` are the words of the changes; a person who was given another way of working is told of with it. Where
+    `changes` are the words of the changes; a person who was given another way of working is described with it. Where
     the description does not tell of a person in our words, as one from a model or a user, a sentence is added.
     """
     description, added = before.description, []
@@ -55,7 +55,7 @@ def describe_changed(before: Scenario, humans: Sequence[Human], changes: Sequenc
 
 
 def _found(description: str, human: Human) -> re.Match[str] | None:
-    """Where a description tells of a person as `told` does; the group is what they do."""
+    """Return where a description mentions a person as `describe` does; the group is what they do."""
     return re.search(f"{re.escape(human.name)} ([^:;]+): {re.escape(_where(human))}", description)
 
 

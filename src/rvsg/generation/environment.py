@@ -129,8 +129,9 @@ def read_description_file(path: Path) -> Description:
     try:
         return Description.model_validate(read_yaml(path).value)
     except ValidationError as error:
-        told = "; ".join(f"{'.'.join(str(p) for p in e['loc'])}: {e['msg']}" for e in error.errors())
-        raise FileError(path, f"is not a description (layout, grid, reviewed, reviewer, reviewed_on): {told}") from None
+        problems = "; ".join(f"{'.'.join(str(p) for p in e['loc'])}: {e['msg']}" for e in error.errors())
+        keys = "layout, grid, reviewed, reviewer, reviewed_on"
+        raise FileError(path, f"is not a description ({keys}): {problems}") from None
 
 
 def edited(description: Description, text: str) -> Description:

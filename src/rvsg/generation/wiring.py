@@ -19,7 +19,7 @@ from rvsg.generation.vlm.recording import Recorded, Recording
 from rvsg.generation.vlm.replay import Replayed
 from rvsg.generation.vlm.watching import Watched
 
-DIVERGENCES_TOLD = 3
+MOST_DIVERGENCES = 3
 
 
 class Access(Record):
@@ -67,11 +67,11 @@ class Access(Record):
         try:
             return cls.model_validate({"record": record, **options})
         except ValidationError as error:
-            told = [f"{'.'.join(str(part) for part in e['loc'])}: {_told(e)}" for e in error.errors()]
-            raise InputError("The vlm generator cannot use its options: " + "; ".join(told)) from None
+            problems = [f"{'.'.join(str(part) for part in e['loc'])}: {_problem(e)}" for e in error.errors()]
+            raise InputError("The vlm generator cannot use its options: " + "; ".join(problems)) from None
 
 
-def _told(error: Any) -> str:
+def _problem(error: Any) -> str:
     nothing = str(error["loc"][0]).startswith("budget_") and error["input"] in (0, "0")
     return NO_CALL if nothing else str(error["msg"])
 
@@ -94,13 +94,13 @@ class Wiring:
         kinds: dict[str, list[str]] = {}
         for divergence in self.replayed.divergences if self.replayed else []:
             kinds.setdefault(divergence.what, []).append(divergence.key)
-        told = [
+        messages = [
             f"Replay: the present prompts differ from the recorded ones at call {keys[0]}"
             f"{f' (and {len(keys) - 1} more)' if len(keys) > 1 else ''}: {what}."
             for what, keys in kinds.items()
         ]
-        more = len(told) - DIVERGENCES_TOLD
-        return (*told[:DIVERGENCES_TOLD], *([f"Replay: {more} more kinds of differences."] if more > 0 else []))
+        more = len(messages) - MOST_DIVERGENCES
+        return (*messages[:MOST_DIVERGENCES], *([f"Replay: {more} more kinds of differences."] if more > 0 else []))
 
 
 def wired(model: str | Model | None, access: Access) -> Wiring:

@@ -48,7 +48,7 @@ def _configuration(
         "number": attempt.brief.configuration_index + 1,
         "result": interval(attempt.verdict, unit) if attempt.verdict else "not simulated",
         "reasoning": proposal.reasoning,
-        "told": _told(attempt.brief.feedback, unit),
+        "told": _feedback(attempt.brief.feedback, unit),
         "memory": len(attempt.brief.memory),
         "findings": [finding.reason for finding in proposal.first_findings],
         "repairs": [f"{repair.human}: {repair.what}" for repair in proposal.repairs],
@@ -60,7 +60,7 @@ def _configuration(
     }
 
 
-def _told(feedback: Feedback | None, unit: str) -> list[str]:
+def _feedback(feedback: Feedback | None, unit: str) -> list[str]:
     """What the generator knew of the configuration before."""
     if feedback is None:
         return []

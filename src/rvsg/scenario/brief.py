@@ -1,4 +1,4 @@
-"""Brief and Feedback: what a generator is asked, and what it is told about the last attempt."""
+"""Brief and Feedback: what a generator is asked for, and what the last attempt measured."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ class Tried(Record):
 
 
 class Feedback(Record):
-    """What the last attempt of a scenario measured, told truthfully.
+    """What the last attempt of a scenario measured.
 
     `objectives` are the values of every repeat; `mean` and `interval` (95 % bootstrap) sum them up; `separable`
     says whether the change against the attempt before stands out of the noise (None: nothing to compare).

@@ -115,9 +115,9 @@ class SqliteLedger:
 
     def _check(self, connection: sa.Connection) -> None:
         """Read all of the file once, so that damage is reported before work is built on it."""
-        told = str(connection.exec_driver_sql("PRAGMA quick_check(1)").scalar_one())
-        if told != "ok":
-            raise self._damaged(told.splitlines()[-1])
+        result = str(connection.exec_driver_sql("PRAGMA quick_check(1)").scalar_one())
+        if result != "ok":
+            raise self._damaged(result.splitlines()[-1])
         if self._version < _CHECKSUMS_SINCE:
             return
         columns = sa.select(_runs.c.id, _runs.c.header, _runs.c.arrays, _runs.c.checksum)
@@ -334,7 +334,7 @@ def _has_log(path: Path) -> bool:
 
 def _engine(path: Path, *, readonly: bool) -> sa.Engine:
     if readonly:
-        # SQLite would still make files beside it, for locks, where it is not told that nobody writes. Told so, it
+        # SQLite would still make files beside it, for locks, unless it knows that nobody writes. Then it
         # passes over a log that is left there by a campaign under way or killed, with what was committed last.
         how = "mode=ro" if _has_log(path) else "immutable=1"
         uri = f"file:{quote(str(path.absolute()))}?{how}"

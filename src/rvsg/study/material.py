@@ -106,7 +106,7 @@ def gather(*ledgers: Ledger) -> Material:
     for requirement, route in material.cells():
         here = material.trials.setdefault((requirement, route), {})
         for method, trials in baselines.get(route, {}).items():
-            # A baseline is told of no requirement, so it may have been run for another one and serves this one too.
+            # A baseline has no requirement, so it may have been run for another one and serves this one too.
             here.setdefault(method, trials)
     if not material.requirements:
         for route, methods in baselines.items():
@@ -137,9 +137,9 @@ def _place(attempt: Attempt, material: Material, baselines: dict[str, dict[str, 
             material.notes.append(f"{where}: no run, left out")
         return
     if requirement is None:
-        told = attempt.verdict.requirement if attempt.verdict else None
-        if told is not None:
-            material.trials.setdefault((told, route), {}).setdefault(method, []).append(trial)
+        judged_by = attempt.verdict.requirement if attempt.verdict else None
+        if judged_by is not None:
+            material.trials.setdefault((judged_by, route), {}).setdefault(method, []).append(trial)
         baselines.setdefault(route, {}).setdefault(method, []).append(trial)
     else:
         material.trials.setdefault((requirement.name, route), {}).setdefault(method, []).append(trial)

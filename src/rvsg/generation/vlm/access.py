@@ -73,7 +73,7 @@ _LOOP = _Loop()
 
 
 def _quieten() -> None:
-    """Prices that are not listed and settings that a provider ignores are told in our own way, or not worth telling."""
+    """Silence warnings of unlisted prices and ignored settings: this module reports what matters of them."""
     from pydantic_ai import exceptions as foreign
 
     for category in (
@@ -123,7 +123,7 @@ class ModelAccess:
         return self._name
 
     def knows_price(self) -> bool:
-        """Whether the cost of a call can be told."""
+        """Return whether the cost of a call is known."""
         return self._prices is not None or _listed_price(self._provider, self._model, Usage(input_tokens=1)) is not None
 
     def prepare(self) -> None:
@@ -134,7 +134,7 @@ class ModelAccess:
         except Exception as foreign:
             failure = self._translated(foreign, None)
         if failure is not None:
-            raise InputError(hide_secrets(f"Model {self._name}{self._place()}: {failure.told}"))
+            raise InputError(hide_secrets(f"Model {self._name}{self._place()}: {failure.message}"))
 
     def ask(self, request: Request) -> Answer:
         """Ask, patiently; raises ModelUnavailable with the reason and what to do."""
@@ -160,17 +160,18 @@ class ModelAccess:
                 break
             if wait > 0:
                 if self.waiting is not None:
-                    self.waiting(hide_secrets(f"{failure.told} Waits {wait:.0f} s, then try {number + 1} of {tries}."))
+                    message = f"{failure.message} Waits {wait:.0f} s, then try {number + 1} of {tries}."
+                    self.waiting(hide_secrets(message))
                 self._sleep(wait)
         assert failure is not None
-        told = hide_secrets(f"Model {self._name}{self._place()}: {failure.told} {failure.next_step}".rstrip())
-        raise InputError(told) if failure.setup else ModelUnavailable(told)
+        message = hide_secrets(f"Model {self._name}{self._place()}: {failure.message} {failure.next_step}".rstrip())
+        raise InputError(message) if failure.setup else ModelUnavailable(message)
 
     def _wait(self, failure: Fault, number: int) -> float | None:
         """Seconds until the next try; None where there is no next one."""
         if not failure.again or number >= self._limits.tries:
             if failure.again and number > 1:
-                failure.told += f" Tried {number} times."
+                failure.message += f" Tried {number} times."
             return None
         if failure.without_shape:
             return 0.0
@@ -178,7 +179,7 @@ class ModelAccess:
             return float(min(self._limits.longest_wait_s, self._limits.first_wait_s * 2 ** (number - 1)))
         longest = self._limits.longest_wait_s
         if failure.wait_s > longest:
-            failure.told += (
+            failure.message += (
                 f" The service asks to wait {failure.wait_s:.0f} s, longer than the {longest:.0f} s that RVSG waits."
             )
             failure.next_step = LATER
@@ -207,12 +208,12 @@ class ModelAccess:
         return self._answer(response, request)
 
     def _refused(self, fault: Fault, request: Request, tries: int) -> Answer:
-        """A refusal that came as an error, as the answer it is; what it cost is not told."""
+        """Return a refusal that came as an error as an answer; its cost is unknown."""
         usage = Usage(input_tokens=estimated_input_tokens(request), estimated=True, tries=tries)
         prices = self._prices
         cost = _priced(usage, prices) if prices is not None else _listed_price(self._provider, self._model, usage)
         usage = usage.model_copy(update={"cost_usd": cost})
-        return Answer(text=hide_secrets(fault.told), model=self._model, finish="refused", usage=usage)
+        return Answer(text=hide_secrets(fault.message), model=self._model, finish="refused", usage=usage)
 
     def _foreign(self, request: Request) -> tuple[Any, list[Any], Any, Any]:
         """The request in the words of pydantic-ai."""

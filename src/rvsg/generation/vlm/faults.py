@@ -32,7 +32,7 @@ class Fault(Exception):
 
     def __init__(
         self,
-        told: str,
+        message: str,
         *,
         again: bool = False,
         wait_s: float | None = None,
@@ -41,8 +41,8 @@ class Fault(Exception):
         refused: bool = False,
         next_step: str = "",
     ) -> None:
-        super().__init__(told)
-        self.told = told
+        super().__init__(message)
+        self.message = message
         self.again = again
         self.wait_s = wait_s
         self.without_shape = without_shape
@@ -82,7 +82,7 @@ def named_model(name: str) -> tuple[str, str]:
 def translated(error: Exception, foreign: Any, called: Called) -> Fault:
     """What an error of the client library means. `foreign` is the module of its exceptions, None where it is absent."""
     if isinstance(error, ImportError) or foreign is None:
-        return Fault(_told_missing(called.provider, error), setup=True)
+        return Fault(_missing_package(called.provider, error), setup=True)
     said = f"It said: {_said(error)}"
     wait = getattr(error, "retry_after", None)
     if isinstance(error, foreign.UserError):
@@ -91,8 +91,8 @@ def translated(error: Exception, foreign: Any, called: Called) -> Fault:
         return Fault(f"a safety filter refused it. {said}", refused=True)
     if isinstance(error, foreign.ModelAuthenticationError):
         variable = key_variable(called.provider, called.base_url)
-        told = f"the service refused the key (or found none). Check {variable} in the environment. {said}"
-        return Fault(told)
+        message = f"the service refused the key (or found none). Check {variable} in the environment. {said}"
+        return Fault(message)
     if isinstance(error, foreign.ModelNotFoundError):
         return Fault(
             f'the service knows no model "{called.model}" (or the address is wrong). Check --model'
@@ -123,8 +123,8 @@ def translated(error: Exception, foreign: Any, called: Called) -> Fault:
         if called.base_url
         else LATER
     )
-    told = f"the service's reply is not what its protocol promises ({_said(error).rstrip('.')})."
-    return Fault(told, again=True, wait_s=wait, next_step=no_protocol)
+    message = f"the service's reply is not what its protocol promises ({_said(error).rstrip('.')})."
+    return Fault(message, again=True, wait_s=wait, next_step=no_protocol)
 
 
 def key_variable(provider: str, base_url: str | None) -> str:
@@ -147,8 +147,8 @@ def _setup(error: Exception, called: Called) -> Fault:
     key = re.search(r"[A-Z][A-Z_]*_(?:API_KEY|BASE_URL|TOKEN)", detail)
     if key:
         more = " For a server of your own give --base-url, and its key, if any, in RVSG_API_KEY."
-        told = f"no key: set {key.group()} in the environment (export {key.group()}=...)."
-        return Fault(told + (more if called.base_url is None else ""), setup=True)
+        message = f"no key: set {key.group()} in the environment (export {key.group()}=...)."
+        return Fault(message + (more if called.base_url is None else ""), setup=True)
     return Fault(f"it cannot be used. {detail}", setup=True)
 
 
@@ -178,7 +178,7 @@ def _said(error: Exception) -> str:
     return _sentence(_one_line(hide_secrets(place + text)))
 
 
-def _told_missing(provider: str, error: Exception) -> str:
+def _missing_package(provider: str, error: Exception) -> str:
     extra = {"anthropic": "anthropic", "google": "google", "google-gla": "google"}.get(provider, "vlm")
     missing = f" (Missing: {error.name})" if isinstance(error, ImportError) and error.name else ""
     return f"it needs a package that is not installed: {how_to_install(extra)}.{missing}"

@@ -26,7 +26,7 @@ from rvsg.generation.vlm.messages import Answer, Message, Request
 from rvsg.generation.vlm.model import Model
 
 CALLS, MESSAGES, HISTORIES, PICTURES = "calls.jsonl", "messages.jsonl", "histories.jsonl", "pictures"
-TOLD = "told.jsonl"
+MEASURED = "told.jsonl"
 
 
 class RecordedCall(Record):
@@ -69,7 +69,7 @@ class Recording:
         self._histories = {
             str(value.get("name")): tuple(value.get("messages", ())) for _, value in _lines(self.folder / HISTORIES)
         }
-        self._told = {str(value.get("session")): value.get("told") for _, value in _lines(self.folder / TOLD)}
+        self._measured = {str(value.get("session")): value.get("told") for _, value in _lines(self.folder / MEASURED)}
 
     def __len__(self) -> int:
         return len(self._calls)
@@ -143,23 +143,23 @@ class Recording:
                 raise StoreError(f"The conversation cannot be recorded in {self.folder}: {failure}") from None
             self._histories[name] = ids
 
-    def told(self, session: str) -> Any:
+    def measured(self, session: str) -> Any:
         """What the prompts of a session were written from, or of one at the same place; None where it is not kept."""
-        if session in self._told:
-            return self._told[session]
-        return next((told for name, told in self._told.items() if place_of(name) == place_of(session)), None)
+        if session in self._measured:
+            return self._measured[session]
+        return next((value for name, value in self._measured.items() if place_of(name) == place_of(session)), None)
 
-    def keep_told(self, session: str, told: Any) -> None:
+    def keep_measured(self, session: str, measured: Any) -> None:
         """Keep what the prompts of a session are written from."""
         with self._lock:
-            if self._told.get(session) == told:
+            if self._measured.get(session) == measured:
                 return
             try:
                 self.folder.mkdir(parents=True, exist_ok=True)
-                _append(self.folder / TOLD, {"session": session, "told": told})
+                _append(self.folder / MEASURED, {"session": session, "told": measured})
             except OSError as failure:
                 raise StoreError(f"The call cannot be recorded in {self.folder}: {failure}") from None
-            self._told[session] = told
+            self._measured[session] = measured
 
     def _keep_text(self, kind: str, value: Any) -> str:
         text_id = content_id(kind, value)

@@ -63,7 +63,7 @@ class Replayed:
             if self._strict:
                 raise ReplayDiverged(
                     f"The present prompts diverge from the record at {divergence}. Without strict replay the recorded "
-                    "answer is used all the same and the difference is told."
+                    "answer is used and the difference reported."
                 )
         return call.answer.model_copy(update={"source": "record"})
 

@@ -1,4 +1,4 @@
-"""Watched: a model whose calls are told of while they are made, with what was spent so far."""
+"""Watched: a model that reports its calls while they are made, and what was spent so far."""
 
 from __future__ import annotations
 

@@ -111,7 +111,7 @@ class _Checker:
         from shapely import Polygon
 
         if not self.world.areas:
-            self._say(self.labels, "there are no labelled areas: people can only be told waypoints", "areas")
+            self._say(self.labels, "there are no labelled areas: tasks can only name waypoints", "areas")
         corners = frame_of(world_map(self.world)).corners
         inside_map = Polygon(corners)
         main = parts[0] if parts else set()
@@ -176,7 +176,7 @@ class _Checker:
         sound = {route.name: route for route in self.world.routes}
         for index, name in enumerate(told_apart(self.routes, "routes", route_names(self.routes))):
             route = sound.get(name)
-            if route is None:  # what is wrong there is told; its poses may be wrong too
+            if route is None:  # its mistakes are reported already; check its poses, too
                 for place_key, place in places_in(routes_in(self.routes)[index]):
                     if isinstance(place, Pose):
                         self._check_pose(name, str(place_key[0]), place, ("routes", index, *place_key), radius, parts)

@@ -72,7 +72,7 @@ def read_world(folder: Path, problems: list[Problem] | None = None) -> World:
     mistakes: tuple[Problem, ...] = ()
     try:
         head = validated(head_document, WorldFile)
-    except DocumentError as error:  # read on with what can be read, so that every mistake is told at once
+    except DocumentError as error:  # read on with what can be read, so that every mistake is reported at once
         head, mistakes = _readable_head(head_document), error.problems
     parts = _Parts(folder, head, mistakes, noted=problems)
     objects = parts.objects()
