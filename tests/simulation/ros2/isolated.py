@@ -30,11 +30,16 @@ def namespace() -> tuple[str, ...]:
 
 def drive(peer: dict[str, Any] | None = None, **given: Any) -> dict[str, Any]:
     """Run drive.py with a peer of these options; return what it prints."""
+    return run_isolated(HERE / "drive.py", peer=peer, **given)
+
+
+def run_isolated(file: Path, **given: Any) -> dict[str, Any]:
+    """Run a Python file with its options as JSON; return the JSON that it prints last."""
     pytest.importorskip("cyclonedds", reason="ROS 2 needs cyclonedds (extra ros2)")
     environment = {**os.environ, "PYTHONPATH": str(HERE.parents[2])}
     if not namespace():
         environment |= {"CYCLONEDDS_URI": LOOPBACK, "ROS_DOMAIN_ID": str(100 + os.getpid() % 100)}
-    command = [*namespace(), sys.executable, str(HERE / "drive.py"), json.dumps({"peer": peer, **given})]
+    command = [*namespace(), sys.executable, str(file), json.dumps(given)]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=180, check=False)
     assert done.returncode == 0, done.stderr[-3000:]
     found: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])

@@ -285,7 +285,8 @@ class ActionClient:
 
     def __init__(self, bus: Bus, name: str, kind: str) -> None:
         self.name, self.kind = name, kind
-        self._types = bus.types
+        self.types = bus.types
+        """The interfaces that goals are made of."""
         self._send = bus.client(f"{name}/_action/send_goal", f"{kind}_SendGoal")
         self._result = bus.client(f"{name}/_action/get_result", f"{kind}_GetResult")
         self._cancel = bus.client(f"{name}/_action/cancel_goal", "action_msgs/srv/CancelGoal")
@@ -307,7 +308,7 @@ class ActionClient:
 
     def new_goal(self) -> Any:
         """Return an empty goal."""
-        return self._types[f"{self.kind}_Goal"]()
+        return self.types[f"{self.kind}_Goal"]()
 
     def send_goal(self, goal: Any) -> None:
         """Send a goal; `poll` learns what becomes of it."""
@@ -329,11 +330,11 @@ class ActionClient:
 
     def cancel_all(self, limit_s: float, meanwhile: Callable[[], None] | None = None) -> bool:
         """Cancel every goal of the action, also those of other clients; return whether the server answered."""
-        everything = self._types["action_msgs/msg/GoalInfo"]()
+        everything = self.types["action_msgs/msg/GoalInfo"]()
         return self._cancel.call(limit_s, meanwhile, goal_info=everything) is not None
 
     def _uuid(self) -> Any:
-        return self._types["unique_identifier_msgs/msg/UUID"](uuid=self._goal_id)
+        return self.types["unique_identifier_msgs/msg/UUID"](uuid=self._goal_id)
 
 
 def _every(reader: Any) -> Iterator[Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, TypeVar
 
 from pydantic import Field, ValidationError, model_validator
 
@@ -104,16 +104,24 @@ def domain_of(given: int | None) -> int:
     return int(text)
 
 
+Options = TypeVar("Options", bound=Ros2Options)
+
+
 def read_options(given: dict[str, Any]) -> Ros2Options:
-    """Return checked options.
+    """Return the checked options of the stack `ros2`.
 
     Raises:
         InputError: names every wrong option.
     """
+    return checked(given, Ros2Options, "stack ros2")
+
+
+def checked(given: dict[str, Any], model: type[Options], where: str) -> Options:
+    """Return options as a record of that class; see `read_options`."""
     try:
-        options = Ros2Options.model_validate(given)
+        options = model.model_validate(given)
     except ValidationError as error:
-        raise InputError("stack ros2: " + "; ".join(mistakes_of(error, Ros2Options, noun="option"))) from None
+        raise InputError(f"{where}: " + "; ".join(mistakes_of(error, model, noun="option"))) from None
     if options.params is not None and not Path(options.params).is_file():
-        raise InputError(f"stack ros2: params: there is no file {options.params}.")
+        raise InputError(f"{where}: params: there is no file {options.params}.")
     return options

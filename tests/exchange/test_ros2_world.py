@@ -1,0 +1,48 @@
+"""The simulator ros2-world against a process that publishes the embedded world as Gazebo and HuNavSim do."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from tests.simulation.ros2.isolated import run_isolated
+
+from rvsg.core.errors import InputError
+from rvsg.core.plugins import make
+from rvsg.exchange.ros2_world import Ros2World
+
+DRIVE = Path(__file__).with_name("drive_world.py")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("people_msgs", [False, True])
+def test_the_recorded_run_is_the_one_that_the_world_played(people_msgs: bool) -> None:
+    topic = "people" if people_msgs else "human_states"
+    told = run_isolated(DRIVE, world={"people_msgs": people_msgs, "topic": topic}, options={"people": f"/{topic}"})
+    assert told["outcome"] == "REACHED"
+    assert told["names"] == ["Ann", "Bob"]
+    assert told["t"][0] == 0.0
+    assert told["rows"] > 100
+    assert told["log"][0] == pytest.approx(0.5, abs=0.06)
+    assert told["again"]
+    assert abs(told["off"]["shift"]) < 0.2
+    assert told["off"]["robot"] < 0.03
+    assert told["off"]["people"] < 0.08
+
+
+@pytest.mark.slow
+def test_a_world_that_stops_or_lacks_people_is_told() -> None:
+    stopped = run_isolated(DRIVE, world={"stop_at_s": 1.0}, options={"answer_limit_s": 1.0})
+    assert stopped["outcome"] == "STACK_FAILED"
+    lacking = run_isolated(DRIVE, world={"topic": "elsewhere"}, options={"start_limit_s": 8.0})
+    assert "agent1, agent2 on /human_states" in lacking["error"]
+
+
+def test_the_simulator_is_registered_and_checks_its_options() -> None:
+    simulator = make("simulator", "ros2-world", {"launch": "ros2 launch {agents}"})
+    assert isinstance(simulator, Ros2World)
+    assert simulator.options["repeatable"] is False
+    with pytest.raises(InputError, match="agents_file"):
+        Ros2World().prepare(print)
+    with pytest.raises(InputError, match="speed"):
+        Ros2World(speed=4)
