@@ -130,10 +130,29 @@ def candidate(index: int, *badness: float, parent: Candidate | None = None) -> C
 def test_one_lucky_run_of_a_noisy_objective_is_no_favourite() -> None:
     steady = candidate(0, 3.0, 5.0, 4.0, 4.0, 3.5, 4.5)
     lucky = candidate(1, 5.2)
-    others = [candidate(k, 2.0 + 0.1 * k, 4.0 - 0.1 * k) for k in range(2, 8)]
+    spread = [1.0 - 0.1 * k if k % 2 else 0.1 * k - 1.0 for k in range(2, 8)]
+    others = [candidate(k, 3.0 + by, 3.0 - by) for k, by in enumerate(spread, 2)]
     estimate([steady, lucky, *others])
     assert lucky.estimate < steady.mean + 0.3
     assert lucky.deviation > steady.deviation
+
+
+def test_an_easy_seed_does_not_make_a_favourite() -> None:
+    """All configurations are 2 worse for the robot under seed 0, and one of them met no other."""
+    known = [candidate(k, 5.0 + 0.1 * k, 3.0 + 0.1 * k, 3.1 + 0.1 * k) for k in range(6)]
+    lucky = candidate(6, 5.1)
+    estimate([*known, lucky])
+    assert lucky.mean > known[-1].mean + 0.5
+    assert lucky.estimate < known[-1].estimate
+
+
+def test_estimates_of_a_long_line_of_changes_stay_near_what_was_measured() -> None:
+    line = [candidate(0, 1.0)]
+    for k in range(1, 12):
+        line.append(candidate(k, 1.0 - 0.01 * (k % 3), parent=line[-1]))
+    for _ in range(5):
+        estimate(line)
+        assert all(abs(each.estimate - 1.0) < 0.05 for each in line)
 
 
 def test_a_quiet_objective_needs_few_runs() -> None:

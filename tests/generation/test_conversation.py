@@ -10,6 +10,9 @@ from rvsg.core.errors import BudgetSpent, InputError, ModelUnavailable, ReplayDi
 from rvsg.generation.conformance import check_generator, odd_briefs
 from rvsg.generation.conversation import VlmGenerator
 from rvsg.generation.generator import Proposal
+from rvsg.generation.pictures import Way, pictures_of
+from rvsg.generation.rehearsal import Rehearsal
+from rvsg.generation.replies import LESSON_CHARACTERS
 from rvsg.generation.vlm.messages import Answer, Request
 from rvsg.generation.vlm.model import Scripted
 from rvsg.generation.vlm.recording import Recording
@@ -174,6 +177,42 @@ def test_the_context_is_an_equal_prefix_of_every_call_with_the_pictures_once(bri
     for request in model.asked:
         assert request.messages[1].stable
         assert [len(m.pictures) for m in request.messages] == [0, 2] + [0] * (len(request.messages) - 2)
+
+
+def test_a_lesson_travels_to_the_next_scenario(brief: Brief, warehouse: World) -> None:
+    learnt = json.dumps(
+        json.loads(GOOD) | {"lesson": "Slow people ahead  of the robot\nhold it up. " + 60 * "And so on. "}
+    )
+    model = Scripted([learnt, learnt, GOOD])
+    generator = VlmGenerator(model)
+    first = generator.propose(brief, warehouse)
+    assert first.scenario is not None
+    assert first.lesson == ""  # nothing was measured yet
+    refined = generator.propose(refining(brief, first.scenario), warehouse)
+    assert refined.lesson.startswith("Slow people ahead of the robot hold it up.")
+    assert len(refined.lesson) == LESSON_CHARACTERS
+    memory = Remembered(
+        description="d", tasks={}, mean=1.0, interval=(0.9, 1.1), scenario=first.scenario, lesson=refined.lesson
+    )
+    generator.propose(brief.model_copy(update={"memory": (memory,), "scenario_index": 1}), warehouse)
+    assert refined.lesson in model.asked[-1].messages[-1].text
+    assert refined.lesson not in model.asked[-2].messages[-1].text
+
+
+@pytest.mark.parametrize("way", [(), ((0.0, 1.0, 1.0), (0.5, 1.0, 1.0))])
+def test_a_drive_that_goes_nowhere_is_not_drawn(way: Way, brief: Brief, warehouse: World) -> None:
+    assert pictures_of(warehouse, brief.mission.route, way)[0].png == pictures_of(warehouse, brief.mission.route)[0].png
+
+
+def test_the_map_shows_the_undisturbed_way(brief: Brief, warehouse: World) -> None:
+    way = ((0.0, -0.1, -0.35), (5.0, 0.8, -2.5), (10.0, 0.9, -5.0))
+    generator = VlmGenerator(Scripted([]))
+    generator.rehearse = lambda mission, people: Rehearsal(robot=((0.0, "G12"),), arrival_s=10.0, way=way)
+    shown, grid = generator.pictures(brief, warehouse)
+    plain, same_grid = pictures_of(warehouse, brief.mission.route)
+    assert shown.digest != plain.digest
+    assert grid.digest == same_grid.digest
+    assert "with a mark every 5 s" in generator.first_prompts(brief, warehouse)[1].text
 
 
 def test_feedback_tells_the_truth(brief: Brief, warehouse: World) -> None:

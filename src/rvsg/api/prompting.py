@@ -11,13 +11,12 @@ from rvsg.api.config import CampaignConfig, effective, read_campaign_file
 from rvsg.api.events import search_attempts
 from rvsg.api.files import write_whole
 from rvsg.api.folder import CONFIG, make_folder, reading, store_of
-from rvsg.api.wiring import wire
+from rvsg.api.wiring import Wired, let_rehearse, wire
 from rvsg.core.errors import InputError
 from rvsg.generation.conversation import VlmGenerator
-from rvsg.generation.pictures import pictures_of
 from rvsg.generation.prompts import template_text
 from rvsg.generation.vlm.messages import Message as Message
-from rvsg.generation.vlm.messages import estimated_tokens, picture_tokens
+from rvsg.generation.vlm.messages import Picture, estimated_tokens, picture_tokens
 from rvsg.generation.vlm.model import Scripted
 from rvsg.scenario.brief import Brief
 from rvsg.world.world import World
@@ -35,6 +34,8 @@ class NextPrompt:
     brief: Brief
     world: World
     messages: tuple[Message, ...]
+    shown: tuple[Picture, ...]
+    """The pictures that the messages refer to."""
     own_templates: tuple[str, ...]
     """Names of the templates that replace shipped ones."""
 
@@ -76,27 +77,36 @@ def next_prompt(config: CampaignConfig, prompts: Path | None = None) -> NextProm
     """
     folder = templates_folder(config, prompts)
     chosen = prompts is not None or bool(config.prompts)
-    brief, world = _next_brief(config)
+    brief, wired = _next_brief(config)
     own = folder if chosen or folder.is_dir() else None
     generator = VlmGenerator(Scripted([]), conversation=config.conversation, prompts=own)
-    messages = generator.first_prompts(brief, world)
-    return NextPrompt(brief=brief, world=world, messages=messages, own_templates=tuple(generator.prompts.overridden()))
+    let_rehearse(generator, wired.simulator, wired.world, seed=config.seed)
+    return NextPrompt(
+        brief=brief,
+        world=wired.world,
+        messages=generator.first_prompts(brief, wired.world),
+        shown=generator.pictures(brief, wired.world),
+        own_templates=tuple(generator.prompts.overridden()),
+    )
 
 
-def _next_brief(config: CampaignConfig) -> tuple[Brief, World]:
+def _next_brief(config: CampaignConfig) -> tuple[Brief, Wired]:
     """Return the brief a campaign asks for next: from its ledger where it has one, else the first."""
     wired = wire(config.model_copy(update=_NO_MODEL))
     if store_of(config.folder) is None:
-        return wired.strategy(None).ask()[0].brief, wired.world
+        return wired.strategy(None).ask()[0].brief, wired
     with reading(config.folder) as ledger:
         strategy = wired.strategy(ledger)
         known = ledger.campaigns()
         for attempt in search_attempts(list(ledger.attempts(known[0] if known else wired.plan.name))):
             strategy.tell(attempt)
-        asks = strategy.ask()
+        asks = [ask for ask in strategy.ask() if ask.proposal is None]
     if not asks:
-        raise InputError(f"{config.folder}: the search is finished. Start another campaign with --out.")
-    return asks[0].brief, wired.world
+        raise InputError(
+            f"{config.folder}: no question to a model comes next. The search is finished, or it runs known "
+            "configurations again."
+        )
+    return asks[0].brief, wired
 
 
 def copy_template(name: str, folder: Path) -> Path:
@@ -118,7 +128,7 @@ def write_pictures(prompt: NextPrompt, folder: Path) -> list[Path]:
     """Write the pictures of a prompt into a folder; return their paths."""
     make_folder(folder, option="--pictures")
     written = []
-    for picture in pictures_of(prompt.world, prompt.brief.mission.route):
+    for picture in prompt.shown:
         path = folder / f"{picture.name.replace(' ', '_')}.png"
         path.write_bytes(picture.png)
         written.append(path)

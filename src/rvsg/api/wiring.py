@@ -123,8 +123,7 @@ def wire(
     if generator is None:
         generator = plugins.make("generator", config.generator_name, generator_options(config, paths))
     plugins.check_complete("generator", generator, Generator)
-    if hasattr(generator, "rehearse"):
-        generator.rehearse = rehearsing(simulator, world, seed=config.seed)
+    let_rehearse(generator, simulator, world, seed=config.seed)
     plugins.check_options("store", config.store, config.store_options, given=1)
     plan = Plan(
         name=f"{world.name}-{route.name}-{requirement.name}-{config.generator_name}-{config.strategy}-{config.seed}",
@@ -151,6 +150,12 @@ def wire(
         paths=paths,
         notes=notes,
     )
+
+
+def let_rehearse(generator: Generator, simulator: Simulator, world: World, *, seed: int) -> None:
+    """Let a generator that rehearses its answers do so in this simulator."""
+    if hasattr(generator, "rehearse"):
+        generator.rehearse = rehearsing(simulator, world, seed=seed)
 
 
 def scenarios_of(config: CampaignConfig) -> int:

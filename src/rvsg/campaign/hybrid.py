@@ -15,6 +15,7 @@ import numpy as np
 
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.feedback import with_history
+from rvsg.campaign.operators import Operators, key
 from rvsg.campaign.plan import Plan
 from rvsg.campaign.racing import Candidate, estimate, in_the_race
 from rvsg.campaign.ranking import remember
@@ -22,7 +23,6 @@ from rvsg.campaign.strategies import Ask, Batches, BatchStrategy, FeedbackOf
 from rvsg.core.seeds import seed_for
 from rvsg.evaluation.aims import aim_of, moved_by
 from rvsg.generation.answer import answer
-from rvsg.generation.tuning import Mutations, TuningSpace
 from rvsg.scenario.brief import Brief
 from rvsg.world.world import World
 
@@ -62,7 +62,7 @@ class HybridStrategy(BatchStrategy):
         self.finalists, self.final_runs = finalists, final_runs
         self.candidates: list[Candidate] = []
         self.asked = 0
-        self._spaces: dict[int, TuningSpace] = {}
+        self._operators = Operators(plan.mission, world, aim_of(plan.requirement))
 
     def search(self) -> Batches:
         """Draft, then alternate between changing and racing, then settle the order of the best."""
@@ -92,6 +92,7 @@ class HybridStrategy(BatchStrategy):
             results = yield [Ask(brief=brief, seeds=self._seeds(1)) for brief in briefs]
             for attempt in results:
                 self._add(attempt, None, "new")
+        estimate(self.candidates)
 
     def _change(self, count: int) -> Batch:
         """Make so many changed configurations, and run each once."""
@@ -99,7 +100,7 @@ class HybridStrategy(BatchStrategy):
         ranked = sorted((c for c in self.candidates if c.runs), key=lambda c: (-c.estimate, c.index))
         asks: list[Ask] = []
         origins: list[tuple[Candidate, str]] = []
-        known = {c.proposal.scenario.id for c in self.candidates if c.proposal.scenario}
+        known = {key(c.scenario.people) for c in self.candidates}
         for _ in range(count):
             parent = ranked[min(len(ranked), int(rng.geometric(0.35))) - 1]
             if rng.random() < self.refine:
@@ -110,12 +111,13 @@ class HybridStrategy(BatchStrategy):
                 brief = self._brief("refine", parent.brief.scenario_index, self._next(parent), feedback=feedback)
                 asks.append(Ask(brief=brief, seeds=self._seeds(1)))
                 origins.append((parent, "refine"))
-            elif (ask := self._tuned(parent, rng, known)) is not None:
+            elif (ask := self._changed(parent, rng, known)) is not None:
                 asks.append(ask)
                 origins.append((parent, "tune"))
         results = yield asks
         for attempt, (parent, operator) in zip(results, origins, strict=False):
             self._add(attempt, parent, operator)
+        estimate(self.candidates)
 
     def _race(self, count: int, most: int | None = None) -> Batch:
         """Give one more run to so many of the configurations that may still be the best."""
@@ -159,27 +161,22 @@ class HybridStrategy(BatchStrategy):
             **more,
         )
 
-    def _tuned(self, parent: Candidate, rng: np.random.Generator, known: set[str]) -> Ask | None:
-        """The ask for a configuration with changed numbers that was not tried yet; None where none is found."""
-        scenario = parent.proposal.scenario
-        assert scenario is not None
-        space = self._spaces.setdefault(parent.index, TuningSpace(scenario.people, self.plan.mission, self.here))
-        people, words = Mutations(space, rng).draw()
-        if people is None:
+    def _changed(self, parent: Candidate, rng: np.random.Generator, known: set[str]) -> Ask | None:
+        """The ask for a changed configuration that was not tried yet; None where none is found."""
+        change = self._operators.change(parent, [c for c in self.candidates if c.runs], rng, known)
+        if change is None:
             return None
+        known.add(key(change.people))
         brief = self._brief("tune", parent.brief.scenario_index, self._next(parent))
         proposal = answer(
-            people,
+            change.people,
             brief,
             self.here,
             generator=self.name,
-            description=scenario.description,
-            reasoning=f"Attempt {parent.index} with other numbers: {words}.",
+            description=change.description,
+            reasoning=f"Attempt {parent.index} {change.words}.",
         )
-        if proposal.scenario is None or proposal.scenario.id in known:
-            return None
-        known.add(proposal.scenario.id)
-        return Ask(brief=brief, proposal=proposal, seeds=self._seeds(1))
+        return Ask(brief=brief, proposal=proposal, seeds=self._seeds(1)) if proposal.scenario else None
 
     def _again(self, candidate: Candidate, runs: int) -> Ask:
         return Ask(brief=candidate.brief, proposal=candidate.proposal, seeds=self._seeds(runs))
@@ -205,7 +202,6 @@ class HybridStrategy(BatchStrategy):
         candidate = Candidate(attempt.brief, attempt.proposal, attempt.index, parent, operator)
         self.candidates.append(candidate)
         self._measured(candidate, attempt)
-        estimate(self.candidates)
 
     def _measured(self, candidate: Candidate, attempt: Attempt) -> None:
         for measurement in attempt.measurements:
@@ -214,10 +210,9 @@ class HybridStrategy(BatchStrategy):
 
     def _attempt_of(self, candidate: Candidate) -> Attempt:
         """The last attempt of a candidate: the one with the most runs."""
-        scenario = candidate.proposal.scenario
-        assert scenario is not None
+        name = candidate.scenario.id
         return next(
-            a for a in reversed(self.told) if a.proposal.scenario is not None and a.proposal.scenario.id == scenario.id
+            a for a in reversed(self.told) if a.proposal.scenario is not None and a.proposal.scenario.id == name
         )
 
     def _seen(self, candidate: Candidate) -> Sequence[int]:

@@ -129,6 +129,7 @@ def remember(attempts: Iterable[Attempt], requirement: Requirement, *, last: int
                 mean=verdict.mean,
                 interval=verdict.interval or (verdict.mean, verdict.mean),
                 scenario=scenario,
+                lesson=next((a.proposal.lesson for a in reversed(group) if a.proposal.lesson), ""),
             )
         )
     return tuple(found[-last:]) if last else ()

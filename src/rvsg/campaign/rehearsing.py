@@ -15,6 +15,8 @@ from rvsg.simulation.run import Run
 from rvsg.world.world import World
 
 PERIOD_S = 2.0
+WAY_S = 0.5
+"""Seconds between the points of the robot's way."""
 
 
 def rehearsing(simulator: Simulator, world: World, *, seed: int) -> Rehearse:
@@ -42,7 +44,9 @@ def in_short(run: Run, people: HumanConfiguration, world: World) -> Rehearsal:
     wanted = np.arange(0.0, float(path.t[-1]) + 1e-9, PERIOD_S)
     samples = np.clip(np.searchsorted(path.t, wanted - 1e-9), 0, len(path) - 1)
     at = WaypointNames(world.grid).nearest(path.x[samples], path.y[samples])
+    along = np.unique(np.clip(np.searchsorted(path.t, np.arange(0.0, path.t[-1] + WAY_S, WAY_S)), 0, len(path) - 1))
     return Rehearsal(
+        way=tuple((round(float(path.t[k]), 1), round(float(path.x[k]), 2), round(float(path.y[k]), 2)) for k in along),
         robot=tuple((round(float(path.t[k]), 1), name) for k, name in zip(samples, at, strict=True)),
         arrival_s=round(float(path.t[-1]), 1) if run.completed else None,
         people={human.name: _walked(run, h, human, world) for h, human in enumerate(people.humans)},

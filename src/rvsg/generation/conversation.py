@@ -30,7 +30,7 @@ from rvsg.generation.prompts import Prompts, number
 from rvsg.generation.rehearsal import Rehearsal, Rehearse, surprises
 from rvsg.generation.replies import Reply, read_configuration, read_description, read_path_lines
 from rvsg.generation.reply_schema import configuration_schema
-from rvsg.generation.vlm.messages import Answer, Message
+from rvsg.generation.vlm.messages import Answer, Message, Picture
 from rvsg.generation.vlm.model import Model
 from rvsg.generation.vlm.recording import MEASURED, place_of
 from rvsg.generation.vlm.watching import Tell
@@ -150,8 +150,9 @@ class VlmGenerator(Generator):
     def opening(self, brief: Brief, world: World) -> Dialogue:
         """The dialogue before the first question: what every call of the campaign has in common."""
         facts = world_facts(world, description_of(world)) | brief_facts(brief, world, provoking=self.provoking)
-        facts |= {"drive": drive_facts(self._undisturbed_drive(brief.mission))}
-        pictures = pictures_of(world, brief.mission.route)
+        drive = self._undisturbed_drive(brief.mission)
+        facts |= {"drive": drive_facts(drive)}
+        pictures = pictures_of(world, brief.mission.route, drive.way if drive else ())
         dialogue = Dialogue(self.wiring.model, self.prompts, _session(brief), facts, pictures=pictures)
         if self.conversation == "study":
             history = self._history(brief)
@@ -185,6 +186,10 @@ class VlmGenerator(Generator):
         shown = dialogue.pictures.values() if template.startswith(("P1", "P2")) else ()
         dialogue.tell(template, shown=shown)
         return tuple(dialogue.messages)
+
+    def pictures(self, brief: Brief, world: World) -> tuple[Picture, ...]:
+        """The pictures that the calls for a brief show."""
+        return tuple(self.opening(brief, world).pictures.values())
 
     # -- compact -----------------------------------------------------------------------------------------------------
 
@@ -357,6 +362,7 @@ class VlmGenerator(Generator):
             generator=self.name,
             scenario=scenario,
             reasoning=last.reply.analysis,
+            lesson=last.reply.lesson if brief.feedback is not None or brief.memory else "",
             first_findings=judged[0].findings,
             problems=problems,
             repairs=repairs if valid else (),

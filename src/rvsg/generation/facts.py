@@ -196,6 +196,7 @@ def _remembered(earlier: Remembered) -> dict[str, Any]:
         "mean": earlier.mean,
         "low": earlier.interval[0],
         "high": earlier.interval[1],
+        "lesson": earlier.lesson,
     }
 
 

@@ -30,14 +30,19 @@ from rvsg.generation.forecast_kernel import (
     Way,
     run_all,
 )
-from rvsg.generation.walking_graph import Point, WalkingGraph
+from rvsg.generation.walking_graph import Point, WalkingGraph, walking_graph
 from rvsg.scenario.brief import Feedback
-from rvsg.scenario.scenario import Behaviour, Human
+from rvsg.scenario.scenario import Behaviour, Human, Mission
+from rvsg.world.world import World
 
 ROBOT_SPEED_M_S = 0.49
 """An undisturbed run of the study's robot: 0.5 m/s along the way, less the start, and a turn at the goal."""
 PERSON_M = 0.4
 """Radius of a person."""
+
+
+AIMED = 8
+"""So many people are forecast; in a larger crowd the others simply work."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,6 +134,16 @@ class Forecaster:
             tracks,
         )
         return measured, tracks[:, : int(done.max())].transpose(1, 0, 2)
+
+
+def forecaster_of(mission: Mission, world: World) -> Forecaster:
+    """Return the forecaster for a mission and its robot."""
+    route, robot = mission.route, mission.robot
+    ground = walking_graph(world, route)
+    if isinstance(robot, str):
+        return Forecaster(ground, route.time_limit_s)
+    speed, radius = 0.98 * robot.driving_speed_m_s, robot.radius_m
+    return Forecaster(ground, route.time_limit_s, robot_speed_m_s=speed, robot_radius_m=radius)
 
 
 def goals_of(human: Human, at: dict[str, Point]) -> tuple[list[Point], list[float]]:

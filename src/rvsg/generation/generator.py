@@ -42,6 +42,9 @@ class Proposal(Record):
     generator: str
     scenario: Scenario | None
     reasoning: str = ""
+    lesson: str = ""
+    """What the generator learnt from the measurements so far, in one to three sentences; empty where it says nothing.
+    The next scenarios are told of it."""
     first_findings: tuple[Finding, ...] = ()
     problems: tuple[Finding, ...] = ()
     repairs: tuple[Repair, ...] = ()

@@ -18,7 +18,7 @@ from rvsg.generation.aims import FINALISTS, promise
 from rvsg.generation.answer import answer, nowhere_to_walk
 from rvsg.generation.changes import Changing
 from rvsg.generation.descriptions import describe, describe_changed
-from rvsg.generation.forecast import Forecast, Forecaster
+from rvsg.generation.forecast import AIMED, Forecast, forecaster_of
 from rvsg.generation.generator import Generator, Proposal
 from rvsg.generation.people_sampler import HAND_IN_HAND, PeopleSampler, ends_of
 from rvsg.generation.places import Place, places_of
@@ -26,13 +26,11 @@ from rvsg.generation.seeding import rng_of
 from rvsg.generation.walking_graph import walking_graph
 from rvsg.scenario.aim import Aim
 from rvsg.scenario.brief import Brief, Feedback, Remembered
-from rvsg.scenario.scenario import Behaviour, Human, HumanConfiguration, Mission, Task
+from rvsg.scenario.scenario import Behaviour, Human, HumanConfiguration, Task
 from rvsg.scenario.validity.checker import spawn_finding, start_gap_m
 from rvsg.scenario.validity.rules import START_CLEARANCE_M
 from rvsg.world.world import World
 
-AIMED = 8
-"""So many people are aimed; in a larger crowd the others simply work."""
 MATES = {Aim.DELAY: 0.4}
 """How often somebody is drawn as a mate of the person before, by the aim: two people hold a robot up twice as much."""
 
@@ -98,7 +96,7 @@ class _Plan:
         self.ground = walking_graph(self.world, self.brief.mission.route)
         self.uses = _uses(self.brief.memory)
         self.work = PeopleSampler(self.ground, self.places, self.aim, self.rng, self.uses)
-        self.forecaster = Forecaster(self.ground, self.brief.mission.route.time_limit_s, **_robot(self.brief.mission))
+        self.forecaster = forecaster_of(self.brief.mission, self.world)
 
     # -- a new scenario ----------------------------------------------------------------------------------------
 
@@ -306,11 +304,3 @@ def _aim_of(brief: Brief) -> Aim:
     if brief.requirement is None:
         return Aim.NONE
     return brief.aim or Aim.SHARE
-
-
-def _robot(mission: Mission) -> dict[str, float]:
-    """Return what the forecast has to know of a robot that is not the default one."""
-    robot = mission.robot
-    if isinstance(robot, str):
-        return {}
-    return {"robot_speed_m_s": 0.98 * robot.driving_speed_m_s, "robot_radius_m": robot.radius_m}

@@ -5,24 +5,35 @@ from __future__ import annotations
 from rvsg.generation.vlm.messages import Picture
 from rvsg.world.world import Route, World
 
+Way = tuple[tuple[float, float, float], ...]
 PICTURE_WIDTH_PX = 1600
 _MOST_DRAWN = 8
-_DRAWN: dict[tuple[str, str, str], tuple[Picture, Picture]] = {}
+_DRAWN: dict[tuple[str, str, str, Way], tuple[Picture, Picture]] = {}
 _SEEN: dict[tuple[str, str], Picture] = {}
 
 
-def pictures_of(world: World, route: Route | None = None) -> tuple[Picture, Picture]:
-    """The labelled map (with the route) and the grid picture."""
-    key = (world.id, world.title, route.id if route else "")
+def pictures_of(world: World, route: Route | None = None, way: Way = ()) -> tuple[Picture, Picture]:
+    """The labelled map (with the route) and the grid picture.
+
+    Args:
+        way: The drive without people as (seconds, x, y). The labelled map shows it with a mark every 5 s, instead of
+            the straight lines between the points of the route.
+    """
+    key = (world.id, world.title, route.id if route else "", way)
     if key not in _DRAWN:
         from rvsg.world.drawing import grid_picture, labelled_map, png_bytes
 
-        labelled = png_bytes(labelled_map(world, width_px=PICTURE_WIDTH_PX, route=route))
+        drive = way if _moves(way) else None
+        labelled = png_bytes(labelled_map(world, width_px=PICTURE_WIDTH_PX, route=route, way=drive))
         grid = png_bytes(grid_picture(world, width_px=PICTURE_WIDTH_PX))
         while len(_DRAWN) >= _MOST_DRAWN:
             _DRAWN.pop(next(iter(_DRAWN)))
         _DRAWN[key] = (Picture(name="labelled map", png=labelled), Picture(name="grid of waypoints", png=grid))
     return _DRAWN[key]
+
+
+def _moves(way: Way) -> bool:
+    return len({(x, y) for _, x, y in way}) > 1
 
 
 def birdseye_of(world: World) -> Picture | None:

@@ -34,6 +34,8 @@ class Rehearsal(Record):
 
     robot: tuple[tuple[float, str], ...]
     arrival_s: float | None
+    way: tuple[tuple[float, float, float], ...] = ()
+    """Where the robot is every half second: seconds, metres, metres."""
     people: dict[str, Walked] = Field(default_factory=dict)
 
 

@@ -38,6 +38,9 @@ _PAUSES = ("pauses", "pause", "stops", "waits")
 _SPEED = ("speed_m_s", "speed", "walking_speed", "walking_speed_m_s", "max_speed")
 _DELAY = ("start_delay_s", "start_delay", "delay", "delay_s")
 _DESCRIPTION = ("description", "scenario", "scenario_description")
+_LESSON = ("lesson", "lessons", "lesson_learnt", "lessons_learned")
+LESSON_CHARACTERS = 400
+"""A lesson is cut off here: it is told to every scenario after it."""
 _ANALYSIS = ("analysis", "reasoning", "thoughts", "explanation")
 _KNOWN_HUMAN = {*_NAME, *_TASKS, *_SPEED, *_DELAY, "behaviour", "behavior", "group", "role", "start", "note", "plan"}
 _STUDY_KEY = re.compile(
@@ -57,6 +60,7 @@ class Reply:
     people: HumanConfiguration | None = None
     description: str = ""
     analysis: str = ""
+    lesson: str = ""
     plan: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     """When each person is planned to be at which waypoint (s)."""
     findings: tuple[Finding, ...] = ()
@@ -105,6 +109,7 @@ def read_configuration(text: str, names: Sequence[str] | None = None) -> Reply:
         people=HumanConfiguration(humans=tuple(humans)) if humans else None,
         description=_text(holder, _DESCRIPTION),
         analysis=_text(holder, _ANALYSIS) or _prose(text, found),
+        lesson=" ".join(_text(holder, _LESSON).split())[:LESSON_CHARACTERS],
         plan=_plan_of(people_value),
         findings=tuple(notes.findings),
         repairs=tuple(notes.repairs),

@@ -31,7 +31,7 @@ def configuration_schema(*, rich: bool, described: bool = True) -> dict[str, Any
     if not rich:
         plain = _object({"name": TEXT, "tasks": {"type": "array", "items": _object(task)}})
         humans = {"humans": {"type": "array", "items": plain}}
-        return _object({"description": TEXT, **humans} if described else humans)
+        return _object({"description": TEXT, **humans, "lesson": TEXT} if described else humans)
     human = _object(
         {
             "name": TEXT,
@@ -43,7 +43,8 @@ def configuration_schema(*, rich: bool, described: bool = True) -> dict[str, Any
             "tasks": {"type": "array", "items": _object({**task, "pauses": _PAUSES})},
         }
     )
-    return _object({"analysis": TEXT, "description": TEXT, "humans": {"type": "array", "items": human}})
+    texts = {"analysis": TEXT, "lesson": TEXT, "description": TEXT}
+    return _object({**texts, "humans": {"type": "array", "items": human}})
 
 
 def texts_schema(*keys: str) -> dict[str, Any]:

@@ -131,6 +131,8 @@ class Remembered(Record):
     mean: float
     interval: tuple[float, float]
     scenario: Scenario
+    lesson: str = ""
+    """What its generator learnt from it, in its own words; empty where it said nothing."""
 
 
 class Brief(Record):

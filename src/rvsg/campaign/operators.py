@@ -1,0 +1,116 @@
+"""Make new configurations from good ones: change numbers of one, or put a person of another into it.
+
+Of several changes the one is taken that the forecast, weighed by what the campaign measured so far, expects to be
+worst for the robot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rvsg.campaign.racing import Candidate
+from rvsg.campaign.surrogate import Surrogate
+from rvsg.core.records import Record
+from rvsg.generation.descriptions import describe_changed
+from rvsg.generation.screening import Screen
+from rvsg.generation.tuning import Mutations, TuningSpace
+from rvsg.scenario.aim import Aim
+from rvsg.scenario.scenario import HumanConfiguration, Mission
+from rvsg.scenario.validity import check
+from rvsg.scenario.validity.checker import start_gap_m
+from rvsg.scenario.validity.rules import START_CLEARANCE_M
+from rvsg.world.world import World
+
+OPTIONS = 16
+"""So many changes are forecast for every one that is run."""
+SHORTLIST = 2
+"""One of so many that promise most is run: the forecast is rough."""
+CROSSED = 0.15
+"""How often a person of another configuration is put into one, where both have several people."""
+
+
+class Change(Record):
+    """A changed configuration, with what changed in words."""
+
+    people: HumanConfiguration
+    description: str
+    words: str
+
+
+class Operators:
+    """Changes candidates of one campaign. Everything random comes from the generator of the call."""
+
+    def __init__(self, mission: Mission, world: World, aim: Aim | None) -> None:
+        self.mission, self.world = mission, world
+        self._screen = Screen(mission, world, aim or Aim.SHARE)
+        self._spaces: dict[int, TuningSpace] = {}
+        self._features: dict[int, NDArray[np.float64]] = {}
+
+    def change(
+        self, parent: Candidate, others: Sequence[Candidate], rng: np.random.Generator, known: set[str]
+    ) -> Change | None:
+        """Return a changed configuration of the parent that was not tried; None where none is found.
+
+        Args:
+            others: The candidates with runs, which teach the forecast and lend people.
+            known: Keys of configurations that were tried, as `key` makes them.
+        """
+        options: dict[str, Change] = {}
+        for _ in range(OPTIONS):
+            crossed = rng.random() < CROSSED
+            made = self._crossed(parent, others, rng) if crossed else self._tuned(parent, rng)
+            if made is not None and key(made.people) not in known:
+                options.setdefault(key(made.people), made)
+        if not options:
+            return None
+        changes = list(options.values())
+        surrogate = Surrogate(others, np.array([self._features_of(c) for c in others]))
+        gains = surrogate.differences(self._screen([c.people for c in changes]), self._features_of(parent))
+        order = np.argsort(-gains, kind="stable")
+        return changes[int(order[int(rng.integers(min(SHORTLIST, len(order))))])]
+
+    def _tuned(self, parent: Candidate, rng: np.random.Generator) -> Change | None:
+        scenario = parent.scenario
+        space = self._spaces.get(parent.index)
+        if space is None:
+            space = self._spaces[parent.index] = TuningSpace(scenario.people, self.mission, self.world)
+        people, words = Mutations(space, rng).draw()
+        if people is None:
+            return None
+        return Change(people=people, description=scenario.description, words=f"with other numbers: {words}")
+
+    def _crossed(self, parent: Candidate, others: Sequence[Candidate], rng: np.random.Generator) -> Change | None:
+        """Replace one person of the parent by one of another scenario."""
+        humans = parent.scenario.people.humans
+        lenders = [c for c in others if c.brief.scenario_index != parent.brief.scenario_index]
+        if len(humans) < 2 or not lenders:
+            return None
+        ranked = sorted(lenders, key=lambda c: (-c.estimate, c.index))
+        lender = ranked[min(len(ranked), int(rng.geometric(0.3))) - 1]
+        out, into = int(rng.integers(len(humans))), int(rng.integers(len(lender.scenario.people.humans)))
+        lent = lender.scenario.people.humans[into]
+        if lent.group is not None or humans[out].group is not None:
+            return None
+        new = lent.model_copy(update={"name": humans[out].name})
+        people = HumanConfiguration(humans=(*humans[:out], new, *humans[out + 1 :]))
+        if not self._starts_clear(people) or check(people, self.mission, self.world):
+            return None
+        words = f"with {lent.name} of attempt {lender.index} as {new.name}"
+        return Change(people=people, description=describe_changed(parent.scenario, people.humans, ()), words=words)
+
+    def _starts_clear(self, people: HumanConfiguration) -> bool:
+        starts = [(human.radius_m, human.starts_at(self.world.grid)) for human in people.humans]
+        return all(at is None or start_gap_m(r, at, self.mission) >= START_CLEARANCE_M for r, at in starts)
+
+    def _features_of(self, candidate: Candidate) -> NDArray[np.float64]:
+        if candidate.index not in self._features:
+            self._features[candidate.index] = self._screen([candidate.scenario.people])[0]
+        return self._features[candidate.index]
+
+
+def key(people: HumanConfiguration) -> str:
+    """Return what tells configurations apart, whatever their description."""
+    return people.model_dump_json()
