@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from typing import Literal
 
@@ -12,7 +11,7 @@ from rvsg.campaign.plan import Plan
 from rvsg.core.records import Record
 from rvsg.evaluation.judge import DEFAULT, Procedure, violated
 from rvsg.evaluation.safety_summary import Arrivals, Contacts, summarise_safety
-from rvsg.evaluation.statistics import wilson
+from rvsg.evaluation.statistics import share_difference
 from rvsg.evaluation.story import story_of
 from rvsg.evaluation.verdict import Verdict
 from rvsg.scenario.requirement import Requirement
@@ -107,17 +106,13 @@ def worst_confirmation(attempts: Sequence[Attempt], procedure: Procedure = DEFAU
 
 
 def difference_interval(with_people: Share, without: Share, confidence: float = 0.95) -> tuple[float, float]:
-    """Return the interval of the difference of two shares: Newcombe 1998, method 10, from Wilson's intervals."""
-    p, q = with_people.probability, without.probability
-    low_p, high_p = _wilson(with_people, confidence)
-    low_q, high_q = _wilson(without, confidence)
-    difference = p - q
-    low = difference - math.hypot(p - low_p, high_q - q)
-    return (low, difference + math.hypot(high_p - p, q - low_q))
+    """Return the interval of the difference of two shares; all of -1 to 1 where one has no runs."""
+    found = share_difference(_outcomes(with_people), _outcomes(without), confidence=confidence)
+    return found.interval if found else (-1.0, 1.0)
 
 
-def _wilson(share: Share, confidence: float) -> tuple[float, float]:
-    return wilson(share.violated, share.of, confidence) if share.of else (0.0, 1.0)
+def _outcomes(share: Share) -> list[bool]:
+    return [True] * share.violated + [False] * (share.of - share.violated)
 
 
 def _finding(
