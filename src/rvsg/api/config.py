@@ -29,7 +29,7 @@ from rvsg.simulation.stacks.registry import DEFAULT_STACK, runs_own_code
 Positive = Annotated[int, Field(ge=1, le=100_000, strict=True)]
 NotNegative = Annotated[int, Field(ge=0, strict=True)]
 
-PATHS = ("out", "prompts", "replay", "junit", "moved")
+PATHS = ("out", "prompts", "replay", "junit", "moved", "knowledge")
 """Keys whose value is a path. `world` and `requirement` are paths where such a file exists beside the campaign file."""
 MACHINE = ("jobs", "executor", "executor_options")
 """Keys of the machine, not of the campaign: where and by how many workers runs are made."""
@@ -54,6 +54,7 @@ class CampaignConfig(Record):
     requirement: str = "R1"
     robot: str = DEFAULT_ROBOT
     moved: Annotated[str | None, Field(min_length=1)] = None
+    knowledge: Annotated[str | None, Field(min_length=1)] = None
     generator: str | None = None
     generator_options: dict[str, Any] = Field(default_factory=dict)
     strategy: str = "study"

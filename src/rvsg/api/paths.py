@@ -13,7 +13,7 @@ from rvsg.api.config import file_of
 from rvsg.scenario.requirements import shipped_requirements
 from rvsg.world.io.load import shipped_worlds
 
-FILES = ("world", "requirement", "moved", "stack", "prompts", "replay")
+FILES = ("world", "requirement", "moved", "knowledge", "stack", "prompts", "replay")
 """Settings that may name a file or a folder."""
 
 

@@ -6,12 +6,14 @@ import math
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from rvsg.api.config import CampaignConfig
 from rvsg.api.requirements import load_requirement
 from rvsg.api.scenarios import check_route, mission_of
 from rvsg.api.simulating import make_simulator
+from rvsg.api.told import TOLD, read_told
 from rvsg.api.worlds import load_moved, load_world
 from rvsg.campaign.loop import feedback_from
 from rvsg.campaign.measuring import Measuring
@@ -25,6 +27,7 @@ from rvsg.core.errors import InputError
 from rvsg.core.plugins import Spec
 from rvsg.evaluation.judge import Procedure
 from rvsg.generation.generator import Generator
+from rvsg.generation.informed import InformedGenerator
 from rvsg.simulation.protocol import Simulator
 from rvsg.simulation.stacks.protocol import NavigationStack
 from rvsg.world.world import World
@@ -124,6 +127,8 @@ def wire(
         generator = plugins.make("generator", config.generator_name, generator_options(config, paths))
     plugins.check_complete("generator", generator, Generator)
     let_rehearse(generator, simulator, world, seed=config.seed)
+    if config.knowledge is not None:
+        generator = InformedGenerator(generator, read_told(told_file(config, paths)))
     plugins.check_options("store", config.store, config.store_options, given=1)
     plan = Plan(
         name=f"{world.name}-{route.name}-{requirement.name}-{config.generator_name}-{config.strategy}-{config.seed}",
@@ -156,6 +161,13 @@ def let_rehearse(generator: Generator, simulator: Simulator, world: World, *, se
     """Let a generator that rehearses its answers do so in this simulator."""
     if hasattr(generator, "rehearse"):
         generator.rehearse = rehearsing(simulator, world, seed=seed)
+
+
+def told_file(config: CampaignConfig, paths: Mapping[str, str]) -> Path:
+    """Return the file of earlier scenarios: the copy in the folder of a campaign that was begun, else the one given."""
+    kept = config.folder / TOLD
+    given = config.knowledge or ""
+    return kept if kept.is_file() else Path(paths.get(given, given))
 
 
 def scenarios_of(config: CampaignConfig) -> int:

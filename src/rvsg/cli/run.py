@@ -39,6 +39,10 @@ def run(
     generator: Annotated[
         str | None, typer.Option(help="Who writes scenarios: heuristic, random, vlm, or a plug-in.")
     ] = None,
+    knowledge: Annotated[
+        str | None,
+        typer.Option(metavar="FILE", help="Earlier scenarios to differ from (`rvsg knowledge search --out FILE`)."),
+    ] = None,
     strategy: Annotated[
         str | None, typer.Option(help="study, climb, elite, hybrid, unguided, random, or a plug-in. [study]")
     ] = None,

@@ -1,0 +1,98 @@
+"""`rvsg knowledge`: what campaigns and suites teach, in one place."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rvsg.cli.console import print_json, say
+from rvsg.cli.frame import verb
+
+app = verb()
+
+Base = Annotated[
+    str | None,
+    typer.Option(
+        "--base",
+        metavar="FILE|URL",
+        help="SQLite file, or postgresql://user@host/database. [$RVSG_KNOWLEDGE, else runs/knowledge.sqlite]",
+    ),
+]
+
+
+@app.command()
+def add(
+    sources: Annotated[list[Path], typer.Argument(help="Folders of campaigns, or of several of them.")],
+    base: Base = None,
+) -> None:
+    """Add attempts, findings, lessons and rejected proposals of campaigns. What is known already is not added again."""
+    from rvsg.api.knowledge import learn_campaign, open_knowledge
+
+    with open_knowledge(base) as known:
+        for source in sources:
+            say(f"{source}: {learn_campaign(known, source)} new entries")
+
+
+@app.command()
+def search(
+    text: Annotated[str, typer.Argument(help="What to look for in the descriptions.")] = "",
+    world: Annotated[str | None, typer.Option(help="Only of this world.")] = None,
+    route: Annotated[str | None, typer.Option(help="Only of this route.")] = None,
+    requirement: Annotated[str | None, typer.Option(help="Only of this requirement.")] = None,
+    kind: Annotated[str | None, typer.Option(help="attempt, finding, rejected or watched.")] = None,
+    at: Annotated[str | None, typer.Option(metavar="WAYPOINT", help="Only where a person passes it.")] = None,
+    violated: Annotated[
+        bool | None, typer.Option("--violated/--not-violated", help="Only what violates its requirement, or does not.")
+    ] = None,
+    limit: Annotated[int, typer.Option(min=1, help="Entries at most.")] = 20,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write them for `rvsg run --knowledge FILE`.")
+    ] = None,
+    base: Base = None,
+    json: Annotated[bool, typer.Option("--json", help="Print the entries as JSON on standard output.")] = False,
+) -> None:
+    """Search what is known of a place: the most similar descriptions first, or the worst without a text."""
+    from rvsg.api.errors import UnknownName
+    from rvsg.api.knowledge import KINDS, describe_match, open_knowledge, tell
+    from rvsg.api.knowledge import search as look
+    from rvsg.api.records import check_writable
+
+    if kind is not None and kind not in KINDS:
+        raise UnknownName("kind", kind, KINDS)
+    if out is not None:
+        check_writable(out)
+    with open_knowledge(base) as known:
+        found = look(
+            known,
+            text,
+            world=world,
+            route=route,
+            requirement=requirement,
+            kind=kind,
+            at=at,
+            violates=violated,
+            limit=limit,
+        )
+    if out is not None:
+        say(f"{tell(found, out)} scenarios written to {out}. Tell a generator of them with: rvsg run --knowledge {out}")
+    if json:
+        print_json([each.model_dump(mode="json") for each in found])
+        return
+    for each in found:
+        say(describe_match(each))
+    if not found:
+        say("Nothing is known that fits.")
+
+
+@app.command()
+def status(base: Base = None) -> None:
+    """Count what is known of each world."""
+    from rvsg.api.knowledge import open_knowledge
+
+    with open_knowledge(base) as known:
+        counts = known.counts()
+        say(f"{known.name}: {sum(counts.values())} entries")
+    for (world, kind), count in counts.items():
+        say(f"  {world}: {count} of kind {kind}")

@@ -1,0 +1,241 @@
+"""The knowledge base: entries by content id in SQLite, or in PostgreSQL for a team.
+
+An entry is added in one transaction and "on conflict do nothing", so several writers may add the same at once: nothing
+is there twice. What `add` returned for is committed, so a writer that is killed loses at most what it was adding.
+"""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Iterable, Sequence
+from typing import Any, Self
+
+import numpy as np
+import sqlalchemy as sa
+from numpy.typing import NDArray
+from pydantic import ValidationError
+from sqlalchemy.dialects.postgresql import insert as postgresql_insert
+from sqlalchemy.dialects.sqlite import insert as sqlite_insert
+from sqlalchemy.exc import ArgumentError, DatabaseError, NoSuchModuleError
+
+from rvsg.campaign.knowledge import Entry
+from rvsg.core.errors import InputError, StoreError, how_to_install
+from rvsg.core.records import canonical_json, text_id
+
+_meta = sa.MetaData()
+_entries = sa.Table(
+    "rvsg_knowledge",
+    _meta,
+    sa.Column("id", sa.String(80), primary_key=True),
+    sa.Column("kind", sa.String(20), nullable=False),
+    sa.Column("world", sa.Text, nullable=False),
+    sa.Column("place", sa.String(80), nullable=False, index=True),
+    sa.Column("route", sa.Text, nullable=False),
+    sa.Column("requirement", sa.Text, nullable=False),
+    sa.Column("violates", sa.Boolean),
+    sa.Column("added", sa.String(32), nullable=False),
+    sa.Column("record", sa.Text, nullable=False),
+)
+_origins = sa.Table(
+    "rvsg_knowledge_origins",
+    _meta,
+    sa.Column("entry", sa.String(80), primary_key=True),
+    sa.Column("origin", sa.String(300), primary_key=True),
+)
+_embeddings = sa.Table(
+    "rvsg_knowledge_embeddings",
+    _meta,
+    sa.Column("text_id", sa.String(80), primary_key=True),
+    sa.Column("vector", sa.LargeBinary, nullable=False),
+)
+_INSERT: dict[str, Any] = {"sqlite": sqlite_insert, "postgresql": postgresql_insert}
+PATIENCE_S = 60.0
+LOCK = 0x52565347
+"""The key of PostgreSQL's advisory lock under which the tables are made."""
+
+
+class KnowledgeBase:
+    """Entries in a database. Use it as a context manager, or `close` it.
+
+    Args:
+        where: the path of an SQLite file, made where absent, or `postgresql://user@host/database`. Give the password in
+            the environment (PGPASSWORD) or in ~/.pgpass, where PostgreSQL's own programs look for it.
+
+    Raises:
+        InputError: the address cannot be used, or the driver of PostgreSQL is not installed.
+        StoreError: the database cannot be opened.
+    """
+
+    def __init__(self, where: str) -> None:
+        self._engine = _engine(where)
+        self.name = self._engine.url.render_as_string(hide_password=True)
+        self._insert = _INSERT[self._engine.dialect.name]
+        try:
+            with self._translated(), self._engine.begin() as connection:
+                if self._engine.dialect.name == "postgresql":  # two that make the same table at once collide there
+                    connection.execute(sa.select(sa.func.pg_advisory_xact_lock(LOCK)))
+                _meta.create_all(connection)
+        except StoreError:
+            self.close()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close every connection."""
+        self._engine.dispose()
+
+    def add(self, entries: Iterable[Entry], *, origin: str = "") -> int:
+        """Add entries in one transaction and return how many are new.
+
+        Args:
+            origin: where they are from, e.g. the name of a campaign; an entry may have several origins.
+        """
+        now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+        rows = {row["id"]: row for row in (_row(entry, now) for entry in entries)}
+        if not rows:
+            return 0
+        ordered = [rows[key] for key in sorted(rows)]  # writers that lock rows in one order do not deadlock
+        with self._translated(), self._engine.begin() as connection:
+            new = 0
+            for row in ordered:
+                insert = self._insert(_entries).values(row).on_conflict_do_nothing().returning(_entries.c.id)
+                new += connection.execute(insert).first() is not None
+            if origin:
+                origins = [{"entry": row["id"], "origin": origin[:300]} for row in ordered]
+                connection.execute(self._insert(_origins).on_conflict_do_nothing(), origins)
+        return new
+
+    def entries(
+        self,
+        *,
+        world: str | None = None,
+        place: str | None = None,
+        route: str | None = None,
+        requirement: str | None = None,
+        kind: str | None = None,
+        violates: bool | None = None,
+    ) -> list[Entry]:
+        """Return the entries that fit every condition, in the order of their ids."""
+        given = {
+            "world": world,
+            "place": place,
+            "route": route,
+            "requirement": requirement,
+            "kind": kind,
+            "violates": violates,
+        }
+        query = sa.select(_entries.c.id, _entries.c.record).order_by(_entries.c.id)
+        for column, wanted in given.items():
+            if wanted is not None:
+                query = query.where(_entries.c[column] == wanted)
+        with self._translated(), self._engine.connect() as connection:
+            rows = connection.execute(query).all()
+        return [self._read(key, record) for key, record in rows]
+
+    def origins(self, entry_id: str) -> tuple[str, ...]:
+        """Return where an entry is from."""
+        query = sa.select(_origins.c.origin).where(_origins.c.entry == entry_id).order_by(_origins.c.origin)
+        with self._translated(), self._engine.connect() as connection:
+            return tuple(connection.execute(query).scalars())
+
+    def counts(self) -> dict[tuple[str, str], int]:
+        """Return how many entries there are of each world and kind."""
+        columns = (_entries.c.world, _entries.c.kind)
+        query = sa.select(*columns, sa.func.count()).group_by(*columns).order_by(*columns)
+        with self._translated(), self._engine.connect() as connection:
+            return {(world, kind): count for world, kind, count in connection.execute(query)}
+
+    def vectors(self, texts: Sequence[str]) -> dict[str, NDArray[np.float32]]:
+        """Return the stored embeddings of those texts that have one."""
+        ids = {text_id("text", text): text for text in texts}
+        query = sa.select(_embeddings).where(_embeddings.c.text_id.in_(list(ids)))
+        with self._translated(), self._engine.connect() as connection:
+            return {ids[key]: np.frombuffer(raw, np.float32) for key, raw in connection.execute(query)}
+
+    def keep_vectors(self, vectors: dict[str, NDArray[np.float32]]) -> None:
+        """Store embeddings of texts, so that a search computes them once."""
+        rows = [
+            {"text_id": text_id("text", text), "vector": np.ascontiguousarray(vector, np.float32).tobytes()}
+            for text, vector in sorted(vectors.items())
+        ]
+        if rows:
+            with self._translated(), self._engine.begin() as connection:
+                connection.execute(self._insert(_embeddings).on_conflict_do_nothing(), rows)
+
+    def _read(self, key: str, record: str) -> Entry:
+        if text_id("entry", record) != key:
+            raise StoreError(f"{self.name}: {key} is not what was stored. Restore the database from a copy.")
+        try:
+            return Entry.from_json(record)
+        except ValidationError as error:
+            raise StoreError(f"{self.name}: {key} was written by a newer RVSG. Update RVSG. {error}") from None
+
+    def _translated(self) -> _Translated:
+        return _Translated(self.name)
+
+
+class _Translated:
+    """Turns a database error into a StoreError that names the database."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+
+    def __enter__(self) -> None:
+        return None
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: object) -> None:
+        if isinstance(error, DatabaseError):
+            first = str(error.orig).strip().splitlines()
+            raise StoreError(f"{self._name}: {first[0] if first else error.__class__.__name__}") from None
+
+
+def _row(entry: Entry, now: str) -> dict[str, Any]:
+    return {
+        "id": entry.id,
+        "kind": entry.kind,
+        "world": entry.world,
+        "place": entry.place,
+        "route": entry.route,
+        "requirement": entry.requirement,
+        "violates": entry.violates,
+        "added": now,
+        "record": canonical_json(entry.model_dump(mode="json")),
+    }
+
+
+def _engine(where: str) -> sa.Engine:
+    if "://" not in where:
+        url = sa.URL.create("sqlite", database=where)
+    else:
+        try:
+            url = sa.make_url(where)
+        except ArgumentError:
+            raise InputError(f"{where.split('@')[-1]!r} is no address of a database. {_EXPECTED}") from None
+        if url.drivername == "postgresql":
+            url = url.set(drivername="postgresql+psycopg")
+    if url.get_backend_name() not in _INSERT:
+        raise InputError(f'"{url.get_backend_name()}" is no kind of knowledge base. {_EXPECTED}')
+    try:
+        if url.get_backend_name() == "postgresql":
+            return sa.create_engine(url, pool_pre_ping=True)
+        engine = sa.create_engine(url, connect_args={"timeout": PATIENCE_S})
+    except (ImportError, NoSuchModuleError):
+        raise InputError(f"PostgreSQL needs the driver psycopg: {how_to_install('postgres')}.") from None
+    sa.event.listen(engine, "connect", _wait_for_locks)
+    return engine
+
+
+_EXPECTED = "Give the path of an SQLite file, or postgresql://user@host/database."
+
+
+def _wait_for_locks(connection: Any, _: Any) -> None:
+    cursor = connection.cursor()
+    cursor.execute("PRAGMA busy_timeout=60000")
+    cursor.execute("PRAGMA journal_mode=WAL")
+    cursor.execute("PRAGMA synchronous=FULL")
+    cursor.close()
