@@ -1,0 +1,281 @@
+"""The grammar of temporal formulas, and what is wrong with a text that is none."""
+
+from __future__ import annotations
+
+import difflib
+import functools
+import re
+from collections.abc import Collection
+from typing import NamedTuple
+
+import numpy as np
+from lark import Lark, Token
+from lark.exceptions import UnexpectedCharacters, UnexpectedInput, VisitError
+from lark.visitors import Transformer_NonRecursive, v_args
+
+from rvsg.evaluation.temporal import (
+    Always,
+    Arithmetic,
+    Comparison,
+    Eventually,
+    Interval,
+    Joined,
+    Node,
+    Not,
+    Number,
+    Signal,
+    Until,
+)
+
+DEEPEST, MOST_NODES_DEEP = 40, 200
+KEYWORDS = ("always", "eventually", "until", "and", "or", "not", "implies")
+FUNCTIONS = {"abs": 1, "min": 2, "max": 2}
+
+# Numbers and formulas share one grammar, since both may stand in parentheses; _Builder tells them apart.
+GRAMMAR = r"""
+    ?start: disjunction | disjunction IMPLIES start -> implies
+    ?disjunction: conjunction | disjunction OR conjunction -> joined
+    ?conjunction: timed | conjunction AND timed -> joined
+    ?timed: prefixed | timed UNTIL interval? prefixed -> until
+    ?prefixed: comparison | NOT prefixed -> negation | ALWAYS interval? prefixed -> always
+        | EVENTUALLY interval? prefixed -> eventually
+    ?comparison: sum | sum COMPARE sum -> compared
+    ?sum: product | sum (PLUS | MINUS) product -> arithmetic
+    ?product: operand | product TIMES operand -> arithmetic
+    ?operand: NUMBER -> number | NAME -> signal | MINUS operand -> negative | LPAR start ")" -> group
+        | FUNCTION "(" sum ("," sum)* ")" -> function
+    interval: LSQB bound "," bound "]"
+    bound: NUMBER "s"? -> seconds | INF -> seconds
+
+    IMPLIES: /implies\b|->/
+    OR: /or\b|\|\|?/
+    AND: /and\b|&&?/
+    UNTIL: /until\b/
+    NOT: /not\b|!(?!=)/
+    ALWAYS: /always\b/
+    EVENTUALLY: /eventually\b/
+    COMPARE: "<=" | ">=" | "<" | ">"
+    EQUALS: "==" | "!=" | "="
+    PLUS: "+"
+    MINUS: "-"
+    TIMES: "*" | "/"
+    LPAR: "("
+    LSQB: "["
+    INF.2: /inf\b/
+    FUNCTION.2: /(abs|min|max)(?=\s*\()/
+    NUMBER: /(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?/
+    NAME: /(?!(always|eventually|until|and|or|not|implies)\b)[A-Za-z_]\w*/
+    %ignore " "
+"""
+
+
+class Part(NamedTuple):
+    """A parsed part of a formula."""
+
+    node: Node
+    formula: bool
+    """Whether it is a formula; else it is a number."""
+    at: int
+    """The index of its first character."""
+    measured: bool = False
+    """Whether it depends on a signal."""
+    depth: int = 1
+    """How deeply its nodes are nested."""
+
+
+class Mistake(Exception):
+    """A mistake at an index of the formula."""
+
+    def __init__(self, at: int, message: str) -> None:
+        super().__init__(message)
+        self.at = at
+
+
+def read(text: str, signals: Collection[str]) -> Node:
+    """Return the tree of a formula whose words are separated by single spaces.
+
+    Raises:
+        Mistake: it cannot be read.
+    """
+    _refuse_nested(text)
+    try:
+        part: Part = _Builder(signals).transform(_parser().parse(text))
+    except UnexpectedInput as error:
+        raise _mistake_of(error, text, signals) from None
+    except VisitError as error:
+        raise error.orig_exc from None
+    if not part.formula:
+        raise Mistake(part.at, "the formula is a number: compare it with something")
+    return part.node
+
+
+@functools.cache
+def _parser() -> Lark:
+    return Lark(GRAMMAR, parser="lalr")
+
+
+def _refuse_nested(text: str) -> None:
+    depth = 0
+    for at, sign in enumerate(text):
+        depth += (sign == "(") - (sign == ")")
+        if depth > DEEPEST + 1:
+            raise Mistake(at, f"nested deeper than {DEEPEST}")
+
+
+def _mistake_of(error: UnexpectedInput, text: str, signals: Collection[str]) -> Mistake:
+    """Return what is wrong where the grammar fails."""
+    token = getattr(error, "token", None)
+    ended = token is not None and token.type == "$END"
+    at = len(text) if ended else int(error.pos_in_stream or 0)
+    for word in re.finditer(r"[A-Za-z_]\w*", text[:at]):  # a misspelt name explains most of what follows it
+        if word.group() not in (*signals, *KEYWORDS, *FUNCTIONS, "inf", "s"):
+            return _unknown(word.group(), word.start(), signals)
+    if text.startswith(("=", "!="), at):
+        return Mistake(at, "signals are never exactly equal; compare with <, <=, > or >=")
+    if isinstance(error, UnexpectedCharacters) or token is None:
+        return Mistake(at, f'"{text[at]}" has no meaning here')
+    found = "the end of the formula" if ended else f'"{token}"'
+    expected: set[str] = set(getattr(error, "expected", ()))
+    if "NAME" in expected:
+        should = "a signal, a number or a formula"
+        return Mistake(
+            at, f"the formula ends where {should} should follow" if ended else f"expected {should}, found {found}"
+        )
+    if "INF" in expected:
+        return Mistake(at, f"expected seconds from now (a number >= 0, or inf), found {found}")
+    if token.type == "COMPARE" and "AND" in expected:
+        return Mistake(at, 'one comparison at a time: join two with "and"')
+    opened: list[int] = []
+    for i, sign in enumerate(text[:at]):
+        if sign in "([":
+            opened.append(i)
+        elif sign in ")]":
+            opened.pop()
+    if not opened:
+        return Mistake(at, f"the formula is complete before {found}")
+    if text[opened[-1]] == "[":
+        return Mistake(at, f'an interval is "[low, high]": found {found}')
+    return Mistake(at, f'expected ")" to close the "(" at character {opened[-1] + 1}, found {found}')
+
+
+def _unknown(name: str, at: int, signals: Collection[str]) -> Mistake:
+    near = difflib.get_close_matches(name, [*signals, *KEYWORDS], n=1, cutoff=0.5)
+    asked = f' Did you mean "{near[0]}"?' if near else ""
+    return Mistake(at, f'there is no signal "{name}".{asked} Known: {", ".join(sorted(signals))}')
+
+
+@v_args(inline=True)
+class _Builder(Transformer_NonRecursive[Token, Part]):
+    """Builds the nodes of a formula, and refuses what the grammar cannot."""
+
+    def __init__(self, signals: Collection[str]) -> None:
+        super().__init__()
+        self.signals = signals
+
+    def implies(self, left: Part, word: Token, right: Part) -> Part:
+        _formulas(word, left, right)
+        return _deeper(Joined("or", Not(left.node), right.node), True, left.at, left, right)
+
+    def joined(self, left: Part, word: Token, right: Part) -> Part:
+        _formulas(word, left, right)
+        return _deeper(Joined("or" if word.type == "OR" else "and", left.node, right.node), True, left.at, left, right)
+
+    def until(self, left: Part, word: Token, *rest: Part | Interval) -> Part:
+        interval, right = _interval_and_part(rest)
+        _formulas(word, left, right)
+        return _deeper(Until(left.node, right.node, interval), True, left.at, left, right)
+
+    def negation(self, word: Token, part: Part) -> Part:
+        _formulas(word, part)
+        return _deeper(Not(part.node), True, _start(word), part)
+
+    def always(self, word: Token, *rest: Part | Interval) -> Part:
+        interval, part = _interval_and_part(rest)
+        _formulas(word, part)
+        return _deeper(Always(part.node, interval), True, _start(word), part)
+
+    def eventually(self, word: Token, *rest: Part | Interval) -> Part:
+        interval, part = _interval_and_part(rest)
+        _formulas(word, part)
+        return _deeper(Eventually(part.node, interval), True, _start(word), part)
+
+    def compared(self, left: Part, sign: Token, right: Part) -> Part:
+        for part in (left, right):
+            if part.formula:
+                raise Mistake(part.at, f'"{sign}" compares numbers, and this is a formula')
+        if not (left.measured or right.measured):
+            known = ", ".join(sorted(self.signals))
+            same = "this compares numbers alone and is the same in every run"
+            raise Mistake(left.at, f"{same}; name a signal, one of {known}")
+        greater, smaller = (left, right) if sign in (">", ">=") else (right, left)
+        return _deeper(Comparison(greater.node, smaller.node), True, left.at, left, right)
+
+    def arithmetic(self, left: Part, sign: Token, right: Part) -> Part:
+        _numbers(sign, left, right)
+        if sign == "/" and not right.measured and not right.node.values(np.zeros(1), {})[0]:
+            raise Mistake(right.at, "this divides by zero: the formula would never have a value")
+        return _deeper(Arithmetic(str(sign), left.node, right.node), False, left.at, left, right)  # type: ignore[arg-type]
+
+    def negative(self, sign: Token, part: Part) -> Part:
+        _numbers(sign, part)
+        return _deeper(Arithmetic("negative", part.node), False, _start(sign), part)
+
+    def group(self, sign: Token, part: Part) -> Part:
+        return part._replace(at=_start(sign))
+
+    def function(self, name: Token, *parts: Part) -> Part:
+        if len(parts) != FUNCTIONS[name]:
+            raise Mistake(_start(name), f"{name} takes {FUNCTIONS[name]} values, got {len(parts)}")
+        _numbers(name, *parts)
+        second = parts[1].node if len(parts) > 1 else None
+        return _deeper(Arithmetic(str(name), parts[0].node, second), False, _start(name), *parts)  # type: ignore[arg-type]
+
+    def number(self, token: Token) -> Part:
+        if float(token) == float("inf"):
+            raise Mistake(_start(token), "this number is too large")
+        return Part(Number(float(token)), False, _start(token))
+
+    def signal(self, token: Token) -> Part:
+        if token not in self.signals:
+            raise _unknown(str(token), _start(token), self.signals)
+        return Part(Signal(str(token)), False, _start(token), True)
+
+    def seconds(self, token: Token) -> float:
+        return float(token)
+
+    def interval(self, opened: Token, low: float, high: float) -> Interval:
+        if low > high:
+            raise Mistake(_start(opened), f"the interval ends ({high:g} s) before it begins ({low:g} s)")
+        if low == float("inf"):
+            raise Mistake(_start(opened), "the interval begins at infinity")
+        return Interval(low, high)
+
+
+def _start(token: Token) -> int:
+    return int(token.start_pos or 0)
+
+
+def _deeper(node: Node, formula: bool, at: int, *parts: Part) -> Part:
+    depth = 1 + max(part.depth for part in parts)
+    if depth > MOST_NODES_DEEP:
+        raise Mistake(at, f"more than {MOST_NODES_DEEP} operations depend on each other")
+    return Part(node, formula, at, any(part.measured for part in parts), depth)
+
+
+def _interval_and_part(rest: tuple[Part | Interval, ...]) -> tuple[Interval, Part]:
+    part = rest[-1]
+    interval = rest[0] if isinstance(rest[0], Interval) else Interval()
+    assert isinstance(part, Part)
+    return interval, part
+
+
+def _formulas(word: Token, *parts: Part) -> None:
+    for part in parts:
+        if not part.formula:
+            raise Mistake(part.at, f'"{word}" joins formulas, and this is a number: compare it with something')
+
+
+def _numbers(sign: Token, *parts: Part) -> None:
+    for part in parts:
+        if part.formula:
+            raise Mistake(part.at, f'"{sign}" works on numbers, and this is a formula')
