@@ -4,9 +4,13 @@ import numpy as np
 import pytest
 from tests.campaign.parts import MemoryLedger, parts, plan, warehouse
 
+from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.failures import FailureMode, candidates, mode_of, usual_mode
+from rvsg.campaign.finding import Finding, distinct_failures, worst_confirmation
 from rvsg.campaign.loop import feedback_from, run_campaign
 from rvsg.campaign.strategies import StudyStrategy
+from rvsg.evaluation.statistics import clopper_pearson
+from rvsg.evaluation.verdict import Status, Verdict
 from rvsg.simulation.run import Outcome, Run, Trajectory
 
 
@@ -72,3 +76,35 @@ def test_one_candidate_of_every_kind_comes_first() -> None:
         candidates([a.replace(verdict=a.verdict.replace(violations=0)) for a in attempts], requirement, lambda a: None)
         == []
     )
+
+
+def finding(attempt: int, violated: bool, share: float, mode: FailureMode | None) -> Finding:
+    safety = {"contacts": {"runs": 0, "of": 1}, "arrived": {"runs": 1, "of": 1}}
+    return Finding.model_construct(
+        attempt=attempt, violated=violated, violation_probability=share, failure=mode, about_people="yes", **safety
+    )
+
+
+def test_confirmed_violations_are_grouped_by_how_the_robot_fails() -> None:
+    one = FailureMode(place="Area 1", person="stands ahead of it", robot="stops")
+    two = FailureMode(place="Area 2", person="stands ahead of it", robot="stops")
+    found = [finding(3, True, 1.0, one), finding(5, True, 0.9, two), finding(1, True, 0.8, one)]
+    groups = distinct_failures([*found, finding(7, False, 0.0, two), finding(8, True, 0.5, None)])
+    assert [(g.mode, g.attempts, g.violation_probability) for g in groups] == [(one, (3, 1), 1.0), (two, (5,), 0.9)]
+    assert "Area 1" in groups[0].words
+
+
+def test_more_runs_count_for_more_than_a_larger_share() -> None:
+    few, many = confirmation(1, 2, 2), confirmation(2, 14, 15)
+    assert worst_confirmation([few, many]) is many
+
+
+def confirmation(index: int, violations: int, runs: int) -> Attempt:
+    verdict = Verdict.model_construct(
+        status=Status.FAIL,
+        violations=violations,
+        runs=runs,
+        violation_probability=violations / runs,
+        violation_interval=clopper_pearson(violations, runs),
+    )
+    return Attempt.model_construct(index=index, purpose="confirmation", verdict=verdict)

@@ -35,7 +35,7 @@ from rvsg.api.worlds import world_of
 from rvsg.campaign import confirmation
 from rvsg.campaign.attempt import Attempt, Ledger
 from rvsg.campaign.events import Event, Message, ModelCall
-from rvsg.campaign.finding import Finding, findings
+from rvsg.campaign.finding import DistinctFailure, Finding, distinct_failures, findings
 from rvsg.campaign.loop import stream_campaign
 from rvsg.campaign.plan import Plan
 from rvsg.campaign.ranking import best_attempt, candidates, search_attempts, standing
@@ -336,9 +336,16 @@ class Campaign:
             attempts = list(ledger.attempts(self.name))
             return findings(self.plan, attempts, run_of=ledger.run, world=self.world, procedure=self.record.judging)
 
+    @property
+    def distinct_failures(self) -> tuple[DistinctFailure, ...]:
+        """The confirmed violations, grouped by where and how the robot fails; the worst group first."""
+        return distinct_failures(self.findings)
+
     def result(self) -> dict[str, Any]:
         """Return what was found as JSON-able data, as `rvsg run --json` prints it."""
-        found = {"confirmed": [finding.model_dump(mode="json") for finding in self.findings]}
+        confirmed = self.findings
+        found = {"confirmed": [finding.model_dump(mode="json") for finding in confirmed]}
+        found["distinct_failures"] = [each.model_dump(mode="json") for each in distinct_failures(confirmed)]
         found["candidates"] = [
             {"attempt": a.index, "scenario": a.brief.scenario_index, "command": confirm_command(self.folder, a.index)}
             for a in self.candidates()

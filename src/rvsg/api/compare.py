@@ -51,6 +51,7 @@ class Row(Record):
         distinct_failures: Number of failure modes among the confirmed candidates.
         failures: These failure modes in words.
         runs: Runs of the search.
+        budget_runs: Runs that the search might spend; None in files of earlier versions.
         confirmation_runs: Runs of the confirmations.
         curve: Search value of the best configuration so far, as (runs, value), where it changes.
     """
@@ -66,6 +67,7 @@ class Row(Record):
     distinct_failures: int
     failures: tuple[str, ...] = ()
     runs: int
+    budget_runs: int | None = None
     confirmation_runs: int
     configurations: int
     calls: int = 0
@@ -117,7 +119,8 @@ def run_comparison(
     """Run every campaign that has no row yet, and return all rows in the order of the request.
 
     Raises:
-        InputError: A method, route or requirement does not exist. Checked before the first run.
+        InputError: A method, route or requirement does not exist, or a row is from a search with another budget.
+            Checked before the first run.
     """
     known = {row.key: row for row in rows}
     asked = [
@@ -127,6 +130,12 @@ def run_comparison(
         for requirement in requirements
         for method in methods
     ]
+    for row in (known[key] for key in asked if key in known):
+        if row.budget_runs not in (None, base.budget_runs):
+            raise InputError(
+                f"The rows of {row.method} were made with {row.budget_runs} runs for each search, not "
+                f"{base.budget_runs}. Give another file, or the same --budget-runs."
+            )
     wired = {key: _wired(base, *key) for key in asked if key not in known}
     for key in asked:
         if key in known:
@@ -175,6 +184,7 @@ def _row(key: tuple[str, str, str, int], wired: Wired) -> Row:
         distinct_failures=len(modes),
         failures=tuple(mode.words for mode in modes),
         runs=len({m.run_id for a in search_attempts(attempts) for m in a.measurements}),
+        budget_runs=wired.config.budget_runs,
         confirmation_runs=confirmed.runs,
         configurations=len({a.proposal.scenario.id for a in measured(attempts) if a.proposal.scenario}),
         calls=len(calls),

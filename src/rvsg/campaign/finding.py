@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Literal
 
-from rvsg.campaign.attempt import Attempt
+from rvsg.campaign.attempt import Attempt, Measurement
+from rvsg.campaign.failures import FailureMode, usual_mode
 from rvsg.campaign.feedback import worst_run
 from rvsg.campaign.plan import Plan
 from rvsg.core.records import Record
@@ -74,6 +75,8 @@ class Finding(Record):
     rarely. `open`: the runs do not tell."""
     cause: tuple[Removal, ...] = ()
     """What removing each person does."""
+    failure: FailureMode | None = None
+    """How most of the violating runs fail; None where none violates."""
     story: tuple[str, ...] = ()
     """What happens in the run that is worst for the robot."""
     story_run: str | None = None
@@ -90,7 +93,43 @@ def findings(
     """
     confirmed = [a for a in attempts if a.purpose == "confirmation" and a.verdict is not None]
     made = [_finding(plan, attempt, attempts, run_of, world, procedure) for attempt in confirmed]
-    return tuple(sorted(made, key=lambda f: (-f.violated, -(f.violation_probability or 0.0), f.confirmation)))
+    return tuple(sorted(made, key=lambda f: (-f.violated, -at_least(f.interval), f.confirmation)))
+
+
+class DistinctFailure(Record):
+    """A way in which the robot fails, with the confirmed scenarios that show it."""
+
+    mode: FailureMode
+    words: str
+    attempts: tuple[int, ...]
+    """The attempts of the search that were confirmed, the worst first."""
+    violation_probability: float
+    """Of the worst of them."""
+    about_people: Literal["yes", "no", "open", "not violated"]
+    """Of the worst of them."""
+
+
+def distinct_failures(found: Sequence[Finding]) -> tuple[DistinctFailure, ...]:
+    """Group the confirmed violations by where and how the robot fails; the worst group first."""
+    groups: dict[FailureMode, list[Finding]] = {}
+    for finding in found:
+        if finding.violated and finding.failure is not None:
+            groups.setdefault(finding.failure, []).append(finding)
+    return tuple(
+        DistinctFailure(
+            mode=mode,
+            words=mode.words,
+            attempts=tuple(finding.attempt for finding in group),
+            violation_probability=group[0].violation_probability or 0.0,
+            about_people=group[0].about_people,
+        )
+        for mode, group in groups.items()
+    )
+
+
+def at_least(interval: tuple[float, float] | None) -> float:
+    """Return the lower end of an interval of the violation probability: 2 of 2 runs say less than 14 of 15."""
+    return interval[0] if interval is not None else 0.0
 
 
 def worst_confirmation(attempts: Sequence[Attempt], procedure: Procedure = DEFAULT) -> Attempt | None:
@@ -99,8 +138,8 @@ def worst_confirmation(attempts: Sequence[Attempt], procedure: Procedure = DEFAU
 
     def badness(attempt: Attempt) -> tuple[bool, float, int]:
         verdict = attempt.verdict
-        often = verdict.violation_probability if verdict else None
-        return (verdict is not None and violated(verdict, procedure=procedure), often or 0.0, -attempt.index)
+        surely = at_least(verdict.violation_interval) if verdict else 0.0
+        return (verdict is not None and violated(verdict, procedure=procedure), surely, -attempt.index)
 
     return max(confirmed, key=badness, default=None)
 
@@ -124,7 +163,9 @@ def _finding(
     baseline = next((a for a in reversed(attempts) if a.purpose == "baseline"), None)
     without = _share(baseline, _seeds(attempt), plan.requirement) if baseline else None
     bad = violated(verdict, procedure=procedure)
-    worst = worst_run(attempt, [run_of(m.run_id) for m in attempt.measurements], plan.requirement)
+    runs = [run_of(m.run_id) for m in attempt.measurements]
+    worst = worst_run(attempt, runs, plan.requirement)
+    failing = [r for r, m in zip(runs, attempt.measurements, strict=True) if _violates(m, plan.requirement)]
     story = story_of(worst, world=world, scenario=scenario)
     values = {
         "scenario": attempt.brief.scenario_index,
@@ -141,6 +182,7 @@ def _finding(
         "least_clearance_m": safety.least_clearance_m,
         "without_people": without,
         "cause": tuple(_removals(attempt, attempts, plan.requirement)),
+        "failure": usual_mode(failing, world),
         "story": tuple(sentence.text for sentence in story),
         "story_run": worst.id,
     }
@@ -175,8 +217,12 @@ def _removals(attempt: Attempt, attempts: Sequence[Attempt], requirement: Requir
 
 def _share(attempt: Attempt, seeds: frozenset[int], requirement: Requirement) -> Share:
     """Return how many of an attempt's runs with these seeds violate; a run without a value violates nothing."""
-    values = [m.objective for m in attempt.measurements if m.seed in seeds]
-    return Share(violated=sum(v is not None and requirement.violated_by(v) for v in values), of=len(values))
+    counted = [m for m in attempt.measurements if m.seed in seeds]
+    return Share(violated=sum(_violates(m, requirement) for m in counted), of=len(counted))
+
+
+def _violates(measurement: Measurement, requirement: Requirement) -> bool:
+    return measurement.objective is not None and requirement.violated_by(measurement.objective)
 
 
 def _seeds(attempt: Attempt) -> frozenset[int]:

@@ -67,8 +67,10 @@ class HybridStrategy(BatchStrategy):
     def search(self) -> Batches:
         """Draft, then alternate between changing and racing, then settle the order of the best."""
         yield from self._draft(max(2, round(self.drafts * self.plan.search_runs)))
-        if not any(c.runs for c in self.candidates):
-            return
+        while not any(c.runs for c in self.candidates):
+            if self.asked >= self.plan.attempts or self.left <= 0:
+                return
+            yield from self._draft(min(self.batch, self.plan.attempts - self.asked))
         yield from self._race(self.batch)
         reserve = min(self.plan.search_runs // 3, self.finalists * self.final_runs)
         while self.left > reserve:
@@ -131,13 +133,16 @@ class HybridStrategy(BatchStrategy):
         estimate(self.candidates)
 
     def _settle(self) -> Batch:
-        """Run the best configurations until each has its final number of runs, or the budget is spent."""
+        """Run the best configurations until each has its final number of runs, then more, until the budget is spent."""
+        final = self.final_runs
         while self.left > 0:
             best = sorted((c for c in self.candidates if c.runs), key=lambda c: (-c.estimate, c.index))
-            open_ = [c for c in best[: self.finalists] if len(self._seen(c)) < self.final_runs]
+            open_ = [c for c in best[: self.finalists] if len(self._seen(c)) < final]
             if not open_:
-                return
-            results = yield [self._again(c, min(self.final_runs, len(self._seen(c)) + 2)) for c in open_]
+                final += 1
+                continue
+            step = 2 if self.left > 1 else 1
+            results = yield [self._again(c, min(final, len(self._seen(c)) + step)) for c in open_]
             if not results:
                 return
             for attempt, candidate in zip(results, open_, strict=False):

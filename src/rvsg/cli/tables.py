@@ -161,6 +161,10 @@ def show_findings(campaign: Campaign, summary: Summary) -> None:
     for finding in found:
         for line in describe_finding(finding, campaign.requirement):
             say(line)
+    if len(distinct := campaign.distinct_failures) > 1:
+        say(f"{counted(len(distinct), 'distinct failure')}:")
+        for failure in distinct:
+            say(f"  {failure.words} (attempt {', '.join(str(index) for index in failure.attempts)})")
     if left := campaign.candidates():
         command = as_started(confirm_command(campaign.folder, left[0].index))
         many = counted(len(left), "configuration")

@@ -95,7 +95,15 @@ def _complete(plan: Plan, attempts: Sequence[Attempt], ranked: Sequence[Ranked])
     """Whether everything planned is done: the search, and its confirmation with the mission without people."""
     if plan.confirmations and ranked:
         return any(a.purpose == "baseline" for a in attempts)
-    return len(search_attempts(attempts)) >= plan.attempts
+    searched = search_attempts(attempts)
+    if all(a.runs in (0, plan.repeats) for a in searched):
+        return len(searched) >= plan.attempts
+    return _runs_of(searched) >= plan.search_runs
+
+
+def _runs_of(attempts: Sequence[Attempt]) -> int:
+    """How many runs attempts made; one that several attempts share counts once."""
+    return len({m.run_id for attempt in attempts for m in attempt.measurements})
 
 
 def account(attempts: Iterable[Attempt]) -> Accounting:
@@ -106,7 +114,7 @@ def account(attempts: Iterable[Attempt]) -> Accounting:
     costs = [call.cost_usd for call in calls]
     return Accounting(
         search_attempts=len(searched),
-        search_runs=sum(len(a.measurements) for a in searched),
+        search_runs=_runs_of(searched),
         confirmation_runs=sum(len(a.measurements) for a in attempts if a.purpose == "confirmation"),
         baseline_runs=sum(len(a.measurements) for a in attempts if a.purpose in ("baseline", "removal")),
         failed_runs=sum(len(a.failures) for a in attempts),
