@@ -77,6 +77,19 @@ def test_a_long_objective_takes_its_room_from_the_description_and_not_from_the_r
     assert "-0.746 [-0.784, -0.707] m" in row and "INCONCLUSIVE† 2/2" in row
 
 
+def test_a_table_says_how_many_scenarios_it_leaves_out(found: tuple[Plan, Summary]) -> None:
+    the_plan, summary = found
+    ranking = tuple(summary.ranking[0].replace(rank=k + 1) for k in range(13))
+
+    def printed(rows: int) -> str:
+        paper = io.StringIO()
+        Console(file=paper, width=80).print(ranked_table(the_plan, summary.replace(ranking=ranking), rows=rows))
+        return paper.getvalue()
+
+    assert "3 more scenarios in the report" in printed(10)
+    assert "more scenario" not in printed(13)
+
+
 def test_words_that_all_begin_with_are_left_away() -> None:
     assert without_common_beginning(["the work: pick a", "the work: pack"]) == ["pick a", "pack"]
     assert without_common_beginning(["same", "same"]) == ["same", "same"]

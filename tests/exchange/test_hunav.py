@@ -11,7 +11,7 @@ from tests.exchange.agents_files import BLOCK, FLAT, V2
 from rvsg.core.documents import DocumentError
 from rvsg.core.errors import FileError
 from rvsg.exchange.hunav import agents_yaml, export_agents, read_agents, to_humans, write_agents
-from rvsg.scenario.agents import HumanAgent, Reaction
+from rvsg.scenario.agents import FOREVER_S, HumanAgent, Reaction
 from rvsg.scenario.scenario import Behaviour, ForceFactors
 
 DIALECTS = {"flat": FLAT, "block": BLOCK, "v2": V2}
@@ -52,7 +52,8 @@ def test_custom_factors_are_clamped_as_the_loader_clamps_them(tmp_path: Path) ->
     assert agent.factors == ForceFactors(goal=2.0, obstacle=12.0, social=6.0)
     assert agent.reaction == Reaction(duration_s=12.0, once=False, speed_m_s=1.8, distance_m=1.2, force=18.0)
     assert agent.group == 2
-    assert len(converted.notes) == 2  # cyclic_goals and goal_radius
+    assert agent.stays and agent.goal_radius_m == 0.2
+    assert converted.notes == ()
 
 
 def test_version_2_goals_come_from_the_shared_table(tmp_path: Path) -> None:
@@ -72,7 +73,8 @@ def test_agents_of_ours_come_back_equal(tmp_path: Path, dialect: str) -> None:
             name="agent2",
             start=(0.0, 0.0),
             goals=((0.0, 0.0), (1.0, 2.0)),
-            pauses_s=(0.0, 0.0),
+            pauses_s=(0.0, FOREVER_S),
+            goal_radius_m=0.5,
             behaviour=Behaviour.CURIOUS,
             reaction=Reaction(duration_s=20.0, speed_m_s=1.0, distance_m=1.5),
             factors=ForceFactors(goal=3.0, obstacle=11.0, social=4.0),

@@ -9,9 +9,11 @@ from typing import Any
 
 import pytest
 from tests.campaign.parts import MemoryLedger, warehouse
+from tests.report.test_overview import reported
 from tests.report.test_page import NastyGenerator, campaign, page
 from tests.report.test_trace_view import made
 
+from rvsg.report.overview import Pin, render_overview
 from rvsg.report.trace_view import trace_json, trace_view
 
 CHROMIUM = next((path for name in ("chromium", "chromium-browser") if (path := shutil.which(name))), None)
@@ -58,6 +60,12 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
             view = trace_view(made(run), warehouse())
             found["traced"].write_text(page(the_plan, attempts, ledger, traces=[view]), encoding="utf-8")
             (folder / "one.trace.json").write_text(trace_json(made(run), warehouse()), encoding="utf-8")
+    link, the_plan, summary = reported()
+    pin = Pin(link=link, name="route_1, R1", x=1.0, y=2.0)
+    found["overview"] = folder / "overview.html"
+    several = [(link, the_plan, summary), ("route_3-R3/report.html", the_plan, summary)]
+    text = render_overview(several, command="rvsg run", world=warehouse(), pins=[pin])
+    found["overview"].write_text(text, encoding="utf-8")
     return found
 
 
@@ -79,7 +87,7 @@ def show(browser: Any, pages: dict[str, Path]) -> Iterator[Callable[..., Any]]:
             tab.clock.install(time=0)
         tab.goto(pages[name].as_uri() + at)
         if how.get("java_script_enabled", True):
-            tab.evaluate("window.replay.ready()")
+            tab.evaluate("window.replay && window.replay.ready()")
         if clock:
             tab.clock.pause_at(1_000_000)  # from here on time passes only where a test says so
         return tab

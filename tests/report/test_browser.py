@@ -147,8 +147,9 @@ def test_text_on_the_maps_can_be_read_on_a_phone(show: Show, script: bool) -> No
     assert [each for each in texts if each["px"] < 11] == []
 
 
-def test_the_page_is_not_wider_than_a_phone(show: Show) -> None:
-    tab = show("contacts", width=390)
+@pytest.mark.parametrize("name", ["contacts", "overview"])
+def test_the_page_is_not_wider_than_a_phone(show: Show, name: str) -> None:
+    tab = show(name, width=390)
     assert tab.evaluate("document.documentElement.scrollWidth") <= 390
 
 
@@ -162,7 +163,7 @@ def test_no_two_involved_people_share_a_colour(show: Show) -> None:
     assert len(set(shown)) == len(shown) == len(colours)
 
 
-@pytest.mark.parametrize("name", ["contacts", "hostile", "traced"])
+@pytest.mark.parametrize("name", ["contacts", "hostile", "traced", "overview"])
 @pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (1280, "dark"), (390, "light")])
 def test_axe_finds_no_violation(show: Show, name: str, width: int, scheme: str) -> None:
     axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe-playwright-python is not installed")

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from types import ModuleType
@@ -14,6 +15,7 @@ from tests.report.test_page import campaign
 
 from rvsg.core.errors import InputError
 from rvsg.report.film import HOLD_S, PICTURE_HZ, VIDEO_HZ, Shot, check_film, strip, write_film
+from rvsg.report.robots import footprint_of
 from rvsg.robots import shipped_robots
 
 WIDTH = 480
@@ -35,6 +37,13 @@ def a_shot() -> Shot:
 
 def duration_s() -> float:
     return float(a_shot().run.trajectory.t[-1])
+
+
+def test_a_robot_that_is_not_given_is_drawn_with_the_outline_of_the_run() -> None:
+    outline = ((0.5, 0.2), (-0.5, 0.2), (-0.5, -0.2), (0.5, -0.2))
+    run = a_shot().run
+    assert footprint_of(replace(run, robot_outline=outline), None) == outline
+    assert len(footprint_of(replace(run, robot_outline=()), None)) > 8  # a disc
 
 
 def test_a_strip_has_a_picture_for_each_moment() -> None:

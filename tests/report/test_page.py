@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 from tests.campaign.parts import REQUIREMENT, MemoryLedger, WalkGenerator, parts, plan, warehouse
+from tests.report.test_conversation import call
 
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.loop import feedback_from, run_campaign
@@ -15,9 +16,10 @@ from rvsg.campaign.strategies import RandomStrategy, StudyStrategy
 from rvsg.evaluation.judge import judge
 from rvsg.evaluation.verdict import Status
 from rvsg.generation.generator import Proposal
+from rvsg.generation.vlm.recording import Recording
 from rvsg.report.junit import junit_xml
 from rvsg.report.page import _curse, render_page
-from rvsg.report.summary import summarise
+from rvsg.report.summary import number, summarise
 from rvsg.scenario.brief import Brief
 from rvsg.world.world import World
 
@@ -144,7 +146,7 @@ def test_what_the_choice_did_is_said_as_far_as_the_numbers_carry(
     assert summary.confirmed
     best = summary.ranking[0].replace(verdict=judge(the_plan.requirement, selected))
     confirmed = summary.confirmed.replace(verdict=judge(the_plan.requirement, fresh))
-    assert said in _curse(the_plan, summary.replace(ranking=(best,), confirmed=confirmed))
+    assert said in _curse(the_plan, summary.replace(ranking=(best,), confirmed=confirmed), best.verdict)
 
 
 def test_equal_campaigns_give_equal_pages() -> None:
@@ -267,3 +269,31 @@ def test_an_unconfirmed_candidate_says_the_command_that_confirms_it() -> None:
     found = re.findall(r"rvsg confirm FOLDER (\d+)", text)
     assert found == [str(entry.attempt) for entry in summarise(the_plan, changed).ranking]
     assert "rvsg confirm FOLDER" not in page(the_plan, attempts, ledger).replace("candidate", "")
+
+
+def test_a_confirmation_is_paired_with_its_scenario_whatever_its_index_says() -> None:
+    ledger = MemoryLedger()
+    the_plan, attempts = campaign(ledger)
+    worst = summarise(the_plan, attempts).ranking[0].attempt
+    other = next(a for a in attempts if a.purpose == "search" and a.proposal.scenario is not None and a.index != worst)
+    changed = [
+        a.replace(confirms=None, proposal=other.proposal, brief=other.brief) if a.purpose == "confirmation" else a
+        for a in attempts
+    ]
+    text = page(the_plan, changed, ledger)
+    assert other.verdict is not None
+    assert f"{len(other.verdict.objectives)} runs with a mean of {number(other.verdict.mean, 'm')}" in text
+    rows = re.findall(r'<td data-label="State">(.*?)</td>', text)
+    assert rows.count("confirmed") == 1
+    assert f"Configuration {other.brief.configuration_index + 1} of" in text
+
+
+def test_the_conversation_of_a_model_stands_on_the_page_as_text(tmp_path: Any) -> None:
+    ledger, recording = MemoryLedger(), Recording(tmp_path)
+    the_plan, attempts = campaign(ledger)
+    said = call(recording, 1, ("user", NASTY), answer="an answer")
+    changed = [a.replace(proposal=a.proposal.replace(calls=(said,))) if a.purpose == "search" else a for a in attempts]
+    text = page(the_plan, changed, ledger, recording=recording)
+    reader = Reader()
+    reader.feed(text)
+    assert "an answer" in text and "&lt;script&gt;alert(1)" in text and "img" not in reader.tags

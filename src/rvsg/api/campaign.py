@@ -43,6 +43,7 @@ from rvsg.core.errors import InputError, UnknownName
 from rvsg.core.files import write_whole
 from rvsg.core.plugins import Spec
 from rvsg.evaluation.verdict import Verdict
+from rvsg.generation.vlm.recording import CALLS, Recording
 from rvsg.report.page import write_page
 from rvsg.report.summary import Summary, summarise
 from rvsg.scenario.requirement import Requirement
@@ -383,7 +384,7 @@ class Campaign:
             attempts = list(ledger.attempts(self.name))
             simulator = self.record.simulator.name
             runs = {measured.run_id for attempt in attempts for measured in attempt.measurements}
-            how: dict[str, Any] = {"traces": traces_beside(page, runs)}
+            how: dict[str, Any] = {"traces": traces_beside(page, runs), "recording": self._recording()}
             how |= {"world": place, "run_of": ledger.run, "command": self.command, "simulator": simulator}
             if page.parent == self.folder and (self.folder.parent / MATRIX).exists():
                 how["overview"] = f"../{REPORT}"
@@ -392,6 +393,13 @@ class Campaign:
         if path is None and best is not None and best.proposal.scenario is not None:
             write_whole(self.folder / BEST, scenario_json(best.proposal.scenario))
         return page
+
+    def _recording(self) -> Recording | None:
+        """Return the calls of its model, where they are kept: in its folder, else in the folder it replays."""
+        folders = [self.folder / "vlm"]
+        if self.config.replay is not None:
+            folders.append(Path(self._paths.get(self.config.replay, self.config.replay)))
+        return next((Recording(each) for each in folders if (each / CALLS).is_file()), None)
 
     def page(self, *, several: bool = False) -> Path:
         """Return where its report is written; with a name of its own where the store holds several campaigns."""

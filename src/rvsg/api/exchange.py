@@ -141,7 +141,7 @@ def _human(agent: HumanAgent) -> Human:
     stays = len(names) == 1
     task = Task(
         name="Goals of the agent",
-        path=names if stays else (*names, names[0]),
+        path=names if stays or agent.stays else (*names, names[0]),
         pauses=(Pause(at=names[0], duration_s=LONGEST_PAUSE_S),) if stays else (),
     )
     return Human(
@@ -150,12 +150,13 @@ def _human(agent: HumanAgent) -> Human:
         behaviour=agent.behaviour,
         speed_m_s=agent.speed_m_s,
         radius_m=agent.radius_m,
+        goal_radius_m=agent.goal_radius_m,
         group=agent.group,
         factors=agent.factors,
         points=points,
         start=agent.start,
         reaction=agent.reaction,
-        cyclic=not stays,
+        cyclic=not (stays or agent.stays),
     )
 
 

@@ -85,6 +85,18 @@ def worst_by_mean(attempts: Iterable[Attempt], requirement: Requirement) -> Atte
     return max(in_full(attempts), key=lambda a: (standing(a, requirement)[1], -a.index), default=None)
 
 
+def confirmed_candidate(confirmation: Attempt, attempts: Iterable[Attempt]) -> Attempt | None:
+    """Return the attempt of the search whose scenario a confirmation runs again; None where it is not stored.
+
+    They belong together by the scenario. A racing strategy may have measured it in several attempts: the one with most
+    runs stands for them.
+    """
+    scenario = confirmation.proposal.scenario
+    tried = [a for a in measured(attempts) if scenario is not None and a.proposal.scenario is not None
+             and a.proposal.scenario.id == scenario.id]  # fmt: skip
+    return max(tried, key=lambda a: (len(seeds_of(a)), a.index), default=None)
+
+
 def by_scenario(attempts: Iterable[Attempt]) -> list[list[Attempt]]:
     """The attempts of the search that have an objective, scenario by scenario."""
     groups: dict[int, list[Attempt]] = {}

@@ -64,7 +64,7 @@ def ranked_table(plan: Plan, summary: Summary, *, width: int = 80, rows: int = 1
     table = Table(
         title=title,
         title_justify="left",
-        caption=rule(requirement) + _about_inconclusive(summary, rows),
+        caption=_left_out(summary, rows) + rule(requirement) + _about_inconclusive(summary, rows),
         caption_justify="left",
         box=SIMPLE_HEAD,
         pad_edge=False,
@@ -87,6 +87,12 @@ def ranked_table(plan: Plan, summary: Summary, *, width: int = 80, rows: int = 1
             Text(_marked(verdict) + counted, style=_style(verdict)),
         )
     return table
+
+
+def _left_out(summary: Summary, rows: int) -> str:
+    """How many scenarios the table leaves out."""
+    more = len(summary.ranking) - rows
+    return f"{more} more {'scenario' if more == 1 else 'scenarios'} in the report. " if more > 0 else ""
 
 
 def _about_inconclusive(summary: Summary, rows: int) -> str:

@@ -20,8 +20,8 @@ from rvsg.core.documents import Document, DocumentError, Problem, read_yaml
 from rvsg.core.errors import FileError, InputError
 from rvsg.core.files import write_whole
 from rvsg.core.records import Record
-from rvsg.scenario.agents import HumanAgent, reaction_of
-from rvsg.scenario.scenario import Behaviour, ForceFactors, Reaction
+from rvsg.scenario.agents import FOREVER_S, HumanAgent, reaction_of
+from rvsg.scenario.scenario import GOAL_RADIUS_M, Behaviour, ForceFactors, Reaction
 
 Dialect = Literal["flat", "block", "v2"]
 
@@ -38,7 +38,6 @@ CODES: dict[Behaviour, int] = {behaviour: code for code, behaviour in TYPES.item
 DEFAULT_CONFIGURATION, CUSTOM_CONFIGURATION = 0, 1
 DRAWN: dict[int, Literal["random_normal", "random_uniform"]] = {2: "random_normal", 3: "random_uniform"}
 
-GOAL_RADIUS_M = 0.3
 """The goal radius of HuNavSim's sample files, and the one that our simulators use."""
 
 
@@ -229,7 +228,7 @@ def export_agents(
         else:
             names = [f"g{k}" for k in range(len(points))]
             own = {f"g{k}": point for k, point in enumerate(points)}
-        if any(agent.pauses_s):
+        if any(agent.pauses_s[:-1] if agent.stays else agent.pauses_s):
             notes.append(f"{agent.name}: HuNavSim has no pauses; the person walks on at once.")
         if agent.start_delay_s:
             notes.append(f"{agent.name}: HuNavSim has no start delay; the person starts at once.")
@@ -246,8 +245,8 @@ def export_agents(
                 radius=agent.radius_m,
                 behavior=_behaviour_of(agent, dialect),
                 init_pose=InitialPose(x=agent.start[0], y=agent.start[1], z=1.25, h=agent.yaw),
-                goal_radius=GOAL_RADIUS_M,
-                cyclic_goals=True,
+                goal_radius=agent.goal_radius_m,
+                cyclic_goals=not agent.stays,
                 goals=tuple(names),
                 points=own,
             )
@@ -387,10 +386,6 @@ def _human(agent: AgentBlock, file: AgentsFile, notes: list[str]) -> HumanAgent:
         elif block.configuration == CUSTOM_CONFIGURATION:
             factors, reaction = _custom(block)
         notes += [f"{agent.name}: the behaviour setting `{key}` has no effect here." for key in sorted(block.extra)]
-    if agent.cyclic_goals is False:
-        notes.append(f"{agent.name}: `cyclic_goals: false` has no effect here; the goals come round again.")
-    if agent.goal_radius not in (None, GOAL_RADIUS_M):
-        notes.append(f"{agent.name}: a goal radius of {agent.goal_radius:g} m; here it is {GOAL_RADIUS_M:g} m.")
     points = file.global_goals if file.dialect == "v2" else agent.points
     goals = tuple((points[str(name)].x, points[str(name)].y) for name in agent.goals)
     start = (agent.init_pose.x, agent.init_pose.y)
@@ -403,9 +398,10 @@ def _human(agent: AgentBlock, file: AgentsFile, notes: list[str]) -> HumanAgent:
             start=start,
             yaw=agent.init_pose.h,
             goals=goals,
-            pauses_s=(0.0,) * len(goals),
+            pauses_s=(*(0.0 for _ in goals[1:]), FOREVER_S if agent.cyclic_goals is False else 0.0),
             speed_m_s=agent.speed_m_s,
             radius_m=0.35 if agent.radius is None else agent.radius,
+            goal_radius_m=GOAL_RADIUS_M if agent.goal_radius is None else agent.goal_radius,
             behaviour=behaviour,
             reaction=reaction,
             factors=factors,

@@ -24,7 +24,7 @@ from rvsg.report.floors import area_colours
 from rvsg.report.frames import Turn
 from rvsg.report.names import narrow_names
 from rvsg.report.page import environment, headline
-from rvsg.report.summary import Summary, counted, interval, number
+from rvsg.report.summary import Summary, counted, in_short, interval, number
 from rvsg.scenario.requirement import Requirement
 from rvsg.simulation.run import Run
 from rvsg.world.drawing.svg import floor_plan
@@ -191,13 +191,21 @@ def _row(link: str, plan: Plan, summary: Summary) -> dict[str, str]:
         "route": plan.mission.route.name,
         "requirement": requirement.name,
         "title": requirement.title,
-        "description": summary.ranking[0].description if summary.ranking else "",
+        "description": _described(summary),
         "violated": violated,
         "value": interval(verdict, requirement.unit) if verdict else "–",
         "limit": _limit(requirement),
         "runs": f"{account.search_runs} + {account.confirmation_runs}",
         **headline(plan, summary),
     }
+
+
+def _described(summary: Summary) -> str:
+    """The scenario that a row of the table is about: the confirmed one, else the one that ranks first."""
+    scenario = summary.confirmed.proposal.scenario if summary.confirmed else None
+    if scenario is not None:
+        return scenario.description or in_short(scenario)
+    return summary.ranking[0].description if summary.ranking else ""
 
 
 def _limit(requirement: Requirement) -> str:

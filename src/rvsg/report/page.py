@@ -19,11 +19,14 @@ from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.feedback import separable
 from rvsg.campaign.finding import findings
 from rvsg.campaign.plan import Plan
-from rvsg.campaign.ranking import best_attempt, rule
+from rvsg.campaign.ranking import rule
 from rvsg.core.files import write_whole
+from rvsg.evaluation.verdict import Verdict
+from rvsg.generation.vlm.recording import Recording
 from rvsg.report.answer import answer, headline
 from rvsg.report.charts import confirmation_chart, search_chart
 from rvsg.report.colours import distinct_colours
+from rvsg.report.conversation import Conversations
 from rvsg.report.facts import facts_of
 from rvsg.report.floors import area_colours
 from rvsg.report.happened import what_happens
@@ -58,6 +61,7 @@ def render_page(
     simulator: str = "",
     overview: str = "",
     traces: Sequence[Mapping[str, Any]] = (),
+    recording: Recording | None = None,
 ) -> str:
     """Return the page of a campaign, finished or not.
 
@@ -66,6 +70,7 @@ def render_page(
         command: The command that repeats the campaign.
         overview: The address of the overview this campaign belongs to, seen from the page.
         traces: Traces of runs of the campaign, as `trace_view` makes them; the replay shows them.
+        recording: The calls of a model, where they are kept.
     """
     shown = Shown(
         plan=plan,
@@ -93,12 +98,12 @@ def render_page(
             happened=what_happens(shown, subject) if subject else None,
             people=people_rows(subject) if subject else [],
             shown_tasks=SHOWN_TASKS,
-            curse=_curse(plan, shown.summary),
+            curse=_curse(plan, shown.summary, shown.candidate.verdict if shown.candidate else None),
             confirmation_svg=_confirmation_svg(shown),
             rows=finding_rows(shown),
             rule=rule(requirement),
             search_svg=Markup(search_chart(plan, attempts)),  # noqa: S704 - made by us, its words escaped
-            thoughts=_thoughts(shown),
+            thoughts=_thoughts(shown, Conversations(recording)),
             runs=run_rows(shown),
             box=shown.floor.view_box,
             floor=Markup(shown.floor.shapes),  # noqa: S704
@@ -127,12 +132,10 @@ def environment() -> jinja2.Environment:
     return environment
 
 
-def _curse(plan: Plan, summary: Summary) -> str:
-    """How the confirmation mean compares with the value by which the scenario was selected."""
-    if summary.confirmed is None or not summary.ranking:
-        return ""
-    selected, fresh = summary.ranking[0].verdict, summary.confirmed.verdict
-    if selected.mean is None or fresh is None or fresh.mean is None:
+def _curse(plan: Plan, summary: Summary, selected: Verdict | None) -> str:
+    """How the confirmation mean compares with the mean in the search by which the scenario was selected."""
+    fresh = summary.confirmed.verdict if summary.confirmed else None
+    if selected is None or selected.mean is None or fresh is None or fresh.mean is None:
         return ""
     unit, count = plan.requirement.unit, summary.accounting.search_attempts
     lost = plan.requirement.badness(selected.mean) - plan.requirement.badness(fresh.mean)
@@ -156,19 +159,19 @@ def _curse(plan: Plan, summary: Summary) -> str:
 
 
 def _confirmation_svg(shown: Shown) -> Markup:
-    best, confirmed = best_attempt(shown.attempts, shown.plan.requirement), shown.summary.confirmed
-    if best is None or confirmed is None or confirmed.verdict is None or not confirmed.verdict.objectives:
+    selected, confirmed = shown.candidate, shown.summary.confirmed
+    if selected is None or confirmed is None or confirmed.verdict is None or not confirmed.verdict.objectives:
         return Markup("")
-    return Markup(confirmation_chart(shown.plan, best, confirmed))  # noqa: S704 - made by us, its words escaped
+    return Markup(confirmation_chart(shown.plan, selected, confirmed))  # noqa: S704 - made by us, its words escaped
 
 
-def _thoughts(shown: Shown) -> list[dict[str, Any]]:
+def _thoughts(shown: Shown, conversations: Conversations) -> list[dict[str, Any]]:
     subject = shown.subject
     if subject is None:
         return []
     count = max(len(a.proposal.scenario.people.humans) for a in shown.attempts if a.proposal.scenario)
     look = look_of(shown, subject)
-    found = thinking(shown.plan, shown.attempts, shown.world, look, distinct_colours(count))
+    found = thinking(shown.plan, shown.attempts, shown.world, look, distinct_colours(count), conversations)
     for entry in found:
         for configuration in entry["configurations"]:
             configuration["map"] = Markup(configuration["map"])  # noqa: S704 - made by us

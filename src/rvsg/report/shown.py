@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.finding import Finding
 from rvsg.campaign.plan import Plan
-from rvsg.campaign.ranking import best_attempt
+from rvsg.campaign.ranking import best_attempt, confirmed_candidate
 from rvsg.report.causes import Cause, cause_of
 from rvsg.report.facts import AttemptFacts
 from rvsg.report.frames import Look, Turn
@@ -36,6 +36,15 @@ class Shown:
         """The confirmation runs of the first finding."""
         wanted = self.summary.confirmed
         return next((f for f in self.facts if wanted is not None and f.attempt.index == wanted.index), None)
+
+    @property
+    def candidate(self) -> Attempt | None:
+        """The configuration of the search that the first finding confirms."""
+        return self.candidate_of(self.summary.confirmed) if self.summary.confirmed is not None else None
+
+    def candidate_of(self, confirmation: Attempt) -> Attempt | None:
+        """The configuration of the search that an attempt confirms."""
+        return confirmed_candidate(confirmation, self.attempts)
 
     @property
     def cause(self) -> Cause | None:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
+from rvsg.campaign.attempt import Attempt
 from rvsg.evaluation.judge import OPEN, still_open
 from rvsg.evaluation.verdict import Status, Verdict
 from rvsg.report.answer import tone_of
 from rvsg.report.facts import AttemptFacts
 from rvsg.report.payload import people_colours
 from rvsg.report.shown import Shown, group_label, in_order
-from rvsg.report.summary import interval, number
+from rvsg.report.summary import in_short, interval, number
 from rvsg.report.words import metres
 from rvsg.scenario.scenario import Human
 
@@ -49,41 +50,55 @@ def manner(human: Human) -> str:
 
 
 def finding_rows(shown: Shown) -> list[dict[str, Any]]:
-    """Findings and candidates, the worst first. A confirmed scenario shows its confirmation verdict."""
+    """Findings and candidates, the worst first. A confirmed scenario shows its confirmation verdict.
+
+    After the worst configuration of each scenario come further configurations that were confirmed.
+    """
     by_index = {each.attempt.index: each for each in shown.facts}
     attempts = {attempt.index: attempt for attempt in shown.attempts}
-    confirmations = {f.attempt.confirms: f for f in shown.facts if f.attempt.purpose == "confirmation"}
-    unit = shown.plan.requirement.unit
+    confirmations = {_scenario_id(f.attempt): f for f in shown.facts if f.attempt.purpose == "confirmation"}
     rows = []
     for entry in shown.summary.ranking:
-        attempt = attempts[entry.attempt]
-        confirmed = confirmations.get(entry.attempt)
+        confirmed = confirmations.pop(entry.scenario_id, None)
         facts = confirmed or by_index[entry.attempt]
-        verdict = facts.attempt.verdict or entry.verdict
-        scenario = attempt.proposal.scenario
-        assert scenario is not None
-        rows.append(
-            {
-                "rank": entry.rank,
-                "scenario": entry.scenario,
-                "configuration": entry.configuration,
-                "configurations": entry.configurations,
-                "description": entry.description,
-                "state": "confirmed" if confirmed else "candidate" if verdict.violations else "not violated",
-                "attempt": entry.attempt,
-                "objective": interval(verdict, unit),
-                "violated": f"{verdict.violations} of {verdict.runs}" if _judged(verdict) else "–",
-                "status": verdict.status.value,
-                "tone": tone_of(verdict),
-                "means": f"violated; {OPEN}" if still_open(verdict) else "",
-                "contacts": f"{len(facts.with_contact)} of {len(facts.runs)}",
-                "arrived": f"{len(facts.runs) - len(facts.not_arrived)} of {len(facts.runs)}",
-                "address": "#runs=" + ",".join(run.id for run in facts.runs),
-                "people": [_tasks(human) for human in scenario.people.humans],
-                "repairs": [f"{repair.human}: {repair.what}" for repair in attempt.proposal.repairs],
-            }
-        )
+        state = "confirmed" if confirmed else "candidate" if entry.verdict.violations else "not violated"
+        row = {"rank": entry.rank, "configurations": entry.configurations, "description": entry.description}
+        rows.append(row | _finding_row(shown, attempts[entry.attempt], facts, state))
+    for confirmed in confirmations.values():
+        attempt = shown.candidate_of(confirmed.attempt)
+        if attempt is not None and attempt.proposal.scenario is not None:
+            scenario = attempt.proposal.scenario
+            same = [a for a in shown.searched if a.attempt.brief.scenario_index == attempt.brief.scenario_index]
+            row = {"rank": "", "configurations": len(same), "description": scenario.description or in_short(scenario)}
+            rows.append(row | _finding_row(shown, attempt, confirmed, "confirmed"))
     return rows
+
+
+def _finding_row(shown: Shown, attempt: Attempt, facts: AttemptFacts, state: str) -> dict[str, Any]:
+    """One configuration, by its confirmation runs where it has any, else by its runs in the search."""
+    verdict, scenario = facts.attempt.verdict, attempt.proposal.scenario
+    assert verdict is not None and scenario is not None
+    return {
+        "scenario": attempt.brief.scenario_index,
+        "configuration": attempt.brief.configuration_index,
+        "state": state,
+        "attempt": attempt.index,
+        "objective": interval(verdict, shown.plan.requirement.unit),
+        "violated": f"{verdict.violations} of {verdict.runs}" if _judged(verdict) else "–",
+        "status": verdict.status.value,
+        "tone": tone_of(verdict),
+        "means": f"violated; {OPEN}" if still_open(verdict) else "",
+        "contacts": f"{len(facts.with_contact)} of {len(facts.runs)}",
+        "arrived": f"{len(facts.runs) - len(facts.not_arrived)} of {len(facts.runs)}",
+        "address": "#runs=" + ",".join(run.id for run in facts.runs),
+        "people": [_tasks(human) for human in scenario.people.humans],
+        "repairs": [f"{repair.human}: {repair.what}" for repair in attempt.proposal.repairs],
+    }
+
+
+def _scenario_id(attempt: Attempt) -> str:
+    scenario = attempt.proposal.scenario
+    return scenario.id if scenario is not None else ""
 
 
 def _judged(verdict: Verdict) -> bool:

@@ -11,6 +11,7 @@ from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.plan import Plan
 from rvsg.campaign.ranking import search_attempts
 from rvsg.generation.generator import Call
+from rvsg.report.conversation import Conversations
 from rvsg.report.frames import Look
 from rvsg.report.summary import counted, interval, number
 from rvsg.scenario.brief import Feedback
@@ -19,7 +20,12 @@ from rvsg.world.world import World
 
 
 def thinking(
-    plan: Plan, attempts: Sequence[Attempt], world: World, look: Look, colours: Sequence[str]
+    plan: Plan,
+    attempts: Sequence[Attempt],
+    world: World,
+    look: Look,
+    colours: Sequence[str],
+    conversations: Conversations,
 ) -> list[dict[str, Any]]:
     """One entry for each scenario of the search, with its configurations in their order."""
     found: dict[int, dict[str, Any]] = {}
@@ -29,7 +35,8 @@ def thinking(
         scenario = attempt.proposal.scenario
         entry = found.setdefault(index, {"scenario": index, "description": "", "configurations": []})
         entry["description"] = entry["description"] or (scenario.description if scenario else "")
-        entry["configurations"].append(_configuration(plan, attempt, world, look, before.get(index), colours))
+        made = _configuration(plan, attempt, world, look, before.get(index), colours)
+        entry["configurations"].append(made | {"talk": conversations.of(attempt.proposal.calls)})
         if scenario is not None:
             before[index] = scenario.people
     return list(found.values())

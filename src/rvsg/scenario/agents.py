@@ -7,7 +7,15 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from rvsg.core.records import Record
-from rvsg.scenario.scenario import Behaviour, ForceFactors, Human, HumanConfiguration, Point, Reaction
+from rvsg.scenario.scenario import (
+    GOAL_RADIUS_M,
+    Behaviour,
+    ForceFactors,
+    Human,
+    HumanConfiguration,
+    Point,
+    Reaction,
+)
 from rvsg.world.grid import Grid
 
 FOREVER_S = 36_000.0
@@ -44,11 +52,18 @@ class HumanAgent(Record):
     """How long the person stands at the start, once."""
     speed_m_s: float = 1.5
     radius_m: float = 0.4
+    goal_radius_m: float = GOAL_RADIUS_M
+    """A goal counts as reached from this near."""
     behaviour: Behaviour = Behaviour.REGULAR
     reaction: Reaction = Reaction()
     factors: ForceFactors | Literal["random_normal", "random_uniform"] = ForceFactors()
     group: int | None = None
     start_delay_s: float = 0.0
+
+    @property
+    def stays(self) -> bool:
+        """Whether the person stays at the last goal; otherwise the goals come round again."""
+        return self.pauses_s[-1] >= FOREVER_S
 
 
 def decode(people: HumanConfiguration, grid: Grid) -> tuple[HumanAgent, ...]:
@@ -93,6 +108,7 @@ def _agent(human: Human, grid: Grid) -> HumanAgent:
         start_pause_s=at_start,
         speed_m_s=human.speed_m_s,
         radius_m=human.radius_m,
+        goal_radius_m=human.goal_radius_m,
         behaviour=human.behaviour,
         reaction=human.reaction or reaction_of(human.behaviour, human.speed_m_s),
         factors=human.factors,

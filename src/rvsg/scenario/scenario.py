@@ -82,6 +82,10 @@ class Reaction(Record):
     force: Annotated[float, Field(ge=0)] = 20.0
 
 
+GOAL_RADIUS_M = 0.3
+"""HuNavSim's usual goal radius."""
+
+
 class Human(Record):
     """One person: a list of tasks and how they are walked.
 
@@ -105,6 +109,10 @@ class Human(Record):
     """How the person reacts to the robot; None: HuNavSim's default for the behaviour."""
     cyclic: bool = True
     """Whether the tasks come round again; if not, the person stays at the end of the last one."""
+    goal_radius_m: Annotated[float, Field(gt=0, le=2.0, exclude_if=lambda radius: radius == GOAL_RADIUS_M)] = (
+        GOAL_RADIUS_M
+    )
+    """How near the person comes to a waypoint before it counts as reached. The default is no part of the id."""
 
     def starts_at(self, grid: Grid) -> Point | None:
         """Return where the person starts; None where the first path is empty or names no place."""

@@ -11,7 +11,6 @@ from rvsg.simulation.embedded.people.crowd import Crowd, CrowdRef
 from rvsg.simulation.embedded.people.forces import or_zero, wrap
 from rvsg.simulation.embedded.people.log import REACTED, note_until
 from rvsg.simulation.embedded.people.motion import (
-    GOAL_RADIUS_M,
     advance,
     aim,
     around,
@@ -198,7 +197,7 @@ def _be_scared(crowd: Crowd, i: int, dt: float, robot_x: float, robot_y: float, 
         crowd.published,
         goal_x,
         goal_y,
-        GOAL_RADIUS_M,
+        crowd.goal_radius[i],
         crowd.react_speed[i],
         False,
         robot_x,
@@ -217,7 +216,7 @@ def _be_scared(crowd: Crowd, i: int, dt: float, robot_x: float, robot_y: float, 
     size = crowd.react_force[i] * SCARE_SIGMA_M / gap
     sx, sy = or_zero(size * dx / distance, size * dy / distance)
     step(crowd, i, dt, fx + sx, fy + sy, crowd.react_speed[i])
-    if crowd.published and distance_to(crowd, i, goal_x, goal_y) <= GOAL_RADIUS_M:
+    if crowd.published and distance_to(crowd, i, goal_x, goal_y) <= crowd.goal_radius[i]:
         next_goal(crowd, i)
 
 

@@ -98,6 +98,7 @@ class Crowd(NamedTuple):
     start_time: Floats
     speed: Floats
     radius: Floats
+    goal_radius: Floats  # a goal is reached from this near
     height: Floats  # of the point from which the obstacle search looks
     factor_goal: Floats
     factor_obstacle: Floats
@@ -241,6 +242,7 @@ def initial(
         start_time=column([agent.start_delay_s + begin for agent in agents]),
         speed=column([agent.speed_m_s for agent in agents]),
         radius=column([agent.radius_m for agent in agents]),
+        goal_radius=column([agent.goal_radius_m for agent in agents]),
         height=column([_HEIGHTS[i % len(_HEIGHTS)] for i in range(n)]),
         factor_goal=column([factors.goal for factors, _ in drawn]),
         factor_obstacle=column([factors.obstacle for factors, _ in drawn]),

@@ -13,7 +13,6 @@ from rvsg.simulation.embedded.people.obstacles import cell_of, on_outline, on_se
 
 IMPASSIVE = 2
 SCARED = 4
-GOAL_RADIUS_M = 0.3
 GOAL_MARGIN_M = 0.1
 YAW_STEP_RAD = math.radians(10.0)
 
@@ -150,7 +149,7 @@ def walk_published(
         g = (g - 1) % crowd.goal_count[i]
     goal_x = crowd.goals[i, g, 0]
     goal_y = crowd.goals[i, g, 1]
-    if not pausing and distance_to(crowd, i, goal_x, goal_y) <= GOAL_RADIUS_M + GOAL_MARGIN_M:
+    if not pausing and distance_to(crowd, i, goal_x, goal_y) <= crowd.goal_radius[i] + GOAL_MARGIN_M:
         # HuNavSim tests the goal with a margin before it moves, and then does not move in this tick.
         next_goal(crowd, i)
         crowd.vx[i] = 0.0
@@ -163,7 +162,7 @@ def walk_published(
         False,
         goal_x,
         goal_y,
-        GOAL_RADIUS_M,
+        crowd.goal_radius[i],
         crowd.speed[i],
         True,
         robot_x,
@@ -173,7 +172,7 @@ def walk_published(
         robot_vy,
     )
     step(crowd, i, dt, fx, fy, crowd.speed[i])
-    if not pausing and distance_to(crowd, i, goal_x, goal_y) <= GOAL_RADIUS_M:
+    if not pausing and distance_to(crowd, i, goal_x, goal_y) <= crowd.goal_radius[i]:
         next_goal(crowd, i)
 
 
@@ -242,7 +241,7 @@ def walk(
 def _is_at_only_goal(crowd: Crowd, i: int) -> bool:
     g = crowd.goal_index[i]
     return crowd.goal_count[i] == 1 and (
-        distance_to(crowd, i, crowd.goals[i, g, 0], crowd.goals[i, g, 1]) <= GOAL_RADIUS_M
+        distance_to(crowd, i, crowd.goals[i, g, 0], crowd.goals[i, g, 1]) <= crowd.goal_radius[i]
     )
 
 
@@ -346,7 +345,7 @@ def arrive(crowd: Crowd, i: int, t: float, dt: float, robot_x: float, robot_y: f
     away = distance_to(crowd, i, goal_x, goal_y)
     if crowd.stands[i] or crowd.reacting[i]:
         crowd.squeeze[i] = max(0.0, crowd.squeeze[i] - dt / SQUEEZE_S)
-        if crowd.behaviour[i] == SCARED and crowd.reacting[i] and away <= GOAL_RADIUS_M:
+        if crowd.behaviour[i] == SCARED and crowd.reacting[i] and away <= crowd.goal_radius[i]:
             next_goal(crowd, i)
         return
     taken = (
@@ -354,7 +353,7 @@ def arrive(crowd: Crowd, i: int, t: float, dt: float, robot_x: float, robot_y: f
         and away <= TAKEN_M
         and _is_taken(crowd, i, goal_x, goal_y, robot_x, robot_y, robot_yaw)
     )
-    if away <= GOAL_RADIUS_M or taken or (away <= PASSED_M and crowd.pauses[i, g] == 0.0 and _is_past(crowd, i)):
+    if away <= crowd.goal_radius[i] or taken or (away <= PASSED_M and crowd.pauses[i, g] == 0.0 and _is_past(crowd, i)):
         x = crowd.x[i]
         y = crowd.y[i]
         if crowd.start_pause[i] < 0.0:
@@ -390,7 +389,7 @@ def _is_past(crowd: Crowd, i: int) -> bool:
 def _is_taken(crowd: Crowd, i: int, x: float, y: float, robot_x: float, robot_y: float, robot_yaw: float) -> bool:
     """Whether somebody else, or the robot, stands so near a point that a person cannot stand there."""
     for j in range(crowd.x.size):
-        if j != i and distance_to(crowd, j, x, y) < crowd.radius[i] + crowd.radius[j] - GOAL_RADIUS_M:
+        if j != i and distance_to(crowd, j, x, y) < crowd.radius[i] + crowd.radius[j] - crowd.goal_radius[i]:
             return True
     px, py, inside = on_outline(crowd.outline, x, y, robot_x, robot_y, robot_yaw)
     return inside or math.sqrt((px - x) ** 2 + (py - y) ** 2) < crowd.radius[i]
