@@ -1,0 +1,101 @@
+"""MPPI: its parts against the formulas of Nav2, and what it does with an obstacle."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rvsg.simulation.stacks import mppi_kernel as k
+from rvsg.simulation.stacks.mppi import Mppi
+from rvsg.stacks import StackChoice
+
+SQUARE = np.array([(0.2, 0.2), (-0.2, 0.2), (-0.2, -0.2), (0.2, -0.2)])
+PLAN = np.column_stack([np.linspace(1.5, 4.0, 101), np.full(101, 1.5)])
+
+
+def prepared(samples: int = 400, **options: Any) -> tuple[k.Numbers, k.Work]:
+    stack = Mppi(batch_size=samples, **options)
+    p = stack._of(SQUARE, 100.0, 0.05)
+    return p, k.new_work(stack.settings.time_steps, samples, np.random.default_rng(1), p)
+
+
+def drive(p: k.Numbers, m: k.Work, cells: np.ndarray[Any, Any], *, ticks: int = 60) -> list[tuple[float, float, bool]]:
+    """Follow the plan for some ticks in a costmap that stays; return the places, and whether each had a command."""
+    x, y, yaw, v, w = 1.5, 1.5, 0.0, 0.0, 0.0
+    track = []
+    for _ in range(ticks):
+        valid, v, w = k.optimise(m, PLAN, cells, 0.0, 0.0, 0.05, x, y, yaw, v, w, 0.0, 1, p)
+        yaw += w * 0.05
+        x, y = x + v * math.cos(yaw) * 0.05, y + v * math.sin(yaw) * 0.05
+        track.append((x, y, valid))
+    return track
+
+
+@pytest.fixture(scope="module")
+def free() -> np.ndarray[Any, Any]:
+    return np.zeros((60, 100), np.uint8)
+
+
+def test_the_rollout_integrates_the_sampled_controls() -> None:
+    p, m = prepared(50)
+    m.control[0], m.control[1] = 0.4, 0.3
+    k.roll_out(m, 0.7, 0.2, -0.1, p)
+    for b in (0, 49):
+        v, w, x, y, yaw = 0.2, -0.1, 0.0, 0.0, 0.7
+        for step in range(56):
+            x, y = x + v * math.cos(yaw) * 0.05, y + v * math.sin(yaw) * 0.05
+            yaw += w * 0.05
+            assert (m.x[step, b], m.y[step, b], m.yaw[step, b]) == pytest.approx((x, y, yaw), abs=2e-4)
+            v = min(v + 0.15, max(v - 0.15, 0.4 + float(m.noise_v[step, b])))
+            w = min(w + 0.175, max(w - 0.175, 0.3 + float(m.noise_w[step, b])))
+
+
+def test_the_mean_is_weighted_by_the_scores() -> None:
+    p, m = prepared(64, gamma=0.0)
+    k.roll_out(m, 0.0, 0.0, 0.0, p)
+    m.costs[:] = np.linspace(0.0, 2.0, 64, dtype=np.float32)
+    weights = np.exp(-m.costs.astype(float) / 0.3)
+    k.average(m, p)
+    assert m.control[0] == pytest.approx((m.v[1:] @ weights) / weights.sum(), abs=1e-4)
+
+
+def test_the_sequence_keeps_to_the_limits() -> None:
+    p, m = prepared()
+    m.control[0], m.control[1] = 9.0, -9.0
+    m.control[0, 0] = m.control[1, 0] = 0.0
+    k.constrain(m, p)
+    assert m.control[0, 1] == pytest.approx(0.15) and m.control[0].max() == 0.5
+    assert np.abs(np.diff(m.control[1])).max() <= 0.175 + 1e-9 and m.control[1].min() == -1.9
+
+
+def test_the_filter_is_savitzky_golay() -> None:
+    from scipy.signal import savgol_coeffs
+
+    assert np.allclose(k.FILTER, savgol_coeffs(9, 2))
+
+
+def test_it_follows_a_free_plan_at_its_speed(free: np.ndarray[Any, Any]) -> None:
+    track = drive(*prepared(), free)
+    assert all(valid for _, _, valid in track)
+    assert track[-1][0] > 2.4 and max(abs(y - 1.5) for _, y, _ in track) < 0.1
+
+
+def test_it_drives_through_no_wall(free: np.ndarray[Any, Any]) -> None:
+    wall = free.copy()
+    wall[:, 42:44] = 254
+    assert max(x for x, _, _ in drive(*prepared(), wall, ticks=120)) < 2.1
+
+
+def test_where_every_trajectory_collides_there_is_no_command(free: np.ndarray[Any, Any]) -> None:
+    p, m = prepared()
+    assert not k.optimise(m, PLAN, np.full_like(free, 254), 0.0, 0.0, 0.05, 1.5, 1.5, 0.0, 0.0, 0.0, 0.0, 1, p)[0]
+    assert not m.control.any()
+
+
+def test_critics_are_options_by_their_names() -> None:
+    record = StackChoice.of("nav2-mppi", {"PathAlignCritic": {"cost_weight": 0.0}, "batch_size": 500}).record
+    assert record.options["PathAlignCritic"]["cost_weight"] == 0.0
+    assert record.options["PathAlignCritic"]["offset_from_furthest"] == 20
