@@ -8,6 +8,7 @@ from rvsg.core.lazy import lazily
 
 if TYPE_CHECKING:
     from rvsg.simulation.stacks.clients import write_clients_to as write_clients_to
+    from rvsg.simulation.stacks.nav2_params import read_nav2_params as read_nav2_params
     from rvsg.simulation.stacks.registry import DEFAULT_STACK as DEFAULT_STACK
     from rvsg.simulation.stacks.registry import Listed as Listed
     from rvsg.simulation.stacks.registry import StackChoice as StackChoice
@@ -19,6 +20,7 @@ __getattr__ = lazily(
         "DEFAULT_STACK": "rvsg.simulation.stacks.registry",
         "Listed": "rvsg.simulation.stacks.registry",
         "StackChoice": "rvsg.simulation.stacks.registry",
+        "read_nav2_params": "rvsg.simulation.stacks.nav2_params",
         "listed_stacks": "rvsg.simulation.stacks.registry",
         "write_clients_to": "rvsg.simulation.stacks.clients",
     },

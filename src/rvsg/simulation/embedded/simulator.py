@@ -73,7 +73,7 @@ class EmbeddedSimulator(Simulator):
     def __init__(self, profile: str = "default", *, stack: StackLike | None = None, **options: Any) -> None:
         self._options = _profile(profile, **options)
         choice = None if stack is None else StackChoice.of(stack)
-        self._stack = None if choice is None or choice.is_default else choice
+        self._stack = None if choice is None or (choice.is_default and not choice.messages) else choice
 
     @property
     def name(self) -> str:
@@ -94,6 +94,8 @@ class EmbeddedSimulator(Simulator):
         """Compile or load the kernels before the first run; `tell` hears of it only where they must be compiled."""
         warm_up(tell)
         if self._stack is not None:
+            for text in self._stack.messages:
+                tell(text)
             self._stack.driver.prepare(tell)
 
     def close(self) -> None:

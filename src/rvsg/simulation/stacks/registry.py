@@ -87,6 +87,8 @@ class StackChoice:
         self.record = Stack(
             name=name, version=_version(driver), options=_as_data(name, {**options, **dict(driver.options)})
         )
+        self.messages: tuple[str, ...] = ()
+        """What a user has to know of it, e.g. which parameters are not supported."""
 
     @classmethod
     def of(cls, given: StackLike, options: Mapping[str, Any] | None = None) -> StackChoice:
@@ -140,10 +142,25 @@ def _named(name: str, options: Mapping[str, Any]) -> StackChoice:
     kind, _, rest = name.partition(":")
     if rest and kind in COMMANDS:
         return _named(kind, {"command": rest, **options})
+    if name.endswith((".yaml", ".yml")):
+        return _of_file(name, options)
     if ":" in name:
         module, _, attribute = name.rpartition(":")
         return _of_class(_load_class(module, attribute, name), name, options)
     raise UnknownName("stack", name, stack_names(), hint=HINT)
+
+
+def _of_file(path: str, options: Mapping[str, Any]) -> StackChoice:
+    """Return the stack that a parameter file of Nav2 asks for."""
+    from rvsg.simulation.stacks.nav2_params import read_nav2_params
+
+    read = read_nav2_params(path)
+    try:
+        found = _named(read.stack, {**read.options, **options})
+    except InputError as error:
+        raise FileError(path, str(error)) from error
+    found.messages = tuple(read.messages())
+    return found
 
 
 def _of_class(found: Any, name: str, options: Mapping[str, Any]) -> StackChoice:

@@ -1,0 +1,474 @@
+"""Read the nav2_params.yaml that a robot runs with, and say of every key what becomes of it."""
+
+from __future__ import annotations
+
+import difflib
+import json
+import math
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+from rvsg.core.documents import read_yaml
+from rvsg.core.errors import FileError
+from rvsg.simulation.stacks.mppi import MppiSettings
+from rvsg.simulation.stacks.nav2_keys import (
+    AS_SIMULATED,
+    CHECKERS,
+    CONTROLLERS,
+    CRITICS,
+    DWB,
+    LAYERS,
+    OUTSIDE,
+    PLANAR,
+    PLANNERS,
+    POSITIVE,
+    SCALES,
+    SERVERS,
+    SIDEWAYS,
+    VECTORS,
+    WORDS,
+)
+from rvsg.simulation.stacks.pure_pursuit import PurePursuitSettings
+
+Key = tuple[str, ...]
+State = Literal["honoured", "no effect", "not supported"]
+STATES: tuple[State, ...] = ("honoured", "no effect", "not supported")
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One key of the file."""
+
+    key: str
+    value: str
+    state: State
+    note: str = ""
+
+
+@dataclass
+class Nav2File:
+    """A parameter file, read: the stack it asks for, and what becomes of every key."""
+
+    path: Path
+    stack: str
+    options: dict[str, Any]
+    entries: list[Entry] = field(default_factory=list)
+
+    def counts(self) -> dict[str, int]:
+        """Return how many keys are in each state."""
+        return {state: sum(entry.state == state for entry in self.entries) for state in STATES}
+
+    def messages(self) -> list[str]:
+        """Return what a user has to know: the counts, and every key that is not supported, by reason."""
+        counts = self.counts()
+        lines = [
+            f"{self.path}: {self.stack}; of {len(self.entries)} keys {counts['honoured']} are honoured, "
+            f"{counts['no effect']} have no effect here, {counts['not supported']} are not supported. "
+            f"`rvsg stacks {self.path}` lists all of them."
+        ]
+        reasons: dict[str, list[str]] = {}
+        for entry in self.entries:
+            if entry.state == "not supported":
+                reasons.setdefault(entry.note, []).append(entry.key)
+        lines += [f"not supported: {', '.join(keys)}: {reason}" for reason, keys in reasons.items()]
+        return lines
+
+
+def read_nav2_params(path: str | Path) -> Nav2File:
+    """Read a parameter file of Nav2 (Humble and later).
+
+    Raises:
+        FileError: it cannot be read, is of another program, or asks for a plug-in that is not simulated.
+    """
+    path = Path(path)
+    document = read_yaml(path).value
+    if not isinstance(document, Mapping) or not any(name in document for name in SERVERS):
+        raise FileError(
+            path, "this is no parameter file of Nav2: none of the nodes "
+            f"{', '.join(SERVERS[:5])} ... is in it."
+        )  # fmt: skip
+    return _Reader(path, document).read()
+
+
+class _Section:
+    """The parameters of a node or a plug-in; remembers which of them were used."""
+
+    def __init__(self, reader: _Reader, place: Key, values: Any) -> None:
+        self._reader, self.place = reader, place
+        self.values: Mapping[str, Any] = values if isinstance(values, Mapping) else {}
+
+    def get(self, key: str, default: Any = None, note: str = "") -> Any:
+        """Return a parameter and mark it as honoured; `a.b` may be nested or spelled with the dot."""
+        parts = key.split(".")
+        found: Any = self.values
+        for part in parts:
+            found = found.get(part) if isinstance(found, Mapping) else None
+        if found is None and key in self.values:
+            found, parts = self.values[key], [key]
+        if found is None:
+            return default
+        self._reader.use((*self.place, *parts), note)
+        return found
+
+    def number(self, key: str, default: float | None = None) -> Any:
+        """Return a number; FileError names the key where it is none."""
+        value = self.get(key, default)
+        if value is not None and (isinstance(value, bool) or not isinstance(value, int | float)):
+            self._reader.wrong((*self.place, key), f"expected a number, got {value!r}")
+        return value
+
+    def inner(self, key: str) -> _Section:
+        """Return a plug-in's section."""
+        return _Section(self._reader, (*self.place, key), self.values.get(key))
+
+
+class _Reader:
+    def __init__(self, path: Path, document: Mapping[str, Any]) -> None:
+        self.path, self.document = path, document
+        self.used: dict[Key, str] = {}
+        self.refused: dict[Key, str] = {}
+        self.options: dict[str, Any] = {"smoother": {}, "costmaps": {}, "behaviours": {}}
+
+    def use(self, key: Key, note: str = "") -> None:
+        """Mark a key as honoured."""
+        self.used[key] = note
+
+    def refuse(self, key: Key, note: str) -> None:
+        """Mark a key as not supported, with the reason."""
+        self.refused[key] = note
+
+    def wrong(self, key: Key, message: str) -> None:
+        """Raise what is wrong with a key."""
+        raise FileError(self.path, f"{'.'.join(key)}: {message}", line=read_yaml(self.path).lines.get(key))
+
+    def node(self, *names: str) -> _Section:
+        """Return the section of a node, with the wild card of a namespace or not."""
+        found: Any = self.document
+        for name in (*names, "ros__parameters"):
+            found = found.get(name) if isinstance(found, Mapping) else None
+        return _Section(self, (*names, "ros__parameters"), found)
+
+    def read(self) -> Nav2File:
+        """Read every node; return the file."""
+        controller = self.node("controller_server")
+        stack = self._controller(controller)
+        self._costmaps()
+        self._checkers(controller)
+        self._planner()
+        self._behaviours()
+        self._smoother()
+        self._monitor()
+        options = {key: value for key, value in self.options.items() if value not in ({}, ())}
+        return Nav2File(self.path, stack, options, list(self._entries()))
+
+    def _kind(self, section: _Section, known: tuple[str, ...] | Mapping[str, str], what: str) -> str:
+        """Return the class of a plug-in, without its package; refuse one that is not simulated."""
+        plugin = str(section.get("plugin", ""))
+        kind = re.split(r"::|/", plugin)[-1]
+        if kind not in known:
+            near = difflib.get_close_matches(kind, list(known), n=1, cutoff=0.0)
+            self.wrong(
+                (*section.place, "plugin"),
+                f"the {what} {plugin or '(no plugin)'} is not simulated. The nearest that is: "
+                f"{near[0] if near else '-'}. Simulated: {', '.join(known)}. To test yours as it is, use "
+                "--stack ros2 or exec:COMMAND.",
+            )
+        return kind
+
+    def _first(self, section: _Section, *keys: str, default: str) -> str:
+        for key in keys:
+            names = section.get(key)
+            if names:
+                if isinstance(names, list) and len(names) > 1:
+                    self.refuse((*section.place, key), f"only the first is simulated: {names[0]}")
+                return str(names[0] if isinstance(names, list) else names)
+        return default
+
+    def _controller(self, server: _Section) -> str:
+        name = self._first(server, "controller_plugins", default="FollowPath")
+        section = server.inner(name)
+        kind = self._kind(section, CONTROLLERS, "controller")
+        behaviours = self.options["behaviours"]
+        _put(behaviours, "controller_hz", server.number("controller_frequency"))
+        _put(behaviours, "failure_tolerance_s", server.number("failure_tolerance"))
+        {"nav2-dwb": self._dwb, "nav2-rpp": self._rpp, "nav2-mppi": self._mppi}[CONTROLLERS[kind]](section)
+        handler = server.inner(self._first(server, "path_handler_plugins", default="PathHandler"))
+        if CONTROLLERS[kind] == "nav2-mppi" and handler.values:
+            _put(self.options, "prune_distance", handler.number("prune_distance"))
+        return CONTROLLERS[kind]
+
+    def _dwb(self, section: _Section) -> None:
+        values = {key: section.number(name) for key, name in DWB.items()}
+        values = {key: value for key, value in values.items() if value is not None}
+        for name in section.get("critics", []):
+            if name not in CRITICS:
+                near = difflib.get_close_matches(str(name), CRITICS, n=1, cutoff=0.0)[0]
+                self.wrong((*section.place, "critics"), f"DWB's critic {name} is not simulated. The nearest: {near}.")
+        critics = section.get("critics", [])
+        if "ObstacleFootprint" in critics:
+            values["check_footprint"] = True
+        for critic, key in SCALES.items():
+            if critics and critic not in critics:
+                values[key] = 0.0
+        for key in ("deceleration_m_s2",):
+            if key in values:
+                values[key] = abs(values[key])
+        if float(section.values.get("max_vel_y") or 0.0) != 0.0:
+            self.refuse((*section.place, "max_vel_y"), "sideways motion is not simulated")
+        self.options["dwb"] = {key: value for key, value in values.items() if value != 0.0 or key not in POSITIVE}
+
+    def _rpp(self, section: _Section) -> None:
+        for name in PurePursuitSettings.model_fields:
+            if (value := section.get(name)) is not None:
+                self.options[name] = value
+        _put(self.options, "desired_linear_vel", section.number("max_linear_vel"))
+        if section.values.get("use_dynamic_window"):
+            self.refuse((*section.place, "use_dynamic_window"), "the dynamic window of pure pursuit is not simulated")
+
+    def _mppi(self, section: _Section) -> None:
+        model = str(section.get("motion_model", "DiffDrive"))
+        if model.replace("_", "").lower() != "diffdrive":
+            self.wrong(
+                (*section.place, "motion_model"), f"the motion model {model} is not simulated. Nearest: DiffDrive."
+            )
+        section.inner(model).get("plugin")
+        critics = section.get("critics")
+        known = [name for name in MppiSettings.model_fields if name.endswith("Critic")]
+        for name in critics or ():
+            if name not in known:
+                near = difflib.get_close_matches(str(name), known, n=1, cutoff=0.0)[0]
+                self.wrong((*section.place, "critics"), f"MPPI's critic {name} is not simulated. The nearest: {near}.")
+        for name, info in MppiSettings.model_fields.items():
+            if name in known:
+                inner = section.inner(name)
+                found = {key: inner.get(key) for key in info.annotation.model_fields if key in inner.values}  # type: ignore[union-attr]
+                if int(inner.values.get("cost_power", 1)) != 1:
+                    self.refuse((*inner.place, "cost_power"), "only the power 1 is simulated")
+                elif "cost_power" in inner.values:
+                    self.use((*inner.place, "cost_power"))
+                if critics is not None:
+                    found["enabled"] = name in critics and bool(found.get("enabled", True))
+                if found:
+                    self.options[name] = found
+            elif (value := section.get(name)) is not None:
+                self.options[name] = value
+
+    def _costmaps(self) -> None:
+        maps = self.options["costmaps"]
+        local, world = (self.node(name, name) for name in ("local_costmap", "global_costmap"))
+        _put(maps, "local_size_m", local.number("width"))
+        if local.values.get("height", local.values.get("width")) != local.values.get("width"):
+            self.refuse((*local.place, "height"), "a square of the width is simulated")
+        elif "height" in local.values:
+            self.use((*local.place, "height"))
+        _put(maps, "local_resolution_m", local.number("resolution"))
+        _put(maps, "local_update_hz", local.number("update_frequency"))
+        _put(maps, "global_update_hz", world.number("update_frequency"))
+        for section, prefix in ((local, "local"), (world, "global")):
+            self._layers(section, prefix)
+        self._footprint(local)
+
+    def _layers(self, section: _Section, prefix: str) -> None:
+        maps = self.options["costmaps"]
+        for name in section.get("plugins", []):
+            layer = section.inner(str(name))
+            kind = self._kind(layer, LAYERS, "costmap layer")
+            layer.get("enabled")
+            if kind == "InflationLayer":
+                _put(maps, f"{prefix}_inflation_m", layer.number("inflation_radius"))
+                _put(maps, f"{prefix}_cost_scaling", layer.number("cost_scaling_factor"))
+            elif kind in ("ObstacleLayer", "VoxelLayer"):
+                self._sources(layer, prefix)
+        for name in section.values.get("filters") or ():
+            self.refuse((*section.place, "filters"), "costmap filters (keepout and speed zones) are not simulated")
+            for key in _leaves(section.values.get(str(name)), (*section.place, str(name))):
+                self.refuse(key[0], "costmap filters are not simulated")
+
+    def _sources(self, layer: _Section, prefix: str) -> None:
+        names = str(layer.get("observation_sources", "")).split()
+        if len(names) > 1:
+            self.refuse((*layer.place, "observation_sources"), f"the ranges of {names[0]} are taken for every lidar")
+        for name in names[:1]:
+            source = layer.inner(name)
+            for key in ("marking", "clearing"):
+                if source.values.get(key) is False:
+                    self.refuse((*source.place, key), "every lidar marks and clears")
+            if prefix == "local":
+                _put(self.options["costmaps"], "obstacle_range_m", source.number("obstacle_max_range"))
+                _put(self.options["costmaps"], "clearing_range_m", source.number("raytrace_max_range"))
+            else:
+                maps = self.options["costmaps"]
+                for key, local in (
+                    ("obstacle_max_range", "obstacle_range_m"),
+                    ("raytrace_max_range", "clearing_range_m"),
+                ):
+                    if source.number(key, maps.get(local)) != maps.get(local):
+                        self.refuse((*source.place, key), "the ranges of the local costmap hold for both")
+
+    def _footprint(self, local: _Section) -> None:
+        radius, text = local.values.get("robot_radius"), local.values.get("footprint")
+        if text and text != "[]":
+            local.get("footprint")
+            try:
+                points = json.loads(text) if isinstance(text, str) else text
+                self.options["footprint"] = tuple((float(x), float(y)) for x, y in points)
+            except (ValueError, TypeError):
+                self.wrong((*local.place, "footprint"), f"expected a list of points [[x, y], ...], got {text!r:.60}")
+        elif radius is not None:
+            found = local.number("robot_radius")
+            self.options["footprint"] = _circle(found)
+        _put(self.options, "padding_m", local.number("footprint_padding"))
+
+    def _checkers(self, server: _Section) -> None:
+        behaviours = self.options["behaviours"]
+        progress = server.inner(
+            self._first(server, "progress_checker_plugins", "progress_checker_plugin", default="progress_checker")
+        )
+        if progress.values:
+            self._kind(progress, CHECKERS, "progress checker")
+            _put(behaviours, "progress_m", progress.number("required_movement_radius"))
+            _put(behaviours, "progress_s", progress.number("movement_time_allowance"))
+        goal = server.inner(self._first(server, "goal_checker_plugins", "goal_checker_plugin", default="goal_checker"))
+        if goal.values:
+            self._kind(goal, CHECKERS, "goal checker")
+            _put(behaviours, "goal_tolerance_m", goal.number("xy_goal_tolerance"))
+            _put(behaviours, "goal_tolerance_rad", goal.number("yaw_goal_tolerance"))
+            if goal.get("stateful", True) is not True:
+                self.refuse((*goal.place, "stateful"), "the goal checker keeps that the place was reached")
+
+    def _planner(self) -> None:
+        server = self.node("planner_server")
+        if not server.values:
+            return
+        section = server.inner(self._first(server, "planner_plugins", default="GridBased"))
+        self._kind(section, PLANNERS, "planner")
+        _put(self.options["behaviours"], "planner_tolerance_m", section.number("tolerance"))
+        if section.get("use_astar", False):
+            self.refuse((*section.place, "use_astar"), "Dijkstra's algorithm plans")
+        if section.get("allow_unknown", True) is not True:
+            self.refuse((*section.place, "allow_unknown"), "unknown cells may be crossed")
+
+    def _behaviours(self) -> None:
+        server = self.node("behavior_server")
+        server = server if server.values else self.node("recoveries_server")
+        names = {"spin_max_rad_s": "max_rotational_vel", "spin_min_rad_s": "min_rotational_vel",
+                 "spin_acceleration_rad_s2": "rotational_acc_lim", "look_ahead_s": "simulate_ahead_time"}  # fmt: skip
+        for key, name in names.items():
+            _put(self.options["behaviours"], key, server.number(name))
+        for name in server.get("behavior_plugins", server.get("recovery_plugins", [])):
+            plugin = server.inner(str(name))
+            plugin.get("plugin")
+            for key in plugin.values.keys() - {"plugin"}:
+                self.refuse((*plugin.place, str(key)), "recoveries move as those of Humble do")
+        tree = self.node("bt_navigator")
+        for key in ("default_nav_to_pose_bt_xml", "default_nav_through_poses_bt_xml", "default_bt_xml_filename"):
+            if tree.values.get(key):
+                self.refuse((*tree.place, key), "Nav2's default tree with replanning and recovery is simulated")
+
+    def _smoother(self) -> None:
+        section, smoother = self.node("velocity_smoother"), self.options["smoother"]
+        if not section.values:
+            return
+        _put(smoother, "frequency_hz", section.number("smoothing_frequency"))
+        _put(smoother, "timeout_s", section.number("velocity_timeout"))
+        for key, (first, last) in VECTORS.items():
+            vector = section.get(key)
+            if vector is None:
+                continue
+            if not isinstance(vector, list) or len(vector) != 3 or not all(isinstance(v, int | float) for v in vector):
+                self.wrong((*section.place, key), f"expected three numbers [x, y, yaw], got {vector!r}")
+            _put(smoother, first, abs(float(vector[0])))
+            if last:
+                _put(smoother, last, abs(float(vector[2])))
+            if vector[1]:
+                self.refuse((*section.place, key), "sideways motion is not simulated")
+        if section.get("feedback", "OPEN_LOOP") != "OPEN_LOOP":
+            self.refuse((*section.place, "feedback"), "the smoother works in open loop")
+        if section.get("scale_velocities", False):
+            self.refuse((*section.place, "scale_velocities"), "each velocity is limited by itself")
+        if any(section.values.get("deadband_velocity") or ()):
+            self.refuse((*section.place, "deadband_velocity"), "there is no dead band")
+
+    def _monitor(self) -> None:
+        section = self.node("collision_monitor")
+        zones = []
+        speed = self.options["smoother"].get("max_speed_m_s", 0.5)
+        for name in section.get("polygons", []):
+            polygon = section.inner(str(name))
+            action = str(polygon.values.get("action_type"))
+            points = _points(polygon.values)
+            if polygon.values.get("enabled", True) is False:
+                continue
+            if action not in ("stop", "slowdown", "limit") or points is None:
+                self.refuse(
+                    (*polygon.place, "action_type"), f"the action {action} is not simulated; stop and slowdown are"
+                )
+                continue
+            for key in ("action_type", "type", "points", "radius", "slowdown_ratio", "linear_limit"):
+                if key in polygon.values:
+                    polygon.get(key)
+            share = float(polygon.values.get("slowdown_ratio", 0.5)) * speed
+            limit = {"stop": 0.0, "slowdown": share, "limit": float(polygon.values.get("linear_limit", 0.5))}[action]
+            note = "a speed limit of the ratio times the highest speed" if action == "slowdown" else ""
+            self.use((*polygon.place, "action_type"), note)
+            zones.append({"name": str(name), "polygon": points, "speed_m_s": limit, "release_s": 0.0})
+        self.options["safety_zones"] = tuple(zones)
+
+    def _entries(self) -> Iterator[Entry]:
+        for key, value in _leaves(self.document, ()):
+            name, shown = ".".join(part for part in key if part != "ros__parameters"), f"{value!r:.60}"
+            if key in self.refused:
+                yield Entry(name, shown, "not supported", self.refused[key])
+            elif any(key[: len(used)] == used for used in self.used):
+                note = next(self.used[used] for used in self.used if key[: len(used)] == used)
+                yield Entry(name, shown, "honoured", note)
+            elif key[0].strip("/").partition("/")[0] in OUTSIDE:
+                yield Entry(name, shown, "no effect", f"{key[0]} has no part in a run here")
+            elif WORDS.search(key[-1]):
+                yield Entry(name, shown, "no effect", "transport, time or display")
+            elif PLANAR.search(key[-1]):
+                yield Entry(name, shown, "no effect", "the lidars are planar")
+            elif SIDEWAYS.search(key[-1]) or SIDEWAYS.search(key[-2]):
+                yield Entry(
+                    name, shown, "no effect", "sideways motion or computing time, neither of which is simulated"
+                )
+            elif key[-1] in AS_SIMULATED and AS_SIMULATED[key[-1]] == value:
+                yield Entry(name, shown, "honoured", "this is what is simulated")
+            else:
+                yield Entry(name, shown, "not supported", "not simulated; Nav2's default holds")
+
+
+def _put(into: dict[str, Any], key: str, value: Any) -> None:
+    if value is not None:
+        into[key] = value
+
+
+def _circle(radius: float) -> tuple[tuple[float, float], ...]:
+    """Return Nav2's outline of a round robot: a polygon of 16 corners."""
+    angles = [2.0 * math.pi * k / 16 for k in range(16)]
+    return tuple((radius * math.cos(a), radius * math.sin(a)) for a in angles)
+
+
+def _points(values: Mapping[str, Any]) -> tuple[tuple[float, float], ...] | None:
+    """Return the corners of a polygon of the collision monitor: Humble lists numbers, later releases a text."""
+    if values.get("type") == "circle" and isinstance(values.get("radius"), int | float):
+        return _circle(float(values["radius"]))
+    given: Any = values.get("points")
+    try:
+        found = json.loads(given) if isinstance(given, str) else given
+        if isinstance(found, list) and found and isinstance(found[0], int | float):
+            found = list(zip(found[::2], found[1::2], strict=True))
+        return tuple((float(x), float(y)) for x, y in found) if found else None
+    except (ValueError, TypeError):
+        return None
+
+
+def _leaves(value: Any, key: Key) -> Iterator[tuple[Key, Any]]:
+    if isinstance(value, Mapping):
+        for name, inner in value.items():
+            yield from _leaves(inner, (*key, str(name)))
+    else:
+        yield key, value
