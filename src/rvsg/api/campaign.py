@@ -430,7 +430,7 @@ class Campaign:
     def _begin(self, stored: CampaignRecord | None) -> None:
         """Store the record and the campaign file, or check that the stored record is the same.
 
-        A campaign without an attempt begins anew: a wrong setting that its first call revealed can be corrected.
+        A campaign without an attempt starts again: a wrong setting that its first call revealed can be corrected.
         """
         make_folder(self.folder)
         with alone_in(self.folder), self._ledger() as ledger:

@@ -36,18 +36,18 @@ from rvsg.simulation.run import Run
 from rvsg.store.memory import MemoryLedger
 
 BEST_RUNS = 20
-"""Fresh runs of the best configuration: their mean is the value that methods are compared by."""
+"""Confirmation runs of the best configuration: their mean is the value that methods are compared by."""
 LATER_RUNS = 6
-"""Fresh runs of every further candidate, at most: one whose first two both violate, or neither, gets no more."""
+"""Confirmation runs of every further candidate, at most: one whose first two both violate, or neither, gets no more."""
 
 
 class Row(Record):
     """The result of one campaign of a comparison.
 
     Attributes:
-        confirmed_mean: Mean objective of the best configuration in fresh runs; None where nothing was measured.
+        confirmed_mean: Mean objective of the best configuration in confirmation runs; None where nothing was measured.
         search_mean: What the search measured of the same configuration.
-        violation_probability: Share of those fresh runs that violate the requirement.
+        violation_probability: Share of those confirmation runs that violate the requirement.
         distinct_failures: Number of failure modes among the confirmed candidates.
         failures: These failure modes in words.
         runs: Runs of the search.
@@ -199,7 +199,7 @@ def _row(key: tuple[str, str, str, int], wired: Wired) -> Row:
 
 
 class _Confirmed:
-    """Fresh runs of what a search found: the best in full, then other candidates until the runs are spent."""
+    """Confirmation runs of what a search found: the best in full, then other candidates until the runs are spent."""
 
     def __init__(self, wired: Wired, ledger: MemoryLedger, parts: Parts, attempts: Sequence[Attempt]) -> None:
         self.wired, self.ledger, self.parts, self.attempts = wired, ledger, parts, attempts

@@ -64,4 +64,4 @@ def answered_from_record(wiring: Wiring) -> str | None:
     if wiring.replaying or recording is None or not known:
         return None
     calls = "1 call was" if known == 1 else f"{known} calls were"
-    return f"{calls} answered at no cost from {recording.folder}; to ask anew, give another --record."
+    return f"{calls} answered at no cost from {recording.folder}; to ask again, give another --record."

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 ROBOT = "#1f4e9e"
 PEOPLE = ("#d9630a", "#0b8f7a", "#a23bb8", "#8a6d00", "#c2255c", "#3f7d20", "#5b5fc7", "#9c4a2f")
 STEP = 4
-"""Every so many samples become a point of a line."""
+"""Every n-th sample becomes a point of a line."""
 
 
 @dataclass(frozen=True)

@@ -146,7 +146,7 @@ class SimulatedTrial:
         try:
             return kind.validate_python(parse_json(read_text(path), path), strict=False)
         except (FileError, ValidationError):
-            return None  # it is made again, and written anew
+            return None  # it is made again, and written again
 
     def _keep(self, key: str, result: object) -> None:
         if self.cache is None:

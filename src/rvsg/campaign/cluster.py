@@ -180,7 +180,7 @@ class Cluster:
                 seen = self._last_seen(seen, error)
 
     def _last_seen(self, seen: float, error: BaseException) -> float:
-        """Return when there was a worker last, after a wait in vain; SimulationError where the cluster is gone."""
+        """Return when there was a worker last, after waiting for one; SimulationError where the cluster is gone."""
         if not isinstance(error, TimeoutError) or self._client.status not in ("running", "connecting"):
             raise SimulationError(LOST) from None
         if self._look():

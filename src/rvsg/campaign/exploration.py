@@ -14,7 +14,7 @@ from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Scenario
 
 FEWEST = 10
-"""A surface is fitted to at least so many runs."""
+"""The least number of runs a surface is fitted to."""
 
 
 class Point(Record):

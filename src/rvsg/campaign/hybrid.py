@@ -84,7 +84,7 @@ class HybridStrategy(BatchStrategy):
     # -- the parts -------------------------------------------------------------------------------------------------
 
     def _draft(self, count: int) -> Batch:
-        """Ask the generator for so many scenarios, each different from those before, and run each once."""
+        """Ask the generator for a number of scenarios, each different from those before, and run each once."""
         begun = 0
         while begun < count:
             memory = remember(self.told, self.plan.requirement, last=self.plan.memory)
@@ -97,7 +97,7 @@ class HybridStrategy(BatchStrategy):
         estimate(self.candidates)
 
     def _change(self, count: int) -> Batch:
-        """Make so many changed configurations, and run each once."""
+        """Make a number of changed configurations, and run each once."""
         rng = np.random.default_rng(seed_for(self.plan.seed, "hybrid", self.asked))
         ranked = sorted((c for c in self.candidates if c.runs), key=lambda c: (-c.estimate, c.index))
         asks: list[Ask] = []
@@ -122,7 +122,7 @@ class HybridStrategy(BatchStrategy):
         estimate(self.candidates)
 
     def _race(self, count: int, most: int | None = None) -> Batch:
-        """Give one more run to so many of the configurations that may still be the best."""
+        """Give one more run to a number of the configurations that may still be the best."""
         most = self.final_runs if most is None else most
         hopeful = [c for c in in_the_race(self.candidates) if len(self._seen(c)) < most]
         hopeful.sort(key=lambda c: (-(c.estimate + 0.5 * c.deviation), c.index))

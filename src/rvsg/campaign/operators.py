@@ -25,9 +25,9 @@ from rvsg.scenario.validity.rules import START_CLEARANCE_M
 from rvsg.world.world import World
 
 OPTIONS = 16
-"""So many changes are forecast for every one that is run."""
+"""The number of changes forecast for every one that is run."""
 SHORTLIST = 2
-"""One of so many that promise most is run: the forecast is rough."""
+"""One of this many most promising changes is run, since the forecast is rough."""
 CROSSED = 0.15
 """How often a person of another configuration is put into one, where both have several people."""
 

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 ATTEMPTS = 3
 """A run whose process died this often is given up."""
 FAILED_STARTS = 10
-"""So many workers in a row may die while they start."""
+"""The number of workers in a row that may die while they start."""
 READ_AHEAD = 2
 """Tasks a worker has at most, so that it never waits for this process between two runs."""
 STOP_S = 5.0
@@ -226,7 +226,7 @@ class _Keeper(threading.Thread):
                 finally:
                     self.pool.give_back(self)
                     _end(process)
-        except Exception as error:  # else those who wait for its tasks would wait for ever
+        except Exception as error:  # else those who wait for its tasks would wait forever
             self.pool.fail(f"a worker process cannot be used: {type(error).__name__}: {error}")
             self.pool.give_back(self)
 

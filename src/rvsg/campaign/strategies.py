@@ -135,7 +135,7 @@ class StudyStrategy:
     """The study's method: refine a scenario from what it measured, then ask for one that differs from all before.
 
     A refinement reads the feedback on the last valid configuration of the scenario; as long as a scenario has none,
-    it is asked for anew. With `plan.max_in_flight` k > 1 the scenarios are worked on in groups of k, in turn: every
+    it is asked for again. With `plan.max_in_flight` k > 1 the scenarios are worked on in groups of k, in turn: every
     refinement still reads the configuration before it, but a scenario is not told of the others of its group.
     """
 

@@ -23,9 +23,7 @@ def demo(
     listed: Annotated[bool, typer.Option("--list", help="List the recorded campaigns.")] = False,
     out: Annotated[str | None, typer.Option(help="Folder of the campaign. [runs/demo-NAME]")] = None,
     repeats: Annotated[int | None, typer.Option(min=1, help="Runs of each configuration. [as recorded]")] = None,
-    confirmations: Annotated[
-        int | None, typer.Option(min=0, help="At most so many fresh runs of the best. [as recorded]")
-    ] = None,
+    confirmations: Annotated[int | None, typer.Option(min=0, help="Budget of confirmation runs. [as recorded]")] = None,
     jobs: Annotated[int | None, typer.Option(min=1, help="Worker processes. [one per core]")] = None,
     strict: Annotated[
         bool, typer.Option("--strict", help="Stop where the present prompts differ from the recorded ones.")
@@ -67,10 +65,10 @@ def what_it_means(plan: Plan, summary: Summary) -> str:
     verdict = confirmed.verdict if confirmed is not None else None
     if verdict is None:
         return (
-            f"What it means: the search ranked {tried}; nothing was confirmed in fresh runs, so the values above are "
-            "those that were selected for being bad, and a little too bad. --confirmations 20 confirms the first."
+            f"What it means: the search ranked {tried}; nothing was confirmed, so the values above are "
+            "those selected for being bad, and overstate it. --confirmations 20 confirms the first."
         )
-    runs = counted(verdict.runs, "fresh run")
+    runs = counted(verdict.runs, "confirmation run")
     limit = number(plan.requirement.limit, plan.requirement.unit) if plan.requirement.limit is not None else "its limit"
     said = {
         Status.PASS: (

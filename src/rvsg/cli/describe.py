@@ -112,7 +112,7 @@ def _kept(wiring: Wiring) -> Iterator[None]:
         recording = wiring.recording
         if recording is not None and not wiring.replaying and recording.spent().calls:
             outside = isinstance(error, (ModelUnavailable, BudgetSpent))
-            next_step = "the same command goes on from there" if outside else "to ask anew give another --record"
+            next_step = "the same command goes on from there" if outside else "to ask again give another --record"
             say(f"What was answered is kept in {recording.folder}; {next_step}.")
         raise
 

@@ -22,7 +22,7 @@ def import_study(
 ) -> None:
     """Import results in the layout of the published study into a store, with a file of findings beside it.
 
-    Every metric is computed anew from the logs and compared with the logged one. What cannot be trusted is not
+    Every metric is computed again from the logs and compared with the logged one. What cannot be trusted is not
     imported and listed with its reason; unknown waypoint names are kept and listed.
     """
     from rvsg.api.authoring import load_world

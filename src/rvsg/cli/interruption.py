@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM: heard once, never lost, and obeyed at once by whoever asks a second time."""
+"""Ctrl-C and SIGTERM: finish in order at the first, stop at once at the second."""
 
 from __future__ import annotations
 

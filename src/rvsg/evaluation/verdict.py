@@ -36,7 +36,7 @@ class Procedure(Record):
     confidence: Annotated[float, Field(gt=0.5, lt=1)] = 0.95
     """Confidence of the intervals that are reported."""
     max_runs: Annotated[int, Field(ge=1, le=100_000)] = 30
-    """The budget: after so many runs the verdict is what it is."""
+    """The budget: the most runs a verdict may take."""
 
     @model_validator(mode="after")
     def _apart(self) -> Procedure:

@@ -202,7 +202,7 @@ def to_humans(file: AgentsFile) -> Converted:
 def export_agents(
     agents: tuple[HumanAgent, ...], *, map_name: str, dialect: Dialect = "block"
 ) -> tuple[AgentsFile, tuple[str, ...]]:
-    """Convert agents of ours to an agents file, and say what the file cannot hold.
+    """Convert agents to an agents file, and list what the file cannot hold.
 
     Args:
         agents: the people, in the world frame.

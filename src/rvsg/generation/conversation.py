@@ -55,7 +55,7 @@ class _Judged:
 class VlmGenerator(Generator):
     """Answers briefs by a conversation with a vision language model.
 
-    `rehearse`, which whoever puts a campaign together may set, simulates a configuration before it is accepted: what
+    `rehearse`, which the code that assembles a campaign may set, simulates a configuration before it is accepted: what
     does not happen as planned goes back at most `rehearsals` times. `provoking` offers the threatening behaviour.
     `model` is a model's name (`openai-chat:gpt-4.1`) or anything with `ask`; None where `replay` names a folder of
     recorded calls. `folder` is the campaign's: calls are recorded in `folder/vlm`, and templates in `folder/prompts`

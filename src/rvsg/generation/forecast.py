@@ -42,7 +42,7 @@ PERSON_M = 0.4
 
 
 AIMED = 8
-"""So many people are forecast; in a larger crowd the others simply work."""
+"""At most this many people are forecast; in a larger crowd the others simply work."""
 
 
 @dataclass(frozen=True, kw_only=True)

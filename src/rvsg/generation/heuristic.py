@@ -39,7 +39,7 @@ class HeuristicGenerator(Generator):
     """Plans people's work from the map, the route and what was measured. Deterministic: the brief's seed draws.
 
     `tries` people are drawn for every one that is kept, `changes` variants for every refinement. `individuals`: as
-    in the study, everybody but the first draws the weights of their forces anew at every launch; not where people are
+    in the study, everybody but the first draws the weights of their forces again at every launch; not where people are
     to hold the robot up, for a delay that hangs on those weights does not come back. `provoking`: the first
     person steps in front of the robot when it is near (HuNavSim's threatening behaviour), a misuse to be foreseen.
     """

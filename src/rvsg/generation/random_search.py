@@ -26,10 +26,10 @@ HUMAN_RADIUS_M = 0.4
 
 
 class RandomGenerator(Generator):
-    """Random search: tasks between random areas. Refinements are drawn anew like everything else.
+    """Random search: tasks between random areas. Refinements are drawn again like everything else.
 
     `tasks` is the smallest and largest number of tasks of a person. `individuals`: as in the study, everybody but
-    the first draws the weights of their forces anew at every launch; False gives everybody the default weights.
+    the first draws the weights of their forces again at every launch; False gives everybody the default weights.
     """
 
     def __init__(self, *, tasks: tuple[int, int] = (2, 20), individuals: bool = True) -> None:

@@ -1,6 +1,6 @@
 """Rehearsals: short simulations that a generator may ask for before it answers.
 
-Generation does not know the simulator. Whoever puts a campaign together gives the generator a `Rehearse` function.
+Generation does not know the simulator. The code that assembles a campaign gives the generator a `Rehearse` function.
 """
 
 from __future__ import annotations

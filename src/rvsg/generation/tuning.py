@@ -33,12 +33,12 @@ SPEEDS_M_S = (0.35, 1.6)
 FASTER, SLOWER = 1.5, 0.6
 """How far a speed may leave the one that was proposed."""
 TUNED_STOPS = 4
-"""So many stops of a person may move to another waypoint of their area."""
+"""The number of stops of a person that may move to another waypoint of their area."""
 
 
 @dataclass(frozen=True)
 class Dimension:
-    """One number of the search space, in the unit of `name`; `choices` > 0: a choice among so many instead."""
+    """One number of the search space, in the unit of `name`; `choices` > 0: a choice among that many values instead."""
 
     human: int
     name: str
@@ -215,9 +215,9 @@ def _paced(humans: Sequence[Human | None]) -> list[Human | None]:
 
 
 FEW = 2.5
-"""So many numbers change at a time on average; a change of all of them loses what was good."""
+"""The average number of values changed at a time; changing all of them loses what was good."""
 ANYWHERE = 0.25
-"""How often a number that changes is drawn anew from its whole range instead of near its value."""
+"""How often a number that changes is drawn again from its whole range instead of near its value."""
 STEP = 0.15
 """The standard deviation of a change, as a share of the range."""
 TRIES = 60

@@ -120,7 +120,7 @@ def nearest(run: Run, row: int | None = None) -> list[int]:
 
 
 def _samples(run: Run, seconds: float) -> int:
-    """How many samples of the run make so many seconds."""
+    """Return how many samples of the run a time in seconds takes."""
     step = float(np.median(np.diff(run.trajectory.t))) if len(run.trajectory) > 2 else 1.0
     return max(1, round(seconds / max(1e-6, step)))
 

@@ -23,13 +23,13 @@ from rvsg.world.world import World
 FORMAT = "rvsg-trace"
 VERSION = 1
 EVERY = 2
-"""Of the frames of a trace, 10 a second, every so many are kept."""
+"""Of the frames of a trace, 10 a second, every n-th is kept."""
 MOST_RAYS = 181
 """Rays of a lidar that are kept at most."""
 MOST_SAMPLES = 150
 """Samples of the local planner that are kept at most: evenly, and always the chosen one."""
 PLAN_STEP = 6
-"""Of the poses of a plan, 0.025 m apart, every so many are kept."""
+"""Of the poses of a plan, 0.025 m apart, every n-th is kept."""
 
 
 def trace_view(trace: Trace, world: World) -> dict[str, Any]:

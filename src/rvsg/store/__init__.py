@@ -1,1 +1,1 @@
-"""Every record, by content id, in order, for ever: SQLite by default."""
+"""Stores every record by content id, in order, permanently; in SQLite by default."""

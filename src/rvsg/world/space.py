@@ -20,7 +20,7 @@ Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
 
 MOST_SEGMENTS = 1000
-"""So many segments are looked at in one step, which bounds the memory."""
+"""The number of segments checked in one step, which bounds the memory."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""Paced: at most so many calls at once, and at most so many begun per minute."""
+"""Paced: a model whose calls at once and per minute are limited."""
 
 from __future__ import annotations
 

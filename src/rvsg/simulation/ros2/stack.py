@@ -150,7 +150,7 @@ class Ros2Stack(WholeStack):
             return _Running(session, task, seen)
         except BaseException:
             if session.launched is not None:
-                self.close()  # a system that did not get ready is started anew for the next run
+                self.close()  # a system that did not get ready is started again for the next run
             raise
 
     def finish(self) -> Mapping[str, Any]:

@@ -100,7 +100,7 @@ def _changed(text: str, path: Path, change_it: Callable[[Any, Any], None], chang
         raise InputError(f"Editing worlds needs ruamel.yaml: {how_to_install('studio')}") from None
     round_trip = YAML()
     round_trip.preserve_quotes = True
-    round_trip.width = 4096  # no line that was written by hand is broken anew
+    round_trip.width = 4096  # no line that was written by hand is broken again
     round_trip.indent(mapping=2, sequence=4, offset=2)
     try:
         value = round_trip.load(text)

@@ -28,7 +28,7 @@ class Drive(Record):
 
 
 class Trial(Protocol):
-    """Tries a world out in a simulator. The world rooms know no simulator, so whoever has one passes it in."""
+    """Tries a world out in a simulator. The world folders do not import the simulator; the caller passes it in."""
 
     def drive(self, world: World, route: Route) -> Drive:
         """Drive a route once, with nobody about. A bad start or an unreachable goal is an outcome."""

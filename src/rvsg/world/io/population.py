@@ -21,7 +21,7 @@ def expanded(
 ) -> Iterator[tuple[Element, tuple[float, float, float]]]:
     """Yield the `<model>` or `<include>` of a population once per copy, with its position relative to the population.
 
-    Gazebo draws `random` and `uniform` populations anew at every start. Here they are drawn from a seed that follows
+    Gazebo draws `random` and `uniform` populations again at every start. Here they are drawn from a seed that follows
     from the population's name, so the same file always gives the same world.
     """
     template = next((child for child in population.children if child.tag in ("model", "include")), None)
