@@ -37,8 +37,8 @@ def compare(
 ) -> None:
     """Compare methods at an equal number of runs, over routes, requirements and seeds.
 
-    Every search gets the same number of runs. Its best configuration then gets 20 confirmation runs, and other candidates
-    up to 60 more; they are grouped into distinct failures. The table shows means over seeds; A12 is the
+    Every search gets the same number of runs. Its best configuration then gets 20 confirmation runs, other
+    candidates up to 60 more; failures are grouped. The table shows means over seeds; A12 is the
     probability that a campaign of the first method confirms a worse value for the robot than one of the other (0.5: no
     difference), with p values of the Mann-Whitney test after Holm's correction.
     """
