@@ -28,8 +28,18 @@ def touch_people(crowd: CrowdRef, t: float, body: Floats, x: float, y: float, ya
     pinned, the base makes only the part of its step that does not enter the body: less translation first, then less
     rotation. A touched body triggers the bumper, which stops the drive for `bumper_s`, whoever gives way.
     """
+    crowd.free[0] -= math.sqrt((body[base.X] - x) ** 2 + (body[base.Y] - y) ** 2)
+    if crowd.free[0] > 0.0:
+        return 0.0
+    free = math.inf
     touched = False
     for i in range(crowd.x.size):
+        dx = crowd.x[i] - body[base.X]
+        dy = crowd.y[i] - body[base.Y]
+        least = math.sqrt(dx * dx + dy * dy) - (crowd.outline_reach + crowd.radius[i]) - TOUCH_M
+        free = min(free, least)
+        if least > 0.0:
+            continue
         gap, ux, uy = robot_gap(crowd, i, body[base.X], body[base.Y], body[base.YAW])
         if gap > TOUCH_M:
             continue
@@ -46,6 +56,7 @@ def touch_people(crowd: CrowdRef, t: float, body: Floats, x: float, y: float, ya
                 # Walls would push the person deeper into the robot: pinned between both.
                 crowd.x[i] = was_x
                 crowd.y[i] = was_y
+    crowd.free[0] = free
     if not touched:
         return 0.0
     change = _hold_back(crowd, body, x, y, yaw)

@@ -23,6 +23,7 @@ from rvsg.simulation.embedded.navigation.behaviour_tree import (
     navigate,
     place_path,
 )
+from rvsg.simulation.embedded.navigation.controllers import dwb
 from rvsg.simulation.embedded.people import PERIOD_S, Crowd, tick
 from rvsg.simulation.embedded.people.crowd import CrowdRef
 from rvsg.simulation.embedded.scene import Scene, SceneRef
@@ -379,6 +380,7 @@ class Episode:
             stack_ticks=self.outside.stack_ticks,
             probe_ticks=self.outside.probe_ticks if self.outside.probe is not None else 0,
         )
+        state.nav[dwb.ALL_SCORES] = 1 if self.outside.probe is not None else 0
         self._references = bind(scene, state, crowd)
         scene_, state_, crowd_ = self._references
         begin(scene_, state_, settings, crowd_, phases, self._loop)

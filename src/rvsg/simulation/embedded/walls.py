@@ -401,9 +401,11 @@ def free_pose(walls: Walls, start: Pose) -> Pose | None:
 
     It is looked for in steps of 1 cm within 10 cm.
     """
+    if overlap(walls, start.x, start.y, start.yaw) <= SLACK_M:
+        return start
     steps = np.arange(-10, 11) * 0.01
     offsets = [(float(dx), float(dy)) for dx in steps for dy in steps if math.hypot(dx, dy) <= FREE_WITHIN_M]
     for dx, dy in sorted(offsets, key=lambda offset: (math.hypot(*offset), offset)):
         if overlap(walls, start.x + dx, start.y + dy, start.yaw) <= SLACK_M:
-            return start if dx == dy == 0.0 else Pose(x=start.x + dx, y=start.y + dy, yaw=start.yaw)
+            return Pose(x=start.x + dx, y=start.y + dy, yaw=start.yaw)
     return None

@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.core.compiled import kernel
+from rvsg.core.compiled import inner, kernel
 from rvsg.simulation.embedded.sensing.lidar import FAR
 
 Floats = NDArray[np.float64]
@@ -21,6 +21,8 @@ INSCRIBED = 253
 LETHAL = 254
 UNKNOWN = 255
 VOXEL_SHORTENING_CELLS = 2.0
+CHUNK = 64
+"""Cells of a row that are looked at together: few hold a mark."""
 
 
 def inflation_kernel(resolution_m: float, radius_m: float, scaling: float, inscribed_m: float) -> Bytes:
@@ -295,6 +297,15 @@ def inflate_marks(master: Bytes, layers: Bytes, costs: Bytes) -> None:
                     break
 
 
+@inner
+def has(cells: Bytes, value: int) -> bool:
+    """Whether one of the cells holds a value; without a branch per cell."""
+    found = 0
+    for c in range(cells.size):
+        found |= cells[c] == value
+    return found != 0
+
+
 @kernel
 def merge_global(
     master: Bytes,
@@ -320,14 +331,23 @@ def merge_global(
     for r in range(top, bottom):
         for c in range(left, right):
             master[r, c] = inflated_static[r, c]
+    first = max(0, left - reach)
+    end = min(columns, right + reach)
+    marked = False
     for r in range(max(0, top - reach), min(rows, bottom + reach)):
-        for c in range(max(0, left - reach), min(columns, right + reach)):
-            if static[r, c] != LETHAL:
+        for c in range(first, end):
+            if (c - first) % CHUNK == 0:
+                marked = False
+                for n in range(layers.shape[0]):
+                    marked = marked or has(layers[n, r, c : min(end, c + CHUNK)], LETHAL)
+            if marked and static[r, c] != LETHAL:
                 for n in range(layers.shape[0]):
                     if layers[n, r, c] == LETHAL:
                         stamp(master, costs, r, c, top, left, bottom, right)
                         break
     for r in range(top, bottom):
+        if not has(static[r, left:right], UNKNOWN):
+            continue
         for c in range(left, right):
             if static[r, c] == UNKNOWN and master[r, c] < INSCRIBED:
                 unknown = True

@@ -54,6 +54,7 @@ def tick(
         crowd.old_vy[i] = crowd.vy[i]
         speed = math.sqrt(crowd.vx[i] ** 2 + crowd.vy[i] ** 2)
         crowd.logged_speed[i] = min(speed, crowd.speed[i])
+    crowd.free[0] = 0.0
     sum_groups(crowd)
     for i in range(n):
         find_obstacle(crowd, i, robot_x, robot_y, robot_yaw)

@@ -136,6 +136,7 @@ class Crowd(NamedTuple):
     robot_radius: float  # of the disc that people keep away from
     outline: Floats  # (K, 2) corners of the robot's body in its frame
     outline_reach: float  # of the farthest corner
+    free: Floats  # (1,) how far the robot can go before it can touch somebody
     start_pause: Floats  # pause at the start, s; negative: it is over
     place_x: Floats  # where to stand
     place_y: Floats
@@ -280,6 +281,7 @@ def initial(
         robot_radius=robot.radius_m,
         outline=np.array(robot.outline, dtype=np.float64),
         outline_reach=reach(robot.outline),
+        free=np.zeros(1),
         start_pause=column([agent.start_pause_s if agent.start == agent.goals[0] else -1.0 for agent in agents]),
         place_x=start[:, 0].copy(),
         place_y=start[:, 1].copy(),

@@ -71,7 +71,13 @@ def social_force(
     ey = dy / distance
     ix = LAMBDA * dvx + ex
     iy = LAMBDA * dvy + ey
-    length = math.sqrt(ix * ix + iy * iy)
+    square = ix * ix + iy * iy
+    # The test below, without roots and with some room for rounding: most pairs are beyond reach.
+    cross = N_ANGLE * GAMMA * (ix * ey - iy * ex)
+    rest = reach - cross * cross + 1e-6
+    if rest < 0.0 or distance * distance > 1.000001 * GAMMA * GAMMA * rest * rest * square:
+        return 0.0, 0.0
+    length = math.sqrt(square)
     b = GAMMA * length
     tx = ix / length
     ty = iy / length

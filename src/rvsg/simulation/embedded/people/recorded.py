@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rvsg.scenario.scenario import Behaviour
 from rvsg.simulation.embedded.people import log
@@ -20,8 +19,6 @@ from rvsg.simulation.events import (
     RobotContact,
 )
 
-Floats = NDArray[np.float64]
-
 
 def events_of(crowd: Crowd, names: Sequence[str], behaviours: Sequence[Behaviour]) -> tuple[RecordedEvent, ...]:
     """Return the events of a run in order of time.
@@ -32,13 +29,14 @@ def events_of(crowd: Crowd, names: Sequence[str], behaviours: Sequence[Behaviour
     """
     rows = crowd.events[: int(crowd.event_count[0])]
     rows = rows[np.lexsort((rows[:, log.PERSON], rows[:, log.KIND], rows[:, log.FROM]))]
-    return tuple(_event(row, names, behaviours) for row in rows)
+    return tuple(_event(row, names, behaviours) for row in rows.tolist())
 
 
-def _event(row: Floats, names: Sequence[str], behaviours: Sequence[Behaviour]) -> RecordedEvent:
+def _event(row: Sequence[float], names: Sequence[str], behaviours: Sequence[Behaviour]) -> RecordedEvent:
     person = int(row[log.PERSON])
     kind = int(row[log.KIND])
-    time_s, until_s, x, y = (round(float(row[column]), 3) for column in (log.FROM, log.UNTIL, log.X, log.Y))
+    time_s, until_s = round(row[log.FROM], 3), round(row[log.UNTIL], 3)
+    x, y = round(row[log.X], 3), round(row[log.Y], 3)
     name = names[person]
     if kind == log.TOUCHED:
         return RobotContact(
@@ -47,11 +45,11 @@ def _event(row: Floats, names: Sequence[str], behaviours: Sequence[Behaviour]) -
             x=x,
             y=y,
             person=name,
-            closing_speed_m_s=round(float(row[CLOSING]), 3),
-            robot_part_m_s=round(float(row[ROBOT_PART]), 3),
-            person_part_m_s=round(float(row[PERSON_PART]), 3),
-            bearing_rad=round(float(row[BEARING]), 3),
-            overlap_m=round(float(row[OVERLAP]), 4),
+            closing_speed_m_s=round(row[CLOSING], 3),
+            robot_part_m_s=round(row[ROBOT_PART], 3),
+            person_part_m_s=round(row[PERSON_PART], 3),
+            bearing_rad=round(row[BEARING], 3),
+            overlap_m=round(row[OVERLAP], 4),
         )
     if kind == log.REACTED:
         behaviour = behaviours[person]

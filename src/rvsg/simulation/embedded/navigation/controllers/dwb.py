@@ -6,6 +6,7 @@ Values are those of the robot's configuration; rules those of nav2_dwb_controlle
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -22,10 +23,13 @@ Ints = NDArray[np.int64]
 Small = NDArray[np.int32]
 
 MEMO_SIZE = 1024
+ROUNDING = 1e-6
+"""A sample is dropped only where its partial score is above the best total by more than rounding."""
 
 # Indices of the integer state of the controller.
-IN_WINDOW, ROTATING, XY_REACHED, BAN_LEFT, BAN_RIGHT, LAST_SIGN, PLAN_BEGIN, PLAN_END, SOURCES, STAMP = range(10)
-CONTROLLER_INTS = 10
+(IN_WINDOW, ROTATING, XY_REACHED, BAN_LEFT, BAN_RIGHT, LAST_SIGN, PLAN_BEGIN, PLAN_END, SOURCES, STAMP, ALL_SCORES,
+ LAST_BEST) = range(12)  # fmt: skip
+CONTROLLER_INTS = 12
 # Indices of its real state: where the robot was when a turn was banned.
 BAN_X, BAN_Y, BAN_YAW = range(3)
 CONTROLLER_REALS = 3
@@ -66,17 +70,27 @@ def samples(p: Stack) -> Floats:
     """
     if not p.dwb_whole_range:
         return np.zeros((p.dwb_v_samples * (p.dwb_w_samples + 1), 4))
-    rates = [-p.dwb_max_w + 2.0 * p.dwb_max_w * k / (p.dwb_w_samples - 1) for k in range(p.dwb_w_samples)]
+    speeds, rates = (p.dwb_min_v, p.dwb_max_v, p.dwb_v_samples), (p.dwb_max_w, p.dwb_w_samples)
+    return _whole_table(speeds, rates, p.dwb_sim_time, p.dwb_linear, p.dwb_angular).copy()
+
+
+@lru_cache(maxsize=8)
+def _whole_table(
+    speeds: tuple[float, float, int], turns: tuple[float, int], time_s: float, linear: float, angular: float
+) -> Floats:
+    """Return the samples of the whole range of velocities."""
+    low, high, v_samples = speeds
+    most, w_samples = turns
+    rates = [-most + 2.0 * most * k / (w_samples - 1) for k in range(w_samples)]
     if 0.0 not in rates:
-        rates.insert(p.dwb_w_samples // 2, 0.0)
+        rates.insert(w_samples // 2, 0.0)
     rows = []
-    for k in range(p.dwb_v_samples):
-        v = p.dwb_min_v + (p.dwb_max_v - p.dwb_min_v) * k / (p.dwb_v_samples - 1)
+    for k in range(v_samples):
+        v = low + (high - low) * k / (v_samples - 1)
         for w in rates:
-            far = max(abs(v) * p.dwb_sim_time / p.dwb_linear, abs(w) * p.dwb_sim_time / p.dwb_angular)
-            steps = max(1, math.ceil(far))
+            steps = max(1, math.ceil(max(abs(v) * time_s / linear, abs(w) * time_s / angular)))
             if v != 0.0 or w != 0.0:
-                rows.append((v, w, steps, p.dwb_sim_time / steps))
+                rows.append((v, w, steps, time_s / steps))
     return np.array(rows, np.float64)
 
 
@@ -386,8 +400,9 @@ def choose(
     """The index of the best legal sample, -1 where there is none.
 
     `path` is in the local frame (metres), `origin_column`, `origin_row` the window's place in cells of 0.05 m, the
-    velocities are the measured ones. Totals of all end poses come first; only the best are rolled out to see
-    whether they are free, which selects the same sample as checking them all.
+    velocities are the measured ones. Where ALL_SCORES is set, all samples are scored for a recorder, and only the best
+    are rolled out to see whether they are free. Else a sample is dropped as soon as it cannot be the best any more.
+    Both select the same sample as scoring and checking them all.
     """
     if not prune(state, path, x, y, p.dwb_window, p.dwb_prune):
         return -1
@@ -417,12 +432,106 @@ def choose(
     ends = memo.ends[ends_of(memo, measured_v, measured_w, samples, p)]
     column = x / p.resolution - origin_column
     row = y / p.resolution - origin_row
+    if state[ALL_SCORES] == 0:
+        best = best_of(
+            maps, state, samples, ends, master, column, row, yaw, goal_yaw, measured_v, measured_w, goal_column,
+            goal_row, align_column, align_row, to_goal > p.dwb_forward_point, p,
+        )  # fmt: skip
+        state[LAST_BEST] = best + 1
+        return best
     score(
         maps, state, samples, ends, master, column, row, yaw, goal_yaw, measured_v, goal_column, goal_row, align_column,
         align_row, to_goal > p.dwb_forward_point, p,
     )  # fmt: skip
     totals = maps.totals[: samples.shape[0]]
     return best_free(totals, samples, master, column, row, yaw, measured_v, measured_w, p)
+
+
+@inner
+def best_of(
+    maps: Scratch,
+    state: Ints,
+    samples: Floats,
+    ends: Floats,
+    master: Bytes,
+    column: float,
+    row: float,
+    yaw: float,
+    goal_yaw: float,
+    measured_v: float,
+    measured_w: float,
+    goal_column: int,
+    goal_row: int,
+    align_column: int,
+    align_row: int,
+    align_path: bool,
+    p: Stack,
+) -> int:
+    """The first free sample of least total, -1 where there is none: `score` and `best_free` in one pass.
+
+    The sample that was best last time comes first, so that most others are dropped before the distances from the path
+    are looked for. Terms are added in the same order as in `score`, so the totals are the same to the last bit.
+    """
+    rows, columns = master.shape
+    if not (0.0 <= column < columns and 0.0 <= row < rows) or master[int(row), int(column)] >= INSCRIBED:
+        return -1
+    cos = math.cos(yaw) / p.resolution
+    sin = math.sin(yaw) / p.resolution
+    count = samples.shape[0]
+    best = -1
+    least = math.inf
+    for k in range(-1, count):
+        s = state[LAST_BEST] - 1 if k < 0 else k
+        if s < 0 or s >= count or s == best:
+            continue
+        w = samples[s, SAMPLE_W]
+        if (state[BAN_LEFT] != 0 and w > 0.0) or (state[BAN_RIGHT] != 0 and w < 0.0):
+            continue
+        x = column + cos * ends[s, 0] - sin * ends[s, 1]
+        y = row + sin * ends[s, 0] + cos * ends[s, 1]
+        ahead_x = column + cos * ends[s, 3] - sin * ends[s, 4]
+        ahead_y = row + sin * ends[s, 3] + cos * ends[s, 4]
+        if not (0.0 <= x < columns and 0.0 <= y < rows):
+            continue
+        if not (0.0 <= ahead_x < columns and 0.0 <= ahead_y < rows):
+            continue
+        end_column = int(x)
+        end_row = int(y)
+        ahead_column = int(ahead_x)
+        ahead_row = int(ahead_y)
+        align = p.dwb_goal_align * (abs(ahead_column - align_column) + abs(ahead_row - align_row))
+        goal = p.dwb_goal_dist * (abs(end_column - goal_column) + abs(end_row - goal_row))
+        if align + goal > least + ROUNDING:
+            continue
+        cost = master[end_row, end_column]
+        if cost >= INSCRIBED:
+            continue
+        rotate = 0.0
+        if state[IN_WINDOW] != 0:
+            rotate = rotate_to_goal(
+                state, samples[s, SAMPLE_V], abs(wrap(yaw + ends[s, 2] - goal_yaw)), measured_v, p.dwb_slowing
+            )
+            if rotate < 0.0:
+                continue
+        total = p.dwb_rotate * rotate + p.dwb_obstacle * cost
+        total += align
+        if total + goal > least + ROUNDING:
+            continue
+        if align_path:
+            total += p.dwb_path_align * path_distance(maps, state, ahead_column, ahead_row)
+            if total + goal > least + ROUNDING:
+                continue
+        total += p.dwb_path_dist * path_distance(maps, state, end_column, end_row)
+        total += goal
+        if total > least or (total == least and s > best):
+            continue
+        if is_free(
+            master, column, row, yaw, measured_v, measured_w, samples[s, SAMPLE_V], w, int(samples[s, SAMPLE_STEPS]),
+            samples[s, SAMPLE_DT], p,
+        ):  # fmt: skip
+            least = total
+            best = s
+    return best
 
 
 @kernel
