@@ -1,0 +1,1 @@
+"""A ROS 2 navigation under test with RVSG, over any middleware."""
