@@ -222,12 +222,12 @@ class Campaign:
 
     @property
     def finished(self) -> bool:
-        """Whether everything planned is done."""
+        """Return whether everything planned is done."""
         return self.summary().complete
 
     @property
     def resumable(self) -> bool:
-        """Whether it lies where `run` finds it: not in a copied ledger file."""
+        """Return whether it lies where `run` finds it: not in a copied ledger file."""
         return self._store.is_dir() or self._store.name == LEDGER
 
     def prepare(self, on_message: Callable[[str], None] = ignore) -> None:
@@ -406,7 +406,7 @@ class Campaign:
         return self.folder / (f"report-{safe_name(self.name)}.html" if several else REPORT)
 
     def finished_in(self, ledger: Ledger) -> bool:
-        """Whether the ledger holds everything planned."""
+        """Return whether the ledger holds everything planned."""
         return summarise(self.plan, list(ledger.attempts(self.name))).complete
 
     @property

@@ -369,6 +369,6 @@ def _mean(values: Sequence[float | None]) -> float | None:
 
 
 def _ratio(first: Sequence[Row], second: Sequence[Row]) -> float | None:
-    """How many times as many distinct failures per campaign; None where the second finds none."""
+    """Return how many times as many distinct failures per campaign; None where the second finds none."""
     a, b = (_mean([float(row.distinct_failures) for row in rows]) for rows in (first, second))
     return a / b if a is not None and b else None

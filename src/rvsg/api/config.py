@@ -130,7 +130,7 @@ class CampaignConfig(Record):
 
     @property
     def folder(self) -> Path:
-        """Where the campaign is kept."""
+        """Return where the campaign is kept."""
         if self.out:
             return Path(self.out)
         world, requirement = Path(self.world).name, called(self.requirement)

@@ -111,7 +111,7 @@ class History:
 
     @property
     def steps(self) -> tuple[int, int]:
-        """How many changes can be undone and made again."""
+        """Return how many changes can be undone and made again."""
         kept = self._read()
         return len(kept["done"]), len(kept["undone"])
 

@@ -43,7 +43,7 @@ class Judgement:
 
     @property
     def violated(self) -> bool:
-        """Whether the requirement is violated more than rarely, with the error rate of the procedure."""
+        """Return whether the requirement is violated more than rarely, with the error rate of the procedure."""
         return violated(self.verdict, procedure=self.procedure)
 
     @property

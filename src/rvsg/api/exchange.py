@@ -199,7 +199,7 @@ def load_any(
 
 
 def is_recording(path: str | Path) -> bool:
-    """Whether a path is a recording: a rosbag2 folder, an MCAP or an SQLite file."""
+    """Return whether a path is a recording: a rosbag2 folder, an MCAP or an SQLite file."""
     path = Path(path)
     return path.suffix in RECORDINGS or (path / "metadata.yaml").is_file()
 

@@ -43,7 +43,7 @@ def store_of(folder: Path) -> tuple[str, dict[str, Any]] | None:
 
 
 def is_matrix(folder: Path) -> bool:
-    """Whether a folder holds several campaigns of one command."""
+    """Return whether a folder holds several campaigns of one command."""
     return any((folder / name).is_file() for name in (MATRIX, CELLS))
 
 

@@ -91,7 +91,7 @@ def with_world_folder(text: str, folder: Path | None) -> str:
 
 
 def holds_runs(path: Path) -> bool:
-    """Whether a file holds runs rather than a scenario, by its first line; False for standard input."""
+    """Return whether a file holds runs rather than a scenario, by its first line; False for standard input."""
     return str(path) != "-" and any('"arrays"' in line for _, line in islice(read_lines(path), 1))
 
 

@@ -61,7 +61,7 @@ class Attempt(Record):
 
     @property
     def runs(self) -> int:
-        """How many runs were asked for, those that could not be made included."""
+        """Return how many runs were asked for, those that could not be made included."""
         return len(self.measurements) + len(self.failures)
 
 

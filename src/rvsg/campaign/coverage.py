@@ -25,7 +25,7 @@ class Count(Record):
 
     @property
     def tested(self) -> bool:
-        """Whether a scenario asks for it or a run shows it."""
+        """Return whether a scenario asks for it or a run shows it."""
         return bool(self.scenarios or self.runs)
 
 

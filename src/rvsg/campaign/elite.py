@@ -62,6 +62,6 @@ class EliteStrategy(StudyStrategy):
         return sorted(groups.values(), key=lambda group: (-standing(group), group[0].index))
 
     def _rank(self, index: int, count: int) -> int:
-        """Which of the ranked scenarios is refined: of a geometric distribution, from the campaign's seed."""
+        """Return which of the ranked scenarios is refined: of a geometric distribution, from the campaign's seed."""
         rng = np.random.default_rng(seed_for(self.plan.seed, "elite", index))
         return int(min(rng.geometric(KEEN), count)) - 1

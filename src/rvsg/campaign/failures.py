@@ -100,7 +100,7 @@ def _place(x: float, y: float, world: World) -> str:
 
 
 def _person(run: Run, index: int, human: int) -> str:
-    """Where the person is and how they move, as seen from the robot."""
+    """Return where the person is and how they move, as seen from the robot."""
     path = run.trajectory
     before = int(np.searchsorted(path.t, path.t[index] - 1.0))
     elapsed = max(float(path.t[index] - path.t[before]), 1e-6)

@@ -41,14 +41,14 @@ class Entry(Record):
 
     @property
     def violates(self) -> bool | None:
-        """Whether the requirement is violated more than rarely; None where the runs do not tell."""
+        """Return whether the requirement is violated more than rarely; None where the runs do not tell."""
         if self.verdict is None:
             return None
         return True if violated(self.verdict) else False if self.verdict.status is Status.PASS else None
 
     @property
     def waypoints(self) -> tuple[str, ...]:
-        """Where its people walk."""
+        """Return where its people walk."""
         return () if self.scenario is None else waypoints_used(self.scenario.people)
 
 

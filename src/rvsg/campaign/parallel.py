@@ -28,7 +28,7 @@ class Executor(Protocol):
 
     @property
     def size(self) -> int:
-        """How many runs it makes at a time."""
+        """Return how many runs it makes at a time."""
         ...
 
     def start(self, maker: RunMaker, notify: Callable[[str], None]) -> None:
@@ -110,7 +110,7 @@ class Simulations:
 
     @property
     def lookahead(self) -> int:
-        """How many attempts to submit before the first is collected: 0 in one process."""
+        """Return how many attempts to submit before the first is collected: 0 in one process."""
         return self._ready().size if self._executor else 0
 
     def submit(self, scenario: Scenario, seed: int) -> PendingRun:

@@ -58,7 +58,7 @@ class Made:
 
     @property
     def count(self) -> int:
-        """How many runs were asked for."""
+        """Return how many runs were asked for."""
         return len(self.runs) + len(self.failures)
 
 

@@ -103,7 +103,7 @@ class _Pool:
 
     @property
     def over(self) -> bool:
-        """Whether no task will be handed out any more."""
+        """Return whether no task will be handed out any more."""
         return self.ending or self.broken is not None
 
     def add(self, task: Task) -> None:

@@ -50,7 +50,7 @@ class Candidate:
 
     @property
     def runs(self) -> int:
-        """How many runs have an objective."""
+        """Return how many runs have an objective."""
         return len(self.badness)
 
     @property

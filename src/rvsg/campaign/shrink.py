@@ -122,7 +122,7 @@ class Shrinking:
         return scenario.replace(people=mended)
 
     def _violations(self, scenario: Scenario, seeds: Sequence[int], needed: int) -> tuple[int, int]:
-        """How many runs violate the requirement, and how many were made before it was clear that too few do."""
+        """Return how many runs violate the requirement, and how many were made before it was clear that too few do."""
         violations = 0
         for count, seed in enumerate(seeds, start=1):
             (measured,) = self._measured(scenario, [seed]) or (None,)

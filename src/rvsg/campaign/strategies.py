@@ -110,7 +110,7 @@ class BatchStrategy:
 
     @property
     def left(self) -> int:
-        """How many runs the search may still spend."""
+        """Return how many runs the search may still spend."""
         return self.plan.search_runs - len(self.used)
 
     @staticmethod
@@ -164,7 +164,7 @@ class StudyStrategy:
         self.told.append(attempt)
 
     def _known(self, index: int) -> int:
-        """How many attempts have to be known before attempt `index` is chosen; no more are looked at."""
+        """Return how many attempts have to be known before attempt `index` is chosen; no more are looked at."""
         return max(0, index + 1 - self._place(index)[2])
 
     def _next(self, index: int, known: list[Attempt]) -> Brief:

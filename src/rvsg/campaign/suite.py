@@ -55,7 +55,7 @@ class State(str, Enum):
 
     @property
     def fails(self) -> bool:
-        """Whether a build that holds this state should fail."""
+        """Return whether a build that holds this state should fail."""
         return self is State.BROKEN
 
 
@@ -247,7 +247,7 @@ def _mcnemar(only_first: int, only_second: int) -> float:
 
 
 def _settled(verdict: Verdict) -> bool | None:
-    """Whether a verdict says violated (True), passed (False) or neither (None)."""
+    """Return whether a verdict says violated (True), passed (False) or neither (None)."""
     if verdict.status is Status.PASS:
         return False
     return True if violated(verdict) else None

@@ -103,7 +103,7 @@ def _watch(wiring: Wiring) -> Callable[[Callable[[CallNews], None] | None], None
 
 @contextlib.contextmanager
 def _kept(wiring: Wiring) -> Iterator[None]:
-    """Where a call fails or an answer cannot be used, say that all answers are kept."""
+    """Say that all answers are kept where a call fails or an answer cannot be used."""
     from rvsg.api.errors import BudgetSpent, GenerationError, ModelUnavailable
 
     try:

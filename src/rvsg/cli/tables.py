@@ -90,7 +90,7 @@ def ranked_table(plan: Plan, summary: Summary, *, width: int = 80, rows: int = 1
 
 
 def _left_out(summary: Summary, rows: int) -> str:
-    """How many scenarios the table leaves out."""
+    """Return how many scenarios the table leaves out."""
     more = len(summary.ranking) - rows
     return f"{more} more {'scenario' if more == 1 else 'scenarios'} in the report. " if more > 0 else ""
 

@@ -150,12 +150,12 @@ def parse_json(text: str, path: Path, *, line: int | None = None) -> Any:
 
 
 def is_too_deep(value: Any) -> bool:
-    """Whether lists and mappings are nested deeper than any reader needs; never exhausts the stack."""
+    """Return whether lists and mappings are nested deeper than any reader needs; never exhausts the stack."""
     return _is_deeper(value, DEEPEST)
 
 
 def exists(path: Path) -> bool:
-    """Whether there is a file or a folder; False for a path that no file system can hold."""
+    """Return whether there is a file or a folder; False for a path that no file system can hold."""
     try:
         return path.exists()
     except (OSError, ValueError):
@@ -163,7 +163,7 @@ def exists(path: Path) -> bool:
 
 
 def is_dir(path: Path) -> bool:
-    """Whether there is a folder; False for a path that no file system can hold."""
+    """Return whether there is a folder; False for a path that no file system can hold."""
     try:
         return path.is_dir()
     except (OSError, ValueError):
@@ -176,7 +176,7 @@ def whole_text(text: str) -> str:
 
 
 def is_text(text: str) -> bool:
-    """Whether a text can be written as UTF-8: it holds no lone surrogate."""
+    """Return whether a text can be written as UTF-8: it holds no lone surrogate."""
     return _is_encodable(text)
 
 

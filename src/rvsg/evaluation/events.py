@@ -50,7 +50,7 @@ class _Lasting(_Event):
 
     @property
     def duration_s(self) -> float:
-        """How long it lasted, seconds."""
+        """Return how long it lasted, seconds."""
         return self.until_s - self.time_s
 
 

@@ -59,7 +59,7 @@ class ShareDifference(Record):
 
     @property
     def is_clear(self) -> bool:
-        """Whether the interval does not hold 0."""
+        """Return whether the interval does not hold 0."""
         return self.interval[0] > 0.0 or self.interval[1] < 0.0
 
 

@@ -87,7 +87,7 @@ class Ros2World(Simulator):
 
     @property
     def any_robot(self) -> bool:
-        """Whether it simulates every robot: the robot is whichever runs there."""
+        """Return whether it simulates every robot: the robot is whichever runs there."""
         return True
 
     @property

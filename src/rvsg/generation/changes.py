@@ -41,7 +41,7 @@ class Changing:
         return next((place for place in self.work.places if waypoint in place.waypoints), None)
 
     def stops(self, human: Human) -> list[Stop] | None:
-        """Where a person's tasks start; None where one does not start at a place."""
+        """Return where a person's tasks start; None where one does not start at a place."""
         by_name = {place.name: place for place in self.work.places}
         stops = []
         for task in at_places(human.tasks):

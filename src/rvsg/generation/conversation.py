@@ -235,7 +235,7 @@ class VlmGenerator(Generator):
             judged.append(revised)
 
     def _has_recorded_rehearsal(self, dialogue: Dialogue) -> bool:
-        """Whether the next call of the dialogue was recorded as one about a rehearsal."""
+        """Return whether the next call of the dialogue was recorded as one about a rehearsal."""
         recording, number = self.wiring.recording, len(dialogue.calls) + 1
         ending = f"/{number:02d}-rehearse"
         place = place_of(dialogue.session)
@@ -305,7 +305,7 @@ class VlmGenerator(Generator):
         return check(read_ends(people, world), brief.mission, world)
 
     def _before_refinement(self, dialogue: Dialogue, brief: Brief, world: World) -> None:
-        """Where the history of the scenario is not known any more, the shortest one that says the same."""
+        """Return the shortest history that says the same, where that of the scenario is not known any more."""
         if brief.feedback is None or len(dialogue.messages) > 1:
             return
         last = brief.feedback.scenario

@@ -94,7 +94,7 @@ def description_of(world: World) -> Description | None:
 
 
 def stored_path(world: World) -> Path:
-    """Where the description of a shipped world is stored."""
+    """Return where the description of a shipped world is stored."""
     return data_folder() / "descriptions" / f"{world.name}-{world.id.removeprefix('world-')}.yaml"
 
 

@@ -162,14 +162,14 @@ class _Plan:
         return human.model_copy(update={"factors": "random_normal"}) if differs else human
 
     def _clear(self, human: Human, others: list[Human]) -> bool:
-        """Whether a person starts clear of the robot, of obstacles and of the others."""
+        """Return whether a person starts clear of the robot, of obstacles and of the others."""
         begins, at = human.tasks[0].path[0], self.ground.at
         if not self._free_start(begins, human):
             return False
         return all(math.dist(at[begins], at[o.tasks[0].path[0]]) >= human.radius_m + o.radius_m for o in others)
 
     def _free_start(self, begins: str, human: Human) -> bool:
-        """Whether a person who is alone may start at a waypoint; remembered."""
+        """Return whether a person who is alone may start at a waypoint; remembered."""
         key = (begins, human.radius_m)
         if key not in self.free:
             at, mission = self.ground.at[begins], self.brief.mission
@@ -205,7 +205,7 @@ class _Plan:
     # -- a refinement ------------------------------------------------------------------------------------------
 
     def refinable(self, feedback: Feedback) -> bool:
-        """Whether everybody in the feedback walks on waypoints of this world."""
+        """Return whether everybody in the feedback walks on waypoints of this world."""
         paths = [task.path for human in feedback.scenario.people.humans for task in human.tasks]
         return all(path and self.world.grid.valid.issuperset(path) for path in paths)
 

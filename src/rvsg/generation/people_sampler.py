@@ -186,7 +186,7 @@ class PeopleSampler:
         return self.at(place, {stop.waypoint for stop in chosen[-1:]})
 
     def _weights(self, last: Stop | None, far: bool) -> NDArray[np.float64]:
-        """How often each place is drawn after the last one."""
+        """Return how often each place is drawn after the last one."""
         key = (last.place.name if last else "", last.waypoint if last else "", far)
         if key not in self._known:
             self._known[key] = np.array([self._weight(k, last, far) for k in range(len(self.places))])

@@ -68,7 +68,7 @@ class WalkingGraph:
         return sum(math.dist(self.at[a], self.at[b]) for a, b in pairwise(path))
 
     def along(self, name: str) -> tuple[float, float]:
-        """Where a waypoint lies against the robot's route: metres along it to the nearest point, metres away."""
+        """Return where a waypoint lies against the robot's route: metres along it to the nearest point, metres away."""
         if name not in self._along:
             self._along[name] = nearest_on(self.robot_path, self.at[name])
         return self._along[name]

@@ -86,7 +86,7 @@ class Wiring:
 
     @property
     def replaying(self) -> bool:
-        """Whether answers come from a record only."""
+        """Return whether answers come from a record only."""
         return self.replayed is not None
 
     def notes(self) -> tuple[str, ...]:

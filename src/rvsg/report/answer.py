@@ -121,7 +121,7 @@ def answer(
 
 
 def _judged(plan: Plan, confirmed: AttemptFacts) -> list[Sentence]:
-    """How often the limit is violated, and by how much."""
+    """Return how often the limit is violated, and by how much."""
     verdict, requirement = confirmed.attempt.verdict, plan.requirement
     if verdict is None or verdict.mean is None:
         return []
@@ -158,7 +158,7 @@ def _judged(plan: Plan, confirmed: AttemptFacts) -> list[Sentence]:
 
 
 def _where(facts: AttemptFacts) -> list[Sentence]:
-    """Who is nearest at the decisive moment, where and when, over the violating runs or all of them."""
+    """Return who is nearest at the decisive moment, where and when, over the violating runs or all of them."""
     runs = facts.violating or facts.runs
     who = Counter(run.decisive_with for run in runs if run.decisive_with).most_common(1)
     if not who:
@@ -187,7 +187,7 @@ CAUSED = {
 
 
 def _why(plan: Plan, cause: Cause) -> tuple[list[Badge], list[Sentence]]:
-    """Whether it was the people: the same seeds without them, and without each of them."""
+    """Return whether it was the people: the same seeds without them, and without each of them."""
     finding, nobody = cause.finding, cause.nobody
     if finding.about_people == "not violated":
         return [], []

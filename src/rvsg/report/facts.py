@@ -44,7 +44,7 @@ class RunFacts:
 
     @property
     def arrived(self) -> bool:
-        """Whether the robot reached its goal in time."""
+        """Return whether the robot reached its goal in time."""
         return self.run.completed
 
     @property

@@ -140,7 +140,7 @@ def _map(world: World, pins: Sequence[Pin]) -> dict[str, Any]:
 
 
 def _ends(reported: Sequence[Reported]) -> tuple[int, int]:
-    """How many campaigns ended with a violation in confirmation runs, and how many with none."""
+    """Return how many campaigns ended with a violation in confirmation runs, and how many with none."""
     confirmed = [summary.confirmed for *_, summary in reported if summary.confirmed]
     verdicts = [attempt.verdict for attempt in confirmed if attempt.verdict]
     return sum(map(violated, verdicts)), sum(verdict.status is Status.PASS for verdict in verdicts)
@@ -160,7 +160,7 @@ def _headline(reported: Sequence[Reported]) -> dict[str, str]:
 
 
 def _tiles(reported: Sequence[Reported]) -> list[dict[str, str]]:
-    """How many campaigns ended how, and what they took."""
+    """Return how many campaigns ended how, and what they took."""
     bad, good = _ends(reported)
     accounts = [summary.accounting for *_, summary in reported]
     search, fresh = sum(a.search_runs for a in accounts), sum(a.confirmation_runs for a in accounts)

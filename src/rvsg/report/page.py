@@ -133,7 +133,7 @@ def environment() -> jinja2.Environment:
 
 
 def _curse(plan: Plan, summary: Summary, selected: Verdict | None) -> str:
-    """How the confirmation mean compares with the mean in the search by which the scenario was selected."""
+    """Return how the confirmation mean compares with the mean in the search by which the scenario was selected."""
     fresh = summary.confirmed.verdict if summary.confirmed else None
     if selected is None or selected.mean is None or fresh is None or fresh.mean is None:
         return ""

@@ -36,7 +36,7 @@ class Curve:
 
     @property
     def is_known(self) -> bool:
-        """Whether the curve has at least two values."""
+        """Return whether the curve has at least two values."""
         return int(np.isfinite(self.value).sum()) >= 2
 
 
@@ -97,7 +97,7 @@ def closest_approach(run: Run) -> float:
 
 
 def _longest_standstill(run: Run) -> float:
-    """Where the robot, once under way, loses most way against its usual speed over the next 3 s."""
+    """Return where the robot, once under way, loses most way against its usual speed over the next 3 s."""
     path = run.trajectory
     travelled = np.concatenate([[0.0], np.hypot(np.diff(path.x), np.diff(path.y)).cumsum()])
     later = np.searchsorted(path.t, path.t + 3.0)

@@ -48,7 +48,7 @@ class Shown:
 
     @property
     def cause(self) -> Cause | None:
-        """Whether the people cause the finding; None before a confirmation."""
+        """Return whether the people cause the finding; None before a confirmation."""
         confirmed = self.confirmed
         found = [f for f in self.findings if confirmed is not None and f.confirmation == confirmed.attempt.index]
         return cause_of(found[0], confirmed, self.facts) if found and confirmed is not None else None

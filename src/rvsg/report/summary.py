@@ -92,7 +92,7 @@ def summarise(plan: Plan, attempts: Sequence[Attempt]) -> Summary:
 
 
 def _complete(plan: Plan, attempts: Sequence[Attempt], ranked: Sequence[Ranked]) -> bool:
-    """Whether everything planned is done: the search, and its confirmation with the mission without people."""
+    """Return whether everything planned is done: the search, and its confirmation with the mission without people."""
     if plan.confirmations and ranked:
         return any(a.purpose == "baseline" for a in attempts)
     searched = search_attempts(attempts)
@@ -102,7 +102,7 @@ def _complete(plan: Plan, attempts: Sequence[Attempt], ranked: Sequence[Ranked])
 
 
 def _runs_of(attempts: Sequence[Attempt]) -> int:
-    """How many runs attempts made; one that several attempts share counts once."""
+    """Return how many runs attempts made; one that several attempts share counts once."""
     return len({m.run_id for attempt in attempts for m in attempt.measurements})
 
 

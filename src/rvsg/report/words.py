@@ -19,7 +19,7 @@ def quantity(requirement: Requirement) -> str:
 
 
 def direction(requirement: Requirement) -> str:
-    """Which values are worse, e.g. `lower is worse`."""
+    """Return which values are worse, e.g. `lower is worse`."""
     return "lower is worse" if requirement.worse == "smaller" else "higher is worse"
 
 

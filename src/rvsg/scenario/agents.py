@@ -62,7 +62,7 @@ class HumanAgent(Record):
 
     @property
     def stays(self) -> bool:
-        """Whether the person stays at the last goal; otherwise the goals come round again."""
+        """Return whether the person stays at the last goal; otherwise the goals come round again."""
         return self.pauses_s[-1] >= FOREVER_S
 
 

@@ -307,7 +307,7 @@ def _keep(connection: sa.Connection, run: PackedRun) -> None:
 
 
 def _is_whole(row: Any) -> bool:
-    """Whether a run is as it was kept; of one that was kept before there were checksums nobody can say."""
+    """Return whether a run is as it was kept; of one that was kept before there were checksums nobody can say."""
     if row.checksum is None:
         return True
     return (
@@ -323,7 +323,7 @@ def _checksum(header: str, arrays: bytes) -> str:
 
 
 def _may_write(path: Path) -> bool:
-    """Whether the file can be written, and beside it the files SQLite needs to write it."""
+    """Return whether the file can be written, and beside it the files SQLite needs to write it."""
     return os.access(path, os.W_OK) and os.access(path.parent, os.W_OK)
 
 
@@ -385,7 +385,7 @@ def _migrate(connection: sa.Connection, path: Path) -> None:
 
 
 def _version(connection: sa.Connection, path: Path) -> int:
-    """How many migrations the file has seen; StoreError where it is not ours or newer."""
+    """Return how many migrations the file has seen; StoreError where it is not ours or newer."""
     version = int(connection.exec_driver_sql("PRAGMA user_version").scalar_one())
     application = int(connection.exec_driver_sql("PRAGMA application_id").scalar_one())
     tables = int(connection.exec_driver_sql("SELECT count(*) FROM sqlite_master").scalar_one())

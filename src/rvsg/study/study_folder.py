@@ -119,7 +119,7 @@ class Batch:
 
     @property
     def repeats(self) -> bool:
-        """Whether the logs are repeats of one configuration and not one run each of several."""
+        """Return whether the logs are repeats of one configuration and not one run each of several."""
         return self.method in ("best", "worst")
 
 

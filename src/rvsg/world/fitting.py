@@ -78,7 +78,7 @@ def setback_m(goal: Pose, robot: Robot, world: World) -> float | None:
 
 
 def fits_through(robot: Robot, route: Route, world: World) -> bool:
-    """Whether some way from the start over the poses to pass to the goal is as wide as the robot."""
+    """Return whether some way from the start over the poses to pass to the goal is as wide as the robot."""
     space = robot_space(world)
     slack = space.frame.resolution * math.sqrt(0.5)
     parts = space.parts(max(0.0, 0.5 * min(robot.width_m, robot.length_m) - slack))

@@ -44,7 +44,7 @@ class GridSpec(Record):
 
     @property
     def hop_radius_m(self) -> float:
-        """How far a straight hop keeps from obstacles."""
+        """Return how far a straight hop keeps from obstacles."""
         return self.human_clearance_m if self.hop_clearance_m is None else self.hop_clearance_m
 
     @model_validator(mode="after")

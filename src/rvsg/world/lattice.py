@@ -72,7 +72,7 @@ def build_grid(spec: GridSpec, human: Space, robot: Space, *, seeds: Sequence[tu
 
 
 def _fitting(spec: GridSpec, human: Space, points: Floats, seeds: Sequence[tuple[float, float]]) -> NDArray[np.bool_]:
-    """Where a person fits, on the main part of the floor or on all parts."""
+    """Return where a person fits, on the main part of the floor or on all parts."""
     clear = human.clearances(points)
     fits = (clear > 0) & (clear >= spec.human_clearance_m)
     if not spec.isolated_parts:
@@ -185,7 +185,7 @@ def area_waypoints(
 
 
 def _in_reach(area: Any, waypoint: Waypoint, human: Space, own: Any) -> bool:
-    """Whether nothing but what belongs to the area (`own`) is between a waypoint and the area's border."""
+    """Return whether nothing but what belongs to the area (`own`) is between a waypoint and the area's border."""
     from shapely import LineString, Point, contains_xy, shortest_line
 
     line: LineString = shortest_line(Point(waypoint.x, waypoint.y), area)

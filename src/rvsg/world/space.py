@@ -41,7 +41,7 @@ class Space:
         return float(self.frame.looked_up_at(self.field, x, y))
 
     def is_free(self, x: float, y: float, radius: float = 0.0) -> bool:
-        """Whether a disc of this radius (metres) fits here; radius 0 asks whether the point itself is free."""
+        """Return whether a disc of this radius (metres) fits here; radius 0 asks whether the point itself is free."""
         clear = self.clearance(x, y)
         return clear > 0.0 and clear >= radius
 
@@ -84,7 +84,7 @@ class Space:
         return free
 
     def segment_free(self, a: tuple[float, float], b: tuple[float, float], radius: float = 0.0) -> bool:
-        """Whether a disc of this radius (metres) can move straight from `a` to `b`."""
+        """Return whether a disc of this radius (metres) can move straight from `a` to `b`."""
         return bool(self.segments_free(np.array([a]), np.array([b]), radius)[0])
 
 
@@ -92,7 +92,7 @@ _parts: WeakKeyDictionary[Space, dict[float, NDArray[np.int32]]] = WeakKeyDictio
 
 
 def frame_of(occupancy: OccupancyMap) -> Frame:
-    """Where the cells of an occupancy map lie."""
+    """Return where the cells of an occupancy map lie."""
     rows, columns = occupancy.cells.shape
     return Frame(occupancy.origin, occupancy.resolution, (rows, columns))
 
@@ -117,7 +117,7 @@ def solid_cells(objects: Sequence[SolidObject], frame: Frame) -> Bools:
 
 
 def human_space_of(objects: Sequence[SolidObject], occupancy: OccupancyMap) -> Space:
-    """Where a person can be: clear of every footprint and of all that the map does not show free."""
+    """Return where a person can be: clear of every footprint and of all that the map does not show free."""
     if not objects:
         return robot_space_of(occupancy)
     frame = frame_of(occupancy)
@@ -125,7 +125,7 @@ def human_space_of(objects: Sequence[SolidObject], occupancy: OccupancyMap) -> S
 
 
 def robot_space_of(occupancy: OccupancyMap) -> Space:
-    """Where the robot can be as far as its own map tells; computed once per map."""
+    """Return where the robot can be as far as its own map tells; computed once per map."""
     if occupancy not in _map_spaces:
         _map_spaces[occupancy] = space_of(occupancy.cells != FREE, frame_of(occupancy))
     return _map_spaces[occupancy]
@@ -144,7 +144,7 @@ _robot_spaces: WeakKeyDictionary[World, Space] = WeakKeyDictionary()
 
 
 def human_space(world: World) -> Space:
-    """Where a person can be in this world, in the world frame; computed once per world."""
+    """Return where a person can be in this world, in the world frame; computed once per world."""
     if world not in _human_spaces:
         _human_spaces[world] = human_space_of(world.solids, world_map(world))
     return _human_spaces[world]

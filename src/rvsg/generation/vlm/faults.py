@@ -161,7 +161,7 @@ def _reachable(called: Called) -> str:
 
 
 def _filtered(error: Exception) -> bool:
-    """Whether a service's safety filter speaks: some send a refusal as an HTTP error."""
+    """Return whether a service's safety filter speaks: some send a refusal as an HTTP error."""
     if getattr(error, "status_code", None) not in (400, 403, 422):
         return False
     text = f"{error} {getattr(error, 'body', '')}".casefold()

@@ -92,7 +92,7 @@ class Replayed:
         )
 
     def _difference(self, request: Request, call: RecordedCall) -> str:
-        """Where the present request first differs, in words."""
+        """Return where the present request first differs, in words."""
         recorded = [self._recording.message(i) for i in call.messages]
         for index, (now, then) in enumerate(zip(request.messages, recorded, strict=False), start=1):
             if now != then:

@@ -23,7 +23,7 @@ class TaskEnd:
     known: bool = True
 
     def allows(self, waypoint: str) -> bool:
-        """Whether the task may begin or end there."""
+        """Return whether the task may begin or end there."""
         return self.waypoints is None or waypoint in self.waypoints
 
 

@@ -21,7 +21,7 @@ _known: WeakKeyDictionary[World, dict[tuple[str, str], bool]] = WeakKeyDictionar
 
 
 def is_walkable(a: str, b: str, world: World) -> bool:
-    """Whether a person fits through between two valid waypoints; kept for each world.
+    """Return whether a person fits through between two valid waypoints; kept for each world.
 
     They do if the straight line is free and a way leads from one to the other that stays within `SIDE_M` of it and
     keeps `BODY_HALF_WIDTH_M` from obstacles. The clearances of the world's raster are exact to half

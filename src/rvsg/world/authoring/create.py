@@ -304,7 +304,7 @@ def largest_part(grid: Grid) -> set[str]:
 
 
 def grid_is_coarse(grid: Grid) -> bool:
-    """Whether the grid is wider than the metre that suits people's paths."""
+    """Return whether the grid is wider than the metre that suits people's paths."""
     return grid.spacing_m > 1.0
 
 

@@ -218,13 +218,13 @@ def areas_of_obstacles(occupancy: OccupancyMap, space: Space) -> tuple[Area, ...
 
 
 def _within(rectangle: Rectangle, other: Rectangle, margin: float = 0.1) -> bool:
-    """Whether a rectangle lies in another one, up to a margin in metres."""
+    """Return whether a rectangle lies in another one, up to a margin in metres."""
     x0, y0, x1, y1 = rectangle
     return x0 >= other[0] - margin and y0 >= other[1] - margin and x1 <= other[2] + margin and y1 <= other[3] + margin
 
 
 def _stands_on(floor: Bools, window: tuple[slice, slice]) -> bool:
-    """Whether floor lies on at least three sides of a window of cells."""
+    """Return whether floor lies on at least three sides of a window of cells."""
     rows, columns = window
     reach = 12
     low, high = max(rows.start - reach, 0), rows.stop + reach

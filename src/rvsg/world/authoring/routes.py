@@ -172,7 +172,7 @@ def _length(grid: Grid, path: Sequence[str]) -> float:
 
 
 def _ends_fit(world: World, path: Sequence[str]) -> bool:
-    """Whether the robot stands free at both ends of a path, looking along it."""
+    """Return whether the robot stands free at both ends of a path, looking along it."""
     points = [world.grid.position(p) for p in path]
     space = robot_space(world)
     return all(
@@ -198,7 +198,7 @@ def _route(world: World, name: str, walk: _Walk) -> Route:
 
 
 def robot_stands(space: Space, pose: Pose, robot: Robot | None = None) -> bool:
-    """Whether the robot's padded footprint at this pose (metres, radians) is clear of obstacles.
+    """Return whether the robot's padded footprint at this pose (metres, radians) is clear of obstacles.
 
     By default the robot is the default one; of any other the rectangle around its footprint counts.
     """

@@ -36,7 +36,7 @@ def areas_in_sight(world: World, view: View) -> list[Area]:
 
 
 def area_words(world: World, view: View) -> tuple[Word, ...]:
-    """Where the names of the areas stand on a plan of the view's size with nothing else on it."""
+    """Return where the names of the areas stand on a plan of the view's size with nothing else on it."""
     sheet = Sheet(view, LIGHT)
     areas = areas_in_sight(world, view)
     kinds = LIGHT.kind_colours(area.kind for area in world.areas)

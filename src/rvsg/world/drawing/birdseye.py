@@ -241,7 +241,7 @@ def _write_areas(sheet: Sheet, world: World, view: Oblique, kinds: dict[str, Col
 
 
 def _height_in(area: Area, world: World) -> float:
-    """How high the things in an area are as drawn; 0 for open floor."""
+    """Return how high the things in an area are as drawn; 0 for open floor."""
     from shapely import Point, Polygon
 
     shape = Polygon(area.outline).buffer(0.05)

@@ -46,7 +46,7 @@ def draw_floor(sheet: Sheet, world: World, guides: tuple[list[float], list[float
 
 
 def _lines(pixels: Floats, at: list[float]) -> NDArray[np.bool_]:
-    """Which of the pixels along one side belong to lines one pixel wide."""
+    """Return which of the pixels along one side belong to lines one pixel wide."""
     lines = np.zeros(len(pixels), bool)
     for place in at:
         lines |= np.abs(pixels - place) <= 0.5
@@ -54,7 +54,7 @@ def _lines(pixels: Floats, at: list[float]) -> NDArray[np.bool_]:
 
 
 def is_wall(thing: SolidObject) -> bool:
-    """Whether an object is drawn as part of the building."""
+    """Return whether an object is drawn as part of the building."""
     return bool(thing.holes) or "wall" in thing.kind.lower()
 
 

@@ -164,7 +164,7 @@ def _legend(
 
 
 def _sentences(sheet: Sheet, world: World, show: frozenset[str], x: float, y: float, size: int) -> float:
-    """How the plan lies, how the grid is numbered and what could not be shown; returns the last line's place."""
+    """Write how the plan lies, how the grid is numbered and what is not shown; return where the last line is."""
     x0, y0, x1, y1 = sheet.view.window
     towards = ("up", "left") if sheet.view.up == "x" else ("right", "up")
     said = [f"{x1 - x0:.0f} m along x ({towards[0]}), {y1 - y0:.0f} m along y ({towards[1]})."]

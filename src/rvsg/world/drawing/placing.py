@@ -77,11 +77,11 @@ class Taken:
                 self.add_dot(x, y, half_width)
 
     def free(self, box: Box, gap: float = 2.0) -> bool:
-        """Whether a rectangle covers nothing that is taken, with a gap in pixels around it."""
+        """Return whether a rectangle covers nothing that is taken, with a gap in pixels around it."""
         return bool(self.which_free(np.array([box]), gap)[0])
 
     def which_free(self, boxes: Floats, gap: float = 2.0) -> NDArray[np.bool_]:
-        """Which of the rectangles (n, 4) cover nothing that is taken, with a gap in pixels around them; (n,)."""
+        """Return which of the rectangles (n, 4) cover nothing that is taken, with a gap in pixels around them; (n,)."""
         taken = self._boxes[: self._count]
         low, high = boxes[:, :2].min(axis=0) - gap, boxes[:, 2:].max(axis=0) + gap
         taken = taken[((taken[:, :2] < high) & (taken[:, 2:] > low)).all(axis=1)]

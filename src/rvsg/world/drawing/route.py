@@ -48,7 +48,7 @@ def draw_route(sheet: Sheet, world: World, route: Route, way: Way | None = None)
 
 
 def _pointer(sheet: Sheet, pose: Pose) -> tuple[Floats, Floats]:
-    """Where a pose lies on the page, and the tip of a short line in its direction."""
+    """Return where a pose lies on the page, and the tip of a short line in its direction."""
     at = sheet.view.pixels(np.array([pose.x, pose.y]))
     ahead = sheet.view.pixels(np.array([pose.x + np.cos(pose.yaw), pose.y + np.sin(pose.yaw)])) - at
     return at, at + ahead / np.hypot(*ahead) * 20 * sheet.unit

@@ -85,7 +85,7 @@ class ObjectEntry(Record):
 
 
 def _has_area(ring: Polygon) -> bool:
-    """Whether the points of a ring do not all lie on one line."""
+    """Return whether the points of a ring do not all lie on one line."""
     (x0, y0), *others = ring
     cross = [(x - x0) * (b - y0) - (y - y0) * (a - x0) for (x, y), (a, b) in pairwise(others)]
     return any(abs(value) > SMALLEST_AREA_M2 for value in cross)

@@ -150,7 +150,7 @@ def _edges(lines: Any) -> Floats:
 
 
 def _odd(face: Any, edges: Floats) -> bool:
-    """Whether a ray from inside the face to the right crosses the edges (K, 2, 2) an odd number of times."""
+    """Return whether a ray from inside the face to the right crosses the edges (K, 2, 2) an odd number of times."""
     point = face.representative_point()
     crossing = edges[(edges[:, 0, 1] > point.y) != (edges[:, 1, 1] > point.y)]
     (x0, y0), (x1, y1) = crossing[:, 0].T, crossing[:, 1].T
