@@ -33,6 +33,7 @@ VERBS: dict[str, Verb] = {
     "coverage": Verb("coverage", "Show what suites and campaigns exercise, and what is untested"),
     "trace": Verb("trace", "Simulate a run again with everything recorded, for the report and Foxglove"),
     "knowledge": Verb("knowledge", "Keep what campaigns and suites teach, search it, tell generators of it"),
+    "watch": Verb("watch", "Watch a robot, and let what is seen decide what is tested next"),
     "replay": Verb("replay", "Write a run as a film or a strip of pictures"),
     "demo": Verb("demo", "Run a recorded campaign again, whose scenarios a vision language model wrote"),
     "describe": Verb("describe", "Describe a world in words, by a vision language model that looks at it"),

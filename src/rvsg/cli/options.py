@@ -46,3 +46,13 @@ def _pair(kind: str, pair: str) -> tuple[str, Any]:
         with contextlib.suppress(ValueError):
             return name, float(read)  # YAML reads 1e2 and nan as text
     return name, read
+
+
+def seconds_of(option: str, text: str) -> float:
+    """Return a time such as 90s, 15m or 1h in seconds."""
+    import re
+
+    match = re.fullmatch(r"(\d+(?:\.\d+)?)\s*([smh]?)", text.strip())
+    if match is None:
+        raise InputError(f"{option} {text!r}: expected a time such as 90s, 15m or 1h.")
+    return float(match[1]) * {"": 1.0, "s": 1.0, "m": 60.0, "h": 3600.0}[match[2]]

@@ -1,0 +1,172 @@
+"""Watch a robot, and let what is seen decide what is tested next."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from rvsg.api.folder import alone_in
+from rvsg.api.knowledge import open_knowledge
+from rvsg.api.proposing import make_generator
+from rvsg.api.simulating import ignore, make_simulator
+from rvsg.api.suites import Suite
+from rvsg.api.watch_parts import (
+    CampaignMonitor,
+    RecordingMonitor,
+    SimulationExecutor,
+    SuiteAnalyser,
+    SuitePlanner,
+    is_campaign,
+)
+from rvsg.api.wiring import let_rehearse
+from rvsg.campaign.watch.journal import Journal, Note, in_words
+from rvsg.campaign.watch.legitimate import DeclaredRules
+from rvsg.campaign.watch.loop import Loop
+from rvsg.campaign.watch.parts import Monitor, RuleSet
+from rvsg.core.documents import read_document
+from rvsg.core.errors import InputError
+from rvsg.core.plugins import Spec
+from rvsg.generation.generator import Generator
+from rvsg.simulation.protocol import Simulator
+from rvsg.world.world import World
+
+RULES = "rules.yaml"
+APPROVED = "approved.txt"
+JOURNAL = "watch.jsonl"
+PLANS = "plans"
+KNOWLEDGE = "knowledge.sqlite"
+
+
+def watch(
+    suite: Suite | str | Path,
+    monitor: Monitor | str | Path,
+    out: str | Path,
+    *,
+    cycles: int | None = None,
+    seconds: float | None = None,
+    every_s: float = 30.0,
+    route: str | None = None,
+    rules: RuleSet | str | Path | None = None,
+    generator: str | Spec | Generator = "heuristic",
+    simulator: str | Spec | Simulator = "embedded",
+    knowledge: str | Path | None = None,
+    seed: int = 0,
+    jobs: int = 1,
+    on_note: Callable[[Note], None] = ignore,
+    on_message: Callable[[str], None] = ignore,
+    clock: Callable[[], float] = time.monotonic,
+    sleep: Callable[[float], None] = time.sleep,
+) -> Journal:
+    """Run the loop of self-adaptation over a suite until it is done or its time is over.
+
+    Args:
+        monitor: a folder of recordings or of campaigns, or a monitor of your own.
+        out: the folder of journal, plans and knowledge. A loop that was stopped goes on in it.
+        cycles: how many cycles; without it and without `seconds` the loop runs until it is interrupted.
+        seconds: how long; the plan under way is finished.
+        every_s: pause after a cycle in which there was nothing to do.
+        route: of all recordings; by default the folder of a recording names its route.
+        rules: what makes a plan legitimate; by default `rules.yaml` in the suite's folder, else the defaults.
+        generator: writes variants of what is near its limit.
+        knowledge: the knowledge base; by default one in `out`.
+
+    Raises:
+        InputError: the suite is empty or of several worlds, or another watch works in `out`.
+    """
+    opened = suite if isinstance(suite, Suite) else Suite.open(suite)
+    world = _world(opened)
+    folder = Path(out)
+    chosen = _rules(opened, rules)
+    made = make_simulator(simulator)
+    writer = make_generator(generator)
+    let_rehearse(writer, made, world, seed=seed)
+    watching = monitor if not isinstance(monitor, str | Path) else _monitor(Path(monitor), world, route)
+    made.prepare(on_message)
+    folder.mkdir(parents=True, exist_ok=True)
+    end = None if seconds is None else clock() + seconds
+
+    def over() -> bool:
+        return end is not None and clock() >= end
+
+    with alone_in(folder), open_knowledge(knowledge or folder / KNOWLEDGE) as known:
+        journal = Journal(folder / JOURNAL)
+        loop = Loop(
+            monitor=watching,
+            analyser=SuiteAnalyser(
+                opened, world, chosen.near, lambda: _version(journal), lambda: known.entries(world=world.name)
+            ),
+            planner=SuitePlanner(opened, world, chosen, writer, known, seed),
+            legitimator=DeclaredRules(chosen, world, lambda: approved(folder)),
+            executor=SimulationExecutor(opened, world, made, jobs),
+            knowledge=known,
+            journal=journal,
+            plans=folder / PLANS,
+            place=world.floor_id,
+            simulator=made.name,
+            tell=on_note,
+            stop=over,
+        )
+        done = 0
+        while not over() and (cycles is None or done < cycles):
+            busy = loop.cycle()
+            done += 1
+            if not busy and (cycles is None or done < cycles) and not over():
+                sleep(every_s if end is None else min(every_s, max(0.0, end - clock())))
+    return journal
+
+
+def approve(out: str | Path, plan: str) -> None:
+    """Approve a plan that waits; the next cycle runs it.
+
+    Raises:
+        InputError: no plan of that id waits.
+    """
+    folder = Path(out)
+    decided = Journal(folder / JOURNAL).decided
+    if decided.get(plan) != "waits":
+        waiting = ", ".join(sorted(key for key, outcome in decided.items() if outcome == "waits"))
+        raise InputError(f"No plan {plan} waits for approval. Waiting: {waiting or 'none'}.")
+    with (folder / APPROVED).open("a", encoding="utf-8") as file:
+        file.write(f"{plan}\n")
+
+
+def approved(folder: Path) -> frozenset[str]:
+    """Return the ids of the plans that a person has approved."""
+    file = folder / APPROVED
+    return frozenset(file.read_text(encoding="utf-8").split()) if file.is_file() else frozenset()
+
+
+def note_in_words(note: Note) -> str:
+    """Return a note as a line of the log."""
+    return in_words(note)
+
+
+def _world(suite: Suite) -> World:
+    worlds = {world.id: world for world in suite.worlds.values()}
+    if len(worlds) != 1:
+        raise InputError(f"{suite.folder}: a watch needs a suite of one world, and this one has {len(worlds)}.")
+    return next(iter(worlds.values()))
+
+
+def _rules(suite: Suite, given: RuleSet | str | Path | None) -> RuleSet:
+    if isinstance(given, RuleSet):
+        return given
+    path = Path(given) if given is not None else suite.folder / "rules" / RULES
+    return RuleSet() if given is None and not path.is_file() else read_document(path, RuleSet)[0]
+
+
+def _monitor(folder: Path, world: World, route: str | None) -> Monitor:
+    if not folder.is_dir():
+        raise InputError(f"{folder}: this is no folder. Give one of recordings or of campaigns.")
+    if is_campaign(folder):
+        return CampaignMonitor(folder)
+    if route is not None:
+        world.route(route)
+    return RecordingMonitor(folder, world, route)
+
+
+def _version(journal: Journal) -> str:
+    """Return the version that was acted on last."""
+    found = [n.symptom.version for n in journal.notes if n.symptom is not None and n.symptom.kind == "new version"]
+    return found[-1] if found else ""

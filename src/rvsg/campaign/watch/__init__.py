@@ -1,0 +1,1 @@
+"""The loop of self-adaptation: Monitor, Analyse, Plan, Legitimate, Execute over Knowledge."""

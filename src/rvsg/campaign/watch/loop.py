@@ -1,0 +1,168 @@
+"""The loop itself: one cycle after the other, each part in turn, everything noted."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rvsg.campaign.knowledge import Entry, entry_of_case
+from rvsg.campaign.suite import CaseResult
+from rvsg.campaign.watch.journal import Journal, Note, Part
+from rvsg.campaign.watch.parts import (
+    Analyser,
+    Decision,
+    Executor,
+    Legitimator,
+    Memory,
+    Monitor,
+    Planned,
+    Planner,
+    Sign,
+    Symptom,
+)
+from rvsg.core.errors import FileError, SimulationError
+from rvsg.core.files import write_whole
+
+Tell = Callable[[Note], None]
+
+
+def now() -> str:
+    """Return the time of day, UTC."""
+    return datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+
+
+@dataclass(kw_only=True)
+class Loop:
+    """Monitor, Analyse, Plan, Legitimate, Execute over Knowledge.
+
+    `plans` is the folder that keeps every plan as a file. A stopped loop goes on where it was: plans that were accepted
+    and not run come first. A plan is run once; one that was under way is repeated with the same
+    seeds.
+    """
+
+    monitor: Monitor
+    analyser: Analyser
+    planner: Planner
+    legitimator: Legitimator
+    executor: Executor
+    knowledge: Memory
+    journal: Journal
+    plans: Path
+    place: str
+    simulator: str
+    tell: Tell = lambda _: None
+    clock: Callable[[], str] = now
+    stop: Callable[[], bool] = lambda: False
+    """Asked before every plan; True ends the cycle, which the next start completes."""
+
+    def cycle(self) -> bool:
+        """Do one cycle; return whether there was anything to do."""
+        watched = list(self.monitor.new(self.journal.seen))
+        for trouble in self.monitor.troubles():
+            self._note("monitor", trouble)
+        if watched:
+            told = ", ".join(each.source for each in watched[:5]) + (", ..." if len(watched) > 5 else "")
+            self._note("monitor", f"{len(watched)} new runs: {told}")
+            entries = self.analyser.entries(watched)
+            new = self.knowledge.add(entries, origin="watch")
+            self._note("knowledge", f"{new} new entries of what was watched")
+        self._plan(self.analyser.analyse(watched))
+        busy = bool(watched)
+        for planned in self._open_plans():
+            if self.stop():
+                return True
+            busy |= self._run_if_legitimate(planned)
+        if watched or busy:
+            seen = tuple(each.source for each in watched)
+            self._note("loop", f"cycle complete; {self.journal.spent} runs so far", seen=seen, outcome="complete")
+        return busy
+
+    def _plan(self, signs: Sequence[Sign]) -> None:
+        for sign in signs:
+            if sign.symptom.id in self.journal.handled:
+                continue
+            self._note("analyse", sign.text)
+            made = self.planner.plan(sign.symptom, index=len(self.journal.handled))
+            for planned in made:
+                write_whole(self.plans / f"{planned.id}.json", planned.to_json())
+            names = ", ".join(each.name for each in made)
+            text = (
+                f"{len(made)} scenarios because of {_why(sign.symptom)}: {names}" if made else "nothing can be planned"
+            )
+            self._note("plan", text, symptom=sign.symptom)
+
+    def _open_plans(self) -> Iterator[Planned]:
+        """Yield the plans that are neither refused nor run, those that were accepted first."""
+        settled, decided = self.journal.settled, self.journal.decided
+        known = [path for path in sorted(self.plans.glob("planned-*.json")) if path.stem not in settled]
+        known.sort(key=lambda path: (decided.get(path.stem) != "accepted", path.stem))
+        for path in known:
+            try:
+                yield Planned.from_json(path.read_bytes())
+            except ValueError as error:
+                raise FileError(path, f"this is no plan any more: {error}") from None
+
+    def _run_if_legitimate(self, planned: Planned) -> bool:
+        """Decide on a plan, run it where it is accepted; return whether anything was done."""
+        before = self.journal.decided.get(planned.id)
+        decision = self.legitimator.decide(planned, spent=self.journal.spent)
+        if decision.outcome != before:
+            text = f"{decision.outcome}: {planned.name} ({'; '.join(decision.reasons)})"
+            self._note("legitimate", text, plan=planned.id, outcome=decision.outcome)
+            if decision.outcome == "refused":
+                self._learn([self._rejected(planned, decision)])
+        if decision.outcome != "accepted":
+            return decision.outcome != before
+        try:
+            results = self.executor.execute(planned)
+        except SimulationError as error:
+            self._note("execute", f"{planned.name} could not be run: {error}", plan=planned.id, outcome="failed")
+            return True
+        # Knowledge before the note: entries are kept once, so a loop that is killed here repeats and adds none twice.
+        new = self.knowledge.add(self._entries(planned, results), origin="watch")
+        runs = max((len(each.seeds) for each in results), default=0)
+        told = "; ".join(f"{each.requirement} {each.state.value}: {_counted(each)}" for each in results)
+        self._note("execute", f"{planned.name}: {told}", plan=planned.id, outcome="run", runs=runs)
+        self._note("knowledge", f"{new} new entries of {planned.name}")
+        return True
+
+    def _entries(self, planned: Planned, results: Sequence[CaseResult]) -> list[Entry]:
+        return [entry_of_case(planned.scenario, each, self.place, self.simulator) for each in results]
+
+    def _rejected(self, planned: Planned, decision: Decision) -> Entry:
+        mission = planned.scenario.mission
+        return Entry(
+            kind="rejected",
+            world=mission.world,
+            place=self.place,
+            route=mission.route.name,
+            requirement=", ".join(planned.requirements),
+            description=planned.scenario.description or planned.name,
+            scenario=planned.scenario,
+            lessons=decision.reasons,
+        )
+
+    def _learn(self, entries: Sequence[Entry]) -> None:
+        self._note("knowledge", f"{self.knowledge.add(entries, origin='watch')} new entries of refused plans")
+
+    def _note(self, part: Part, text: str, **more: Any) -> None:
+        note = Note(time=self.clock(), cycle=self.journal.cycle + 1, part=part, text=text, **more)
+        self.journal.add(note)
+        self.tell(note)
+
+
+def _why(symptom: Symptom) -> str:
+    words = {
+        "near its limit": f"{symptom.requirement} near its limit on {symptom.route}",
+        "violated": f"{symptom.requirement} violated on {symptom.route}",
+        "never tested": f"untested places on {symptom.route} ({', '.join(symptom.places)})",
+        "new version": f"the new version {symptom.version}",
+    }
+    return words[symptom.kind]
+
+
+def _counted(result: CaseResult) -> str:
+    return f"{result.verdict.violations} of {result.verdict.runs} runs violate it"

@@ -1,0 +1,225 @@
+"""The loop over scripted parts: what is done in which order, what is refused, what waits, how it resumes."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import pytest
+
+import rvsg
+from rvsg.campaign.knowledge import Entry
+from rvsg.campaign.suite import CaseResult, State
+from rvsg.campaign.watch.journal import Journal
+from rvsg.campaign.watch.legitimate import DeclaredRules
+from rvsg.campaign.watch.loop import Loop
+from rvsg.campaign.watch.parts import Planned, RuleSet, Sign, Symptom, Watched
+from rvsg.core.errors import FileError, SimulationError
+from rvsg.evaluation.judge import judge
+from rvsg.scenario.scenario import Scenario
+
+LIMIT = rvsg.Requirement(name="R1", title="x", text="x", metric="min_distance", worse="smaller", limit=0.5)
+
+
+@pytest.fixture(scope="module")
+def crossing() -> Scenario:
+    return rvsg.scenario(rvsg.load_world("warehouse"), "route_1", [rvsg.walk("Anna", "E15", "H15")], description="x")
+
+
+class Scripted:
+    """Every part at once: runs to see, a sign for each, a plan for each sign, results; notes what it is asked."""
+
+    def __init__(self, scenario: Scenario, sources: Iterable[str] = ("a", "b")) -> None:
+        self.scenario, self.sources = scenario, list(sources)
+        self.asked: list[str] = []
+        self.kept: dict[str, Entry] = {}
+        self.fails = False
+        self.run = rvsg.simulate(scenario, 1, simulator="kinematic")[0]
+
+    def new(self, seen: frozenset[str]) -> list[Watched]:
+        return [
+            Watched(source=each, route="route_1", version="", run=self.run) for each in self.sources if each not in seen
+        ]
+
+    def troubles(self) -> Sequence[str]:
+        return ()
+
+    def analyse(self, watched: Sequence[Watched]) -> list[Sign]:
+        return [
+            Sign(
+                symptom=Symptom(kind="violated", route="route_1", requirement="R1", version=each.source),
+                source=each.source,
+                text=each.source,
+            )
+            for each in watched
+        ]
+
+    def entries(self, watched: Sequence[Watched]) -> list[Entry]:
+        return []
+
+    def plan(self, symptom: Symptom, *, index: int) -> list[Planned]:
+        name = f"plan {symptom.version}"
+        return [Planned(why=symptom, name=name, scenario=self.scenario, requirements=("R1",), runs=4)]
+
+    def execute(self, planned: Planned) -> list[CaseResult]:
+        self.asked.append(planned.name)
+        if self.fails:
+            raise SimulationError("no simulator")
+        verdict = judge(LIMIT, [0.0, 1.0, 0.0, 1.0])
+        return [
+            CaseResult(
+                case="planned",
+                title=planned.name,
+                requirement="R1",
+                expected="pass",
+                state=State.BROKEN,
+                verdict=verdict,
+                seeds=(0, 1, 2, 3),
+                violations=(True, False, True, False),
+            )
+        ]
+
+    def add(self, entries: Iterable[Entry], *, origin: str = "") -> int:
+        before = len(self.kept)
+        self.kept |= {entry.id: entry for entry in entries}
+        return len(self.kept) - before
+
+
+def loop(folder: Path, parts: Scripted, rules: RuleSet | None = None, **how: object) -> Loop:
+    world = rvsg.load_world("warehouse")
+    approved = folder / "approved.txt"
+
+    def read() -> frozenset[str]:
+        return frozenset(approved.read_text().split()) if approved.exists() else frozenset()
+
+    given = {
+        "monitor": parts,
+        "analyser": parts,
+        "planner": parts,
+        "legitimator": DeclaredRules(rules or RuleSet(), world, read),
+        "executor": parts,
+        "knowledge": parts,
+        "journal": Journal(folder / "watch.jsonl"),
+        "plans": folder / "plans",
+        "place": world.floor_id,
+        "simulator": "kinematic",
+        "clock": lambda: "2026-01-01T00:00:00+00:00",
+    }
+    return Loop(**{**given, **how})  # type: ignore[arg-type]
+
+
+def test_a_cycle_does_each_part_in_turn_and_the_next_has_nothing_to_do(tmp_path: Path, crossing: Scenario) -> None:
+    parts = Scripted(crossing)
+    made = loop(tmp_path, parts)
+    assert made.cycle() is True
+    assert made.cycle() is False
+    assert sorted(parts.asked) == ["plan a", "plan b"]
+    order = list(dict.fromkeys(note.part for note in made.journal.notes))
+    assert order == ["monitor", "knowledge", "analyse", "plan", "legitimate", "execute", "loop"]
+    assert (made.journal.spent, made.journal.cycle) == (8, 1)
+    (entry,) = parts.kept.values()  # the same scenario and verdict, known once
+    assert entry.verdict is not None and entry.requirement == "R1"
+    words = (tmp_path / "watch.log").read_text().splitlines()
+    assert len(words) == len(made.journal.notes)
+
+
+def test_the_same_symptom_is_acted_on_once(tmp_path: Path, crossing: Scenario) -> None:
+    parts = Scripted(crossing, ["a"])
+    loop(tmp_path, parts).cycle()
+    parts.analyse = lambda watched: [  # type: ignore[method-assign]
+        Sign(symptom=Symptom(kind="violated", route="route_1", requirement="R1", version="a"), source="c", text="c")
+    ]
+    parts.sources.append("c")
+    loop(tmp_path, parts).cycle()
+    assert parts.asked == ["plan a"]
+
+
+def test_a_loop_that_is_stopped_goes_on_and_runs_no_plan_twice(tmp_path: Path, crossing: Scenario) -> None:
+    parts = Scripted(crossing, ["a", "b", "c"])
+    stopped = loop(tmp_path, parts, stop=lambda: bool(parts.asked))
+    stopped.cycle()
+    assert len(parts.asked) == 1 and stopped.journal.cycle == 0
+    loop(tmp_path, parts).cycle()
+    assert sorted(parts.asked) == ["plan a", "plan b", "plan c"]
+    whole = tmp_path / "whole"
+    other = Scripted(crossing, ["a", "b", "c"])
+    loop(whole, other).cycle()
+    assert other.kept == parts.kept
+
+
+def test_a_note_that_was_cut_by_a_kill_is_dropped_and_a_damaged_one_is_told(tmp_path: Path, crossing: Scenario) -> None:
+    parts = Scripted(crossing, ["a"])
+    loop(tmp_path, parts).cycle()
+    path = tmp_path / "watch.jsonl"
+    count = len(path.read_text().splitlines())
+    with path.open("a") as file:
+        file.write('{"time": "2026')
+    assert len(Journal(path).notes) == count
+    path.write_text(path.read_text().replace('"cycle"', '"cicle"', 1))
+    with pytest.raises(FileError) as raised:
+        Journal(path)
+    assert raised.value.line == 1
+
+
+def test_a_plan_that_cannot_be_run_is_settled_with_the_reason(tmp_path: Path, crossing: Scenario) -> None:
+    parts = Scripted(crossing, ["a"])
+    parts.fails = True
+    made = loop(tmp_path, parts)
+    made.cycle()
+    made.cycle()
+    assert parts.asked == ["plan a"]
+    assert [note.outcome for note in made.journal.notes if note.part == "execute"] == ["failed"]
+
+
+@pytest.mark.parametrize(
+    ("change", "rules", "rule"),
+    [
+        ({}, {"speed_m_s": (0.3, 1.0)}, "plausibility"),
+        ({"behaviour": "threatening"}, {}, "safety"),
+        ({}, {"start_gap_m": 50.0}, "safety"),
+        ({}, {"max_people": 0}, "plausibility"),
+        ({}, {"max_runs": 3}, "budget"),
+        ({}, {"max_runs_per_plan": 3}, "budget"),
+    ],
+)
+def test_a_plan_that_breaks_a_rule_is_refused_with_the_rule_on_record(
+    change: dict[str, object], rules: dict[str, object], rule: str, tmp_path: Path, crossing: Scenario
+) -> None:
+    human = crossing.people.humans[0].replace(**change)
+    parts = Scripted(crossing, ["a"])
+    parts.scenario = crossing.replace(people=crossing.people.replace(humans=(human,)))
+    made = loop(tmp_path, parts, RuleSet(**rules))  # type: ignore[arg-type]
+    made.cycle()
+    assert parts.asked == []
+    (entry,) = parts.kept.values()
+    assert entry.kind == "rejected" and [lesson.split(":")[0] for lesson in entry.lessons] == [rule]
+    assert [note.outcome for note in made.journal.notes if note.part == "legitimate"] == ["refused"]
+
+
+def test_an_invalid_plan_is_refused(tmp_path: Path, crossing: Scenario) -> None:
+    task = crossing.people.humans[0].tasks[0].replace(path=("E15", "H12"))
+    human = crossing.people.humans[0].replace(tasks=(task,))
+    parts = Scripted(crossing, ["a"])
+    parts.scenario = crossing.replace(people=crossing.people.replace(humans=(human,)))
+    loop(tmp_path, parts).cycle()
+    (entry,) = parts.kept.values()
+    assert entry.lessons[0].startswith("validity")
+
+
+def test_a_plan_waits_for_a_person_and_is_asked_once(tmp_path: Path, crossing: Scenario) -> None:
+    parts = Scripted(crossing, ["a"])
+    made = loop(tmp_path, parts, RuleSet(approval="new"))
+    made.cycle()
+    made.cycle()
+    waiting = [note for note in made.journal.notes if note.outcome == "waits"]
+    assert len(waiting) == 1 and parts.asked == []
+    (tmp_path / "approved.txt").write_text(f"{waiting[0].plan}\n")
+    loop(tmp_path, parts, RuleSet(approval="new")).cycle()
+    assert parts.asked == ["plan a"]
+
+
+def test_the_journal_is_json_lines(tmp_path: Path, crossing: Scenario) -> None:
+    loop(tmp_path, Scripted(crossing, ["a"])).cycle()
+    notes = [json.loads(line) for line in (tmp_path / "watch.jsonl").read_text().splitlines()]
+    assert notes[-1]["seen"] == ["a"] and notes[-1]["outcome"] == "complete"
