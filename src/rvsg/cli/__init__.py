@@ -40,7 +40,7 @@ VERBS: dict[str, Verb] = {
     "prompt": Verb("prompt", "Print what a model would be asked next in a campaign, without asking it"),
     "studio": Verb("studio", "Work in a local web page: worlds, campaigns, findings, scenarios"),
     "robots": Verb("robots", "List the robots that can be tested, check a robot file, or draw them"),
-    "stacks": Verb("stacks", "List the navigation stacks that can be tested"),
+    "stacks": Verb("stacks", "List the navigation stacks that can be tested, or compare several"),
     "ros2": Verb("ros2", "Check a running ROS 2 navigation, or scale Nav2's parameters for a faster clock"),
     "metrics": Verb("metrics", "List the metrics with formula and unit, or measure a run"),
     "import-study": Verb("import_study", "Import results in the published study's layout into a store"),

@@ -1,4 +1,4 @@
-"""`rvsg stacks`: the navigation stacks that can be tested."""
+"""`rvsg stacks`: the navigation stacks that can be tested, parameter files, and comparisons."""
 
 from __future__ import annotations
 
@@ -16,27 +16,53 @@ app = verb()
 
 @app.command()
 def stacks(
-    file: Annotated[
-        Path | None, typer.Argument(help="A nav2_params.yaml: list what becomes of each of its keys.")
+    source: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="[SUITE|CAMPAIGN|FILE]",
+            help="With --stack: the suite or the campaigns whose scenarios are driven. A nav2_params.yaml: list what "
+            "becomes of each of its keys.",
+        ),
+    ] = None,
+    stack: Annotated[
+        list[str] | None, typer.Option(help="A stack to compare, as for `rvsg run --stack`; repeat it for each.")
+    ] = None,
+    robot: Annotated[
+        list[str] | None, typer.Option(help="Drive this robot instead of the scenarios'; repeat it for several.")
+    ] = None,
+    runs: Annotated[int, typer.Option(min=1, help="Seeds of every scenario.")] = 10,
+    scenarios: Annotated[int, typer.Option(min=1, help="How many scenarios of campaigns, the worst first.")] = 10,
+    jobs: Annotated[int, typer.Option(min=1, help="Worker processes.")] = 1,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Write the comparison as a page, a figure, Markdown and JSON.")
     ] = None,
     write_clients: Annotated[
         Path | None,
         typer.Option(metavar="DIR", help="Write the clients of exec: stacks, in Python and C++, and do no more."),
     ] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print the list as JSON on standard output.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print the result as JSON on standard output.")] = False,
 ) -> None:
-    """List the navigation stacks with their options; --stack of `run`, `simulate` and `suite run` takes one.
+    """List the navigation stacks, or compare several on the same scenarios and seeds.
 
+    Without an argument it lists the stacks with their options; --stack of `run`, `simulate` and `suite run` takes one.
     Your own is given as module:Class, file.py:Class or exec:COMMAND; see docs/how-to/test-your-own-stack.md.
     """
+    from rvsg.api.errors import InputError
     from rvsg.api.stacks import listed_stacks, write_clients_to
 
     if write_clients is not None:
         for path in write_clients_to(write_clients):
             console.say(f"wrote {path}")
         return
-    if file is not None:
-        _print_params(file, as_json=json)
+    if stack:
+        if source is None:
+            raise InputError("Name the suite or the campaign whose scenarios are driven: rvsg stacks DIR --stack ...")
+        _compare(source, stack, robot or [], runs, scenarios, jobs, out, as_json=json)
+        return
+    if source is not None:
+        if source.is_dir():
+            raise InputError(f"{source}: name the stacks to compare: --stack nav2-dwb --stack nav2-rpp.")
+        _print_params(source, as_json=json)
         return
     found = listed_stacks()
     if json:
@@ -46,6 +72,29 @@ def stacks(
         print(f"{each.name:14} {each.title} (version {each.version})")
         if each.options:
             print(f"{'':14} options: {', '.join(f'{key}={value}' for key, value in each.options.items())}")
+
+
+def _compare(
+    source: Path, stacks: list[str], robots: list[str], runs: int, scenarios: int, jobs: int, out: Path | None, *,
+    as_json: bool,
+) -> None:  # fmt: skip
+    """Compare stacks, print the ranking, and write the files."""
+    from rvsg.api.stacks import StackScore, compare_stacks, stacks_markdown, write_comparison
+
+    def scored(score: StackScore) -> None:
+        console.say(f"{score.label}: {score.violated} of {score.judged} runs violate")
+
+    found = compare_stacks(
+        source, stacks, robots=robots, runs=runs, scenarios=scenarios, jobs=jobs, on_score=scored,
+        on_message=console.say,
+    )  # fmt: skip
+    if out is not None:
+        for path in write_comparison(found, source, out):
+            console.say(f"wrote {path}")
+    if as_json:
+        console.print_json(found.model_dump(mode="json"))
+    else:
+        print(stacks_markdown(found), end="")
 
 
 def _print_params(path: Path, *, as_json: bool) -> None:
