@@ -1,0 +1,194 @@
+"""Recordings that lack something, or hold too much: a clear message, or a result that says what it rests on."""
+
+from __future__ import annotations
+
+import math
+import tracemalloc
+from collections.abc import Callable, Iterator
+from copy import deepcopy
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rvsg.core.errors import FileError
+from rvsg.exchange.bag import write_bag
+from rvsg.exchange.bag_reading import open_bag
+from rvsg.exchange.messages import Messages
+from rvsg.exchange.recording import read_recording
+from rvsg.exchange.ros_types import rosbags_types
+from rvsg.generation.random_search import RandomGenerator
+from rvsg.scenario.brief import Brief
+from rvsg.scenario.scenario import Mission
+from rvsg.simulation.kinematic import KinematicSimulator
+from rvsg.simulation.run import Run
+from rvsg.world.io.load import load_world
+from rvsg.world.world import World
+
+rosbags = pytest.importorskip("rosbags.rosbag2", reason="the extra `bag` is not installed")
+NEEDED = ("/odom", "/tf", "/tf_static", "/human_states", "/goal_pose")
+BEGIN_S = 10.0
+"""Second of the bag at which the run begins."""
+
+Said = tuple[str, float, Any]
+Change = Callable[[str, float, Any], Iterator[Said]]
+
+
+@pytest.fixture(scope="module")
+def world() -> World:
+    return load_world("warehouse")
+
+
+@pytest.fixture(scope="module")
+def run(world: World) -> Run:
+    mission = Mission.of(world, world.route("route_1"))
+    scenario = RandomGenerator().propose(Brief(mission=mission, requirement=None, seed=3), world).scenario
+    assert scenario is not None
+    return KinematicSimulator().run(scenario, world, seed=1)
+
+
+@pytest.fixture(scope="module")
+def said(run: Run, world: World, tmp_path_factory: pytest.TempPathFactory) -> list[Said]:
+    """The messages of a recording of the run: what a robot with people around it would record, at 5 Hz."""
+    path = tmp_path_factory.mktemp("bag") / "run.mcap"
+    write_bag(run, world, path)
+    found, seen = [], dict.fromkeys(NEEDED, 0)
+    with open_bag(path) as reader:
+        for connection, stamp, raw in reader.messages():
+            if connection.topic not in NEEDED:
+                continue
+            if seen[connection.topic] % 4 == 0:
+                found.append((connection.topic, stamp / 1e9, reader.deserialize(raw, connection.msgtype)))
+            seen[connection.topic] += 1
+    return found
+
+
+def recorded(said: list[Said], folder: Path, change: Change | None = None, *, sqlite: bool = False) -> Path:
+    """Write the messages, changed, as a recording."""
+    types, topics = rosbags_types(), {}
+    plugin = rosbags.StoragePlugin.SQLITE3 if sqlite else rosbags.StoragePlugin.MCAP
+    with rosbags.Writer(folder / "bag", version=9, storage_plugin=plugin) as writer:
+        for each in said:
+            for topic, t, message in change(*each) if change else [each]:
+                if topic not in topics:
+                    topics[topic] = writer.add_connection(topic, message.__msgtype__, typestore=types)
+                writer.write(topics[topic], round(t * 1e9), types.serialize_cdr(message, message.__msgtype__))
+    return folder / "bag"
+
+
+def at(t: float) -> float:
+    """The time of the run at a time of the recording."""
+    return t - BEGIN_S
+
+
+def test_a_recording_in_sqlite_is_read_like_one_in_mcap(said: list[Said], tmp_path: Path, world: World) -> None:
+    (tmp_path / "a").mkdir()
+    (tmp_path / "b").mkdir()
+    one = read_recording(recorded(said, tmp_path / "a"), world=world)
+    two = read_recording(recorded(said, tmp_path / "b", sqlite=True), world=world)
+    assert np.array_equal(one.run.trajectory.x, two.run.trajectory.x) and len(one.run.human_names) == 2
+    assert one.notes == two.notes and any("/clock" in note for note in one.notes)
+
+
+def test_gaps_are_told(said: list[Said], tmp_path: Path, world: World) -> None:
+    def change(topic: str, t: float, message: Any) -> Iterator[Said]:
+        if not (topic == "/odom" and 4.0 < at(t) < 6.0) and not (topic == "/human_states" and at(t) > 8.0):
+            yield topic, t, message
+
+    found = read_recording(recorded(said, tmp_path, change), world=world)
+    assert any("1 gap " in note and "2.0 s" in note for note in found.notes)
+    assert sum("seen from 0.0 s to 8.0 s only" in note for note in found.notes) == 2
+
+
+def test_two_robots_are_refused_until_one_is_named(said: list[Said], tmp_path: Path, run: Run, world: World) -> None:
+    def change(topic: str, t: float, message: Any) -> Iterator[Said]:
+        yield topic, t, message
+        if topic == "/odom":
+            yield "/other/odom", t, message
+
+    path = recorded(said, tmp_path, change)
+    with pytest.raises(FileError):
+        read_recording(path, world=world)
+    found = read_recording(path, world=world, robot_topic="/odom")
+    assert found.run.trajectory.x[-1] == pytest.approx(run.trajectory.x[-1], abs=0.2)
+
+
+def test_without_odometry_the_transforms_say_where_the_robot_is(
+    said: list[Said], tmp_path: Path, run: Run, world: World
+) -> None:
+    def change(topic: str, t: float, message: Any) -> Iterator[Said]:
+        if topic != "/odom":
+            yield topic, t, message
+
+    found = read_recording(recorded(said, tmp_path, change), world=world)
+    assert any("no odometry" in note for note in found.notes)
+    assert np.allclose(found.run.trajectory.x, run.trajectory.x[::4][: len(found.run.trajectory)], atol=1e-6)
+    assert found.run.trajectory.v.max() == pytest.approx(run.trajectory.v.max(), abs=0.1)
+
+
+def test_without_any_pose_of_the_robot_it_is_refused(said: list[Said], tmp_path: Path, world: World) -> None:
+    def change(topic: str, t: float, message: Any) -> Iterator[Said]:
+        if topic in ("/human_states", "/goal_pose", "/tf_static"):
+            yield topic, t, message
+
+    with pytest.raises(FileError):
+        read_recording(recorded(said, tmp_path, change), world=world)
+
+
+@pytest.mark.parametrize("frame", ["base_footprint", "camera"])
+def test_people_in_the_frame_of_the_robot_are_moved_and_an_unknown_frame_is_refused(
+    said: list[Said], tmp_path: Path, run: Run, world: World, frame: str
+) -> None:
+    path = run.trajectory
+
+    def change(topic: str, t: float, message: Any) -> Iterator[Said]:
+        if topic == "/human_states":
+            k = int(np.abs(path.t - at(t)).argmin())
+            cos, sin = math.cos(path.yaw[k]), math.sin(path.yaw[k])
+            message.header.frame_id = frame
+            for i, agent in enumerate(message.agents):
+                dx, dy = path.human_x[k, i] - path.x[k], path.human_y[k, i] - path.y[k]
+                agent.position.position.x, agent.position.position.y = cos * dx + sin * dy, -sin * dx + cos * dy
+        yield topic, t, message
+
+    bag = recorded([deepcopy(each) for each in said], tmp_path, change)
+    if frame == "camera":
+        with pytest.raises(FileError):
+            read_recording(bag, world=world)
+        return
+    found = read_recording(bag, world=world).run
+    assert np.allclose(found.trajectory.human_x, path.human_x[::4][: len(found.trajectory)], atol=1e-6)
+
+
+def test_a_recording_of_several_runs_is_refused(said: list[Said], tmp_path: Path, world: World) -> None:
+    def twice() -> list[Said]:
+        end = said[-1][1]
+        return [*said, *((topic, t + end, message) for topic, t, message in said)]  # stamps begin again
+
+    with pytest.raises(FileError):
+        read_recording(recorded(twice(), tmp_path), world=world)
+
+
+def test_what_others_write_as_our_facts_is_refused(said: list[Said], tmp_path: Path, world: World) -> None:
+    message = Messages(rosbags_types()).make("std_msgs/String", data='{"t0": 0.0, "header": {}}')
+    with pytest.raises(FileError):
+        read_recording(recorded([("/rvsg/run", BEGIN_S, message), *said], tmp_path), world=world)
+
+
+@pytest.mark.slow
+def test_memory_does_not_grow_with_topics_that_are_not_needed(said: list[Said], tmp_path: Path, world: World) -> None:
+    messages = Messages(rosbags_types())
+    stamp, _ = messages.time(0.0)
+    picture = messages.make(
+        "sensor_msgs/Image", header=messages.header(stamp, "camera"), height=1000, width=1000, encoding="mono8",
+        is_bigendian=0, step=1000, data=np.zeros(1_000_000, np.uint8),
+    )  # fmt: skip
+    pictures = [("/camera", BEGIN_S + k / 10, picture) for k in range(100)]
+    path = recorded(sorted([*said, *pictures], key=lambda each: each[1]), tmp_path)
+    tracemalloc.start()
+    found = read_recording(path, world=world)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert len(found.run.trajectory) > 50
+    assert peak < 25_000_000
