@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.scenario.agents import decode
+from rvsg.scenario.agents import decode, goal_names
 from rvsg.scenario.brief import Arrival
 from rvsg.scenario.scenario import Human, HumanConfiguration
 from rvsg.simulation.run import Run
@@ -43,7 +43,7 @@ class Walk:
 def walk_of(run: Run, h: int, human: Human, grid: Grid) -> Walk:
     """Follow person `h` of a run along the waypoints of their tasks."""
     (agent,) = decode(HumanConfiguration(humans=(human,)), grid)
-    names = _names(human)
+    names = goal_names(human)
     t, x, y = run.trajectory.t, run.trajectory.human_x[:, h], run.trajectory.human_y[:, h]
     leg = np.zeros(len(t), np.int64)
     reached: list[float] = []
@@ -99,14 +99,6 @@ def side_of(run: Run, k: int, h: int) -> str:
     if abs(bearing) < AHEAD:
         return "ahead"
     return "behind" if abs(bearing) > BEHIND else "left" if bearing > 0.0 else "right"
-
-
-def _names(human: Human) -> tuple[str, ...]:
-    """The names of a person's goals, as `decode` makes them: without repetition where a task begins where one ends."""
-    names: list[str] = []
-    for task in human.tasks:
-        names += [name for i, name in enumerate(task.path) if i or not names or names[-1] != name]
-    return tuple(names[:-1] if len(names) > 1 and names[-1] == names[0] else names)
 
 
 def _speed(t: NDArray[np.float64], x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:

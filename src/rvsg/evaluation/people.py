@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rvsg.evaluation.events import Event, PersonPaused, PersonReached, PersonReacted, PersonStuck, PlaceAt
 from rvsg.evaluation.sampled import Flags, Sampled, stretches
-from rvsg.scenario.agents import HumanAgent, decode
+from rvsg.scenario.agents import HumanAgent, decode, task_ends
 from rvsg.scenario.scenario import Behaviour, Human, Scenario
 from rvsg.simulation import events as recorded
 from rvsg.world.world import World
@@ -90,19 +90,6 @@ def _of_one(s: Sampled, person: int, human: Human, agent: HumanAgent, at: PlaceA
     if agent.behaviour in STOPPING:
         excused |= s.distance[:, person] < agent.reaction.distance_m + REACTING_M
     yield from _stuck(s, person, excused, at)
-
-
-def task_ends(human: Human) -> dict[int, str]:
-    """Return the names of the tasks by the index of the goal, as `decode` numbers them, at which each ends."""
-    ends: dict[int, str] = {}
-    names: list[str] = []
-    for task in human.tasks:
-        for name in task.path:
-            if not names or names[-1] != name:
-                names.append(name)
-        ends[len(names) - 1] = task.name
-    closed = len(names) > 1 and names[-1] == names[0]
-    return {index % (len(names) - closed): name for index, name in ends.items()}
 
 
 def _arrivals(x: Floats, y: Floats, agent: HumanAgent) -> Iterator[tuple[int, int]]:

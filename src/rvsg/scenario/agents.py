@@ -78,6 +78,30 @@ def decode(people: HumanConfiguration, grid: Grid) -> tuple[HumanAgent, ...]:
     return tuple(_agent(human, grid) for human in people.humans)
 
 
+def goal_names(human: Human) -> tuple[str, ...]:
+    """Return the names of a person's goals, in the order in which `decode` numbers them."""
+    return tuple(_goals(human)[0])
+
+
+def task_ends(human: Human) -> dict[int, str]:
+    """Return the names of the tasks by the index of the goal at which each ends, as `decode` numbers the goals."""
+    return _goals(human)[1]
+
+
+def _goals(human: Human) -> tuple[list[str], dict[int, str]]:
+    names: list[str] = []
+    ends: dict[int, str] = {}
+    for task in human.tasks:
+        for name in task.path:
+            if not names or names[-1] != name:
+                names.append(name)
+        ends[len(names) - 1] = task.name
+    if human.cyclic and len(names) > 1 and names[-1] == names[0]:
+        names.pop()
+        ends = {index % len(names): name for index, name in ends.items()}
+    return names, ends
+
+
 def _agent(human: Human, grid: Grid) -> HumanAgent:
     names: list[str] = []
     pauses: list[float] = []
