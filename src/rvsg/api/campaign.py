@@ -34,6 +34,8 @@ from rvsg.api.wiring import VLM_OPTIONS, Wired, jobs_of, told_file, wire
 from rvsg.api.worlds import world_of
 from rvsg.campaign import confirmation
 from rvsg.campaign.attempt import Attempt, Ledger
+from rvsg.campaign.encounter import MapCell as MapCell
+from rvsg.campaign.encounter import failure_map
 from rvsg.campaign.events import Event, Message, ModelCall
 from rvsg.campaign.finding import DistinctFailure, Finding, distinct_failures, findings
 from rvsg.campaign.loop import stream_campaign
@@ -342,6 +344,18 @@ class Campaign:
         """The confirmed violations, grouped by where and how the robot fails; the worst group first."""
         return distinct_failures(self.findings)
 
+    @property
+    def fills_a_map(self) -> bool:
+        """Whether the strategy of the campaign looks for every kind of encounter, not only for the worst one."""
+        return bool(getattr(self._wired.strategy_class, "fills_a_map", False))
+
+    @property
+    def failure_map(self) -> tuple[MapCell, ...]:
+        """The worst configuration of the search for every kind of encounter, the worst first."""
+        with self.reading() as ledger:
+            attempts = list(ledger.attempts(self.name))
+            return failure_map(attempts, self.requirement, run_of=ledger.run, world=self.world)
+
     def result(self) -> dict[str, Any]:
         """Return what was found as JSON-able data, as `rvsg run --json` prints it."""
         confirmed = self.findings
@@ -351,6 +365,7 @@ class Campaign:
             {"attempt": a.index, "scenario": a.brief.scenario_index, "command": confirm_command(self.folder, a.index)}
             for a in self.candidates()
         ]
+        found["failure_map"] = [cell.model_dump(mode="json") for cell in self.failure_map]
         kept = {"out": str(self.folder), "report": str(self.folder / REPORT), "command": self.command}
         return self.summary().model_dump(mode="json", exclude={"confirmed"}) | found | kept
 

@@ -26,6 +26,9 @@ from rvsg.generation.answer import answer
 from rvsg.scenario.brief import Brief
 from rvsg.world.world import World
 
+KEEN = 0.35
+"""The best configuration is changed with this probability, the next with as much of what is left, and so on."""
+
 Batch = Generator[list[Ask], list[Attempt], None]
 
 
@@ -62,15 +65,14 @@ class HybridStrategy(BatchStrategy):
         self.finalists, self.final_runs = finalists, final_runs
         self.candidates: list[Candidate] = []
         self.asked = 0
+        self._numbers: dict[int, int] = {}
         self._operators = Operators(plan.mission, world, aim_of(plan.requirement))
 
     def search(self) -> Batches:
         """Draft, then alternate between changing and racing, then settle the order of the best."""
-        yield from self._draft(max(2, round(self.drafts * self.plan.search_runs)))
-        while not any(c.runs for c in self.candidates):
-            if self.asked >= self.plan.attempts or self.left <= 0:
-                return
-            yield from self._draft(min(self.batch, self.plan.attempts - self.asked))
+        yield from self._first_drafts()
+        if not any(c.runs for c in self.candidates):
+            return
         yield from self._race(self.batch)
         reserve = min(self.plan.search_runs // 3, self.finalists * self.final_runs)
         while self.left > reserve:
@@ -83,12 +85,19 @@ class HybridStrategy(BatchStrategy):
 
     # -- the parts -------------------------------------------------------------------------------------------------
 
+    def _first_drafts(self) -> Batch:
+        """Ask for new scenarios; as long as none is valid, for as many as the plan has attempts."""
+        yield from self._draft(max(2, round(self.drafts * self.plan.search_runs)))
+        while not any(c.runs for c in self.candidates) and self.asked < self.plan.attempts and self.left > 0:
+            yield from self._draft(min(self.batch, self.plan.attempts - self.asked))
+
     def _draft(self, count: int) -> Batch:
         """Ask the generator for a number of scenarios, each different from those before, and run each once."""
-        begun = 0
-        while begun < count:
+        begun = 1 + max(self._numbers, default=-1)
+        end = begun + count
+        while begun < end:
             memory = remember(self.told, self.plan.requirement, last=self.plan.memory)
-            size = min(self.batch, count - begun)
+            size = min(self.batch, end - begun)
             briefs = [self._brief("new", begun + k, 0, memory=memory) for k in range(size)]
             begun += size
             results = yield [Ask(brief=brief, seeds=self._seeds(1)) for brief in briefs]
@@ -99,12 +108,10 @@ class HybridStrategy(BatchStrategy):
     def _change(self, count: int) -> Batch:
         """Make a number of changed configurations, and run each once."""
         rng = np.random.default_rng(seed_for(self.plan.seed, "hybrid", self.asked))
-        ranked = sorted((c for c in self.candidates if c.runs), key=lambda c: (-c.estimate, c.index))
         asks: list[Ask] = []
         origins: list[tuple[Candidate, str]] = []
         known = {key(c.scenario.people) for c in self.candidates}
-        for _ in range(count):
-            parent = ranked[min(len(ranked), int(rng.geometric(0.35))) - 1]
+        for parent in self._parents(rng, count):
             if rng.random() < self.refine:
                 last = self._attempt_of(parent)
                 scenario = parent.brief.scenario_index
@@ -120,6 +127,11 @@ class HybridStrategy(BatchStrategy):
         for attempt, (parent, operator) in zip(results, origins, strict=False):
             self._add(attempt, parent, operator)
         estimate(self.candidates)
+
+    def _parents(self, rng: np.random.Generator, count: int) -> list[Candidate]:
+        """The configurations to change: the best most often."""
+        ranked = sorted((c for c in self.candidates if c.runs), key=lambda c: (-c.estimate, c.index))
+        return [ranked[min(len(ranked), int(rng.geometric(KEEN))) - 1] for _ in range(count)]
 
     def _race(self, count: int, most: int | None = None) -> Batch:
         """Give one more run to a number of the configurations that may still be the best."""
@@ -153,6 +165,7 @@ class HybridStrategy(BatchStrategy):
 
     def _brief(self, kind: str, scenario: int, configuration: int, **more: object) -> Brief:
         self.asked += 1
+        self._numbers[scenario] = max(configuration, self._numbers.get(scenario, 0))
         return Brief(
             mission=self.plan.mission,
             requirement=self.plan.requirement,
@@ -192,8 +205,7 @@ class HybridStrategy(BatchStrategy):
 
     def _next(self, parent: Candidate) -> int:
         """The number of the next configuration of a scenario."""
-        scenario = parent.brief.scenario_index
-        return 1 + max(a.brief.configuration_index for a in self.told if a.brief.scenario_index == scenario)
+        return 1 + self._numbers[parent.brief.scenario_index]
 
     # -- results ---------------------------------------------------------------------------------------------------
 

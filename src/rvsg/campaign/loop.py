@@ -11,8 +11,9 @@ from collections.abc import Iterator
 
 from rvsg.campaign.attempt import Attempt, Ledger
 from rvsg.campaign.confirmation import confirm_all
+from rvsg.campaign.encounter import encounter_of
 from rvsg.campaign.events import Attempted, Event, Finished, Proposing, Started
-from rvsg.campaign.feedback import feedback_of
+from rvsg.campaign.feedback import feedback_of, worst_run
 from rvsg.campaign.parallel import PendingRun
 from rvsg.campaign.parts import Cancelled, Made, Parts, collect, store, submit
 from rvsg.campaign.plan import Plan
@@ -57,7 +58,8 @@ def feedback_from(ledger: Ledger, plan: Plan, world: World) -> FeedbackOf:
 
     def feedback(attempt: Attempt, previous: Attempt | None) -> Feedback:
         runs = [ledger.run(measurement.run_id) for measurement in attempt.measurements]
-        return feedback_of(attempt, runs, requirement=plan.requirement, grid=world.grid, previous=previous, world=world)
+        told = feedback_of(attempt, runs, requirement=plan.requirement, grid=world.grid, previous=previous, world=world)
+        return told.replace(encounter=encounter_of(worst_run(attempt, runs, plan.requirement), world))
 
     return feedback
 

@@ -44,7 +44,8 @@ def run(
         typer.Option(metavar="FILE", help="Earlier scenarios to differ from (`rvsg knowledge search --out FILE`)."),
     ] = None,
     strategy: Annotated[
-        str | None, typer.Option(help="study, climb, elite, hybrid, unguided, random, or a plug-in. [study]")
+        str | None,
+        typer.Option(help="study, climb, elite, hybrid, map-elites, unguided, random, a plug-in. [study]"),
     ] = None,
     simulator: Annotated[
         str | None, typer.Option(help="embedded; kinematic: no physics; or a plug-in. [embedded]")

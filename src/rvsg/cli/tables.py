@@ -27,7 +27,7 @@ from rvsg.api.words import (
 from rvsg.cli.console import as_started, say
 
 if TYPE_CHECKING:
-    from rvsg.api.campaign import Campaign
+    from rvsg.api.campaign import Campaign, MapCell
 
 WITHOUT_TEXT = 35
 """Characters of a row without the scenario's description and the objective."""
@@ -171,9 +171,24 @@ def show_findings(campaign: Campaign, summary: Summary) -> None:
         say(f"{counted(len(distinct), 'distinct failure')}:")
         for failure in distinct:
             say(f"  {failure.words} (attempt {', '.join(str(index) for index in failure.attempts)})")
+    if campaign.fills_a_map:
+        show_map(campaign.failure_map)
     if left := campaign.candidates():
         command = as_started(confirm_command(campaign.folder, left[0].index))
         many = counted(len(left), "configuration")
         say(
             f"{many} violated in the search and {'is' if len(left) == 1 else 'are'} not confirmed; the worst: {command}"
         )
+
+
+def show_map(cells: Sequence[MapCell]) -> None:
+    """Print what breaks where: the kinds of encounters in which the requirement was violated."""
+    broken = [cell for cell in cells if cell.violations]
+    table = Table(title=f"{len(broken)} of {counted(len(cells), 'kind')} of encounters violate", title_justify="left")
+    for name in ("way", "place", "who", "encounter", "mean", "violations", "attempt"):
+        table.add_column(name, justify="right" if name in ("mean", "violations", "attempt") else "left")
+    for cell in broken:
+        met = cell.encounter
+        shares = (number(cell.mean), f"{cell.violations} of {cell.runs}", str(cell.attempt))
+        table.add_row(met.stretch, met.place, met.who, met.kind, *shares)
+    say(table)

@@ -87,6 +87,22 @@ class Tried(Record):
     change: str
 
 
+class Encounter(Record):
+    """How a person and the robot meet at the closest approach of a run.
+
+    Attributes:
+        stretch: The third of the robot's way: `first third`, `middle third` or `last third`.
+        place: The labelled area nearest to the robot.
+        who: The person.
+        kind: Where the person is and how they move, as seen from the robot.
+    """
+
+    stretch: str
+    place: str
+    who: str
+    kind: str
+
+
 class Feedback(Record):
     """What the last attempt of a scenario measured.
 
@@ -119,6 +135,8 @@ class Feedback(Record):
     best: Scenario | None = None
     """The best configuration of the scenario so far, where it is another one than `scenario`."""
     best_mean: float | None = None
+    encounter: Encounter | None = None
+    """Of the run that is worst for the robot; None without people, or where it was not looked at."""
     tried: tuple[Tried, ...] = ()
     """All measured configurations of the scenario, the first one first."""
 
