@@ -27,7 +27,7 @@ from rvsg.api.folder import (
 from rvsg.api.paths import as_stored, paths_of, spelled_out
 from rvsg.api.record import CampaignRecord, check_same
 from rvsg.api.scenarios import scenario_json
-from rvsg.api.simulating import ignore
+from rvsg.api.simulating import described, ignore
 from rvsg.api.told import TOLD
 from rvsg.api.tracing import traces_beside
 from rvsg.api.wiring import VLM_OPTIONS, Wired, jobs_of, told_file, wire
@@ -397,7 +397,7 @@ class Campaign:
         check_same_route(self.plan.mission, place)
         with self.reading() as ledger:
             attempts = list(ledger.attempts(self.name))
-            simulator = self.record.simulator.name
+            simulator = described(self.record.simulator)
             runs = {measured.run_id for attempt in attempts for measured in attempt.measurements}
             how: dict[str, Any] = {"traces": traces_beside(page, runs), "recording": self._recording()}
             how |= {"world": place, "run_of": ledger.run, "command": self.command, "simulator": simulator}

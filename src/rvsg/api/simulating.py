@@ -54,6 +54,16 @@ def make_simulator(given: str | Spec | Simulator, stack: StackLike | None = None
     return simulator
 
 
+def described(spec: Spec) -> str:
+    """Return a simulator in words: its name, the stack under test, and whether its runs can be repeated."""
+    stack = spec.options.get("stack")
+    name = str(stack.get("name", "")) if isinstance(stack, Mapping) else ""
+    known = plugins.find("stack", name) if name in plugins.names("stack") else None
+    repeatable = spec.options.get("repeatable", True) and getattr(known, "repeatable", True)
+    words = f"{spec.name}, stack {name}" if name else spec.name
+    return words if repeatable else f"{words} (not repeatable bit for bit: a seed is the number of a run)"
+
+
 @dataclass(frozen=True, eq=False)
 class RunSet:
     """Runs of one scenario, with the scenario and the world they took place in, where these are known."""

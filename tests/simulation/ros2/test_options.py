@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from rvsg.api.simulating import described
 from rvsg.core.errors import InputError
-from rvsg.core.plugins import make
+from rvsg.core.plugins import Spec, make
 from rvsg.robots import load_robot
 from rvsg.simulation.ros2.launching import Launched, ros_environment
 from rvsg.simulation.ros2.options import domain_of, read_options
@@ -69,15 +70,22 @@ def test_a_stack_is_pickled_without_its_connection() -> None:
     assert copy.options == Ros2Stack(speed=2.0).options
 
 
-def test_the_content_of_the_parameter_file_is_part_of_the_options(tmp_path: Path) -> None:
+def test_the_content_of_the_parameter_file_is_part_of_the_version(tmp_path: Path) -> None:
     path = tmp_path / "nav2.yaml"
     path.write_text("a: 1\n")
-    before = Ros2Stack(launch="ros2 {params}", params=str(path)).options["params"]
+    before = Ros2Stack(launch="ros2 {params}", params=str(path)).version
     path.write_text("a: 2\n")
-    assert Ros2Stack(launch="ros2 {params}", params=str(path)).options["params"] != before
+    assert Ros2Stack(launch="ros2 {params}", params=str(path)).version != before
 
 
 def test_the_first_lidar_has_nav2s_topic_and_the_others_their_names() -> None:
     lidars = load_robot("tiago_omni").lidars
     topics = [scan_topic(read_options({}), lidars, k) for k in range(2)]
     assert topics == ["/scan", "/scan_rear"]
+
+
+def test_a_report_says_that_runs_of_a_real_system_cannot_be_repeated() -> None:
+    assert described(Spec("embedded")) == "embedded"
+    assert described(Spec("embedded", {"stack": {"name": "nav2-rpp"}})) == "embedded, stack nav2-rpp"
+    assert "not repeatable" in described(Spec("embedded", {"stack": {"name": "ros2"}}))
+    assert "not repeatable" in described(Spec("ros2-world", {"repeatable": False}))

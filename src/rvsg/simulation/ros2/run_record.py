@@ -32,7 +32,6 @@ class RunRecord:
         self._warnings: list[str] = []
         self._commands = self._missed = 0
         self._last: float | None = None
-        self._late = 0.0
         self._recoveries = self._turned_back = 0
         self._was_near = False
         self._remaining = len(task.goals)
@@ -53,17 +52,13 @@ class RunRecord:
             self._warnings.append(text)
 
     def commanded(self, at: float) -> None:
-        """Count a command sent at this time (s, any origin, at the speed of the run)."""
+        """Count a command sent at this simulated time, s."""
         self._commands += 1
         if self._last is not None:
             gap = at - self._last
             if 1.5 * self._period < gap < PAUSE_S:
                 self._missed += round(gap / self._period) - 1
         self._last = at
-
-    def late(self, by_s: float) -> None:
-        """Count wall time by which RVSG itself was behind."""
-        self._late += by_s
 
     @property
     def missed_share(self) -> float:

@@ -6,10 +6,11 @@ import atexit
 import math
 import time
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any, ClassVar
 
 from rvsg.core.errors import SimulationError
-from rvsg.core.records import canonical_json
+from rvsg.core.records import text_id
 from rvsg.simulation.ros2.dds import POLL_S, SUCCEEDED, ActionClient, Subscription
 from rvsg.simulation.ros2.options import read_options
 from rvsg.simulation.ros2.robot_side import RobotSide
@@ -17,15 +18,20 @@ from rvsg.simulation.ros2.run_record import RunRecord
 from rvsg.simulation.ros2.session import Session
 from rvsg.simulation.stacks.protocol import Ended, Observation, StackError, Task, Velocity, WholeStack
 
+VERSION = "1"
 PERIOD_S = 0.02
 """Simulated time between two messages of odometry, transforms and clock."""
 MISSED_SHARE = 0.02
 """A larger share of missed control periods lowers the speed of the runs that follow."""
+REACHED_SHARE = 0.85
+"""A smaller share of the speed asked for does so, too: a system whose rates are scaled for it runs them too fast."""
 SLOWER = 0.75
 LOCALISED_M, LOCALISED_RAD = 0.5, 0.35
 """A system counts as localised where its estimate is this close to the truth."""
 ASK_AGAIN_S = 2.0
 """Wall time after which the initial pose is sent again."""
+APPEAR_S = 3.0
+"""Wall time in which a map server appears after the action of the goal."""
 TURN_LIMIT_S = 3600.0
 _END_LIMIT_S = 1.0
 
@@ -46,6 +52,7 @@ class Ros2Stack(WholeStack):
 
     def __init__(self, **options: Any) -> None:
         self._options = read_options(options)
+        self.version = _version(self._options.params)
         self._clear()
 
     def _clear(self) -> None:
@@ -59,28 +66,16 @@ class Ros2Stack(WholeStack):
     def __getstate__(self) -> dict[str, Any]:
         """Close the connection: the copy makes its own where it is used."""
         self.close()
-        return {"_options": self._options}
+        return {"_options": self._options, "version": self.version}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        self._options = state["_options"]
+        self._options, self.version = state["_options"], state["version"]
         self._clear()
 
     @property
     def options(self) -> Mapping[str, Any]:
-        """The effective options, with the content of the parameter file."""
-        values = self._options.model_dump(mode="json")
-        if self._options.params is not None:
-            from rvsg.core.documents import read_yaml
-            from rvsg.core.records import text_id
-
-            content = canonical_json(read_yaml(self._path()).value)
-            values["params"] = f"{self._path().name} {text_id('params', content)}"
-        return values
-
-    def _path(self) -> Any:
-        from pathlib import Path
-
-        return Path(str(self._options.params))
+        """The effective options."""
+        return self._options.model_dump(mode="json")
 
     @property
     def period_s(self) -> float:
@@ -159,7 +154,8 @@ class Ros2Stack(WholeStack):
             return {}
         running, self._run = self._run, None
         facts = running.finish()
-        if running.record.missed_share > MISSED_SHARE and self._speed > 1.0:
+        too_slow = facts["speed"] < REACHED_SHARE * self._speed
+        if (running.record.missed_share > MISSED_SHARE or too_slow) and self._speed > 1.0:
             self._speed = max(1.0, self._speed * SLOWER)
             self._restart = self._options.launch is not None
             facts["speed_of_next_runs"] = self._speed
@@ -201,6 +197,7 @@ class _Running:
         self._base = self._now - round(seen.t * 1e9)
         self._due = time.monotonic()
         self._begun, self._begun_t = self._due, seen.t
+        self._last_step = (time.time(), time.time())
         self._heard = self._due
         self._velocity: Velocity | None = None
 
@@ -215,14 +212,7 @@ class _Running:
         pump = lambda: self._pump(seen)  # noqa: E731
         limit = self.options.start_limit_s
         until = time.monotonic() + limit
-        graph = self.session.bus.graph()
-        own = bool(graph.subscribers(self.options.initial_pose))
-        self.robot.gives_transform = self.options.localisation == "given" or (
-            self.options.localisation == "auto" and not own
-        )
-        mapped = bool(graph.publishers(self.options.map))
-        if self.options.publish_map == "always" or (self.options.publish_map == "auto" and not mapped):
-            self.robot.publish_map(self._now, self.task.world)
+        self._mapped = False
         self._transforms = self.session.bus.subscribe("/tf", "tf2_msgs/msg/TFMessage", reliable=True, depth=200)
         self._wait_until_active(pump, until)
         self.actions = {through: self.session.action(through) for through in (False, True)}
@@ -238,11 +228,13 @@ class _Running:
     def _wait_until_active(self, pump: Callable[[], None], until: float) -> None:
         lifecycle = self.session.lifecycle
         lifecycle.states.clear()
-        sent = 0.0
+        sent, begun = 0.0, time.monotonic()
         while True:
             lifecycle.poll()
             waiting = lifecycle.waiting_for()
-            if lifecycle.states and not waiting:
+            is_ready = bool(lifecycle.states) and not waiting
+            self._provide(is_ready or time.monotonic() - begun > APPEAR_S)
+            if is_ready:
                 return
             if time.monotonic() - sent > ASK_AGAIN_S:
                 sent = time.monotonic()
@@ -252,6 +244,20 @@ class _Running:
                 listed = "; ".join(waiting)
                 raise SimulationError(f"Not active after {self.options.start_limit_s:g} s: {listed}.")
             pump()
+
+    def _provide(self, is_complete: bool) -> None:
+        """Give the transform from map to odom, and the map, where the system has none of its own.
+
+        Args:
+            is_complete: nodes that provide a map have had time to appear.
+        """
+        graph, options = self.session.bus.graph(), self.options
+        own = bool(graph.subscribers(options.initial_pose))
+        self.robot.gives_transform = options.localisation == "given" or (options.localisation == "auto" and not own)
+        lacks_map = is_complete and options.publish_map == "auto" and not graph.publishers(options.map)
+        if not self._mapped and (lacks_map or options.publish_map == "always"):
+            self.robot.publish_map(self._now, self.task.world)
+            self._mapped = True
 
     def _send_start(self) -> None:
         """Tell localisation the start: costmaps become active only with a transform from the map."""
@@ -358,21 +364,27 @@ class _Running:
             return Ended.REACHED if self.client.status == SUCCEEDED else Ended.GAVE_UP
         return self._command(seen)
 
+    def _share(self, at: float) -> float:
+        """Return how much of the last step had passed at a time of the wall clock: commands are dated in simulated
+        time, so that a step that took too long here counts against nobody."""
+        begin, end = self._last_step
+        return (at - begin) / max(end - begin, 1e-6)
+
     def _keep_pace(self) -> None:
         self._due += PERIOD_S / self.session.speed
         rest = self._due - time.monotonic()
         if rest > 0.0:
             time.sleep(rest)
         else:
-            self.record.late(-rest)
             self._due -= rest
+        self._last_step = (self._last_step[1], time.time())
 
     def _command(self, seen: Observation) -> Velocity | None:
         newest = None
         for message in self._commands.take():
             twist = getattr(message, "twist", message)
             newest = Velocity(float(twist.linear.x), float(twist.angular.z))
-            self.record.commanded(message.sample_info.source_timestamp / 1e9 * self.session.speed)
+            self.record.commanded(seen.t + PERIOD_S * self._share(message.sample_info.source_timestamp / 1e9))
         if newest is not None:
             self._heard = time.monotonic()
         elif time.monotonic() - self._heard > self.options.answer_limit_s:
@@ -401,6 +413,13 @@ class _Running:
     def _give_back(self) -> None:
         if self.session.launched is None:
             self.session.turn.give_back(self._now)
+
+
+def _version(params: str | None) -> str:
+    """Return the version of this stack, with the content of the parameter file."""
+    if params is None:
+        return VERSION
+    return f"{VERSION}+{text_id('params', Path(params).read_text()).removeprefix('params-')}"
 
 
 def _wait() -> None:
