@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from rvsg.api.simulating import ignore
-from rvsg.api.suites import Suite, read_results
+from rvsg.api.scenarios import as_robot
+from rvsg.api.simulating import ignore, make_simulator, simulate
+from rvsg.api.suites import Suite, driven_by, read_results, requirement_of
+from rvsg.campaign.measuring import Measuring
 from rvsg.campaign.suite import CaseChange, Change, SuiteResult, compare_results, counts
 from rvsg.core.errors import InputError
 from rvsg.core.plugins import Spec
+from rvsg.report.facts import run_facts
 from rvsg.report.suites import changes_markdown
+from rvsg.report.versions import ORDER, ShownPair, versions_page
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,6 +28,13 @@ class VersionComparison:
     first: SuiteResult
     second: SuiteResult
     changes: tuple[CaseChange, ...]
+    suite: Suite | None = None
+    """The suite, where it was run for the comparison; a page then replays what changed."""
+
+    def page(self, *, most: int = 6) -> str:
+        """Return the comparison as an HTML page; with the suite at hand, two runs on one clock for `most` changes."""
+        pairs = [] if self.suite is None else list(_pairs(self.suite, self.first, self.second, self.changes, most))
+        return versions_page(self.first, self.second, self.changes, pairs)
 
     @property
     def broken(self) -> tuple[CaseChange, ...]:
@@ -67,10 +78,10 @@ def compare_versions(
     Raises:
         InputError: a version cannot be run, or the results have no case in common.
     """
-    if suite is None:
+    opened = None if suite is None else Suite.open(suite)
+    if opened is None:
         results = [given if isinstance(given, SuiteResult) else read_results(given) for given in (first, second)]
     else:
-        opened = Suite.open(suite)
         results = []
         for given in (str(first), str(second)):
             on_message(f"Running {len(opened.cases)} cases with {given}.")
@@ -82,7 +93,47 @@ def compare_versions(
     changes = compare_results(results[0], results[1], error_rate=error_rate)
     if all(each.change is Change.MISSING for each in changes):
         raise InputError("The two results have no case in common. Run the same suite with both versions.")
-    return VersionComparison(first=results[0], second=results[1], changes=changes)
+    return VersionComparison(first=results[0], second=results[1], changes=changes, suite=opened)
+
+
+def _pairs(
+    suite: Suite, first: SuiteResult, second: SuiteResult, changes: Sequence[CaseChange], most: int
+) -> Iterator[ShownPair]:
+    """Yield the first seed that differs of each changed case, run again with both versions."""
+    changed = [each for each in changes if each.change in (Change.BROKEN, Change.FIXED, Change.UNCLEAR)]
+    for change in sorted(changed, key=lambda each: ORDER.index(each.change))[:most]:
+        case = next(each for each in suite.cases if each.name == change.case)
+        expectation = next(each for each in case.expectations if each.requirement == change.requirement)
+        world, route = suite.worlds[case.name], case.scenario.mission.route
+        requirement = requirement_of(expectation, suite.folder, route)
+        seed = _differing(first, second, change)
+        measuring = Measuring(requirement, world)
+        shown = []
+        for result in (first, second):
+            simulator, robot = _version(result.version)
+            made = make_simulator(simulator)
+            driven = case if robot is None else driven_by(case, as_robot(robot, made), world)
+            (run,) = simulate(driven.scenario, [seed], simulator=made, world=world)
+            shown.append(run_facts(run, measuring.measure(run), requirement, world, driven.scenario))
+        yield ShownPair(
+            change=change,
+            seed=seed,
+            scenario=case.scenario,
+            requirement=requirement,
+            world=world,
+            runs=(shown[0], shown[1]),
+        )
+
+
+def _differing(first: SuiteResult, second: SuiteResult, change: CaseChange) -> int:
+    """Return the first common seed of a case that violates in one version alone."""
+    flags = [
+        dict(zip(each.seeds, each.violations, strict=True))
+        for result in (first, second)
+        for each in result.cases
+        if (each.case, each.requirement) == (change.case, change.requirement)
+    ]
+    return next(seed for seed, flag in flags[0].items() if seed in flags[1] and flag != flags[1][seed])
 
 
 def _version(text: str) -> tuple[Spec, str | None]:

@@ -29,6 +29,10 @@ def compare_versions(
         float, typer.Option(min=0.0001, max=0.5, help="Probability of one false alarm in the whole comparison.")
     ] = 0.05,
     markdown: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a table for a pull request.")] = None,
+    html: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Write a page; with --suite it replays both on one clock."),
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print the comparison as JSON on standard output.")] = False,
 ) -> None:
     """Compare two versions on the same scenarios and seeds: fixed, broken, unchanged, unclear.
@@ -39,11 +43,14 @@ def compare_versions(
     from rvsg.api.records import check_writable, write_text
     from rvsg.api.versions import compare_versions as compare
 
-    if markdown is not None:
-        check_writable(markdown)
+    for file in (markdown, html):
+        if file is not None:
+            check_writable(file)
     comparison = compare(first, second, suite=suite, runs=runs, jobs=jobs, error_rate=error_rate, on_message=say)
     if markdown is not None:
         write_text(markdown, comparison.markdown)
+    if html is not None:
+        write_text(html, comparison.page())
     if json:
         print_json(comparison.to_dict())
     else:

@@ -109,12 +109,12 @@ def render_page(
             floor=Markup(shown.floor.shapes),  # noqa: S704
             names=Markup(narrow_names(shown.floor)),  # noqa: S704
             look=Markup(area_colours(world, shown.floor)),  # noqa: S704
-            replay=_script_safe(replay_data(shown)) if subject else None,
+            replay=script_safe(replay_data(shown)) if subject else None,
             component=Markup(component()),  # noqa: S704
             command=command,
             simulator=simulator,
             overview=overview,
-            traces=[_script_safe(trace) for trace in traces],
+            traces=[script_safe(trace) for trace in traces],
         )
     )
 
@@ -178,7 +178,7 @@ def _thoughts(shown: Shown, conversations: Conversations) -> list[dict[str, Any]
     return found
 
 
-def _script_safe(value: Any) -> Markup:
+def script_safe(value: Any) -> Markup:
     """Return JSON that can stand in a script element: nothing in it can end the element."""
     text = json.dumps(value, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
     return Markup(text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026"))  # noqa: S704

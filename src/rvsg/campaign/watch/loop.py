@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from rvsg.campaign.knowledge import Entry, entry_of_case
-from rvsg.campaign.suite import CaseResult
+from rvsg.campaign.suite import CaseResult, State
 from rvsg.campaign.watch.journal import Journal, Note, Part
 from rvsg.campaign.watch.parts import (
     Analyser,
@@ -124,7 +124,7 @@ class Loop:
         # Knowledge before the note: entries are kept once, so a loop that is killed here repeats and adds none twice.
         new = self.knowledge.add(self._entries(planned, results), origin="watch")
         runs = max((len(each.seeds) for each in results), default=0)
-        told = "; ".join(f"{each.requirement} {each.state.value}: {_counted(each)}" for each in results)
+        told = "; ".join(f"{each.requirement} {_state(planned, each)}: {_counted(each)}" for each in results)
         self._note("execute", f"{planned.name}: {told}", plan=planned.id, outcome="run", runs=runs)
         self._note("knowledge", f"{new} new entries of {planned.name}")
         return True
@@ -162,6 +162,13 @@ def _why(symptom: Symptom) -> str:
         "new version": f"the new version {symptom.version}",
     }
     return words[symptom.kind]
+
+
+def _state(planned: Planned, result: CaseResult) -> str:
+    """Return what a result says; only a case of the suite can be broken, for nothing was expected of a new scenario."""
+    if planned.is_case:
+        return result.state.value
+    return {State.BROKEN: "violated", State.PASSED: "holds"}.get(result.state, result.state.value)
 
 
 def _counted(result: CaseResult) -> str:
