@@ -11,12 +11,15 @@ from pydantic import ValidationError
 
 from rvsg.api.folder import make_folder
 from rvsg.core.errors import FileError, InputError
+from rvsg.robots import Robot, load_robot
+from rvsg.robots.files import DEFAULT_ROBOT
 from rvsg.world.authoring.check import Remark, check_world
 from rvsg.world.authoring.create import Created, world_from_map, world_from_objects, world_from_sdf
 from rvsg.world.authoring.readme import write_readme
 from rvsg.world.drawing import GRID, LABELLED, draw_plan, png_bytes, tiles
 from rvsg.world.drawing.birdseye import birdseye
 from rvsg.world.drawing.svg import floor_plan_svg
+from rvsg.world.fitting import clearance_m
 from rvsg.world.grid import GridSpec
 from rvsg.world.io.load import SHIPPED, shipped_worlds
 from rvsg.world.io.save import save_world
@@ -28,6 +31,7 @@ if TYPE_CHECKING:
 
 Window = tuple[float, float, float, float]
 LIDAR_HEIGHT_M = 0.21
+ROBOT_CLEARANCE_M = 0.3
 
 _GOES_WITH: dict[str, tuple[str, ...]] = {
     "free_thresh": ("map",),
@@ -51,7 +55,7 @@ def create_world(
     title: str = "",
     spacing: float | None = None,
     human_clearance: float = 0.3,
-    robot_clearance: float = 0.3,
+    robot_clearance: float | None = None,
     free_thresh: float | None = None,
     model_path: Sequence[Path] | None = None,
     lidar_height: float = LIDAR_HEIGHT_M,
@@ -61,6 +65,7 @@ def create_world(
     box_for_unreadable: bool = False,
     lenient: bool = False,
     force: bool = False,
+    robot: Robot | None = None,
     trial: SimulatedTrial | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> tuple[Created, tuple[Remark, ...]]:
@@ -72,6 +77,7 @@ def create_world(
         folder: Where to write the world; its name becomes the world's.
         map_file: A Nav2 map; or give `sdf` or `objects` instead.
         force: Overwrite a world that is in the folder.
+        robot: The robot that routes are proposed for; None: the default robot.
         trial: Drives every proposed route; routes that the robot cannot drive alone are not proposed.
 
     Returns:
@@ -94,8 +100,11 @@ def create_world(
         lidar_height=lidar_height != LIDAR_HEIGHT_M,
     )
     _refuse_occupied(folder, force=force)
+    if robot_clearance is None:
+        robot_clearance = ROBOT_CLEARANCE_M if robot is None else clearance_m(robot)
     spec = _grid_spec(spacing, human_clearance, robot_clearance)
-    shared: dict[str, Any] = {"name": folder.resolve().name, "title": title, "grid_spec": spec, "trial": trial}
+    shared: dict[str, Any] = {"name": folder.resolve().name, "title": title, "grid_spec": spec}
+    shared |= {"trial": trial, "robot": robot}
     if map_file is not None:
         created = world_from_map(map_file, free_thresh=free_thresh, **shared)
     elif sdf is not None:
@@ -115,9 +124,14 @@ def create_world(
         assert objects is not None
         created = world_from_objects(objects, lidar_height_m=lidar_height, resolution_m=resolution, **shared)
     save_world(created.world, folder)
-    remarks = check_world(folder, trial=trial)
+    remarks = check_world(folder, trial=trial, robot=robot)
     write_readme(created, folder, [f"{'error' if r.serious else 'warning'}: {r.problem.message}" for r in remarks])
     return created, remarks
+
+
+def other_robot(name: str | Path | None) -> Robot | None:
+    """Return a shipped robot or the robot of a file; None for the default one, for which the worlds are written."""
+    return None if name is None or str(name) == DEFAULT_ROBOT else load_robot(name)
 
 
 def folder_named(name: Path) -> Path:

@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 app = verb(no_args_is_help=True, help="Make a world from a map, check it, draw it, show it.")
 
 WorldName = Annotated[str, typer.Argument(metavar="WORLD", help="A shipped world or a world folder.")]
+Robot = Annotated[
+    str | None, typer.Option(help="A shipped robot (`rvsg robots`) or a robot file that drives here. [tiago_omni]")
+]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON on standard output.")]
 NoSimulation = Annotated[
     bool, typer.Option("--no-simulation", help="Do not drive routes and walk hops in the simulator.")
@@ -40,7 +43,10 @@ def new(
     title: Annotated[str, typer.Option(help="How the world is called in pictures and reports.")] = "",
     spacing: Annotated[float | None, typer.Option(help="Metres between waypoints. [1, more in a large map]")] = None,
     human_clearance: Annotated[float, typer.Option(help="Metres a person keeps from obstacles on a waypoint.")] = 0.3,
-    robot_clearance: Annotated[float, typer.Option(help="Metres the robot needs to fit.")] = 0.3,
+    robot_clearance: Annotated[
+        float | None, typer.Option(help="Metres the robot needs to fit. [0.3, or half of its width and 0.05]")
+    ] = None,
+    robot: Robot = None,
     free_thresh: Annotated[
         float | None, typer.Option(min=0, max=1, help="With --map: instead of the map's own free_thresh.")
     ] = None,
@@ -79,12 +85,13 @@ def new(
     Labels and routes are proposals: read the README in the folder, edit them, then `rvsg world check DIR`.
     Each proposed route is driven once in the simulator; one that the robot cannot drive alone is not proposed.
     """
-    given = {key: value for key, value in locals().items() if key not in ("folder", "no_simulation", "json")}
+    given = {key: value for key, value in locals().items() if key not in ("folder", "no_simulation", "json", "robot")}
     from rvsg.api.authoring import trial_of
-    from rvsg.api.world_folders import create_world, world_summary
+    from rvsg.api.world_folders import create_world, other_robot, world_summary
 
-    trial = None if no_simulation else trial_of(progress=say)
-    created, remarks = create_world(folder, **given, trial=trial, progress=_progress())
+    driver = other_robot(robot)
+    trial = None if no_simulation else trial_of(driver, progress=say)
+    created, remarks = create_world(folder, **given, robot=driver, trial=trial, progress=_progress())
     _show_created(created, remarks, folder)
     if json:
         print_json(world_summary(created.world) | {"folder": str(folder), "notes": list(created.notes)})
@@ -93,6 +100,7 @@ def new(
 @app.command()
 def check(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="The world folder.")] = Path(),
+    robot: Robot = None,
     no_simulation: NoSimulation = False,
     json: AsJson = False,
 ) -> None:
@@ -104,9 +112,11 @@ def check(
     Exit code 2 if something is wrong, 0 if there are only warnings or nothing.
     """
     from rvsg.api.authoring import check_world, trial_of
-    from rvsg.api.world_folders import folder_named
+    from rvsg.api.world_folders import folder_named, other_robot
 
-    remarks = check_world(folder_named(folder), trial=None if no_simulation else trial_of(progress=say))
+    driver = other_robot(robot)
+    trial = None if no_simulation else trial_of(driver, progress=say)
+    remarks = check_world(folder_named(folder), trial=trial, robot=driver)
     _show_remarks(remarks)
     if json:
         print_json([_remark_json(remark) for remark in remarks])

@@ -25,6 +25,7 @@ SPARE_M = 0.1
 """A goal that is moved leaves this much between the robot and what stands in front of it."""
 CREEPING_M_S = 0.1
 """A safety zone that is watched at this speed stops the robot on its last metre."""
+SPARE_BESIDE_M = 0.05
 NEAR_M = 0.3
 """A robot whose start or goal is tight stands in the open part of the floor at most this far away."""
 SLOWER_THAN_STRAIGHT = 1.2
@@ -75,6 +76,11 @@ def setback_m(goal: Pose, robot: Robot, world: World) -> float | None:
         if _is_free(space, _moved(goal, back), (rear, right), (front, left)):
             return 0.0 if back <= allowed else round(back + SPARE_M, 2)
     return None
+
+
+def clearance_m(robot: Robot) -> float:
+    """Return how far a robot's base keeps from obstacles where it passes between them, m."""
+    return round(0.5 * min(robot.width_m, robot.length_m) + SPARE_BESIDE_M, 3)
 
 
 def fits_through(robot: Robot, route: Route, world: World) -> bool:

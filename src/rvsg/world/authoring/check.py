@@ -16,9 +16,11 @@ from numpy.typing import NDArray
 from rvsg.core.documents import Document, DocumentError, Problem, read_yaml
 from rvsg.core.errors import FileError
 from rvsg.core.records import Pose
+from rvsg.robots import Robot
 from rvsg.world.authoring.named_areas import unknown_areas
 from rvsg.world.authoring.routes import robot_stands
 from rvsg.world.authoring.trial import Trial
+from rvsg.world.fitting import clearance_m, fitted
 from rvsg.world.grid import GridSpec
 from rvsg.world.io.load import places_in, read_world, route_names, routes_in, told_apart, world_folder
 from rvsg.world.passages import free_width_m
@@ -53,10 +55,11 @@ class Remark:
         return f"{'error' if self.serious else 'warning'}: {self.problem}"
 
 
-def check_world(folder: str | Path, *, trial: Trial | None = None) -> tuple[Remark, ...]:
+def check_world(folder: str | Path, *, trial: Trial | None = None, robot: Robot | None = None) -> tuple[Remark, ...]:
     """Return all findings on a world folder: unreadable files first, then whatever can be judged of the rest.
 
-    With a trial, every route is also driven and every hop walked in a simulator.
+    With a trial, every route is also driven and every hop walked in a simulator. With a robot the routes are checked as
+    they are fitted to it.
     """
     folder = world_folder(folder)
     problems: list[Problem] = []
@@ -67,17 +70,18 @@ def check_world(folder: str | Path, *, trial: Trial | None = None) -> tuple[Rema
     except FileError as error:
         return (Remark(problem=Problem(error.path, error.line, error.reason), serious=True),)
     found = [Remark(problem=p, serious=True) for p in problems]
-    return (*found, *_Checker(folder, world, trial).all())
+    return (*found, *_Checker(folder, world, trial, robot).all())
 
 
 class _Checker:
     """The judgement of a world that could be read."""
 
-    def __init__(self, folder: Path, world: World, trial: Trial | None) -> None:
+    def __init__(self, folder: Path, world: World, trial: Trial | None, robot: Robot | None) -> None:
         from shapely import Polygon
 
         self.world = world
         self.trial = trial
+        self.driver = robot
         self.head = read_yaml(folder / "world.yaml")
         self.labels = read_yaml(folder / str(self.head.value.get("labels", "labels.yaml")))
         self.routes = read_yaml(folder / str(self.head.value.get("routes", "routes.yaml")))
@@ -171,7 +175,7 @@ class _Checker:
             message = "there are no routes: write one before you run a campaign"
             self._say(self.routes, message, "routes", serious=True)
             return
-        radius = self.spec.robot_clearance_m
+        radius = self.spec.robot_clearance_m if self.driver is None else clearance_m(self.driver)
         parts, _ = label((self.robot.field >= radius) & (self.robot.field > 0))
         sound = {route.name: route for route in self.world.routes}
         for index, name in enumerate(told_apart(self.routes, "routes", route_names(self.routes))):
@@ -182,6 +186,7 @@ class _Checker:
                         self._check_pose(name, str(place_key[0]), place, ("routes", index, *place_key), radius, parts)
                 continue
             before = len(self.remarks)
+            route = self._fitted(index, route)
             stops = [("start", route.start), *(("through", p) for p in route.through), ("goal", route.goal)]
             counts: dict[str, int] = {}
             places = []
@@ -199,6 +204,15 @@ class _Checker:
                 )
                 self._say(self.routes, message, "routes", index, serious=True)
             self._check_time(index, route)
+
+    def _fitted(self, index: int, route: Route) -> Route:
+        """Return the route as the robot drives it, and report what has to be fitted."""
+        if self.driver is None:
+            return route
+        fit = fitted(route, self.driver, self.world)
+        for note in fit.notes:
+            self._say(self.routes, note, "routes", index)
+        return fit.route
 
     def _check_pose(
         self, route: str, what: str, pose: Pose, key: Sequence[str | int], radius: float, parts: Any
@@ -222,7 +236,7 @@ class _Checker:
             near = parts[max(row - reach, 0) : row + reach + 1, max(column - reach, 0) : column + reach + 1]
             return int(near.max(initial=0))
         else:
-            if not robot_stands(self.robot, pose):
+            if not robot_stands(self.robot, pose, self.driver):
                 message = f"{at}: turned as it is there (yaw {pose.yaw:g}), the robot touches an obstacle"
                 self._say(self.routes, message, *key, serious=what == "start")
             return int(parts[row, column])
@@ -245,6 +259,8 @@ class _Checker:
             key = ("routes", names.index(route.name))
             if any(remark.serious and remark.key[:2] == key for remark in self.remarks):
                 continue
+            if self.driver is not None:
+                route = fitted(route, self.driver, self.world).route
             drive = trial.drive(self.world, route)
             at = f"({drive.x:.1f}, {drive.y:.1f}), near {self.world.grid.nearest(drive.x, drive.y)}"
             if not drive.arrived:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from rvsg.core.documents import read_document
 from rvsg.core.errors import FileError, InputError
+from rvsg.robots import Robot
 from rvsg.world.authoring.labels import propose_areas
 from rvsg.world.authoring.rooms import indoors
 from rvsg.world.authoring.routes import propose_routes, route_notes
@@ -50,6 +51,7 @@ def world_from_map(
     grid_spec: GridSpec | None = None,
     free_thresh: float | None = None,
     trial: Trial | None = None,
+    robot: Robot | None = None,
 ) -> Created:
     """A world from a Nav2 map: labels from free-standing obstacles and open floor, routes between them.
 
@@ -64,7 +66,7 @@ def world_from_map(
             "frame; positions are the same."
         )
     try:
-        return _created(name, title, (), occupancy, grid_spec, str(path), notes, trial=trial)
+        return _created(name, title, (), occupancy, grid_spec, str(path), notes, trial=trial, robot=robot)
     except FileError:
         raise
     except InputError as error:
@@ -86,6 +88,7 @@ def world_from_sdf(
     without: Sequence[str] = (),
     progress: Progress | None = None,
     trial: Trial | None = None,
+    robot: Robot | None = None,
 ) -> Created:
     """Make a world from a Gazebo world: its solid objects, the map a lidar would draw of them, labels and routes.
 
@@ -118,6 +121,7 @@ def world_from_sdf(
             notes,
             lidar_height_m=lidar_height_m,
             trial=trial,
+            robot=robot,
         )
     except FileError:
         raise
@@ -134,6 +138,7 @@ def world_from_objects(
     lidar_height_m: float = 0.21,
     resolution_m: float | None = None,
     trial: Trial | None = None,
+    robot: Robot | None = None,
 ) -> Created:
     """A world from our own file of objects (oriented boxes and polygons), mapped as a lidar would see them."""
     _refuse_absurd_sizes(resolution_m, lidar_height_m)
@@ -206,6 +211,7 @@ def _created(
     *,
     lidar_height_m: float = 0.21,
     trial: Trial | None = None,
+    robot: Robot | None = None,
 ) -> Created:
     spec = fitting_spec(spec or GridSpec(), human_space_of(objects, occupancy))
     areas = propose_areas(objects, occupancy)
@@ -227,7 +233,7 @@ def _created(
     world = replace(world, areas=reached)
     if grid_is_coarse(world.grid):
         notes.append(f"the map is large, so the grid is {world.grid.spacing_m:g} m wide; --spacing makes it finer.")
-    world = replace(world, routes=propose_routes(world, trial=trial))
+    world = replace(world, routes=propose_routes(world, trial=trial, robot=robot))
     notes += route_notes(world, trial)
     if not world.routes:
         notes.append(

@@ -16,6 +16,7 @@ from rvsg.robots import Robot, load_robot
 from rvsg.robots.files import DEFAULT_ROBOT
 from rvsg.robots.polygons import padded, rectangle
 from rvsg.world.authoring.trial import Trial
+from rvsg.world.fitting import fitted
 from rvsg.world.grid import Grid
 from rvsg.world.passages import narrowest_passage
 from rvsg.world.route_words import length_m, line_of
@@ -43,21 +44,24 @@ class _Walk(NamedTuple):
     goal: str
 
 
-def propose_routes(world: World, count: int = ROUTES, trial: Trial | None = None) -> tuple[Route, ...]:
+def propose_routes(
+    world: World, count: int = ROUTES, trial: Trial | None = None, robot: Robot | None = None
+) -> tuple[Route, ...]:
     """Return routes that cross the building: the longest way, the busiest, and the one through the narrowest place.
 
     They lead from area to area over waypoints on which the robot fits, from different places where there are enough.
     With a trial each is driven once in a simulator: a way the robot does not drive alone is no proposal, and the time
-    limit leaves room for the time it takes.
+    limit leaves room for the time it takes. `robot`: the one to propose for, by default the default robot.
     """
-    walks = _walks(world)
+    walks = _walks(world, robot)
     chosen: list[_Walk] = []
     routes: list[Route] = []
     for ranked in itertools.islice(itertools.cycle(_rankings(world, walks)), count):
         used = {name for walk in chosen for name in (walk.start, walk.goal)}
         fresh = [walk for walk in ranked if walk not in chosen]
         for walk in sorted(fresh, key=lambda w: bool(used & {w.start, w.goal}))[:MOST_DRIVES]:
-            route = _driven(world, _route(world, f"route_{len(routes) + 1}", walk), trial)
+            asked = _route(world, f"route_{len(routes) + 1}", walk)
+            route = _driven(world, asked if robot is None else fitted(asked, robot, world).route, trial)
             if route is not None:
                 chosen.append(walk)
                 routes.append(route)
@@ -65,15 +69,15 @@ def propose_routes(world: World, count: int = ROUTES, trial: Trial | None = None
     return tuple(routes)
 
 
-def _walks(world: World) -> list[_Walk]:
+def _walks(world: World, robot: Robot | None) -> list[_Walk]:
     """Return the shortest ways between all areas that are long enough and at whose ends the robot stands free."""
-    ends = _ends(world)
+    ends = _ends(world, robot)
     drivable = grid_of_robot(world.grid)
     walks = []
     for i, (start, area_a) in enumerate(ends):
         for goal, area_b in ends[i + 1 :]:
             path = drivable.shortest_path(start, goal)
-            if path is None or not _ends_fit(world, path):
+            if path is None or not _ends_fit(world, path, robot):
                 continue
             length = _length(world.grid, path)
             if length >= SHORTEST_ROUTE_M:
@@ -139,18 +143,19 @@ def route_notes(world: World, trial: Trial | None) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _ends(world: World) -> list[tuple[str, str]]:
+def _ends(world: World, robot: Robot | None) -> list[tuple[str, str]]:
     """For every area the waypoint it is best driven to, with the area's name; at most twenty.
 
     Best is where the robot can turn, then what is nearest to the middle of the area.
     """
     space = robot_space(world)
+    turning = TURNING_M if robot is None else robot.turning_radius_m
     ends: list[tuple[str, str]] = []
     for area in world.areas:
         middle = np.mean(np.array(area.outline), axis=0)
         fit = [world.grid.by_name[name] for name in area.waypoints if world.grid.by_name[name].robot]
         if fit:
-            tight = {w.name: space.clearance(w.x, w.y) < TURNING_M for w in fit}
+            tight = {w.name: space.clearance(w.x, w.y) < turning for w in fit}
             best = min(fit, key=lambda w: (tight[w.name], math.dist((w.x, w.y), middle), w.name))
             if best.name not in {name for name, _ in ends}:
                 ends.append((best.name, area.name))
@@ -171,12 +176,12 @@ def _length(grid: Grid, path: Sequence[str]) -> float:
     return sum(math.dist(grid.position(a), grid.position(b)) for a, b in pairwise(path))
 
 
-def _ends_fit(world: World, path: Sequence[str]) -> bool:
+def _ends_fit(world: World, path: Sequence[str], robot: Robot | None) -> bool:
     """Return whether the robot stands free at both ends of a path, looking along it."""
     points = [world.grid.position(p) for p in path]
     space = robot_space(world)
     return all(
-        robot_stands(space, Pose(x=at[0], y=at[1], yaw=_heading(a, b)))
+        robot_stands(space, Pose(x=at[0], y=at[1], yaw=_heading(a, b)), robot)
         for at, a, b in ((points[0], points[0], points[1]), (points[-1], points[-2], points[-1]))
     )
 
