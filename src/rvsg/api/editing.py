@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
+from rvsg.api.showing import floor_of
 from rvsg.core.errors import InputError
 from rvsg.core.files import write_whole
-from rvsg.report.floors import area_colours
 from rvsg.world.authoring.check import check_world
 from rvsg.world.authoring.editing import CHANGES, Edit, edit_world
-from rvsg.world.drawing.svg import floor_plan, rectangles
+from rvsg.world.drawing.svg import rectangles
 from rvsg.world.io.load import SHIPPED, read_world, shipped_worlds, world_folder
 from rvsg.world.passages import free_width_m
 from rvsg.world.route_words import length_m, line_of
@@ -43,18 +43,12 @@ def editable_world(name: str | Path) -> dict[str, Any]:
         FileError: its files cannot be read at all.
     """
     world = read_world(folder_of_world(name), [])
-    floor = floor_plan(world, areas=False, tooltips=False)
     kinds = list(dict.fromkeys(area.kind for area in world.areas))
     return {
         "name": world.name,
         "title": world.title,
         "editable": not folder_of_world(name).resolve().is_relative_to(SHIPPED.resolve()),
-        "floor": {
-            "view_box": floor.view_box,
-            "matrix": [float(v) for v in floor.matrix[7:-1].replace(",", " ").split()],
-            "shapes": floor.shapes,
-            "style": area_colours(world, floor_plan(world, tooltips=False)),
-        },
+        "floor": floor_of(world, areas=False),
         "kinds": kinds,
         "areas": [
             {

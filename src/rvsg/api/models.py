@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from rvsg.core.lazy import lazily
 from rvsg.generation.vlm.watching import CallNews
 from rvsg.generation.wiring import Access, Wiring, wired
+from rvsg.world.authoring.named_areas import unknown_areas
+from rvsg.world.world import World
 
 if TYPE_CHECKING:
     from rvsg.generation.conversation import VlmGenerator as VlmGenerator
@@ -27,7 +30,7 @@ if TYPE_CHECKING:
     from rvsg.generation.vlm.model import Scripted as Scripted
     from rvsg.scenario.brief import Brief as Brief
 
-__all__ = ["CallNews", "Wiring", "answered_from_record", "reach"]
+__all__ = ["CallNews", "Wiring", "answered_from_record", "named_in", "reach"]
 
 __getattr__ = lazily(
     __name__,
@@ -56,6 +59,23 @@ def reach(model: str | None, record: Path | None, **access: Any) -> Wiring:
     """Return a model ready to be asked; InputError where neither a model nor a replay is named."""
     given = {key: value for key, value in access.items() if value is not None}
     return wired(model, Access.of(given, record=record))
+
+
+def named_in(text: str, world: World) -> list[tuple[str, Literal["text", "known", "unknown"]]]:
+    """Return a text in pieces: names of areas of the world, what looks like one and is none, and the rest."""
+    known = [area.name for area in world.areas]
+    unknown = [name for name in unknown_areas(text, known) if name.strip()]
+    kinds = {name.casefold(): "unknown" for name in unknown} | {name.casefold(): "known" for name in known}
+    if not kinds:
+        return [(text, "text")]
+    longest = sorted(kinds, key=len, reverse=True)
+    pattern = re.compile(r"(?<!\w)(" + "|".join(re.escape(name) for name in longest) + r")(?!\w)", re.IGNORECASE)
+    pieces: list[tuple[str, Literal["text", "known", "unknown"]]] = []
+    for place, piece in enumerate(pattern.split(text)):
+        if piece:
+            is_known = kinds.get(piece.casefold()) == "known"
+            pieces.append((piece, "text" if place % 2 == 0 else "known" if is_known else "unknown"))
+    return pieces
 
 
 def answered_from_record(wiring: Wiring) -> str | None:

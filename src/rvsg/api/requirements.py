@@ -10,7 +10,7 @@ from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.requirements import shipped_requirements
 from rvsg.world.world import Route
 
-__all__ = ["load_requirement", "shipped_requirements"]
+__all__ = ["Requirement", "load_requirement", "shipped_requirements"]
 
 
 def load_requirement(

@@ -33,18 +33,19 @@ __all__ = [
 ]
 
 
-def floor_of(world: World, *, areas: bool = True) -> dict[str, str]:
-    """Return the floor plan as SVG parts: `view_box`, `matrix`, `shapes`, `names`, and the `style` of its areas.
+def floor_of(world: World, *, areas: bool = True) -> dict[str, Any]:
+    """Return the floor plan for an editor that draws over it: SVG parts, in which everything is escaped.
 
-    Everything in it is escaped.
+    Returns:
+        `view_box`, `shapes`, `names` and the `style` of the areas as SVG; `matrix` from world metres to its units.
     """
     plan = floor_plan(world, areas=areas, tooltips=False)
     return {
         "view_box": plan.view_box,
-        "matrix": plan.matrix,
+        "matrix": [float(v) for v in plan.matrix[7:-1].replace(",", " ").split()],
         "shapes": plan.shapes,
         "names": plan.names,
-        "style": area_colours(world, plan) if areas else "",
+        "style": area_colours(world, plan if areas else floor_plan(world, tooltips=False)),
     }
 
 

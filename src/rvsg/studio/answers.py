@@ -2,12 +2,28 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
+import threading
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
+from fastapi.responses import Response
+
 import rvsg
+from rvsg import Scenario, Spec, World
+from rvsg.api.authoring import shipped_worlds, trial_of
+from rvsg.api.conversations import picture_of_call
+from rvsg.api.editing import History, editable_world, remarks_on
 from rvsg.api.errors import InputError
-from rvsg.api.showing import related, replay_of_attempts
+from rvsg.api.files import write_whole
+from rvsg.api.requirements import Requirement, load_requirement, shipped_requirements
+from rvsg.api.scenarios import check_valid, load_scenario_in, save_scenario
+from rvsg.api.showing import floor_of, related, replay_of_attempts, replay_of_runs
+from rvsg.api.simulating import RunSet
+from rvsg.api.trying import BEHAVIOURS, empty_scenario, scenario_of, simulated, try_out, with_person
+from rvsg.api.worlds import world_of
 from rvsg.studio.workspace import Workspace
 
 Answer = Callable[[Workspace, dict[str, Any]], Any]
@@ -44,7 +60,206 @@ def replay(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
     return found
 
 
-ANSWERS: dict[str, Answer] = {"replay": replay}
+def world_place(workspace: Workspace, given: dict[str, Any]) -> str | Path:
+    """Return the world that is meant: the name of a shipped one, or a folder in the workspace."""
+    name = text_of(given, "world")
+    return name if name in shipped_worlds() else workspace.existing(name)
+
+
+def world(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
+    """Return what the editor of a world shows."""
+    place = world_place(workspace, given)
+    done, undone = history_of(workspace, given).steps
+    return editable_world(place) | {"undo": done, "redo": undone}
+
+
+def world_check(workspace: Workspace, given: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return what the check finds in a world."""
+    return remarks_on(world_place(workspace, given))
+
+
+def world_edit(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
+    """Make a change in a world and return the world as it is then."""
+    change = given.get("change")
+    if not isinstance(change, dict):
+        raise InputError("The question lacks a change.")
+    with _editing:
+        history_of(workspace, given).make(world_place(workspace, given), change)
+    return world(workspace, given)
+
+
+def world_undo(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
+    """Undo the last change of a world and return the world as it is then."""
+    with _editing:
+        history_of(workspace, given).undo()
+    return world(workspace, given)
+
+
+def world_redo(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
+    """Make the change again that was undone last, and return the world as it is then."""
+    with _editing:
+        history_of(workspace, given).redo()
+    return world(workspace, given)
+
+
+def world_drive(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
+    """Drive a route with nobody about and return how it went."""
+    loaded = rvsg.load_world(world_place(workspace, given))
+    drive = trial_of().drive(loaded, loaded.route(text_of(given, "route")))
+    return drive.model_dump(mode="json")
+
+
+def history_of(workspace: Workspace, given: dict[str, Any]) -> History:
+    """Return the changes of a world that can be undone."""
+    place = str(world_place(workspace, given))
+    return History(workspace.own / "undo" / f"{hashlib.sha256(place.encode()).hexdigest()[:16]}.json")
+
+
+def scenario(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
+    """Return what the editor of a scenario shows: of an attempt, a file, or a route of a world."""
+    loaded, place, simulator = scenario_place(workspace, given)
+    draft = draft_of(workspace, given)
+    kept = json.loads(draft.read_text(encoding="utf-8")) if draft.is_file() else None
+    names = {waypoint.name for waypoint in place.grid.waypoints if waypoint.human}
+    return {
+        "scenario": kept or loaded.model_dump(mode="json"),
+        "original": loaded.model_dump(mode="json"),
+        "draft": kept is not None,
+        "simulator": simulator.name,
+        "floor": floor_of(place),
+        "title": place.title,
+        "waypoints": [[w.name, w.x, w.y] for w in place.grid.waypoints if w.name in names],
+        "requirements": {name: each.title for name, each in shipped_requirements().items()},
+        "behaviours": list(BEHAVIOURS),
+    }
+
+
+def scenario_place(workspace: Workspace, given: dict[str, Any]) -> tuple[Scenario, World, Spec]:
+    """Return the scenario a page is about, its world, and what simulates it."""
+    embedded = Spec("embedded")
+    if given.get("campaign"):
+        campaign = rvsg.Campaign.open(workspace.existing(text_of(given, "campaign")), given.get("name") or None)
+        index = number_of(given, "attempt")
+        found = next((a.proposal.scenario for a in campaign.attempts() if a.index == index), None)
+        if found is None:
+            raise InputError(f"There is no attempt {index} with a scenario in this campaign.")
+        return found, campaign.world, campaign.simulator
+    if given.get("file"):
+        file = workspace.existing(text_of(given, "file"))
+        return *load_scenario_in(file), embedded
+    place = rvsg.load_world(world_place(workspace, {"world": given.get("world") or "warehouse"}))
+    if not place.routes:
+        raise InputError(f"{place.name} has no route yet. Draw one on its map first.")
+    return empty_scenario(place, given.get("route") or place.routes[0].name), place, embedded
+
+
+def scenario_try(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
+    """Simulate the scenario as it stands in the editor, and keep it as a draft."""
+    wanted, place, simulator, requirement = _asked(workspace, given)
+    loaded = scenario_place(workspace, given)[0]
+    if given.get("stops"):
+        stops = [str(stop) for stop in given["stops"]]
+        wanted = with_person(wanted, place, stops)
+    seeds = range(min(MOST_SEEDS, max(1, number_of(given, "seeds"))))
+    tried = try_out(wanted, place, requirement, seeds=seeds, simulator=simulator)
+    draft = draft_of(workspace, given)
+    if tried.scenario == loaded:
+        draft.unlink(missing_ok=True)
+    elif given.get("keep"):
+        draft.parent.mkdir(exist_ok=True)
+        write_whole(draft, json.dumps(tried.scenario.model_dump(mode="json")))
+    unit = requirement.unit
+    limit = requirement.threshold
+    return tried.model_dump(mode="json") | {"unit": unit, "limit": limit, "requirement": requirement.name}
+
+
+def scenario_replay(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
+    """Return the replay of the scenario as it stands in the editor, over 20 seeds."""
+    wanted, place, simulator, requirement = _asked(workspace, given)
+    return replay_of_runs(simulated(wanted, place, range(MOST_SEEDS), simulator), requirement)
+
+
+def scenario_save(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
+    """Save the scenario of the editor as a file, or as a case of a suite."""
+    wanted, place, _, requirement = _asked(workspace, given)
+    check_valid(wanted, place)
+    if given.get("suite"):
+        folder = workspace.path(text_of(given, "suite"))
+        suite = rvsg.Suite.create(folder).add(
+            wanted, requirement.name, title=str(given.get("title") or "") or None, world=place
+        )
+        said = f"{workspace.relative(folder)} holds {len(suite.cases)} cases."
+    else:
+        path = workspace.path(text_of(given, "save_as"))
+        save_scenario(wanted, path)
+        said = f"Saved as {workspace.relative(path)}."
+    draft_of(workspace, given).unlink(missing_ok=True)
+    return {"said": said}
+
+
+def scenario_discard(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
+    """Forget the changes that were not saved."""
+    draft_of(workspace, given).unlink(missing_ok=True)
+    return scenario(workspace, given)
+
+
+def _asked(workspace: Workspace, given: dict[str, Any]) -> tuple[Scenario, World, Spec, Requirement]:
+    _, place, simulator = scenario_place(workspace, given)
+    value = given.get("scenario")
+    if not isinstance(value, dict):
+        raise InputError("The question lacks a scenario.")
+    wanted = scenario_of(value)
+    requirement = load_requirement(str(given.get("requirement") or "R1"), wanted.mission.route)
+    return wanted, world_of(wanted.mission, place), simulator, requirement
+
+
+def draft_of(workspace: Workspace, given: dict[str, Any]) -> Path:
+    """Return where changes of a scenario are kept until they are saved."""
+    named = json.dumps([given.get(key) or "" for key in ("campaign", "name", "attempt", "file", "world", "route")])
+    return workspace.own / "drafts" / f"{hashlib.sha256(named.encode()).hexdigest()[:16]}.json"
+
+
+def runs(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
+    """Return the replay of a file of runs of a scenario."""
+    file, scenario_file = workspace.existing(text_of(given, "file")), workspace.existing(text_of(given, "scenario"))
+
+    def made() -> dict[str, Any]:
+        asked, place = load_scenario_in(scenario_file)
+        requirement = load_requirement("R1", asked.mission.route)
+        if given.get("campaign"):
+            requirement = rvsg.Campaign.open(workspace.existing(text_of(given, "campaign"))).requirement
+        loaded = rvsg.load_runs(file)
+        return replay_of_runs(RunSet(loaded.runs, asked, place), requirement)
+
+    found: dict[str, Any] = workspace.kept(("runs", str(file), str(scenario_file)), file, made)
+    return found
+
+
+def picture(workspace: Workspace, given: dict[str, Any]) -> Response:
+    """Return a picture that a model was shown."""
+    campaign = rvsg.Campaign.open(workspace.existing(text_of(given, "campaign")), given.get("name") or None)
+    return Response(picture_of_call(campaign, text_of(given, "digest")), media_type="image/png")
+
+
+MOST_SEEDS = 20
+_editing = threading.Lock()
+
+ANSWERS: dict[str, Answer] = {
+    "replay": replay,
+    "world": world,
+    "world-check": world_check,
+    "scenario": scenario,
+    "runs": runs,
+}
 """Questions by their address below `/data/`: they change nothing."""
-CHANGES: dict[str, Answer] = {}
+CHANGES: dict[str, Answer] = {
+    "world-edit": world_edit,
+    "world-undo": world_undo,
+    "world-redo": world_redo,
+    "world-drive": world_drive,
+    "scenario-try": scenario_try,
+    "scenario-replay": scenario_replay,
+    "scenario-save": scenario_save,
+    "scenario-discard": scenario_discard,
+}
 """What may change something or takes a long question."""

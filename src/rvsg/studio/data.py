@@ -17,7 +17,12 @@ from rvsg.studio.workspace import Workspace
 
 LARGEST = 2_000_000
 """Bytes that a request may send."""
-OWN_FILES = {"studio.css": "text/css", "studio.js": "text/javascript"}
+OWN_FILES = {
+    "studio.css": "text/css",
+    "studio.js": "text/javascript",
+    "world.js": "text/javascript",
+    "scenario.js": "text/javascript",
+}
 
 
 def add_data(app: FastAPI, workspace: Workspace) -> None:

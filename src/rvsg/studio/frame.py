@@ -23,6 +23,7 @@ HEAD = (
     '<link rel="icon" href="data:,"><link rel="stylesheet" href="/files/look.css">'
     '<link rel="stylesheet" href="/files/studio.css">'
     '<script src="/files/replay.js"></script><script src="/files/studio.js"></script>'
+    '<script src="/files/world.js"></script><script src="/files/scenario.js"></script>'
 )
 Handler = Callable[[], Any] | Callable[[], Awaitable[Any]]
 

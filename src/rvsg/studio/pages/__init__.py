@@ -2,11 +2,23 @@
 
 from __future__ import annotations
 
-from rvsg.studio.pages import campaign, finding, home, new_campaign
+from rvsg.studio.pages import (
+    campaign,
+    compare,
+    conversations,
+    describe,
+    finding,
+    home,
+    new_campaign,
+    others,
+    scenario,
+    world,
+)
 from rvsg.studio.workspace import Workspace
 
 
 def add_pages(workspace: Workspace) -> None:
     """Add every page."""
-    for module in (home, new_campaign, campaign, finding):
+    for module in (home, new_campaign, campaign, finding, scenario, world, describe, compare, conversations, others):
         module.add(workspace)
+    compare.add_runs(workspace)

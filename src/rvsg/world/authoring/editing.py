@@ -168,6 +168,12 @@ def _change_area(value: Any, change: Mapping[str, Any]) -> None:
         entry.update(_shape(values))
 
 
+def _renew_waypoints(value: Any, change: Mapping[str, Any]) -> None:
+    """Leave the waypoints of an area to be found from the grid."""
+    areas = _listed(value, "areas")
+    areas[_index(areas, change, "area")].pop("waypoints", None)
+
+
 def _remove_area(value: Any, change: Mapping[str, Any]) -> None:
     areas = _listed(value, "areas")
     del areas[_index(areas, change, "area")]
@@ -285,6 +291,7 @@ def _set_activities(value: Any, change: Mapping[str, Any]) -> None:
 CHANGES: dict[str, tuple[str, Callable[[Any, Any], None]]] = {
     "add area": ("labels", _add_area),
     "change area": ("labels", _change_area),
+    "renew waypoints": ("labels", _renew_waypoints),
     "remove area": ("labels", _remove_area),
     "split area": ("labels", _split_area),
     "merge areas": ("labels", _merge_areas),

@@ -1,0 +1,421 @@
+/*
+ * The editor of a world and the floor plan that the editors share; see studio.js.
+ *
+ * Every change goes to the studio at once, which writes it into the YAML of the world and answers with the world as it
+ * is then. Text from data is only ever set with textContent, as a value or as an attribute.
+ */
+(function (root) {
+  "use strict";
+  const parts = root.studio.parts, ask = root.studio.ask, send = root.studio.send, html = root.studio.html;
+  const SNAP_M = 0.25, NUDGE_M = 0.1;
+  const SVG = "http://www.w3.org/2000/svg";
+  function svg(parent, tag, attributes, text) {
+    const node = document.createElementNS(SVG, tag);
+    for (const key in attributes || {}) node.setAttribute(key, attributes[key]);
+    if (text !== undefined) node.textContent = text;
+    if (parent) parent.appendChild(node);
+    return node;
+  }
+  function button(parent, text, act, attributes) {
+    const made = html(parent, "button", Object.assign({ type: "button", class: "st-button" }, attributes || {}), text);
+    made.addEventListener("click", act);
+    return made;
+  }
+  function labelled(parent, text, node) {
+    const label = html(parent, "label", { class: "st-field" });
+    html(label, "span", { class: "st-label" }, text);
+    label.appendChild(node);
+    return node;
+  }
+  function round(v) { return Math.round(v * 100) / 100; }
+
+  /** A floor plan that can be zoomed: `metres` is a group in world coordinates, `words` one in those of the page. */
+  function plan(host, floor, label) {
+    const map = svg(host, "svg", { class: "st-map", viewBox: floor.view_box, role: "img", "aria-label": label, tabindex: "0" });
+    const read = new DOMParser().parseFromString('<svg xmlns="' + SVG + '"><style></style>' + floor.shapes + floor.names + "</svg>", "image/svg+xml").documentElement;
+    Array.from(read.childNodes).forEach(function (node) { map.appendChild(document.importNode(node, true)); });
+    map.querySelector("style").textContent = floor.style;
+    const m = floor.matrix, metres = svg(map, "g", { class: "plan", transform: "matrix(" + m.join(" ") + ")" }), words = svg(map, "g", {});
+    const whole = floor.view_box.split(" ").map(Number);
+    function frame(box) { map.setAttribute("viewBox", box.join(" ")); map.dispatchEvent(new CustomEvent("framed")); }
+    return {
+      map: map, metres: metres, words: words,
+      place: function (x, y) { return [m[0] * x + m[2] * y + m[4], m[1] * x + m[3] * y + m[5]]; },
+      /** World coordinates of a pointer. */
+      at: function (event) { const p = new DOMPoint(event.clientX, event.clientY).matrixTransform(metres.getScreenCTM().inverse()); return [p.x, p.y]; },
+      /** Metres that a pixel is now. */
+      pixel: function () { const c = map.getScreenCTM(); return 1 / Math.hypot(c.a, c.b); },
+      zoom: function (factor) {
+        const b = map.getAttribute("viewBox").split(" ").map(Number), w = Math.min(whole[2], b[2] / factor), h = Math.min(whole[3], b[3] / factor);
+        frame([b[0] + (b[2] - w) / 2, b[1] + (b[3] - h) / 2, w, h]);
+      },
+      pan: function (dx, dy) { const b = map.getAttribute("viewBox").split(" ").map(Number), k = 1 / map.getScreenCTM().a; frame([b[0] - dx * k, b[1] - dy * k, b[2], b[3]]); },
+      fit: function () { frame(whole); },
+    };
+  }
+
+  parts.world = function (element) {
+    const name = element.dataset.world, query = "?world=" + encodeURIComponent(name);
+    let data = null, drawing = null, tool = "select", chosen = null, points = [], remarks = [];
+    const status = html(element, "p", { class: "st-message", role: "status" });
+    const tools = html(element, "div", { class: "st-actions", role: "toolbar", "aria-label": "Tools" });
+    const body = html(element, "div", { class: "st-editor" });
+    const left = html(body, "div", { class: "st-editor-map" }), right = html(body, "div", { class: "st-editor-side" });
+    const help = html(left, "p", { class: "soft small" });
+    const selected = html(right, "section", { "aria-label": "Selected" });
+    const lists = html(right, "div", {});
+
+    function say(text, bad) { status.textContent = text; status.classList.toggle("st-wrong", !!bad); }
+    function fail(error) { say(error.message, true); }
+    function take(found) { data = found; if (chosen && !data[chosen.kind].some(function (each) { return each.name === chosen.name; })) chosen = null; show(); check(); }
+    function load() { return ask("/data/world" + query).then(take).catch(fail); }
+    function change(what, values, then) {
+      say("");
+      return send("/data/world-edit", { world: name, change: Object.assign({ what: what }, values) }).then(function (found) { if (then) then(); take(found); }).catch(fail);
+    }
+    function step(which) { return send("/data/world-" + which, { world: name }).then(function (found) { say(which === "undo" ? "Undone." : "Made again."); take(found); }).catch(fail); }
+    let checking = 0;
+    function check() {
+      const turn = ++checking;
+      setTimeout(function () {
+        if (turn !== checking) return;
+        ask("/data/world-check" + query).then(function (found) { if (turn === checking) { remarks = found; showRemarks(); } }).catch(fail);
+      }, 300);
+    }
+
+    /* tools */
+    const HELP = {
+      select: "Click an area to select it; drag it or its corners; arrow keys move it by 10 cm (Shift: 1 m), Delete removes it. Drag the floor to move the map.",
+      rectangle: "Drag from corner to corner. Edges snap to walls and things; hold Alt to place freely.",
+      polygon: "Click corner after corner; Enter or a click on the first corner closes it, Escape drops it.",
+      split: "Click two points: the selected area is cut along the line through them.",
+      route: "Click the start, places to pass, and the goal; Enter ends it, Escape drops it.",
+    };
+    const toolButtons = {};
+    [["select", "Select"], ["rectangle", "Rectangle"], ["polygon", "Polygon"], ["split", "Split"], ["route", "Route"]].forEach(function (each) {
+      toolButtons[each[0]] = button(tools, each[1], function () { setTool(each[0]); }, { "aria-pressed": "false", "data-tool": each[0] });
+    });
+    const undo = button(tools, "Undo", function () { step("undo"); }), redo = button(tools, "Redo", function () { step("redo"); });
+    button(tools, "+", function () { drawing.zoom(1.4); }, { "aria-label": "Zoom in" });
+    button(tools, "\u2212", function () { drawing.zoom(1 / 1.4); }, { "aria-label": "Zoom out" });
+    button(tools, "Whole map", function () { drawing.fit(); });
+    function setTool(which) {
+      if (which === "split" && !(chosen && chosen.kind === "areas")) { say("Select the area to split first."); which = "select"; }
+      tool = which; points = [];
+      for (const key in toolButtons) toolButtons[key].setAttribute("aria-pressed", key === which ? "true" : "false");
+      help.textContent = HELP[which];
+      if (data) drawDraft();
+    }
+
+    /* the map */
+    function snapped(point, event) {
+      if (event.altKey) return [round(point[0]), round(point[1])];
+      let x = point[0], y = point[1], bx = SNAP_M, by = SNAP_M;
+      data.edges.forEach(function (e) {
+        if (Math.abs(e[0] - e[2]) < 0.02 && point[1] > Math.min(e[1], e[3]) - 1 && point[1] < Math.max(e[1], e[3]) + 1) {
+          const d = Math.abs(point[0] - e[0]); if (d < bx) { bx = d; x = e[0]; }
+        }
+        if (Math.abs(e[1] - e[3]) < 0.02 && point[0] > Math.min(e[0], e[2]) - 1 && point[0] < Math.max(e[0], e[2]) + 1) {
+          const d = Math.abs(point[1] - e[1]); if (d < by) { by = d; y = e[1]; }
+        }
+      });
+      return [round(x), round(y)];
+    }
+    function box(area) {
+      const xs = area.outline.map(function (p) { return p[0]; }), ys = area.outline.map(function (p) { return p[1]; });
+      return [Math.min.apply(null, xs), Math.min.apply(null, ys), Math.max.apply(null, xs), Math.max.apply(null, ys)];
+    }
+    function isBox(area) {
+      const b = box(area);
+      return area.outline.length === 4 && area.outline.every(function (p) { return (p[0] === b[0] || p[0] === b[2]) && (p[1] === b[1] || p[1] === b[3]); });
+    }
+    function shape(area, outline) { const moved = { outline: outline }; return isBox(area) && isBox(moved) ? { rectangle: box(moved) } : { outline: outline }; }
+    function find() { return chosen && data[chosen.kind].find(function (each) { return each.name === chosen.name; }); }
+    function choose(kind, which, focus) {
+      chosen = which === null ? null : { kind: kind, name: which };
+      draw(); showSelected(); showLists();
+      if (focus) { const field = selected.querySelector("input"); if (field) { field.focus(); field.select(); } }
+    }
+    function points_(outline) { return outline.map(function (p) { return p.join(","); }).join(" "); }
+
+    let drag = null;
+    function draw() {
+      drawing.metres.textContent = ""; drawing.words.textContent = "";
+      data.areas.forEach(function (area) {
+        const on = chosen && chosen.kind === "areas" && chosen.name === area.name;
+        const node = svg(drawing.metres, "polygon", { class: "area kind-" + data.kinds.indexOf(area.kind) + (on ? " st-chosen" : ""), points: points_(area.outline) });
+        node.addEventListener("pointerdown", function (event) {
+          if (tool !== "select" || event.button) return;
+          event.stopPropagation();
+          choose("areas", area.name);
+          if (data.editable) drag = { area: area, from: drawing.at(event), outline: area.outline };
+        });
+        const b = box(area), p = drawing.place((b[0] + b[2]) / 2, (b[1] + b[3]) / 2);
+        const size = Math.max(0.28, Math.min(0.6, 13 * drawing.pixel()));
+        if (!on && area.name.length * size * 0.55 > 1.5 * Math.max(b[2] - b[0], b[3] - b[1])) return;
+        svg(drawing.words, "text", { class: "area-name", x: p[0], y: p[1], "font-size": size }, area.name);
+      });
+      data.routes.forEach(function (route) {
+        const on = chosen && chosen.kind === "routes" && chosen.name === route.name;
+        const node = svg(drawing.metres, "polyline", { class: "st-route" + (on ? " st-chosen" : ""), points: points_(route.line) });
+        node.addEventListener("pointerdown", function (event) { if (tool === "select") { event.stopPropagation(); choose("routes", route.name); } });
+        if (on) [["start", "S"], ["goal", "G"]].forEach(function (end) {
+          const p = drawing.place(route[end[0]][0], route[end[0]][1]), g = svg(drawing.words, "g", { class: "st-end" });
+          svg(g, "circle", { cx: p[0], cy: p[1], r: 0.28 }); svg(g, "text", { x: p[0], y: p[1], "font-size": 0.36 }, end[1]);
+        });
+      });
+      const area = chosen && chosen.kind === "areas" && find();
+      if (area && data.editable) area.outline.forEach(function (p, k) {
+        const dot = svg(drawing.metres, "circle", { class: "st-handle", cx: p[0], cy: p[1], r: Math.max(0.08, 7 * drawing.pixel()) });
+        dot.addEventListener("pointerdown", function (event) { event.stopPropagation(); drag = { area: area, corner: k, outline: area.outline, square: isBox(area) }; });
+      });
+      remarks.forEach(function (remark, k) {
+        const where = placeOf(remark);
+        if (!where) return;
+        const p = drawing.place(where[0], where[1]), pin = svg(drawing.words, "g", { class: "st-pin" + (remark.serious ? " st-bad" : "") });
+        svg(pin, "circle", { cx: p[0], cy: p[1], r: 0.3 }); svg(pin, "text", { x: p[0], y: p[1], "font-size": 0.36 }, String(k + 1));
+        svg(pin, "title", {}, remark.message);
+      });
+      drawDraft();
+    }
+    function placeOf(remark) {
+      const list = remark.key[0], entry = (list === "areas" || list === "routes") && data[list][remark.key[1]];
+      if (!entry) return null;
+      if (list === "areas") { const b = box(entry); return [b[2], b[3]]; }
+      return remark.key[2] === "goal" ? entry.goal : entry.start;
+    }
+    let draft = null;
+    function drawDraft(to) {
+      if (draft) draft.remove();
+      draft = null;
+      const all = to ? points.concat([to]) : points;
+      if (!all.length) return;
+      let drawn = all;
+      if (tool === "rectangle" && all.length > 1) drawn = [all[0], [all[1][0], all[0][1]], all[1], [all[0][0], all[1][1]], all[0]];
+      draft = svg(drawing.metres, "polyline", { class: "st-draft", points: points_(drawn) });
+    }
+    function finish() {
+      const made = points;
+      if (tool === "polygon" && made.length > 2) create({ outline: made });
+      else if (tool === "route" && made.length > 1) {
+        const route = free("route", data.routes, "_");
+        change("add route", { name: route, points: made }, function () { chosen = { kind: "routes", name: route }; });
+      }
+      setTool("select");
+    }
+    function free(word, entries, joint) { let k = 1; while (entries.some(function (each) { return each.name === word + joint + k; })) k++; return word + joint + k; }
+    function create(outline) {
+      const area = free("Area", data.areas, " ");
+      change("add area", Object.assign({ name: area, kind: "area" }, outline), function () { chosen = { kind: "areas", name: area }; }).then(function () { choose("areas", area, true); });
+    }
+    function startMap() {
+      drawing = plan(left, data.floor, "Map of " + data.title);
+      left.insertBefore(drawing.map, help);
+      const map = drawing.map;
+      map.addEventListener("framed", draw);
+      map.addEventListener("pointerdown", function (event) {
+        if (event.button) return;
+        const at = snapped(drawing.at(event), event);
+        if (tool === "select") { if (!drag) drag = { map: [event.clientX, event.clientY] }; }
+        else if (!data.editable) say("A shipped world is not changed. Copy it first.");
+        else if (tool === "rectangle") { points = [at]; drag = { rectangle: true }; }
+        else {
+          const first = points[0];
+          if (tool === "polygon" && points.length > 2 && Math.hypot(first[0] - at[0], first[1] - at[1]) < 12 * drawing.pixel()) return finish();
+          points.push(at);
+          if (tool === "split" && points.length === 2) { const line = points; setTool("select"); return change("split area", { name: chosen.name, line: longer(line) }); }
+          drawDraft();
+        }
+        if (drag) map.setPointerCapture(event.pointerId);
+        map.focus({ preventScroll: true });
+      });
+      map.addEventListener("pointermove", function (event) {
+        const at = snapped(drawing.at(event), event);
+        if (!drag) { if (points.length) drawDraft(at); return; }
+        if (drag.map) { drawing.pan(event.clientX - drag.map[0], event.clientY - drag.map[1]); drag.map = [event.clientX, event.clientY]; return; }
+        if (drag.rectangle) { drag.to = at; drawDraft(at); return; }
+        if (drag.corner !== undefined) drag.outline = reshaped(drag, at);
+        else {
+          const free0 = drawing.at(event), first = drag.area.outline[0];
+          const corner = snapped([first[0] + free0[0] - drag.from[0], first[1] + free0[1] - drag.from[1]], event);
+          drag.outline = drag.area.outline.map(function (p) { return [round(p[0] + corner[0] - first[0]), round(p[1] + corner[1] - first[1])]; });
+        }
+        const node = drawing.metres.querySelector("polygon.st-chosen");
+        if (node) node.setAttribute("points", points_(drag.outline));
+      });
+      map.addEventListener("pointerup", function () {
+        const done = drag; drag = null;
+        if (!done || done.map) return;
+        if (done.rectangle) {
+          const a = points[0], b = done.to;
+          setTool("select");
+          if (b && Math.abs(a[0] - b[0]) > 0.1 && Math.abs(a[1] - b[1]) > 0.1) create({ rectangle: [a[0], a[1], b[0], b[1]] });
+          return;
+        }
+        if (points_(done.outline) !== points_(done.area.outline)) change("change area", { name: done.area.name, values: shape(done.area, done.outline) });
+      });
+      map.addEventListener("dblclick", finish);
+      map.addEventListener("keydown", onKey);
+      element.addEventListener("keydown", function (event) {
+        if (!(event.ctrlKey || event.metaKey) || event.key.toLowerCase() !== "z" || event.target.tagName === "INPUT" || event.target.tagName === "TEXTAREA") return;
+        event.preventDefault(); step(event.shiftKey ? "redo" : "undo");
+      });
+    }
+    function longer(line) { const dx = line[1][0] - line[0][0], dy = line[1][1] - line[0][1]; return [[line[0][0] - dx * 50, line[0][1] - dy * 50], [line[1][0] + dx * 50, line[1][1] + dy * 50]]; }
+    function reshaped(drag0, at) {
+      const outline = drag0.area.outline, old = outline[drag0.corner];
+      if (!drag0.square) return outline.map(function (p, k) { return k === drag0.corner ? at : p; });
+      return outline.map(function (p) { return [p[0] === old[0] ? at[0] : p[0], p[1] === old[1] ? at[1] : p[1]]; });
+    }
+    let nudged = null;
+    function onKey(event) {
+      if (event.key === "Enter") { finish(); return; }
+      if (event.key === "Escape") { setTool("select"); return; }
+      const area = chosen && chosen.kind === "areas" && find();
+      const moves = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
+      if (!area || !data.editable || !(moves[event.key] || event.key === "Delete")) return;
+      event.preventDefault();
+      if (event.key === "Delete") { change("remove area", { name: area.name }); return; }
+      const by = event.shiftKey ? 1 : NUDGE_M, move = moves[event.key];
+      area.outline = area.outline.map(function (p) { return [round(p[0] + move[0] * by), round(p[1] + move[1] * by)]; });
+      draw();
+      clearTimeout(nudged);
+      nudged = setTimeout(function () { change("change area", { name: area.name, values: shape(area, area.outline) }); }, 400);
+    }
+
+    /* beside the map */
+    function input(value, commit, attributes) {
+      const made = html(null, "input", Object.assign({ value: value, autocomplete: "off" }, attributes || {}));
+      if (!data.editable) made.disabled = true;
+      made.addEventListener("change", function () { commit(made.value); });
+      return made;
+    }
+    function showSelected() {
+      selected.textContent = "";
+      const entry = find();
+      if (!entry) return;
+      html(selected, "h2", {}, chosen.kind === "areas" ? "Area" : "Route");
+      const what = chosen.kind === "areas" ? "change area" : "change route";
+      function put(values) { change(what, { name: entry.name, values: values }, function () { if (values.name) chosen.name = values.name.trim(); }); }
+      labelled(selected, "Name", input(entry.name, function (v) { put({ name: v }); }, { maxlength: 120 }));
+      if (chosen.kind === "areas") {
+        const list = html(selected, "datalist", { id: "st-kinds" });
+        data.kinds.forEach(function (kind) { html(list, "option", { value: kind }); });
+        labelled(selected, "Kind", input(entry.kind, function (v) { put({ kind: v }); }, { list: "st-kinds" }));
+        labelled(selected, "Note", input(entry.note, function (v) { put({ note: v }); }));
+        if (isBox(entry)) {
+          const numbers = html(selected, "div", { class: "st-numbers", role: "group", "aria-label": "Edges in metres" }), b = box(entry);
+          ["x from", "y from", "x to", "y to"].forEach(function (label, k) {
+            labelled(numbers, label, input(b[k], function (v) { const next = b.slice(); next[k] = +v; put({ rectangle: next }); }, { type: "number", step: "0.05" }));
+          });
+        }
+        html(selected, "p", { class: "small soft" }, entry.waypoints.length ? "People work it from " + entry.waypoints.slice(0, 10).join(", ") + (entry.waypoints.length > 10 ? ", \u2026" : "") + "." : "No waypoint reaches it.");
+        const row = html(selected, "p", { class: "st-actions" });
+        if (data.editable) {
+          const other = html(row, "select", { "aria-label": "Area to merge with" });
+          data.areas.forEach(function (each) { if (each.name !== entry.name) html(other, "option", { value: each.name }, each.name); });
+          button(row, "Merge", function () { change("merge areas", { name: entry.name, other: other.value }); });
+          button(row, "Remove", function () { change("remove area", { name: entry.name }); }, { class: "st-button st-danger" });
+        }
+      } else {
+        labelled(selected, "Purpose", input(entry.purpose, function (v) { put({ purpose: v }); }));
+        labelled(selected, "Time limit, s", input(entry.time_limit_s, function (v) { put({ time_limit_s: +v }); }, { type: "number", min: 1 }));
+        const told = html(selected, "p", { class: "small", role: "status" }, entry.length_m + " m long; narrowest place " + (entry.narrowest_m === null ? "unknown" : entry.narrowest_m + " m wide") + ".");
+        const row = html(selected, "p", { class: "st-actions" });
+        button(row, "Drive it", function () {
+          told.textContent = "Driving it in the simulator\u2026";
+          send("/data/world-drive", { world: name, route: entry.name }).then(function (drive) {
+            told.textContent = "With nobody about: " + drive.outcome + ", after " + drive.time_s.toFixed(1) + " s of " + entry.time_limit_s + " s" + (drive.touched_s.length ? "; it touches an obstacle " + drive.touched_s.length + " times" : "") + ".";
+          }).catch(fail);
+        });
+        if (data.editable) button(row, "Remove", function () { change("remove route", { name: entry.name }); }, { class: "st-button st-danger" });
+      }
+    }
+    const remarkBox = html(lists, "section", { "aria-label": "What the check finds" }), areaBox = html(lists, "section", {}), routeBox = html(lists, "section", {}), activityBox = html(lists, "section", {});
+    function showRemarks() {
+      remarkBox.textContent = "";
+      html(remarkBox, "h2", {}, "Check: " + (remarks.length ? remarks.filter(function (r) { return r.serious; }).length + " wrong, " + remarks.filter(function (r) { return !r.serious; }).length + " suspicious" : "nothing is wrong"));
+      const list = html(remarkBox, "ol", { class: "st-remarks" });
+      remarks.forEach(function (remark) {
+        const item = html(list, "li", { class: remark.serious ? "st-wrong" : "" });
+        html(item, "span", {}, remark.message + " ");
+        html(item, "span", { class: "small soft" }, remark.file + (remark.line ? ":" + remark.line : "") + " ");
+        const entry = (remark.key[0] === "areas" || remark.key[0] === "routes") && data[remark.key[0]][remark.key[1]];
+        if (entry) button(item, "Show", function () { choose(remark.key[0], entry.name, true); }, { class: "st-button st-small", "aria-label": "Show " + entry.name });
+        if (entry && data.editable && remark.key[0] === "areas" && remark.key[2] === "waypoints")
+          button(item, "Fix", function () { change("renew waypoints", { name: entry.name }); }, { class: "st-button st-small", title: "Find the waypoints from the grid again" });
+      });
+      if (data) draw();
+    }
+    function showLists() {
+      [[areaBox, "areas", "Areas"], [routeBox, "routes", "Routes"]].forEach(function (each) {
+        each[0].textContent = "";
+        html(each[0], "h2", {}, each[2] + " (" + data[each[1]].length + ")");
+        const list = html(each[0], "ul", { class: "st-names" });
+        data[each[1]].forEach(function (entry) {
+          const on = chosen && chosen.kind === each[1] && chosen.name === entry.name;
+          button(html(list, "li", {}), entry.name, function () { choose(each[1], entry.name, true); }, { class: "st-button st-small", "aria-pressed": on ? "true" : "false" });
+        });
+      });
+    }
+    function showActivities() {
+      activityBox.textContent = "";
+      html(activityBox, "h2", {}, "Activities");
+      const text = html(null, "textarea", { rows: 6 });
+      text.value = data.activities.join("\n"); text.disabled = !data.editable;
+      labelled(activityBox, "What people do here, one per line", text);
+      text.addEventListener("change", function () { change("set activities", { values: text.value.split("\n") }); });
+    }
+    function show() {
+      if (!drawing) startMap();
+      undo.disabled = !data.undo; redo.disabled = !data.redo;
+      draw(); showSelected(); showLists(); showActivities();
+      element.dataset.ready = "true";
+    }
+    setTool("select");
+    load();
+  };
+
+  /* A map on which the names of a text light up: buttons with data-name on the page. */
+  parts.named = function (element) {
+    ask("/data/world?world=" + encodeURIComponent(element.dataset.world)).then(function (data) {
+      const drawing = plan(element, data.floor, "Map of " + data.title);
+      data.areas.forEach(function (area) {
+        svg(drawing.metres, "polygon", { class: "area kind-" + data.kinds.indexOf(area.kind), points: area.outline.map(function (p) { return p.join(","); }).join(" "), "data-area": area.name.toLowerCase() });
+        const xs = area.outline.map(function (p) { return p[0]; }), ys = area.outline.map(function (p) { return p[1]; });
+        const at = drawing.place((Math.min.apply(null, xs) + Math.max.apply(null, xs)) / 2, (Math.min.apply(null, ys) + Math.max.apply(null, ys)) / 2);
+        svg(drawing.words, "text", { class: "area-name st-hidden", x: at[0], y: at[1], "font-size": 0.45, "data-area": area.name.toLowerCase() }, area.name);
+      });
+      function light(name) {
+        element.querySelectorAll("[data-area]").forEach(function (node) {
+          const on = node.getAttribute("data-area") === name;
+          node.classList.toggle(node.tagName === "text" ? "st-hidden" : "st-chosen", node.tagName === "text" ? !on : on);
+        });
+      }
+      ["pointerover", "focusin", "click"].forEach(function (kind) {
+        document.addEventListener(kind, function (event) { const named = event.target.closest && event.target.closest("[data-name]"); if (named) light(named.dataset.name.toLowerCase()); });
+      });
+      element.dataset.ready = "true";
+    }).catch(function (error) { root.studio.wrong(element, error); });
+  };
+
+  /* One clock for all replays of the page. */
+  parts.together = function (element) {
+    let playing = false, t = 0, last = null, frame = 0;
+    const play = button(element, "Play both", function () { playing = !playing; last = null; play.textContent = playing ? "Pause both" : "Play both"; if (playing) root.requestAnimationFrame(tick); });
+    const slider = html(element, "input", { type: "range", min: 0, max: 1, step: 0.1, value: 0, "aria-label": "Time in both runs" });
+    const told = html(element, "span", { class: "soft" });
+    function replays() { return Array.from(document.querySelectorAll('[data-studio="replay"]')).map(function (node) { return node.replay; }).filter(Boolean); }
+    function end() { return Math.max.apply(null, replays().map(function (each) { return each.state().end; }).concat([0.1])); }
+    function seek(to) { t = Math.min(to, end()); replays().forEach(function (each) { each.pause(); each.seek(t); }); slider.max = end(); slider.value = t; told.textContent = t.toFixed(1) + " s"; }
+    function tick(stamp) {
+      if (!playing) return;
+      if (last !== null) seek(t + (stamp - last) / 1000);
+      last = stamp; frame++;
+      if (t >= end()) { play.click(); t = 0; } else root.requestAnimationFrame(tick);
+    }
+    slider.addEventListener("input", function () { seek(+slider.value); });
+  };
+
+  Object.assign(root.studio, { svg: svg, button: button, labelled: labelled, round: round, plan: plan });
+})(window);
