@@ -25,6 +25,8 @@ HEAD = (
     '<script src="/files/replay.js"></script><script src="/files/studio.js"></script>'
     '<script src="/files/world.js"></script><script src="/files/scenario.js"></script>'
 )
+PATIENT_S = 600.0
+"""Seconds a page may take that reads every campaign of the folder: the first time they are all read."""
 Handler = Callable[[], Any] | Callable[[], Awaitable[Any]]
 
 

@@ -7,6 +7,7 @@ import logging
 import os
 import secrets
 import socket
+import threading
 import webbrowser
 from collections.abc import Callable
 from pathlib import Path
@@ -67,6 +68,7 @@ def make_app(folder: Path, *, token: str, port: int) -> Callable[..., object]:
         workspace = Workspace(folder)
     except OSError as error:
         raise FileError(folder, f"the studio cannot write here: {error.strerror}. Choose another folder.") from None
+    threading.Thread(target=workspace.listing, daemon=True).start()  # so that the first page waits less
     return Guard(_inner(workspace), token=token, port=port)
 
 

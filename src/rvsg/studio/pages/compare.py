@@ -11,7 +11,7 @@ from rvsg.api.errors import RvsgError
 from rvsg.api.listing import FoundCampaign, Listing
 from rvsg.api.pairing import Change, Pair, pairs_of
 from rvsg.api.words import number
-from rvsg.studio.frame import address, chip, field, load, page, problem, select, tag
+from rvsg.studio.frame import PATIENT_S, address, chip, field, load, page, problem, select, tag
 from rvsg.studio.workspace import Workspace
 
 SIZE = 320
@@ -21,7 +21,7 @@ SHOWN = 100
 def add(workspace: Workspace) -> None:
     """Add the page."""
 
-    @ui.page("/compare", response_timeout=60)
+    @ui.page("/compare", response_timeout=PATIENT_S)
     async def compare(a: str = "", b: str = "") -> None:
         listing = await load(workspace.listing)
         first, second, pairs = None, None, ()
@@ -144,7 +144,7 @@ def _scatter(pairs: tuple[Pair, ...], unit: str) -> None:
 def add_runs(workspace: Workspace) -> None:
     """Add the page with two replays on one clock."""
 
-    @ui.page("/compare/runs", response_timeout=60)
+    @ui.page("/compare/runs", response_timeout=PATIENT_S)
     async def runs(a: str = "", b: str = "", first: int = -1, second: int = -1) -> None:
         with page(workspace, "Two replays on one clock", wide=True):
             tag("div", data_studio="together", cls="st-actions", id="together")

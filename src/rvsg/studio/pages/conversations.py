@@ -10,7 +10,7 @@ import rvsg
 from rvsg.api.conversations import Conversation, Turn, conversations_of
 from rvsg.api.errors import RvsgError
 from rvsg.api.words import counted
-from rvsg.studio.frame import Page, address, chip, field, link, load, page, problem, tag, text_input
+from rvsg.studio.frame import PATIENT_S, Page, address, chip, field, link, load, page, problem, tag, text_input
 from rvsg.studio.workspace import Workspace
 
 SHOWN = 60
@@ -20,7 +20,7 @@ LONGEST = 20_000
 def add(workspace: Workspace) -> None:
     """Add the page."""
 
-    @ui.page("/conversations", response_timeout=60)
+    @ui.page("/conversations", response_timeout=PATIENT_S)
     async def conversations(folder: str = "", name: str = "") -> None:
         if not folder:
             await _list(workspace)

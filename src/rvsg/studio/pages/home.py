@@ -8,7 +8,7 @@ from nicegui import ui
 
 from rvsg.api.authoring import shipped_worlds
 from rvsg.api.listing import FoundCampaign, FoundFinding, Listing
-from rvsg.studio.frame import Page, chip, link, load, page, tag
+from rvsg.studio.frame import PATIENT_S, Page, chip, link, load, page, tag
 from rvsg.studio.jobs import Job
 from rvsg.studio.workspace import Workspace
 
@@ -19,7 +19,7 @@ SHOWN = 200
 def add(workspace: Workspace) -> None:
     """Add the page."""
 
-    @ui.page("/", response_timeout=60)
+    @ui.page("/", response_timeout=PATIENT_S)
     async def home() -> None:
         listing = await load(workspace.listing)
         jobs = await load(workspace.jobs.all)

@@ -19,7 +19,7 @@ from rvsg.api.files import write_whole
 from rvsg.api.requirements import shipped_requirements
 from rvsg.api.robots import shipped_robots
 from rvsg.api.words import counted
-from rvsg.studio.frame import Page, address, field, load, page, select, tag, text_input
+from rvsg.studio.frame import PATIENT_S, Page, address, field, load, page, select, tag, text_input
 from rvsg.studio.workspace import Workspace
 
 DRAFT = "new-campaign.yaml"
@@ -99,7 +99,7 @@ class Draft:
 def add(workspace: Workspace) -> None:
     """Add the page."""
 
-    @ui.page("/campaign/new", response_timeout=60)
+    @ui.page("/campaign/new", response_timeout=PATIENT_S)
     async def new_campaign() -> None:
         listing = await load(workspace.listing)
         draft = Draft(workspace)

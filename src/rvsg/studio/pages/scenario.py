@@ -10,14 +10,14 @@ import rvsg
 from rvsg.api.authoring import shipped_worlds
 from rvsg.api.errors import RvsgError
 from rvsg.studio.answers import scenario_place
-from rvsg.studio.frame import address, field, load, page, problem, select, tag
+from rvsg.studio.frame import PATIENT_S, address, field, load, page, problem, select, tag
 from rvsg.studio.workspace import Workspace
 
 
 def add(workspace: Workspace) -> None:
     """Add the pages."""
 
-    @ui.page("/scenario", response_timeout=60)
+    @ui.page("/scenario", response_timeout=PATIENT_S)
     async def scenario(
         campaign: str = "", name: str = "", attempt: str = "", file: str = "", world: str = "", route: str = ""
     ) -> None:
@@ -53,7 +53,7 @@ def add(workspace: Workspace) -> None:
             made.command("Judge", "rvsg evaluate runs.jsonl --scenario scenarios/edited.json")
             made.command("Add to a suite", "rvsg suite add scenarios/edited.json --suite suite")
 
-    @ui.page("/runs", response_timeout=60)
+    @ui.page("/runs", response_timeout=PATIENT_S)
     async def runs(file: str = "", scenario: str = "", campaign: str = "") -> None:
         with page(workspace, file or "Runs", wide=True) as made:
             where = address("/data/runs", file=file, scenario=scenario, campaign=campaign or None)

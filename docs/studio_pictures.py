@@ -1,0 +1,98 @@
+"""Make the pictures of the studio for the documentation: `python docs/studio_pictures.py DIR`.
+
+DIR is a folder with at least one finished campaign in `runs/` that confirmed a finding. A world to edit is copied into
+it. Needs playwright and a Chromium.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+from PIL import Image
+from playwright.sync_api import Browser, sync_playwright
+
+from rvsg.api.editing import folder_of_world
+from rvsg.api.listing import FoundCampaign, Lister
+
+IMAGES = Path(__file__).parent / "images"
+LAPTOP, PHONE = (1280, 860), (390, 780)
+COLOURS = 96
+PATIENT_MS = 300_000
+
+
+def pages(folder: Path) -> dict[str, str]:
+    """The address of every page that is shown, by the name of its picture."""
+    campaigns = [each for each in Lister(folder).listing().campaigns if each.findings]
+    if not campaigns:
+        raise SystemExit(
+            f"{folder}: there is no campaign with a finding; make one with: rvsg demo --out {folder}/runs/demo"
+        )
+    chosen = max(campaigns, key=lambda each: each.calls)
+    attempt = chosen.findings[0].attempt
+    return {
+        "home": "/",
+        "new-campaign": "/campaign/new",
+        "campaign": f"/campaign?folder={chosen.folder}",
+        "finding": f"/finding?campaign={chosen.folder}&attempt={attempt}#replay-title",
+        "scenario": f"/scenario?campaign={chosen.folder}&attempt={attempt}",
+        "world": "/world?world=my_office",
+        "description": "/describe?world=warehouse",
+        "compare": f"/compare?a={chosen.folder}&b={other(campaigns, chosen)}",
+        "conversations": f"/conversations?folder={chosen.folder}",
+    }
+
+
+def other(campaigns: list[FoundCampaign], chosen: FoundCampaign) -> str:
+    """Another campaign to compare with; the same where there is none."""
+    return next((each.folder for each in campaigns if each.folder != chosen.folder), chosen.folder)
+
+
+def picture(browser: Browser, address: str, path: str, name: str, size: tuple[int, int], scheme: str) -> None:
+    """Make one picture of a page."""
+    context = browser.new_context(viewport={"width": size[0], "height": size[1]}, color_scheme=scheme)
+    context.set_default_timeout(PATIENT_MS)
+    tab = context.new_page()
+    tab.goto(address)
+    tab.goto(address.split("/?")[0] + path.partition("#")[0])
+    tab.wait_for_selector("h1")
+    if tab.locator("[data-studio]").count():
+        tab.wait_for_selector("[data-studio][data-ready]")
+    if name.startswith("scenario"):
+        tab.get_by_text("of 20 runs violate").wait_for()
+    if name.startswith("conversations"):
+        tab.locator("summary").first.click()
+    if "#" in path:
+        tab.evaluate("id => document.getElementById(id).scrollIntoView()", path.partition("#")[2])
+    tab.wait_for_timeout(700)
+    image = Image.open(io.BytesIO(tab.screenshot())).convert("RGB")
+    image.quantize(COLOURS, dither=Image.Dither.NONE).save(IMAGES / f"studio-{name}.png", optimize=True)
+    context.close()
+
+
+def main(folder: Path) -> None:
+    """Serve the folder and make every picture."""
+    if not (folder / "my_office").exists():
+        shutil.copytree(folder_of_world("office"), folder / "my_office")
+    shown = pages(folder)
+    command = [sys.executable, "-m", "rvsg", "studio", str(folder), "--no-browser", "--port", "0"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as server, sync_playwright() as driver:
+        assert server.stderr is not None
+        found = re.search(r"http://\S+", server.stderr.readline())
+        if found is None:
+            raise SystemExit("The studio did not start.")
+        time.sleep(2)
+        browser = driver.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
+        for name, path in shown.items():
+            picture(browser, found.group(), path, name, LAPTOP, "light")
+        picture(browser, found.group(), shown["finding"], "finding-dark-phone", PHONE, "dark")
+        server.terminate()
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]).resolve())

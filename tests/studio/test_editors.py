@@ -1,0 +1,172 @@
+"""The editors of worlds and scenarios, and what they leave on the disk."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.studio.conftest import HOSTILE, Server, axe_violations
+
+import rvsg
+from rvsg.api.editing import folder_of_world
+from rvsg.api.scenarios import load_scenario_in
+
+pytestmark = pytest.mark.slow
+Show = Callable[..., Any]
+PATIENT = 300_000
+
+
+@pytest.fixture
+def office(studio: Server) -> Path:
+    shutil.copytree(folder_of_world("office"), studio.folder / "office2")
+    return studio.folder / "office2"
+
+
+def ready(tab: Any) -> None:
+    tab.locator("[data-studio][data-ready]").wait_for(timeout=PATIENT)
+
+
+def pixel(tab: Any, x: float, y: float) -> tuple[float, float]:
+    """Where a point of the world (metres) is on the screen."""
+    group = "document.querySelector('.st-map > g[transform]').getScreenCTM()"
+    script = f"([x, y]) => {{ const p = new DOMPoint(x, y).matrixTransform({group}); return [p.x, p.y]; }}"
+    found = tab.evaluate(script, [x, y])
+    return found[0], found[1]
+
+
+@pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (390, "dark")])
+def test_an_area_is_drawn_named_and_undone(show: Show, studio: Server, office: Path, width: int, scheme: str) -> None:
+    original = (office / "labels.yaml").read_text()
+    tab = show("/world?world=office2", width=width, color_scheme=scheme, bypass_csp=True)
+    ready(tab)
+    assert axe_violations(tab) == []
+    assert tab.evaluate("document.documentElement.scrollWidth") <= width
+    tab.get_by_role("button", name="Rectangle").click()
+    tab.locator(".st-map").scroll_into_view_if_needed()
+    tab.mouse.move(*pixel(tab, 1.0, 6.6))
+    tab.mouse.down()
+    tab.mouse.move(*pixel(tab, 3.0, 7.6), steps=4)
+    tab.mouse.up()
+    name = tab.get_by_label("Name", exact=True)
+    name.wait_for()
+    assert name.input_value() == "Area 1"
+    name.fill(HOSTILE)
+    name.press("Enter")
+    tab.get_by_role("button", name=HOSTILE).first.wait_for()
+    made = rvsg.load_world(office).area(HOSTILE)
+    xs = [p[0] for p in made.outline]
+    assert (min(xs), max(xs)) == pytest.approx((1.0, 3.0), abs=0.3)
+    assert tab.locator("main img").count() == 0
+    tab.close()
+    studio.kill()
+    studio.start()
+    tab = show("/world?world=office2", width=width)
+    ready(tab)
+    for _ in range(2):
+        tab.get_by_role("button", name="Undo").click()
+        tab.get_by_text("Undone.").wait_for()
+        tab.wait_for_timeout(300)
+    assert (office / "labels.yaml").read_text() == original
+
+
+def test_the_keyboard_moves_and_removes_an_area_and_the_check_follows(show: Show, office: Path) -> None:
+    tab = show("/world?world=office2")
+    ready(tab)
+    before = rvsg.load_world(office).area("Lounge").outline
+    tab.get_by_role("button", name="Lounge").focus()
+    tab.keyboard.press("Enter")
+    tab.locator(".st-map").focus()
+    tab.keyboard.press("Shift+ArrowLeft")
+    tab.wait_for_function("document.querySelector('[data-studio] button:enabled') && true")
+    tab.get_by_role("button", name="Undo").and_(tab.locator(":enabled")).wait_for(timeout=PATIENT)
+    assert rvsg.load_world(office).area("Lounge").outline[0][0] == pytest.approx(before[0][0] - 1.0)
+    field = tab.get_by_label("x to")
+    field.fill("900")
+    field.press("Tab")
+    tab.locator(".st-remarks li").first.wait_for(timeout=PATIENT)
+    assert tab.locator(".st-pin").count() >= 1
+    tab.locator(".st-map").focus()
+    tab.keyboard.press("Delete")
+    tab.wait_for_function("![...document.querySelectorAll('.st-names button')].some(b => b.textContent === 'Lounge')")
+    assert "Lounge" not in [area.name for area in rvsg.load_world(office).areas]
+
+
+def test_a_shipped_world_is_copied_before_it_is_changed(show: Show, studio: Server) -> None:
+    tab = show("/world?world=office")
+    ready(tab)
+    assert tab.get_by_label("What people do here").is_disabled()
+    tab.get_by_role("button", name="Copy into this folder").click()
+    tab.wait_for_url("**world=.%2Foffice**")
+    ready(tab)
+    assert tab.get_by_label("What people do here").is_enabled()
+    assert rvsg.load_world(studio.folder / "office").id == rvsg.load_world("office").id
+
+
+@pytest.mark.parametrize(("width", "scheme"), [(1280, "dark"), (390, "light")])
+def test_a_scenario_is_changed_simulated_and_saved(show: Show, studio: Server, width: int, scheme: str) -> None:
+    attempts = rvsg.Campaign.open(studio.folder / "runs" / "first").attempts()
+    index = next(a.index for a in attempts if a.purpose == "search" and a.proposal.scenario)
+    path = f"/scenario?campaign=runs/first&attempt={index}"
+    tab = show(path, width=width, color_scheme=scheme, bypass_csp=True)
+    ready(tab)
+    tab.get_by_text("of 20 runs violate").wait_for(timeout=PATIENT)
+    assert axe_violations(tab) == []
+    assert tab.evaluate("document.documentElement.scrollWidth") <= width
+    speed = tab.get_by_label("Speed, m/s")
+    speed.fill("0.45")
+    speed.press("Tab")
+    tab.get_by_text("One run:").or_(tab.get_by_text("of 20 runs violate")).first.wait_for(timeout=PATIENT)
+    handle = tab.locator("circle.st-handle").first
+    before = handle.get_attribute("data-waypoint")
+    box = handle.bounding_box()
+    assert box is not None
+    tab.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    tab.mouse.down()
+    tab.mouse.move(box["x"] + 60, box["y"] + 10, steps=6)
+    tab.mouse.up()
+    tab.wait_for_function(
+        "was => document.querySelector('circle.st-handle').getAttribute('data-waypoint') !== was", arg=before
+    )
+    tab.get_by_text("of 20 runs violate").wait_for(timeout=PATIENT)
+    tab.close()
+    studio.kill()
+    studio.start()
+    tab = show(path, width=width)
+    ready(tab)
+    tab.get_by_text("Changes that were not saved are shown.").wait_for(timeout=PATIENT)
+    assert tab.get_by_label("Speed, m/s").input_value() == "0.45"
+    tab.get_by_role("button", name="Save the scenario").click()
+    tab.get_by_text("Saved as scenarios/edited.json").wait_for(timeout=PATIENT)
+    saved, world = load_scenario_in(studio.folder / "scenarios" / "edited.json")
+    assert saved.people.humans[0].speed_m_s == 0.45 and rvsg.check(saved, world) == ()
+    tab.get_by_label("Title of the case").fill("Slow walk")
+    tab.get_by_role("button", name="Add to the suite").click()
+    tab.get_by_text("suite holds 1 cases").wait_for(timeout=PATIENT)
+    assert rvsg.Suite.open(studio.folder / "suite").cases[0].title == "Slow walk"
+
+
+@pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (390, "dark")])
+def test_compare_conversations_and_description(show: Show, studio: Server, width: int, scheme: str) -> None:
+    shutil.copytree(studio.folder / "runs" / "first", studio.folder / "runs" / "second")
+    tab = show("/compare?a=runs/first&b=runs/second", width=width, color_scheme=scheme, bypass_csp=True)
+    assert tab.locator("#scatter circle").count() >= 2
+    assert axe_violations(tab) == [] and tab.locator(".chip", has_text="unchanged").count() > 1
+    tab.get_by_role("link", name="Replay attempts").first.click()
+    tab.locator("[data-studio=replay][data-ready]").nth(1).wait_for(timeout=PATIENT)
+    tab.get_by_label("Time in both runs").evaluate("e => { e.value = 1; e.dispatchEvent(new Event('input')); }")
+    times = tab.evaluate("[...document.querySelectorAll('[data-studio=replay]')].map(e => e.replay.state().t)")
+    assert times[0] == times[1] <= 1
+    tab.goto(f"{studio.base}/conversations?folder=runs/first")
+    tab.get_by_label("Search").fill("no such words anywhere")
+    tab.get_by_text("0 of 4 configurations").wait_for()
+    assert axe_violations(tab) == []
+    tab.goto(f"{studio.base}/describe?world=warehouse")
+    ready(tab)
+    named = tab.locator("button.st-named").first
+    named.focus()
+    lit = tab.evaluate("document.querySelector('polygon.st-chosen').getAttribute('data-area')")
+    assert lit == named.inner_text().lower()
+    assert axe_violations(tab) == []
