@@ -24,6 +24,7 @@ from rvsg.report.floors import area_colours
 from rvsg.report.frames import Turn
 from rvsg.report.names import narrow_names
 from rvsg.report.page import environment, headline
+from rvsg.report.robot import robot_words
 from rvsg.report.summary import Summary, counted, in_short, interval, number
 from rvsg.scenario.requirement import Requirement
 from rvsg.simulation.run import Run
@@ -82,7 +83,7 @@ def render_overview(
     return template.render(
         version=rvsg.__version__,
         title=f"{counted(len(reported), 'campaign')} in {Path(mission.world).name}",
-        robot=mission.robot_name,
+        robot=robot_words(mission),
         missing=missing,
         headline=_headline(reported),
         tiles=_tiles(reported),

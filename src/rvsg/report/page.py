@@ -32,6 +32,7 @@ from rvsg.report.floors import area_colours
 from rvsg.report.happened import what_happens
 from rvsg.report.names import narrow_names
 from rvsg.report.replay import component, replay_data
+from rvsg.report.robot import robot_words
 from rvsg.report.shown import Shown, look_of
 from rvsg.report.summary import Summary, counted, number, summarise
 from rvsg.report.tables import finding_rows, people_rows, run_rows
@@ -88,6 +89,7 @@ def render_page(
         .render(
             version=rvsg.__version__,
             plan=plan,
+            robot=robot_words(plan.mission),
             place=f"{world.title}, {plan.mission.route.name}",
             requirement=requirement,
             quantity=quantity(requirement),
