@@ -1,6 +1,6 @@
 """How fast the embedded simulator is, whole episodes on one core, set-up included.
 
-    python benchmarks/speed.py [--json] [--episodes 10] [--humans 2 10 50] [--robot NAME|FILE]
+    python benchmarks/speed.py [--json] [--episodes 10] [--humans 2 10 50] [--robot NAME|FILE] [--stack NAME]
 
 The shipped warehouse, both lidars at full resolution, planner at 20 Hz with replanning at 1 Hz, people at 10 Hz,
 trajectories at 20 Hz, default profile, warm cache. Humans walk random shortest ways over the grid. `rtf` is simulated
@@ -46,14 +46,15 @@ def walkers(world: Any, count: int, seed: int) -> list[Any]:
     return found
 
 
-def real_time_factor(world: Any, route: str, humans: int, episodes: int, robot: Any) -> tuple[float, float]:
+def real_time_factor(world: Any, route: str, humans: int, episodes: int, robot: Any, stack: Any) -> tuple[float, float]:
     """Simulated over wall seconds, and over this process's processor seconds, of whole episodes with other seeds."""
     from rvsg.simulation.embedded.simulator import simulate_agents
 
     agents = walkers(world, humans, humans)
-    simulate_agents(world, world.route(route), agents, robot=robot, seed=10_000)
+    how = {"robot": robot, "stack": stack}
+    simulate_agents(world, world.route(route), agents, seed=10_000, **how)
     began, processor = time.perf_counter(), time.process_time()
-    runs = (simulate_agents(world, world.route(route), agents, robot=robot, seed=seed) for seed in range(episodes))
+    runs = (simulate_agents(world, world.route(route), agents, seed=seed, **how) for seed in range(episodes))
     simulated = sum(run.trajectory.t[-1] for run in runs)
     return simulated / (time.perf_counter() - began), simulated / (time.process_time() - processor)
 
@@ -121,6 +122,9 @@ def main() -> int:
     parser.add_argument("--humans", type=int, nargs="+", default=[2, 10, 50])
     parser.add_argument("--compile", action="store_true", help="also time a first compilation (about a minute)")
     parser.add_argument("--robot", default="tiago_omni", help="a shipped robot or a robot file")
+    parser.add_argument(
+        "--stack", default="nav2-dwb", help="the navigation stack under test, as for `rvsg run --stack`"
+    )
     args = parser.parse_args()
     from rvsg.robots import load_robot
 

@@ -12,6 +12,7 @@ import rvsg
 from rvsg.campaign.stack_scores import StackPair, StackScore, StackScores
 from rvsg.report.charts import Scale
 from rvsg.report.comparison import COLOURS
+from rvsg.report.floors import area_colours
 from rvsg.report.frames import Turn
 from rvsg.report.names import narrow_names
 from rvsg.report.page import environment
@@ -63,7 +64,7 @@ def stacks_figure(found: StackScores) -> str:
     width, height = LABEL_W + BAR_W + 60, 40 + ROW_H * len(found.scores)
     x = Scale(0.0, 1.0, LABEL_W, LABEL_W + BAR_W)
     parts = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" font-family="sans-serif" '
+        f'<svg class="figure" xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" font-family="sans-serif" '
         f'font-size="12" role="img" aria-label="Share of violating runs of each stack">'
         f'<rect width="{width}" height="{height}" fill="white"/>'
     ]
@@ -124,6 +125,7 @@ def _map(world: World, scores: Sequence[StackScore], cases: set[str]) -> dict[st
     return {
         "title": world.title,
         "box": plan.view_box,
+        "look": Markup(area_colours(world, plan)),  # noqa: S704
         "floor": Markup(plan.shapes),  # noqa: S704 - made by us, its names escaped
         "names": Markup(narrow_names(plan)),  # noqa: S704
         "dots": dots,

@@ -1,0 +1,84 @@
+"""The Gymnasium environment: Gymnasium's own checker, equal seeds, vector environments, the end of an episode."""
+
+from __future__ import annotations
+
+import threading
+import warnings
+from typing import Any
+
+import numpy as np
+import pytest
+
+import rvsg
+from rvsg.core.errors import InputError
+
+gymnasium = pytest.importorskip("gymnasium")
+
+from rvsg.gym import DriveEnv  # noqa: E402
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def scenario() -> Any:
+    world = rvsg.load_world("warehouse")
+    return rvsg.scenario(world, "route_1", people=[])
+
+
+@pytest.fixture
+def env(scenario: Any) -> Any:
+    made = DriveEnv([scenario])
+    yield made
+    made.close()
+
+
+def test_it_passes_the_checker(env: Any) -> None:
+    from gymnasium.utils.env_checker import check_env
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the checker warns of spaces that are not normalised
+        check_env(env, skip_render_check=True)
+
+
+def test_equal_seeds_and_actions_give_equal_episodes(env: Any) -> None:
+    def episode() -> list[float]:
+        env.reset(seed=3)
+        return [env.step(np.array([0.5, 0.1], np.float32))[1] for _ in range(20)]
+
+    assert episode() == episode()
+
+
+def test_a_policy_that_follows_the_plan_gets_nearer_and_one_that_stands_ends(env: Any) -> None:
+    seen, info = env.reset(seed=1, options={"scenario": 0, "run_seed": 5})
+    assert info == {"scenario": 0, "run_seed": 5}
+    assert seen["scan"].min() > 0.2 and seen["plan"].shape == (10, 2)
+    total = 0.0
+    for _ in range(100):
+        angle = np.arctan2(seen["plan"][1, 1], seen["plan"][1, 0])
+        seen, reward, *_ = env.step(np.array([0.5 * (abs(angle) < 0.8), np.clip(2 * angle, -1, 1)], np.float32))
+        total += reward
+    assert total > 0.5
+    ended = False
+    for _ in range(2000):
+        _, _, terminated, truncated, info = env.step(np.zeros(2, np.float32))
+        if ended := terminated or truncated:
+            break
+    assert ended and info["outcome"] != "REACHED" and info["run"].trajectory.t[-1] > 5.0
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.step(np.zeros(2, np.float32))
+
+
+def test_environments_run_side_by_side_and_leave_no_thread(scenario: Any) -> None:
+    before = threading.active_count()
+    vector = gymnasium.vector.SyncVectorEnv([lambda: DriveEnv([scenario])] * 2)
+    seen, _ = vector.reset(seed=[1, 2])
+    assert seen["scan"].shape == (2, 72)
+    _, rewards, *_ = vector.step(np.zeros((2, 2), np.float32))
+    assert rewards.shape == (2,)
+    vector.close()
+    assert threading.active_count() == before
+
+
+def test_no_scenario_is_one_error() -> None:
+    with pytest.raises(InputError):
+        DriveEnv([])
