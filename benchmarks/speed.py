@@ -68,7 +68,7 @@ def compilation_s() -> float:
     return float(done.stdout.split()[-1])
 
 
-def benchmark(humans: list[int], episodes: int, compile_first: bool, robot: Any) -> dict[str, Any]:
+def benchmark(humans: list[int], episodes: int, compile_first: bool, robot: Any, stack: Any) -> dict[str, Any]:
     """All figures."""
     from rvsg.simulation.embedded import simulator as embedded
     from rvsg.world.io.load import load_world
@@ -82,7 +82,7 @@ def benchmark(humans: list[int], episodes: int, compile_first: bool, robot: Any)
     rtf: dict[str, float] = {}
     by_route: dict[str, dict[str, dict[str, float]]] = {}
     for count in humans:
-        each = {route: real_time_factor(world, route, count, episodes, robot) for route in ROUTES}
+        each = {route: real_time_factor(world, route, count, episodes, robot, stack) for route in ROUTES}
         by_route[str(count)] = {
             route: {"wall": round(wall, 1), "processor": round(processor, 1)}
             for route, (wall, processor) in each.items()
@@ -102,6 +102,7 @@ def benchmark(humans: list[int], episodes: int, compile_first: bool, robot: Any)
             "people_hz": 10,
             "recording_hz": 20,
             "robot": robot.name,
+            "stack": stack.record.name,
             "rays": [lidar.rays for lidar in robot.lidars],
             "humans": humans,
             "episodes": episodes,
@@ -122,13 +123,14 @@ def main() -> int:
     parser.add_argument("--humans", type=int, nargs="+", default=[2, 10, 50])
     parser.add_argument("--compile", action="store_true", help="also time a first compilation (about a minute)")
     parser.add_argument("--robot", default="tiago_omni", help="a shipped robot or a robot file")
-    parser.add_argument(
-        "--stack", default="nav2-dwb", help="the navigation stack under test, as for `rvsg run --stack`"
-    )
+    parser.add_argument("--stack", default="nav2-dwb", help="the navigation stack, as for `rvsg run --stack`")
     args = parser.parse_args()
     from rvsg.robots import load_robot
+    from rvsg.stacks import StackChoice
 
-    found = benchmark(args.humans, args.episodes, args.compile, load_robot(args.robot))
+    stack = StackChoice.of(args.stack)
+    stack.driver.prepare(lambda _: None)
+    found = benchmark(args.humans, args.episodes, args.compile, load_robot(args.robot), stack)
     if args.json:
         print(json.dumps(found, indent=2))
         return 0
@@ -141,7 +143,7 @@ def main() -> int:
         print(f"{count:>3} humans: {value:.0f} x real time ({each})")
     print(
         f"step 10 ms, controller 20 Hz, replanning 1 Hz, people 10 Hz, record 20 Hz, {conditions['robot']}, "
-        f"{conditions['rays']} rays, "
+        f"{conditions['stack']}, {conditions['rays']} rays, "
         f"{conditions['episodes']} episodes per route, 1 core of {conditions['cores_of_machine']} "
         f"(load {conditions['load_average']})"
     )

@@ -94,9 +94,9 @@ class _Bridge(LocalPlanner):
 class DriveEnv(gymnasium.Env[dict[str, Singles], Singles]):
     """One robot that drives scenarios; each episode takes the next scenario, in an order that the seed decides.
 
-    Observation: `scan` (72,) ranges around the base, m, at most 10; `plan` (10, 2) points of the plan in the base frame,
-    about 0.3 m apart; `goal` (3,) x, y, yaw in the base frame; `velocity` (2,); `people` (4, 4) x, y, vx, vy in the base
-    frame of the nearest people that a lidar sees, (10, 10, 0, 0) where there are fewer.
+    Observation, in the base frame: `scan` (72,) ranges around the base, m, at most 10; `plan` (10, 2) points of the
+    plan, about 0.3 m apart; `goal` (3,) x, y, yaw; `velocity` (2,) v, w; `people` (4, 4) x, y, vx, vy of the nearest
+    people that a lidar sees, (10, 10, 0, 0) where there are fewer.
 
     Action: (2,) within -1 and 1: the share of the robot's highest (reverse) speed and yaw rate.
 
@@ -124,7 +124,7 @@ class DriveEnv(gymnasium.Env[dict[str, Singles], Singles]):
         self._last: dict[str, Singles] | None = None
         far = np.float32(FAR_M)
         box = gymnasium.spaces.Box
-        self.observation_space = gymnasium.spaces.Dict({
+        self.observation_space: Any = gymnasium.spaces.Dict({
             "scan": box(0.0, far, (RAYS,), np.float32),
             "plan": box(-far, far, (PLAN_POINTS, 2), np.float32),
             "goal": box(np.array([-far, -far, -4.0], np.float32), np.array([far, far, 4.0], np.float32)),

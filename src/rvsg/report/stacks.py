@@ -64,8 +64,8 @@ def stacks_figure(found: StackScores) -> str:
     width, height = LABEL_W + BAR_W + 60, 40 + ROW_H * len(found.scores)
     x = Scale(0.0, 1.0, LABEL_W, LABEL_W + BAR_W)
     parts = [
-        f'<svg class="figure" xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" font-family="sans-serif" '
-        f'font-size="12" role="img" aria-label="Share of violating runs of each stack">'
+        f'<svg class="figure" xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" '
+        f'font-family="sans-serif" font-size="12" role="img" aria-label="Share of violating runs of each stack">'
         f'<rect width="{width}" height="{height}" fill="white"/>'
     ]
     for tick in (0.0, 0.25, 0.5, 0.75, 1.0):
