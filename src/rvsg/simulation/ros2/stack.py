@@ -3,37 +3,23 @@
 from __future__ import annotations
 
 import atexit
-import math
-import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
 from rvsg.core.errors import SimulationError
 from rvsg.core.records import text_id
-from rvsg.simulation.ros2.dds import POLL_S, SUCCEEDED, ActionClient, Subscription
 from rvsg.simulation.ros2.options import read_options
-from rvsg.simulation.ros2.robot_side import RobotSide
-from rvsg.simulation.ros2.run_record import RunRecord
+from rvsg.simulation.ros2.running import PERIOD_S, Running, wait
 from rvsg.simulation.ros2.session import Session
-from rvsg.simulation.stacks.protocol import Ended, Observation, StackError, Task, Velocity, WholeStack
+from rvsg.simulation.stacks.protocol import Ended, Observation, StackError, Task, WholeStack
 
 VERSION = "1"
-PERIOD_S = 0.02
-"""Simulated time between two messages of odometry, transforms and clock."""
 MISSED_SHARE = 0.02
 """A larger share of missed control periods lowers the speed of the runs that follow."""
 REACHED_SHARE = 0.85
 """A smaller share of the speed asked for does so, too: a system whose rates are scaled for it runs them too fast."""
 SLOWER = 0.75
-LOCALISED_M, LOCALISED_RAD = 0.5, 0.35
-"""A system counts as localised where its estimate is this close to the truth."""
-ASK_AGAIN_S = 2.0
-"""Wall time after which the initial pose is sent again."""
-APPEAR_S = 3.0
-"""Wall time in which a map server appears after the action of the goal."""
-TURN_LIMIT_S = 3600.0
-_END_LIMIT_S = 1.0
 
 
 class Ros2Stack(WholeStack):
@@ -60,7 +46,7 @@ class Ros2Stack(WholeStack):
         self._session: Session | None = None
         self._tell: Callable[[str], None] = _ignore
         self._task: Task | None = None
-        self._run: _Running | None = None
+        self._run: Running | None = None
         self._restart = False
 
     def __getstate__(self) -> dict[str, Any]:
@@ -94,7 +80,7 @@ class Ros2Stack(WholeStack):
         self._open()
         assert self._session is not None
         try:
-            self._session.find(_wait)
+            self._session.find(wait)
         except BaseException:
             self.close()
             raise
@@ -135,14 +121,14 @@ class Ros2Stack(WholeStack):
         except SimulationError as error:
             raise StackError(str(error)) from error
 
-    def _begin(self, task: Task, seen: Observation) -> _Running:
+    def _begin(self, task: Task, seen: Observation) -> Running:
         if self._session is not None and (self._restart or self._options.restart):
             self._session.close()
             self._session = None
         self._restart = False
         session = self._session or self._open()
         try:
-            return _Running(session, task, seen)
+            return Running(session, task, seen)
         except BaseException:
             if session.launched is not None:
                 self.close()  # a system that did not get ready is started again for the next run
@@ -175,255 +161,11 @@ class Ros2Stack(WholeStack):
         atexit.unregister(self.close)
 
 
-class _Running:
-    """One run on a system that is ready."""
-
-    def __init__(self, session: Session, task: Task, seen: Observation) -> None:
-        self.session, self.task, self.options = session, task, session.options
-        self.record = RunRecord(session.speed, self._control_hz(), task, session.bus.types.release)
-        self._base = session.turn.take(TURN_LIMIT_S)
-        self._now = self._base
-        try:
-            session.find(_wait)
-            self.record.release = session.bus.types.release
-            self.robot: RobotSide = session.connect(task.robot)
-            self.robot.start_over()
-            self._frozen = time.monotonic()
-            self._get_ready(seen)
-        except BaseException:
-            self._give_back()
-            raise
-        self.robot.start_over()
-        self._base = self._now - round(seen.t * 1e9)
-        self._due = time.monotonic()
-        self._begun, self._begun_t = self._due, seen.t
-        self._last_step = (time.time(), time.time())
-        self._heard = self._due
-        self._velocity: Velocity | None = None
-
-    def _control_hz(self) -> float:
-        if self.options.control_hz is not None:
-            return self.options.control_hz
-        return 20.0 if self.session.scaled is None else self.session.scaled.control_hz
-
-    # Getting ready: simulated time stands still, ROS time goes on at the pace of the run.
-
-    def _get_ready(self, seen: Observation) -> None:
-        pump = lambda: self._pump(seen)  # noqa: E731
-        limit = self.options.start_limit_s
-        until = time.monotonic() + limit
-        self._mapped = False
-        self._transforms = self.session.bus.subscribe("/tf", "tf2_msgs/msg/TFMessage", reliable=True, depth=200)
-        self._wait_until_active(pump, until)
-        self.actions = {through: self.session.action(through) for through in (False, True)}
-        self._stop_others(pump)
-        self._wait_until_localised(seen, pump, until)
-        for service in self.session.clear_costmaps(self.options.answer_limit_s, pump):
-            self.record.warn(f"{service} did not answer")
-        self._pump_for(seen, self.options.settle_s)
-        self._commands: Subscription = self.session.commands()
-        self.record.listen(self.session, self.options)
-        self._send_goal(pump)
-
-    def _wait_until_active(self, pump: Callable[[], None], until: float) -> None:
-        lifecycle = self.session.lifecycle
-        lifecycle.states.clear()
-        sent, begun = 0.0, time.monotonic()
-        while True:
-            lifecycle.poll()
-            waiting = lifecycle.waiting_for()
-            is_ready = bool(lifecycle.states) and not waiting
-            self._provide(is_ready or time.monotonic() - begun > APPEAR_S)
-            if is_ready:
-                return
-            if time.monotonic() - sent > ASK_AGAIN_S:
-                sent = time.monotonic()
-                self._send_start()
-            self.session.check()
-            if time.monotonic() > until:
-                listed = "; ".join(waiting)
-                raise SimulationError(f"Not active after {self.options.start_limit_s:g} s: {listed}.")
-            pump()
-
-    def _provide(self, is_complete: bool) -> None:
-        """Give the transform from map to odom, and the map, where the system has none of its own.
-
-        Args:
-            is_complete: nodes that provide a map have had time to appear.
-        """
-        graph, options = self.session.bus.graph(), self.options
-        own = bool(graph.subscribers(options.initial_pose))
-        self.robot.gives_transform = options.localisation == "given" or (options.localisation == "auto" and not own)
-        lacks_map = is_complete and options.publish_map == "auto" and not graph.publishers(options.map)
-        if not self._mapped and (lacks_map or options.publish_map == "always"):
-            self.robot.publish_map(self._now, self.task.world)
-            self._mapped = True
-
-    def _send_start(self) -> None:
-        """Tell localisation the start: costmaps become active only with a transform from the map."""
-        if not self.robot.gives_transform:
-            start = self.task.start
-            self.robot.publish_initial_pose(self._now, start.x, start.y, start.yaw)
-
-    def _stop_others(self, pump: Callable[[], None]) -> None:
-        for client in self.actions.values():
-            if self.session.bus.graph().servers(f"{client.name}/_action/send_goal"):
-                client.cancel_all(self.options.answer_limit_s, pump)
-
-    def _wait_until_localised(self, seen: Observation, pump: Callable[[], None], until: float) -> None:
-        if self.robot.gives_transform:
-            return
-        self._transforms.take()
-        sent = 0.0
-        while True:
-            if time.monotonic() - sent > ASK_AGAIN_S:
-                sent = time.monotonic()
-                self._send_start()
-            off = self._off(seen)
-            if off is not None and off[0] < LOCALISED_M and off[1] < LOCALISED_RAD:
-                return
-            if time.monotonic() > until:
-                how = "no transform from map to odom came" if off is None else f"its estimate is {off[0]:.2f} m off"
-                raise SimulationError(f"Not localised after {self.options.start_limit_s:g} s: {how}.")
-            pump()
-
-    def _off(self, seen: Observation) -> tuple[float, float] | None:
-        """Return how far (m, rad) the newest estimate of the robot's place is off its start in the map."""
-        found = None
-        for message in self._transforms.take():
-            for each in message.transforms:
-                if (each.header.frame_id, each.child_frame_id) == (self.options.map_frame, self.options.odom_frame):
-                    turn = each.transform.rotation
-                    yaw = 2.0 * math.atan2(turn.z, turn.w)
-                    x, y, heading = seen.pose
-                    cos, sin = math.cos(yaw), math.sin(yaw)
-                    px = each.transform.translation.x + cos * x - sin * y
-                    py = each.transform.translation.y + sin * x + cos * y
-                    start = self.task.start
-                    aside = math.remainder(heading + yaw - start.yaw, 2.0 * math.pi)
-                    found = (math.hypot(px - start.x, py - start.y), abs(aside))
-        return found
-
-    def _send_goal(self, pump: Callable[[], None]) -> None:
-        goals = self.task.goals
-        through = len(goals) > 1 if self.options.goal == "auto" else self.options.goal == "through_poses"
-        self.client: ActionClient = self.actions[through]
-        until = time.monotonic() + self.options.answer_limit_s
-        while not self.client.is_matched:
-            if time.monotonic() > until:
-                raise SimulationError(f"The action {self.client.name} is not there.")
-            pump()
-        goal = self.client.new_goal()
-        poses = [self.robot.pose_stamped(0, pose.x, pose.y, pose.yaw) for pose in goals]
-        if not through:
-            goal.pose = poses[-1]
-        elif isinstance(goal.poses, list):
-            goal.poses = poses
-        else:
-            goal.poses.goals = poses
-        self._commands.take()
-        self.client.send_goal(goal)
-        while self.client.accepted is None:
-            if time.monotonic() > until + self.options.answer_limit_s:
-                raise SimulationError(f"The action {self.client.name} did not answer the goal.")
-            pump()
-            self.client.poll()
-        if not self.client.accepted:
-            raise SimulationError(f"The action {self.client.name} rejected the goal.")
-
-    def _pump(self, seen: Observation) -> None:
-        """Let PERIOD_S of ROS time pass while the robot stands."""
-        self._now += round(PERIOD_S * 1e9)
-        at = (self._now - self._base) / 1e9
-        self.robot.publish(self._now, seen, at=at)
-        self._frozen += PERIOD_S / self.session.speed
-        rest = self._frozen - time.monotonic()
-        if rest > 0.0:
-            time.sleep(rest)
-        else:
-            self._frozen = time.monotonic()
-            time.sleep(POLL_S)
-
-    def _pump_for(self, seen: Observation, seconds: float) -> None:
-        until = self._now + round(seconds * 1e9)
-        while self._now < until:
-            self._pump(seen)
-
-    # The run itself.
-
-    def step(self, seen: Observation) -> tuple[float, float] | Ended | None:
-        """Send what the robot senses, wait until its time has come, and take what the system answers."""
-        self._now = self._base + round(seen.t * 1e9)
-        self.robot.publish(self._now, seen)
-        self.robot.publish_joints(self._now)
-        self._keep_pace()
-        self.client.poll()
-        self.record.note(seen, self.client.feedback)
-        if self.client.status is not None:
-            self.record.end(self.client)
-            return Ended.REACHED if self.client.status == SUCCEEDED else Ended.GAVE_UP
-        return self._command(seen)
-
-    def _share(self, at: float) -> float:
-        """Return how much of the last step had passed at a time of the wall clock: commands are dated in simulated
-        time, so that a step that took too long here counts against nobody."""
-        begin, end = self._last_step
-        return (at - begin) / max(end - begin, 1e-6)
-
-    def _keep_pace(self) -> None:
-        self._due += PERIOD_S / self.session.speed
-        rest = self._due - time.monotonic()
-        if rest > 0.0:
-            time.sleep(rest)
-        else:
-            self._due -= rest
-        self._last_step = (self._last_step[1], time.time())
-
-    def _command(self, seen: Observation) -> Velocity | None:
-        newest = None
-        for message in self._commands.take():
-            twist = getattr(message, "twist", message)
-            newest = Velocity(float(twist.linear.x), float(twist.angular.z))
-            self.record.commanded(seen.t + PERIOD_S * self._share(message.sample_info.source_timestamp / 1e9))
-        if newest is not None:
-            self._heard = time.monotonic()
-        elif time.monotonic() - self._heard > self.options.answer_limit_s:
-            self._ask_whether_alive()
-        return newest
-
-    def _ask_whether_alive(self) -> None:
-        """Name the nodes that are gone or do not answer; a system that only waits goes on."""
-        self.session.check()
-        silent = self.session.lifecycle.silent(self.options.answer_limit_s)
-        if silent:
-            self.record.failed = True
-            listed = ", ".join(silent)
-            raise SimulationError(f"{listed}: no answer within {self.options.answer_limit_s:g} s, crashed or hanging")
-        self._heard = self._due = time.monotonic()
-
-    def finish(self) -> dict[str, Any]:
-        """Cancel the goal where it still runs; return the facts of the run."""
-        wall = time.monotonic() - self._begun
-        simulated = (self._now - self._base) / 1e9 - self._begun_t
-        if self.client.accepted and self.client.status is None and not self.record.failed:
-            self.client.cancel_all(_END_LIMIT_S)
-        self._give_back()
-        return self.record.facts(simulated / wall if wall > 0.0 else 0.0)
-
-    def _give_back(self) -> None:
-        if self.session.launched is None:
-            self.session.turn.give_back(self._now)
-
-
 def _version(params: str | None) -> str:
     """Return the version of this stack, with the content of the parameter file."""
     if params is None:
         return VERSION
     return f"{VERSION}+{text_id('params', Path(params).read_text()).removeprefix('params-')}"
-
-
-def _wait() -> None:
-    time.sleep(0.02)
 
 
 def _ignore(_: str) -> None:
