@@ -45,6 +45,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     group = parser.getgroup("rvsg")
     group.addoption("--rvsg-suite", action="append", default=[], metavar="DIR", help="Run the cases of this suite.")
     group.addoption("--rvsg-simulator", default="embedded", metavar="NAME", help="What runs the cases. [embedded]")
+    group.addoption("--rvsg-stack", default=None, metavar="NAME|FILE", help="Navigation stack under test.")
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -75,7 +76,9 @@ class SuiteItem(pytest.Item):
         """Run the case; a broken one fails, a known failure or an unclear one is skipped with the reason."""
         from rvsg.campaign.suite import State
 
-        result = self.scenario.run(simulator=self.config.getoption("--rvsg-simulator"))
+        result = self.scenario.run(
+            simulator=self.config.getoption("--rvsg-simulator"), stack=self.config.getoption("--rvsg-stack")
+        )
         for name, value in (("state", result.state.value), ("verdict", result.verdict.status.value)):
             self.user_properties.append((name, value))
         said = f"{result.state.value}: {result.verdict.reason}"

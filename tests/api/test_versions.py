@@ -31,28 +31,34 @@ def robot_file(path: Path, *, speed: float = 0.5, inflation: float = 0.55) -> Pa
 
 @pytest.fixture
 def suite(tmp_path: Path) -> Path:
-    """Three cases of the example: jerk and distance, which hang on the speed, and clearance, which does not."""
+    """Three cases of the example, and one that the robot masters in time."""
     folder = tmp_path / "suite"
     folder.mkdir()
     for name in ("suite", "route_1-r1", "route_1-r2", "route_1-clearance"):
         shutil.copy(EXAMPLE / f"{name}.yaml", folder)
+    alone = rvsg.scenario("warehouse", "route_1", [rvsg.walk("Anna", "D9", "B9")], description="nobody is in the way")
+    rvsg.Suite.open(folder).add(alone, "R3", name="alone", expected="pass")
     return folder
 
 
 @pytest.mark.slow
-def test_a_slower_robot_fixes_what_a_faster_one_breaks(suite: Path, tmp_path: Path) -> None:
+def test_a_slower_robot_fixes_jerk_and_breaks_arriving_in_time(suite: Path, tmp_path: Path) -> None:
     slow = f"embedded:robot={robot_file(tmp_path / 'slow.yaml', speed=0.3)}"
     there = compare_versions("embedded", slow, suite=suite, runs=10)
     assert {each.case: each.change for each in there.changes} == {
+        "alone": Change.BROKEN,
         "route_1-r1": Change.FIXED,
         "route_1-r2": Change.FIXED,
         "route_1-clearance": Change.UNCHANGED,
     }
     back = compare_versions(there.second, there.first)
-    assert {each.change for each in back.broken} == {Change.BROKEN}
-    assert {each.case for each in back.broken} == {"route_1-r1", "route_1-r2"}
+    assert {each.case: each.change for each in back.changes if each.change is not Change.UNCHANGED} == {
+        "alone": Change.FIXED,
+        "route_1-r1": Change.BROKEN,
+        "route_1-r2": Change.BROKEN,
+    }
     page = there.page()
-    assert page.count('class="replay"') == 2
+    assert page.count('class="replay"') == 3
 
 
 @pytest.mark.slow

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from rvsg.api.campaign import Campaign
 from rvsg.api.folder import reading
-from rvsg.api.index import campaigns_in
+from rvsg.api.index import campaigns_below
 from rvsg.api.simulating import ignore, simulate
 from rvsg.api.suites import HEAD, Suite, requirement_of
 from rvsg.campaign.coverage import Coverage, Exercise
@@ -98,12 +98,9 @@ def _opened(given: Source) -> list[Suite | Campaign]:
     folder = Path(given)
     if (folder / HEAD).is_file():
         return [Suite.open(folder)]
-    below = sorted(path.parent for path in folder.glob("*/ledger.sqlite")) if folder.is_dir() else []
-    if below and not (folder / "ledger.sqlite").exists():
-        return [each for path in below for each in campaigns_in(path)]
     if not folder.exists():
         raise InputError(f"{folder}: there is no suite and no campaign here.")
-    return list(campaigns_in(folder))
+    return list(campaigns_below(folder))
 
 
 def _exercise(exercises: dict[str, Exercise], world: World) -> Exercise:

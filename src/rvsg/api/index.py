@@ -5,8 +5,21 @@ from __future__ import annotations
 from pathlib import Path
 
 from rvsg.api.campaign import Campaign, no_campaign
-from rvsg.api.folder import reading
+from rvsg.api.folder import LEDGER, reading, store_of
 from rvsg.api.record import CampaignRecord
+
+
+def campaigns_below(folder: Path) -> list[Campaign]:
+    """Return the campaigns of a folder, or of the folders in it where it holds none itself.
+
+    Raises:
+        InputError: there is no campaign.
+        StoreError: there is no store, or it cannot be read.
+    """
+    below = sorted(path.parent for path in folder.glob(f"*/{LEDGER}")) if folder.is_dir() else []
+    if store_of(folder) is not None or not below:
+        return campaigns_in(folder)
+    return [campaign for path in below for campaign in campaigns_in(path)]
 
 
 def campaigns_in(store: Path, *, optional: bool = False) -> list[Campaign]:

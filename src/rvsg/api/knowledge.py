@@ -10,7 +10,7 @@ from typing import get_args
 import numpy as np
 
 from rvsg.api.campaign import Campaign
-from rvsg.api.index import campaigns_in
+from rvsg.api.index import campaigns_below
 from rvsg.api.suites import Suite
 from rvsg.api.worlds import world_of
 from rvsg.campaign.knowledge import Entry, Kind, entries_of_campaign, entry_of_case, remembered
@@ -56,11 +56,7 @@ def open_knowledge(where: str | Path | None = None) -> KnowledgeBase:
 def learn_campaign(base: KnowledgeBase, source: Campaign | str | Path) -> int:
     """Add what one campaign, or those in a folder, teach; return how many entries are new."""
     if not isinstance(source, Campaign):
-        folder = Path(source)
-        below = sorted(path.parent for path in folder.glob("*/ledger.sqlite")) if folder.is_dir() else []
-        single = not below or (folder / "ledger.sqlite").exists()
-        places = [folder] if single else below
-        return sum(learn_campaign(base, campaign) for place in places for campaign in campaigns_in(place))
+        return sum(learn_campaign(base, campaign) for campaign in campaigns_below(Path(source)))
     entries = entries_of_campaign(
         source.attempts(),
         source.findings,
