@@ -15,6 +15,7 @@ from rvsg.api.scenarios import save_scenario
 from rvsg.api.tracing import trace
 from rvsg.cli import main
 from rvsg.core.errors import InputError, UnknownName
+from rvsg.exchange.foxglove import foxglove_layout
 from rvsg.simulation.embedded.simulator import EmbeddedSimulator
 
 
@@ -88,6 +89,8 @@ def test_a_trace_is_the_run_and_its_bag_holds_what_the_robot_sees(scenario: rvsg
     seen = {"/scan_0", "/scan_1", "/cmd_vel", "/plan", "/local_costmap/costmap", "/global_costmap/costmap"}
     tried = {"/evaluation", "/local_trajectories", "/local_plan", "/behavior_tree_log", "/rvsg/navigation"}
     assert seen | tried <= topics
+    shown = json.loads(foxglove_layout())["configById"]["3D!map"]["topics"]
+    assert set(shown) <= topics
 
 
 @pytest.mark.parametrize(

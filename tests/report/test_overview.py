@@ -47,7 +47,7 @@ def test_a_campaign_is_told_by_its_fresh_runs_with_the_limit_they_are_judged_by(
     text = page((link, the_plan, summary))
     low, high = summary.confirmed.verdict.interval
     assert f"[{low:.3g}, {high:.3g}] m" in text
-    assert "≥ 1 m" in text and "12 + 5" in text
+    assert "≥ 1\N{NO-BREAK SPACE}m" in text and "12 + 5" in text
 
 
 @pytest.mark.parametrize(

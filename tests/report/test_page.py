@@ -20,6 +20,7 @@ from rvsg.generation.vlm.recording import Recording
 from rvsg.report.junit import junit_xml
 from rvsg.report.page import _curse, render_page
 from rvsg.report.summary import number, summarise
+from rvsg.report.words import unbroken
 from rvsg.scenario.brief import Brief
 from rvsg.world.world import World
 
@@ -282,7 +283,8 @@ def test_a_confirmation_is_paired_with_its_scenario_whatever_its_index_says() ->
     ]
     text = page(the_plan, changed, ledger)
     assert other.verdict is not None
-    assert f"{len(other.verdict.objectives)} runs with a mean of {number(other.verdict.mean, 'm')}" in text
+    mean = number(other.verdict.mean, "m")
+    assert unbroken(f"{len(other.verdict.objectives)} runs with a mean of {mean}") in text
     rows = re.findall(r'<td data-label="State">(.*?)</td>', text)
     assert rows.count("confirmed") == 1
     assert f"Configuration {other.brief.configuration_index + 1} of" in text
@@ -297,3 +299,21 @@ def test_the_conversation_of_a_model_stands_on_the_page_as_text(tmp_path: Any) -
     reader = Reader()
     reader.feed(text)
     assert "an answer" in text and "&lt;script&gt;alert(1)" in text and "img" not in reader.tags
+
+
+@pytest.mark.parametrize(
+    ("text", "whole"),
+    [
+        ("limit of 25 s.", "limit of 25\u00a0s."),
+        ("0.5 to 0.0 m/s; 41 %", "0.5 to 0.0\u00a0m/s; 41\u00a0%"),
+        ("route 3 should, 2 sides", "route 3 should, 2 sides"),
+    ],
+)
+def test_no_line_breaks_between_a_number_and_its_unit(text: str, whole: str) -> None:
+    assert unbroken(text) == whole
+
+
+def test_the_command_of_the_page_can_be_copied() -> None:
+    ledger = MemoryLedger()
+    text = render_page(*campaign(ledger), world=warehouse(), run_of=ledger.run, command="rvsg run --note '2 m' <x>")
+    assert "2 m" in text[text.index("<pre>rvsg run") :][:60] and "&lt;x&gt;" in text

@@ -10,7 +10,10 @@ def foxglove_layout(lidars: int = 2) -> str:
     scans = {f"/scan_{k}": {"visible": True, "pointSize": 3, "colorField": "range"} for k in range(lidars)}
     topics = {
         "/map": {"visible": True},
+        "/global_costmap/costmap": {"visible": False, "colorMode": "costmap"},
         "/local_costmap/costmap": {"visible": True, "colorMode": "costmap"},
+        "/local_trajectories": {"visible": True},
+        "/local_plan": {"visible": True, "lineWidth": 0.03},
         "/plan": {"visible": True, "lineWidth": 0.04},
         "/people": {"visible": True},
         **scans,
@@ -41,6 +44,7 @@ def foxglove_layout(lidars: int = 2) -> str:
                 "isSynced": True,
             },
             "RawMessages!navigation": {"topicPath": "/rvsg/navigation"},
+            "RawMessages!tree": {"topicPath": "/behavior_tree_log"},
         },
         "globalVariables": {},
         "userNodes": {},
@@ -51,7 +55,11 @@ def foxglove_layout(lidars: int = 2) -> str:
             "second": {
                 "direction": "column",
                 "first": "Plot!speed",
-                "second": {"direction": "column", "first": "Plot!acceleration", "second": "RawMessages!navigation"},
+                "second": {
+                    "direction": "column",
+                    "first": "Plot!acceleration",
+                    "second": {"direction": "row", "first": "RawMessages!navigation", "second": "RawMessages!tree"},
+                },
             },
             "splitPercentage": 65,
         },

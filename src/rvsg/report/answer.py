@@ -219,10 +219,12 @@ def _seen(runs: Sequence[RunFacts], plan: Plan, kind: str) -> tuple[list[Badge],
     people = any(run.closest_m is not None for run in runs)
     if touched:
         longest, in_longest = max(
-            ((c.duration_s, run) for run in touched for c in run.contacts), key=lambda pair: pair[0]
+            ((_measured(run, "contact_longest", c.duration_s), run) for run in touched for c in run.contacts),
+            key=lambda pair: pair[0],
         )
         fastest, in_fastest = max(
-            ((c.closing_speed_m_s, run) for run in touched for c in run.contacts), key=lambda pair: pair[0]
+            ((_measured(run, "contact_speed", c.closing_speed_m_s), run) for run in touched for c in run.contacts),
+            key=lambda pair: pair[0],
         )
         badges.append(Badge(tone="bad", text=f"contact in {len(touched)} of {len(runs)} runs", runs=_ids(touched)))
         sentences.append(
@@ -231,9 +233,9 @@ def _seen(runs: Sequence[RunFacts], plan: Plan, kind: str) -> tuple[list[Badge],
                 Piece(f"{len(touched)} of {total}", _ids(touched)),
                 Piece("; the longest contact lasts "),
                 Piece(number(longest, "s"), (in_longest.id,), in_longest.contacts[0].time_s),
-                Piece(", the fastest begins at "),
+                Piece(", and the largest relative speed is "),
                 Piece(number(fastest, "m/s"), (in_fastest.id,), in_fastest.contacts[0].time_s),
-                Piece(" closing speed."),
+                Piece("."),
             ]
         )
     elif people:
@@ -262,6 +264,12 @@ def _seen(runs: Sequence[RunFacts], plan: Plan, kind: str) -> tuple[list[Badge],
             ]
         )
     return badges, sentences
+
+
+def _measured(run: RunFacts, metric: str, otherwise: float) -> float:
+    """The metric of a run, which the terminal and the JSON report, too."""
+    value = run.measurement.values.get(metric)
+    return otherwise if value is None else value
 
 
 def _ids(runs: Iterable[RunFacts]) -> tuple[str, ...]:

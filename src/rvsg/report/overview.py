@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 import rvsg
 from rvsg.campaign.plan import Plan
@@ -90,7 +90,7 @@ def render_overview(
         matrix=_matrix(reported),
         map=_map(world, pins) if world is not None and pins else None,
         rows=[_row(*each) for each in reported],
-        command=command,
+        command=escape(command),
     )
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import jinja2
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 import rvsg
 from rvsg.campaign.attempt import Attempt
@@ -37,7 +37,7 @@ from rvsg.report.shown import Shown, look_of
 from rvsg.report.summary import Summary, counted, number, summarise
 from rvsg.report.tables import finding_rows, people_rows, run_rows
 from rvsg.report.thinking import thinking
-from rvsg.report.words import direction, quantity
+from rvsg.report.words import direction, quantity, unbroken
 from rvsg.simulation.run import Run
 from rvsg.world.drawing.svg import floor_plan
 from rvsg.world.world import World
@@ -113,7 +113,7 @@ def render_page(
             look=Markup(area_colours(world, shown.floor)),  # noqa: S704
             replay=script_safe(replay_data(shown)) if subject else None,
             component=Markup(component()),  # noqa: S704
-            command=command,
+            command=escape(command),
             simulator=simulator,
             overview=overview,
             traces=[script_safe(trace) for trace in traces],
@@ -122,13 +122,17 @@ def render_page(
 
 
 def environment() -> jinja2.Environment:
-    """Return the renderer of the pages: it escapes everything, and an unknown name is an error."""
+    """Return the renderer of the pages.
+
+    It escapes everything, an unknown name is an error, and no line breaks between a number and its unit.
+    """
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("rvsg.report", "templates"),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
+        finalize=lambda value: unbroken(value) if type(value) is str else value,
     )
     environment.filters["number"] = number
     return environment

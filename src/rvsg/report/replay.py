@@ -12,7 +12,7 @@ from rvsg.report.robots import footprint_of
 from rvsg.report.shown import Shown, group_label, in_order
 from rvsg.report.summary import counted
 from rvsg.report.tables import manner
-from rvsg.report.words import quantity, untimed
+from rvsg.report.words import quantity, unbroken, untimed
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission
 from rvsg.world.drawing.svg import FloorPlan
@@ -90,5 +90,5 @@ def _replay_run(run: RunFacts) -> ReplayRun:
         opens_s=run.decisive_s,
         note=run.note,
         lanes=run.lanes,
-        moments=[(sentence.time_s, untimed(sentence)) for sentence in run.story],
+        moments=[(sentence.time_s, unbroken(untimed(sentence))) for sentence in run.story],
     )

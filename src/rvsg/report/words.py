@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 from rvsg.evaluation.metrics import find_metric
 from rvsg.evaluation.story import Sentence
 from rvsg.scenario.requirement import Requirement
@@ -28,6 +30,15 @@ def metres(gap: float) -> str:
     if gap <= 0.0:
         return "0 cm"
     return f"{max(1, round(gap * 100))} cm" if gap < 1.0 else f"{gap:.1f} m"
+
+
+UNITS = "s|m|cm|m/s|m/s²|m/s³|rad|rad/s|Hz|%|USD|kB|MB|points"
+_VALUE = re.compile(rf"(?<=\d) (?=(?:{UNITS})(?![\w/]))")
+
+
+def unbroken(text: str) -> str:
+    """Return a text in which no line breaks between a number and its unit."""
+    return _VALUE.sub("\N{NO-BREAK SPACE}", text)
 
 
 def untimed(sentence: Sentence) -> str:
