@@ -51,7 +51,7 @@ def campaign(
     now: Callable[[], float] = lambda: 0.0,
     **how: float,
 ) -> list[Attempt]:
-    """Run a campaign on a cluster, by default with a clock that stands still: a busy machine restarts workers slowly."""
+    """Run a campaign on a cluster; the clock stands still, since a busy machine restarts workers slowly."""
     ledger = ledger or MemoryLedger()
     executor = Cluster(address=address, **how)  # type: ignore[arg-type]
     executor._now = now
