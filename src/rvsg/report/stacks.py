@@ -16,6 +16,7 @@ from rvsg.report.floors import area_colours
 from rvsg.report.frames import Turn
 from rvsg.report.names import narrow_names
 from rvsg.report.page import environment
+from rvsg.report.summary import counted
 from rvsg.world.drawing.svg import floor_plan
 from rvsg.world.world import World
 
@@ -50,9 +51,13 @@ def pair_sentence(pair: StackPair) -> str:
     return f"{pair.first} against {pair.second}: {points}; {clear}."
 
 
+def _title(found: StackScores) -> str:
+    return f"{counted(len(found.scores), 'navigation stack')} on {counted(len(found.cases), 'scenario')}"
+
+
 def stacks_markdown(found: StackScores) -> str:
     """Return the comparison as Markdown."""
-    lines = [f"### {len(found.scores)} stacks on {len(found.cases)} scenarios with {found.seeds} seeds each", ""]
+    lines = [f"### {_title(found)}, {counted(found.seeds, 'seed')} each", ""]
     lines += [f"| {' | '.join(HEAD)} |", f"|{'---|' * len(HEAD)}"]
     lines += [f"| {' | '.join(cell.replace('|', '/') for cell in row)} |" for row in rows_of(found)]
     lines += ["", "Differences of the shares on the same scenarios and seeds (paired, 95 % interval):", ""]
@@ -100,7 +105,7 @@ def stacks_page(found: StackScores, worlds: Mapping[str, World]) -> str:
         for key, world in drawn.items()
     ]
     return environment().get_template("stacks.html").render(
-        found=found, head=HEAD, rows=rows_of(found), figure=Markup(stacks_figure(found)),  # noqa: S704 - made by us
+        found=found, title=_title(found), head=HEAD, rows=rows_of(found), figure=Markup(stacks_figure(found)),  # noqa: S704 - made by us
         cells=cells, labels=[_short(score) for score in found.scores], pairs=pairs, maps=maps,
         version=rvsg.__version__,
     )  # fmt: skip

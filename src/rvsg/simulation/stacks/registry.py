@@ -69,7 +69,8 @@ def listed_stacks() -> list[Listed]:
 def _defaults(kind: type[NavigationStack]) -> dict[str, Any]:
     settings: Any = getattr(kind, "Settings", None)
     if settings is not None:
-        return {name: field.get_default(call_default_factory=True) for name, field in settings.model_fields.items()}
+        defaults: dict[str, Any] = settings().model_dump(mode="json")
+        return defaults
     parameters = inspect.signature(kind).parameters.values()
     named = [p for p in parameters if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)]
     return {p.name: None if p.default is p.empty else p.default for p in named}
