@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from rvsg.api.demos import FOLDER
-from rvsg.generation.vlm.recording import CALLS, HISTORIES, MESSAGES, TOLD, Recording
+from rvsg.generation.vlm.recording import CALLS, HISTORIES, MEASURED, MESSAGES, Recording
 
 
 def ship(recording: Path, name: str) -> None:
@@ -33,7 +33,7 @@ def ship(recording: Path, name: str) -> None:
         CALLS: calls,
         MESSAGES: [entry for entry in lines(recording / MESSAGES) if entry["id"] in needed],
         HISTORIES: histories,
-        TOLD: [entry for entry in lines(recording / TOLD) if entry["session"] in sessions],
+        MEASURED: [entry for entry in lines(recording / MEASURED) if entry["session"] in sessions],
     }
     folder = FOLDER / name
     folder.mkdir(exist_ok=True)

@@ -36,9 +36,12 @@ from rvsg.generation.vlm.recording import MEASURED, place_of
 from rvsg.generation.vlm.watching import Tell
 from rvsg.generation.wiring import Access, wired
 from rvsg.scenario.brief import Brief
-from rvsg.scenario.scenario import HumanConfiguration, Mission, Scenario
+from rvsg.scenario.scenario import HumanConfiguration, Scenario
 from rvsg.scenario.validity import Finding, Repair, check, read_ends, repair
 from rvsg.world.world import World
+
+DRIVE = "drive"
+"""The key of the drive without people in what a recording keeps of the measurements."""
 
 Conversation = Literal["compact", "study"]
 
@@ -131,14 +134,22 @@ class VlmGenerator(Generator):
         what is asked about a measured value should not. `notes` tell where the values differ.
         """
         recording = self.wiring.recording
-        if recording is None or not (brief.feedback or brief.memory):
+        if recording is None:
             return brief
         if not self.wiring.replaying:
-            recording.keep_measured(_session(brief), _measured(brief))
+            drive = self._undisturbed_drive(brief)
+            known = {DRIVE: drive.model_dump(mode="json")} if drive is not None else {}
+            if brief.feedback or brief.memory:
+                known |= _measured(brief)
+            if known:
+                recording.keep_measured(_session(brief), known)
+            return brief
+        if not (brief.feedback or brief.memory):
             return brief
         measured = recording.measured(_session(brief))
         try:
-            then = brief.model_validate(brief.model_dump() | measured) if isinstance(measured, dict) else None
+            told = {k: v for k, v in measured.items() if k != DRIVE} if isinstance(measured, dict) else None
+            then = brief.model_validate(brief.model_dump() | told) if told else None
         except ValidationError:
             file = recording.folder / MEASURED
             raise StoreError(f"{file}: the measurements of {_session(brief)} are damaged.") from None
@@ -150,7 +161,7 @@ class VlmGenerator(Generator):
     def opening(self, brief: Brief, world: World) -> Dialogue:
         """The dialogue before the first question: what every call of the campaign has in common."""
         facts = world_facts(world, description_of(world)) | brief_facts(brief, world, provoking=self.provoking)
-        drive = self._undisturbed_drive(brief.mission)
+        drive = self._undisturbed_drive(brief)
         facts |= {"drive": drive_facts(drive)}
         pictures = pictures_of(world, brief.mission.route, drive.way if drive else ())
         dialogue = Dialogue(self.wiring.model, self.prompts, _session(brief), facts, pictures=pictures)
@@ -164,8 +175,20 @@ class VlmGenerator(Generator):
             dialogue.tell("compact-context", shown=pictures, stable=True)
         return dialogue
 
-    def _undisturbed_drive(self, mission: Mission) -> Rehearsal | None:
-        """The drive without people, simulated once per mission; None without a simulator to ask."""
+    def _undisturbed_drive(self, brief: Brief) -> Rehearsal | None:
+        """The drive without people, simulated once per mission; None without a simulator to ask.
+
+        In a replay it is the one that was recorded, like everything measured.
+        """
+        mission, recording = brief.mission, self.wiring.recording
+        if self.wiring.replaying and recording is not None:
+            measured = recording.measured(_session(brief))
+            known = measured.get(DRIVE) if isinstance(measured, dict) else None
+            try:
+                return Rehearsal.model_validate(known) if known is not None else None
+            except ValidationError:
+                file = recording.folder / MEASURED
+                raise StoreError(f"{file}: the drive of {_session(brief)} is damaged.") from None
         if self.rehearse is None:
             return None
         if mission.id not in self._undisturbed:

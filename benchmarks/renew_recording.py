@@ -1,0 +1,76 @@
+"""Render the prompts of a shipped demonstration with today's templates, and keep its recorded answers.
+
+    python benchmarks/renew_recording.py warehouse-route_1-R1
+    python benchmarks/renew_recording.py describe-warehouse
+
+For changes of the prompts after which the recorded answers still answer the question. The measurements that a
+refinement is told stay those of the recording. Where a question has changed, record again with a model instead
+(`benchmarks/ship_recording.py` says how).
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from pathlib import Path
+
+from rvsg.api.demos import CAMPAIGN, FOLDER
+from rvsg.core.documents import read_yaml
+from rvsg.evaluation.aims import aim_of, moved_by
+from rvsg.generation.conversation import DRIVE, VlmGenerator
+from rvsg.generation.environment import EnvironmentDialogue
+from rvsg.generation.prompts import Prompts
+from rvsg.generation.vlm.recording import CALLS, Recorded, Recording, place_of
+from rvsg.generation.vlm.replay import Replayed
+from rvsg.scenario.brief import Brief
+from rvsg.scenario.requirements import load_requirement
+from rvsg.scenario.scenario import Mission
+from rvsg.world.io.load import load_world
+from rvsg.world.world import World
+from ship_recording import ship
+
+
+def briefs(name: str, world: World) -> list[Brief]:
+    """The briefs of a recorded campaign, with what was measured then."""
+    config = read_yaml(FOLDER / name / CAMPAIGN).value
+    route = world.route(config["route"])
+    recording = Recording(FOLDER / name)
+    found = []
+    requirement = load_requirement(config["requirement"]).for_time_limit(route.time_limit_s)
+    for session in dict.fromkeys(call.session for call in recording):
+        scenario, configuration = (int(part[1:]) for part in place_of(session).split("-"))
+        told = {k: v for k, v in (recording.measured(session) or {}).items() if k != DRIVE}
+        brief = {
+            "mission": Mission(world="warehouse", world_id=world.id, route=route),
+            "requirement": requirement,
+            "aim": aim_of(requirement),
+            "moved_by": moved_by(requirement),
+            "kind": "refine" if told.get("feedback") else "new",
+            "humans": config.get("humans", 2),
+            "seed": int(session.split("-")[2], 16),
+            "scenario_index": scenario,
+            "configuration_index": configuration,
+        }
+        found.append(Brief.model_validate(brief | told))
+    return found
+
+
+def renew(name: str, folder: Path) -> None:
+    """Ask the recorded answers with today's prompts, and record that in a folder."""
+    world, old = load_world("warehouse"), Replayed(Recording(FOLDER / name))
+    if not (FOLDER / name / CAMPAIGN).exists():
+        EnvironmentDialogue(world, Recorded(old, Recording(folder)), Prompts()).describe()
+        return
+    config = read_yaml(FOLDER / name / CAMPAIGN).value
+    generator = VlmGenerator(old, conversation=config["conversation"], folder=folder, rehearsals=0)
+    for brief in briefs(name, world):
+        generator.propose(brief, world)
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("name", help="the demonstration")
+    given = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        renew(given.name, Path(folder))
+        ship(next(Path(folder).rglob(CALLS)).parent, given.name)
