@@ -29,6 +29,10 @@ def ready(tab: Any) -> None:
     tab.locator("[data-studio][data-ready]").wait_for(timeout=PATIENT)
 
 
+def posted(answer: Any) -> str:
+    return answer.request.post_data or ""
+
+
 def pixel(tab: Any, x: float, y: float) -> tuple[float, float]:
     """Where a point of the world (metres) is on the screen."""
     group = "document.querySelector('.st-map > g[transform]').getScreenCTM()"
@@ -123,10 +127,11 @@ def test_a_scenario_is_changed_simulated_and_saved(show: Show, studio: Server, w
     before = handle.get_attribute("data-waypoint")
     box = handle.bounding_box()
     assert box is not None
-    tab.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
-    tab.mouse.down()
-    tab.mouse.move(box["x"] + 60, box["y"] + 10, steps=6)
-    tab.mouse.up()
+    with tab.expect_response(lambda answer: "scenario-try" in answer.url and '"seeds":20' in posted(answer)):
+        tab.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+        tab.mouse.down()
+        tab.mouse.move(box["x"] + 60, box["y"] + 10, steps=6)
+        tab.mouse.up()
     tab.wait_for_function(
         "was => document.querySelector('circle.st-handle').getAttribute('data-waypoint') !== was", arg=before
     )

@@ -160,17 +160,24 @@ def scenario_try(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
     if given.get("stops"):
         stops = [str(stop) for stop in given["stops"]]
         wanted = with_person(wanted, place, stops)
+    draft = draft_of(workspace, given)
+    if given.get("keep"):
+        _keep(draft, wanted, loaded)  # before it is simulated: nothing that was typed waits for that
     seeds = range(min(MOST_SEEDS, max(1, number_of(given, "seeds"))))
     tried = try_out(wanted, place, requirement, seeds=seeds, simulator=simulator)
-    draft = draft_of(workspace, given)
-    if tried.scenario == loaded:
-        draft.unlink(missing_ok=True)
-    elif given.get("keep"):
-        draft.parent.mkdir(exist_ok=True)
-        write_whole(draft, json.dumps(tried.scenario.model_dump(mode="json")))
+    if given.get("keep"):
+        _keep(draft, tried.scenario, loaded)
     unit = requirement.unit
     limit = requirement.threshold
     return tried.model_dump(mode="json") | {"unit": unit, "limit": limit, "requirement": requirement.name}
+
+
+def _keep(draft: Path, wanted: Scenario, loaded: Scenario) -> None:
+    """Keep what differs from the saved scenario until it is saved."""
+    if wanted == loaded:
+        draft.unlink(missing_ok=True)
+    else:
+        write_whole(draft, json.dumps(wanted.model_dump(mode="json")))
 
 
 def scenario_replay(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
