@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import pytest
 
 import rvsg
 from rvsg.api.scenarios import save_scenario
-from rvsg.api.tracing import trace_source
+from rvsg.api.tracing import trace_again, trace_source
 from rvsg.cli import main
 from rvsg.core.errors import FileError, InputError, UnknownName
 
@@ -70,6 +71,14 @@ def test_a_stored_run_is_traced_and_one_that_is_not_the_same_is_refused(scenario
 
 
 @pytest.mark.slow
+def test_a_run_of_a_real_system_is_refused(scenario: Path) -> None:
+    asked = rvsg.load_scenario(scenario)
+    (run,) = rvsg.simulate(asked, 1, simulator="kinematic")
+    live = dataclasses.replace(run, simulator="embedded", details={"stack": {"repeatable": False}})
+    with pytest.raises(InputError, match="another run every time"):
+        trace_again(live, asked, rvsg.load_world("warehouse"))
+
+
 def test_a_trace_in_the_folder_of_a_campaign_is_on_its_page(tmp_path: Path) -> None:
     out = tmp_path / "campaign"
     small = ["--scenarios", "1", "--refinements", "0", "--repeats", "2", "--confirmations", "0", "--jobs", "1"]

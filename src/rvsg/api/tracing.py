@@ -108,6 +108,12 @@ def trace_again(run: Run, scenario: Scenario, world: World, *, on_message: Calla
         raise InputError(f"The run {run.id} is of another scenario ({run.scenario_id}, not {scenario.id}).")
     if run.simulator != "embedded":
         raise InputError(f'The run {run.id} is of the simulator "{run.simulator}", which records no traces.')
+    told = run.details.get("stack")
+    if isinstance(told, Mapping) and not told.get("repeatable", True):
+        raise InputError(
+            f"The run {run.id} is of a real system, which gives another run every time. It cannot be traced. "
+            "`--stack` with the scenario records a new one."
+        )
     options = {name: value for name, value in run.options.items() if name not in OF_RECORD}
     made = EmbeddedSimulator(**options)  # type: ignore[arg-type]  # checked by it
     made.prepare(on_message)
