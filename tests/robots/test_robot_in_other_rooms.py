@@ -13,7 +13,7 @@ from rvsg.core.records import Pose
 from rvsg.evaluation.detection import obstacle_contacts, place_namer
 from rvsg.evaluation.metrics import measure
 from rvsg.evaluation.sampled import Sampled
-from rvsg.generation.heuristic import _robot
+from rvsg.generation.forecast import forecaster_of
 from rvsg.robots import load_robot
 from rvsg.scenario.scenario import Mission
 from rvsg.scenario.validity.checker import robot_reach_m, start_gap_m
@@ -54,9 +54,11 @@ def test_the_checker_measures_from_the_body_of_another_robot() -> None:
 
 
 def test_the_forecast_takes_speed_and_size_of_another_robot() -> None:
-    assert _robot(MISSION) == {}
-    waffle = _robot(MISSION.replace(robot="turtlebot3_waffle"))
-    assert waffle == {"robot_speed_m_s": pytest.approx(0.98 * 0.22), "robot_radius_m": 0.22}
+    usual = forecaster_of(MISSION, WORLD)
+    waffle = forecaster_of(MISSION.replace(robot="turtlebot3_waffle"), WORLD)
+    assert waffle.robot_speed == pytest.approx(0.98 * 0.22)
+    assert waffle.robot_radius == 0.22
+    assert (usual.robot_speed, usual.robot_radius) != (waffle.robot_speed, waffle.robot_radius)
 
 
 def test_a_route_proposal_asks_for_the_room_the_robot_takes() -> None:
