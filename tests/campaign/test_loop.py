@@ -30,7 +30,7 @@ from rvsg.campaign.ranking import best_attempt, ranking, rule, worst_by_mean
 from rvsg.campaign.strategies import Ask, ClimbStrategy, RandomStrategy, StudyStrategy, UnguidedStrategy
 from rvsg.core.errors import BudgetSpent, SimulationError
 from rvsg.core.seeds import fresh_seeds
-from rvsg.evaluation.judge import judge
+from rvsg.evaluation.judge import judge, violated
 from rvsg.evaluation.verdict import Status
 from rvsg.generation.generator import Proposal
 from rvsg.scenario.brief import Brief
@@ -145,6 +145,29 @@ def test_a_confirmation_ends_when_the_verdict_is_sure(values: list[float], statu
     # Not one run earlier: the status is that of the counts, and the counts before were not enough.
     earlier = judge(REQUIREMENT, values[: runs - 1])
     assert earlier.status is Status.INCONCLUSIVE
+
+
+def test_a_candidate_that_does_not_always_violate_leaves_runs_for_one_that_does() -> None:
+    the_plan = plan(scenarios=2, refinements=0, repeats=1, confirmations=30, requirement=REQUIREMENT)
+    first = run(MemoryLedger(), the_plan.replace(confirmations=0), RandomStrategy)
+    used = {m.seed for a in first for m in a.measurements}
+    unsure = fresh_seeds(the_plan.seed, "confirmation", 30, used=used)[12]
+    worst = first[0].proposal.scenario
+    assert worst is not None
+    measuring = Measuring(REQUIREMENT)
+
+    def measured(made: Run) -> Measurement:
+        value = (2.0 if made.seed == unsure else 0.4) if made.scenario_id == worst.id else 0.5
+        return Measurement(run_id=made.id, seed=made.seed, outcome="goal", values={"dto": value}, objective=value)
+
+    made = dataclasses.replace(parts(MemoryLedger(), measure=measured), judge=measuring.judge)
+    with made.simulations:
+        attempts = run_campaign(the_plan, RandomStrategy(the_plan), made)
+    one, two = confirmations_of(attempts)
+    assert one.verdict is not None and two.verdict is not None
+    assert (one.verdict.status, one.verdict.violations) == (Status.INCONCLUSIVE, one.verdict.runs - 1)
+    assert violated(one.verdict)
+    assert (two.verdict.status, two.verdict.runs) == (Status.FAIL, 15)
 
 
 @pytest.mark.slow

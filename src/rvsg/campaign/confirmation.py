@@ -15,6 +15,7 @@ from rvsg.campaign.plan import Plan
 from rvsg.campaign.ranking import candidates, search_attempts
 from rvsg.core.seeds import fresh_seeds
 from rvsg.evaluation.judge import next_repeats, violated
+from rvsg.evaluation.verdict import Procedure, Status
 from rvsg.scenario.scenario import Human, HumanConfiguration
 
 FEWEST_WITHOUT_ONE = 5
@@ -32,24 +33,30 @@ def confirm_all(plan: Plan, attempts: Sequence[Attempt], parts: Parts) -> Iterat
     order_of = candidates(done, plan.requirement)
     for number, candidate in enumerate(order_of, 1):
         left = plan.confirmations - sum(a.runs for a in done if a.purpose == "confirmation")
-        if any(a.purpose == "confirmation" and a.confirms == candidate.index for a in done):
+        if _is_confirmed(candidate, done):
             continue
         if left <= 0 or (number > 1 and left < parts.procedure.replace(max_runs=left).fewest_more(0, 0)):
             break
         event = Confirming(campaign=plan.name, candidate=candidate, number=number, of=len(order_of), runs=left)
         yield event
-        yield from _noted(confirm(plan, candidate, done, parts, budget=left), done)
+        more = any(not _is_confirmed(other, done) for other in order_of[number:])
+        reserve = parts.procedure.fewest_for(0, 0).get(Status.FAIL, 0) if more else 0
+        yield from _noted(confirm(plan, candidate, done, parts, budget=left, reserve=reserve), done)
     yield from _noted(explain(plan, done, parts), done)
 
 
 def confirm(
-    plan: Plan, candidate: Attempt, attempts: Sequence[Attempt], parts: Parts, *, budget: int
+    plan: Plan, candidate: Attempt, attempts: Sequence[Attempt], parts: Parts, *, budget: int, reserve: int = 0
 ) -> Iterator[Event]:
     """Repeat a candidate in at most `budget` runs with new seeds.
 
     Where the requirement has a limit, runs are added in batches until the sequential procedure decides. A batch is
     the fewest runs that can decide, so their number does not depend on the number of workers. Without a limit all of
     the budget is spent.
+
+    Args:
+        reserve: Runs in which the next candidate can be shown to violate nearly always; 0 without a next one. Where it
+            is certain that this one violates, but not always, and telling how often would use them up, it ends.
     """
     seeds = confirmation_seeds(plan, attempts, budget)
     again = candidate.replace(
@@ -68,7 +75,25 @@ def confirm(
         yield from collect(again, submit(again, seeds[made.count : made.count + count], parts), made, parts)
         objectives = [m.objective for m in made.measurements] + [None] * len(made.failures)
         count = next_repeats(plan.requirement, objectives, procedure=procedure)
+        if count and reserve and _leaves_open(plan, objectives, procedure, count, reserve):
+            budget = made.count
+            break
     yield Attempted(campaign=plan.name, attempt=store(again, made, parts, budget=budget))
+
+
+def _leaves_open(
+    plan: Plan, objectives: Sequence[float | None], procedure: Procedure, count: int, reserve: int
+) -> bool:
+    """Whether the next candidate is worth the runs more than telling how often this one violates."""
+    known = [value for value in objectives if value is not None]
+    violations = sum(plan.requirement.violated_by(value) for value in known)
+    left = procedure.max_runs - len(objectives)
+    certain = violations < len(known) and procedure.violated(violations, len(known))
+    return certain and left - count < reserve <= left
+
+
+def _is_confirmed(candidate: Attempt, attempts: Sequence[Attempt]) -> bool:
+    return any(a.purpose == "confirmation" and a.confirms == candidate.index for a in attempts)
 
 
 def explain(plan: Plan, attempts: Sequence[Attempt], parts: Parts) -> Iterator[Event]:
