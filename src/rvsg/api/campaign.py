@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import threading
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -376,9 +376,9 @@ class Campaign:
             for run_id in dict.fromkeys(ids):
                 yield ledger.run(run_id)
 
-    def summary(self) -> Summary:
-        """Return what was found so far as plain data."""
-        return summarise(self.plan, self.attempts())
+    def summary(self, attempts: Sequence[Attempt] | None = None) -> Summary:
+        """Return what was found so far as plain data, or what some of its attempts found."""
+        return summarise(self.plan, self.attempts() if attempts is None else attempts)
 
     @property
     def verdict(self) -> Verdict | None:

@@ -68,7 +68,8 @@ def read(workspace: Workspace, folder: str, name: str) -> State:
 
     def made() -> State:
         opened = rvsg.Campaign.open(path, name or None)
-        return State(opened, opened.attempts(), opened.summary())
+        attempts = opened.attempts()  # read once: a running campaign has more a moment later
+        return State(opened, attempts, opened.summary(attempts))
 
     found: State = workspace.kept(("campaign", folder, name), path, made)
     return found
