@@ -37,7 +37,7 @@ OBJECTIVE = 21
 STYLES = {
     Status.PASS: "green",
     Status.FAIL: "bold red",
-    Status.FLAKY: "yellow",
+    Status.FLAKY: "red",
     Status.INCONCLUSIVE: "dim",
     Status.UNJUDGED: "dim",
 }
