@@ -13,7 +13,7 @@ run: $(VENV)/.run ## install, run the first campaign on the shipped warehouse, c
 	$(BIN)/rvsg run --out runs/first
 
 test: $(VENV)/.dev ## install what development needs and run the fast tests
-	$(BIN)/python -m pytest -m "not slow"
+	$(BIN)/python -m pytest -m "not slow" -n 2 --dist loadfile
 
 test-slow: $(VENV)/.dev ## run the other tests: those that start processes or take long
 	$(BIN)/python -m pytest -m slow

@@ -15,6 +15,7 @@ from rvsg.api.config import CampaignConfig, effective, read_campaign_file
 from rvsg.cli import VERBS
 from rvsg.cli.frame import full_command
 from rvsg.cli.options import pairs
+from rvsg.simulation.stacks.registry import DEFAULT_STACK
 
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "campaign-file.md"
 
@@ -43,7 +44,7 @@ def test_the_help_of_an_option_names_the_true_default() -> None:
     config = CampaignConfig()
     told = {name: default[0] for name, default in shown.items() if default and name != "jobs"}
     assert {"world", "scenarios", "refinements", "repeats", "confirmations", "seed", "memory"} <= set(told)
-    derived = {"budget_runs": "scenarios x configurations x repeats"}
+    derived = {"budget_runs": "scenarios x configurations x repeats", "stack": DEFAULT_STACK}
     wrong = {name for name, default in told.items() if str(getattr(config, name)) != derived.get(name, default)}
     assert wrong <= derived.keys()
 

@@ -198,7 +198,7 @@ def test_an_answer_that_describes_nothing_is_told_and_kept(
         assert main([*describe, "--out", "d.yaml"]) == 2
     said = capsys.readouterr().err
     assert told in said
-    assert "kept in runs/describe-warehouse; to ask anew give another --record" in said
+    assert "kept in runs/describe-warehouse; to ask again give another --record" in said
     assert not Path("d.yaml").exists()
 
 

@@ -60,7 +60,7 @@ def test_the_next_prompt_of_a_campaign_is_of_what_its_store_keeps(
     small, out = [*SMALL, "--strategy", "study", "--store", "json"], tmp_path / "one"
     assert main(["run", *small, "--out", str(out)]) == 0
     assert main(["prompt", str(out)]) == 2
-    assert "the search is finished" in capsys.readouterr().err
+    assert "search is finished" in capsys.readouterr().err
     for file in sorted((out / "ledger.json").glob("*/0*.json"))[1:]:
         file.unlink()
     assert main(["prompt", str(out)]) == 0

@@ -50,6 +50,13 @@ def test_repairing_twice_changes_nothing_more(configuration: HumanConfiguration)
         assert repair(once, MISSION, WORLD) == (once, ())
 
 
+def test_tasks_of_one_waypoint_each_become_a_walk() -> None:
+    stops = tuple(Task(name="walk", path=(name,)) for name in ("A1", "A2"))
+    mended, _ = repair(HumanConfiguration(humans=(Human(name="Ada", tasks=stops),)), MISSION, WORLD)
+    assert {"A1", "A2"} <= {name for task in mended.humans[0].tasks for name in task.path}
+    assert check(mended, MISSION, WORLD) == ()
+
+
 def test_a_valid_configuration_comes_back_as_it_is() -> None:
     good = people(human(*GOOD))
     assert repair(good, MISSION, WORLD) == (good, ())

@@ -202,7 +202,7 @@ def _settings(document: Document, path: Path) -> dict[str, Any]:
     for key in ("world", "requirement", "robot", "stack"):
         if isinstance(values.get(key), list):
             values[key] = [_beside(path, name) for name in values[key]]
-        elif key in values:
+        elif isinstance(values.get(key), str):
             values[key] = _beside(path, values[key])
     return values
 

@@ -48,7 +48,7 @@ def run(
         typer.Option(help="study, climb, elite, hybrid, map-elites, unguided, random, a plug-in. [study]"),
     ] = None,
     simulator: Annotated[
-        str | None, typer.Option(help="embedded; kinematic: no physics; or a plug-in. [embedded]")
+        str | None, typer.Option(help="embedded; kinematic: no physics; ros2-world: your own; or a plug-in. [embedded]")
     ] = None,
     moved: Annotated[
         str | None,

@@ -120,11 +120,24 @@ class _Repairer:
             last = tasks[-1].path[-1] if tasks else None
             if (repaired := self.task(task, human.name, last)) is not None:
                 tasks.append(repaired)
+        if not tasks and (walk := self.walk_of_stops(human)) is not None:
+            tasks = [walk]
         if not tasks:
             return human
         tasks = self.chain(tasks, human.name)
         tasks = [self.pauses(task, human.name) for task in tasks]
         return human.model_copy(update={"tasks": tuple(tasks)})
+
+    def walk_of_stops(self, human: Human) -> Task | None:
+        """Return a walk between waypoints of tasks that hold one each, where no task by itself is a walk."""
+        stops = [name for task in human.tasks for name in self.names(task, human.name)]
+        others = frozenset(stops[1:]) - {stops[0]} if stops else frozenset()
+        way = nearest_of(stops[0], others, self.grid) if others else None
+        if way is None:
+            return None
+        walk = human.tasks[0].model_copy(update={"path": way, "start_area": None, "end_area": None})
+        self.record(human.name, walk.name, "joined: each task held one waypoint", human.tasks[0].path, way)
+        return walk
 
     def task(self, task: Task, human: str, came_from: str | None) -> Task | None:
         """Repair one task by itself; return None where it has to be dropped."""
