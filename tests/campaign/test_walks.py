@@ -47,13 +47,21 @@ def test_a_walk_is_followed_from_leg_to_leg_with_its_delay_and_pause() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("simulator", ["kinematic", "embedded"])
-def test_a_pause_at_the_first_waypoint_is_not_held_at_the_start(simulator: str) -> None:
-    human = paused(walker(), 0, 8.0)
+@pytest.mark.parametrize("asked", [True, False])
+def test_a_pause_is_held_at_the_start_only_where_the_first_task_asks_for_it(simulator: str, asked: bool) -> None:
+    human = walker()
+    if asked:
+        human = paused(human, 0, 8.0)
+    else:
+        last = human.tasks[-1]
+        assert last.path[-1] == human.tasks[0].path[0]
+        at_the_end = last.replace(pauses=(Pause(at=last.path[-1], duration_s=8.0),))
+        human = human.replace(tasks=(*human.tasks[:-1], at_the_end))
     run = plugins.make("simulator", simulator, {}).run(scenario(human), warehouse(), seed=1)
     path = run.trajectory
     k = int(path.t.searchsorted(3.0))
     moved = abs(path.human_x[k, 0] - path.human_x[0, 0]) + abs(path.human_y[k, 0] - path.human_y[0, 0])
-    assert moved > 1.0
+    assert (moved < 0.2) if asked else (moved > 1.0)
 
 
 def test_a_refinement_reads_a_table_the_best_and_all_that_was_tried() -> None:

@@ -151,7 +151,7 @@ REQUIREMENT = """mine:
 FORMULA = """mine:
   title: Keep away
   text: The robot keeps away from people.
-  formula: always[0, 20](gap > 0.3 or speed < 0.1)
+  formula: always[0, 20](distance_to_person > 0.3 or speed < 0.1)
 """
 
 

@@ -31,8 +31,8 @@ class Behaviour(str, Enum):
 class Pause(Record):
     """The human stands still at a waypoint of the task's path ("inspects for 5 s").
 
-    It begins whenever the human arrives there. At the first waypoint of the first task that is after every round, not
-    at the start of the run: `start_delay_s` waits there.
+    It begins whenever the human arrives there. At the start of the run it is held only where the first task asks for
+    it at its first waypoint; a pause at the end of the last task, the same place, is held after every round.
     """
 
     at: str
