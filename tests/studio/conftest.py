@@ -1,4 +1,4 @@
-"""A folder of work, the studio that serves it in a process of its own, and a headless Chromium."""
+"""A folder of work, the studio that serves it in a process of its own."""
 
 from __future__ import annotations
 
@@ -18,8 +18,6 @@ import pytest
 
 import rvsg
 
-CHROMIUM = next((path for name in ("chromium", "chromium-browser") if (path := shutil.which(name))), None)
-FLAGS = ("--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking")
 HOSTILE = "<img src=x onerror=alert(1)><script>alert(2)</script>"
 
 
@@ -64,17 +62,6 @@ def work(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for _ in campaign.run():
         pass
     return folder
-
-
-@pytest.fixture(scope="session")
-def browser() -> Iterator[Any]:
-    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-    if CHROMIUM is None:
-        pytest.skip("no chromium on this machine")
-    with playwright.sync_playwright() as driver:
-        started = driver.chromium.launch(executable_path=CHROMIUM, args=list(FLAGS))
-        yield started
-        started.close()
 
 
 @pytest.fixture
