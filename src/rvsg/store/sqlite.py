@@ -386,9 +386,12 @@ def _migrate(connection: sa.Connection, path: Path) -> None:
 
 def _version(connection: sa.Connection, path: Path) -> int:
     """Return how many migrations the file has seen; StoreError where it is not ours or newer."""
-    version = int(connection.exec_driver_sql("PRAGMA user_version").scalar_one())
-    application = int(connection.exec_driver_sql("PRAGMA application_id").scalar_one())
-    tables = int(connection.exec_driver_sql("SELECT count(*) FROM sqlite_master").scalar_one())
+    # One statement reads one state of the file: another process may be making it.
+    row = connection.exec_driver_sql(
+        "SELECT (SELECT user_version FROM pragma_user_version), (SELECT application_id FROM pragma_application_id), "
+        "(SELECT count(*) FROM sqlite_master)"
+    ).one()
+    version, application, tables = (int(value) for value in row)
     if application != APPLICATION_ID and (tables or version or application):
         raise StoreError(f"{path}: this is an SQLite file of another program, not an RVSG store. Choose another.")
     if version > len(MIGRATIONS):
