@@ -77,10 +77,10 @@ class SimulatedTrial:
         self.progress = progress
         self.cache = cache
         self._simulator: Simulator | None = None
+        self._is_prepared = False
 
     def drive(self, world: World, route: Route) -> Drive:
         """Drive a route once, with nobody about."""
-        simulator = self._prepared()
         patient = route.model_copy(update={"time_limit_s": min(PATIENCE * route.time_limit_s, LONGEST_S)})
         mission = Mission.of(world, patient, robot=self.robot or ROBOT)
         scenario = Scenario(mission=mission, people=HumanConfiguration(humans=()))
@@ -89,7 +89,7 @@ class SimulatedTrial:
         if known is not None:
             return known
         self.progress(f"Driving {route.name} {route.purpose}".rstrip() + ", with nobody about")
-        run = simulator.run(scenario, world, seed=SEED)
+        run = self._prepared().run(scenario, world, seed=SEED)
         path = run.trajectory
         drive = Drive(
             arrived=run.outcome is Outcome.REACHED,
@@ -114,22 +114,30 @@ class SimulatedTrial:
         key = content_id("hops", self._floor(world) | {"hops": [list(hop) for hop in hops], "where": where})
         known = self._known(key, _HOPS)
         if known is None:
+            self._prepared()
             self.progress(f"Walking the {len(hops)} hops beside obstacles, with nobody else about")
             known = tuple((way[0], way[1]) for way in alone.not_walked(world, hops))
             self._keep(key, known)
         return known
 
-    def _prepared(self) -> Simulator:
+    def _made(self) -> Simulator:
         if self._simulator is None:
             from rvsg.api.simulating import make_simulator
 
             self._simulator = make_simulator("embedded")
-            self._simulator.prepare(self.progress)
         return self._simulator
+
+    def _prepared(self) -> Simulator:
+        """Return the simulator ready to run; compiling it is not needed for results that are kept."""
+        simulator = self._made()
+        if not self._is_prepared:
+            simulator.prepare(self.progress)
+            self._is_prepared = True
+        return simulator
 
     def _floor(self, world: World) -> dict[str, object]:
         """Return what every result depends on."""
-        simulator = self._prepared()
+        simulator = self._made()
         robot = self.robot or load_robot(DEFAULT_ROBOT)
         return {
             "floor": world.floor_id,
