@@ -1,4 +1,4 @@
-"""A running ROS 2 navigation system: check it, and scale Nav2's parameters."""
+"""A running ROS 2 navigation system: check it; write and scale Nav2's parameters."""
 
 from __future__ import annotations
 
@@ -11,10 +11,21 @@ from rvsg.robots import Robot, load_robot
 from rvsg.robots.files import DEFAULT_ROBOT
 from rvsg.simulation.ros2.check import Found, check_system
 from rvsg.simulation.ros2.interfaces import RELEASES, Release
+from rvsg.simulation.ros2.nav2_file import nav2_text
 from rvsg.simulation.ros2.options import read_options
 from rvsg.simulation.ros2.scaling import Scaled, scale_file
+from rvsg.simulation.stacks.registry import StackChoice, StackLike
 
-__all__ = ["RELEASES", "Found", "Release", "Scaled", "check_ros2", "release_named", "scale_nav2_params"]
+__all__ = [
+    "RELEASES",
+    "Found",
+    "Release",
+    "Scaled",
+    "check_ros2",
+    "new_nav2_params",
+    "release_named",
+    "scale_nav2_params",
+]
 
 
 def check_ros2(
@@ -42,3 +53,23 @@ def release_named(name: str) -> Release:
 def scale_nav2_params(path: str | Path, speed: float, release: Release = "jazzy") -> Scaled:
     """Return Nav2 parameters for `speed` times real time, with every change and what cannot be scaled."""
     return scale_file(Path(path), speed, release)
+
+
+def new_nav2_params(
+    robot: Robot | str | Path = DEFAULT_ROBOT,
+    stack: StackLike = "nav2-dwb",
+    options: Mapping[str, Any] | None = None,
+    *,
+    release: Release = "jazzy",
+) -> str:
+    """Return the Nav2 parameter file of a robot, with the parameters that a built-in stack drives it with.
+
+    Args:
+        stack: nav2-dwb, nav2-rpp or nav2-mppi.
+        options: of that stack.
+
+    Raises:
+        InputError: the stack has no controller of Nav2.
+    """
+    given = robot if isinstance(robot, Robot) else load_robot(robot)
+    return nav2_text(given, StackChoice.of(stack, options).driver, release)

@@ -1,4 +1,4 @@
-"""`rvsg ros2`: check a running ROS 2 navigation, and scale Nav2's parameters for a faster clock."""
+"""`rvsg ros2`: check a running ROS 2 navigation, and write or scale Nav2's parameters."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from rvsg.cli import console
 from rvsg.cli.frame import verb
 from rvsg.cli.options import pairs
 
-app = verb(no_args_is_help=True, help="Check a running ROS 2 navigation, or scale Nav2's parameters.")
+app = verb(no_args_is_help=True, help="Check a running ROS 2 navigation; write or scale Nav2's parameters.")
 
 
 @app.command()
@@ -76,3 +76,28 @@ def params(
         console.say(f"{change.name}: {change.before} becomes {change.after}")
     for note in scaled.notes:
         console.say(f"note: {note}")
+
+
+@app.command("new-params")
+def new_params(
+    robot: Annotated[str, typer.Option(help="A shipped robot (`rvsg robots`) or a robot file.")] = "tiago_omni",
+    stack: Annotated[str, typer.Option(help="nav2-dwb, nav2-rpp or nav2-mppi: whose controller.")] = "nav2-dwb",
+    stack_option: Annotated[
+        list[str] | None, typer.Option(metavar="NAME=VALUE", help="An option of that stack.")
+    ] = None,
+    release: Annotated[str, typer.Option(help="humble, jazzy, kilted or lyrical.")] = "jazzy",
+    out: Annotated[Path | None, typer.Option(metavar="FILE", help="Write it there. [standard output]")] = None,
+) -> None:
+    """Write the Nav2 parameter file of a robot: what a built-in stack drives it with, for the real Nav2.
+
+    Frames and topics are those that the stack ros2 publishes, so `rvsg run --stack ros2` works with it at once.
+    """
+    from rvsg.api.files import write_whole
+    from rvsg.api.ros2 import new_nav2_params, release_named
+
+    text = new_nav2_params(robot, stack, pairs("stack", stack_option), release=release_named(release))
+    if out is None:
+        print(text, end="")
+    else:
+        write_whole(out, text)
+        console.say(f"wrote {out}")

@@ -1,0 +1,85 @@
+"""A parameter file that is written for a robot asks for exactly what the built-in stack does."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from rvsg.cli import main
+from rvsg.core.errors import InputError
+from rvsg.robots import load_robot
+from rvsg.robots.files import shipped_robots
+from rvsg.simulation.embedded.stack import stack_of
+from rvsg.simulation.ros2.nav2_file import nav2_text
+from rvsg.simulation.ros2.scaling import scale_file
+from rvsg.simulation.stacks.configured import Configured, Nav2Settings
+from rvsg.simulation.stacks.registry import StackChoice
+
+CONTROLLERS = {
+    "nav2-dwb": {"dwb": {"path_distance_scale": 20.0}},
+    "nav2-rpp": {"lookahead_dist": 0.8, "smoother": {"acceleration_m_s2": 1.5}},
+    "nav2-mppi": {"batch_size": 500, "CostCritic": {"cost_weight": 2.0}},
+}
+
+
+def driver(name: str, **options: object) -> Configured:
+    made = StackChoice.of(name, options).driver
+    assert isinstance(made, Configured)
+    return made
+
+
+@pytest.mark.parametrize("stack", CONTROLLERS)
+@pytest.mark.parametrize("name", sorted(shipped_robots()))
+def test_what_is_written_reads_back_as_the_same_stack(name: str, stack: str, tmp_path: Path) -> None:
+    robot, written = load_robot(name), driver(stack, **CONTROLLERS[stack])
+    file = tmp_path / "nav2_params.yaml"
+    file.write_text(nav2_text(robot, written, "jazzy"))
+    read = driver(str(file))
+    assert type(read) is type(written)
+    one, other = (stack_of(each.adapt(robot)) for each in (written, read))
+    assert [key for key in one._fields if not np.array_equal(getattr(one, key), getattr(other, key))] == []
+    own = type(written.settings).model_fields.keys() - Nav2Settings.model_fields.keys() - {"dwb"}
+    assert [key for key in own if getattr(written.settings, key) != getattr(read.settings, key)] == []
+
+
+def test_frames_topics_and_plug_ins_are_those_of_the_release() -> None:
+    made = {
+        release: yaml.safe_load(nav2_text(load_robot("tiago_omni"), driver("nav2-dwb"), release))
+        for release in ("humble", "jazzy")
+    }
+    local = made["jazzy"]["local_costmap"]["local_costmap"]["ros__parameters"]
+    assert [local[f"{name}_layer"][name]["topic"] for name in ("front", "rear")] == ["/scan", "/scan_rear"]
+    assert isinstance(local["width"], int)
+    spin = {key: values["behavior_server"]["ros__parameters"]["spin"]["plugin"] for key, values in made.items()}
+    assert spin == {"humble": "nav2_behaviors/Spin", "jazzy": "nav2_behaviors::Spin"}
+
+
+def test_it_can_be_scaled(tmp_path: Path) -> None:
+    file = tmp_path / "nav2_params.yaml"
+    file.write_text(nav2_text(load_robot("tiago_omni"), driver("nav2-rpp"), "jazzy"))
+    changed = {change.name: change.after for change in scale_file(file, 4.0, "jazzy").changes}
+    assert changed["controller_server.controller_frequency"] == 80.0
+    assert changed["controller_server.FollowPath.max_angular_accel"] == pytest.approx(12.8)
+    assert changed["velocity_smoother.max_accel"] == pytest.approx([10.0, 0.0, 12.8])
+
+
+@pytest.mark.parametrize(
+    ("stack", "options", "said"),
+    [("stop-and-go", {}, "no controller"), ("nav2-dwb", {"costmaps": {"local_size_m": 2.5}}, "whole metres")],
+)
+def test_what_nav2_cannot_do_is_refused(stack: str, options: dict[str, object], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        nav2_text(load_robot("tiago_omni"), driver(stack, **options), "jazzy")
+
+
+def test_the_verb_writes_the_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "own" / "nav2.yaml"
+    wanted = ["--robot", "turtlebot3_waffle", "--stack", "nav2-rpp", "--out", str(file)]
+    assert main(["ros2", "new-params", *wanted]) == 0
+    server = yaml.safe_load(file.read_text())["controller_server"]["ros__parameters"]
+    assert server["FollowPath"]["lookahead_dist"] == 0.6
+    assert main(["ros2", "new-params"]) == 0
+    assert "dwb_core::DWBLocalPlanner" in capsys.readouterr().out
