@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rvsg.simulation.embedded.navigation.costmap import outline_hits
+from rvsg.simulation.stacks import mppi_critics, mppi_work
 from rvsg.simulation.stacks import mppi_kernel as k
 from rvsg.simulation.stacks.mppi import Mppi
 from rvsg.stacks import StackChoice
@@ -16,13 +18,15 @@ SQUARE = np.array([(0.2, 0.2), (-0.2, 0.2), (-0.2, -0.2), (0.2, -0.2)])
 PLAN = np.column_stack([np.linspace(1.5, 4.0, 101), np.full(101, 1.5)])
 
 
-def prepared(samples: int = 400, **options: Any) -> tuple[k.Numbers, k.Work]:
+def prepared(samples: int = 400, **options: Any) -> tuple[mppi_work.Numbers, mppi_work.Work]:
     stack = Mppi(batch_size=samples, **options)
     p = stack._of(SQUARE, 100.0, 0.05)
-    return p, k.new_work(stack.settings.time_steps, samples, np.random.default_rng(1), p)
+    return p, mppi_work.new_work(stack.settings.time_steps, samples, np.random.default_rng(1), p)
 
 
-def drive(p: k.Numbers, m: k.Work, cells: np.ndarray[Any, Any], *, ticks: int = 60) -> list[tuple[float, float, bool]]:
+def drive(
+    p: mppi_work.Numbers, m: mppi_work.Work, cells: np.ndarray[Any, Any], *, ticks: int = 60
+) -> list[tuple[float, float, bool]]:
     """Follow the plan for some ticks in a costmap that stays; return the places, and whether each had a command."""
     x, y, yaw, v, w = 1.5, 1.5, 0.0, 0.0, 0.0
     track = []
@@ -42,7 +46,7 @@ def free() -> np.ndarray[Any, Any]:
 def test_the_rollout_integrates_the_sampled_controls() -> None:
     p, m = prepared(50)
     m.control[0], m.control[1] = 0.4, 0.3
-    k.roll_out(m, 0.7, 0.2, -0.1, p)
+    k.roll_out(m, 0, 50, 0.7, 0.2, -0.1, p)
     for b in (0, 49):
         v, w, x, y, yaw = 0.2, -0.1, 0.0, 0.0, 0.7
         for step in range(56):
@@ -55,7 +59,7 @@ def test_the_rollout_integrates_the_sampled_controls() -> None:
 
 def test_the_mean_is_weighted_by_the_scores() -> None:
     p, m = prepared(64, gamma=0.0)
-    k.roll_out(m, 0.0, 0.0, 0.0, p)
+    k.roll_out(m, 0, 64, 0.0, 0.0, 0.0, p)
     m.costs[:] = np.linspace(0.0, 2.0, 64, dtype=np.float32)
     weights = np.exp(-m.costs.astype(float) / 0.3)
     k.average(m, p)
@@ -93,6 +97,31 @@ def test_where_every_trajectory_collides_there_is_no_command(free: np.ndarray[An
     p, m = prepared()
     assert not k.optimise(m, PLAN, np.full_like(free, 254), 0.0, 0.0, 0.05, 1.5, 1.5, 0.0, 0.0, 0.0, 0.0, 1, p)[0]
     assert not m.control.any()
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.4, 2.2])
+def test_the_outline_is_checked_as_point_by_point(yaw: float) -> None:
+    rng = np.random.default_rng(3)
+    cells = np.where(rng.random((40, 50)) < 0.01, 254, 100).astype(np.uint8)
+    away, points = mppi_critics.clearances(cells), mppi_critics.rim(SQUARE, 0.05)
+    lethal = np.argwhere(np.pad(np.where(cells == 254, 1, 0), 1, constant_values=1))
+    assert away[7, 9] == min(np.abs(lethal - (7, 9)).max(axis=1))
+    found = []
+    for x, y in rng.uniform(2.0, 38.0, (300, 2)):
+        found.append(mppi_critics.rim_hits(away, points, x, y, yaw))
+        assert found[-1] == outline_hits(cells, SQUARE, x, y, yaw, 0.05)
+    assert 0 < sum(found) < 300
+
+
+def test_a_trajectory_is_aligned_with_the_nearest_point_along_the_path() -> None:
+    path = np.column_stack([np.cumsum(np.random.default_rng(5).uniform(0.001, 0.06, 40)), np.zeros(40)])
+    nearest, middles = mppi_critics.nearest_along(path, 40)
+    along = path[:, 0] - path[0, 0]
+    for driven in np.linspace(0.0, along[-1] + 0.2, 500):
+        near = nearest[min(int(driven / mppi_critics.BIN_M), nearest.size - 1)]
+        while driven >= middles[near]:
+            near += 1
+        assert near == np.argmin(np.abs(along - driven))
 
 
 def test_critics_are_options_by_their_names() -> None:

@@ -20,7 +20,8 @@ from rvsg.core.seeds import stream
 from rvsg.robots import Robot
 from rvsg.robots.polygons import distance, padded, reach
 from rvsg.simulation.stacks.configured import Configured, Nav2Settings
-from rvsg.simulation.stacks.mppi_kernel import Numbers, Work, new_work, optimise
+from rvsg.simulation.stacks.mppi_kernel import optimise
+from rvsg.simulation.stacks.mppi_work import Numbers, bind, new_work
 from rvsg.simulation.stacks.protocol import LocalObservation, StackError, Task
 
 Floats = NDArray[np.float64]
@@ -144,9 +145,9 @@ class Mppi(Configured):
     """Nav2 with MPPI as local planner."""
 
     name: ClassVar[str] = "nav2-mppi"
+    version = "2"
     title: ClassVar[str] = "Nav2 (Kilted) with MPPI, NavFn and the default behaviour tree"
     Settings: ClassVar[type[Nav2Settings]] = MppiSettings
-    _work: Work
 
     def prepare(self, tell: Callable[[str], None]) -> None:
         """Compile or load the kernels."""
@@ -154,8 +155,8 @@ class Mppi(Configured):
         p = self._of(np.array(square), 1.0, 0.05)
         plan = np.column_stack([np.linspace(1.0, 2.0, 40), np.ones(40)])
         cells = np.zeros((60, 60), np.uint8)
-        work = new_work(self.settings.time_steps, 10, np.random.default_rng(0), p)
-        optimise(work, plan, cells, 0.0, 0.0, 0.05, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1, p)
+        work, numbers = bind(new_work(self.settings.time_steps, 10, np.random.default_rng(0), p), p)
+        optimise(work, plan, cells, 0.0, 0.0, 0.05, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1, numbers)
 
     def reset(self, task: Task) -> None:
         """Draw the noise of the run."""
@@ -165,8 +166,9 @@ class Mppi(Configured):
                 f"the controller period ({task.period_s:g} s) is longer than model_dt ({s.model_dt:g} s); set it equal"
             )
         outline = padded(task.robot.footprint, task.robot.padding_m)
-        self._numbers = self._of(np.array(outline, np.float64), _cost_at_reach(task.robot), task.period_s)
-        self._work = new_work(s.time_steps, s.batch_size, stream(task.seed, "stack/mppi"), self._numbers)
+        numbers = self._of(np.array(outline, np.float64), _cost_at_reach(task.robot), task.period_s)
+        work = new_work(s.time_steps, s.batch_size, stream(task.seed, "stack/mppi"), numbers)
+        self._work, self._numbers = bind(work, numbers)
 
     def command(self, seen: LocalObservation) -> tuple[float, float] | None:
         """Return the optimised command; None where every sampled trajectory collides."""

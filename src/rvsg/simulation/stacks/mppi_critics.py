@@ -1,0 +1,345 @@
+"""The critics of MPPI: what each of the rolled out trajectories costs."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rvsg.core.compiled import kernel
+from rvsg.simulation.embedded.base import wrap
+from rvsg.simulation.stacks.mppi_work import Floats, Numbers, Singles, Work
+
+Bytes = NDArray[np.uint8]
+
+F = np.float32
+INSCRIBED, LETHAL = 253, 254
+COLLIDES = F(-1.0)
+BIN_M = 0.0025
+"""Resolution of the table of the nearest points of a path."""
+
+
+@kernel
+def add_beyond(costs: Singles, v: Singles, w: Singles, low: float, high: float, beyond: float, forward: float,
+               twirl: float) -> None:  # fmt: skip
+    """Add what the speeds of a step cost."""
+    least, most, one, two, three, zero = F(low), F(high), F(beyond), F(forward), F(twirl), F(0.0)
+    for b in range(costs.size):
+        costs[b] += (
+            one * (max(v[b] - most, zero) + max(least - v[b], zero)) + two * max(-v[b], zero) + three * abs(w[b])
+        )
+
+
+@kernel
+def add_effort(costs: Singles, v: Singles, middle: float, gamma: float) -> None:
+    """Add what the distance of sampled controls from the sequence costs."""
+    wanted, factor = F(middle), F(gamma * middle)
+    for b in range(costs.size):
+        costs[b] += factor * (v[b] - wanted)
+
+
+@kernel
+def score_speeds(m: Work, begin: int, end: int, to_goal: float, p: Numbers) -> None:
+    """ConstraintCritic, PreferForwardCritic, TwirlingCritic, and the distance of the samples from the sequence."""
+    steps = m.x.shape[0]
+    forward = p.forward * p.dt if to_goal >= p.forward_m else 0.0
+    costs = m.costs[begin:end]
+    for k in range(steps):
+        v, w = m.v[k, begin:end], m.w[k, begin:end]
+        add_beyond(costs, v, w, p.v_min, p.v_max, p.constraint * p.dt, forward, p.twirl / steps)
+        add_effort(costs, m.v[k + 1, begin:end], m.control[0, k], p.gamma / (p.v_std * p.v_std))
+        add_effort(costs, m.w[k + 1, begin:end], m.control[1, k], p.gamma / (p.w_std * p.w_std))
+
+
+@kernel
+def cell_scores(cells: Bytes, near_goal: bool, p: Numbers) -> Singles:
+    """Return what a cell costs a trajectory, as a flat grid with a border around it.
+
+    COLLIDES: it collides there; below: the outline has to be checked, and the cost is COLLIDES - 1 less that.
+    """
+    rows, columns = cells.shape
+    scores = np.full((rows + 2) * (columns + 2), COLLIDES, np.float32)
+    for row in range(rows):
+        for column in range(columns):
+            cost = cells[row, column]
+            if cost >= LETHAL or (cost == INSCRIBED and not p.outline):
+                continue
+            score = F(0.0) if near_goal else F(cost)
+            if cost >= p.near_collision:
+                score = F(p.critical)
+            if p.outline and cost >= max(p.possible, 1.0):
+                score = COLLIDES - F(1.0) - score
+            scores[(row + 1) * (columns + 2) + column + 1] = score
+    return scores
+
+
+@kernel
+def look_up(found: Singles, x: Singles, y: Singles, scores: Singles, fx: np.float32, fy: np.float32, scale: np.float32,
+            columns: int, rows: int) -> None:  # fmt: skip
+    """Read the scores of the cells at relative positions; the border stands for everything off the costmap."""
+    right, top, zero = F(columns), F(rows), F(0.0)
+    width = np.uint32(columns + 2)
+    for b in range(found.size):
+        cx, cy = x[b] * scale + fx, y[b] * scale + fy
+        column = np.uint32(min(max(cx, zero), right)) + np.uint32(cx >= zero)
+        row = np.uint32(min(max(cy, zero), top)) + np.uint32(cy >= zero)
+        found[b] = scores[row * width + column]
+
+
+@kernel
+def clearances(cells: Bytes) -> NDArray[np.int64]:
+    """Return how many cells away, diagonals included, the nearest lethal cell or the outside of the costmap is."""
+    rows, columns = cells.shape
+    away = np.zeros((rows + 2, columns + 2), np.int64)
+    for row in range(1, rows + 1):
+        for column in range(1, columns + 1):
+            if cells[row - 1, column - 1] != LETHAL:
+                least = min(away[row - 1, column - 1], away[row - 1, column])
+                away[row, column] = 1 + min(least, min(away[row - 1, column + 1], away[row, column - 1]))
+    for row in range(rows, 0, -1):
+        for column in range(columns, 0, -1):
+            least = min(away[row + 1, column + 1], away[row + 1, column])
+            least = 1 + min(least, min(away[row + 1, column - 1], away[row, column + 1]))
+            away[row, column] = min(away[row, column], least)
+    return away
+
+
+@kernel
+def rim(footprint: Floats, side: float) -> Floats:
+    """Return points along the outline of a footprint less than half a cell apart, (N, 2) in cells."""
+    corners = footprint.shape[0]
+    steps = np.zeros(corners, np.int64)
+    for k in range(corners):
+        ax, ay = footprint[k] / side
+        bx, by = footprint[(k + 1) % corners] / side
+        steps[k] = int(2.0 * math.hypot(bx - ax, by - ay)) + 1
+    points = np.zeros((steps.sum(), 2))
+    at = 0
+    for k in range(corners):
+        a, b = footprint[k] / side, footprint[(k + 1) % corners] / side
+        for i in range(steps[k]):
+            points[at] = a + i / steps[k] * (b - a)
+            at += 1
+    return points
+
+
+@kernel
+def rim_hits(away: NDArray[np.int64], points: Floats, x: float, y: float, yaw: float) -> bool:
+    """Whether the outline at a pose (cells) leaves the costmap or runs over a lethal cell.
+
+    Where the nearest such cell is d cells away, none is hit within the next d - 1 cells of the outline.
+    """
+    rows, columns = away.shape
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    i = 0
+    while i < points.shape[0]:
+        px = x + points[i, 0] * cos - points[i, 1] * sin
+        py = y + points[i, 0] * sin + points[i, 1] * cos
+        if not (0.0 <= px < columns - 2 and 0.0 <= py < rows - 2):
+            return True
+        clear = away[int(py) + 1, int(px) + 1]
+        if clear == 0:
+            return True
+        i += max(1, 2 * (clear - 1))
+    return False
+
+
+@kernel
+def add_scores(total: Singles, found: Singles) -> None:
+    """Add the scores that are none of a collision or of an outline to check."""
+    zero = F(0.0)
+    for b in range(total.size):
+        total[b] += max(found[b], zero)
+
+
+@kernel
+def add_distance(sums: Singles, x: Singles, y: Singles, px: float, py: float, factor: float) -> None:
+    """Add the distances from a point times a factor."""
+    tx, ty, weight = F(px), F(py), F(factor)
+    for b in range(sums.size):
+        dx, dy = x[b] - tx, y[b] - ty
+        sums[b] += weight * np.sqrt(dx * dx + dy * dy)
+
+
+class Ground(NamedTuple):
+    """The local costmap as the trajectories are scored on it; its origin is relative to the robot."""
+
+    scores: Singles
+    """See `cell_scores`."""
+    away: NDArray[np.int64]
+    """See `clearances`."""
+    rim: Floats
+    """See `rim`."""
+    x: float
+    """The robot's column, with its fraction."""
+    y: float
+    per_m: float
+
+
+@kernel
+def score_costmap(m: Work, begin: int, end: int, ground: Ground, p: Numbers) -> int:
+    """CostCritic; return how many trajectories collide."""
+    steps = m.x.shape[0]
+    rows, columns = ground.away.shape
+    strided = (steps - 1) // p.cost_step + 1
+    total, hit, found = m.scratch[0, begin:end], m.scratch[1, begin:end], m.scratch[2, begin:end]
+    total[:] = F(0.0)
+    hit[:] = F(0.0)
+    fx, fy, scale = F(ground.x), F(ground.y), F(ground.per_m)
+    for j in range(strided):
+        k = j * p.cost_step
+        x, y, yaw = m.x[k, begin:end], m.y[k, begin:end], m.yaw[k, begin:end]
+        look_up(found, x, y, ground.scores, fx, fy, scale, columns - 2, rows - 2)
+        add_scores(total, found)
+        for b in range(total.size):
+            if found[b] >= 0.0 or hit[b] != 0.0:
+                continue
+            column, row = x[b] * scale + fx, y[b] * scale + fy
+            if found[b] == COLLIDES or rim_hits(ground.away, ground.rim, column, row, yaw[b]):
+                hit[b] = F(1.0)
+            else:
+                total[b] += COLLIDES - F(1.0) - found[b]
+    weight = F(p.cost / 254.0 / strided)
+    colliding = 0
+    for b in range(total.size):
+        if hit[b] != 0.0:
+            total[b] = F(p.collision)
+            colliding += 1
+        m.costs[begin + b] += weight * total[b]
+    return colliding
+
+
+@kernel
+def score_goal(
+    m: Work, begin: int, end: int, gx: float, gy: float, goal_yaw: float, to_goal: float, p: Numbers
+) -> None:
+    """GoalCritic and GoalAngleCritic: mean distance from the goal and from its yaw."""
+    steps = m.x.shape[0]
+    if to_goal < p.goal_m:
+        for k in range(steps):
+            add_distance(m.costs[begin:end], m.x[k, begin:end], m.y[k, begin:end], gx, gy, p.goal / steps)
+    if to_goal < p.goal_angle_m:
+        weight = F(p.goal_angle / steps)
+        for k in range(steps):
+            for b in range(begin, end):
+                m.costs[b] += weight * F(abs(wrap(goal_yaw - m.yaw[k, b])))
+
+
+@kernel
+def furthest_point(m: Work, path: Floats) -> int:
+    """Return the farthest point of the path that is the nearest one to the end of some trajectory."""
+    count = path.shape[0]
+    last = m.x.shape[0] - 1
+    best = 0
+    px, py = path[:, 0].astype(np.float32), path[:, 1].astype(np.float32)
+    for b in range(m.x.shape[1]):
+        ex, ey = m.x[last, b], m.y[last, b]
+        nearest = best
+        square = (px[best] - ex) * (px[best] - ex) + (py[best] - ey) * (py[best] - ey)
+        for k in range(best + 1, count):
+            away = (px[k] - ex) * (px[k] - ex) + (py[k] - ey) * (py[k] - ey)
+            if away < square:
+                square, nearest = away, k
+        best = nearest
+    return best
+
+
+@kernel
+def free_points(path: Floats, cells: Bytes, ox: float, oy: float, side: float) -> NDArray[np.bool_]:
+    """Return which points of the path a robot's centre may be at."""
+    free = np.zeros(path.shape[0], np.bool_)
+    for k in range(path.shape[0]):
+        column, row = (path[k, 0] - ox) / side, (path[k, 1] - oy) / side
+        if 0.0 <= column < cells.shape[1] and 0.0 <= row < cells.shape[0]:
+            free[k] = cells[int(row), int(column)] < INSCRIBED
+    return free
+
+
+@kernel
+def nearest_along(path: Floats, count: int) -> tuple[NDArray[np.int64], Singles]:
+    """Return which of the first points of a path is nearest to a distance along it.
+
+    That is the point which the first array holds for the distance in units of BIN_M, or one of the next: `middles` has
+    the distance at which the next point becomes the nearest.
+    """
+    middles = np.full(count, np.inf, np.float32)
+    along = 0.0
+    for k in range(1, count):
+        step = math.hypot(path[k, 0] - path[k - 1, 0], path[k, 1] - path[k - 1, 1])
+        middles[k - 1] = F(along + 0.5 * step)
+        along += step
+    nearest = np.zeros(int(along / BIN_M) + 2, np.int64)
+    for i in range(1, nearest.size):
+        k = nearest[i - 1]
+        while F(i * BIN_M) >= middles[k]:
+            k += 1
+        nearest[i] = k
+    return nearest, middles
+
+
+@kernel
+def add_steps(sums: Singles, x: Singles, y: Singles, last_x: Singles, last_y: Singles) -> None:
+    """Add the distances between two rows of positions."""
+    for b in range(sums.size):
+        dx, dy = x[b] - last_x[b], y[b] - last_y[b]
+        sums[b] += np.sqrt(dx * dx + dy * dy)
+
+
+@kernel
+def score_alignment(m: Work, path: Floats, free: NDArray[np.bool_], count: int, p: Numbers) -> None:
+    """PathAlignCritic: mean distance from the point of the path as far along it as the trajectory has come."""
+    steps, samples = m.x.shape
+    occupied = 0
+    for k in range(count):
+        if not free[k]:
+            occupied += 1
+        if occupied > 2 and occupied / count > p.align_occupied:
+            return
+    nearest, middles = nearest_along(path, count)
+    px, py = path[:count, 0].astype(np.float32), path[:count, 1].astype(np.float32)
+    strided = (steps - 1) // p.align_step + 1
+    driven, total, seen = m.scratch[0], m.scratch[1], m.scratch[2]
+    driven[:] = F(0.0)
+    total[:] = F(0.0)
+    seen[:] = F(0.0)
+    per, last = F(1.0 / BIN_M), nearest.size - 1
+    for j in range(1, strided):
+        k = j * p.align_step
+        add_steps(driven, m.x[k], m.y[k], m.x[k - p.align_step], m.y[k - p.align_step])
+        for b in range(samples):
+            near = nearest[min(int(driven[b] * per), last)]
+            while driven[b] >= middles[near]:
+                near += 1
+            if free[near]:
+                dx, dy = px[near] - m.x[k, b], py[near] - m.y[k, b]
+                total[b] += np.sqrt(dx * dx + dy * dy)
+                seen[b] += F(1.0)
+    weight = F(p.align)
+    for b in range(samples):
+        if seen[b] > 0.0:
+            m.costs[b] += weight * total[b] / seen[b]
+
+
+@kernel
+def score_path(m: Work, path: Floats, free: NDArray[np.bool_], yaw0: float, to_goal: float, p: Numbers) -> None:
+    """PathAlignCritic, PathFollowCritic and PathAngleCritic."""
+    samples = m.x.shape[1]
+    last = m.x.shape[0] - 1
+    end = path.shape[0] - 1
+    furthest = furthest_point(m, path)
+    if p.align > 0.0 and to_goal >= p.align_m and furthest >= p.align_offset:
+        score_alignment(m, path, free, furthest, p)
+    if p.follow > 0.0 and to_goal >= p.follow_m and end > 0:
+        at = min(furthest + p.follow_offset, end)
+        while at < end - 1 and not free[at]:
+            at += 1
+        add_distance(m.costs, m.x[last], m.y[last], path[at, 0], path[at, 1], p.follow)
+    if p.angle > 0.0 and to_goal >= p.angle_m:
+        at = min(furthest + p.angle_offset, end)
+        tx, ty = path[at, 0], path[at, 1]
+        if abs(wrap(math.atan2(ty, tx) - yaw0)) >= p.angle_max:
+            for b in range(samples):
+                towards = math.atan2(ty - m.y[last, b], tx - m.x[last, b])
+                m.costs[b] += F(p.angle * abs(wrap(towards - m.yaw[last, b])))
