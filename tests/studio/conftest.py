@@ -107,6 +107,21 @@ def _inside(url: str, studio: Server) -> bool:
     return url.startswith((studio.base, studio.base.replace("http", "ws"), "data:", "blob:"))
 
 
+def confirmed(folder: Path) -> int:
+    """The first confirmation of the campaign of the folder."""
+    attempts = rvsg.Campaign.open(folder / "runs" / "first").attempts()
+    return next(a.index for a in attempts if a.purpose == "confirmation")
+
+
+def waited(holds: Callable[[], Any], *, seconds: float = 300.0) -> Any:
+    """Return what holds as soon as it does; a slow machine is waited for, a broken page is not for ever."""
+    end = time.monotonic() + seconds
+    while not (found := holds()):
+        assert time.monotonic() < end, "it does not come true"
+        time.sleep(0.1)
+    return found
+
+
 def axe_violations(tab: Any) -> list[Any]:
     axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe-playwright-python is not installed")
     found = axe.Axe().run(tab).response["violations"]

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from typing import Any
 
 import pytest
 import yaml
-from tests.studio.conftest import HOSTILE, Server, axe_violations
+from tests.studio.conftest import HOSTILE, Server, axe_violations, confirmed, waited
 
 import rvsg
 from rvsg.api.notes import notes_of
@@ -25,11 +24,6 @@ SETTINGS = {
     "confirmations": 2,
     "out": "runs/new",
 }
-
-
-def confirmed(folder: Any) -> int:
-    attempts = rvsg.Campaign.open(folder / "runs" / "first").attempts()
-    return next(a.index for a in attempts if a.purpose == "confirmation")
 
 
 @pytest.mark.parametrize(("width", "scheme"), [(1280, "dark"), (390, "light")])
@@ -107,12 +101,13 @@ def test_a_finding_is_replayed_noted_and_simulated_again(show: Show, studio: Ser
     tab.get_by_text("Kept in notes.yaml").wait_for(timeout=PATIENT)
     scenario = rvsg.Campaign.open(studio.folder / "runs" / "first").attempts()[index].proposal.scenario
     assert scenario is not None
-    for _ in range(300):
-        kept = notes_of(studio.folder / "runs" / "first").findings.get(scenario.id)
-        if kept and kept.comment and kept.status == "accepted":
-            break
-        time.sleep(0.1)
-    assert kept is not None and (kept.comment, kept.status) == (HOSTILE, "accepted")
+    identity = scenario.id
+
+    def kept() -> tuple[str, str]:
+        found = notes_of(studio.folder / "runs" / "first").findings.get(identity)
+        return (found.comment, found.status) if found else ("", "")
+
+    waited(lambda: kept() == (HOSTILE, "accepted"))
     tab.get_by_role("button", name="30 more runs").click()
     line = tab.locator(".st-job", has_text="30 more runs")
     line.get_by_role("link", name="Replay these runs").wait_for(timeout=PATIENT)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rvsg.api.records import holds_runs, read_runs
 from rvsg.api.scenarios import check_valid, load_scenario_in
@@ -17,7 +17,7 @@ from rvsg.core.inputs import parse_json, read_text
 from rvsg.core.plugins import Spec
 from rvsg.exchange.bag import write_bag
 from rvsg.exchange.ros_types import rosbags_types
-from rvsg.report.trace_view import FORMAT, trace_json
+from rvsg.report.trace_view import FORMAT, VERSION, trace_json
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.archive import PackedRun, rounded
 from rvsg.simulation.embedded.simulator import EmbeddedSimulator
@@ -26,11 +26,15 @@ from rvsg.simulation.run import Run
 from rvsg.simulation.stacks.registry import StackLike
 from rvsg.world.world import World
 
+if TYPE_CHECKING:
+    from rvsg.api.campaign import Campaign
+
 TRACES = "traces"
 """The folder beside a report in which the report finds traces."""
 SUFFIX = ".trace.json"
 MOST_IN_A_PAGE = 1_500_000
 """Bytes of traces that a page holds; it opens further ones from their files."""
+HEAD = ("format", "version", "run")
 OF_RECORD = ("version", "default_robot")
 """Options of a stored run that the simulator adds by itself."""
 
@@ -58,7 +62,12 @@ class Traced:
         if path.suffix == ".mcap":
             write_bag(self.run, self.world, path, trace=self.trace)
         else:
-            write_whole(path, trace_json(self.trace, self.world))
+            write_whole(path, trace_text(self))
+
+
+def trace_text(traced: Traced) -> str:
+    """Return a trace as the file that the replay shows."""
+    return trace_json(traced.trace, traced.world)
 
 
 def check_trace_file(path: Path, *, bag_only: bool = False) -> None:
@@ -173,17 +182,53 @@ def _of_campaign(source: Path, run: str | None, world: str | None, on_message: C
     from rvsg.api.filming import worst_run
 
     campaign = Campaign.open(source)
-    attempts = [attempt for attempt in campaign.attempts() if attempt.measurements]
-    known = {m.run_id: attempt for attempt in attempts for m in attempt.measurements}
     if run is None:
-        run = worst_run(campaign, attempts)[1].run_id
+        run = worst_run(campaign, [attempt for attempt in campaign.attempts() if attempt.measurements])[1].run_id
+    return trace_in_campaign(campaign, run, load_world(world) if world is not None else None, on_message=on_message)
+
+
+def trace_in_campaign(
+    campaign: Campaign, run: str, world: World | None = None, *, on_message: Callable[[str], None] = ignore
+) -> Traced:
+    """Trace a run of a campaign.
+
+    Args:
+        world: the world, where it was moved.
+
+    Raises:
+        InputError: the run cannot be repeated.
+        UnknownName: the campaign has no run of that id.
+    """
+    known = {m.run_id: attempt for attempt in campaign.attempts() for m in attempt.measurements}
     if run not in known:
         raise UnknownName("run", run, known)
     scenario = known[run].proposal.scenario
     assert scenario is not None, "an attempt with runs has a scenario"
-    place = campaign.world if world is None else load_world(world)
-    stored = next(each for each in campaign.runs() if each.id == run)
-    return trace_again(stored, scenario, place, on_message=on_message)
+    with campaign.reading() as ledger:
+        stored = ledger.run(run)
+    return trace_again(stored, scenario, world or campaign.world, on_message=on_message)
+
+
+def kept_trace(campaign: Campaign, run: str, *, on_message: Callable[[str], None] = ignore) -> str:
+    """Return the trace of a run as its file for the replay; made and kept beside the report where there is none yet.
+
+    Raises:
+        InputError: the run cannot be repeated.
+        UnknownName: the campaign has no run of that id.
+    """
+    known = {m.run_id for attempt in campaign.attempts() for m in attempt.measurements}
+    if run not in known:
+        raise UnknownName("run", run, known)
+    path = trace_file_beside(campaign.folder, run)
+    if path.is_file():
+        text = read_text(path)
+        value = parse_json(text, path)
+        if isinstance(value, dict) and [value.get(key) for key in HEAD] == [FORMAT, VERSION, run]:
+            return text
+    traced = trace_in_campaign(campaign, run, on_message=on_message)
+    path.parent.mkdir(exist_ok=True)
+    write_whole(path, text := trace_text(traced))
+    return text
 
 
 def traces_beside(page: Path, runs: Collection[str]) -> list[Mapping[str, Any]]:

@@ -13,6 +13,7 @@ from nicegui import run
 from rvsg.api.errors import RvsgError
 from rvsg.api.showing import component, look
 from rvsg.studio import answers
+from rvsg.studio.tracing import trace
 from rvsg.studio.workspace import Workspace
 
 LARGEST = 2_000_000
@@ -41,7 +42,7 @@ def add_data(app: FastAPI, workspace: Workspace) -> None:
 
     for name, answer in answers.ANSWERS.items():
         app.add_api_route(f"/data/{name}", _asked(workspace, answer), methods=["GET"])
-    for name, answer in answers.CHANGES.items():
+    for name, answer in {**answers.CHANGES, "trace": trace}.items():
         app.add_api_route(f"/data/{name}", _sent(workspace, answer), methods=["POST"])
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import shlex
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -121,7 +123,9 @@ def lay_out(made: Page, shown: Shown) -> None:
     with tag("section", aria_labelledby="replay-title"):
         tag("h2", "Replay", id="replay-title")
         where = address("/data/replay", campaign=shown.folder, name=shown.campaign.name, attempt=shown.attempt.index)
-        tag("div", data_studio="replay", data_url=where, data_keys="page", id="replay")
+        traced = json.dumps({"campaign": shown.folder, "name": shown.campaign.name})
+        tag("div", data_studio="replay", data_url=where, data_keys="page", data_trace=traced, id="replay")
+        made.command("Trace a run", f"rvsg trace {shlex.quote(shown.folder)} --run RUN")
     with tag("div", cls="st-two"):
         _happened(shown)
         _note(made, shown)

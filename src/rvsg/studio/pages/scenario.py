@@ -57,5 +57,7 @@ def add(workspace: Workspace) -> None:
     async def runs(file: str = "", scenario: str = "", campaign: str = "") -> None:
         with page(workspace, file or "Runs", wide=True) as made:
             where = address("/data/runs", file=file, scenario=scenario, campaign=campaign or None)
-            tag("div", data_studio="replay", data_url=where, data_keys="page", id="replay")
+            traced = json.dumps({"file": file, "scenario": scenario})
+            tag("div", data_studio="replay", data_url=where, data_keys="page", data_trace=traced, id="replay")
             made.command("Judge", f"rvsg evaluate {file} --scenario {scenario}")
+            made.command("Trace a run", f"rvsg trace {file} --scenario {scenario} --run RUN --out RUN.trace.json")

@@ -31,7 +31,27 @@
     html(element, "p", { class: "st-message st-wrong" }, error.message);
   }
 
-  /* The replay of the static report: data-url gives its data, data-play starts it, data-keys="page" listens everywhere. */
+  /** Let a run of a replay be simulated again with everything recorded, and show that as layers. */
+  function tracing(replay, source) {
+    const traces = rvsgReplay.traces(replay, {}), make = html(replay.tools, "button", { type: "button", class: "st-button st-small" }), note = html(replay.tools, "span", { role: "status", class: "rp-note" });
+    let busy = null;
+    function show() {
+      const run = replay.state().run, done = traces.runs().includes(run);
+      make.textContent = busy === run ? "Tracing\u2026" : done ? "This run is traced" : "Trace this run: lidar, costmaps, plans, recoveries";
+      make.disabled = done || busy !== null;
+    }
+    make.addEventListener("click", function () {
+      const run = busy = replay.state().run;
+      note.textContent = ""; show();
+      send("/data/trace", Object.assign({ run: run }, source)).then(traces.add).catch(function (error) { note.textContent = error.message; })
+        .then(function () { busy = null; show(); });
+    });
+    replay.element.addEventListener("replaychange", function () { note.textContent = ""; show(); });
+    show();
+  }
+
+  /* The replay of the static report: data-url gives its data, data-play starts it, data-keys="page" listens everywhere,
+     data-trace (JSON) names the campaign or the files of runs of which a run can be traced. */
   parts.replay = function (element) {
     let shown = null, wanted = 0;
     const host = html(element, "div", {});
@@ -45,6 +65,7 @@
         shown = rvsgReplay.mount(host, data, { keys: element.dataset.keys === "page" ? document : host });
         element.replay = shown;
         if (!shown) return;
+        if (element.dataset.trace) tracing(shown, JSON.parse(element.dataset.trace));
         return shown.ready().then(function () {
           if (element.dataset.play !== undefined) { shown.seek(0); shown.play(); }
           element.dataset.ready = "true";

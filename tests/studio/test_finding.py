@@ -1,0 +1,130 @@
+"""What can be done with a finding: traces, shrinking, runs without people, exports, status."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+import yaml
+from tests.studio.conftest import Server, axe_violations, confirmed, waited
+
+import rvsg
+from rvsg.api.notes import STATES, notes_of
+from rvsg.api.scenarios import load_scenario_in
+
+pytestmark = pytest.mark.slow
+Show = Callable[..., Any]
+PATIENT = 600_000
+
+
+@pytest.fixture
+def driven(studio: Server) -> str:
+    """A campaign of the simulator with physics, which records traces: one configuration, one run."""
+    folder = studio.folder / "runs" / "driven"
+    campaign = rvsg.Campaign.create(folder, scenarios=1, refinements=0, repeats=1, confirmations=0, humans=1, jobs=1)
+    for _ in campaign.run():
+        pass
+    return "runs/driven"
+
+
+@pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (390, "dark")])
+def test_a_run_is_traced_on_demand_and_its_layers_are_switched(
+    show: Show, studio: Server, driven: str, width: int, scheme: str
+) -> None:
+    tab = show(f"/finding?campaign={driven}&attempt=0", width=width, color_scheme=scheme, bypass_csp=True)
+    tab.locator("#replay[data-ready]").wait_for(timeout=PATIENT)
+    layers = tab.get_by_role("group", name="Layers")
+    assert not layers.is_visible()
+    make = tab.get_by_role("button", name="Trace this run")
+    make.focus()
+    make.press("Enter")
+    tab.get_by_role("button", name="This run is traced").wait_for(timeout=PATIENT)
+    names = [label.inner_text().strip() for label in layers.locator("label").all()]
+    assert names == ["Global costmap", "Local costmap", "Plan", "Local trajectories", "Lidar", "Behaviour tree"]
+    drawn = "document.querySelectorAll('.rp-layer-lidar path').length"
+    tab.evaluate("document.getElementById('replay').replay.seek(2)")
+    assert tab.evaluate(drawn) >= 1
+    assert tab.locator(".rp-layer-plan path").get_attribute("d").count("L") > 5
+    layers.get_by_label("Lidar").uncheck()
+    assert tab.locator(".rp-layer-lidar").evaluate("e => e.style.display") == "none"
+    layers.get_by_label("Global costmap").check()
+    assert tab.locator(".rp-layer-global-costmap image").get_attribute("href").startswith("data:image/png")
+    assert tab.evaluate("document.documentElement.scrollWidth") <= width
+    assert axe_violations(tab) == []
+    run = tab.evaluate("document.getElementById('replay').replay.state().run")
+    kept = json.loads((studio.folder / driven / "traces" / f"{run}.trace.json").read_text())
+    assert kept["run"] == run
+
+
+def test_a_run_of_a_simulator_without_traces_says_so(show: Show, studio: Server) -> None:
+    tab = show(f"/finding?campaign=runs/first&attempt={confirmed(studio.folder)}")
+    tab.locator("#replay[data-ready]").wait_for(timeout=PATIENT)
+    run = tab.evaluate("document.getElementById('replay').replay.state().run")
+    answer = tab.request.post(f"{studio.base}/data/trace", data={"campaign": "runs/first", "run": run})
+    assert (answer.status, '"kinematic"' in answer.json()["error"]) == (400, True)
+    answer = tab.request.post(f"{studio.base}/data/trace", data={"campaign": "runs/first", "run": "../../ledger"})
+    assert answer.status == 400
+
+
+def test_a_finding_is_shrunk(show: Show, studio: Server) -> None:
+    index = confirmed(studio.folder)
+    tab = show(f"/finding?campaign=runs/first&attempt={index}")
+    tab.get_by_role("button", name="Shrink").click()
+    line = tab.locator(".st-job", has_text="Shrink")
+    line.get_by_role("link", name="Open the smallest scenario").wait_for(timeout=PATIENT)
+    found, world = load_scenario_in(studio.folder / f"runs/first/attempt-{index}-smallest.json")
+    attempts = rvsg.Campaign.open(studio.folder / "runs" / "first").attempts()
+    original = attempts[index].proposal.scenario
+    assert original is not None
+    assert sum(len(each.tasks) for each in found.people.humans) <= sum(len(each.tasks) for each in original.people.humans)
+    assert rvsg.check(found, world) == ()
+    line.get_by_role("link", name="Open the smallest scenario").click()
+    tab.locator("[data-studio=scenario][data-ready]").wait_for(timeout=PATIENT)
+
+
+def test_the_mission_is_run_without_people_on_the_same_seeds(show: Show, studio: Server) -> None:
+    index = confirmed(studio.folder)
+    tab = show(f"/finding?campaign=runs/first&attempt={index}", width=390)
+    tab.get_by_role("button", name="Without people").focus()
+    tab.keyboard.press("Enter")
+    line = tab.locator(".st-job", has_text="Runs without people")
+    line.get_by_role("link", name="Replay these runs").wait_for(timeout=PATIENT)
+    runs = rvsg.load_runs(studio.folder / f"runs/first/attempt-{index}-alone-runs.jsonl")
+    assert sorted(run.seed for run in runs) == list(range(900_000, 900_030))
+    assert all(run.human_names == () for run in runs)
+    line.get_by_role("link", name="Replay these runs").click()
+    tab.locator("#replay[data-ready]").wait_for(timeout=PATIENT)
+
+
+@pytest.mark.parametrize(("kind", "suffix"), [("hunav", "yaml"), ("csv", "csv"), ("osc", "osc")])
+def test_a_finding_is_exported(show: Show, studio: Server, kind: str, suffix: str) -> None:
+    index = confirmed(studio.folder)
+    tab = show(f"/finding?campaign=runs/first&attempt={index}")
+    tab.get_by_label("Format of the export").select_option(kind)
+    tab.get_by_role("button", name="Export").click()
+    tab.get_by_text("Written: runs/first/").wait_for(timeout=PATIENT)
+    text = (studio.folder / f"runs/first/attempt-{index}-{kind}.{suffix}").read_text()
+    people = rvsg.Campaign.open(studio.folder / "runs" / "first").attempts()[index].proposal.scenario.people.humans  # type: ignore[union-attr]
+    assert text.strip()
+    if kind == "hunav":
+        agents = yaml.safe_load(text)["hunav_loader"]["ros__parameters"]["agents"]
+        assert len(agents) == len(people)
+
+
+def test_every_status_is_kept(show: Show, studio: Server) -> None:
+    index = confirmed(studio.folder)
+    scenario = rvsg.Campaign.open(studio.folder / "runs" / "first").attempts()[index].proposal.scenario
+    assert scenario is not None
+    identity = scenario.id
+    tab = show(f"/finding?campaign=runs/first&attempt={index}")
+    for state in (*STATES[1:], STATES[0]):
+        tab.get_by_label("Status").select_option(state)
+        waited(lambda state=state: kept_status(studio, identity) == state)
+    assert set(STATES) == {"new", "known", "accepted", "fixed"}
+
+
+def kept_status(studio: Server, identity: str) -> str:
+    note = notes_of(studio.folder / "runs" / "first").findings.get(identity)
+    return note.status if note else ""
