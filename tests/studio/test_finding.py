@@ -78,7 +78,9 @@ def test_a_finding_is_shrunk(show: Show, studio: Server) -> None:
     attempts = rvsg.Campaign.open(studio.folder / "runs" / "first").attempts()
     original = attempts[index].proposal.scenario
     assert original is not None
-    assert sum(len(each.tasks) for each in found.people.humans) <= sum(len(each.tasks) for each in original.people.humans)
+    assert sum(len(each.tasks) for each in found.people.humans) <= sum(
+        len(each.tasks) for each in original.people.humans
+    )
     assert rvsg.check(found, world) == ()
     line.get_by_role("link", name="Open the smallest scenario").click()
     tab.locator("[data-studio=scenario][data-ready]").wait_for(timeout=PATIENT)
