@@ -44,7 +44,7 @@ def run_of(
         (run_of((0.0, 1.0), (-0.7, 0.0)), "comes towards it beside it", "drives on"),
         (run_of((1.2, 0.0), (0.5, 0.0), stops=True), "walks the same way ahead of it", "stops"),
         (run_of((1.0, 0.0), (0.4, 0.8)), "crosses its way ahead of it", "drives on"),
-        (run_of((0.0, 0.7), (0.0, 0.0), stops=True), "stands beside it", "stops and they touch"),
+        (run_of((0.0, 0.7), (0.0, 0.0), stops=True), "stands beside it", "stops and touches the person"),
         (run_of((0.0, 1.0), (0.0, 0.0), reached=False), "stands beside it", "drives on and does not arrive"),
     ],
 )

@@ -46,8 +46,15 @@ def people(brief: Brief, warehouse: World) -> HumanConfiguration:
 
 
 def generator(model: Scripted, warehouse: World, **options: int) -> VlmGenerator:
+    """A generator whose rehearsals are simulated, and in which nobody is said to meet the robot."""
+    simulated = rehearsing(KinematicSimulator(), warehouse, seed=1)
+
+    def rehearse(mission: Mission, people: HumanConfiguration) -> Rehearsal:
+        found = simulated(mission, people)
+        return found.replace(people={name: walked.replace(met_s=None) for name, walked in found.people.items()})
+
     made = VlmGenerator(model, **options)
-    made.rehearse = rehearsing(KinematicSimulator(), warehouse, seed=1)
+    made.rehearse = rehearse
     return made
 
 

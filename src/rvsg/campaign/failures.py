@@ -128,10 +128,12 @@ def _robot(run: Run, index: int, *, touched: bool) -> str:
     slowest = float(speed[window].min())
     moving = speed[speed > STOPS_M_S]
     usual = float(np.median(moving)) if len(moving) else 0.0
-    did = "stops" if slowest < STOPS_M_S else "slows down" if slowest < SLOWS_TO * usual else "drives on"
+    did = ["stops" if slowest < STOPS_M_S else "slows down" if slowest < SLOWS_TO * usual else "drives on"]
     if touched:
-        did = f"{did} and they touch"
-    return did if run.outcome is Outcome.REACHED else f"{did} and does not arrive"
+        did.append("touches the person")
+    if run.outcome is not Outcome.REACHED:
+        did.append("does not arrive")
+    return " and ".join([", ".join(did[:-1]), did[-1]] if len(did) > 1 else did)
 
 
 def _angle(angle: float) -> float:

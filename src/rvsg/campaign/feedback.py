@@ -22,7 +22,7 @@ from rvsg.evaluation.verdict import Verdict
 from rvsg.scenario.brief import Feedback, HumanInfluence, Moment, Part, PersonAt, Row, Sample, Tried
 from rvsg.scenario.differences import differences
 from rvsg.scenario.requirement import Requirement
-from rvsg.scenario.scenario import Scenario
+from rvsg.scenario.scenario import HumanConfiguration
 from rvsg.simulation.run import Run, Trajectory
 from rvsg.world.grid import Grid
 from rvsg.world.world import World
@@ -82,7 +82,7 @@ def feedback_of(
         influences=influences(attempt, runs, grid),
         series=series(worst, grid, requirement, world),
         series_of=series_name(requirement),
-        rows=rows_of(worst, scenario, grid, requirement, world),
+        rows=rows_of(worst, scenario.people, grid, series_of(worst, requirement, world=world)),
         parts=parts_of(worst, requirement, world),
         arrivals={
             human.name: arrivals(walk_of(worst, h, human, grid), human, grid)
@@ -123,31 +123,28 @@ def with_history(
     )
 
 
-def rows_of(
-    run: Run, scenario: Scenario, grid: Grid, requirement: Requirement, world: World | None = None
-) -> tuple[Row, ...]:
-    """Return the run every two seconds: the robot, what everybody does, and the value that is judged."""
+def rows_of(run: Run, people: HumanConfiguration, grid: Grid, values: Floats | None = None) -> tuple[Row, ...]:
+    """Return the run every two seconds: the robot, what everybody does, and the judged value (None: unknown)."""
     path = run.trajectory
     if len(path) == 0:
         return ()
     wanted = np.arange(0.0, float(path.t[-1]) + 1e-9, ROW_PERIOD_S)
     samples = np.clip(np.searchsorted(path.t, wanted - 1e-9), 0, len(path) - 1)
-    values = series_of(run, requirement, world=world)
     names = WaypointNames(grid)
-    walks = [walk_of(run, h, human, grid) for h, human in enumerate(scenario.people.humans)]
+    walks = [walk_of(run, h, human, grid) for h, human in enumerate(people.humans)]
     found = []
     for k in map(int, samples):
         at = names.nearest(path.human_x[k], path.human_y[k])
         away = np.hypot(path.human_x[k] - path.x[k], path.human_y[k] - path.y[k])
-        people = {
+        everybody = {
             name: PersonAt(
                 at=at[h], doing=walks[h].doing[k], side=side_of(run, k, h), distance_m=round(float(away[h]), 2)
             )
             for h, name in enumerate(run.human_names)
         }
-        value = round(float(values[k]), 2) if np.isfinite(values[k]) else None
+        value = round(float(values[k]), 2) if values is not None and np.isfinite(values[k]) else None
         robot = names.nearest(path.x[k : k + 1], path.y[k : k + 1])[0]
-        found.append(Row(time_s=round(float(path.t[k]), 1), robot_at=robot, people=people, value=value))
+        found.append(Row(time_s=round(float(path.t[k]), 1), robot_at=robot, people=everybody, value=value))
     return tuple(found)
 
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from rvsg.campaign.feedback import rows_of
 from rvsg.campaign.walks import arrivals, walk_of
 from rvsg.core.errors import SimulationError
 from rvsg.core.seeds import seed_for
 from rvsg.evaluation.naming import WaypointNames
-from rvsg.generation.rehearsal import Rehearsal, Rehearse, Walked
+from rvsg.generation.rehearsal import MET_M, Rehearsal, Rehearse, Walked
 from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Scenario
 from rvsg.simulation.protocol import Simulator
 from rvsg.simulation.run import Run
@@ -50,6 +51,7 @@ def in_short(run: Run, people: HumanConfiguration, world: World) -> Rehearsal:
         robot=tuple((round(float(path.t[k]), 1), name) for k, name in zip(samples, at, strict=True)),
         arrival_s=round(float(path.t[-1]), 1) if run.completed else None,
         people={human.name: _walked(run, h, human, world) for h, human in enumerate(people.humans)},
+        rows=rows_of(run, people, world.grid) if people.humans else (),
     )
 
 
@@ -58,6 +60,7 @@ def _walked(run: Run, h: int, human: Human, world: World) -> Walked:
     walk = walk_of(run, h, human, world.grid)
     away = np.hypot(path.human_x[:, h] - path.x, path.human_y[:, h] - path.y)
     nearest = int(away.argmin())
+    met = np.flatnonzero(away <= MET_M)
     stuck_s, stuck_at = walk.stuck_at or (None, None)
     return Walked(
         arrivals=arrivals(walk, human, world.grid),
@@ -65,4 +68,5 @@ def _walked(run: Run, h: int, human: Human, world: World) -> Walked:
         stuck_s=round(stuck_s, 1) if stuck_s is not None else None,
         nearest_m=round(float(away[nearest]), 2),
         nearest_s=round(float(path.t[nearest]), 1),
+        met_s=round(float(path.t[met[0]]), 1) if met.size else None,
     )

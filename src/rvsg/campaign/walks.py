@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from rvsg.scenario.agents import decode, goal_names
 from rvsg.scenario.brief import Arrival
 from rvsg.scenario.scenario import Human, HumanConfiguration
+from rvsg.simulation.events import PersonReached, PersonReacted
 from rvsg.simulation.run import Run
 from rvsg.world.grid import Grid
 
@@ -28,7 +29,7 @@ class Walk:
     Attributes:
         goals: Names of the waypoints of the cycle, in order.
         leg: (N,) Number of goals reached so far at every sample.
-        doing: What the person does at every sample.
+        doing: What the person does at every sample; a reaction only where the simulator records it.
         reached: The times at which goals are reached, in order, the start left out.
         stuck_at: When and where the person is first stuck; None if never.
     """
@@ -47,7 +48,11 @@ def walk_of(run: Run, h: int, human: Human, grid: Grid) -> Walk:
     t, x, y = run.trajectory.t, run.trajectory.human_x[:, h], run.trajectory.human_y[:, h]
     leg = np.zeros(len(t), np.int64)
     reached: list[float] = []
+    seen = {e.goal: e.time_s for e in run.events if isinstance(e, PersonReached) and e.person == human.name}
     for k in range(len(t)):
+        # A waypoint may be passed at a distance: where a simulator records arrivals, they count in the first round.
+        while (known := seen.get(len(reached) + 1)) is not None and known <= t[k]:
+            reached.append(known)
         goal = agent.goals[(len(reached) + 1) % len(agent.goals)]
         if t[k] >= agent.start_delay_s and math.dist((x[k], y[k]), goal) <= REACHED_M and len(agent.goals) > 1:
             reached.append(float(t[k]))
@@ -56,10 +61,15 @@ def walk_of(run: Run, h: int, human: Human, grid: Grid) -> Walk:
     doing: list[str] = []
     stuck_at: tuple[float, str] | None = None
     still_since: float | None = None
+    reactions = [e for e in run.events if isinstance(e, PersonReacted) and e.person == human.name]
     for k, time in enumerate(t):
         at = int(leg[k]) % len(agent.goals)
         since = reached[leg[k] - 1] if leg[k] else agent.start_delay_s
         pauses = agent.pauses_s[at] if leg[k] else 0.0
+        if any(reaction.time_s <= time <= reaction.until_s for reaction in reactions):
+            doing.append("reacting to the robot")
+            still_since = None
+            continue
         if time < agent.start_delay_s:
             doing.append("waiting to start")
             continue

@@ -46,12 +46,6 @@ def series_name(requirement: Requirement) -> str:
     return SIGNALS[known.shown if known is not None else NEARNESS].words
 
 
-def shows_the_gap(requirement: Requirement) -> bool:
-    """Return whether the series of a requirement is the gap to the nearest person."""
-    known = find_metric(requirement.metric)
-    return requirement.formula is None and (known is None or known.shown == NEARNESS)
-
-
 def series_of(run: Run, requirement: Requirement, *, world: World | None = None) -> Floats:
     """Return (N,) the series that shows where a requirement is lost, at every sample of the trajectory.
 

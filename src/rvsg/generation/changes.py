@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 from rvsg.generation.people_sampler import HEEDLESS_AIMS, ROLES, UNDERWAY, PeopleSampler, Stop, at_places, ends_of
 from rvsg.generation.places import Place
+from rvsg.generation.replies import LONGEST_DELAY_S
 from rvsg.scenario.aim import Aim
 from rvsg.scenario.brief import Feedback
 from rvsg.scenario.scenario import Behaviour, Human, Pause, Task
 
 Change = Callable[["Changing", Human], tuple[Human, str] | None]
 
-LONGEST_DELAY_S = 10.0
 SPEEDS_M_S = (0.45, 1.6)
 
 

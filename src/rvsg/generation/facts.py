@@ -8,10 +8,11 @@ from collections.abc import Iterable
 from typing import Any
 
 from rvsg.generation.rehearsal import Rehearsal
+from rvsg.generation.replies import LONGEST_DELAY_S
 from rvsg.robots import Robot, shipped_robots
 from rvsg.scenario.brief import Brief, Feedback, Remembered
 from rvsg.scenario.requirement import Requirement
-from rvsg.scenario.scenario import Behaviour, HumanConfiguration, Mission
+from rvsg.scenario.scenario import Behaviour, Human, HumanConfiguration, Mission
 from rvsg.world.grid import Grid
 from rvsg.world.route_words import route_paragraph
 from rvsg.world.world import Description, Route, World
@@ -79,6 +80,8 @@ def brief_facts(brief: Brief, world: World, *, provoking: bool = False) -> dict[
         "behaviours": [{"name": b.value, "meaning": MEANINGS[b]} for b in Behaviour if provoking or b not in PROVOKING],
         "provoking": provoking,
         "speed_range": list(SPEED_RANGE_M_S),
+        "longest_delay_s": LONGEST_DELAY_S,
+        "person_radius_m": Human.model_fields["radius_m"].default,
         "memory": [_remembered(earlier) for earlier in brief.memory],
         "feedback": feedback_facts(brief.feedback, requirement) if brief.feedback else None,
     }
@@ -143,7 +146,9 @@ def feedback_facts(feedback: Feedback, requirement: Requirement | None) -> dict[
     worse = requirement.worse if requirement else "smaller"
     previous = feedback.previous_mean
     better = previous is not None and (feedback.mean < previous if worse == "smaller" else feedback.mean > previous)
+    time_limit_s = feedback.scenario.mission.route.time_limit_s
     return {
+        "at_limit": feedback.arrived == 0 and all(value == time_limit_s for value in feedback.objectives),
         "runs": len(feedback.objectives),
         "objectives": list(feedback.objectives),
         "mean": feedback.mean,

@@ -24,6 +24,8 @@ NAME_CHARACTERS = 120
 TEXT_CHARACTERS = 20_000
 SPEED_LIMITS_M_S = (0.3, 2.0)
 LONGEST_S = 600.0
+LONGEST_DELAY_S = 10.0
+"""Nobody waits longer for their work to begin: a generated scenario needs no idle people in the way."""
 
 _HUMANS = ("humans", "people", "persons", "workers", "agents", "pedestrians", "human_tasks")
 _TASKS = ("tasks", "task_list", "tasklist", "task_sequence", "schedule", "activities")
@@ -267,7 +269,7 @@ def _human(name: str | None, value: Any, notes: _Notes) -> Human | None:
         tasks=tuple(tasks),
         behaviour=_behaviour(_get(value, ("behaviour", "behavior")), name, notes),
         speed_m_s=_in_range(_get(value, _SPEED), SPEED_LIMITS_M_S, 1.5, "the speed", "m/s", name, notes),
-        start_delay_s=_in_range(_get(value, _DELAY), (0.0, LONGEST_S), 0.0, "the start delay", "s", name, notes),
+        start_delay_s=_in_range(_get(value, _DELAY), (0.0, LONGEST_DELAY_S), 0.0, "the start delay", "s", name, notes),
         group=_group(_get(value, ("group",)), name, notes),
     )
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from rvsg.generation.people_sampler import at_places, begin_at, ends_of
 from rvsg.generation.places import places_of
+from rvsg.generation.replies import LONGEST_DELAY_S
 from rvsg.generation.walking_graph import WalkingGraph, walking_graph
 from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Pause, Task
 from rvsg.scenario.validity import check
@@ -25,7 +26,6 @@ from rvsg.world.world import World
 
 Vector = NDArray[np.float64]
 
-LONGEST_DELAY_S = 10.0
 LONGEST_PAUSE_S = 12.0
 SHORTEST_PAUSE_S = 0.5
 """A pause shorter than this is no pause."""

@@ -135,7 +135,7 @@ METRICS = (
         unit="m",
         worse="smaller",
         of=distance_to_obstacles,
-        shown="distance_to_person",
+        shown="centre_distance",
     ),
     _smooth(id="jerk", title="Mean jerk", unit="m/s³", worse="larger", of=jerk, shown="jerk"),
     _progress(

@@ -17,6 +17,7 @@ from rvsg.simulation.embedded.people.motion import (
     arrive,
     distance_to,
     next_goal,
+    stand_at_place,
     step,
     walk,
     walk_published,
@@ -42,8 +43,8 @@ def tick(
 ) -> None:
     """Move everybody by one tick of dt_s (0.1 s in a run); the robot is at its present pose with forward speed robot_v.
 
-    `t_s` is the time since the robot's start; people stand still before their own start time. Changes `crowd` in
-    place and allocates nothing.
+    `t_s` is the time since the robot's start; people stand at their place until their own start time. Changes
+    `crowd` in place and allocates nothing.
     """
     n = crowd.x.size
     for i in range(n):
@@ -89,10 +90,11 @@ def _act(
     crowd.stands[i] = 1
     crowd.reacting[i] = 0
     crowd.cap[i] = crowd.speed[i]
-    if t < crowd.start_time[i] - 1e-9:
+    waits = t < crowd.start_time[i] - 1e-9
+    if waits and crowd.published:
         crowd.vx[i] = 0.0
         crowd.vy[i] = 0.0
-        if crowd.published and crowd.reacted[i] < 0.0 and _in_sight(crowd, i, robot_x, robot_y):
+        if crowd.reacted[i] < 0.0 and _in_sight(crowd, i, robot_x, robot_y):
             # The study's people stood in sight of the robot for about 15 s while their timers already ran.
             crowd.reacted[i] = WAITED_S
         return
@@ -101,6 +103,8 @@ def _act(
         crowd.reacting[i] = 1
         crowd.stands[i] = 1 if crowd.vx[i] == 0.0 and crowd.vy[i] == 0.0 else 0
         note_until(crowd, REACTED, i, t, t + dt, crowd.x[i], crowd.y[i], float(crowd.behaviour[i]))
+    elif waits:
+        stand_at_place(crowd, i, dt, crowd.behaviour[i] != IMPASSIVE, robot_x, robot_y, robot_yaw, robot_vx, robot_vy)
     elif crowd.published:
         walk_published(crowd, i, dt, robot_x, robot_y, robot_yaw, robot_vx, robot_vy)
     else:

@@ -215,7 +215,7 @@ def walk(
             g = (crowd.goal_index[i] - 1) % crowd.goal_count[i]
             note_until(crowd, PAUSED, i, t, t + dt, crowd.place_x[i], crowd.place_y[i], float(g))
             crowd.pause_left[i] -= dt
-        _stand_at_place(crowd, i, dt, social, robot_x, robot_y, robot_yaw, robot_vx, robot_vy)
+        stand_at_place(crowd, i, dt, social, robot_x, robot_y, robot_yaw, robot_vx, robot_vy)
         return
     aim_x, aim_y = aim(crowd, i)
     aim_x, aim_y = around(crowd, i, aim_x, aim_y)
@@ -302,7 +302,7 @@ def around(crowd: Crowd, i: int, aim_x: float, aim_y: float) -> tuple[float, flo
 
 
 @inner
-def _stand_at_place(
+def stand_at_place(
     crowd: Crowd,
     i: int,
     dt: float,
