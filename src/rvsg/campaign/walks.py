@@ -50,11 +50,13 @@ def walk_of(run: Run, h: int, human: Human, grid: Grid) -> Walk:
     reached: list[float] = []
     seen = {e.goal: e.time_s for e in run.events if isinstance(e, PersonReached) and e.person == human.name}
     for k in range(len(t)):
-        # A waypoint may be passed at a distance: where a simulator records arrivals, they count in the first round.
+        # Waypoints may be passed at a distance, or lie closer together than `REACHED_M`: a simulator that records
+        # arrivals knows better, for the first round.
         while (known := seen.get(len(reached) + 1)) is not None and known <= t[k]:
             reached.append(known)
         goal = agent.goals[(len(reached) + 1) % len(agent.goals)]
-        if t[k] >= agent.start_delay_s and math.dist((x[k], y[k]), goal) <= REACHED_M and len(agent.goals) > 1:
+        near = t[k] >= agent.start_delay_s and math.dist((x[k], y[k]), goal) <= REACHED_M
+        if near and len(agent.goals) > 1 and (not seen or len(reached) + 1 >= len(agent.goals)):
             reached.append(float(t[k]))
         leg[k] = len(reached)
     speed = _speed(t, x, y)
