@@ -9,6 +9,7 @@ from rvsg.evaluation.judge import DEFAULT, Procedure, judge, next_repeats, objec
 from rvsg.evaluation.verdict import Status, Verdict
 from rvsg.evaluation.wording import status_in_words, value_in_words
 from rvsg.scenario.requirement import Requirement
+from rvsg.simulation.run import Outcome
 
 NEAR = Requirement(name="near", title="t", text="t", metric="min_distance", worse="smaller", limit=0.5)
 GOOD, BAD = 1.0, 0.0
@@ -187,3 +188,13 @@ def test_hypotheses_that_overlap_are_refused():
 def test_the_objective_of_a_requirement_is_its_metric():
     run = run_of(trajectory([0, 1], 0, humans=[(2, 0)]))
     assert objective(run, NEAR) == pytest.approx(1.25)
+
+
+@pytest.mark.parametrize("requirement", [NEAR, NEAR.replace(metric=None, limit=None, formula="always (speed > 1)")])
+def test_a_run_in_which_the_stack_failed_is_no_verdict(requirement):
+    run = run_of(trajectory([0, 1], 0, humans=[(2, 0)]), outcome=Outcome.STACK_FAILED)
+    assert objective(run, requirement) is None
+    verdict = judge(requirement, [objective(run, requirement)] * 30)
+    assert verdict.runs == 0
+    assert verdict.undefined == 30
+    assert verdict.status is Status.INCONCLUSIVE

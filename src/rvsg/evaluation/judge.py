@@ -36,7 +36,7 @@ from rvsg.evaluation.statistics import censored_median, clopper_pearson, mean_in
 from rvsg.evaluation.verdict import DEFAULT, Procedure, Status, Verdict
 from rvsg.evaluation.wording import OPEN, reason_of
 from rvsg.scenario.requirement import Requirement
-from rvsg.simulation.run import Run
+from rvsg.simulation.run import Outcome, Run
 from rvsg.world.world import World
 
 __all__ = [
@@ -55,8 +55,11 @@ __all__ = [
 def objective(run: Run, requirement: Requirement, *, world: World | None = None) -> float | None:
     """Return the value of the requirement's metric, or the robustness of its formula; None: no judgement.
 
-    What concerns obstacles needs the `world` of the run.
+    What concerns obstacles needs the `world` of the run. A run in which the stack under test crashed or hung is not
+    judged: it says nothing about how the robot drives.
     """
+    if run.outcome is Outcome.STACK_FAILED:
+        return None
     if requirement.formula is not None:
         return robustness(run, requirement.formula, world=world)
     assert requirement.metric is not None

@@ -60,6 +60,7 @@ def main(given: dict[str, Any]) -> dict[str, Any]:
         stack.prepare(told["messages"].append)
         for seed in range(given.get("runs", 1)):
             told["runs"].append(run(stack, seed, given))
+            told["runs"][-1]["entities"] = len(stack._session.bus._kept) if stack._session is not None else 0
         told["mark"] = mark_of(stack)
     except RvsgError as error:
         told["error"] = str(error)

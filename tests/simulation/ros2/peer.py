@@ -94,6 +94,8 @@ class Peer:
         else:
             self.map_in = self.reader("rt/map", "nav_msgs/msg/OccupancyGrid", latched=True)
         self.plan = self.writer("rt/plan", "nav_msgs/msg/Path")
+        self.costmap = self.writer("rt/local_costmap/costmap", "nav_msgs/msg/OccupancyGrid", latched=True)
+        self.costmap_sent = -math.inf
         self.tree = self.writer("rt/behavior_tree_log", "nav2_msgs/msg/BehaviorTreeLog")
         twist = "geometry_msgs/msg/TwistStamped" if options.stamped else "geometry_msgs/msg/Twist"
         self.twist = self.T[twist]
@@ -266,6 +268,7 @@ class Peer:
         if goal is None or goal["status"] != EXECUTING or self.odom is None or self.map_odom is None:
             return
         self.feed_back(goal)
+        self.publish_costmap()
         if self.since_goal > self.o.abort_at_s:
             self.end(ABORTED)
             return
@@ -284,6 +287,16 @@ class Peer:
         turn = math.remainder(math.atan2(gy - y, gx - x) - yaw, 2 * math.pi)
         if not self.o.miss_every or goal["number"] % self.o.miss_every:
             self.command(self.o.speed_m_s if abs(turn) < 0.5 else 0.0, max(-1.0, min(1.0, 2 * turn)))
+
+    def publish_costmap(self) -> None:
+        """A costmap of two rows, twice a second."""
+        if self.now < self.costmap_sent + 0.5:
+            return
+        self.costmap_sent = self.now
+        grid = self.T["nav_msgs/msg/OccupancyGrid"](data=[0, 99, 100, -1, 0, 0])
+        grid.header.frame_id = "odom"
+        grid.info.width, grid.info.height, grid.info.resolution = 3, 2, 0.05
+        self.costmap.write(grid)
 
     def command(self, v: float, w: float) -> None:
         message = self.twist()

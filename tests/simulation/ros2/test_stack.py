@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import base64
+import zlib
+
 import pytest
 from tests.simulation.ros2.isolated import drive
 
@@ -22,6 +25,12 @@ def test_a_running_system_drives_two_runs_one_after_another() -> None:
     assert 0.5 * SPEED < facts["speed"] < 1.1 * SPEED
     assert facts["plans"][0][1][-1] == pytest.approx([1.0, 0.5], abs=0.2)
     assert facts["behaviour_tree"][0][1:] == ["FollowPath", "RUNNING"]
+    costmaps = facts["costmaps"]
+    assert len(costmaps) == pytest.approx(first["t"], abs=2.0)  # one a second, of two that are published
+    assert costmaps[0]["shape"] == [2, 3]
+    assert costmaps[0]["frame"] == "odom"
+    assert zlib.decompress(base64.b64decode(costmaps[0]["cells"])) == bytes([0, 99, 100, 255, 0, 0])
+    assert first["entities"] == second["entities"]  # a campaign does not pile up readers
     heard = told["heard"]
     assert heard["goals"] == 2
     assert heard["clears"] == 4

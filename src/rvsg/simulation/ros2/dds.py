@@ -93,6 +93,8 @@ class Bus:
         self._own = str(self._participant.guid)
         self._known: dict[tuple[str, str], tuple[str, Endpoint]] = {}
         self._kept: list[Any] = []
+        self._subscriptions: dict[tuple[Any, ...], Subscription] = {}
+        self._actions: dict[tuple[str, str, str], ActionClient] = {}
 
     def set_release(self, release: Release) -> None:
         """Use the definitions of this release for everything that is made from now on."""
@@ -140,26 +142,39 @@ class Bus:
     def subscribe(
         self, topic: str, kind: str, *, reliable: bool | None = None, latched: bool = False, depth: int = 50
     ) -> Subscription:
-        """Return a subscription. Without `reliable` it asks for what the present publishers offer."""
+        """Return a subscription. Without `reliable` it asks for what the present publishers offer.
+
+        An equal one that was made before is returned again, with what arrived meanwhile thrown away.
+        """
         if reliable is None:
             reliable = all(writer.reliable for writer in self.graph().publishers(topic))
-        return Subscription(
-            self._reader(_topic(topic), self.types[kind], kind, reliable=reliable, latched=latched, depth=depth)
-        )
+        key = (self.types.release, topic, kind, reliable, latched, depth)
+        if key in self._subscriptions:
+            self._subscriptions[key].take()
+        else:
+            self._subscriptions[key] = Subscription(
+                self._reader(_topic(topic), self.types[kind], kind, reliable=reliable, latched=latched, depth=depth)
+            )
+        return self._subscriptions[key]
 
     def client(self, service: str, kind: str) -> Client:
         """Return a client of a service of that interface, e.g. `lifecycle_msgs/srv/GetState`."""
         return Client(self, service, kind)
 
     def action(self, name: str, kind: str) -> ActionClient:
-        """Return a client of an action of that interface, e.g. `nav2_msgs/action/NavigateToPose`."""
-        return ActionClient(self, name, kind)
+        """Return the client of an action of that interface, e.g. `nav2_msgs/action/NavigateToPose`."""
+        key = (self.types.release, name, kind)
+        if key not in self._actions:
+            self._actions[key] = ActionClient(self, name, kind)
+        return self._actions[key]
 
     def close(self) -> None:
         """Leave the domain; what was made by this bus cannot be used any more. May be called again."""
         for entity in reversed(self._kept):
             _delete(entity)
         self._kept.clear()
+        self._subscriptions.clear()
+        self._actions.clear()
         for name in ("_writers", "_readers", "_participant"):
             if hasattr(self, name):
                 _delete(getattr(self, name))
@@ -208,6 +223,10 @@ class Publisher:
 
     def __init__(self, writer: Any) -> None:
         self._writer = writer
+
+    def close(self) -> None:
+        """Publish no more; what was latched is gone for those who subscribe later."""
+        _delete(self._writer)
 
     def publish(self, message: Any) -> None:
         """Send a message.

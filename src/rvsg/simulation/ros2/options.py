@@ -48,6 +48,8 @@ class Ros2Options(Record):
     initial_pose: Name = "/initialpose"
     plan: Name = "/plan"
     behaviour_tree_log: Name = "/behavior_tree_log"
+    costmaps: tuple[Name, ...] = ("/local_costmap/costmap",)
+    """Costmaps that are kept with the run, at most one a second of each."""
     clear_costmaps: tuple[Name, ...] = (
         "/global_costmap/clear_entirely_global_costmap",
         "/local_costmap/clear_entirely_local_costmap",

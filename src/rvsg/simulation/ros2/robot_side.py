@@ -43,6 +43,14 @@ class RobotSide:
         """Whether the transform from map to odom is published, too."""
         self._static()
 
+    def close(self) -> None:
+        """Publish no more."""
+        for each in (self._clock, self._tf, self._tf_static, self._odom, self._initial, *self._scans):
+            each.close()
+        for optional in (self._joints, self._map):
+            if optional is not None:
+                optional.close()
+
     def publish(self, now: int, seen: Observation, *, at: float | None = None) -> None:
         """Send everything that is due.
 

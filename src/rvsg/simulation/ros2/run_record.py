@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import base64
 import math
+import zlib
 from typing import TYPE_CHECKING, Any
 
 from rvsg.simulation.ros2.dds import ActionClient, Subscription
@@ -18,7 +20,8 @@ PAUSE_S = 1.0
 NEAR_M, AWAY_M = 1.0, 1.5
 """The robot turns back at a pose to drive through where it was nearer than the first and is farther than the second,
 and the pose is still to come."""
-MOST_PLANS, MOST_POINTS, MOST_CHANGES = 200, 60, 2000
+MOST_PLANS, MOST_POINTS, MOST_CHANGES, MOST_COSTMAPS = 200, 60, 2000, 200
+COSTMAP_EVERY_S = 1.0
 
 
 class RunRecord:
@@ -38,13 +41,19 @@ class RunRecord:
         self._plans: list[Any] = []
         self._changes: list[Any] = []
         self._result: dict[str, Any] = {}
+        self._costmaps: list[dict[str, Any]] = []
+        self._costmap_t: dict[str, float] = {}
+        self._costmap_topics: dict[str, Subscription] = {}
         self._plan_topic: Subscription | None = None
         self._tree_topic: Subscription | None = None
 
     def listen(self, session: Session, options: Ros2Options) -> None:
-        """Subscribe to plans and to the log of the behaviour tree."""
+        """Subscribe to plans, costmaps and the log of the behaviour tree."""
         self._plan_topic = session.bus.subscribe(options.plan, "nav_msgs/msg/Path")
         self._tree_topic = session.bus.subscribe(options.behaviour_tree_log, "nav2_msgs/msg/BehaviorTreeLog")
+        self._costmap_topics = {
+            topic: session.bus.subscribe(topic, "nav_msgs/msg/OccupancyGrid", depth=1) for topic in options.costmaps
+        }
 
     def warn(self, text: str) -> None:
         """Keep a warning, once."""
@@ -66,7 +75,7 @@ class RunRecord:
         return self._missed / max(1, self._missed + self._commands)
 
     def note(self, seen: Observation, feedback: Any) -> None:
-        """Take over feedback, plans and the behaviour tree's log."""
+        """Take over feedback, plans, costmaps and the behaviour tree's log."""
         if feedback is not None:
             self._recoveries = max(self._recoveries, int(feedback.number_of_recoveries))
             self._watch_poses(seen, int(getattr(feedback, "number_of_poses_remaining", 0)))
@@ -81,6 +90,17 @@ class RunRecord:
                 for change in message.event_log:
                     if len(self._changes) < MOST_CHANGES:
                         self._changes.append([round(seen.t, 2), change.node_name, change.current_status])
+
+        self._keep_costmaps(seen.t)
+
+    def _keep_costmaps(self, t: float) -> None:
+        """Keep what the system publishes of its costmaps, as text that JSON can hold."""
+        for topic, subscription in self._costmap_topics.items():
+            for grid in subscription.take()[-1:]:
+                due = t >= self._costmap_t.get(topic, -math.inf) + COSTMAP_EVERY_S
+                if due and len(self._costmaps) < MOST_COSTMAPS:
+                    self._costmap_t[topic] = t
+                    self._costmaps.append({"topic": topic, "t": round(t, 2), **packed(grid)})
 
     def _watch_poses(self, seen: Observation, remaining: int) -> None:
         """Count how often the robot leaves a pose to drive through that does not count as passed."""
@@ -127,5 +147,19 @@ class RunRecord:
             "result": self._result,
             "plans": self._plans,
             "behaviour_tree": self._changes,
+            "costmaps": self._costmaps,
             "warnings": warnings,
         }
+
+
+def packed(grid: Any) -> dict[str, Any]:
+    """Return an OccupancyGrid as JSON-able data: its cells (int8, row by row) compressed by zlib, in base64."""
+    info = grid.info
+    cells = bytes(cell & 0xFF for cell in grid.data)
+    return {
+        "frame": grid.header.frame_id,
+        "origin": [round(info.origin.position.x, 4), round(info.origin.position.y, 4)],
+        "resolution": round(info.resolution, 6),
+        "shape": [info.height, info.width],
+        "cells": base64.b64encode(zlib.compress(cells, 6)).decode(),
+    }

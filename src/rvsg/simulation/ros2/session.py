@@ -106,7 +106,10 @@ class Session:
 
     def connect(self, robot: Robot) -> RobotSide:
         """Make the publishers of a robot, once for runs of the same robot."""
-        if self.robot_side is None or self.robot_side.robot != robot:
+        if self.robot_side is not None and self.robot_side.robot != robot:
+            self.robot_side.close()
+            self.robot_side = None
+        if self.robot_side is None:
             self.robot_side = RobotSide(self.bus, self.options, robot)
         return self.robot_side
 
