@@ -7,6 +7,7 @@ result of one campaign; a file of rows makes a comparison resumable.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 from collections import defaultdict
@@ -16,13 +17,14 @@ from typing import Any
 
 from rvsg.api.config import CampaignConfig
 from rvsg.api.wiring import Wired, jobs_of, wire
+from rvsg.campaign.accounting import calls_of
 from rvsg.campaign.attempt import Attempt, Measurement
 from rvsg.campaign.failures import FailureMode, candidates, usual_mode
 from rvsg.campaign.loop import run_campaign
 from rvsg.campaign.measuring import FinishedRun
 from rvsg.campaign.parts import Parts
 from rvsg.campaign.ranking import best_attempt, measured, search_attempts
-from rvsg.core.errors import InputError
+from rvsg.core.errors import BudgetSpent, InputError
 from rvsg.core.files import write_whole
 from rvsg.core.records import Record
 from rvsg.core.seeds import fresh_seeds
@@ -164,12 +166,12 @@ def _row(key: tuple[str, str, str, int], wired: Wired) -> Row:
     config = wired.config
     with wired.simulations(ledger, lambda _: None, jobs=jobs_of(config), executor=None) as simulations:
         parts = wired.parts(wired.plan, config.judging, ledger, simulations, lambda: False)
-        attempts = run_campaign(wired.plan, wired.strategy(ledger), parts)
+        attempts = _searched(wired, ledger, parts)
         confirmed = _Confirmed(wired, ledger, parts, attempts)
         best = best_attempt(attempts, wired.plan.requirement)
         verdict = confirmed.best(best) if best else None
         modes = confirmed.failure_modes()
-    calls = [call for attempt in search_attempts(attempts) for call in attempt.proposal.calls]
+    calls = calls_of(search_attempts(attempts))
     found = [a.proposal.scenario for a in measured(attempts) if a.verdict and a.verdict.violations]
     scenarios = [scenario for scenario in found if scenario is not None]
     row = Row(
@@ -196,6 +198,13 @@ def _row(key: tuple[str, str, str, int], wired: Wired) -> Row:
     )
     ledger.close()
     return row
+
+
+def _searched(wired: Wired, ledger: MemoryLedger, parts: Parts) -> list[Attempt]:
+    """Search until the runs, or what the calls may cost, are spent."""
+    with contextlib.suppress(BudgetSpent):
+        run_campaign(wired.plan, wired.strategy(ledger), parts)
+    return list(ledger.attempts(wired.plan.name))
 
 
 class _Confirmed:

@@ -191,12 +191,14 @@ def _read(folder: Path, place: str) -> tuple[FoundCampaign, ...]:
 
 
 def _found(campaign: Any, place: str, changed: float) -> FoundCampaign:
+    from rvsg.campaign.accounting import calls_of
+    from rvsg.campaign.ranking import search_attempts
     from rvsg.report.summary import summarise
 
     attempts = campaign.attempts()
     summary = summarise(campaign.plan, attempts)
     account = summary.accounting
-    calls = [call for attempt in attempts if attempt.purpose == "search" for call in attempt.proposal.calls]
+    calls = calls_of(search_attempts(attempts))
     return FoundCampaign(
         folder=place,
         name=campaign.name,

@@ -9,12 +9,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from rvsg.api.config import CampaignConfig
+from rvsg.api.config import BUDGETS, CampaignConfig
 from rvsg.api.requirements import load_requirement
 from rvsg.api.scenarios import check_route, mission_of
 from rvsg.api.simulating import make_simulator
 from rvsg.api.told import TOLD, read_told
 from rvsg.api.worlds import load_moved, load_world
+from rvsg.campaign.accounting import Limits
 from rvsg.campaign.loop import feedback_from
 from rvsg.campaign.measuring import Measuring
 from rvsg.campaign.parallel import Executor, Simulations
@@ -32,10 +33,7 @@ from rvsg.simulation.protocol import Simulator
 from rvsg.simulation.stacks.protocol import NavigationStack
 from rvsg.world.world import World
 
-VLM_OPTIONS = (
-    *("model", "base_url", "conversation", "prompts", "replay"),
-    *("budget_usd", "budget_calls", "budget_tokens"),
-)
+VLM_OPTIONS = ("model", "base_url", "conversation", "prompts", "replay")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,7 +91,15 @@ class Wired:
             ledger=ledger,
             procedure=judging,
             cancelled=cancelled,
+            limits=self._limits(),
         )
+
+    def _limits(self) -> Limits:
+        """What the calls may cost; a replay costs nothing."""
+        config = self.config
+        if config.replay is not None:
+            return Limits()
+        return Limits(calls=config.budget_calls, tokens=config.budget_tokens, usd=config.budget_usd)
 
 
 def wire(
@@ -191,7 +197,7 @@ def generator_options(config: CampaignConfig, paths: Mapping[str, str]) -> dict[
     """Return the options the generator is made with; for `vlm` also how the model is reached, and its budget."""
     if config.generator_name != "vlm":
         return dict(config.generator_options)
-    options = {name: getattr(config, name) for name in VLM_OPTIONS if getattr(config, name) is not None}
+    options = {name: getattr(config, name) for name in (*VLM_OPTIONS, *BUDGETS) if getattr(config, name) is not None}
     options |= {name: paths.get(options[name], options[name]) for name in ("prompts", "replay") if name in options}
     return {"folder": str(config.folder), **options, **config.generator_options}
 

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 
 from rvsg.api.evaluating import Judgement
+from rvsg.campaign.accounting import calls_of
 from rvsg.campaign.finding import Finding
 from rvsg.evaluation.judge import DEFAULT, OPEN, still_open
 from rvsg.evaluation.metrics import METRICS, measure, metric
@@ -28,6 +29,7 @@ __all__ = [
     "DEFAULT",
     "METRICS",
     "OPEN",
+    "calls_of",
     "Status",
     "Summary",
     "Verdict",

@@ -3,8 +3,12 @@
 The search has three parts. First the generator drafts scenarios, each of which gets one run. Then batches alternate:
 new configurations, made by changing the numbers of good ones (`rvsg.generation.tuning`) or by asking the generator for
 a refinement, get one run each; then the configurations that may still be the best get another run. At the end the few
-best are run until their order is settled. All configurations meet the same seeds in the same order (common random
-numbers), and one that has lost gets no further run.
+best are run until their order is settled. All configurations share the seeds of the race (common random numbers), and
+one that has lost gets no further run. The first run of a batch takes the next of these seeds: a search that always
+began with the same seed would fit its configurations to that one.
+
+Some of what is changed is not the best but the worst for the robot among those with its kind of encounter, as in
+`rvsg.campaign.map_elites`, so that the search finds more than one way to fail.
 """
 
 from __future__ import annotations
@@ -23,7 +27,7 @@ from rvsg.campaign.strategies import Ask, Batches, BatchStrategy, FeedbackOf
 from rvsg.core.seeds import seed_for
 from rvsg.evaluation.aims import aim_of, moved_by
 from rvsg.generation.answer import answer
-from rvsg.scenario.brief import Brief
+from rvsg.scenario.brief import Brief, Encounter
 from rvsg.world.world import World
 
 KEEN = 0.35
@@ -37,7 +41,9 @@ class HybridStrategy(BatchStrategy):
 
     Args:
         drafts: Share of the runs that go to first runs of new scenarios.
-        refine: Share of the changed configurations that the generator refines; the others are tuned.
+        refine: Share of the changed configurations that the generator refines at first; the others are tuned. The
+            share follows how often each of the two makes a configuration worse for the robot.
+        explore: Share of the changed configurations that are the worst with their kind of encounter, whichever it is.
         batch: Attempts that may be made side by side.
         finalists: Configurations that are run until their order is settled.
         final_runs: Runs of each finalist.
@@ -53,6 +59,7 @@ class HybridStrategy(BatchStrategy):
         *,
         drafts: float = 0.12,
         refine: float = 0.25,
+        explore: float = 0.5,
         batch: int = 8,
         finalists: int = 4,
         final_runs: int = 10,
@@ -61,11 +68,14 @@ class HybridStrategy(BatchStrategy):
         if world is None:
             raise ValueError("the hybrid strategy needs the world")
         self.here = world
-        self.drafts, self.refine, self.batch = drafts, refine, batch
+        self.drafts, self.refine, self.explore, self.batch = drafts, refine, explore, batch
         self.finalists, self.final_runs = finalists, final_runs
         self.candidates: list[Candidate] = []
         self.asked = 0
+        self._batches = 0
+        self._tried = {"refine": [0, 0], "tune": [0, 0]}
         self._numbers: dict[int, int] = {}
+        self._cells: dict[int, Encounter] = {}
         self._operators = Operators(plan.mission, world, aim_of(plan.requirement))
 
     def search(self) -> Batches:
@@ -106,32 +116,63 @@ class HybridStrategy(BatchStrategy):
         estimate(self.candidates)
 
     def _change(self, count: int) -> Batch:
-        """Make a number of changed configurations, and run each once."""
+        """Make a number of changed configurations, and run each once, on the next seed of the race."""
+        self._batches += 1
+        seeds = self._seeds(self.final_runs)[self._batches % self.final_runs :][:1]
         rng = np.random.default_rng(seed_for(self.plan.seed, "hybrid", self.asked))
         asks: list[Ask] = []
         origins: list[tuple[Candidate, str]] = []
         known = {key(c.scenario.people) for c in self.candidates}
         for parent in self._parents(rng, count):
-            if rng.random() < self.refine:
+            if rng.random() < self._refine_share():
                 last = self._attempt_of(parent)
                 scenario = parent.brief.scenario_index
                 siblings = [a for a in self.told if a.brief.scenario_index == scenario]
                 feedback = with_history(self.feedback_of(last, None), siblings, self.plan.requirement)
                 brief = self._brief("refine", parent.brief.scenario_index, self._next(parent), feedback=feedback)
-                asks.append(Ask(brief=brief, seeds=self._seeds(1)))
+                asks.append(Ask(brief=brief, seeds=seeds))
                 origins.append((parent, "refine"))
-            elif (ask := self._changed(parent, rng, known)) is not None:
+            elif (ask := self._changed(parent, rng, known, seeds)) is not None:
                 asks.append(ask)
                 origins.append((parent, "tune"))
         results = yield asks
         for attempt, (parent, operator) in zip(results, origins, strict=False):
             self._add(attempt, parent, operator)
         estimate(self.candidates)
+        for candidate in self.candidates[-len(results) :]:
+            if candidate.parent is not None and candidate.runs:
+                self._tried[candidate.operator][candidate.estimate > candidate.parent.estimate] += 1
+
+    def _refine_share(self) -> float:
+        """How often the generator refines: the share at first, weighed by how often each operator succeeded."""
+        rate = {name: (1 + good) / (2 + bad + good) for name, (bad, good) in self._tried.items()}
+        refine, tune = self.refine * rate["refine"], (1.0 - self.refine) * rate["tune"]
+        return refine / (refine + tune)
 
     def _parents(self, rng: np.random.Generator, count: int) -> list[Candidate]:
-        """The configurations to change: the best most often."""
+        """The configurations to change: the best most often, or the best with their kind of encounter."""
         ranked = sorted((c for c in self.candidates if c.runs), key=lambda c: (-c.estimate, c.index))
-        return [ranked[min(len(ranked), int(rng.geometric(KEEN))) - 1] for _ in range(count)]
+        open_ = [c for c in self.elites().values() if self._may_violate(c)]
+        chosen = []
+        for _ in range(count):
+            if open_ and rng.random() < self.explore:
+                chosen.append(open_[int(rng.integers(len(open_)))])
+            else:
+                chosen.append(ranked[min(len(ranked), int(rng.geometric(KEEN))) - 1])
+        return chosen
+
+    def elites(self) -> dict[Encounter, Candidate]:
+        """Return the candidate of every kind of encounter that is worst for the robot, by its estimate."""
+        found: dict[Encounter, Candidate] = {}
+        for candidate in self.candidates:
+            cell = self._cells.get(candidate.index)
+            if cell is not None and (cell not in found or candidate.estimate > found[cell].estimate):
+                found[cell] = candidate
+        return found
+
+    def _may_violate(self, candidate: Candidate) -> bool:
+        limit = self.plan.requirement.threshold
+        return limit is None or candidate.upper >= self.plan.requirement.badness(limit)
 
     def _race(self, count: int, most: int | None = None) -> Batch:
         """Give one more run to a number of the configurations that may still be the best."""
@@ -139,7 +180,7 @@ class HybridStrategy(BatchStrategy):
         hopeful = [c for c in in_the_race(self.candidates) if len(self._seen(c)) < most]
         hopeful.sort(key=lambda c: (-(c.estimate + 0.5 * c.deviation), c.index))
         chosen = hopeful[:count]
-        results = yield [self._again(c, len(self._seen(c)) + 1) for c in chosen]
+        results = yield [self._again(c, 1) for c in chosen]
         for attempt, candidate in zip(results, chosen, strict=False):
             self._measured(candidate, attempt)
         estimate(self.candidates)
@@ -154,7 +195,7 @@ class HybridStrategy(BatchStrategy):
                 final += 1
                 continue
             step = 2 if self.left > 1 else 1
-            results = yield [self._again(c, min(final, len(self._seen(c)) + step)) for c in open_]
+            results = yield [self._again(c, min(final - len(self._seen(c)), step)) for c in open_]
             if not results:
                 return
             for attempt, candidate in zip(results, open_, strict=False):
@@ -179,7 +220,9 @@ class HybridStrategy(BatchStrategy):
             **more,
         )
 
-    def _changed(self, parent: Candidate, rng: np.random.Generator, known: set[str]) -> Ask | None:
+    def _changed(
+        self, parent: Candidate, rng: np.random.Generator, known: set[str], seeds: tuple[int, ...]
+    ) -> Ask | None:
         """The ask for a changed configuration that was not tried yet; None where none is found."""
         change = self._operators.change(parent, [c for c in self.candidates if c.runs], rng, known)
         if change is None:
@@ -194,13 +237,16 @@ class HybridStrategy(BatchStrategy):
             description=change.description,
             reasoning=f"Attempt {parent.index} {change.words}.",
         )
-        return Ask(brief=brief, proposal=proposal, seeds=self._seeds(1)) if proposal.scenario else None
+        return Ask(brief=brief, proposal=proposal, seeds=seeds) if proposal.scenario else None
 
     def _again(self, candidate: Candidate, runs: int) -> Ask:
-        return Ask(brief=candidate.brief, proposal=candidate.proposal, seeds=self._seeds(runs))
+        """The ask for more runs of a candidate, on the first seeds of the race that it did not meet."""
+        seen = self._seen(candidate)
+        more = [seed for seed in self._seeds(len(seen) + runs + self.final_runs) if seed not in seen]
+        return Ask(brief=candidate.brief, proposal=candidate.proposal, seeds=(*seen, *more[:runs]))
 
     def _seeds(self, count: int) -> tuple[int, ...]:
-        """The first seeds of the race: every configuration meets them in the same order."""
+        """The first seeds of the race."""
         return tuple(seed_for(self.plan.seed, "race", k) for k in range(count))
 
     def _next(self, parent: Candidate) -> int:
@@ -219,6 +265,13 @@ class HybridStrategy(BatchStrategy):
         candidate = Candidate(attempt.brief, attempt.proposal, attempt.index, parent, operator)
         self.candidates.append(candidate)
         self._measured(candidate, attempt)
+        self._place(candidate, attempt)
+
+    def _place(self, candidate: Candidate, attempt: Attempt) -> None:
+        """Note the kind of encounter that a candidate shows."""
+        encounter = self.feedback_of(attempt, None).encounter if candidate.runs else None
+        if encounter is not None:
+            self._cells[candidate.index] = encounter.replace(stretch="", who="")
 
     def _measured(self, candidate: Candidate, attempt: Attempt) -> None:
         for measurement in attempt.measurements:

@@ -7,8 +7,9 @@ An Ask may name the seeds of its runs; runs that the ledger holds already are no
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
+from rvsg.campaign.accounting import calls_of
 from rvsg.campaign.attempt import Attempt, Ledger
 from rvsg.campaign.confirmation import confirm_all
 from rvsg.campaign.encounter import encounter_of
@@ -46,7 +47,7 @@ def stream_campaign(plan: Plan, strategy: Strategy, parts: Parts) -> Iterator[Ev
     complete = True
     try:
         if len(search_attempts(attempts)) == len(attempts):
-            yield from _noted(_search(plan, strategy, len(attempts), parts), attempts)
+            yield from _noted(_search(plan, strategy, attempts, parts), attempts)
         yield from _noted(confirm_all(plan, tuple(attempts), parts), attempts)
     except Cancelled:
         complete = False
@@ -72,8 +73,8 @@ def _noted(events: Iterator[Event], attempts: list[Attempt]) -> Iterator[Event]:
         yield event
 
 
-def _search(plan: Plan, strategy: Strategy, index: int, parts: Parts) -> Iterator[Event]:
-    """Make the attempts a strategy asks for, from number `index` on; several may be in progress.
+def _search(plan: Plan, strategy: Strategy, known: Sequence[Attempt], parts: Parts) -> Iterator[Event]:
+    """Make the attempts a strategy asks for, after those known; several may be in progress.
 
     The strategy receives them in their order, whichever finishes first. As soon as it has one, it is asked
     what can begin beside those still in progress.
@@ -81,6 +82,7 @@ def _search(plan: Plan, strategy: Strategy, index: int, parts: Parts) -> Iterato
     in_progress: deque[tuple[Attempt, list[PendingRun]]] = deque()
     upcoming: deque[Ask] = deque()
     stopped: GenerationError | None = None
+    index, calls = len(known), calls_of(known)
     while True:
         if not upcoming and not stopped:
             upcoming.extend(strategy.ask()[len(in_progress) :])
@@ -90,9 +92,13 @@ def _search(plan: Plan, strategy: Strategy, index: int, parts: Parts) -> Iterato
             if ask.proposal is None:
                 yield Proposing(campaign=plan.name, index=index, brief=ask.brief)
             try:
+                if ask.proposal is None:
+                    parts.limits.check(calls)
                 in_progress.append(_begin(plan, strategy.name, index, ask, parts))
             except GenerationError as error:
                 stopped = error
+            else:
+                calls += in_progress[-1][0].proposal.calls if ask.proposal is None else ()
             index += 1
         if not in_progress:
             break

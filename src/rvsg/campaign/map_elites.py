@@ -16,7 +16,6 @@ from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.hybrid import Batch, HybridStrategy
 from rvsg.campaign.racing import Candidate, estimate
 from rvsg.campaign.strategies import Batches
-from rvsg.scenario.brief import Encounter
 
 
 class MapElitesStrategy(HybridStrategy):
@@ -34,7 +33,6 @@ class MapElitesStrategy(HybridStrategy):
     def __init__(self, *args: Any, drafts: float = 0.3, repeated: float = 0.3, **options: Any) -> None:
         super().__init__(*args, drafts=drafts, **options)
         self.repeated = repeated
-        self._cells: dict[int, Encounter] = {}
 
     def search(self) -> Batches:
         """Draft, change what is in the cells, then repeat the worst of every cell."""
@@ -47,15 +45,6 @@ class MapElitesStrategy(HybridStrategy):
                 break
         yield from self._repeat()
 
-    def elites(self) -> dict[Encounter, Candidate]:
-        """Return the candidate of every cell that is worst for the robot, by its estimate."""
-        found: dict[Encounter, Candidate] = {}
-        for candidate in self.candidates:
-            cell = self._cells.get(candidate.index)
-            if cell is not None and (cell not in found or candidate.estimate > found[cell].estimate):
-                found[cell] = candidate
-        return found
-
     def _parents(self, rng: np.random.Generator, count: int) -> list[Candidate]:
         """The configurations to change: the elites of cells, each cell as likely as the other."""
         elites = list(self.elites().values())
@@ -66,7 +55,7 @@ class MapElitesStrategy(HybridStrategy):
         while self.left > 0:
             elites = sorted(self.elites().values(), key=lambda c: (len(self._seen(c)), -c.estimate, c.index))
             chosen = elites[: min(self.batch, self.left)]
-            results = yield [self._again(c, len(self._seen(c)) + 1) for c in chosen]
+            results = yield [self._again(c, 1) for c in chosen]
             if not results:
                 return
             for attempt, candidate in zip(results, chosen, strict=False):
@@ -75,7 +64,10 @@ class MapElitesStrategy(HybridStrategy):
 
     def _measured(self, candidate: Candidate, attempt: Attempt) -> None:
         super()._measured(candidate, attempt)
-        if candidate.runs:
-            encounter = self.feedback_of(attempt, None).encounter
-            if encounter is not None:
-                self._cells[candidate.index] = encounter
+        if attempt.index != candidate.index:
+            self._place(candidate, attempt)
+
+    def _place(self, candidate: Candidate, attempt: Attempt) -> None:
+        encounter = self.feedback_of(attempt, None).encounter if candidate.runs else None
+        if encounter is not None:
+            self._cells[candidate.index] = encounter

@@ -92,12 +92,15 @@ class Measuring:
 
     def measure(self, run: Run) -> Measurement:
         """Return every metric of one run, and the requirement's objective."""
+        values, metric = measure(run, world=self.world), self.requirement.metric
         return Measurement(
             run_id=run.id,
             seed=run.seed,
             outcome=run.outcome.value,
-            values=measure(run, world=self.world),
-            objective=objective(run, self.requirement, world=self.world),
+            values=values,
+            objective=values[metric]
+            if metric is not None and metric in values
+            else objective(run, self.requirement, world=self.world),
         )
 
     def judge(self, measurements: Sequence[Measurement], *, budget: int | None = None) -> Verdict:

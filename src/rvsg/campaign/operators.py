@@ -69,7 +69,7 @@ class Operators:
         changes = list(options.values())
         surrogate = Surrogate(others, np.array([self._features_of(c) for c in others]))
         gains = surrogate.differences(self._screen([c.people for c in changes]), self._features_of(parent))
-        order = np.argsort(-gains, kind="stable")
+        order = np.argsort(-np.round(gains / (np.abs(gains).max() or 1.0), 6), kind="stable")
         return changes[int(order[int(rng.integers(min(SHORTLIST, len(order))))])]
 
     def _tuned(self, parent: Candidate, rng: np.random.Generator) -> Change | None:

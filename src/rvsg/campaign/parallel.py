@@ -18,6 +18,9 @@ from rvsg.simulation.protocol import Simulator
 from rvsg.simulation.run import Run, run_id
 from rvsg.world.world import World
 
+RECENT = 1000
+"""Runs that are kept in memory, packed to some 5 kB each: strategies that race ask for the same runs again."""
+
 
 class Executor(Protocol):
     """Where runs are made outside this process; a plug-in of the kind `executor`, created with its options.
@@ -106,6 +109,7 @@ class Simulations:
         self._known = known or (lambda _: None)
         self._notify = notify
         self._open: dict[str, PendingRun] = {}
+        self._recent: dict[str, FinishedRun] = {}
         self._started = False
 
     @property
@@ -118,9 +122,12 @@ class Simulations:
         pending = PendingRun(self, scenario, seed)
         if pending.run_id in self._open:
             return self._open[pending.run_id]
+        if pending.run_id in self._recent:
+            pending._found = self._recent[pending.run_id]
+            return pending
         stored = self._known(pending.run_id)
         if stored is not None:
-            pending._found = self._maker.finished(stored)
+            pending._found = self._remember(self._maker.finished(stored))
             return pending
         self._open[pending.run_id] = pending
         if self._executor:
@@ -134,7 +141,14 @@ class Simulations:
         else:
             found = self._executor.result(pending._submitted)
         self._open.pop(pending.run_id, None)
-        return found
+        return self._remember(found) if isinstance(found, FinishedRun) else found
+
+    def _remember(self, run: FinishedRun) -> FinishedRun:
+        """Keep a run in memory until `RECENT` others came."""
+        self._recent[run.id] = run
+        if len(self._recent) > RECENT:
+            del self._recent[next(iter(self._recent))]
+        return run
 
     def __enter__(self) -> Self:
         return self

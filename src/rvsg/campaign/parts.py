@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
+from rvsg.campaign.accounting import Limits
 from rvsg.campaign.attempt import Attempt, Failure, Ledger, Measurement
 from rvsg.campaign.events import Event, RunMade
 from rvsg.campaign.measuring import FinishedRun
@@ -41,6 +42,8 @@ class Parts:
     """The error rates of a confirmation."""
     cancelled: Callable[[], bool] = lambda: False
     """Asked before every proposal and every run."""
+    limits: Limits = Limits()
+    """What the calls of the generator may cost."""
 
     def check(self) -> None:
         """Raise Cancelled where the campaign was cancelled."""

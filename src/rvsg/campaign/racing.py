@@ -81,8 +81,8 @@ def estimate(candidates: Sequence[Candidate]) -> None:
     tree.solve()
     variances = tree.relative_variances(len(known))
     for k, candidate in enumerate(known):
-        candidate.estimate = float(tree.values[k] + tree.centre)
-        candidate.deviation = math.sqrt(max(float(variances[k]), 0.0))
+        candidate.estimate = tree.rounded(tree.values[k]) + tree.centre
+        candidate.deviation = tree.rounded(math.sqrt(max(float(variances[k]), 0.0)))
 
 
 class _Tree:
@@ -114,6 +114,8 @@ class _Tree:
             "seed": self._rows(level + 2, [{count + k: 1.0} for k in range(len(seeds))]),
             "weak": self._rows(level + 2, [{level: 1.0}, {level + 1: 1.0}]),
         }
+        self.products = {name: rows.T @ rows for name, rows in self.rows.items()}
+        self.pulls = self.rows["noise"].T @ (self.badness - self.centre)
         shares = {"noise": 0.1, "draft": 0.5, "change": 0.25, "seed": 0.1, "weak": 4.0}
         self.variances = {name: share * self.total for name, share in shares.items()}
         self.start = dict(self.variances)
@@ -129,10 +131,15 @@ class _Tree:
     def solve(self) -> None:
         """Compute means and covariance of the unknowns for the present variances."""
         information = np.zeros((self.rows["noise"].shape[1],) * 2)
-        for name, rows in self.rows.items():
-            information += rows.T @ rows / self.variances[name]
+        for name, product in self.products.items():
+            information += product / self.variances[name]
         self.covariance = np.linalg.inv(information)
-        self.values = self.covariance @ (self.rows["noise"].T @ (self.badness - self.centre)) / self.variances["noise"]
+        self.values = self.covariance @ self.pulls / self.variances["noise"]
+
+    def rounded(self, value: float) -> float:
+        """Round to a millionth of the spread: the last digits differ by the number of BLAS threads."""
+        step = 1e-6 * math.sqrt(self.total)
+        return round(float(value) / step) * step
 
     def relative_variances(self, count: int) -> Floats:
         """Return the variances of the first values, less their mean: what all have in common decides nothing."""
@@ -145,8 +152,8 @@ class _Tree:
             if name == "weak" or not len(rows):
                 continue
             target = self.badness - self.centre if name == "noise" else 0.0
-            squares = (target - rows @ self.values) ** 2 + ((rows @ self.covariance) * rows).sum(axis=1)
-            found = (squares.sum() + PRIOR_RUNS * self.start[name]) / (len(rows) + PRIOR_RUNS)
+            squares = ((target - rows @ self.values) ** 2).sum() + (self.covariance * self.products[name]).sum()
+            found = (squares + PRIOR_RUNS * self.start[name]) / (len(rows) + PRIOR_RUNS)
             self.variances[name] = max(float(found), 1e-6 * self.total)
 
 

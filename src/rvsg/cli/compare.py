@@ -29,6 +29,11 @@ def compare(
     seeds: Annotated[int, typer.Option(min=1, max=1000, help="Campaigns per method and cell.")] = 3,
     first_seed: Annotated[int, typer.Option(min=0, help="Seed of the first campaign.")] = 0,
     budget_runs: Annotated[int, typer.Option(min=10, help="Runs of each search.")] = 250,
+    budget_calls: Annotated[int | None, typer.Option(help="Calls of the generator in each search, at most.")] = None,
+    budget_tokens: Annotated[int | None, typer.Option(help="Tokens in each search, at most.")] = None,
+    budget_usd: Annotated[float | None, typer.Option(help="What the calls of each search may cost.")] = None,
+    model: Annotated[str | None, typer.Option(help="Model of the generator vlm, e.g. openai-chat:gpt-4.1.")] = None,
+    base_url: Annotated[str | None, typer.Option(help="Address of an OpenAI-compatible server.")] = None,
     jobs: Annotated[int | None, typer.Option(min=1, help="Worker processes. Default: one per core.")] = None,
     json: Annotated[
         Path | None, typer.Option(help="File of the rows. Give the same file again to resume or to add cells.")
@@ -45,11 +50,12 @@ def compare(
     from rvsg.api import compare as comparing
     from rvsg.api.config import effective
 
-    base = effective(
-        None,
-        {},
-        {"world": world, "simulator": simulator, "humans": humans, "budget_runs": budget_runs, "jobs": jobs},
-    )
+    settings = {
+        **{"world": world, "simulator": simulator, "humans": humans, "budget_runs": budget_runs, "jobs": jobs},
+        **{"budget_calls": budget_calls, "budget_tokens": budget_tokens, "budget_usd": budget_usd},
+        **{"model": model, "base_url": base_url},
+    }
+    base = effective(None, {}, settings)
     rows = comparing.read_rows(json) if json else []
 
     def report(row: Row) -> None:

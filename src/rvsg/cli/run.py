@@ -86,8 +86,8 @@ def run(
     conversation: Annotated[str | None, typer.Option(help="compact or study. [compact]")] = None,
     prompts: Annotated[str | None, typer.Option(help="Folder of prompt templates that replace ours.")] = None,
     replay: Annotated[str | None, typer.Option(help="Answer from these recordings, without a model.")] = None,
-    budget_usd: Annotated[float | None, typer.Option(help="Stop before the model's calls cost more.")] = None,
-    budget_calls: Annotated[int | None, typer.Option(help="Stop before more calls of the model.")] = None,
+    budget_usd: Annotated[float | None, typer.Option(help="Stop before the calls of the generator cost more.")] = None,
+    budget_calls: Annotated[int | None, typer.Option(help="Stop before more calls of a model.")] = None,
     budget_tokens: Annotated[int | None, typer.Option(help="Stop before more tokens.")] = None,
     generator_option: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="For the generator.")] = None,
     simulator_option: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="For the simulator.")] = None,
@@ -217,13 +217,13 @@ def _what_it_does(plan: Plan) -> str:
 
 def _show_lost(attempts: list[Attempt]) -> None:
     """Say which replies of a model were unusable, and why attempts have no scenario."""
-    from rvsg.api.words import counted, describe_unusable
+    from rvsg.api.words import calls_of, counted, describe_unusable
 
     search = [attempt for attempt in attempts if attempt.purpose == "search"]
     lost = [attempt for attempt in search if attempt.proposal.scenario is None]
     if lost and (problems := lost[0].proposal.problems):
         say(f"{counted(len(lost), 'attempt')} of {len(search)} came without a scenario; the first: {problems[0]}")
-    if unusable := describe_unusable([call for attempt in search for call in attempt.proposal.calls]):
+    if unusable := describe_unusable(calls_of(search)):
         say(unusable)
 
 

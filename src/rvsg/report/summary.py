@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
+from rvsg.campaign.accounting import Accounting, account, runs_of
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.finding import worst_confirmation
 from rvsg.campaign.plan import Plan
@@ -39,24 +40,6 @@ class Ranked(Record):
     scenario_id: str
     description: str
     verdict: Verdict
-
-
-class Accounting(Record):
-    """What the campaign spent. `cost_usd` is None where the price of a call is unknown."""
-
-    search_attempts: int
-    search_runs: int
-    confirmation_runs: int
-    baseline_runs: int = 0
-    """Runs with fewer people: without anybody, and without one person each."""
-    failed_runs: int
-    invalid_proposals: int
-    repaired_proposals: int
-    calls: int
-    input_tokens: int
-    cached_tokens: int
-    output_tokens: int
-    cost_usd: float | None
 
 
 class Summary(Record):
@@ -98,34 +81,7 @@ def _complete(plan: Plan, attempts: Sequence[Attempt], ranked: Sequence[Ranked])
     searched = search_attempts(attempts)
     if all(a.runs in (0, plan.repeats) for a in searched):
         return len(searched) >= plan.attempts
-    return _runs_of(searched) >= plan.search_runs
-
-
-def _runs_of(attempts: Sequence[Attempt]) -> int:
-    """Return how many runs attempts made; one that several attempts share counts once."""
-    return len({m.run_id for attempt in attempts for m in attempt.measurements})
-
-
-def account(attempts: Iterable[Attempt]) -> Accounting:
-    """What the attempts spent; the calls of a proposal count once, with the attempt of the search."""
-    attempts = list(attempts)
-    searched = search_attempts(attempts)
-    calls = [call for attempt in searched for call in attempt.proposal.calls]
-    costs = [call.cost_usd for call in calls]
-    return Accounting(
-        search_attempts=len(searched),
-        search_runs=_runs_of(searched),
-        confirmation_runs=sum(len(a.measurements) for a in attempts if a.purpose == "confirmation"),
-        baseline_runs=sum(len(a.measurements) for a in attempts if a.purpose in ("baseline", "removal")),
-        failed_runs=sum(len(a.failures) for a in attempts),
-        invalid_proposals=sum(a.proposal.scenario is None for a in searched),
-        repaired_proposals=sum(bool(a.proposal.repairs) for a in searched),
-        calls=len(calls),
-        input_tokens=sum(call.input_tokens for call in calls),
-        cached_tokens=sum(call.cached_tokens for call in calls),
-        output_tokens=sum(call.output_tokens for call in calls),
-        cost_usd=sum(cost for cost in costs if cost is not None) if None not in costs else None,
-    )
+    return runs_of(searched) >= plan.search_runs
 
 
 def in_short(scenario: Scenario) -> str:

@@ -1,0 +1,73 @@
+"""One account of runs, calls, tokens and money, and the limits of what calls cost."""
+
+from __future__ import annotations
+
+import pytest
+from tests.campaign.parts import MemoryLedger, WalkGenerator, parts, plan, warehouse
+
+from rvsg.campaign.accounting import Limits, account
+from rvsg.campaign.attempt import Attempt
+from rvsg.campaign.hybrid import HybridStrategy
+from rvsg.campaign.loop import feedback_from, run_campaign
+from rvsg.campaign.strategies import StudyStrategy
+from rvsg.core.errors import BudgetSpent
+from rvsg.generation.generator import Call, Proposal
+from rvsg.scenario.brief import Brief
+from rvsg.world.world import World
+
+
+class Paid(WalkGenerator):
+    """A generator of a plug-in that says what its calls cost."""
+
+    def __init__(self, usd: float | None = 0.02) -> None:
+        super().__init__()
+        self.usd = usd
+
+    def propose(self, brief: Brief, world: World) -> Proposal:
+        call = Call(purpose=brief.kind, model="paid", input_tokens=900, output_tokens=100, cost_usd=self.usd)
+        return super().propose(brief, world).replace(calls=(call, call))
+
+
+def searched(
+    ledger: MemoryLedger, strategy: type = StudyStrategy, price: float | None = 0.02, **limits: float
+) -> list[Attempt]:
+    the_plan = plan(scenarios=3, refinements=1, repeats=2, confirmations=0)
+    made = parts(ledger, generator=Paid(price))
+    object.__setattr__(made, "limits", Limits(**limits))  # type: ignore[arg-type]
+    with made.simulations:
+        chosen = strategy(the_plan, feedback_from(ledger, the_plan, warehouse()), warehouse())
+        return run_campaign(the_plan, chosen, made)
+
+
+@pytest.mark.parametrize(
+    ("limits", "attempts"), [({"calls": 3}, 2), ({"calls": 4}, 2), ({"tokens": 2001}, 2), ({"usd": 0.05}, 2)]
+)
+def test_a_limit_of_any_kind_ends_the_search_of_any_generator(limits: dict[str, float], attempts: int) -> None:
+    ledger = MemoryLedger()
+    with pytest.raises(BudgetSpent):
+        searched(ledger, **limits)
+    spent = account(ledger.kept)
+    assert (spent.search_attempts, spent.calls, spent.input_tokens) == (attempts, 2 * attempts, 1800 * attempts)
+    assert spent.cost_usd == pytest.approx(0.04 * attempts)
+
+
+def test_a_search_with_a_larger_limit_goes_on_to_the_same_records() -> None:
+    whole, ledger = MemoryLedger(), MemoryLedger()
+    searched(whole)
+    with pytest.raises(BudgetSpent):
+        searched(ledger, calls=3)
+    searched(ledger, calls=50)
+    assert ledger.kept == whole.kept
+
+
+def test_a_limit_of_money_cannot_be_kept_where_the_price_is_unknown() -> None:
+    with pytest.raises(BudgetSpent):
+        searched(MemoryLedger(), price=None, usd=1.0)
+
+
+def test_a_configuration_that_is_run_again_pays_its_calls_once() -> None:
+    attempts = searched(MemoryLedger(), HybridStrategy)
+    asked = [a for a in attempts if a.proposal.generator != "hybrid"]
+    briefs = {(a.brief.scenario_index, a.brief.configuration_index) for a in asked}
+    assert len(asked) > len(briefs)
+    assert account(attempts).calls == 2 * len(briefs)
