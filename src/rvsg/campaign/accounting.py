@@ -1,4 +1,4 @@
-"""One account of what a campaign spends, whatever its strategy and generator, and the limits of calls, tokens and money.
+"""One account of what a campaign spends, whatever its strategy and generator, and limits of calls, tokens and money.
 
 Runs of the search are limited by the plan, since they decide the records. The other limits do not: a campaign that
 reached one resumes with a larger one.
@@ -34,7 +34,7 @@ class Accounting(Record):
 
 
 class Limits(Record):
-    """What the calls of a generator may cost in a campaign; None is no limit. A generator without calls costs nothing."""
+    """What the calls of a generator may cost in a campaign; None is no limit. Without calls it costs nothing."""
 
     calls: int | None = None
     tokens: int | None = None
@@ -81,7 +81,7 @@ def account(attempts: Iterable[Attempt]) -> Accounting:
 
 
 def calls_of(attempts: Iterable[Attempt]) -> list[Call]:
-    """Return the calls made for attempts; those of a proposal that a strategy runs again, under its brief, count once."""
+    """Return the calls made for attempts; those of a proposal that is run again, under its brief, count once."""
     asked = {(a.brief.scenario_index, a.brief.configuration_index, a.brief.seed): a.proposal.calls for a in attempts}
     return [call for calls in asked.values() for call in calls]
 
@@ -93,5 +93,6 @@ def runs_of(attempts: Iterable[Attempt]) -> int:
 
 def _spent(spent: str, option: str) -> BudgetSpent:
     return BudgetSpent(
-        f"The budget is spent: {spent}. What is finished is kept; to go on, run the same command with a larger {option}."
+        f"The budget is spent: {spent}. What is finished is kept; to go on, run the same command with a larger "
+        f"{option}."
     )

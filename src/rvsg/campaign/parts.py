@@ -42,7 +42,7 @@ class Parts:
     """The error rates of a confirmation."""
     cancelled: Callable[[], bool] = lambda: False
     """Asked before every proposal and every run."""
-    limits: Limits = Limits()
+    limits: Limits = field(default_factory=Limits)
     """What the calls of the generator may cost."""
 
     def check(self) -> None:
