@@ -101,10 +101,11 @@ controller_server:
       CostCritic: {enabled: true, cost_power: 1, cost_weight: 3.0, consider_footprint: true}
 collision_monitor:
   ros__parameters:
-    polygons: ["Stop", "Slow", "Approach"]
+    polygons: ["Stop", "Slow", "Approach", "Speed"]
     Stop: {type: polygon, points: "[[0.5, 0.3], [0.5, -0.3], [0.0, -0.3], [0.0, 0.3]]", action_type: stop}
-    Slow: {type: circle, radius: 0.8, action_type: slowdown, slowdown_ratio: 0.4}
+    Slow: {type: circle, radius: 0.8, action_type: slowdown, slowdown_ratio: 0.4, max_points: 8}
     Approach: {type: polygon, action_type: approach, time_before_collision: 1.2}
+    Speed: {type: velocity_polygon, action_type: stop}
 """
 RPP = """
 controller_server:
@@ -172,9 +173,59 @@ def test_mppi_and_a_collision_monitor(tmp_path: Path) -> None:
     options = choice.record.options
     assert choice.record.name == "nav2-mppi" and options["batch_size"] == 500 and options["vx_max"] == 0.6
     assert options["CostCritic"]["cost_weight"] == 3.0 and not options["PathAlignCritic"]["enabled"]
-    zones = choice.driver.adapt(load_robot("tiago_omni")).safety_zones
-    assert [(zone.name, zone.speed_m_s) for zone in zones] == [("Stop", 0.0), ("Slow", pytest.approx(0.16))]
-    assert any("approach" in message for message in choice.messages)
+    navigation = choice.driver.adapt(load_robot("tiago_omni")).navigation
+    stop, slow, approach = navigation.collision_monitor
+    assert (stop.action_type, stop.points[0], stop.min_points) == ("stop", (0.5, 0.3), 4)
+    assert (slow.action_type, len(slow.points), slow.slowdown_ratio, slow.min_points) == ("slowdown", 16, 0.4, 9)
+    assert (approach.action_type, approach.points, approach.time_before_collision) == ("approach", None, 1.2)
+    state = {entry.key: entry.state for entry in read_nav2_params(path).entries}
+    assert state["collision_monitor.Approach.time_before_collision"] == "honoured"
+    assert state["collision_monitor.Speed.type"] == "not supported"
+
+
+PLANNER = """
+planner_server:
+  ros__parameters:
+    planner_plugins: [GridBased]
+    GridBased: {{plugin: "{plugin}", {options}}}
+behavior_server:
+  ros__parameters:
+    behavior_plugins: [spin]
+    spin: {{plugin: "nav2_behaviors{dots}Spin"}}
+"""
+
+
+@pytest.mark.parametrize(
+    ("plugin", "options", "kind", "honoured", "refused"),
+    [
+        ("nav2_smac_planner::SmacPlanner2D", "cost_travel_multiplier: 3.0, tolerance: 0.2, smoother: {w_smooth: 0.5}",
+         {"kind": "smac_2d", "cost_travel_multiplier": 3.0, "tolerance": 0.2}, "tolerance", "smoother.w_smooth"),
+        ("nav2_theta_star_planner/ThetaStarPlanner", "how_many_corners: 4, w_euc_cost: 0.8, w_traversal_cost: 1.5",
+         {"kind": "theta_star", "w_euc_cost": 0.8, "w_traversal_cost": 1.5}, "w_euc_cost", "how_many_corners"),
+    ],
+)  # fmt: skip
+def test_smac_and_theta_star(
+    tmp_path: Path, plugin: str, options: str, kind: dict[str, Any], honoured: str, refused: str
+) -> None:
+    path = written(tmp_path, RPP + PLANNER.format(plugin=plugin, options=options, dots="::"))
+    choice = StackChoice.of(path)
+    assert choice.record.options["planner"] == kind
+    assert choice.driver.adapt(load_robot("tiago_omni")).navigation.planner.kind == kind["kind"]
+    state = {entry.key: entry.state for entry in read_nav2_params(path).entries}
+    assert state[f"planner_server.GridBased.{honoured}"] == "honoured"
+    assert state[f"planner_server.GridBased.{refused}"] == "not supported"
+
+
+@pytest.mark.parametrize(("dots", "smoothed"), [("::", True), ("/", False)])
+def test_the_release_decides_how_recoveries_drive(tmp_path: Path, dots: str, smoothed: bool) -> None:
+    path = written(
+        tmp_path, RPP + PLANNER.format(plugin="nav2_navfn_planner/NavfnPlanner", options="tolerance: 0.4", dots=dots)
+    )
+    assert StackChoice.of(path).driver.adapt(load_robot("tiago_omni")).navigation.behaviours.smoothed is smoothed
+    assert {
+        name: StackChoice.of(name).driver.adapt(load_robot("tiago_omni")).navigation.behaviours.smoothed
+        for name in ("nav2-dwb", "nav2-rpp", "nav2-mppi")
+    } == {"nav2-dwb": False, "nav2-rpp": True, "nav2-mppi": True}
 
 
 def test_pure_pursuit_and_options_on_top_of_a_file(tmp_path: Path) -> None:
@@ -195,7 +246,7 @@ def test_what_is_not_supported_is_always_told(tmp_path: Path) -> None:
     ("old", "new", "near"),
     [
         ("dwb_core::DWBLocalPlanner", "nav2_graceful_controller::GracefulController", "RegulatedPurePursuitController"),
-        ("nav2_navfn_planner/NavfnPlanner", "nav2_smac_planner/SmacPlanner2D", "NavfnPlanner"),
+        ("nav2_navfn_planner/NavfnPlanner", "nav2_smac_planner/SmacPlannerHybrid", "SmacPlanner2D"),
         ("nav2_costmap_2d::VoxelLayer", "spatio_temporal_voxel_layer/SpatioTemporalVoxelLayer", "VoxelLayer"),
         ('"PathDist"', '"PathHugging"', "Path"),
         ("[0.4, 0.0, 1.2]", "[0.4, fast]", "three numbers"),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -90,6 +90,38 @@ class Behaviours(Record):
     wait_s: NotNegative = 5.0
     look_ahead_s: NotNegative = 2.0
     recoveries: Annotated[int, Field(ge=0, le=100)] = 6
+    smoothed: Annotated[bool, Field(exclude_if=lambda smoothed: not smoothed)] = False
+    """Whether recoveries drive through the velocity smoother (Nav2 Jazzy and later) or past it (Humble, Iron)."""
+
+
+class Planner(Record):
+    """The plug-in of the planner server, with Nav2's names and defaults."""
+
+    kind: Literal["navfn", "smac_2d", "theta_star"] = "navfn"
+    """`navfn` takes its tolerance from the behaviours."""
+    tolerance: NotNegative = 0.125
+    """Of Smac 2D: how far from the goal a path may end, m."""
+    cost_travel_multiplier: NotNegative = 1.0
+    """Of Smac 2D."""
+    w_euc_cost: Positive = 1.0
+    """Of Theta*."""
+    w_traversal_cost: NotNegative = 2.0
+    """Of Theta*."""
+
+
+class MonitorPolygon(Record):
+    """A polygon of nav2_collision_monitor, with Nav2's names and defaults; it scales every command, recoveries too."""
+
+    name: str
+    action_type: Literal["stop", "slowdown", "limit", "approach"]
+    points: Annotated[tuple[tuple[float, float], ...], Field(min_length=3, max_length=100)] | None = None
+    """Corners in the base frame, m; None: the robot's padded footprint."""
+    min_points: Annotated[int, Field(ge=1)] = 4
+    slowdown_ratio: Annotated[float, Field(ge=0, le=1)] = 0.5
+    linear_limit: NotNegative = 0.5
+    angular_limit: NotNegative = 0.5
+    time_before_collision: Annotated[float, Field(gt=0, le=20)] = 2.0
+    simulation_time_step: Annotated[float, Field(ge=0.01, le=5)] = 0.1
 
 
 class Navigation(Record):
@@ -99,3 +131,5 @@ class Navigation(Record):
     dwb: Dwb = Dwb()
     costmaps: Costmaps = Costmaps()
     behaviours: Behaviours = Behaviours()
+    planner: Annotated[Planner, Field(exclude_if=lambda planner: planner == Planner())] = Planner()
+    collision_monitor: Annotated[tuple[MonitorPolygon, ...], Field(exclude_if=lambda polygons: not polygons)] = ()

@@ -17,10 +17,10 @@ STEP_S = 0.01
 
 # Indices of the state vector of the base: pose, velocity, last output of the smoother, command with its time and
 # whether it goes past the smoother, acceleration and steering angle now, highest forward and reverse speed that the
-# safety scanners allow, until when a touched bumper stops the drive.
+# safety scanners allow, until when a touched bumper stops the drive, by what the collision monitor scales the command.
 (X, Y, YAW, V, W, SMOOTH_V, SMOOTH_W, COMMAND_V, COMMAND_W, COMMAND_T, DIRECT, ACCELERATION, STEERING, CAP_AHEAD,
- CAP_BEHIND, STOPPED_T) = range(16)  # fmt: skip
-BODY_SIZE = 16
+ CAP_BEHIND, STOPPED_T, RATIO) = range(17)  # fmt: skip
+BODY_SIZE = 17
 NO_CAP = 1e9
 
 
@@ -30,6 +30,7 @@ def new_body() -> Floats:
     body[CAP_AHEAD] = NO_CAP
     body[CAP_BEHIND] = NO_CAP
     body[STOPPED_T] = -NO_CAP
+    body[RATIO] = 1.0
     return body
 
 
@@ -146,6 +147,8 @@ def advance(body: Floats, yaw_gain: float, waiting: Floats, k: int, stack: Stack
     if body[DIRECT] != 0.0:
         v = body[COMMAND_V]
         w = yaw_gain * body[COMMAND_W]
+    v *= body[RATIO]
+    w *= body[RATIO]
     if stack.latency_ticks > 0:
         v, w = delayed(body, waiting, k, v, w)
     v, w = follow_command(body, v, w, k * STEP_S, stack)

@@ -29,6 +29,7 @@ from rvsg.simulation.embedded.people.crowd import CrowdRef
 from rvsg.simulation.embedded.scene import Scene, SceneRef
 from rvsg.simulation.embedded.sensing.lidar import place_legs
 from rvsg.simulation.embedded.sensing.localisation import ACTIVE, LocalisationRef, localise
+from rvsg.simulation.embedded.sensing.monitor import keep_returns, monitor
 from rvsg.simulation.embedded.sensing.perception import update_global, update_local
 from rvsg.simulation.embedded.sensing.safety import watch_zones
 from rvsg.simulation.embedded.stack import LIDAR_TICKS, StackRef
@@ -229,6 +230,8 @@ def sense_and_walk(scene: SceneRef, state: StateRef, settings: Settings, crowd: 
             take_scan(scene, state, settings, crowd, side, t)
             if state.stack.zones.shape[0] > 0:
                 watch_zones(scene, state, settings, side, t)
+            if state.stack.monitor.shape[0] > 0:
+                keep_returns(scene, state, settings, side)
 
 
 @inner
@@ -319,6 +322,8 @@ def go_on(
             if t >= state.times[st.SMOOTH_T] - 1e-9:
                 state.times[st.SMOOTH_T] += state.stack.smoother_period * settings.clock
                 base.smooth(body, t, state.stack)
+                if state.stack.monitor.shape[0] > 0:
+                    monitor(state)
             if k >= 0:
                 if write_rows(settings, state, crowd, intervals, record, loop, k):
                     return OVER

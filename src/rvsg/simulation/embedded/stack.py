@@ -15,6 +15,8 @@ from rvsg.robots.polygons import distance, inside, padded, reach, rectangle
 Floats = NDArray[np.float64]
 
 TICKS_PER_S = 100
+PLANNERS = ("navfn", "smac_2d", "theta_star")
+ACTIONS = ("stop", "slowdown", "limit", "approach")
 # Columns of the table of lidars: place in the base, bearing of the middle ray, field of view, number of rays, ranges,
 # period in ticks of 10 ms, standard deviation of a range, share of rays without a return.
 (LIDAR_X, LIDAR_Y, LIDAR_YAW, LIDAR_VIEW, LIDAR_RAYS, LIDAR_MIN, LIDAR_MAX, LIDAR_TICKS, LIDAR_NOISE,
@@ -57,6 +59,18 @@ class Stack(NamedTuple):
     and whether it lies ahead of the base (1), behind it (-1) or around it (0)."""
     zone_corners: Floats
     """(K, 2) corners of the safety zones in the base frame."""
+    monitor: Floats
+    """(M, 9) polygons of the collision monitor, see `sensing.monitor`."""
+    monitor_corners: Floats
+    """(K, 2) corners of these polygons in the base frame."""
+    monitor_reach: float
+    """How far from the base frame anything may concern a polygon, m."""
+    planner: int
+    """0: NavFn; see PLANNERS."""
+    smac_tolerance: float
+    smac_cost: float
+    theta_length: float
+    theta_cost: float
     smoother_period: float
     max_v: float
     min_v: float
@@ -91,6 +105,8 @@ class Stack(NamedTuple):
     wait_s: float
     look_ahead_s: float
     recoveries: int
+    recoveries_direct: bool
+    """They drive past the velocity smoother."""
     dwb_acc_v: float
     dwb_dec_v: float
     dwb_acc_w: float
@@ -140,7 +156,19 @@ def inscribed_radius(robot: Robot) -> float:
 def scan_reach(robot: Robot) -> float:
     """Return how far a scan is cast for costmaps and safety zones, m."""
     zones = max((reach(zone.polygon) for zone in robot.safety_zones), default=0.0)
-    return max(robot.navigation.costmaps.clearing_range_m, zones) + 0.5
+    return max(robot.navigation.costmaps.clearing_range_m, zones, monitor_reach(robot)) + 0.5
+
+
+def monitor_reach(robot: Robot) -> float:
+    """Return how far from the base frame anything may concern the collision monitor, m; 0 without one."""
+    found = 0.0
+    for polygon in robot.navigation.collision_monitor:
+        moves = polygon.time_before_collision if polygon.action_type == "approach" else 0.0
+        fastest = max(robot.limits.speed_m_s, robot.limits.reverse_m_s)
+        corners = polygon.points or padded(robot.footprint, robot.padding_m)
+        # A scan is a tenth of a second old at most, but for slow lidars.
+        found = max(found, reach(corners) + fastest * (moves + polygon.simulation_time_step + 0.5))
+    return found
 
 
 def speeds(robot: Robot) -> tuple[float, float, float]:
@@ -189,12 +217,22 @@ def stack_of(robot: Robot) -> Stack:
     forward, reverse, turn = speeds(robot)
     planned = planned_range(robot)
     zones, corners = _zones(robot)
+    polygons, polygon_corners = _monitor(robot)
+    planner = navigation.planner
     return Stack(
         footprint=padded_footprint(robot),
         outline=np.array(robot.outline, np.float64),
         lidars=_lidars(robot),
         radius=robot.radius_m,
         imu_behind=-robot.imu.x,
+        monitor=polygons,
+        monitor_corners=polygon_corners,
+        monitor_reach=monitor_reach(robot),
+        planner=PLANNERS.index(planner.kind),
+        smac_tolerance=planner.tolerance,
+        smac_cost=planner.cost_travel_multiplier,
+        theta_length=planner.w_euc_cost,
+        theta_cost=planner.w_traversal_cost,
         smoother_period=1.0 / smoother.frequency_hz,
         max_v=forward,
         min_v=-reverse,
@@ -227,6 +265,7 @@ def stack_of(robot: Robot) -> Stack:
         wait_s=behaviours.wait_s,
         look_ahead_s=behaviours.look_ahead_s,
         recoveries=behaviours.recoveries,
+        recoveries_direct=not behaviours.smoothed,
         enforced=limits.enforced,
         base_v=limits.speed_m_s,
         base_reverse=limits.reverse_m_s,
@@ -292,6 +331,19 @@ def _zones(robot: Robot) -> tuple[Floats, Floats]:
         side = 0.0 if inside(zone.polygon, 0.0, 0.0) else 1.0 if front + rear > 0.0 else -1.0
         rows.append((zone.speed_m_s, zone.from_speed_m_s, zone.release_s, begin, len(corners), side))
     return np.array(rows, np.float64).reshape(-1, 6), np.array(corners, np.float64).reshape(-1, 2)
+
+
+def _monitor(robot: Robot) -> tuple[Floats, Floats]:
+    rows: list[tuple[float, ...]] = []
+    corners: list[tuple[float, float]] = []
+    for q in robot.navigation.collision_monitor:
+        begin = len(corners)
+        corners += list(q.points or padded(robot.footprint, robot.padding_m))
+        rows.append(
+            (ACTIONS.index(q.action_type), q.min_points, q.slowdown_ratio, q.linear_limit, q.angular_limit,
+             q.time_before_collision, q.simulation_time_step, begin, len(corners))
+        )  # fmt: skip
+    return np.array(rows, np.float64).reshape(-1, 9), np.array(corners, np.float64).reshape(-1, 2)
 
 
 def _first(value: float | None, otherwise: float) -> float:

@@ -77,7 +77,8 @@ class State(NamedTuple):
     `scanned` (L, 3) the robot's pose and `legs` (L, 2N, 2) what a lidar sees of people, both at its latest scan;
     `ranges` (L, rays) and `directions` (L, rays, 2) its rays. `dropouts` uniform numbers for rays without a return.
     `delayed` (ticks, 2): commands on their way to the base. `zone_until` (Z,): until when each safety zone limits
-    the speed. `stack` the robot's numbers, `walls` what its body cannot enter.
+    the speed. `returns` (L, rays, 2): where the latest scans returned, in the world, for the collision monitor.
+    `stack` the robot's numbers, `walls` what its body cannot enter.
     """
 
     body: Floats
@@ -104,6 +105,7 @@ class State(NamedTuple):
     dropouts: Floats
     delayed: Floats
     zone_until: Floats
+    returns: Floats
     samples: Floats
     memo: dwb.Rollouts
     scratch: dwb.Scratch
@@ -161,6 +163,7 @@ def new_state(
         dropouts=np.zeros(NOISE_TABLE),
         delayed=np.zeros((max(1, stack.latency_ticks), 2)),
         zone_until=np.full(len(stack.zones), -np.inf),
+        returns=np.zeros((len(lidars), rays if len(stack.monitor) else 0, 2)),
         samples=samples,
         memo=memo if memo is not None else dwb.rollouts(len(samples)),
         scratch=dwb.scratch(len(samples), cells),

@@ -10,7 +10,7 @@ from rvsg.core.documents import mistakes_of
 from rvsg.core.errors import InputError
 from rvsg.core.records import Record
 from rvsg.robots import Robot, SafetyZone
-from rvsg.robots.navigation import Behaviours, Costmaps, Dwb, Smoother
+from rvsg.robots.navigation import Behaviours, Costmaps, Dwb, MonitorPolygon, Planner, Smoother
 from rvsg.robots.robot import Polygon
 from rvsg.simulation.stacks.protocol import LocalPlanner
 
@@ -18,6 +18,7 @@ SECTIONS: dict[str, type[Record]] = {
     "smoother": Smoother,
     "costmaps": Costmaps,
     "behaviours": Behaviours,
+    "planner": Planner,
     "dwb": Dwb,
 }
 
@@ -29,11 +30,14 @@ class Nav2Settings(Record):
     """Keys of the robot's `navigation.smoother`, likewise the next ones."""
     costmaps: dict[str, Any] = Field(default_factory=dict)
     behaviours: dict[str, Any] = Field(default_factory=dict)
+    planner: dict[str, Any] = Field(default_factory=dict)
+    collision_monitor: tuple[MonitorPolygon, ...] = ()
+    """Polygons of Nav2's collision monitor, instead of the robot's."""
     footprint: Polygon | None = None
     """What Nav2 takes for the robot's outline; its body stays what it is."""
     padding_m: Annotated[float, Field(ge=0, le=0.5)] | None = None
     safety_zones: tuple[SafetyZone, ...] = ()
-    """Zones of a collision monitor; they limit every command, recoveries included."""
+    """Zones of safety scanners besides the robot's; they limit the speed of the base."""
 
 
 class Configured(LocalPlanner):
@@ -41,6 +45,8 @@ class Configured(LocalPlanner):
 
     answer_time_s: ClassVar[float | None] = None
     Settings: ClassVar[type[Nav2Settings]] = Nav2Settings
+    smoothed_recoveries: ClassVar[bool] = False
+    """Whether recoveries drive through the velocity smoother (Nav2 Jazzy and later), unless the options tell."""
 
     def __init__(self, **options: Any) -> None:
         try:
@@ -64,10 +70,12 @@ class Configured(LocalPlanner):
         """Return the robot with these navigation parameters."""
         given = self.settings
         sections = {key: getattr(given, key) for key in SECTIONS if getattr(given, key, None)}
-        navigation = robot.navigation.replace(
-            **{key: getattr(robot.navigation, key).replace(**values) for key, values in sections.items()}
-        )
-        changes: dict[str, Any] = {"navigation": navigation} if sections else {}
+        if self.smoothed_recoveries:
+            sections["behaviours"] = {"smoothed": True, **given.behaviours}
+        parts = {key: getattr(robot.navigation, key).replace(**values) for key, values in sections.items()}
+        if given.collision_monitor:
+            parts["collision_monitor"] = given.collision_monitor
+        changes: dict[str, Any] = {"navigation": robot.navigation.replace(**parts)} if parts else {}
         if given.footprint is not None:
             changes |= {"footprint": given.footprint, "body": robot.outline}
         if given.padding_m is not None:

@@ -9,7 +9,21 @@ CONTROLLERS = {
     "RegulatedPurePursuitController": "nav2-rpp",
     "MPPIController": "nav2-mppi",
 }
-PLANNERS = ("NavfnPlanner",)
+PLANNERS = {"NavfnPlanner": "navfn", "SmacPlanner2D": "smac_2d", "ThetaStarPlanner": "theta_star"}
+PLANNING = {
+    "navfn": {"use_astar": False, "allow_unknown": True, "use_final_approach_orientation": False},
+    "smac_2d": {
+        "allow_unknown": True, "downsample_costmap": False, "downsampling_factor": 1, "max_iterations": 1_000_000,
+        "max_on_approach_iterations": 1000, "use_final_approach_orientation": False, "max_planning_time": 2.0,
+        "smoother.max_iterations": 1000, "smoother.w_smooth": 0.3, "smoother.w_data": 0.2, "smoother.tolerance": 1e-10,
+        "smoother.do_refinement": True, "smoother.refinement_num": 2, "motion_model_for_search": "2D",
+    },
+    "theta_star": {"how_many_corners": 8, "allow_unknown": True, "use_final_approach_orientation": False},
+}  # fmt: skip
+"""Options of the planners that cannot be chosen, with the value that is simulated."""
+MONITORED = ("min_points", "slowdown_ratio", "linear_limit", "angular_limit", "time_before_collision",
+             "simulation_time_step")  # fmt: skip
+"""Options of the polygons of a collision monitor."""
 CHECKERS = ("SimpleProgressChecker", "SimpleGoalChecker", "StoppedGoalChecker")
 LAYERS = ("StaticLayer", "ObstacleLayer", "VoxelLayer", "InflationLayer")
 CRITICS = (
@@ -36,12 +50,14 @@ OUTSIDE = (
 """Nodes that have no part in a run here; `smoother_server` is not called by Nav2's default behaviour tree of Humble."""
 WORDS = re.compile(
     r"(topic|frame|frame_id|use_sim_time|publish|visuali[sz]e|debug|groot|bond|introspection|qos|service|transform_tolerance"
-    r"|realtime|server_timeout|result_timeout|update_timeout|navigators|always_send_full|plugin_lib_names|rviz|verbose|tf_broadcast|error_code)"
+    r"|realtime|server_timeout|source_timeout|stop_pub_timeout|terminal_checking_interval|expected_planner_frequency|odom_duration|map_subscribe|result_timeout|update_timeout|navigators|always_send_full|plugin_lib_names|rviz|verbose|tf_broadcast|error_code)"
 )
 """Keys of transport, time and display: they change no motion in lock-step without delays."""
 
 
-PLANAR = re.compile(r"(z_|origin_z|obstacle_height|mark_threshold|unknown_threshold|combination_method)")
+PLANAR = re.compile(
+    r"(z_|origin_z|obstacle_height|m(in|ax)_height|mark_threshold|unknown_threshold|combination_method)"
+)
 """Keys of the third dimension: the lidars here are planar."""
 SIDEWAYS = re.compile(
     r"(_y$|^vy_|^ay_|_xy$|min_y_|AckermannConstraints|short_circuit|TrajectoryVisualizer|regenerate_noises)"
@@ -54,6 +70,7 @@ AS_SIMULATED = {
     "stateful": True,
     "open_loop": False, "cycle_frequency": 10.0, "use_path_orientations": False, "mode": 0,
     "symmetric_yaw_tolerance": False, "enforce_path_inversion": False, "enforce_path_rotation": False,
+    "base_shift_correction": True, "scale_velocities": False, "deadband_velocity": [0.0, 0.0, 0.0],
     "allow_partial_planning": False, "lethal_cost_threshold": 100, "trinary_costmap": True, "inf_is_valid": False,
 }  # fmt: skip
 """Values of keys that are what is simulated in any case."""

@@ -13,6 +13,7 @@ from typing import Any, Literal
 
 from rvsg.core.documents import read_yaml
 from rvsg.core.errors import FileError
+from rvsg.simulation.embedded.stack import ACTIONS
 from rvsg.simulation.stacks.mppi import MppiSettings
 from rvsg.simulation.stacks.nav2_keys import (
     AS_SIMULATED,
@@ -21,9 +22,11 @@ from rvsg.simulation.stacks.nav2_keys import (
     CRITICS,
     DWB,
     LAYERS,
+    MONITORED,
     OUTSIDE,
     PLANAR,
     PLANNERS,
+    PLANNING,
     POSITIVE,
     SCALES,
     SERVERS,
@@ -344,12 +347,20 @@ class _Reader:
         if not server.values:
             return
         section = server.inner(self._first(server, "planner_plugins", default="GridBased"))
-        self._kind(section, PLANNERS, "planner")
-        _put(self.options["behaviours"], "planner_tolerance_m", section.number("tolerance"))
-        if section.get("use_astar", False):
-            self.refuse((*section.place, "use_astar"), "Dijkstra's algorithm plans")
-        if section.get("allow_unknown", True) is not True:
-            self.refuse((*section.place, "allow_unknown"), "unknown cells may be crossed")
+        kind = PLANNERS[self._kind(section, PLANNERS, "planner")]
+        if kind == "navfn":
+            _put(self.options["behaviours"], "planner_tolerance_m", section.number("tolerance"))
+        else:
+            names = {
+                "smac_2d": ("tolerance", "cost_travel_multiplier"),
+                "theta_star": ("w_euc_cost", "w_traversal_cost"),
+            }
+            planner = self.options["planner"] = {"kind": kind}
+            for name in names[kind]:
+                _put(planner, name, section.number(name))
+        for key, value in PLANNING[kind].items():
+            if section.get(key, value, note="this is what is simulated") != value:
+                self.refuse((*section.place, *key.split(".")), f"{value!r} is simulated")
 
     def _behaviours(self) -> None:
         server = self.node("behavior_server")
@@ -360,7 +371,14 @@ class _Reader:
             _put(self.options["behaviours"], key, server.number(name))
         for name in server.get("behavior_plugins", server.get("recovery_plugins", [])):
             plugin = server.inner(str(name))
-            plugin.get("plugin")
+            if kind := str(plugin.values.get("plugin", "")):
+                smoothed = self.options["behaviours"]["smoothed"] = "::" in kind
+                way = (
+                    "through the velocity smoother, as from Jazzy on"
+                    if smoothed
+                    else "past the velocity smoother, as in Humble"
+                )
+                plugin.get("plugin", note=f"recoveries drive {way}")
             for key in plugin.values.keys() - {"plugin"}:
                 self.refuse((*plugin.place, str(key)), "recoveries move as those of Humble do")
         tree = self.node("bt_navigator")
@@ -394,28 +412,31 @@ class _Reader:
 
     def _monitor(self) -> None:
         section = self.node("collision_monitor")
-        zones = []
-        speed = self.options["smoother"].get("max_speed_m_s", 0.5)
+        polygons = []
+        sources = section.get("observation_sources", [])
+        for name in sources:
+            source = section.inner(str(name))
+            if source.get("type", "scan") != "scan" or source.get("enabled", True) is False:
+                self.refuse((*source.place, "type"), "the monitor sees the scans of every lidar, and nothing else")
         for name in section.get("polygons", []):
             polygon = section.inner(str(name))
-            action = str(polygon.values.get("action_type"))
-            points = _points(polygon.values)
-            if polygon.values.get("enabled", True) is False:
+            action, points = str(polygon.values.get("action_type")), _points(polygon.values)
+            if polygon.get("enabled", True) is False or action == "none":
                 continue
-            if action not in ("stop", "slowdown", "limit") or points is None:
-                self.refuse(
-                    (*polygon.place, "action_type"), f"the action {action} is not simulated; stop and slowdown are"
-                )
+            kind = polygon.get("type")
+            if action not in ACTIONS or kind == "velocity_polygon" or (points is None and action != "approach"):
+                self.refuse((*polygon.place, "type"), "a polygon of a topic or by speed is not simulated")
                 continue
-            for key in ("action_type", "type", "points", "radius", "slowdown_ratio", "linear_limit"):
-                if key in polygon.values:
-                    polygon.get(key)
-            share = float(polygon.values.get("slowdown_ratio", 0.5)) * speed
-            limit = {"stop": 0.0, "slowdown": share, "limit": float(polygon.values.get("linear_limit", 0.5))}[action]
-            note = "a speed limit of the ratio times the highest speed" if action == "slowdown" else ""
-            self.use((*polygon.place, "action_type"), note)
-            zones.append({"name": str(name), "polygon": points, "speed_m_s": limit, "release_s": 0.0})
-        self.options["safety_zones"] = tuple(zones)
+            if polygon.values.get("sources_names", sources) != sources:
+                self.refuse((*polygon.place, "sources_names"), "every polygon sees every lidar")
+            polygon.get("action_type", note="" if points else "the polygon is the padded footprint")
+            polygon.get("points")
+            polygon.get("radius")
+            found = {key: polygon.number(key) for key in MONITORED if key in polygon.values}
+            if "max_points" in polygon.values:
+                found["min_points"] = polygon.number("max_points") + 1
+            polygons.append({"name": str(name), "action_type": action, "points": points, **found})
+        self.options["collision_monitor"] = tuple(polygons)
 
     def _entries(self) -> Iterator[Entry]:
         for key, value in _leaves(self.document, ()):

@@ -247,6 +247,8 @@ class PurePursuit(Configured):
     """Nav2 with regulated pure pursuit as local planner."""
 
     name: ClassVar[str] = "nav2-rpp"
+    version = "2"
+    smoothed_recoveries: ClassVar[bool] = True
     title: ClassVar[str] = "Nav2 (Jazzy) with regulated pure pursuit, NavFn and the default behaviour tree"
     Settings: ClassVar[type[Nav2Settings]] = PurePursuitSettings
 

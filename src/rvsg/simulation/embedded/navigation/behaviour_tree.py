@@ -13,7 +13,7 @@ from rvsg.simulation.embedded import state as st
 from rvsg.simulation.embedded.navigation.controllers import dwb
 from rvsg.simulation.embedded.navigation.costmap import LETHAL, footprint_spans
 from rvsg.simulation.embedded.navigation.journal import go_on_recovery, keep_path, note_path, note_recovery
-from rvsg.simulation.embedded.navigation.planners.navfn import plan
+from rvsg.simulation.embedded.navigation.planners.choice import plan_with
 from rvsg.simulation.embedded.scene import Scene
 from rvsg.simulation.embedded.sensing.localisation import MAP_YAW, to_map, to_world
 from rvsg.simulation.embedded.state import Settings, State
@@ -64,11 +64,7 @@ def plan_route(scene: Scene, state: State, t: float) -> bool:
     g = nav[st.GOAL]
     before = nav[dwb.PLAN_END]
     keep_path(state, before)
-    count = plan(
-        state.path[0], 0, x, y, state.goals[g, 0], state.goals[g, 1], state.global_master, state.costs, scene.reach,
-        state.rest, state.potential, state.waiting, state.buffers, state.cells, scene.origin_x, scene.origin_y,
-        scene.resolution, state.stack.plan_tolerance,
-    )  # fmt: skip
+    count = plan_with(scene, state, x, y, state.goals[g, 0], state.goals[g, 1])
     if count == 0:
         return False
     state.nav[dwb.PLAN_BEGIN] = 0
@@ -318,7 +314,7 @@ def act(state: State, settings: Settings, t: float) -> None:
         else:
             begin_action(state, settings, t)
         return
-    command(state, v, w, True, t)
+    command(state, v, w, state.stack.recoveries_direct, t)
 
 
 @inner

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+from numpy.typing import NDArray
+
 from rvsg.core.compiled import inner
 from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded.scene import Scene
@@ -12,24 +15,30 @@ from rvsg.simulation.embedded.sensing.perception import ranges_of, sense
 from rvsg.simulation.embedded.stack import LIDAR_MIN, Stack
 from rvsg.simulation.embedded.state import Settings, State
 
+Floats = NDArray[np.float64]
+
 # Columns of the table of zones.
 SPEED, FROM_SPEED, RELEASE, FIRST, END, SIDE = range(6)
 
 
 @inner
-def is_in_zone(stack: Stack, zone: int, x: float, y: float) -> bool:
-    """Whether a point in the base frame lies in a safety zone."""
-    first = int(stack.zones[zone, FIRST])
-    end = int(stack.zones[zone, END])
+def encloses(corners: Floats, first: int, end: int, x: float, y: float) -> bool:
+    """Whether the polygon of the corners `first` to `end` encloses a point."""
     found = False
     j = end - 1
     for i in range(first, end):
-        ax, ay = stack.zone_corners[i, 0], stack.zone_corners[i, 1]
-        bx, by = stack.zone_corners[j, 0], stack.zone_corners[j, 1]
+        ax, ay = corners[i, 0], corners[i, 1]
+        bx, by = corners[j, 0], corners[j, 1]
         if (ay > y) != (by > y) and x < ax + (y - ay) / (by - ay) * (bx - ax):
             found = not found
         j = i
     return found
+
+
+@inner
+def is_in_zone(stack: Stack, zone: int, x: float, y: float) -> bool:
+    """Whether a point in the base frame lies in a safety zone."""
+    return encloses(stack.zone_corners, int(stack.zones[zone, FIRST]), int(stack.zones[zone, END]), x, y)
 
 
 @inner
