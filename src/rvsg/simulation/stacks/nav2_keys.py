@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from typing import Any
 
 CONTROLLERS = {
     "DWBLocalPlanner": "nav2-dwb",
@@ -10,7 +11,7 @@ CONTROLLERS = {
     "MPPIController": "nav2-mppi",
 }
 PLANNERS = {"NavfnPlanner": "navfn", "SmacPlanner2D": "smac_2d", "ThetaStarPlanner": "theta_star"}
-PLANNING = {
+PLANNING: dict[str, dict[str, Any]] = {
     "navfn": {"use_astar": False, "allow_unknown": True, "use_final_approach_orientation": False},
     "smac_2d": {
         "allow_unknown": True, "downsample_costmap": False, "downsampling_factor": 1, "max_iterations": 1_000_000,
