@@ -171,19 +171,19 @@ def test_who_is_to_hold_the_robot_up_is_on_the_way_when_it_sets_off() -> None:
     assert moving >= 5
 
 
-def test_two_people_may_work_hand_in_hand_to_hold_the_robot_up() -> None:
+def test_two_people_may_work_together_to_hold_the_robot_up() -> None:
     pairs = 0
     for seed in range(12):
         found = scenario(seed, requirement=TIMELY)
         first, second = found.people.humans
         assert first.factors == second.factors == ForceFactors()
         if second.group is None:
-            assert "hand in hand" not in found.description
+            assert "together with" not in found.description
             continue
         pairs += 1
         assert first.group == second.group
         assert (first.speed_m_s, first.start_delay_s) == (second.speed_m_s, second.start_delay_s)
-        assert "Human 2 works hand in hand with Human 1" in found.description
+        assert "Human 2 works together with Human 1" in found.description
     assert 1 <= pairs < 12
 
 
@@ -200,10 +200,10 @@ def test_refinements_keep_a_pair_together_or_part_it() -> None:
             if groups[0] is not None:
                 kept += 1
                 assert len({(h.speed_m_s, h.start_delay_s) for h in later.people.humans}) == 1
-                assert later.description.count("hand in hand") == 1
+                assert later.description.count("together with") == 1
             else:
                 parted += 1
-                assert "hand in hand" not in later.description
+                assert "together with" not in later.description
             found = later
     assert kept and parted
 

@@ -234,7 +234,7 @@ class HybridStrategy(BatchStrategy):
             brief,
             self.here,
             generator=self.name,
-            description=change.description,
+            described=change.described,
             reasoning=f"Attempt {parent.index} {change.words}.",
         )
         return Ask(brief=brief, proposal=proposal, seeds=seeds) if proposal.scenario else None

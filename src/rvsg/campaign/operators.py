@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from rvsg.campaign.racing import Candidate
 from rvsg.campaign.surrogate import Surrogate
 from rvsg.core.records import Record
-from rvsg.generation.descriptions import describe_changed
+from rvsg.generation.descriptions import Described, describe_changed
 from rvsg.generation.screening import Screen
 from rvsg.generation.tuning import Mutations, TuningSpace
 from rvsg.scenario.aim import Aim
@@ -36,7 +36,7 @@ class Change(Record):
     """A changed configuration, with what changed in words."""
 
     people: HumanConfiguration
-    description: str
+    described: Described
     words: str
 
 
@@ -80,7 +80,8 @@ class Operators:
         people, words = Mutations(space, rng).draw()
         if people is None:
             return None
-        return Change(people=people, description=scenario.description, words=f"with other numbers: {words}")
+        described = Described(scenario.description, scenario.idea)
+        return Change(people=people, described=described, words=f"with other numbers: {words}")
 
     def _crossed(self, parent: Candidate, others: Sequence[Candidate], rng: np.random.Generator) -> Change | None:
         """Replace one person of the parent by one of another scenario."""
@@ -99,7 +100,7 @@ class Operators:
         if not self._starts_clear(people) or check(people, self.mission, self.world):
             return None
         words = f"with {lent.name} of attempt {lender.index} as {new.name}"
-        return Change(people=people, description=describe_changed(parent.scenario, people.humans, ()), words=words)
+        return Change(people=people, described=describe_changed(parent.scenario, people.humans), words=words)
 
     def _starts_clear(self, people: HumanConfiguration) -> bool:
         starts = [(human.radius_m, human.starts_at(self.world.grid)) for human in people.humans]

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from rvsg.generation.descriptions import Described, inherited
 from rvsg.generation.generator import Call, Proposal
 from rvsg.scenario.brief import Brief
-from rvsg.scenario.scenario import Human, HumanConfiguration, Scenario
+from rvsg.scenario.scenario import HumanConfiguration, Scenario
 from rvsg.scenario.validity import Finding, Repair, check, repair
 from rvsg.world.world import World
-
-EARLIER = "(This describes an earlier configuration of the scenario; the tasks have changed since.)"
 
 
 def answer(
@@ -19,24 +18,24 @@ def answer(
     world: World,
     *,
     generator: str,
-    description: str,
+    described: Described | None,
     reasoning: str = "",
     repairs: Sequence[Repair] = (),
     calls: Sequence[Call] = (),
     extra: dict[str, object] | None = None,
 ) -> Proposal:
-    """The proposal of a configuration: with a scenario where it is valid or can be repaired, else with problems.
+    """Return the proposal of a configuration: with a scenario where it is valid or can be repaired, else with problems.
 
-    `repairs` are what the generator has changed before. A refinement without a description inherits one.
+    Args:
+        described: The scenario's description; None: a refinement is described by the scenario that it refines.
+        repairs: What the generator has changed before.
     """
     first = check(people, brief.mission, world)
-    mended, changes = repair(people, brief.mission, world) if first else (people, ())
-    left = check(mended, brief.mission, world) if first else ()
-    description = description or inherited_description(brief, mended)
-    scenario = None if left else Scenario(mission=brief.mission, people=mended, description=description)
+    repaired, changes = repair(people, brief.mission, world) if first else (people, ())
+    left = check(repaired, brief.mission, world) if first else ()
     return Proposal(
         generator=generator,
-        scenario=scenario,
+        scenario=None if left else described_scenario(brief, repaired, described),
         reasoning=reasoning,
         first_findings=first,
         problems=left,
@@ -46,22 +45,11 @@ def answer(
     )
 
 
-def inherited_description(brief: Brief, people: HumanConfiguration) -> str:
-    """What a refinement that does not describe itself is described by: the configuration it refines.
-
-    Where other tasks are done than there, the text says so: it may tell of work that nobody does any more.
-    """
-    if brief.feedback is None:
-        return ""
-    refined = brief.feedback.scenario
-    same = [_work(human) for human in people.humans] == [_work(human) for human in refined.people.humans]
-    if same or not refined.description or refined.description.endswith(EARLIER):
-        return refined.description
-    return f"{refined.description} {EARLIER}"
-
-
-def _work(human: Human) -> tuple[str, list[str]]:
-    return human.name, [task.name for task in human.tasks]
+def described_scenario(brief: Brief, people: HumanConfiguration, described: Described | None) -> Scenario:
+    """Return the scenario of valid people; without a description it has that of the scenario it refines, if any."""
+    if described is None:
+        described = inherited(brief.feedback.scenario, people) if brief.feedback else Described("")
+    return Scenario(mission=brief.mission, people=people, description=described.description, idea=described.idea)
 
 
 def nowhere_to_walk(world: World, *, generator: str) -> Proposal:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from rvsg.generation.descriptions import work_of
 from rvsg.generation.people_sampler import HEEDLESS_AIMS, ROLES, UNDERWAY, PeopleSampler, Stop, at_places, ends_of
 from rvsg.generation.places import Place
 from rvsg.generation.replies import LONGEST_DELAY_S
@@ -145,14 +146,13 @@ def _shortened(changing: Changing, human: Human) -> tuple[Human, str] | None:
 
 
 def _anew(changing: Changing, human: Human) -> tuple[Human, str] | None:
-    role = changing.work.role()
-    changed = changing.work.human(human.name, role)
+    changed = changing.work.human(human.name, changing.work.role())
     if changed is None:
         return None
     kept: dict[str, object] = {"factors": human.factors}
     if human.behaviour is Behaviour.THREATENING:
         kept["behaviour"] = human.behaviour
-    return changed.model_copy(update=kept), role.doing
+    return changed.model_copy(update=kept), work_of(changed)
 
 
 def _elsewhere(changing: Changing, human: Human) -> tuple[Human, str] | None:

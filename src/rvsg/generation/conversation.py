@@ -20,7 +20,8 @@ from pydantic import ValidationError
 
 from rvsg.core.errors import InputError, StoreError
 from rvsg.core.records import canonical_json
-from rvsg.generation.answer import inherited_description
+from rvsg.generation.answer import described_scenario
+from rvsg.generation.descriptions import Described
 from rvsg.generation.dialogue import Dialogue
 from rvsg.generation.environment import description_of
 from rvsg.generation.facts import brief_facts, configuration_object, drive_facts, human_names, world_facts
@@ -36,7 +37,7 @@ from rvsg.generation.vlm.recording import MEASURED, place_of
 from rvsg.generation.vlm.watching import Tell
 from rvsg.generation.wiring import Access, wired
 from rvsg.scenario.brief import Brief
-from rvsg.scenario.scenario import HumanConfiguration, Scenario
+from rvsg.scenario.scenario import HumanConfiguration
 from rvsg.scenario.validity import Finding, Repair, check, read_ends, repair
 from rvsg.world.world import World
 
@@ -379,8 +380,7 @@ class VlmGenerator(Generator):
         valid = people if usable and not problems else None
         scenario = None
         if valid is not None:
-            text = description or inherited_description(brief, valid)
-            scenario = Scenario(mission=brief.mission, people=valid, description=text)
+            scenario = described_scenario(brief, valid, Described(description) if description else None)
         return Proposal(
             generator=self.name,
             scenario=scenario,

@@ -1,62 +1,82 @@
-"""Describe what people do and where, for the scenarios of the offline generators."""
+"""Describe what people do and where, from their tasks: for generators whose scenarios no model describes."""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from typing import NamedTuple
 
-from rvsg.generation.people_sampler import HAND_IN_HAND, ROLES, at_places, ends_of
-from rvsg.scenario.scenario import Human, Scenario
+from rvsg.generation.people_sampler import at_places, ends_of
+from rvsg.scenario.scenario import Behaviour, Human, HumanConfiguration, Scenario
 
 MOST_DESCRIBED = 6
 """At most this many people are described one by one."""
-
-NOW = "In this configuration"
-
-
-def describe(humans: Sequence[Human], doing: Mapping[str, str]) -> str:
-    """What people do and where, without a full stop: `Human 1 carries goods: Shelf 1, Boxes 3 and Area 2; ...`."""
-    parts = [f"{human.name} {doing[human.name]}: {_where(human)}" for human in humans[:MOST_DESCRIBED]]
-    more = f", and {len(humans) - MOST_DESCRIBED} others work nearby" if len(humans) > MOST_DESCRIBED else ""
-    return "; ".join(parts) + more
+EARLIER = "(This describes an earlier configuration of the scenario; the tasks have changed since.)"
 
 
-def describe_changed(before: Scenario, humans: Sequence[Human], changes: Sequence[str]) -> str:
-    """The description of a refined scenario, true of the changed people.
+class Described(NamedTuple):
+    """The description of a scenario, and the part of it that a refinement keeps."""
 
-    `changes` are the words of the changes; a person who was given another way of working is described with it. Where
-    the description does not tell of a person in our words, as one from a model or a user, a sentence is added.
+    description: str
+    idea: str = ""
+
+
+def describe_new(humans: Sequence[Human], idea: str) -> Described:
+    """Describe a new scenario by its idea and by what its people do."""
+    return Described(f"{idea} {describe(humans)}.".strip(), idea)
+
+
+def describe_changed(before: Scenario, humans: Sequence[Human]) -> Described:
+    """Describe a changed scenario by the idea of the one before and by what its own people do."""
+    idea = before.idea or before.description
+    return Described(f"{idea} In this configuration {describe(humans)}.".strip(), idea)
+
+
+def inherited(refined: Scenario, people: HumanConfiguration) -> Described:
+    """Describe a refinement that does not describe itself by the scenario it refines.
+
+    Where people have other tasks than there, the text says so.
     """
-    description, added = before.description, []
-    known = {human.name: human for human in before.people.humans}
-    for human in humans[:MOST_DESCRIBED]:
-        was, where = known.get(human.name), _where(human)
-        doing = next((r.doing for r in reversed(ROLES) if f"{human.name} {r.doing}" in changes), None)
-        mate = f"{human.name} {HAND_IN_HAND}"
-        doing = next((c.removeprefix(f"{human.name} ") for c in reversed(changes) if c.startswith(mate)), doing)
-        found = _found(description, was) if was is not None else None
-        if human.group is None and found is not None and found[1].startswith(HAND_IN_HAND):
-            doing = doing if doing and not doing.startswith(HAND_IN_HAND) else "works"
-        if before.description and was is not None and doing is None and _where(was) == where:
-            continue
-        if found is None:
-            added.append(f"{human.name} {doing or 'works'}: {where}")
-        else:
-            part = f"{human.name} {doing or found[1]}: {where}"
-            description = description[: found.start()] + part + description[found.end() :]
-    if not added:
-        return description
-    parts = "; ".join(added)
-    if not description:
-        return f"{parts}."
-    if NOW in description:
-        return f"{description.removesuffix('.')}; {parts}."
-    return f"{description} {NOW} {parts}.".strip()
+    idea = refined.idea or refined.description
+    if not idea or [_work(human) for human in people.humans] == [_work(human) for human in refined.people.humans]:
+        return Described(refined.description, refined.idea)
+    return Described(f"{idea} {EARLIER}", idea)
 
 
-def _found(description: str, human: Human) -> re.Match[str] | None:
-    """Return where a description mentions a person as `describe` does; the group is what they do."""
-    return re.search(f"{re.escape(human.name)} ([^:;]+): {re.escape(_where(human))}", description)
+def describe(humans: Sequence[Human]) -> str:
+    """Return who does what where, without a full stop: `Human 1 carries goods: Shelf 1, Boxes 3 and Area 2; ...`."""
+    parts = [f"{human.name} {_doing(human, humans[:k])}: {_where(human)}" for k, human in enumerate(humans)]
+    more = f", and {len(humans) - MOST_DESCRIBED} others work nearby" if len(humans) > MOST_DESCRIBED else ""
+    return "; ".join(parts[:MOST_DESCRIBED]) + more
+
+
+def _doing(human: Human, before: Sequence[Human]) -> str:
+    mate = next((each.name for each in before if each.group is not None and each.group == human.group), None)
+    if mate is not None:
+        return in_company_of(mate)
+    provoking = human.behaviour is Behaviour.THREATENING
+    return work_of(human) + (", and steps in front of the robot to see what it does" if provoking else "")
+
+
+def in_company_of(name: str) -> str:
+    """Return what somebody does who does a task together with another."""
+    return f"works together with {name}"
+
+
+def work_of(human: Human) -> str:
+    """Return the work that fits how a person walks: by pauses, speed (m/s) and the number of places."""
+    if any(task.pauses for task in human.tasks):
+        return "checks goods on the way and stops to note what is missing"
+    if human.speed_m_s <= 0.5:
+        return "moves a heavy load step by step"
+    if human.speed_m_s <= 0.8:
+        return "pushes a loaded trolley at a slow walk"
+    if len(at_places(human.tasks)) == 2:
+        return "sorts and tidies, going to and fro"
+    return f"carries goods at a {'brisk' if human.speed_m_s >= 1.0 else 'steady'} walk"
+
+
+def _work(human: Human) -> tuple[str, list[str]]:
+    return human.name, [task.name for task in human.tasks]
 
 
 def _where(human: Human) -> str:

@@ -10,17 +10,19 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rvsg.generation.aims import FINALISTS, promise
 from rvsg.generation.answer import answer, nowhere_to_walk
 from rvsg.generation.changes import Changing
-from rvsg.generation.descriptions import describe, describe_changed
+from rvsg.generation.descriptions import Described, describe_changed, describe_new, in_company_of
 from rvsg.generation.forecast import AIMED, Forecast, forecaster_of
 from rvsg.generation.generator import Generator, Proposal
-from rvsg.generation.people_sampler import HAND_IN_HAND, PeopleSampler, ends_of
+from rvsg.generation.people_sampler import PeopleSampler, ends_of
 from rvsg.generation.places import Place, places_of
 from rvsg.generation.seeding import rng_of
 from rvsg.generation.walking_graph import walking_graph
@@ -64,17 +66,17 @@ class HeuristicGenerator(Generator):
             return nowhere_to_walk(world, generator=self.name)
         plan = _Plan(brief, world, places, rng_of(brief, self.name), self.individuals, self.provoking)
         if brief.kind == "refine" and brief.feedback is not None and plan.refinable(brief.feedback):
-            humans, reasoning, words = plan.refined(self.changes)
-            description = describe_changed(brief.feedback.scenario, humans, words)
+            humans, reasoning = plan.refined(self.changes)
+            described = describe_changed(brief.feedback.scenario, humans)
         else:
             humans, reasoning = plan.drafted(self.tries)
-            description = plan.description(humans)
+            described = plan.described(humans)
         return answer(
             HumanConfiguration(humans=tuple(humans)),
             brief,
             world,
             generator=self.name,
-            description=description,
+            described=described,
             reasoning=reasoning,
             extra={"aim": plan.aim.name.lower()},
         )
@@ -88,7 +90,6 @@ class _Plan:
     rng: np.random.Generator
     individuals: bool
     provoking: bool
-    roles: dict[str, str] = field(default_factory=dict)
     free: dict[tuple[str, float], bool] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -108,7 +109,6 @@ class _Plan:
             humans.append(self._best(index, humans, tries if aimed else 1))
             if self.provoking and aimed and not index:
                 humans[0] = humans[0].model_copy(update={"behaviour": Behaviour.THREATENING})
-                self.roles[humans[0].name] += ", and steps in front of the robot to see what it does"
         if self.aim is Aim.NONE:
             return humans, "Unguided: people do the work of the place; nothing was aimed at the robot's route."
         differs = f" Avoided what {len(self.brief.memory)} earlier scenarios worked at." if self.brief.memory else ""
@@ -119,33 +119,30 @@ class _Plan:
 
     def _best(self, index: int, humans: list[Human], tries: int) -> Human:
         """The most promising of the people drawn beside those before; nobody who would start on somebody else."""
-        drawn: list[tuple[Human, str]] = []
+        drawn: list[Human] = []
         unclear: Human | None = None
         for _ in range(20 * tries + 100):
-            human, doing = self._drawn(f"Human {index + 1}", humans)
+            human = self._drawn(f"Human {index + 1}", humans)
             if human is not None and self._clear(human, humans):
-                drawn.append((human, doing))
+                drawn.append(human)
                 if len(drawn) == tries:
                     break
             else:
                 unclear = human or unclear
         if len(drawn) > 1:
-            forecasts = self.forecaster.compare([[*humans, human] for human, _ in drawn])
-            best = max(range(len(drawn)), key=lambda k: promise(self.aim, forecasts[k]))
-            chosen, doing = drawn[best]
+            forecasts = self.forecaster.compare([[*humans, human] for human in drawn])
+            chosen = drawn[max(range(len(drawn)), key=lambda k: promise(self.aim, forecasts[k]))]
         else:
-            chosen, doing = drawn[0] if drawn else (unclear or self._anybody(index), "works")
-        self.roles[chosen.name] = doing
+            chosen = drawn[0] if drawn else unclear or self._anybody(index)
         if chosen.group is not None:  # the other one of the two joins what was begun for both
             humans[-1] = humans[-1].model_copy(update={"group": chosen.group})
         return self._individual(chosen, index)
 
-    def _drawn(self, name: str, humans: list[Human]) -> tuple[Human | None, str]:
+    def _drawn(self, name: str, humans: list[Human]) -> Human | None:
         """Somebody with work of their own, or, where people are to hold the robot up, a mate of the one before."""
         if humans and humans[-1].group is None and self.rng.random() < MATES.get(self.aim, 0.0):
-            return self.work.mate(name, humans[-1], len(humans)), f"{HAND_IN_HAND} {humans[-1].name}"
-        role = self.work.role()
-        return self.work.human(name, role), role.doing
+            return self.work.mate(name, humans[-1], len(humans))
+        return self.work.human(name, self.work.role())
 
     def _anybody(self, index: int) -> Human:
         """Somebody between the first two joined waypoints, where no work could be drawn."""
@@ -177,30 +174,33 @@ class _Plan:
             self.free[key] = gap >= START_CLEARANCE_M and not spawn_finding(human, at, [], mission, self.world)
         return self.free[key]
 
-    def description(self, humans: list[Human]) -> str:
-        """What is going on, in a few sentences: from the world's list of work, the areas and the ways of working."""
+    def described(self, humans: list[Human]) -> Described:
+        """The work of the hour from the world's list, the robot's task, and who does what where."""
         route = self.brief.mission.route
         robot = f"The robot's task meanwhile: {route.purpose}." if route.purpose else "The robot drives meanwhile."
         activity = self._activity(humans)
         work = f"The work of the hour: {activity}. " if activity else ""
-        return f"{work}{describe(humans, self.roles)}. {robot}"
+        return describe_new(humans, f"{work}{robot}")
 
     def _activity(self, humans: list[Human]) -> str | None:
-        """The work of the place that names most of what the people visit and was told least in the memory."""
-        if not self.world.activities:
+        """The work of the place that names most of what the people visit, rather one that fits nothing remembered."""
+        activities = self.world.activities
+        if not activities:
             return None
-        stops = {end for human in humans for task in human.tasks for end in ends_of(task)}
+        done = np.zeros(len(activities))
+        for remembered in self.brief.memory:
+            fits = self._fits(remembered.scenario.people.humans) - 3.0 * done
+            done[int(fits.argmax())] += 1
+        fits = self._fits(humans) - 3.0 * done + self.rng.random(len(activities))
+        return activities[int(fits.argmax())]
+
+    def _fits(self, humans: Sequence[Human]) -> NDArray[np.float64]:
+        """How many words each work of the place shares with the names and kinds of the places people visit."""
         kinds = {place.name: place.kind for place in self.places}
-        words = Counter(w for stop in stops for w in f"{stop} {kinds.get(stop, '')}".lower().split())
-        known = Counter(a for r in self.brief.memory for a in self.world.activities if a in r.description)
-        jitter = self.rng.random(len(self.world.activities))
-
-        def fit(index: int) -> float:
-            text = self.world.activities[index]
-            shared = sum(1 for word in set(text.lower().replace(",", "").split()) if words[word.rstrip("s")])
-            return shared - 3.0 * known[text] + float(jitter[index])
-
-        return self.world.activities[max(range(len(self.world.activities)), key=fit)]
+        stops = {end for human in humans for task in human.tasks for end in ends_of(task)}
+        words = {word for stop in stops for word in f"{stop} {kinds.get(stop, '')}".lower().split()}
+        works = [{w.rstrip("s") for w in text.lower().replace(",", "").split()} for text in self.world.activities]
+        return np.array([len(work & words) for work in works], dtype=np.float64)
 
     # -- a refinement ------------------------------------------------------------------------------------------
 
@@ -209,8 +209,8 @@ class _Plan:
         paths = [task.path for human in feedback.scenario.people.humans for task in human.tasks]
         return all(path and self.world.grid.valid.issuperset(path) for path in paths)
 
-    def refined(self, variants: int) -> tuple[list[Human], str, list[str]]:
-        """The most promising of many small changes, by a forecast that fits what was measured; why; what changed."""
+    def refined(self, variants: int) -> tuple[list[Human], str]:
+        """The most promising of many small changes, by a forecast that fits what was measured; and why."""
         feedback = self.brief.feedback
         assert feedback is not None
         base = list(feedback.scenario.people.humans)
@@ -224,7 +224,7 @@ class _Plan:
         options = [(humans, words) for humans, words in drawn if humans != base]
         options = [o for o in options if all(self._clear(h, []) for h in o[0])] or options
         if not options:
-            return base, "No change was possible; the configuration is proposed again.", []
+            return base, "No change was possible; the configuration is proposed again."
         forecasts = fitted.compare([base[aimed], *(humans[aimed] for humans, _ in options)])
         order = sorted(range(len(options)), key=lambda k: -promise(self.aim, forecasts[k + 1]))
         # The forecast is rough: one of the best few is as good a guess as the best, and differs from try to try.
@@ -236,7 +236,7 @@ class _Plan:
             f"{_expected(forecasts[0])} Of {len(options)} variants one of the best: {'; '.join(words)}. "
             f"{_expected(forecasts[chosen + 1])}"
         )
-        return humans, reasoning, words
+        return humans, reasoning
 
     def _as_mate(self, humans: list[Human], index: int) -> tuple[Human, str] | None:
         """Now and then, and only where people are to hold the robot up: the person as a mate of another."""
@@ -249,7 +249,7 @@ class _Plan:
         mate = self.work.mate(humans[index].name, other, group)
         if mate is None:
             return None
-        return mate.model_copy(update={"factors": humans[index].factors}), f"{HAND_IN_HAND} {other.name}"
+        return mate.model_copy(update={"factors": humans[index].factors}), in_company_of(other.name)
 
     def _variant(self, base: list[Human], changing: Changing) -> tuple[list[Human], list[str]]:
         """One to three small changes that leave everybody a clear start."""

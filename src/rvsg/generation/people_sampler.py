@@ -20,7 +20,6 @@ from rvsg.scenario.aim import Aim
 from rvsg.scenario.scenario import Behaviour, ForceFactors, Human, Pause, Task
 
 T = TypeVar("T")
-HAND_IN_HAND = "works hand in hand with"
 
 HEEDLESS_AIMS = (Aim.MEET, Aim.DISTURB, Aim.DELAY)
 """For these aims some people do not step aside for the robot; for nearness it makes no measurable difference."""
@@ -39,7 +38,6 @@ class Role:
     behaviour); `weights`: how often it is tried for an aim."""
 
     name: str
-    doing: str
     speeds: tuple[float, float]
     delays: tuple[float, float] = (0.0, 4.0)
     pauses: tuple[float, float] | None = None
@@ -51,35 +49,30 @@ class Role:
 ROLES = (
     Role(
         name="trolley",
-        doing="pushes a loaded trolley at a slow walk",
         speeds=(0.5, 0.75),
         heedless=0.5,
         weights={Aim.SHARE: 4, Aim.MEET: 1, Aim.DISTURB: 1, Aim.DELAY: 3, Aim.NONE: 1},
     ),
     Role(
         name="carrier",
-        doing="carries goods at a brisk walk",
         speeds=(1.0, 1.5),
         heedless=0.3,
         weights={Aim.SHARE: 3, Aim.MEET: 4, Aim.DISTURB: 3, Aim.DELAY: 2, Aim.NONE: 1},
     ),
     Role(
         name="checker",
-        doing="checks goods on the way and stops to note what is missing",
         speeds=(0.7, 1.2),
         pauses=(2.0, 12.0),
         weights={Aim.SHARE: 2, Aim.MEET: 1, Aim.DISTURB: 1, Aim.DELAY: 4, Aim.NONE: 1},
     ),
     Role(
         name="sorter",
-        doing="sorts and tidies, going to and fro",
         speeds=(0.8, 1.4),
         far=False,
         weights={Aim.SHARE: 2, Aim.MEET: 3, Aim.DISTURB: 4, Aim.DELAY: 1, Aim.NONE: 1},
     ),
     Role(
         name="mover",
-        doing="moves a heavy load step by step",
         speeds=(0.35, 0.5),
         heedless=0.7,
         weights={Aim.SHARE: 0, Aim.MEET: 0, Aim.DISTURB: 0, Aim.DELAY: 4, Aim.NONE: 0},
@@ -144,7 +137,7 @@ class PeopleSampler:
         return begin_at(human.model_copy(update={"tasks": tasks}), *self.pick(inner, weights))
 
     def mate(self, name: str, other: Human, group: int) -> Human | None:
-        """Somebody who works hand in hand with another: the same tasks at the same time, from a start beside or
+        """Somebody who works together with another: the same tasks at the same time, from a start beside or
         before the other's. None where there is no such start."""
         begins = other.tasks[0].path[0]
         starts = [hop for hop, _ in self.ground.hops[begins]]

@@ -59,7 +59,7 @@ class RandomGenerator(Generator):
             brief,
             world,
             generator=self.name,
-            description="",
+            described=None,
             reasoning=f"Drawn at random from {len(places)} places; tasks: {counts}. Nothing was aimed.",
         )
 

@@ -198,3 +198,5 @@ class Scenario(Record):
     mission: Mission
     people: HumanConfiguration
     description: str = ""
+    idea: Annotated[str, Field(exclude_if=lambda idea: not idea)] = ""
+    """The part of the description that does not depend on the tasks, which a refinement keeps. Empty: all of it."""
