@@ -9,7 +9,7 @@ import pytest
 
 import rvsg
 from rvsg.api.knowledge import learn_campaign, learn_suite, open_knowledge, search, tell
-from rvsg.api.told import read_told
+from rvsg.api.remembered import read_remembered
 from rvsg.cli import main
 from rvsg.core.errors import FileError
 from rvsg.generation.generator import Generator, Proposal
@@ -81,18 +81,18 @@ class Listening(WalkingGenerator):
 def test_a_generator_is_told_and_a_resumed_campaign_reads_its_own_copy(base: KnowledgeBase, tmp_path: Path) -> None:
     told = tmp_path / "told.json"
     count = tell(search(base), told)
-    assert len(read_told(told)) == count >= 2
+    assert len(read_remembered(told)) == count >= 2
     generator: Generator = Listening()
     generator.heard = []  # type: ignore[attr-defined]
     made = rvsg.Campaign.create(tmp_path / "c", generator=generator, knowledge=str(told), **SMALL)
     list(made.run(jobs=1))
     new = [brief for brief in generator.heard if brief.kind == "new"]  # type: ignore[attr-defined]
-    known = {each.scenario.id for each in read_told(told)}
+    known = {each.scenario.id for each in read_remembered(told)}
     assert all(known <= {each.scenario.id for each in brief.memory} for brief in new)
     assert len(new[1].memory) == len(new[0].memory) + 1  # what the campaign itself remembers comes besides
     told.write_text("[]")
     again = rvsg.Campaign.open(tmp_path / "c", generator=generator)
-    assert again._wired.generator.told == read_told(tmp_path / "c" / "knowledge.json")
+    assert again._wired.generator.earlier == read_remembered(tmp_path / "c" / "knowledge.json")
 
 
 def test_a_file_that_holds_something_else_is_refused(tmp_path: Path) -> None:
@@ -109,7 +109,7 @@ def test_the_verb(campaign: rvsg.Campaign, tmp_path: Path, capsys: pytest.Captur
     capsys.readouterr()
     out = tmp_path / "told.json"
     assert main(["knowledge", "search", "--kind", "attempt", "--limit", "1", "--json", "--out", str(out), *base]) == 0
-    assert len(json.loads(capsys.readouterr().out)) == len(read_told(out)) == 1
+    assert len(json.loads(capsys.readouterr().out)) == len(read_remembered(out)) == 1
     assert main(["knowledge", "search", "--kind", "atempt", *base]) == 2
     assert main(["knowledge", "add", str(tmp_path / "nowhere"), *base]) == 2
     assert main(["knowledge", "status", "--base", "mysql://x/y"]) == 2

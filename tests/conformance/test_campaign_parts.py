@@ -58,13 +58,13 @@ def test_a_ledger_keeps_its_promises(name: str, tmp_path: Path) -> None:
 class Greedy(StudyStrategy):
     def ask(self) -> tuple[Ask, ...]:
         asks = super().ask()
-        more = Ask(brief=self._brief(len(self.told), (0, 0)))
-        return asks if asks or len(self.told) > self.plan.attempts else (more,)
+        more = Ask(brief=self._brief(len(self.attempts), (0, 0)))
+        return asks if asks or len(self.attempts) > self.plan.attempts else (more,)
 
 
 class Forgetful(StudyStrategy):
     def tell(self, attempt: Attempt) -> None:
-        self.told = [*self.told[1:], attempt] if len(self.told) == 4 else [*self.told, attempt]
+        self.attempts = [*self.attempts[1:], attempt] if len(self.attempts) == 4 else [*self.attempts, attempt]
 
 
 @pytest.mark.parametrize("bad", [Greedy, Forgetful])

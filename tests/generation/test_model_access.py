@@ -327,6 +327,7 @@ def test_a_server_that_is_down_is_asked_for_by_its_address() -> None:
     "behaviour",
     [
         fails(400, "The prompt triggered the content management policy", code="content_filter"),
+        fails(400, "no", code=None, innererror={"code": "ResponsibleAIPolicyViolation"}),
         says(None, finish_reason="content_filter"),  # type: ignore[arg-type]
         says("half an ans", finish_reason="content_filter"),
     ],
@@ -427,3 +428,12 @@ def test_threads_ask_side_by_side_on_connections_of_their_own() -> None:
 def test_a_key_is_hidden_where_a_long_reply_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("LAB_API_KEY", "abcdefghijQRSTUVWXYZ0123456789")
     assert "abcdefghij" not in _said(ValueError("." * 580 + " abcdefghijQRSTUVWXYZ0123456789"))
+
+
+def test_a_record_of_an_earlier_version_keeps_what_was_measured(tmp_path: Path) -> None:
+    (tmp_path / "told.jsonl").write_text('{"session":"s000-c01-1a","told":{"feedback":1}}\n')
+    recording = Recording(tmp_path)
+    assert recording.measured("s000-c01-1a") == {"feedback": 1}
+    recording.keep_measured("s000-c02-1b", {"feedback": 2})
+    again = Recording(tmp_path)
+    assert [again.measured(f"s000-c0{n}") for n in (1, 2)] == [{"feedback": 1}, {"feedback": 2}]

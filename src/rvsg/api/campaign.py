@@ -26,11 +26,11 @@ from rvsg.api.folder import (
 )
 from rvsg.api.paths import as_stored, paths_of, spelled_out
 from rvsg.api.record import CampaignRecord, check_same
+from rvsg.api.remembered import COPY
 from rvsg.api.scenarios import scenario_json
 from rvsg.api.simulating import described, ignore
-from rvsg.api.told import TOLD
 from rvsg.api.tracing import traces_beside
-from rvsg.api.wiring import VLM_OPTIONS, Wired, jobs_of, told_file, wire
+from rvsg.api.wiring import VLM_OPTIONS, Wired, jobs_of, remembered_file, wire
 from rvsg.api.worlds import world_of
 from rvsg.campaign import confirmation
 from rvsg.campaign.attempt import Attempt, Ledger
@@ -457,8 +457,8 @@ class Campaign:
                         raise
             if ledger.settings(self.name) is None:
                 ledger.begin(self.name, self.record.data())
-            if self.config.knowledge is not None and not (self.folder / TOLD).exists():
-                write_whole(self.folder / TOLD, told_file(self.config, self._paths).read_bytes())
+            if self.config.knowledge is not None and not (self.folder / COPY).exists():
+                write_whole(self.folder / COPY, remembered_file(self.config, self._paths).read_bytes())
             values = CampaignConfig(**spelled_out(self.config.model_dump(), self._paths))
             write_whole(self.folder / CONFIG, values.to_yaml())
 

@@ -142,10 +142,10 @@ def tell(matches: Sequence[Match], path: str | Path) -> int:
 
     `rvsg run --knowledge FILE` reads the file: a new scenario then differs from them.
     """
-    told = remembered([match.entry for match in matches])
-    values = [each.model_dump(mode="json") for each in told]
+    earlier = remembered([match.entry for match in matches])
+    values = [each.model_dump(mode="json") for each in earlier]
     write_whole(Path(path), json.dumps(values, indent=2, ensure_ascii=False) + "\n")
-    return len(told)
+    return len(earlier)
 
 
 def _share(entry: Entry) -> float:

@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from rvsg.api.config import BUDGETS, CampaignConfig
+from rvsg.api.remembered import COPY, read_remembered
 from rvsg.api.requirements import load_requirement
 from rvsg.api.scenarios import check_route, mission_of
 from rvsg.api.simulating import make_simulator
-from rvsg.api.told import TOLD, read_told
 from rvsg.api.worlds import load_moved, load_world
 from rvsg.campaign.accounting import Limits
 from rvsg.campaign.loop import feedback_from
@@ -134,7 +134,7 @@ def wire(
     plugins.check_complete("generator", generator, Generator)
     let_rehearse(generator, simulator, world, seed=config.seed)
     if config.knowledge is not None:
-        generator = InformedGenerator(generator, read_told(told_file(config, paths)))
+        generator = InformedGenerator(generator, read_remembered(remembered_file(config, paths)))
     plugins.check_options("store", config.store, config.store_options, given=1)
     plan = Plan(
         name=f"{world.name}-{route.name}-{requirement.name}-{config.generator_name}-{config.strategy}-{config.seed}",
@@ -169,9 +169,9 @@ def let_rehearse(generator: Generator, simulator: Simulator, world: World, *, se
         generator.rehearse = rehearsing(simulator, world, seed=seed)
 
 
-def told_file(config: CampaignConfig, paths: Mapping[str, str]) -> Path:
+def remembered_file(config: CampaignConfig, paths: Mapping[str, str]) -> Path:
     """Return the file of earlier scenarios: the copy in the folder of a campaign that was begun, else the one given."""
-    kept = config.folder / TOLD
+    kept = config.folder / COPY
     given = config.knowledge or ""
     return kept if kept.is_file() else Path(paths.get(given, given))
 

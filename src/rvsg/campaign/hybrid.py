@@ -106,7 +106,7 @@ class HybridStrategy(BatchStrategy):
         begun = 1 + max(self._numbers, default=-1)
         end = begun + count
         while begun < end:
-            memory = remember(self.told, self.plan.requirement, last=self.plan.memory)
+            memory = remember(self.attempts, self.plan.requirement, last=self.plan.memory)
             size = min(self.batch, end - begun)
             briefs = [self._brief("new", begun + k, 0, memory=memory) for k in range(size)]
             begun += size
@@ -127,7 +127,7 @@ class HybridStrategy(BatchStrategy):
             if rng.random() < self._refine_share():
                 last = self._attempt_of(parent)
                 scenario = parent.brief.scenario_index
-                siblings = [a for a in self.told if a.brief.scenario_index == scenario]
+                siblings = [a for a in self.attempts if a.brief.scenario_index == scenario]
                 feedback = with_history(self.feedback_of(last, None), siblings, self.plan.requirement)
                 brief = self._brief("refine", parent.brief.scenario_index, self._next(parent), feedback=feedback)
                 asks.append(Ask(brief=brief, seeds=seeds))
@@ -282,7 +282,7 @@ class HybridStrategy(BatchStrategy):
         """The last attempt of a candidate: the one with the most runs."""
         name = candidate.scenario.id
         return next(
-            a for a in reversed(self.told) if a.proposal.scenario is not None and a.proposal.scenario.id == name
+            a for a in reversed(self.attempts) if a.proposal.scenario is not None and a.proposal.scenario.id == name
         )
 
     def _seen(self, candidate: Candidate) -> Sequence[int]:

@@ -52,7 +52,7 @@ class Strategy(Protocol):
     def ask(self) -> tuple[Ask, ...]:
         """Return the asks that can be attempted now, independently of one another; none when the search ends.
 
-        They continue where the attempts told so far end: ask k becomes attempt `told + k`.
+        They continue after the attempts answered so far: ask k becomes attempt `answered + k`.
         """
         ...
 
@@ -78,7 +78,7 @@ class BatchStrategy:
         self.plan = plan
         self.feedback_of = feedback_of
         self.world = world
-        self.told: list[Attempt] = []
+        self.attempts: list[Attempt] = []
         self.used: set[tuple[str | None, int]] = set()
         self._search: Batches | None = None
         self._batch: list[Ask] = []
@@ -104,7 +104,7 @@ class BatchStrategy:
     def tell(self, attempt: Attempt) -> None:
         """Receive an attempt of the current batch."""
         self.ask()
-        self.told.append(attempt)
+        self.attempts.append(attempt)
         self._results.append(attempt)
         self.used.update((self._key(attempt), seed) for seed in seeds_of(attempt))
 
@@ -136,7 +136,7 @@ class StudyStrategy:
 
     A refinement reads the feedback on the last valid configuration of the scenario; as long as a scenario has none,
     it is asked for again. With `plan.max_in_flight` k > 1 the scenarios are worked on in groups of k, in turn: every
-    refinement still reads the configuration before it, but a scenario is not told of the others of its group.
+    refinement still reads the configuration before it, but no scenario reads the others of its group.
     """
 
     name = "study"
@@ -144,7 +144,7 @@ class StudyStrategy:
     def __init__(self, plan: Plan, feedback_of: FeedbackOf, world: World | None = None) -> None:
         self.plan = plan
         self.feedback_of = feedback_of
-        self.told: list[Attempt] = []
+        self.attempts: list[Attempt] = []
         self._briefs: list[Brief] = []
 
     def ask(self) -> tuple[Ask, ...]:
@@ -152,16 +152,16 @@ class StudyStrategy:
 
         So up to k attempts are under way at a time, and which they are does not depend on who is done first.
         """
-        told = len(self.told)
-        while (index := len(self._briefs)) < self.plan.attempts and (known := self._known(index)) <= told:
-            self._briefs.append(self._next(index, self.told[:known]))
-        return tuple(Ask(brief=brief) for brief in self._briefs[told:])
+        answered = len(self.attempts)
+        while (index := len(self._briefs)) < self.plan.attempts and (known := self._known(index)) <= answered:
+            self._briefs.append(self._next(index, self.attempts[:known]))
+        return tuple(Ask(brief=brief) for brief in self._briefs[answered:])
 
     def tell(self, attempt: Attempt) -> None:
         """Learn of an attempt."""
-        if len(self.told) == len(self._briefs):
+        if len(self.attempts) == len(self._briefs):
             self._briefs.append(attempt.brief)
-        self.told.append(attempt)
+        self.attempts.append(attempt)
 
     def _known(self, index: int) -> int:
         """Return how many attempts have to be known before attempt `index` is chosen; no more are looked at."""
@@ -226,13 +226,13 @@ class ClimbStrategy(StudyStrategy):
 
 
 class UnguidedStrategy:
-    """The study's baseline: every attempt a new scenario, its generator told of no requirement, feedback or memory."""
+    """The study's baseline: every attempt a new scenario, without a requirement, feedback or memory."""
 
     name = "unguided"
 
     def __init__(self, plan: Plan, feedback_of: FeedbackOf | None = None, world: World | None = None) -> None:
         self.plan = plan
-        self.told = 0
+        self.answered = 0
 
     def ask(self) -> tuple[Ask, ...]:
         """Return all asks that are left: no attempt depends on another."""
@@ -246,12 +246,12 @@ class UnguidedStrategy:
                     scenario_index=index,
                 )
             )
-            for index in range(self.told, self.plan.attempts)
+            for index in range(self.answered, self.plan.attempts)
         )
 
     def tell(self, attempt: Attempt) -> None:
         """Count an attempt."""
-        self.told += 1
+        self.answered += 1
 
 
 class RandomStrategy(UnguidedStrategy):

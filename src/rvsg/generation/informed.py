@@ -17,9 +17,9 @@ class InformedGenerator(Generator):
     Those of another route are left out: a generator compares scenarios of one drive. An unguided brief stays unguided.
     """
 
-    def __init__(self, generator: Generator, told: Sequence[Remembered]) -> None:
+    def __init__(self, generator: Generator, earlier: Sequence[Remembered]) -> None:
         self.generator = generator
-        self.told = tuple(told)
+        self.earlier = tuple(earlier)
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.generator, name)
@@ -43,7 +43,7 @@ class InformedGenerator(Generator):
         if brief.kind != "new" or brief.requirement is None:
             return self.generator.propose(brief, world)
         route = brief.mission.route
-        fitting = tuple(each for each in self.told if each.scenario.mission.route.name == route.name)
+        fitting = tuple(each for each in self.earlier if each.scenario.mission.route.name == route.name)
         return self.generator.propose(brief.replace(memory=(*fitting, *brief.memory)), world)
 
     def close(self) -> None:

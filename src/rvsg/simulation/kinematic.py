@@ -104,26 +104,56 @@ class KinematicSimulator(Simulator):
 
         `reach` (H,): distance of the robot and each person at which they touch, metres.
         """
+        driven = self._undisturbed(path, full_speed, len(time))
         along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
-        rows: list[tuple[float, float, float, float]] = []
-        driven = 0.0
-        for k in range(len(time)):
-            x, y = np.interp(driven, along, path[:, 0]), np.interp(driven, along, path[:, 1])
-            ahead = min(driven + 0.2, along[-1])
-            dx, dy = np.interp(ahead, along, path[:, 0]) - x, np.interp(ahead, along, path[:, 1]) - y
-            yaw = float(np.arctan2(dy, dx)) if dx or dy else yaw
-            off_x, off_y = human_x[k] - x, human_y[k] - y
-            gap = np.hypot(off_x, off_y) - reach
-            facing = np.cos(np.arctan2(off_y, off_x) - yaw) > 0.5
-            arrived = driven >= along[-1] and len(path) > 1
-            blocked = bool(((gap < self.stop_gap_m) & facing).any())
-            speed = 0.0 if blocked or arrived else full_speed
-            rows.append((float(x), float(y), yaw, speed))
-            if arrived:
+        x, y = np.interp(driven, along, path[:, 0]), np.interp(driven, along, path[:, 1])
+        ahead = np.minimum(driven + 0.2, along[-1])
+        dx, dy = np.interp(ahead, along, path[:, 0]) - x, np.interp(ahead, along, path[:, 1]) - y
+        headings = np.where((dx != 0.0) | (dy != 0.0), np.arctan2(dy, dx), np.nan)
+        known = np.maximum.accumulate(np.where(np.isnan(headings), -1, np.arange(len(headings))))
+        headings = np.where(known < 0, yaw, headings[known])
+        there = len(path) > 1 and bool(driven[-1] >= along[-1])
+
+        def blocked(samples: slice, places: slice | int) -> NDArray[np.bool_]:
+            off_x, off_y = human_x[samples].T - x[places], human_y[samples].T - y[places]
+            gap = np.hypot(off_x, off_y) - reach[:, None]
+            facing = np.cos(np.arctan2(off_y, off_x) - headings[places]) > 0.5
+            return np.asarray(((gap < self.stop_gap_m) & facing).any(axis=0))
+
+        at = np.empty(len(time), dtype=np.intp)
+        stands = np.zeros(len(time), dtype=bool)
+        k = place = 0
+        while k < len(time):
+            # As far as the way is free, then as long as somebody is in it.
+            free = min(len(time) - k, len(driven) - place)
+            in_the_way = blocked(slice(k, k + free), slice(place, place + free))
+            if there and place + free == len(driven):
+                in_the_way[-1] = False  # who is at the goal need not drive on
+            stop = _first(in_the_way, free)
+            at[k : k + stop] = np.arange(place, place + stop)
+            k, place = k + stop, place + stop
+            if place == len(driven):
                 break
-            driven = min(driven + speed * PERIOD_S, float(along[-1]))
-        x_, y_, yaw_, v_ = np.array(rows).T
-        return x_, y_, yaw_, v_, bool(arrived)
+            wait = _first(~blocked(slice(k, None), place), len(time) - k)
+            at[k : k + wait], stands[k : k + wait] = place, True
+            k += wait
+        arrived = there and place == len(driven)
+        rows = at[:k]
+        v = np.where(stands[:k], 0.0, full_speed)
+        if arrived:
+            v[-1] = 0.0
+        return x[rows], y[rows], headings[rows], v, arrived
+
+    def _undisturbed(self, path: Floats, full_speed: float, most: int) -> Floats:
+        """Return how far the robot is along its path at every step of a drive without people, metres."""
+        length = float(np.cumsum(np.hypot(*np.diff(path, axis=0).T))[-1]) if len(path) > 1 else 0.0
+        driven = np.minimum(np.add.accumulate(np.append(0.0, np.full(most - 1, full_speed * PERIOD_S))), length)
+        return driven[: int(np.argmax(driven >= length)) + 1] if len(path) > 1 and driven[-1] >= length else driven
+
+
+def _first(values: NDArray[np.bool_], otherwise: int) -> int:
+    """Return the index of the first true value, `otherwise` without one."""
+    return int(values.argmax()) if values.any() else otherwise
 
 
 def _robot_path(scenario: Scenario, world: World) -> Floats | None:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import difflib
-import re
+import os
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,7 +21,13 @@ openai-chatgpt openai-codex alibaba moonshotai litellm nebius sambanova cerebras
 """
 PROVIDERS = tuple(_PROVIDERS.split())
 LATER = "Run the same command later: what was answered is kept and not asked again."
-_FILTERS = ("content_filter", "content_policy", "content management policy", "responsibleai", "safety system")
+_FILTER_CODES = frozenset(
+    {"content_filter", "content_policy_violation", "responsibleaipolicyviolation", "moderation_blocked", "safety"}
+)
+"""How services name their safety filter in the code, type or status of an error."""
+_OTHER_KEYS = {"google": "GOOGLE", "openai": "OPENAI", "openai-chat": "OPENAI", "openai-responses": "OPENAI"}
+_KEYLESS = ("ollama", "bedrock", "bedrock-mantle", "google-cloud", "huggingface", "cohere", "vllm", "litellm")
+"""Providers that are reached by an address or by credentials of another name."""
 
 
 class Fault(Exception):
@@ -131,25 +138,23 @@ def key_variable(provider: str, base_url: str | None) -> str:
     """The environment variable that holds the key."""
     if base_url is not None:
         return KEY_VARIABLE
-    named = {"openai": "OPENAI", "openai-chat": "OPENAI", "openai-responses": "OPENAI", "google": "GOOGLE"}
-    return f"{named.get(provider, provider.upper().replace('-', '_'))}_API_KEY"
+    return f"{_OTHER_KEYS.get(provider, provider.upper().replace('-', '_'))}_API_KEY"
 
 
 def _setup(error: Exception, called: Called) -> Fault:
     """Something is missing before anything can be asked: a key, an address, or such a model."""
-    detail = _said(error)
-    if "nknown model" in detail or "nknown provider" in detail:
+    if called.provider not in PROVIDERS:
         return Fault(
             f"the client library knows no such provider or model. Expected PROVIDER:MODEL, for example {EXAMPLES}; "
             f"providers are {', '.join(PROVIDERS)}. For a server of your own: --model openai-chat:NAME --base-url URL.",
             setup=True,
         )
-    key = re.search(r"[A-Z][A-Z_]*_(?:API_KEY|BASE_URL|TOKEN)", detail)
-    if key:
+    variable = key_variable(called.provider, called.base_url)
+    if called.provider not in _KEYLESS and not os.environ.get(variable):
         more = " For a server of your own give --base-url, and its key, if any, in RVSG_API_KEY."
-        message = f"no key: set {key.group()} in the environment (export {key.group()}=...)."
+        message = f"no key: set {variable} in the environment (export {variable}=...)."
         return Fault(message + (more if called.base_url is None else ""), setup=True)
-    return Fault(f"it cannot be used. {detail}", setup=True)
+    return Fault(f"it cannot be used. {_said(error)}", setup=True)
 
 
 def _reachable(called: Called) -> str:
@@ -161,11 +166,18 @@ def _reachable(called: Called) -> str:
 
 
 def _filtered(error: Exception) -> bool:
-    """Return whether a service's safety filter speaks: some send a refusal as an HTTP error."""
+    """Return whether a safety filter answered: some services send a refusal as an HTTP error with a code for it."""
     if getattr(error, "status_code", None) not in (400, 403, 422):
         return False
-    text = f"{error} {getattr(error, 'body', '')}".casefold()
-    return any(word in text for word in _FILTERS)
+    return any(code.casefold() in _FILTER_CODES for code in _codes(getattr(error, "body", None)))
+
+
+def _codes(body: object) -> Iterator[str]:
+    """Yield the codes, types and states of an error's body, those of the errors inside it too."""
+    if isinstance(body, Mapping):
+        yield from (str(body[key]) for key in ("code", "type", "status") if isinstance(body.get(key), str))
+        for key in ("error", "innererror", "inner_error"):
+            yield from _codes(body.get(key))
 
 
 def _said(error: Exception) -> str:

@@ -1,10 +1,13 @@
 """A folder in which every call is kept, and Recorded, the model that keeps them.
 
-The folder holds `calls.jsonl` (one line for each call: its place, its messages by content id, the answer, what it
-cost, or the error), `messages.jsonl` (every message and schema once), `pictures/` (every picture once, named by its
-content), `histories.jsonl` (conversations to go on from, by a name the caller gives) and `told.jsonl` (what the
-prompts of a session were written from, as the caller gives it). Lines are only ever
-appended; a last line that was cut off by a crash is left out when reading.
+The folder holds
+- `calls.jsonl`: one line for each call: its place, its messages by content id, the answer and its cost, or the error;
+- `messages.jsonl`: every message and schema once;
+- `pictures/`: every picture once, named by its content;
+- `histories.jsonl`: conversations to go on from, by a name the caller gives;
+- `measured.jsonl` (`told.jsonl` in records of earlier versions): what the prompts of a session were written from.
+
+Lines are only ever appended. A last line that a crash cut off is left out when reading.
 """
 
 from __future__ import annotations
@@ -26,7 +29,7 @@ from rvsg.generation.vlm.messages import Answer, Message, Request
 from rvsg.generation.vlm.model import Model
 
 CALLS, MESSAGES, HISTORIES, PICTURES = "calls.jsonl", "messages.jsonl", "histories.jsonl", "pictures"
-MEASURED = "told.jsonl"
+MEASURED, MEASURED_BEFORE = "measured.jsonl", ("told.jsonl", "told")
 
 
 class RecordedCall(Record):
@@ -69,7 +72,10 @@ class Recording:
         self._histories = {
             str(value.get("name")): tuple(value.get("messages", ())) for _, value in _lines(self.folder / HISTORIES)
         }
-        self._measured = {str(value.get("session")): value.get("told") for _, value in _lines(self.folder / MEASURED)}
+        before, key = MEASURED_BEFORE
+        self._measured = {str(value.get("session")): value.get(key) for _, value in _lines(self.folder / before)}
+        for _, value in _lines(self.folder / MEASURED):
+            self._measured[str(value.get("session"))] = value.get("measured")
 
     def __len__(self) -> int:
         return len(self._calls)
@@ -156,7 +162,7 @@ class Recording:
                 return
             try:
                 self.folder.mkdir(parents=True, exist_ok=True)
-                _append(self.folder / MEASURED, {"session": session, "told": measured})
+                _append(self.folder / MEASURED, {"session": session, "measured": measured})
             except OSError as failure:
                 raise StoreError(f"The call cannot be recorded in {self.folder}: {failure}") from None
             self._measured[session] = measured

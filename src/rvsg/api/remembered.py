@@ -1,4 +1,4 @@
-"""What a generator is told of earlier scenarios besides those of its campaign: a file, and a copy in the folder."""
+"""Earlier scenarios that a generator gets besides those of its campaign: a file, and a copy in the folder."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from rvsg.core.errors import FileError
 from rvsg.core.inputs import read_text
 from rvsg.scenario.brief import Remembered
 
-TOLD = "knowledge.json"
+COPY = "knowledge.json"
 """The copy in the folder of a campaign, which a resumed campaign reads, so that it ends with the same records."""
 _REMEMBERED = TypeAdapter(tuple[Remembered, ...])
 
 
-def read_told(path: str | Path) -> tuple[Remembered, ...]:
-    """Read what `tell` wrote.
+def read_remembered(path: str | Path) -> tuple[Remembered, ...]:
+    """Read earlier scenarios as `rvsg knowledge search --out FILE` writes them.
 
     Raises:
         FileError: the file holds something else.
