@@ -4,6 +4,7 @@ import dataclasses
 import subprocess
 import sys
 import time
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -292,12 +293,17 @@ def test_scenarios_side_by_side_are_refined_from_their_own_last_configuration() 
             assert len(attempt.brief.memory) == scenario - scenario % 2
 
 
+@cache
+def whole_campaign(strategy: type, max_in_flight: int) -> list[Attempt]:
+    return run(MemoryLedger(), plan(max_in_flight=max_in_flight), strategy)
+
+
 @pytest.mark.parametrize("max_in_flight", [1, 2])
 @pytest.mark.parametrize("strategy", STRATEGIES)
 @pytest.mark.parametrize("stop_after", [1, 5, 11, 14])
 def test_a_stopped_campaign_resumes_to_the_same_records(strategy: type, stop_after: int, max_in_flight: int) -> None:
     the_plan = plan(max_in_flight=max_in_flight)
-    whole = run(MemoryLedger(), the_plan, strategy)
+    whole = whole_campaign(strategy, max_in_flight)
 
     class Stopping(Counted):
         def run(self, scenario: Scenario, world: World, *, seed: int) -> Run:

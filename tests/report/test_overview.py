@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 from tests.campaign.parts import MemoryLedger, warehouse
-from tests.report.test_page import NastyGenerator, Reader, campaign
+from tests.report.test_page import NastyGenerator, Reader, campaign, default_campaign
 
 from rvsg.evaluation.verdict import Status
 from rvsg.report.overview import Reported, pin_of, render_overview, write_overview
@@ -13,7 +13,7 @@ from rvsg.world.drawing.view import known_window
 
 
 def reported(link: str = "route_1-R1/report.html", status: Status | None = None, **changes: object) -> Reported:
-    the_plan, attempts = campaign(MemoryLedger(), **changes)
+    the_plan, attempts = campaign(MemoryLedger(), **changes) if changes else default_campaign()[:2]
     summary = summarise(the_plan, attempts)
     if status and summary.confirmed and summary.confirmed.verdict:
         verdict = summary.confirmed.verdict.replace(status=status)

@@ -4,6 +4,7 @@ import html.parser
 import json
 import re
 import xml.etree.ElementTree as ET
+from functools import cache
 from typing import Any
 
 import pytest
@@ -12,6 +13,7 @@ from tests.report.test_conversation import call
 
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.loop import feedback_from, run_campaign
+from rvsg.campaign.plan import Plan
 from rvsg.campaign.strategies import RandomStrategy, StudyStrategy
 from rvsg.evaluation.judge import judge
 from rvsg.evaluation.verdict import Status
@@ -50,6 +52,18 @@ def campaign(ledger: MemoryLedger, generator: object = None, strategy: type = St
 
 def page(the_plan, attempts: list[Attempt], ledger: MemoryLedger, **more: Any) -> str:
     return render_page(the_plan, attempts, world=warehouse(), run_of=ledger.run, command="rvsg run --seed 7", **more)
+
+
+@cache
+def default_campaign() -> tuple[Plan, list[Attempt], MemoryLedger]:
+    """The campaign that most tests look at; nobody changes it."""
+    ledger = MemoryLedger()
+    return *campaign(ledger), ledger
+
+
+@cache
+def default_page() -> str:
+    return page(*default_campaign())
 
 
 class Reader(html.parser.HTMLParser):
@@ -105,18 +119,16 @@ def test_words_of_a_model_stay_words() -> None:
 
 
 def test_the_page_says_what_the_confirmation_measured() -> None:
-    ledger = MemoryLedger()
-    the_plan, attempts = campaign(ledger)
+    _, attempts, _ = default_campaign()
     verdict = next(attempt.verdict for attempt in attempts if attempt.purpose == "confirmation")
     assert verdict is not None
-    text = page(the_plan, attempts, ledger)
+    text = default_page()
     assert f"{verdict.violations} of {verdict.runs}" in text or "none of 5 confirmation runs" in text
     assert "rvsg run --seed 7" in text
 
 
 def test_every_link_of_the_page_opens_runs_that_the_replay_holds() -> None:
-    ledger = MemoryLedger()
-    text = page(*campaign(ledger), ledger)
+    text = default_page()
     known = {run["id"] for group in data_of(text)["groups"] for run in group["runs"]}
     reader = Reader()
     reader.feed(text)
@@ -142,7 +154,7 @@ def test_every_link_of_the_page_opens_runs_that_the_replay_holds() -> None:
 def test_what_the_choice_did_is_said_as_far_as_the_numbers_carry(
     selected: tuple[float, ...], fresh: tuple[float, ...], said: str
 ) -> None:
-    the_plan, attempts = campaign(MemoryLedger())
+    the_plan, attempts, _ = default_campaign()
     summary = summarise(the_plan, attempts)
     assert summary.confirmed
     best = summary.ranking[0].replace(verdict=judge(the_plan.requirement, selected))
@@ -151,21 +163,19 @@ def test_what_the_choice_did_is_said_as_far_as_the_numbers_carry(
 
 
 def test_equal_campaigns_give_equal_pages() -> None:
-    one, two = MemoryLedger(), MemoryLedger()
-    assert page(*campaign(one), one) == page(*campaign(two), two)
+    ledger = MemoryLedger()
+    assert page(*campaign(ledger), ledger) == default_page()
 
 
 def test_an_unfinished_or_empty_campaign_has_a_page_too() -> None:
-    ledger = MemoryLedger()
-    the_plan, attempts = campaign(ledger)
+    the_plan, attempts, ledger = default_campaign()
     assert "not confirmed" in page(the_plan, attempts[:2], ledger)
     assert "no result" in page(the_plan, [], ledger)
 
 
 def test_the_replay_holds_every_run_of_every_configuration() -> None:
-    ledger = MemoryLedger()
-    the_plan, attempts = campaign(ledger)
-    data = data_of(page(the_plan, attempts, ledger))
+    _, attempts, _ = default_campaign()
+    data = data_of(default_page())
     made = [m.run_id for attempt in attempts for m in attempt.measurements]
     assert sorted(run["id"] for group in data["groups"] for run in group["runs"]) == sorted(made)
     assert data["groups"][0]["purpose"] == "confirmation"
@@ -174,7 +184,7 @@ def test_the_replay_holds_every_run_of_every_configuration() -> None:
 
 
 def test_the_accounting_counts_every_run_once() -> None:
-    the_plan, attempts = campaign(MemoryLedger())
+    the_plan, attempts, _ = default_campaign()
     account = summarise(the_plan, attempts).accounting
     assert account.search_runs == the_plan.attempts * the_plan.repeats
     assert account.confirmation_runs == the_plan.confirmations
@@ -191,7 +201,7 @@ def test_junit_has_a_case_per_scenario_and_the_confirmation() -> None:
 
 
 def test_in_junit_a_violation_of_which_fail_or_flaky_is_open_is_a_failure_that_says_so() -> None:
-    the_plan, attempts = campaign(MemoryLedger())
+    the_plan, attempts, _ = default_campaign()
     unsure = {"status": Status.INCONCLUSIVE, "violations": 8, "runs": 8}
     changed = [a.replace(verdict=a.verdict.replace(**unsure)) for a in attempts if a.verdict]
     summary = summarise(the_plan, changed)
@@ -203,7 +213,7 @@ def test_in_junit_a_violation_of_which_fail_or_flaky_is_open_is_a_failure_that_s
 
 @pytest.mark.parametrize("status", list(Status))
 def test_in_junit_the_confirmation_decides_and_what_is_not_sure_is_skipped_with_its_reason(status: Status) -> None:
-    the_plan, attempts = campaign(MemoryLedger())
+    the_plan, attempts, _ = default_campaign()
     changed = [
         a.replace(
             verdict=a.verdict.replace(status=status if a.purpose == "confirmation" else Status.FLAKY, reason="so")
@@ -233,8 +243,7 @@ def _with_objectives(attempt: Attempt, value: float) -> Attempt:
     ("alone", "badge"), [(0.5, "recurs without people"), (2.0, "caused by the people"), (None, "cause open")]
 )
 def test_a_violation_says_whether_it_recurs_without_people(alone: float | None, badge: str) -> None:
-    ledger = MemoryLedger()
-    the_plan, attempts = campaign(ledger)
+    the_plan, attempts, ledger = default_campaign()
     changed = [_with_objectives(a, 0.5) if a.purpose == "confirmation" else a for a in attempts if a.verdict]
     changed = [a for a in changed if a.purpose in ("search", "confirmation")]
     baseline = next(a for a in attempts if a.purpose == "baseline")
@@ -249,7 +258,7 @@ def test_a_violation_says_whether_it_recurs_without_people(alone: float | None, 
 
 
 def test_in_junit_the_confirmation_tells_of_contacts_and_arrivals() -> None:
-    the_plan, attempts = campaign(MemoryLedger())
+    the_plan, attempts, _ = default_campaign()
     values = {"contacts": 2.0, "min_distance": -0.01, "completed": 1.0}
     changed = [
         a.replace(measurements=tuple(m.replace(values=values) for m in a.measurements))
@@ -263,8 +272,7 @@ def test_in_junit_the_confirmation_tells_of_contacts_and_arrivals() -> None:
 
 
 def test_an_unconfirmed_candidate_says_the_command_that_confirms_it() -> None:
-    ledger = MemoryLedger()
-    the_plan, attempts = campaign(ledger)
+    the_plan, attempts, ledger = default_campaign()
     changed = [_with_objectives(a, 0.5) for a in attempts if a.purpose == "search"]
     text = page(the_plan, changed, ledger)
     found = re.findall(r"rvsg confirm FOLDER (\d+)", text)
@@ -273,8 +281,7 @@ def test_an_unconfirmed_candidate_says_the_command_that_confirms_it() -> None:
 
 
 def test_a_confirmation_is_paired_with_its_scenario_whatever_its_index_says() -> None:
-    ledger = MemoryLedger()
-    the_plan, attempts = campaign(ledger)
+    the_plan, attempts, ledger = default_campaign()
     worst = summarise(the_plan, attempts).ranking[0].attempt
     other = next(a for a in attempts if a.purpose == "search" and a.proposal.scenario is not None and a.index != worst)
     changed = [
@@ -291,8 +298,8 @@ def test_a_confirmation_is_paired_with_its_scenario_whatever_its_index_says() ->
 
 
 def test_the_conversation_of_a_model_stands_on_the_page_as_text(tmp_path: Any) -> None:
-    ledger, recording = MemoryLedger(), Recording(tmp_path)
-    the_plan, attempts = campaign(ledger)
+    recording = Recording(tmp_path)
+    the_plan, attempts, ledger = default_campaign()
     said = call(recording, 1, ("user", NASTY), answer="an answer")
     changed = [a.replace(proposal=a.proposal.replace(calls=(said,))) if a.purpose == "search" else a for a in attempts]
     text = page(the_plan, changed, ledger, recording=recording)
@@ -314,6 +321,6 @@ def test_no_line_breaks_between_a_number_and_its_unit(text: str, whole: str) -> 
 
 
 def test_the_command_of_the_page_can_be_copied() -> None:
-    ledger = MemoryLedger()
-    text = render_page(*campaign(ledger), world=warehouse(), run_of=ledger.run, command="rvsg run --note '2 m' <x>")
+    the_plan, attempts, ledger = default_campaign()
+    text = render_page(the_plan, attempts, world=warehouse(), run_of=ledger.run, command="rvsg run --note '2 m' <x>")
     assert "2 m" in text[text.index("<pre>rvsg run") :][:60] and "&lt;x&gt;" in text

@@ -25,7 +25,9 @@ def overlaps(picture: Picture) -> list[tuple[str, str]]:
     return found
 
 
-@pytest.mark.parametrize("name", shipped_worlds())
+@pytest.mark.parametrize(
+    "name", [name if name == "warehouse" else pytest.param(name, marks=pytest.mark.slow) for name in shipped_worlds()]
+)
 @pytest.mark.parametrize("show", [LABELLED, GRID], ids=["labelled", "grid"])
 @pytest.mark.parametrize("with_route", [False, True], ids=["bare", "route"])
 def test_no_word_covers_another_in_any_shipped_world(name: str, show: frozenset[str], with_route: bool) -> None:

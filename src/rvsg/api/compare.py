@@ -354,22 +354,21 @@ def _values(rows: Iterable[Row]) -> list[float]:
     return [-mean if worse == "smaller" else mean for worse, mean in known if mean is not None]
 
 
-def drawn(rows: Sequence[Row]) -> str:
-    """Return the figure of a comparison as SVG."""
+def write_figure(path: Path, rows: Sequence[Row]) -> None:
+    """Write the figure of a comparison as SVG."""
     groups: dict[tuple[str, str], list[Row]] = defaultdict(list)
     for row in rows:
         groups[f"{row.route}, {row.requirement}", row.method].append(row)
-    return figure(
-        [
-            Line(
-                panel,
-                method,
-                tuple(row.curve for row in group),
-                tuple(row.confirmed_mean for row in group if row.confirmed_mean is not None),
-            )
-            for (panel, method), group in groups.items()
-        ]
-    )
+    lines = [
+        Line(
+            panel,
+            method,
+            tuple(row.curve for row in group),
+            tuple(row.confirmed_mean for row in group if row.confirmed_mean is not None),
+        )
+        for (panel, method), group in groups.items()
+    ]
+    write_whole(path, figure(lines))
 
 
 def _mean(values: Sequence[float | None]) -> float | None:

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rvsg.api.records import read_runs, read_scenario
+from rvsg.api.records import check_writable, read_runs, read_scenario
 from rvsg.api.scenarios import load_scenario_in
 from rvsg.api.scenarios import scenario as scenario_of
 from rvsg.api.simulating import RunSet, ignore, once, simulate
+from rvsg.api.tracing import check_trace_file
 from rvsg.api.tracing import trace as traced_run
 from rvsg.api.worlds import as_world, world_of
 from rvsg.core.errors import InputError, UnknownName
@@ -85,6 +86,31 @@ def export(
     if format in OF_RUNS:
         return _write_runs(given, path, format, seed, simulator, stack, trace, on_message)
     return _write_scenario(given, path, format, dialect, release)
+
+
+def check_bag(path: Path | None, runs: int) -> None:
+    """Check before a simulation that its bag can be written; None: there is none.
+
+    Raises:
+        InputError: several runs are asked for, the file has another ending, or rosbags is not installed.
+    """
+    if path is None:
+        return
+    if runs > 1:
+        raise InputError("--bag writes one run, and --repeats asks for several. Leave one of them out.")
+    check_trace_file(path, bag_only=True)
+    check_writable(path)
+
+
+def write_bag_of(
+    runs: RunSet, path: Path, scenario: Scenario, *, simulator: Spec, stack: StackLike | None, world: World
+) -> None:
+    """Write one run as a bag, with all that the robot sees where the simulator can record that."""
+    if simulator.name == "embedded":
+        seed = runs.runs[0].seed
+        export(scenario, path, "mcap", seed=seed, simulator=simulator, stack=stack, world=world, trace=True)
+    else:
+        export(runs, path, "mcap")
 
 
 def load_recordings(

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rvsg.api.records import WORLD_FOLDER
+from rvsg.api.records import WORLD_FOLDER, check_writable, write_text
 from rvsg.api.requirements import load_requirement
 from rvsg.api.scenarios import check_robot, scenario_json
 from rvsg.api.simulating import ignore, make_simulator
@@ -125,6 +125,23 @@ def check_exploration_format(path: Path) -> None:
     """Refuse a file whose ending is none that an exploration can be written as."""
     if path.suffix.lower() not in FORMATS:
         raise InputError(f"{path}: an exploration is written as {', '.join(FORMATS)}. Give --out one of these endings.")
+
+
+def check_outputs(out: Path | None, worst: Path | None) -> None:
+    """Check before the work that its files can be written: the exploration, and the scenario of the worst point."""
+    if out is not None:
+        check_exploration_format(out)
+    for file in (out, worst):
+        if file is not None:
+            check_writable(file)
+
+
+def write_outputs(found: Exploration, out: Path | None, worst: Path | None) -> None:
+    """Write an exploration, and the scenario of its worst point, where each is asked for."""
+    if out is not None:
+        write_exploration(out, found)
+    if worst is not None:
+        write_text(worst, worst_point(found))
 
 
 def write_exploration(path: str | Path, found: Exploration) -> None:

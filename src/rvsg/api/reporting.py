@@ -7,9 +7,46 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from rvsg.api.campaign import Campaign
-from rvsg.api.folder import make_folder, reading
+from rvsg.api.folder import is_matrix, make_folder, reading
+from rvsg.api.index import campaigns_in
+from rvsg.api.matrix import folders_in
+from rvsg.core.errors import InputError
 from rvsg.core.files import write_whole
 from rvsg.report.junit import junit_of
+
+
+def folders_of(store: Path, *, begin: str) -> list[Path]:
+    """Return the folders of the campaigns of a store: of one campaign, or of several that were run together.
+
+    Raises:
+        InputError: none of several has begun; `begin` is the command that begins them.
+    """
+    paths = list(folders_in(store)) if is_matrix(store) else [store]
+    if not paths:
+        raise InputError(f"{store}: none of its campaigns has begun. Begin them: {begin}")
+    return paths
+
+
+def reported(
+    paths: Sequence[Path], *, html: Path | None = None, world: str | None = None, optional: bool = False
+) -> tuple[list[Campaign], list[Path]]:
+    """Write the page of every campaign of some folders; return the campaigns and their pages.
+
+    Args:
+        html: where the page is written, of one campaign; by default beside it.
+        world: where the world is now, if it was moved.
+        optional: whether a store without a campaign is allowed.
+
+    Raises:
+        InputError: `html` names one page for several campaigns.
+    """
+    campaigns = [each for path in paths for each in campaigns_in(path, optional=optional)]
+    if len(campaigns) > 1 and html is not None:
+        raise InputError(
+            f"{paths[0]}: {len(campaigns)} campaigns have a page each; --html names one. Report one at a time."
+        )
+    several = len(campaigns) > len(paths)
+    return campaigns, [each.report(html or each.page(several=several), world=world) for each in campaigns]
 
 
 def write_junit(path: Path, campaigns: Sequence[Campaign]) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -232,6 +232,33 @@ def load_scenario_in(path: str | Path, world: World | str | Path | None = None) 
     near = (saved, beside) if saved is not None else (beside,)
     place = world_of(found.mission, world, near=near)
     return found.replace(people=validity.read_ends(found.people, place)), place
+
+
+def load_changed(
+    path: str | Path,
+    world: World | str | Path | None = None,
+    *,
+    robot: str | None = None,
+    moved: Path | None = None,
+    on_message: Callable[[str], None],
+) -> tuple[Scenario, World]:
+    """Load a scenario and its world, with another robot or other moved objects where given, and check it.
+
+    `on_message` gets what of the route was fitted to the robot, and what is doubtful.
+
+    Raises:
+        FileError: a file is wrong.
+        InvalidScenario: the scenario breaks a rule.
+    """
+    asked, place = load_scenario_in(path, world)
+    notes: tuple[str, ...] = ()
+    if robot is not None:
+        asked, notes = with_robot(asked, robot, place)
+    if moved is not None:
+        asked, place = with_moved(asked, moved, place)
+    for note in (*notes, *(f"warning: {doubtful}" for doubtful in check_valid(asked, place))):
+        on_message(note)
+    return asked, place
 
 
 def scenario_json(scenario: Scenario) -> str:

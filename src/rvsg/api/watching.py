@@ -40,7 +40,7 @@ KNOWLEDGE = "knowledge.sqlite"
 
 def watch(
     suite: Suite | str | Path,
-    monitor: Monitor | str | Path,
+    monitor: Monitor | str | Path | None,
     out: str | Path,
     *,
     cycles: int | None = None,
@@ -72,8 +72,10 @@ def watch(
         knowledge: the knowledge base; by default one in `out`.
 
     Raises:
-        InputError: the suite is empty or of several worlds, or another watch works in `out`.
+        InputError: there is nothing to watch, the suite is empty or of several worlds, or another watch works in `out`.
     """
+    if monitor is None:
+        raise InputError("What is to be watched? Give --monitor DIR, a folder of recordings or of campaigns.")
     opened = suite if isinstance(suite, Suite) else Suite.open(suite)
     world = _world(opened)
     folder = Path(out)
@@ -116,7 +118,7 @@ def watch(
     return journal
 
 
-def approve(out: str | Path, plan: str) -> None:
+def approve(out: str | Path, plan: str, *, on_message: Callable[[str], None] = ignore) -> None:
     """Approve a plan that waits; the next cycle runs it.
 
     Raises:
@@ -129,6 +131,7 @@ def approve(out: str | Path, plan: str) -> None:
         raise InputError(f"No plan {plan} waits for approval. Waiting: {waiting or 'none'}.")
     with (folder / APPROVED).open("a", encoding="utf-8") as file:
         file.write(f"{plan}\n")
+    on_message(f"Approved. The next cycle of the watch in {folder} runs it.")
 
 
 def approved(folder: Path) -> frozenset[str]:

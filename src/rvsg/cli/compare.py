@@ -14,6 +14,11 @@ if TYPE_CHECKING:
     from rvsg.api.compare import Row
 
 app = verb()
+SETTINGS = (
+    *("world", "simulator", "humans", "budget_runs", "jobs"),
+    *("budget_calls", "budget_tokens", "budget_usd", "model", "base_url"),
+)
+"""Options that are settings of every campaign."""
 
 
 @app.command()
@@ -47,14 +52,10 @@ def compare(
     probability that a campaign of the first method confirms a worse value for the robot than one of the other (0.5: no
     difference), with p values of the Mann-Whitney test after Holm's correction.
     """
+    settings = {name: value for name, value in locals().items() if name in SETTINGS}
     from rvsg.api import compare as comparing
     from rvsg.api.config import effective
 
-    settings = {
-        **{"world": world, "simulator": simulator, "humans": humans, "budget_runs": budget_runs, "jobs": jobs},
-        **{"budget_calls": budget_calls, "budget_tokens": budget_tokens, "budget_usd": budget_usd},
-        **{"model": model, "base_url": base_url},
-    }
     base = effective(None, {}, settings)
     rows = comparing.read_rows(json) if json else []
 
@@ -62,11 +63,7 @@ def compare(
         rows.append(row)
         if json:
             comparing.write_rows(json, rows)
-        console.say(
-            f"{row.method} {row.route} {row.requirement} seed {row.seed}: confirmed {_text(row.confirmed_mean)}, "
-            f"violated in {_text(row.violation_probability)} of the confirmation runs, "
-            f"{row.distinct_failures} distinct failures"
-        )
+        console.say(_line(row))
 
     asked = methods.split(",")
     found = comparing.run_comparison(
@@ -80,12 +77,18 @@ def compare(
     )
     _print_tables(found, asked[0], base)
     if figure:
-        from rvsg.api.files import write_whole
-
-        write_whole(figure, comparing.drawn(found))
+        comparing.write_figure(figure, found)
         console.say(f"Wrote {figure}")
     if json is None:
         console.print_json([row.model_dump(mode="json") for row in found])
+
+
+def _line(row: Row) -> str:
+    return (
+        f"{row.method} {row.route} {row.requirement} seed {row.seed}: confirmed {_text(row.confirmed_mean)}, "
+        f"violated in {_text(row.violation_probability)} of the confirmation runs, "
+        f"{row.distinct_failures} distinct failures"
+    )
 
 
 def _print_tables(rows: list[Row], first: str, base: Any) -> None:

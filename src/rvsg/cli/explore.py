@@ -38,21 +38,11 @@ def explore(
     The points are a Latin hypercube over the ranges. A logistic surface through the runs gives the violation
     probability, its boundary, and the sensitivity to each range.
     """
-    from rvsg.api.exploring import (
-        check_exploration_format,
-        describe_exploration,
-        worst_point,
-        write_exploration,
-    )
+    from rvsg.api.exploring import check_outputs, describe_exploration, write_outputs
     from rvsg.api.exploring import explore as run_points
-    from rvsg.api.records import check_writable, write_text
     from rvsg.cli.options import spec
 
-    if out is not None:
-        check_exploration_format(out)
-    for file in (out, worst):
-        if file is not None:
-            check_writable(file)
+    check_outputs(out, worst)
     found = run_points(
         scenario,
         requirement,
@@ -64,10 +54,7 @@ def explore(
         world=world,
         on_message=say,
     )
-    if out is not None:
-        write_exploration(out, found)
-    if worst is not None:
-        write_text(worst, worst_point(found))
+    write_outputs(found, out, worst)
     if json:
         print_json(found.model_dump(mode="json"))
     else:

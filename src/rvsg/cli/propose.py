@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from rvsg.api.wiring import Wired
 
 app = verb()
+OWN = ("feedback", "unguided", "record", "generator_option", "out")
+"""Options that are no settings of a campaign."""
 
 
 @app.command()
@@ -46,6 +48,7 @@ def propose(
 
     Writes the proposal as JSON; `rvsg simulate` reads it. With --feedback the proposal refines an earlier scenario.
     """
+    given = {name: value for name, value in locals().items() if name not in OWN}
     from rvsg.api.config import effective
     from rvsg.api.proposing import Feedback, proposal_json, propose_as
     from rvsg.api.records import check_writable, read_record, write_text
@@ -54,25 +57,7 @@ def propose(
     from rvsg.cli.options import pairs
 
     check_writable(out)
-    given = {
-        "world": world,
-        "route": route,
-        "requirement": requirement,
-        "robot": robot,
-        "generator": generator,
-        "humans": humans,
-        "seed": seed,
-        "model": model,
-        "base_url": base_url,
-        "conversation": conversation,
-        "prompts": prompts,
-        "replay": replay,
-        "budget_usd": budget_usd,
-        "budget_calls": budget_calls,
-        "budget_tokens": budget_tokens,
-        "out": record or "runs/proposals",
-        "generator_options": pairs("generator", generator_option),
-    }
+    given |= {"out": record or "runs/proposals", "generator_options": pairs("generator", generator_option)}
     wired = wire(effective(None, {}, given))
     learned = read_record(feedback, Feedback) if feedback else None
     with CallsShown(wired.generator.watch):

@@ -39,27 +39,17 @@ def report(
 
     For the folder of several campaigns: the page of each, and an overview that leads to them.
     """
-    from rvsg.api.errors import InputError
     from rvsg.api.folder import is_matrix
-    from rvsg.api.index import campaigns_in
-    from rvsg.api.matrix import Matrix, folders_in
-    from rvsg.api.reporting import write_junit, write_study_tables
+    from rvsg.api.matrix import Matrix
+    from rvsg.api.reporting import folders_of, reported, write_junit, write_study_tables
 
     several = is_matrix(store)
-    paths = folders_in(store) if several else [store]
-    if not paths:
-        begin = as_started(shlex.join(["rvsg", "run", "--out", str(store)]))
-        raise InputError(f"{store}: none of its campaigns has begun. Begin them: {begin}")
+    paths = folders_of(store, begin=as_started(shlex.join(["rvsg", "run", "--out", str(store)])))
     if tables is not None:
         for note in write_study_tables([*paths, *(also or ())], tables):
             say(f"  {note}")
         say(f"Tables: {tables}/published and {tables}/honest (rq1, rq2, rq3 as csv, md, tex; a figure with matplotlib)")
-    campaigns = [each for path in paths for each in campaigns_in(path, optional=tables is not None)]
-    if len(campaigns) > 1 and html is not None:
-        raise InputError(
-            f"{store}: {len(campaigns)} campaigns have a page each; --html names one. Report one at a time."
-        )
-    pages = [each.report(html or each.page(several=len(campaigns) > len(paths)), world=world) for each in campaigns]
+    campaigns, pages = reported(paths, html=html, world=world, optional=tables is not None)
     if junit:
         write_junit(junit, campaigns)
     if json and campaigns:

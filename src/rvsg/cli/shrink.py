@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from rvsg.cli.console import print_json, say
 from rvsg.cli.frame import verb
+
+if TYPE_CHECKING:
+    from rvsg.api.shrinking import Shrunk, Simplification
 
 app = verb()
 
@@ -40,16 +43,10 @@ def shrink(
     import rvsg
     from rvsg.api.records import check_writable, write_text
     from rvsg.api.scenarios import load_scenario_in, scenario_json
-    from rvsg.api.shrinking import Simplification
-    from rvsg.api.words import counted
     from rvsg.cli.options import spec
 
     check_writable(out)
     asked, place = load_scenario_in(scenario, world)
-
-    def tried(step: Simplification) -> None:
-        violated = f"violated in {step.violations} of {counted(step.runs, 'run')}"
-        say(f"{'kept' if step.kept else 'no  '}  {violated}: {step.what}")
 
     shrunk = rvsg.shrink(
         asked,
@@ -61,9 +58,27 @@ def shrink(
         jobs=jobs,
         simulator=spec("simulator", simulator, simulator_option),
         world=place,
-        on_step=tried,
+        on_step=_show_step,
         on_message=say,
     )
+    _show(shrunk)
+    if json:
+        print_json(shrunk.model_dump(mode="json"))
+    else:
+        write_text(out, scenario_json(shrunk.smallest))
+
+
+def _show_step(step: Simplification) -> None:
+    from rvsg.api.words import counted
+
+    violated = f"violated in {step.violations} of {counted(step.runs, 'run')}"
+    say(f"{'kept' if step.kept else 'no  '}  {violated}: {step.what}")
+
+
+def _show(shrunk: Shrunk) -> None:
+    """Print the size of the original and of the smallest scenario, and how often each violates."""
+    from rvsg.api.words import counted
+
     for name, people, verdict in (
         ("original", shrunk.original.people, shrunk.before),
         ("smallest", shrunk.smallest.people, shrunk.after),
@@ -73,7 +88,3 @@ def shrink(
             f"{name}: {counted(len(people.humans), 'human')}, {counted(tasks, 'task')}; {verdict.requirement} violated "
             f"in {verdict.violations} of {counted(verdict.runs, 'confirmation run')}"
         )
-    if json:
-        print_json(shrunk.model_dump(mode="json"))
-    else:
-        write_text(out, scenario_json(shrunk.smallest))

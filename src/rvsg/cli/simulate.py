@@ -44,28 +44,14 @@ def simulate(
     The scenario is checked first: an unknown waypoint or a path through an obstacle never reaches a simulator.
     """
     import rvsg
-    from rvsg.api.errors import InputError
-    from rvsg.api.exchange import export
+    from rvsg.api.exchange import check_bag, write_bag_of
     from rvsg.api.records import check_writable, runs_text, write_text
-    from rvsg.api.scenarios import check_valid, load_scenario_in, with_moved, with_robot
-    from rvsg.api.tracing import check_trace_file
+    from rvsg.api.scenarios import load_changed
     from rvsg.cli.options import spec, stack_spec
 
     check_writable(out)
-    if bag is not None:
-        if repeats > 1:
-            raise InputError("--bag writes one run, and --repeats asks for several. Leave one of them out.")
-        check_trace_file(bag, bag_only=True)
-        check_writable(bag)
-    asked, place = load_scenario_in(scenario, world)
-    if robot is not None:
-        asked, notes = with_robot(asked, robot, place)
-        for note in notes:
-            say(note)
-    if moved is not None:
-        asked, place = with_moved(asked, moved, place)
-    for doubtful in check_valid(asked, place):
-        say(f"warning: {doubtful}")
+    check_bag(bag, repeats)
+    asked, place = load_changed(scenario, world, robot=robot, moved=moved, on_message=say)
 
     def made(run: rvsg.Run) -> None:
         say(f"seed {run.seed}: {run.outcome.value}, after {run.trajectory.t[-1]:.1f} s")
@@ -78,7 +64,4 @@ def simulate(
     )
     write_text(out, runs_text(runs))
     if bag is not None:
-        if chosen.name == "embedded":
-            export(asked, bag, "mcap", seed=seed, simulator=chosen, stack=driver, world=place, trace=True)
-        else:
-            export(runs, bag, "mcap")
+        write_bag_of(runs, bag, asked, simulator=chosen, stack=driver, world=place)

@@ -47,18 +47,14 @@ def watch(
     its limit, for places never tested and for a new version, Legitimate accepts or refuses each by declared rules,
     Execute runs it, Knowledge keeps it. OUT/watch.log says what was done and why.
     """
-    from rvsg.api.errors import InputError, Interrupted
+    from rvsg.api.errors import Interrupted
     from rvsg.api.watching import approve as approve_plan
     from rvsg.api.watching import note_in_words
     from rvsg.api.watching import watch as run_loop
     from rvsg.cli.options import seconds_of, spec
 
     if approve is not None:
-        approve_plan(out, approve)
-        say(f"Approved. The next cycle of the watch in {out} runs it.")
-        return
-    if monitor is None:
-        raise InputError("What is to be watched? Give --monitor DIR, a folder of recordings or of campaigns.")
+        return approve_plan(out, approve, on_message=say)
     try:
         journal = run_loop(
             suite,

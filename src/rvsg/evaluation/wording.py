@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from rvsg.evaluation.statistics import ShareDifference
 from rvsg.evaluation.verdict import Procedure, Status, Verdict
 
 OPEN = "FAIL or FLAKY is still open"
@@ -55,25 +54,6 @@ def status_in_words(verdict: Verdict) -> str:
     if verdict.status is Status.INCONCLUSIVE and procedure.violated(verdict.violations, verdict.runs):
         return f"{verdict.status.value} (violated; {OPEN})"
     return verdict.status.value
-
-
-def share_in_words(verdict: Verdict) -> str:
-    """Return how often runs violate, e.g. `4 of 15 runs violate (27 %, 95 % interval 8 % to 55 %)`."""
-    runs = counted(verdict.runs, "run")
-    verb = "violates" if verdict.violations == 1 else "violate"
-    text = f"{verdict.violations} of {runs} {verb}"
-    if verdict.violation_probability is None or verdict.violation_interval is None:
-        return text
-    low, high = verdict.violation_interval
-    interval = f"{percent(verdict.confidence)} interval {percent(low)} to {percent(high)}"
-    return f"{text} ({percent(verdict.violation_probability)}, {interval})"
-
-
-def difference_in_words(found: ShareDifference, *, first: str = "with these people", second: str = "without") -> str:
-    """Return e.g. `29 % with these people, 5 % without (difference 24 points, interval 9 to 40)`."""
-    low, high = found.interval
-    points = f"difference {100 * found.difference:.0f} points, interval {100 * low:.0f} to {100 * high:.0f}"
-    return f"{percent(found.first)} {first}, {percent(found.second)} {second} ({points})"
 
 
 def reason_of(status: Status, violations: int, runs: int, undefined: int, procedure: Procedure) -> str:
