@@ -47,16 +47,15 @@ def watch(
     its limit, for places never tested and for a new version, Legitimate accepts or refuses each by declared rules,
     Execute runs it, Knowledge keeps it. OUT/watch.log says what was done and why.
     """
+    from rvsg.api import watching
     from rvsg.api.errors import Interrupted
-    from rvsg.api.watching import approve as approve_plan
-    from rvsg.api.watching import note_in_words
-    from rvsg.api.watching import watch as run_loop
     from rvsg.cli.options import seconds_of, spec
 
     if approve is not None:
-        return approve_plan(out, approve, on_message=say)
+        watching.approve(out, approve, on_message=say)
+        return
     try:
-        journal = run_loop(
+        journal = watching.watch(
             suite,
             monitor,
             out,
@@ -70,7 +69,7 @@ def watch(
             knowledge=knowledge,
             seed=seed,
             jobs=jobs,
-            on_note=lambda note: say(note_in_words(note)),
+            on_note=lambda note: say(watching.note_in_words(note)),
             on_message=say,
         )
     except KeyboardInterrupt:
