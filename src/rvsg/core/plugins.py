@@ -6,7 +6,9 @@ A plug-in is loaded when it is asked for. An unknown name raises UnknownName, wh
 from __future__ import annotations
 
 import difflib
+import sys
 from collections.abc import Mapping
+from functools import lru_cache
 from importlib.metadata import EntryPoint, entry_points
 from inspect import signature
 from typing import Annotated, Any
@@ -63,7 +65,7 @@ def find(kind: str, name: str) -> Any:
     registered = _registered(kind)
     if name not in registered:
         raise UnknownName(kind, name, registered)
-    same = sorted({point.value for point in entry_points(group=KINDS[kind]) if point.name == name})
+    same = sorted({point.value for point in _points(kind, tuple(sys.path)) if point.name == name})
     if len(same) > 1:
         raise InputError(
             f'Two plug-ins register the {kind} "{name}": {" and ".join(same)}. Rename one, or uninstall its package.'
@@ -144,4 +146,10 @@ def _not_accepted(plugin: Any, options: Mapping[str, Any], given: int) -> list[s
 
 
 def _registered(kind: str) -> dict[str, EntryPoint]:
-    return {point.name: point for point in entry_points(group=KINDS[kind])}
+    return {point.name: point for point in _points(kind, tuple(sys.path))}
+
+
+@lru_cache(maxsize=64)
+def _points(kind: str, path: tuple[str, ...]) -> tuple[EntryPoint, ...]:
+    """Return the entry points of a kind; a change of `path`, the module search path, looks them up again."""
+    return tuple(entry_points(group=KINDS[kind]))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -121,6 +122,7 @@ def render_page(
     )
 
 
+@cache
 def environment() -> jinja2.Environment:
     """Return the renderer of the pages.
 

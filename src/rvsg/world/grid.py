@@ -149,6 +149,18 @@ class Grid(Record):
         order = {w.name: i for i, w in enumerate(self.waypoints)}
         return {name: tuple(sorted(others, key=order.__getitem__)) for name, others in found.items()}
 
+    @cached_property
+    def _hop_lengths(self) -> dict[str, tuple[tuple[str, float], ...]]:
+        """For every valid waypoint the names one free hop away and the lengths of the hops in metres."""
+        at = {w.name: (w.x, w.y) for w in self.waypoints}
+        return {
+            name: tuple(
+                (other, ((at[other][0] - at[name][0]) ** 2 + (at[other][1] - at[name][1]) ** 2) ** 0.5)
+                for other in others
+            )
+            for name, others in self.neighbours.items()
+        }
+
     def position(self, name: str) -> tuple[float, float]:
         """The waypoint's (x, y) in metres, or UnknownName. Invalid waypoints have a position too."""
         try:
@@ -178,10 +190,8 @@ class Grid(Record):
                 return tuple(reversed(path))
             if length > best[name]:
                 continue
-            x, y = self.position(name)
-            for other in self.neighbours[name]:
-                ox, oy = self.position(other)
-                longer = length + ((ox - x) ** 2 + (oy - y) ** 2) ** 0.5
+            for other, hop in self._hop_lengths[name]:
+                longer = length + hop
                 if longer < best.get(other, float("inf")):
                     best[other] = longer
                     came[other] = name
