@@ -18,7 +18,8 @@ test: $(VENV)/.dev ## install what development needs and run the fast tests
 test-slow: $(VENV)/.dev ## run the other tests: those that start processes or take long
 	$(BIN)/python -m pytest -m slow
 
-test-all: test test-slow ## run all tests
+test-all: $(VENV)/.dev ## run all tests, properties on more examples
+	RVSG_EXAMPLES=100 $(BIN)/python -m pytest
 
 check: lint types contracts docs-check ## every static check: format, lint, types, import contracts, docs
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from rvsg.api.compare import Row, contrasts, drawn, read_rows, run_comparison, split_method, table, write_rows
+from rvsg.api.compare import Row, contrasts, read_rows, run_comparison, split_method, table, write_figure, write_rows
 from rvsg.api.config import CampaignConfig
 from rvsg.core.errors import InputError, UnknownName
 
@@ -89,11 +89,12 @@ def test_a_larger_a12_is_worse_for_the_robot(worse: str, a12: float) -> None:
     assert found.failures == 0.5
 
 
-def test_the_table_means_over_seeds_and_the_figure_names_every_method() -> None:
+def test_the_table_means_over_seeds_and_the_figure_names_every_method(tmp_path: Path) -> None:
     made = [row("a:x", s, float(s), curve=((1, 2.0), (5, 1.0))) for s in range(3)] + [row("b:y", 0, 4.0)]
     first, second = table(made)
     assert (first["seeds"], first["confirmed"]) == (3, 1.0)
     assert (second["seeds"], second["confirmed"]) == (1, 4.0)
-    picture = drawn(made)
+    write_figure(tmp_path / "figure.svg", made)
+    picture = (tmp_path / "figure.svg").read_text()
     assert picture.startswith("<svg")
     assert "a:x" in picture and "b:y" in picture

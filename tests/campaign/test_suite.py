@@ -93,6 +93,7 @@ def test_a_case_of_one_version_alone_is_said() -> None:
     assert [(each.case, each.change) for each in changes] == [("a", Change.MISSING), ("b", Change.MISSING)]
 
 
+@pytest.mark.slow
 def test_identical_versions_raise_no_alarm_in_100_comparisons_of_12_cases() -> None:
     """Each version draws its own runs from the same violation probabilities: the family-wise error stays below 5 %."""
     rng = np.random.default_rng(7)

@@ -139,6 +139,7 @@ def test_cells_keep_their_settings_and_more_may_be_added(
     assert records(tmp_path / "all" / "route_2-R3") == alone["route_2-R3"]
 
 
+@pytest.mark.slow
 def test_cells_that_are_not_asked_for_now_stay_in_the_list(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "all"
     two = ["--route", "route_1", "--route", "route_2"]
@@ -150,6 +151,7 @@ def test_cells_that_are_not_asked_for_now_stay_in_the_list(tmp_path: Path, capsy
     assert "2 of 2 campaigns done" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_violation_in_any_cell_is_told_by_the_exit_code_where_asked(tmp_path: Path) -> None:
     file = tmp_path / "r.yaml"
     words = "text: Keep away.\n  metric: dto\n  worse: smaller\n  unit: m\n"

@@ -151,6 +151,7 @@ def test_a_campaign_from_before_a_setting_was_added_is_resumed(tmp_path: Path) -
     assert records(out) == before
 
 
+@pytest.mark.slow
 def test_a_campaign_from_before_attempts_were_in_flight_together_goes_on_one_by_one(tmp_path: Path) -> None:
     out, small = tmp_path / "one", [*SMALL, "--strategy", "elite", "--confirmations", "0"]
     main(["run", *small, "--out", str(out)])

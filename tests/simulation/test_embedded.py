@@ -72,6 +72,7 @@ def test_the_options_tell_profile_and_noise() -> None:
     assert simulator.options["noise"]["lidar"] == 0.0  # type: ignore[index]
 
 
+@pytest.mark.slow
 def test_runs_are_equal_across_processes_and_jobs(warehouse: World) -> None:
     agents = [walker(warehouse, "G13", "F13", "F14"), walker(warehouse, "E20", "E19", "E18")]
     here = [digest(warehouse, agents, seed) for seed in range(4)]

@@ -35,7 +35,10 @@ def test_a_robot_wider_than_every_way_cannot_drive() -> None:
     assert sum(remark.serious for remark in found) >= 5
 
 
-@pytest.mark.parametrize("name", ["tugger", "turtlebot3_waffle", "industrial_amr"])
+@pytest.mark.parametrize(
+    "name",
+    ["turtlebot3_waffle", *(pytest.param(name, marks=pytest.mark.slow) for name in ("tugger", "industrial_amr"))],
+)
 def test_routes_are_proposed_for_the_robot(name: str) -> None:
     world, robot = load_world("hospital"), load_robot(name)
     routes = propose_routes(world, robot=robot)

@@ -38,6 +38,7 @@ def hall() -> tuple[OccupancyMap, list[Area]]:
     return OccupancyMap(cells=cells, resolution=0.05, origin=Pose(x=0, y=0)), areas
 
 
+@pytest.mark.slow
 def test_a_map_of_2000_by_2000_cells_is_read_gridded_and_drawn_in_seconds(
     hall: tuple[OccupancyMap, list[Area]], tmp_path: Path
 ) -> None:

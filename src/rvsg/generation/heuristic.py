@@ -199,8 +199,8 @@ class _Plan:
         kinds = {place.name: place.kind for place in self.places}
         stops = {end for human in humans for task in human.tasks for end in ends_of(task)}
         words = {word for stop in stops for word in f"{stop} {kinds.get(stop, '')}".lower().split()}
-        works = [{w.rstrip("s") for w in text.lower().replace(",", "").split()} for text in self.world.activities]
-        return np.array([len(work & words) for work in works], dtype=np.float64)
+        works = [{*text.lower().replace(",", "").split()} for text in self.world.activities]
+        return np.array([sum(word.rstrip("s") in words for word in work) for work in works], dtype=np.float64)
 
     # -- a refinement ------------------------------------------------------------------------------------------
 
