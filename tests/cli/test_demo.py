@@ -58,7 +58,7 @@ def test_recorded_campaigns_hold_no_pictures_keys_or_paths_of_a_machine() -> Non
     for name in demos():
         folder = demo_folder(name)
         found = {path.name for path in folder.iterdir()}
-        assert found - {"histories.jsonl", "told.jsonl"} == {CAMPAIGN, "calls.jsonl", "messages.jsonl"}
+        assert found - {"histories.jsonl", "measured.jsonl"} == {CAMPAIGN, "calls.jsonl", "messages.jsonl"}
         text = "".join(path.read_text() for path in folder.iterdir())
         assert not re.search(r"sk-|/home/|/root/|/work|127\.0\.0\.1", text)
         assert len(text) < 400_000
