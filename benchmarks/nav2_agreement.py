@@ -4,10 +4,10 @@
         params_file:={params}' [--speed 4] [--stacks nav2-dwb nav2-rpp nav2-mppi] [--suite examples/suites/warehouse]
         [--scenarios FILE.json ...] [--routes route_1 ...] [--runs 10] [--keep DIR] [--json FILE]
 
-For every stack the real Nav2 is started with the parameters that the built-in one has (`rvsg ros2 new-params`).
-Without --launch the Nav2 that runs is measured as it is, against every stack. Scenarios are the cases of a suite, with
-their requirements, files, or else the five routes of the warehouse without people. --keep keeps the runs in a folder
-and goes on from there. Exit code 3 where there is no Nav2.
+For every stack the real Nav2 is started with the parameters that the built-in one has (`rvsg ros2 new-params`), and
+the built-in one reads the same file. Without --launch the Nav2 that runs is measured as it is, against every stack.
+Scenarios are the cases of a suite, with their requirements, files, or else the five routes of the warehouse without
+people. --keep keeps the runs in a folder and goes on from there. Exit code 3 where there is no Nav2.
 
 For each scenario: path RMS (m) between mean paths at equal shares of the way, time, recoveries, share that reached the
 goal, the requirement's value and the share that violates it; beside it the same between two halves of the real one's
@@ -62,7 +62,9 @@ def main() -> int:
             rows: list[dict[str, Any]] = []
             real = real_runs(name, options, given)
             for question in questions:
-                own = kept(given.keep, f"{question.name}-{name}", question, runs_of(question, given.runs, name))
+                own = kept(
+                    given.keep, f"{question.name}-{name}", question, runs_of(question, given.runs, real.built_in)
+                )
                 rows.append(compared(question, kept(given.keep, real.key(question), question, real.of(question)), own))
                 print(json.dumps(rows[-1]), flush=True)
             real.close()
@@ -127,8 +129,10 @@ def asked(given: argparse.Namespace) -> list[Question]:
 class Real:
     """Runs of the real Nav2 with one set of parameters; one connection for all scenarios."""
 
-    def __init__(self, label: str, options: dict[str, Any], runs: int) -> None:
+    def __init__(self, label: str, built_in: str, options: dict[str, Any], runs: int) -> None:
         self.label, self.options, self.runs = label, options, runs
+        self.built_in = built_in
+        """The stack to compare with: the parameter file, where it is known."""
         self._stack: Any = None
 
     def key(self, question: Question) -> str:
@@ -164,10 +168,10 @@ def real_runs(name: str, options: dict[str, Any], given: argparse.Namespace) -> 
     from rvsg.api.ros2 import new_nav2_params
 
     if "launch" not in options:
-        return Real("running", options, given.runs)
+        return Real("running", name, options, given.runs)
     file = Path(tempfile.mkdtemp(prefix="rvsg-agreement-")) / f"{name}.yaml"
     file.write_text(new_nav2_params(stack=name, release=given.release))
-    return Real(f"real-{name}", {**options, "params": str(file)}, given.runs)
+    return Real(f"real-{name}", str(file), {**options, "params": str(file)}, given.runs)
 
 
 def runs_of(question: Question, runs: int, stack: str) -> Callable[[], list[Any]]:

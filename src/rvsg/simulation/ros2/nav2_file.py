@@ -1,16 +1,19 @@
 """A Nav2 parameter file for a robot of RVSG: the same parameters that a built-in stack drives it with.
 
-`rvsg.simulation.stacks.nav2_params` reads such files; what this module writes, it reads back without a loss.
+`rvsg.simulation.stacks.nav2_params` reads such files; what this module writes, it reads back without a loss, but for
+what the release decides: recoveries pass the velocity smoother from Jazzy on.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import yaml
 
 from rvsg.core.errors import InputError
 from rvsg.robots import Robot
+from rvsg.robots.navigation import MonitorPolygon
 from rvsg.simulation.embedded.stack import planned_range, speeds
 from rvsg.simulation.ros2.interfaces import Release
 from rvsg.simulation.ros2.options import Ros2Options
@@ -18,10 +21,16 @@ from rvsg.simulation.ros2.robot_side import scan_topic
 from rvsg.simulation.stacks.configured import Configured, Nav2Settings
 from rvsg.simulation.stacks.mppi import Mppi
 from rvsg.simulation.stacks.nav2_dwb import Nav2Dwb
+from rvsg.simulation.stacks.nav2_keys import MONITORED, PLANNING
 from rvsg.simulation.stacks.protocol import NavigationStack
 from rvsg.simulation.stacks.pure_pursuit import PurePursuit
 
 LOCAL_LAYER, GLOBAL_LAYER = "nav2_costmap_2d::VoxelLayer", "nav2_costmap_2d::ObstacleLayer"
+PLANNERS = {
+    "navfn": ("nav2_navfn_planner", "NavfnPlanner"),
+    "smac_2d": ("nav2_smac_planner", "SmacPlanner2D"),
+    "theta_star": ("nav2_theta_star_planner", "ThetaStarPlanner"),
+}
 _CRITICS = ("RotateToGoal", "Oscillation", "BaseObstacle", "GoalAlign", "PathAlign", "PathDist", "GoalDist")
 _FOOTPRINT = "ObstacleFootprint"
 
@@ -94,7 +103,8 @@ def _dwb(robot: Robot) -> dict[str, Any]:
         "vx_samples": dwb.speed_samples, "vy_samples": 1, "vtheta_samples": dwb.yaw_rate_samples,
         "sim_time": dwb.sim_time_s, "linear_granularity": dwb.linear_granularity_m,
         "angular_granularity": dwb.angular_granularity_rad, "transform_tolerance": 0.2,
-        "xy_goal_tolerance": robot.navigation.behaviours.goal_tolerance_m, "prune_distance": dwb.prune_distance_m,
+        "xy_goal_tolerance": robot.navigation.behaviours.goal_tolerance_m,
+        "prune_distance": dwb.prune_distance_m, "forward_prune_distance": dwb.prune_distance_m,
         "trans_stopped_velocity": dwb.stopped_m_s, "short_circuit_trajectory_evaluation": True, "stateful": True,
         "critics": critics,
         ("ObstacleFootprint.scale" if dwb.check_footprint else "BaseObstacle.scale"): dwb.obstacle_scale,
@@ -128,18 +138,12 @@ class _Writer:
                 "bt_loop_duration": 10,
             },
             "controller_server": self._controller_server(),
-            "planner_server": {
-                "planner_plugins": ["GridBased"],
-                "GridBased": {
-                    "plugin": f"nav2_navfn_planner{self.separator}NavfnPlanner",
-                    "tolerance": self.robot.navigation.behaviours.planner_tolerance_m,
-                    "use_astar": False,
-                    "allow_unknown": True,
-                },
-            },
+            "planner_server": {"planner_plugins": ["GridBased"], "GridBased": self._planner()},
             "behavior_server": self._behaviours(),
             "velocity_smoother": self._smoother(),
         }  # fmt: skip
+        if self.robot.navigation.collision_monitor:
+            nodes["collision_monitor"] = self._monitor()
         found = {name: {"ros__parameters": {"use_sim_time": True, **values}} for name, values in nodes.items()}
         for name, values in (("local_costmap", self._local()), ("global_costmap", self._global())):
             found[name] = {name: {"ros__parameters": {"use_sim_time": True, **values}}}
@@ -170,6 +174,48 @@ class _Writer:
             },
             "FollowPath": self.controller,
         }
+
+    def _planner(self) -> dict[str, Any]:
+        planner = self.robot.navigation.planner
+        package, name = PLANNERS[planner.kind]
+        chosen: dict[str, dict[str, Any]] = {
+            "navfn": {"tolerance": self.robot.navigation.behaviours.planner_tolerance_m},
+            "smac_2d": {"tolerance": planner.tolerance, "cost_travel_multiplier": planner.cost_travel_multiplier},
+            "theta_star": {"w_euc_cost": planner.w_euc_cost, "w_traversal_cost": planner.w_traversal_cost},
+        }
+        return {"plugin": f"{package}{self.separator}{name}", **chosen[planner.kind], **PLANNING[planner.kind]}
+
+    def _monitor(self) -> dict[str, Any]:
+        polygons = self.robot.navigation.collision_monitor
+        sources = {
+            lidar.name: {"type": "scan", "topic": scan_topic(self.options, self.robot.lidars, k), "enabled": True}
+            for k, lidar in enumerate(self.robot.lidars)
+        }
+        return {
+            "base_frame_id": self.options.footprint_frame,
+            "odom_frame_id": self.options.odom_frame,
+            "cmd_vel_in_topic": "cmd_vel_smoothed",
+            "cmd_vel_out_topic": self.options.cmd_vel.strip("/"),
+            "transform_tolerance": 0.2,
+            "source_timeout": 1.0,
+            "observation_sources": list(sources),
+            **sources,
+            "polygons": [polygon.name for polygon in polygons],
+            **{polygon.name: self._polygon(polygon) for polygon in polygons},
+        }
+
+    def _polygon(self, polygon: MonitorPolygon) -> dict[str, Any]:
+        found: dict[str, Any] = {"type": "polygon", "action_type": polygon.action_type, "enabled": True}
+        found |= {key: getattr(polygon, key) for key in MONITORED if key != "min_points"}
+        if polygon.points is None:
+            found["footprint_topic"] = "/local_costmap/published_footprint"
+        elif self.separator == "/":
+            found["points"] = [float(number) for point in polygon.points for number in point]
+        else:
+            found["points"] = _corners(polygon.points)
+        return found | (
+            {"max_points": polygon.min_points - 1} if self.separator == "/" else {"min_points": polygon.min_points}
+        )
 
     def _behaviours(self) -> dict[str, Any]:
         behaviours, options = self.robot.navigation.behaviours, self.options
@@ -242,11 +288,10 @@ class _Writer:
             "cost_scaling_factor": scaling,
         }
         layers.append(("inflation_layer", inflation))
-        corners = ", ".join(f"[{x:g}, {y:g}]" for x, y in self.robot.footprint)
         return {
             "robot_base_frame": self.options.base_frame,
             "resolution": resolution,
-            "footprint": f"[{corners}]",
+            "footprint": _corners(self.robot.footprint),
             "footprint_padding": self.robot.padding_m,
             "plugins": [name for name, _ in layers],
             **dict(layers),
@@ -272,6 +317,11 @@ class _Writer:
             "observation_sources": lidar.name,
             lidar.name: source,
         }
+
+
+def _corners(points: Iterable[tuple[float, float]]) -> str:
+    """Return corners as Nav2 reads them: a text."""
+    return f"[{', '.join(f'[{x:g}, {y:g}]' for x, y in points)}]"
 
 
 def _whole(metres: float) -> int:
