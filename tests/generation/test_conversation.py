@@ -234,7 +234,7 @@ def test_feedback_tells_the_truth(brief: Brief, warehouse: World) -> None:
     told = model.asked[0].messages[-1].text
     for words in (
         "2 times",
-        "1.2 m on average (95 % interval 1 to 1.4)",
+        "1.2 m on average (95 % interval 1 to 1.4; the runs: ",
         "50 % of the runs",
         "NOT separable from chance",
         "arrived in 1 of 2 runs",

@@ -24,7 +24,7 @@ from rvsg.generation.answer import described_scenario
 from rvsg.generation.descriptions import Described
 from rvsg.generation.dialogue import Dialogue
 from rvsg.generation.environment import description_of
-from rvsg.generation.facts import brief_facts, configuration_object, drive_facts, human_names, world_facts
+from rvsg.generation.facts import brief_facts, configuration_object, drive_facts, human_names, offered, world_facts
 from rvsg.generation.generator import Generator, Proposal
 from rvsg.generation.pictures import pictures_of
 from rvsg.generation.prompts import Prompts, number
@@ -220,7 +220,7 @@ class VlmGenerator(Generator):
     def _compact(self, dialogue: Dialogue, brief: Brief, world: World) -> tuple[list[_Judged], str]:
         """One structured answer, and corrections while there is something to correct."""
         self._before_compact(dialogue, brief)
-        shape = configuration_schema(rich=True)
+        shape = configuration_schema(rich=True, behaviours=offered(self.provoking))
         purpose, template = ("refine", "compact-refine") if brief.feedback else ("new", "compact-new")
         judged = [self._judge(dialogue.ask(purpose, template, shape=shape), brief, world)]
         while judged[-1].findings and len(judged) <= self.corrections:
@@ -249,7 +249,7 @@ class VlmGenerator(Generator):
             answer = dialogue.ask(
                 "rehearse",
                 "compact-rehearsal",
-                shape=configuration_schema(rich=True),
+                shape=configuration_schema(rich=True, behaviours=offered(self.provoking)),
                 surprises=list(found),
                 rehearsal=rehearsal.model_dump(mode="json"),
             )

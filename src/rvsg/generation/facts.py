@@ -19,6 +19,8 @@ from rvsg.world.world import Description, Route, World
 
 SPEED_RANGE_M_S = (0.3, 2.0)
 LONGEST_SERIES = 120
+NEWS = 0.1
+"""Values of single runs are told where they differ by more than this share of their mean."""
 
 MEANINGS = {
     Behaviour.REGULAR: "gives way to the robot as to another person, and walks on",
@@ -31,6 +33,11 @@ MEANINGS = {
 """What HuNavSim's behaviours do, with the default distances and durations of `rvsg.scenario.agents`."""
 PROVOKING = frozenset({Behaviour.THREATENING})
 """Behaviours against the robot: offered only where the generator's option `provoking` allows them."""
+
+
+def offered(provoking: bool) -> tuple[Behaviour, ...]:
+    """Return the behaviours that may be chosen."""
+    return tuple(b for b in Behaviour if provoking or b not in PROVOKING)
 
 
 def human_names(count: int) -> tuple[str, ...]:
@@ -77,7 +84,7 @@ def brief_facts(brief: Brief, world: World, *, provoking: bool = False) -> dict[
         "robot": robot_facts(brief.mission),
         "humans": brief.humans,
         "names": list(human_names(brief.humans)),
-        "behaviours": [{"name": b.value, "meaning": MEANINGS[b]} for b in Behaviour if provoking or b not in PROVOKING],
+        "behaviours": [{"name": b.value, "meaning": MEANINGS[b]} for b in offered(provoking)],
         "provoking": provoking,
         "speed_range": list(SPEED_RANGE_M_S),
         "longest_delay_s": LONGEST_DELAY_S,
@@ -151,6 +158,7 @@ def feedback_facts(feedback: Feedback, requirement: Requirement | None) -> dict[
         "at_limit": feedback.arrived == 0 and all(value == time_limit_s for value in feedback.objectives),
         "runs": len(feedback.objectives),
         "objectives": list(feedback.objectives),
+        "spread": max(feedback.objectives) - min(feedback.objectives) > NEWS * abs(feedback.mean),
         "mean": feedback.mean,
         "low": feedback.interval[0],
         "high": feedback.interval[1],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from rvsg.scenario.scenario import Behaviour
@@ -22,10 +23,12 @@ _PATH = {"type": "array", "items": TEXT, "minItems": 1}
 _PAUSES = {"type": "array", "items": _object({"at": TEXT, "duration_s": NUMBER})}
 
 
-def configuration_schema(*, rich: bool, described: bool = True) -> dict[str, Any]:
+def configuration_schema(
+    *, rich: bool, described: bool = True, behaviours: Sequence[Behaviour] = tuple(Behaviour)
+) -> dict[str, Any]:
     """The schema of a configuration; `rich` with analysis, description, speeds, delays, pauses and behaviours.
 
-    Without `rich` it is `described` or holds the people alone.
+    Without `rich` it is `described` or holds the people alone. `behaviours` are those that may be chosen.
     """
     task = {"task": TEXT, "path": _PATH}
     if not rich:
@@ -35,7 +38,7 @@ def configuration_schema(*, rich: bool, described: bool = True) -> dict[str, Any
     human = _object(
         {
             "name": TEXT,
-            "behaviour": {"type": "string", "enum": [b.value for b in Behaviour]},
+            "behaviour": {"type": "string", "enum": [b.value for b in behaviours]},
             "speed_m_s": NUMBER,
             "start_delay_s": NUMBER,
             "group": {"type": ["integer", "null"]},
