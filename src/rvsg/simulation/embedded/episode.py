@@ -29,7 +29,7 @@ from rvsg.simulation.embedded.people.crowd import CrowdRef
 from rvsg.simulation.embedded.scene import Scene, SceneRef
 from rvsg.simulation.embedded.sensing.lidar import place_legs
 from rvsg.simulation.embedded.sensing.localisation import ACTIVE, LocalisationRef, localise
-from rvsg.simulation.embedded.sensing.monitor import keep_returns, monitor
+from rvsg.simulation.embedded.sensing.monitor import keep_returns, scale_command
 from rvsg.simulation.embedded.sensing.perception import update_global, update_local
 from rvsg.simulation.embedded.sensing.safety import watch_zones
 from rvsg.simulation.embedded.stack import LIDAR_TICKS, StackRef
@@ -323,7 +323,7 @@ def go_on(
                 state.times[st.SMOOTH_T] += state.stack.smoother_period * settings.clock
                 base.smooth(body, t, state.stack)
                 if state.stack.monitor.shape[0] > 0:
-                    monitor(state)
+                    scale_command(state)
             if k >= 0:
                 if write_rows(settings, state, crowd, intervals, record, loop, k):
                     return OVER

@@ -91,7 +91,7 @@ def ratio_of(state: State, polygon: int, v: float, w: float) -> float:
 
 
 @inner
-def monitor(state: State) -> None:
+def scale_command(state: State) -> None:
     """Scale the command that the base carries out now by the most restrictive polygon."""
     body = state.body
     v, w = body[base.SMOOTH_V], body[base.SMOOTH_W]
