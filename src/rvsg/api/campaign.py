@@ -293,7 +293,7 @@ class Campaign:
 
         Args:
             candidate: the index of the attempt, as in `candidates`.
-            runs: confirmation runs at most; by default those of the plan.
+            runs: confirmation runs at most; by default those that a verdict may take, 30.
 
         Returns:
             The stored confirmation.
@@ -310,7 +310,7 @@ class Campaign:
             if any(a.confirms == candidate and a.purpose == "confirmation" for a in attempts):
                 raise InputError(f"Attempt {candidate} is confirmed already.")
             self.prepare(lambda text: observe(Message(campaign=plan.name, text=text)))
-            budget = runs or plan.confirmations or CampaignConfig().confirmations
+            budget = runs or self.record.judging.max_runs
             with wired.simulations(ledger, ignore, jobs=jobs or jobs_of(self.config), executor=None) as simulations:
                 parts = wired.parts(plan, self.record.judging, ledger, simulations, self._cancelled.is_set)
                 for event in confirmation.confirm(plan, chosen, attempts, parts, budget=budget):

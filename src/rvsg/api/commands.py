@@ -20,7 +20,7 @@ def command_for(config: CampaignConfig, *, out: Path | None = None) -> str:
 
 
 def command_for_more(config: CampaignConfig, made: int) -> str:
-    """Return the command for the same campaign with more confirmation runs than `made`, in a new folder.
+    """Return the command for the same campaign with more confirmation runs, in a new folder: twice as many as `made`.
 
     Its search and its first confirmation runs are the same again, by their seeds. A recorded model is not called
     again.

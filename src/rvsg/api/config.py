@@ -66,7 +66,7 @@ class CampaignConfig(Record):
     scenarios: Positive = 10
     refinements: Annotated[int, Field(ge=0, le=1000)] = 4
     repeats: Positive = 5
-    confirmations: Annotated[int, Field(ge=0, le=100_000)] = 30
+    confirmations: Annotated[int, Field(ge=0, le=100_000)] = 250
     budget_runs: Annotated[int | None, Field(ge=1, le=10_000_000)] = None
     memory: Annotated[int, Field(ge=0, le=1000)] = 10
     max_in_flight: InFlight = 1

@@ -20,43 +20,68 @@ from rvsg.scenario.scenario import Human, HumanConfiguration
 
 FEWEST_WITHOUT_ONE = 5
 """Runs without one person, at least, however many people there are."""
+WITHOUT_ONE = 20
+"""Runs without one person each, of all the people of a finding together, unless that leaves too few for each."""
+MOST_AHEAD = 4
+"""Runs that are begun, at most, before it is known whether the verdict needs them."""
 
 
 def confirm_all(plan: Plan, attempts: Sequence[Attempt], parts: Parts) -> Iterator[Event]:
     """Confirm the candidates in order until the budget is spent, then run the mission with fewer people.
 
-    What is stored already is not repeated.
+    First comes the worst configuration of every scenario, the worst scenario first. Where none of them is shown to
+    violate nearly always (FAIL), the other configurations follow until one is. What is stored already is not repeated.
     """
     done = list(attempts)
     if not plan.confirmations:
         return
     order_of = candidates(done, plan.requirement)
+    scenarios = len({candidate.brief.scenario_index for candidate in order_of})
+    share = parts.procedure.max_runs
+    if plan.requirement.threshold is not None:
+        share = max(share, plan.confirmations // max(scenarios, 1))
     for number, candidate in enumerate(order_of, 1):
-        left = plan.confirmations - sum(a.runs for a in done if a.purpose == "confirmation")
         if _is_confirmed(candidate, done):
             continue
-        if left <= 0 or (number > 1 and left < parts.procedure.replace(max_runs=left).fewest_more(0, 0)):
+        another = number > scenarios
+        left = plan.confirmations - sum(a.runs for a in done if a.purpose == "confirmation")
+        if left <= 0 or (number > 1 and not parts.procedure.replace(max_runs=left).fewest_for(0, 0)):
             break
-        event = Confirming(campaign=plan.name, candidate=candidate, number=number, of=len(order_of), runs=left)
-        yield event
+        if another and any(_fails(attempt) for attempt in done):
+            break
+        budget = min(left, share)
+        of = len(order_of) if another else scenarios
+        yield Confirming(campaign=plan.name, candidate=candidate, number=number, of=of, runs=budget)
         more = any(not _is_confirmed(other, done) for other in order_of[number:])
         reserve = parts.procedure.fewest_for(0, 0).get(Status.FAIL, 0) if more else 0
-        yield from _noted(confirm(plan, candidate, done, parts, budget=left, reserve=reserve), done)
+        spare = max(0, reserve - (left - budget))
+        run = confirm(plan, candidate, done, parts, budget=budget, reserve=spare, only_fail=another)
+        yield from _noted(run, done)
     yield from _noted(explain(plan, done, parts), done)
 
 
 def confirm(
-    plan: Plan, candidate: Attempt, attempts: Sequence[Attempt], parts: Parts, *, budget: int, reserve: int = 0
+    plan: Plan,
+    candidate: Attempt,
+    attempts: Sequence[Attempt],
+    parts: Parts,
+    *,
+    budget: int,
+    reserve: int = 0,
+    only_fail: bool = False,
 ) -> Iterator[Event]:
     """Repeat a candidate in at most `budget` runs with new seeds.
 
     Where the requirement has a limit, runs are added in batches until the sequential procedure decides. A batch is
-    the fewest runs that can decide, so their number does not depend on the number of workers. Without a limit all of
-    the budget is spent.
+    the fewest runs that can decide, so their number does not depend on the number of workers; workers that would
+    wait begin the next runs, which are dropped where the verdict does not need them. Without a limit all of the budget
+    is spent.
 
     Args:
-        reserve: Runs in which the next candidate can be shown to violate nearly always; 0 without a next one. Where it
-            is certain that this one violates, but not always, and telling how often would use them up, it ends.
+        reserve: Runs of the budget in which the next candidate can be shown to violate nearly always; 0 where others
+            are left for it. Where it is certain that this one violates, but not always, and telling how often would use
+            them up, it ends.
+        only_fail: End as soon as it cannot be shown any more, within the budget, to violate nearly always.
     """
     seeds = confirmation_seeds(plan, attempts, budget)
     again = candidate.replace(
@@ -71,14 +96,28 @@ def confirm(
     judged = plan.requirement.threshold is not None
     made = Made()
     count = next_repeats(plan.requirement, [], procedure=procedure) if judged else budget
+    ahead = min(max(0, parts.simulations.lookahead - 1), MOST_AHEAD)
     while count:
-        yield from collect(again, submit(again, seeds[made.count : made.count + count], parts), made, parts)
+        pending = submit(again, seeds[made.count : made.count + count + ahead], parts)
+        yield from collect(again, pending[:count], made, parts)
         objectives = [m.objective for m in made.measurements] + [None] * len(made.failures)
         count = next_repeats(plan.requirement, objectives, procedure=procedure)
-        if count and reserve and _leaves_open(plan, objectives, procedure, count, reserve):
+        if not count:
+            break
+        if only_fail and Status.FAIL not in _reachable(plan, objectives, procedure):
+            budget = made.count
+            break
+        if reserve and _leaves_open(plan, objectives, procedure, count, reserve):
             budget = made.count
             break
     yield Attempted(campaign=plan.name, attempt=store(again, made, parts, budget=budget))
+
+
+def _reachable(plan: Plan, objectives: Sequence[float | None], procedure: Procedure) -> dict[Status, int]:
+    """Return for each status that the rest of the budget can show how many runs it takes at least."""
+    known = [value for value in objectives if value is not None]
+    spent = procedure.max_runs - (len(objectives) - len(known))
+    return procedure.replace(max_runs=spent).fewest_for(sum(map(plan.requirement.violated_by, known)), len(known))
 
 
 def _leaves_open(
@@ -90,6 +129,10 @@ def _leaves_open(
     left = procedure.max_runs - len(objectives)
     certain = violations < len(known) and procedure.violated(violations, len(known))
     return certain and left - count < reserve <= left
+
+
+def _fails(attempt: Attempt) -> bool:
+    return attempt.purpose == "confirmation" and attempt.verdict is not None and attempt.verdict.status is Status.FAIL
 
 
 def _is_confirmed(candidate: Attempt, attempts: Sequence[Attempt]) -> bool:
@@ -132,7 +175,7 @@ def _with_people(
     without = tuple(human.name for human in humans if human not in people)
     seeds = [m.seed for m in confirmation.measurements]
     if purpose == "removal":
-        seeds = seeds[: max(FEWEST_WITHOUT_ONE, plan.confirmations // len(humans))]
+        seeds = seeds[: max(FEWEST_WITHOUT_ONE, WITHOUT_ONE // len(humans))]
     fewer = scenario.replace(people=HumanConfiguration(humans=people))
     attempt = Attempt(
         campaign=plan.name,

@@ -19,8 +19,9 @@ class Plan(Record):
     """What a campaign does.
 
     The search tries `scenarios` x (1 + `refinements`) configurations, each in `repeats` runs, or spends `budget_runs`
-    runs. A strategy that races gives losing configurations fewer runs and tries more of them. Afterwards the
-    configurations that violated the requirement are confirmed, worst first, in at most `confirmations` runs together.
+    runs. A strategy that races gives losing configurations fewer runs and tries more of them. Afterwards the scenarios
+    that violated the requirement are confirmed, worst first, in at most `confirmations` runs together; see
+    `rvsg.campaign.confirmation`.
     """
 
     model_config = ConfigDict(populate_by_name=True)
@@ -35,7 +36,7 @@ class Plan(Record):
     """Refinements of each scenario."""
     repeats: Count = 5
     """Runs of each configuration of the search."""
-    confirmations: Annotated[int, Field(ge=0, le=100_000)] = 30
+    confirmations: Annotated[int, Field(ge=0, le=100_000)] = 250
     """Confirmation runs of all candidates together; 0: no confirmation."""
     budget_runs: Annotated[int | None, Field(ge=1, le=10_000_000)] = None
     """Runs of the search; None: `scenarios` x (1 + `refinements`) x `repeats`."""

@@ -61,7 +61,7 @@ def run(
     scenarios: Annotated[int | None, typer.Option(min=1, help="Scenarios to find. [10]")] = None,
     refinements: Annotated[int | None, typer.Option(min=0, help="Refinements of each scenario. [4]")] = None,
     repeats: Annotated[int | None, typer.Option(min=1, help="Runs of each configuration. [5]")] = None,
-    confirmations: Annotated[int | None, typer.Option(min=0, help="Confirmation runs in all, at most. [30]")] = None,
+    confirmations: Annotated[int | None, typer.Option(min=0, help="Confirmation runs in all, at most. [250]")] = None,
     budget_runs: Annotated[
         int | None, typer.Option(min=1, help="Runs of the search. [scenarios x configurations x repeats]")
     ] = None,
