@@ -23,7 +23,9 @@ from tests.campaign.parts import (
 )
 
 from rvsg.campaign.attempt import Attempt, Measurement
+from rvsg.campaign.confirmation import confirm
 from rvsg.campaign.elite import EliteStrategy
+from rvsg.campaign.events import Attempted
 from rvsg.campaign.loop import feedback_from, run_campaign
 from rvsg.campaign.measuring import Measuring
 from rvsg.campaign.parallel import Simulations
@@ -169,6 +171,49 @@ def test_a_candidate_that_does_not_always_violate_leaves_runs_for_one_that_does(
     assert (one.verdict.status, one.verdict.violations) == (Status.INCONCLUSIVE, one.verdict.runs - 1)
     assert violated(one.verdict)
     assert (two.verdict.status, two.verdict.runs) == (Status.FAIL, 15)
+
+
+def test_every_scenario_is_confirmed_and_then_others_until_one_always_violates() -> None:
+    the_plan = plan(scenarios=2, refinements=2, repeats=1, confirmations=100, requirement=REQUIREMENT)
+    first = run(MemoryLedger(), the_plan.replace(confirmations=0))
+    used = {m.seed for a in first for m in a.measurements}
+    seeds = fresh_seeds(the_plan.seed, "confirmation", 100, used=used)
+    assert [a.brief.scenario_index for a in first] == [0, 0, 0, 1, 1, 1]
+    scenario = {a.proposal.scenario.id: a.index for a in first if a.proposal.scenario}
+    worst = (0, 3)  # of each scenario; they violate in every other run, the rest in all
+    measuring = Measuring(REQUIREMENT)
+
+    def measured(made: Run) -> Measurement:
+        index = scenario.get(made.scenario_id, 9)
+        clean = index in worst and made.seed in seeds[::2]
+        value = 2.0 if clean else 0.4 if index in worst else 0.5 + index / 100
+        return Measurement(run_id=made.id, seed=made.seed, outcome="goal", values={"dto": value}, objective=value)
+
+    made = dataclasses.replace(parts(MemoryLedger(), measure=measured), judge=measuring.judge)
+    strategy = StudyStrategy(the_plan, feedback_from(made.ledger, the_plan, warehouse()))
+    with made.simulations:
+        attempts = run_campaign(the_plan, strategy, made)
+    confirmed = [(a.confirms, a.verdict.status, a.verdict.runs) for a in confirmations_of(attempts) if a.verdict]
+    assert confirmed == [(0, Status.FLAKY, 4), (3, Status.FLAKY, 4), (1, Status.FAIL, 15)]
+
+
+def test_a_further_configuration_that_cannot_always_violate_is_dropped_early() -> None:
+    the_plan = plan(scenarios=1, refinements=1, repeats=1, confirmations=100, requirement=REQUIREMENT)
+    first = run(MemoryLedger(), the_plan.replace(confirmations=0), RandomStrategy)
+    seeds = fresh_seeds(the_plan.seed, "confirmation", 100, used={m.seed for a in first for m in a.measurements})
+    candidate = first[1]
+    assert candidate.proposal.scenario is not None
+    ledger, measuring = MemoryLedger(), Measuring(REQUIREMENT)
+
+    def measured(made: Run) -> Measurement:
+        value = 2.0 if made.seed in (seeds[10], seeds[12]) else 0.5
+        return Measurement(run_id=made.id, seed=made.seed, outcome="goal", values={"dto": value}, objective=value)
+
+    made = dataclasses.replace(parts(ledger, measure=measured), judge=measuring.judge)
+    with made.simulations:
+        *_, last = confirm(the_plan, candidate, first, made, budget=30, only_fail=True)
+    assert isinstance(last, Attempted) and last.attempt.verdict is not None
+    assert (last.attempt.verdict.violations, last.attempt.verdict.runs) == (11, 13)
 
 
 @pytest.mark.slow

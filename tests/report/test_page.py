@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import html.parser
+import io
 import json
 import re
 import xml.etree.ElementTree as ET
@@ -8,6 +9,7 @@ from functools import cache
 from typing import Any
 
 import pytest
+from rich.console import Console
 from tests.campaign.parts import REQUIREMENT, MemoryLedger, WalkGenerator, parts, plan, warehouse
 from tests.report.test_conversation import call
 
@@ -15,13 +17,14 @@ from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.loop import feedback_from, run_campaign
 from rvsg.campaign.plan import Plan
 from rvsg.campaign.strategies import RandomStrategy, StudyStrategy
+from rvsg.cli.tables import ranked_table
 from rvsg.evaluation.judge import judge
 from rvsg.evaluation.verdict import Status
 from rvsg.generation.generator import Proposal
 from rvsg.generation.vlm.recording import Recording
 from rvsg.report.junit import junit_xml
 from rvsg.report.page import _curse, render_page
-from rvsg.report.summary import number, summarise
+from rvsg.report.summary import Ranked, number, summarise
 from rvsg.report.words import unbroken
 from rvsg.scenario.brief import Brief
 from rvsg.world.world import World
@@ -190,14 +193,21 @@ def test_the_accounting_counts_every_run_once() -> None:
     assert account.confirmation_runs == the_plan.confirmations
 
 
-def test_junit_has_a_case_per_scenario_and_the_confirmation() -> None:
+def _scenario_case(suite: ET.Element, entry: Ranked) -> ET.Element:
+    return next(case for case in suite if case.attrib["name"].startswith(f"scenario {entry.scenario + 1}:"))
+
+
+def _properties(case: ET.Element) -> dict[str, str]:
+    return {each.attrib["name"]: each.attrib["value"] for each in case.iter("property")}
+
+
+def test_junit_has_a_case_per_scenario() -> None:
     ledger = MemoryLedger()
     the_plan, attempts = campaign(ledger, NastyGenerator())
     suite = ET.fromstring(junit_xml(the_plan, summarise(the_plan, attempts)))[0]
-    assert len(suite) == the_plan.scenarios + 1 == int(suite.attrib["tests"])
+    assert len(suite) == the_plan.scenarios == int(suite.attrib["tests"])
     assert len(suite.findall(".//failure")) == int(suite.attrib["failures"])
     assert len(suite.findall(".//skipped")) == int(suite.attrib["skipped"])
-    assert "confirmation" in suite[-1].attrib["name"]
 
 
 def test_in_junit_a_violation_of_which_fail_or_flaky_is_open_is_a_failure_that_says_so() -> None:
@@ -207,31 +217,63 @@ def test_in_junit_a_violation_of_which_fail_or_flaky_is_open_is_a_failure_that_s
     summary = summarise(the_plan, changed)
     suite = ET.fromstring(junit_xml(the_plan, summary))[0]
     assert summary.violated and suite.attrib["failures"] == "1"
-    assert "violated; FAIL or FLAKY is still open" in suite[-1][-1].attrib["message"]
-    assert all("the confirmation decides" in case[0].attrib["message"] for case in suite[:-1])
+    confirmed, *candidates = summary.ranking
+    assert "violated; FAIL or FLAKY is still open" in _scenario_case(suite, confirmed)[-1].attrib["message"]
+    assert candidates and {_scenario_case(suite, each)[-1].tag for each in candidates} == {"skipped"}
+    assert {_properties(_scenario_case(suite, each))["state"] for each in candidates} == {"candidate"}
 
 
 @pytest.mark.parametrize("status", list(Status))
 def test_in_junit_the_confirmation_decides_and_what_is_not_sure_is_skipped_with_its_reason(status: Status) -> None:
     the_plan, attempts, _ = default_campaign()
+    flaky = {"status": Status.FLAKY, "violations": 1, "reason": "so"}
     changed = [
-        a.replace(
-            verdict=a.verdict.replace(status=status if a.purpose == "confirmation" else Status.FLAKY, reason="so")
-        )
+        a.replace(verdict=a.verdict.replace(**(flaky | {"status": status} if a.purpose == "confirmation" else flaky)))
         for a in attempts
         if a.verdict
     ]
     summary = summarise(the_plan, changed)
     suite = ET.fromstring(junit_xml(the_plan, summary))[0]
     assert (int(suite.attrib["failures"]) > 0) == summary.violated == (status in (Status.FAIL, Status.FLAKY))
-    for case in suite[:-1]:
-        assert "the confirmation decides" in case[0].attrib["message"]
-    expected = {"FAIL": "failure", "FLAKY": "failure", "PASS": "system-out"}.get(status.value, "skipped")
-    assert suite[-1][-1].tag == expected
-    assert "so" in suite[-1][-1].attrib.get("message", "") + (suite[-1][-1].text or "")
+    for entry in summary.ranking:
+        case = _scenario_case(suite, entry)
+        assert _properties(case)["state"] == entry.state
+        expected = {"FAIL": "failure", "FLAKY": "failure", "PASS": "system-out"}.get(status.value, "skipped")
+        assert case[-1].tag == (expected if entry.state == "confirmed" else "skipped")
+        assert "so" in case[-1].attrib.get("message", "") + (case[-1].text or "")
     alone = summarise(the_plan, [a for a in changed if a.purpose == "search"])
     unconfirmed = ET.fromstring(junit_xml(the_plan, alone))[0]
     assert int(unconfirmed.attrib["failures"]) == len(unconfirmed) == the_plan.scenarios
+
+
+def test_a_confirmed_scenario_shows_its_confirmation_verdict_on_the_page_in_terminal_json_and_junit() -> None:
+    ledger = MemoryLedger()
+    the_plan, attempts = campaign(ledger)
+    worst = summarise(the_plan, attempts).ranking[0]
+    touched = {"contacts": 2.0, "contact_longest": 1.0, "contact_speed": 0.5, "min_distance": -0.01, "completed": 1.0}
+    search = [_with_objectives(a, 0.5) for a in attempts if a.purpose == "search"]
+    (confirmation,) = (a for a in attempts if a.purpose == "confirmation")
+    kept = _with_objectives(confirmation, 2.0)
+    verdict = judge(REQUIREMENT, [2.0] * 15)
+    measured = tuple(m.replace(values=touched) for m in kept.measurements)
+    changed = [*search, kept.replace(verdict=verdict, measurements=measured)]
+    summary = summarise(the_plan, changed)
+    assert [entry.state for entry in summary.ranking] == ["candidate"] * (the_plan.scenarios - 1) + ["confirmed"]
+    last = summary.ranking[-1]
+    assert (last.scenario, last.verdict.status, last.seen.contacts.runs) == (worst.scenario, Status.PASS, 5)
+
+    told = summary.model_dump(mode="json")["ranking"][-1]
+    assert (told["state"], told["verdict"]["status"], told["seen"]["contacts"]["runs"]) == ("confirmed", "PASS", 5)
+    paper = io.StringIO()
+    Console(file=paper, width=80).print(ranked_table(the_plan, summary, width=80))
+    rows = [line for line in paper.getvalue().splitlines() if "/" in line]
+    assert "PASS‡ 0/15" in rows[-1] and all("candidate 2/2" in row for row in rows[:-1])
+    case = _scenario_case(ET.fromstring(junit_xml(the_plan, summary))[0], last)
+    assert case[-1].tag == "system-out" and _properties(case)["contacts"] == "5 of 5 runs"
+    text = page(the_plan, changed, ledger)
+    states = re.findall(r'<td data-label="State">(.*?)</td>', text)
+    chips = re.findall(r'<td data-label="Verdict"><div><span class="chip \w+">(.*?)</span>', text)
+    assert states == [entry.state for entry in summary.ranking] and chips[-1] == "PASS"
 
 
 def _with_objectives(attempt: Attempt, value: float) -> Attempt:
@@ -266,8 +308,9 @@ def test_in_junit_the_confirmation_tells_of_contacts_and_arrivals() -> None:
         else a
         for a in attempts
     ]
-    suite = ET.fromstring(junit_xml(the_plan, summarise(the_plan, changed)))[0]
-    told = {each.attrib["name"]: each.attrib["value"] for each in suite[-1].iter("property")}
+    summary = summarise(the_plan, changed)
+    confirmed = next(entry for entry in summary.ranking if entry.state == "confirmed")
+    told = _properties(_scenario_case(ET.fromstring(junit_xml(the_plan, summary))[0], confirmed))
     assert (told["contacts"], told["arrived"]) == ("5 of 5 runs", "5 of 5 runs")
 
 

@@ -14,7 +14,7 @@ from rvsg.evaluation.verdict import Status, Verdict
 from rvsg.generation.generator import Call, Proposal
 from rvsg.generation.vlm.budget import Spending
 from rvsg.report.junit import junit_xml
-from rvsg.report.summary import Summary, counted, interval, number, status_in_words
+from rvsg.report.summary import Ranked, Summary, counted, interval, number, status_in_words
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.validity import warnings
 from rvsg.world.world import World
@@ -29,6 +29,7 @@ __all__ = [
     "DEFAULT",
     "METRICS",
     "OPEN",
+    "Ranked",
     "Status",
     "Summary",
     "Verdict",
@@ -58,15 +59,19 @@ def describe_judgement(judged: Judgement) -> Iterator[str]:
         yield f"{can} (budget: {procedure.max_runs} in all)."
 
 
-def describe_finding(finding: Finding, requirement: Requirement) -> Iterator[str]:
-    """Yield what a confirmation says: how often, with and without people, what else was seen, what happened."""
+def describe_finding(finding: Finding, requirement: Requirement, *, brief: bool = False) -> Iterator[str]:
+    """Yield what a confirmation says: how often, with and without people, what else was seen, what happened.
+
+    Args:
+        brief: leave out the comparison with fewer people and the story.
+    """
     verdict = finding.verdict
     runs = counted(verdict.runs + verdict.undefined, "confirmation run")
     yield (
         f"Scenario {finding.scenario + 1} in {runs}: {status_in_words(verdict)}; {interval(verdict, requirement.unit)}"
         f"{_often(finding)}"
     )
-    if (compared := describe_difference(finding)) is not None:
+    if not brief and (compared := describe_difference(finding)) is not None:
         yield f"  {compared}"
     contacts, arrived = finding.contacts, finding.arrived
     if contacts.runs:
@@ -75,6 +80,8 @@ def describe_finding(finding: Finding, requirement: Requirement) -> Iterator[str
         yield f"  Contact: {touched}{'' if finding.violated else f', which {requirement.name} does not judge'}."
     if arrived.runs < arrived.of:
         yield f"  {arrived.of - arrived.runs} of {counted(arrived.of, 'run')} did not reach the goal."
+    if brief:
+        return
     for removal in finding.cause:
         yield (
             f"  Without {removal.without}: {removal.violated} of {counted(removal.of, 'run')} violate it; "

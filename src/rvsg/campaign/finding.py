@@ -14,7 +14,7 @@ from rvsg.evaluation.judge import DEFAULT, Procedure, violated
 from rvsg.evaluation.safety_summary import Arrivals, Contacts, summarise_safety
 from rvsg.evaluation.statistics import share_difference
 from rvsg.evaluation.story import story_of
-from rvsg.evaluation.verdict import Verdict
+from rvsg.evaluation.verdict import Status, Verdict
 from rvsg.scenario.requirement import Requirement
 from rvsg.simulation.run import Run
 from rvsg.world.world import World
@@ -93,7 +93,8 @@ def findings(
     """
     confirmed = [a for a in attempts if a.purpose == "confirmation" and a.verdict is not None]
     made = [_finding(plan, attempt, attempts, run_of, world, procedure) for attempt in confirmed]
-    return tuple(sorted(made, key=lambda f: (-f.violated, -at_least(f.interval), f.confirmation)))
+    by_index = sorted(made, key=lambda f: f.confirmation)
+    return tuple(sorted(by_index, key=lambda f: badness(f.verdict, procedure), reverse=True))
 
 
 class DistinctFailure(Record):
@@ -136,12 +137,15 @@ def worst_confirmation(attempts: Sequence[Attempt], procedure: Procedure = DEFAU
     """Return the confirmation that says most against the robot; None without one."""
     confirmed = [a for a in attempts if a.purpose == "confirmation"]
 
-    def badness(attempt: Attempt) -> tuple[bool, float, int]:
-        verdict = attempt.verdict
-        surely = at_least(verdict.violation_interval) if verdict else 0.0
-        return (verdict is not None and violated(verdict, procedure=procedure), surely, -attempt.index)
+    return max(confirmed, key=lambda a: (badness(a.verdict, procedure), -a.index), default=None)
 
-    return max(confirmed, key=badness, default=None)
+
+def badness(verdict: Verdict | None, procedure: Procedure = DEFAULT) -> tuple[bool, bool, float]:
+    """Return how much a verdict says against the robot: violated at all, always (FAIL), and how often at least."""
+    if verdict is None:
+        return (False, False, 0.0)
+    always = verdict.status is Status.FAIL
+    return (violated(verdict, procedure=procedure), always, at_least(verdict.violation_interval))
 
 
 def difference_interval(with_people: Share, without: Share, confidence: float = 0.95) -> tuple[float, float]:

@@ -23,7 +23,7 @@ from rvsg.api.events import (
     RunMade,
 )
 from rvsg.api.models import Brief, CallNews, Spending
-from rvsg.api.words import describe_spending, number
+from rvsg.api.words import counted, describe_spending, number, status_in_words
 from rvsg.cli.console import console, say
 
 
@@ -135,6 +135,12 @@ class CampaignProgress:
     def _attempted(self, attempt: Attempt) -> None:
         """Without a terminal, print a line with an estimate at the end of every scenario."""
         self._note(attempt)
+        if attempt.purpose == "confirmation" and not self.bar and attempt.verdict is not None:
+            verdict = attempt.verdict
+            say(
+                f"{self.name}{self.runs} runs; scenario {attempt.brief.scenario_index + 1} confirmed in "
+                f"{counted(verdict.runs, 'run')}: {status_in_words(verdict)}"
+            )
         last = (attempt.index + 1) % self.plan.configurations == 0
         if self.bar or attempt.purpose != "search" or not last:
             return

@@ -103,10 +103,11 @@ def run(
     """Find, confirm and report scenarios that make the robot violate a requirement.
 
     The search tries `scenarios` x (1 + `refinements`) configurations, each in `repeats` runs, and ranks them by the
-    share of runs that violate the limit, then by the mean objective. Configurations that violated it are confirmed,
+    share of runs that violate the limit, then by the mean objective. Scenarios that violated it are confirmed,
     worst first, in runs with new seeds until each verdict is certain (wrong in at most --error-rate of cases) or
-    --confirmations are spent. The mission without people, and each confirmed scenario without each of its people,
-    show what the people contribute. Everything is stored in the folder --out; run the same command to resume.
+    its part of --confirmations is spent; then other configurations, until one is a FAIL. The mission without
+    people, and each confirmed scenario without each of its people, show what the people contribute. Everything is
+    stored in the folder --out; run the same command to resume.
 
     An installed plug-in is given by its name, like a built-in one.
 
@@ -241,7 +242,9 @@ def _show(campaign: Campaign, summary: Summary, spent_s: float, *, as_json: bool
     show_findings(campaign, summary)
     verdict = summary.confirmed.verdict if summary.confirmed else None
     if verdict and verdict.status is Status.INCONCLUSIVE:
-        more = as_started(command_for_more(campaign.config, summary.accounting.confirmation_runs))
+        scenarios = sum(entry.state == "confirmed" for entry in summary.ranking)
+        each = max(summary.accounting.confirmation_runs, verdict.runs * scenarios)
+        more = as_started(command_for_more(campaign.config, each))
         say(f"More confirmation runs can decide it; the same campaign with more: {more}")
     account = summary.accounting
     say(

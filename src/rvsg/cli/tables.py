@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import count, takewhile
+from itertools import takewhile
 from typing import TYPE_CHECKING
 
 from rich.box import SIMPLE_HEAD
@@ -11,10 +11,10 @@ from rich.table import Table
 from rich.text import Text
 
 from rvsg.api.commands import confirm_command
-from rvsg.api.events import Plan, rule
+from rvsg.api.events import Plan
 from rvsg.api.words import (
-    DEFAULT,
     OPEN,
+    Ranked,
     Status,
     Summary,
     Verdict,
@@ -46,8 +46,18 @@ STYLES = {
 MARK_OPEN = f"† violated; {OPEN}."
 
 
+CANDIDATE = "candidate"
+TOUCHED = "‡ robot and person touch in at least one of these runs."
+
+
 def _marked(verdict: Verdict) -> str:
     return verdict.status.value + ("†" if still_open(verdict) else "")
+
+
+def _shown_verdict(entry: Ranked) -> str:
+    """The verdict of a confirmed scenario; what the search alone found is a candidate, or nothing."""
+    said = _marked(entry.verdict) if entry.state == "confirmed" else CANDIDATE if entry.state == CANDIDATE else "–"
+    return said + ("‡" if entry.seen.contacts.runs else "")
 
 
 def _style(verdict: Verdict) -> str:
@@ -64,7 +74,7 @@ def ranked_table(plan: Plan, summary: Summary, *, width: int = 80, rows: int = 1
     table = Table(
         title=title,
         title_justify="left",
-        caption=_left_out(summary, rows) + rule(requirement) + _about_inconclusive(summary, rows),
+        caption=_left_out(summary, rows) + _legend(summary, rows),
         caption_justify="left",
         box=SIMPLE_HEAD,
         pad_edge=False,
@@ -80,11 +90,12 @@ def ranked_table(plan: Plan, summary: Summary, *, width: int = 80, rows: int = 1
     for entry, name in zip(shown, names, strict=True):
         verdict = entry.verdict
         counted = f" {verdict.violations}/{verdict.runs}" if requirement.threshold is not None else ""
+        style = _style(verdict) if entry.state == "confirmed" else STYLES[Status.INCONCLUSIVE]
         table.add_row(
             str(entry.rank),
             Text(f"{entry.scenario + 1}. {name}"),
             Text(interval(verdict, requirement.unit)),
-            Text(_marked(verdict) + counted, style=_style(verdict)),
+            Text(_shown_verdict(entry) + counted, style=style),
         )
     return table
 
@@ -95,17 +106,22 @@ def _left_out(summary: Summary, rows: int) -> str:
     return f"{more} more {'scenario' if more == 1 else 'scenarios'} in the report. " if more > 0 else ""
 
 
-def _about_inconclusive(summary: Summary, rows: int) -> str:
-    """What INCONCLUSIVE means, where a row says it: 5 violations in 5 runs look sure and are not."""
-    unsure = [entry.verdict for entry in summary.ranking[:rows] if entry.verdict.status is Status.INCONCLUSIVE]
-    if not unsure:
-        return ""
-    least = next(n for n in count(1) if DEFAULT.status(n, n) is not Status.INCONCLUSIVE)
-    open_too = f" {MARK_OPEN}" if any(map(still_open, unsure)) else ""
-    return (
-        f" INCONCLUSIVE: too few runs for a verdict; even if all violate it takes {least} to be wrong in at most "
-        f"{DEFAULT.error_rate:.0%} of cases.{open_too} The search ranks, the confirmation decides."
-    )
+def _legend(summary: Summary, rows: int) -> str:
+    """What the words and marks of the rows mean, as far as they occur."""
+    shown = summary.ranking[:rows]
+    confirmed = [entry.verdict for entry in shown if entry.state == "confirmed"]
+    said = []
+    if confirmed:
+        said.append("A verdict is that of the confirmation runs.")
+    if any(entry.state == CANDIDATE for entry in shown):
+        said.append("A candidate violated in the search and is not confirmed.")
+    if any(map(still_open, confirmed)):
+        said.append(MARK_OPEN)
+    if any(verdict.status is Status.INCONCLUSIVE and not still_open(verdict) for verdict in confirmed):
+        said.append("INCONCLUSIVE: too few runs for a verdict.")
+    if any(entry.seen.contacts.runs for entry in shown):
+        said.append(TOUCHED)
+    return " ".join(said)
 
 
 def matrix_table(found: Sequence[tuple[Plan, Summary]]) -> Table:
@@ -115,7 +131,7 @@ def matrix_table(found: Sequence[tuple[Plan, Summary]]) -> Table:
     table.add_column("worst [95 %]", justify="right", no_wrap=True)
     table.add_column("verdict", no_wrap=True)
     table.add_column("violated", no_wrap=True)
-    opened = unconfirmed = False
+    opened = unconfirmed = touched = False
     for plan, summary in found:
         confirmed = summary.confirmed.verdict if summary.confirmed else None
         verdict = confirmed or (summary.ranking[0].verdict if summary.ranking else None)
@@ -129,11 +145,14 @@ def matrix_table(found: Sequence[tuple[Plan, Summary]]) -> Table:
             low, high = verdict.violation_interval
             often = f"{verdict.violation_probability:.2f} [{low:.2f}, {high:.2f}]"
         unconfirmed = unconfirmed or not confirmed
-        said = _marked(verdict) + ("" if confirmed else "*")
+        seen = summary.seen is not None and summary.seen.contacts.runs > 0
+        touched = touched or seen
+        said = _marked(verdict) + ("" if confirmed else "*") + ("‡" if seen else "")
         table.add_row(name, interval(verdict, unit), Text(said, style=_style(verdict)), often)
         opened = opened or still_open(verdict)
     notes = [MARK_OPEN] if opened else []
     notes += ["* of the search alone, not confirmed"] if unconfirmed else []
+    notes += [TOUCHED] if touched else []
     table.caption = "\n".join(notes) or None
     return table
 
@@ -157,7 +176,7 @@ def how_far(plan: Plan, summary: Summary) -> str:
 
 
 def show_findings(campaign: Campaign, summary: Summary) -> None:
-    """Print every confirmation with what it means, and the candidates that are not confirmed."""
+    """Print what the worst confirmation means, a line for each other one, and the candidates."""
     if not summary.ranking:
         say("No valid scenario was found.")
         return
@@ -165,7 +184,7 @@ def show_findings(campaign: Campaign, summary: Summary) -> None:
     if not found:
         say("The best scenario was not confirmed.")
     for finding in found:
-        for line in describe_finding(finding, campaign.requirement):
+        for line in describe_finding(finding, campaign.requirement, brief=finding is not found[0]):
             say(line)
     if len(distinct := campaign.distinct_failures) > 1:
         say(f"{counted(len(distinct), 'distinct failure')}:")

@@ -17,7 +17,6 @@ import rvsg
 from rvsg.campaign.plan import Plan
 from rvsg.core.files import write_whole
 from rvsg.evaluation.judge import violated
-from rvsg.evaluation.safety_summary import summarise_safety
 from rvsg.evaluation.verdict import Status
 from rvsg.report.facts import run_facts
 from rvsg.report.floors import area_colours
@@ -108,8 +107,7 @@ def _cell(link: str, plan: Plan, summary: Summary) -> dict[str, Any]:
     verdict = confirmed.verdict if confirmed else None
     often = verdict.violation_probability if verdict else None
     badges = []
-    if confirmed is not None:
-        safety = summarise_safety([measured.values for measured in confirmed.measurements])
+    if (safety := summary.seen) is not None:
         if safety.contacts.runs:
             badges.append({"tone": "bad", "text": f"contact {safety.contacts.runs}/{safety.contacts.of}"})
         if safety.arrived.runs < safety.arrived.of:

@@ -11,7 +11,7 @@ from rvsg.report.answer import tone_of
 from rvsg.report.facts import AttemptFacts
 from rvsg.report.payload import people_colours
 from rvsg.report.shown import Shown, group_label, in_order
-from rvsg.report.summary import in_short, interval, number
+from rvsg.report.summary import interval, number
 from rvsg.report.words import metres
 from rvsg.scenario.scenario import Human
 
@@ -52,25 +52,16 @@ def manner(human: Human) -> str:
 def finding_rows(shown: Shown) -> list[dict[str, Any]]:
     """Findings and candidates, the worst first. A confirmed scenario shows its confirmation verdict.
 
-    After the worst configuration of each scenario come further configurations that were confirmed.
+    After the scenarios come further configurations that were confirmed.
     """
-    by_index = {each.attempt.index: each for each in shown.facts}
     attempts = {attempt.index: attempt for attempt in shown.attempts}
+    by_index = {each.attempt.index: each for each in shown.facts}
     confirmations = {_scenario_id(f.attempt): f for f in shown.facts if f.attempt.purpose == "confirmation"}
     rows = []
-    for entry in shown.summary.ranking:
-        confirmed = confirmations.pop(entry.scenario_id, None)
-        facts = confirmed or by_index[entry.attempt]
-        state = "confirmed" if confirmed else "candidate" if entry.verdict.violations else "not violated"
-        row = {"rank": entry.rank, "configurations": entry.configurations, "description": entry.description}
-        rows.append(row | _finding_row(shown, attempts[entry.attempt], facts, state))
-    for confirmed in confirmations.values():
-        attempt = shown.candidate_of(confirmed.attempt)
-        if attempt is not None and attempt.proposal.scenario is not None:
-            scenario = attempt.proposal.scenario
-            same = [a for a in shown.searched if a.attempt.brief.scenario_index == attempt.brief.scenario_index]
-            row = {"rank": "", "configurations": len(same), "description": scenario.description or in_short(scenario)}
-            rows.append(row | _finding_row(shown, attempt, confirmed, "confirmed"))
+    for entry in (*shown.summary.ranking, *shown.summary.further):
+        facts = confirmations[entry.scenario_id] if entry.state == "confirmed" else by_index[entry.attempt]
+        row = {"rank": entry.rank or "", "configurations": entry.configurations, "description": entry.description}
+        rows.append(row | _finding_row(shown, attempts[entry.attempt], facts, entry.state))
     return rows
 
 
