@@ -139,12 +139,25 @@ def test_two_runs_compared_say_when_they_part(show: Show) -> None:
     assert tab.locator(".rp-robot").count() == 2
 
 
-@pytest.mark.parametrize("script", [True, False])
-def test_text_on_the_maps_can_be_read_on_a_phone(show: Show, script: bool) -> None:
-    tab = show("contacts", width=390, java_script_enabled=script)
+@pytest.mark.parametrize(("name", "script"), [("contacts", True), ("contacts", False), ("overview", True)])
+def test_text_on_the_maps_can_be_read_on_a_phone(show: Show, name: str, script: bool) -> None:
+    tab = show(name, width=390, java_script_enabled=script)
     texts = tab.evaluate(TEXTS)
     assert len(texts) > 10
     assert [each for each in texts if each["px"] < 11] == []
+
+
+@pytest.mark.parametrize("width", [1280, 390])
+def test_no_line_breaks_inside_a_number(show: Show, width: int) -> None:
+    tab = show("contacts", width=width)
+    words = tab.evaluate(
+        """() => [...document.querySelectorAll(".ranking td.n, .ranking td.n a, .verdict a")].map(node => {
+          const range = document.createRange(); range.selectNodeContents(node);
+          return { text: node.textContent.trim(), tops: new Set([...range.getClientRects()].filter(r => r.width > 0)
+            .map(r => Math.round(r.top))).size }; })"""
+    )
+    assert len(words) > 10
+    assert [each for each in words if each["tops"] > 1 and " runs" not in each["text"]] == []
 
 
 @pytest.mark.parametrize("name", ["contacts", "overview"])

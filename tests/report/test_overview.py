@@ -1,13 +1,17 @@
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import pytest
+from markupsafe import escape
 from tests.campaign.parts import MemoryLedger, warehouse
 from tests.report.test_page import NastyGenerator, Reader, campaign, default_campaign
 
+from rvsg.campaign.finding import findings
+from rvsg.evaluation.judge import judge
 from rvsg.evaluation.verdict import Status
-from rvsg.report.overview import Reported, pin_of, render_overview, write_overview
+from rvsg.report.overview import Reported, pins_of, render_overview, write_overview
 from rvsg.report.summary import summarise
 from rvsg.world.drawing.view import known_window
 
@@ -100,19 +104,26 @@ def test_the_matrix_has_a_cell_for_each_route_and_requirement() -> None:
     assert ("contact " in table) == (contacts > 0)
 
 
-def test_a_finding_has_a_pin_where_it_happens() -> None:
+def test_every_finding_has_a_pin_where_it_happens_and_a_row_that_opens_it() -> None:
     ledger = MemoryLedger()
     the_plan, attempts = campaign(ledger)
-    summary = summarise(the_plan, attempts)
-    assert summary.confirmed and summary.confirmed.verdict
-    failed = summary.confirmed.verdict.replace(status=Status.FAIL)
-    bad = summary.replace(confirmed=summary.confirmed.replace(verdict=failed))
-    pin = pin_of("a/report.html", the_plan, bad, warehouse(), ledger.run)
-    assert pin is not None
+    confirmation = next(a for a in attempts if a.purpose == "confirmation")
+    bad = confirmation.replace(verdict=judge(the_plan.requirement, [0.1] * 15))
+    changed = [bad if a is confirmation else a for a in attempts]
+    found = findings(the_plan, changed, run_of=ledger.run, world=warehouse())
+    (pin,) = pins_of("a/report.html", the_plan, changed, found, warehouse(), ledger.run)
     x0, y0, x1, y1 = known_window(warehouse())
     assert x0 < pin.x < x1 and y0 < pin.y < y1
-    shown = [("a/report.html", the_plan, bad)]
-    text = render_overview(shown, command="rvsg run", world=warehouse(), pins=[pin])
-    assert text.count('class="pin"') == 1 and '<a href="a/report.html" aria-label=' in text
-    passed = summary.replace(confirmed=summary.confirmed.replace(verdict=failed.replace(status=Status.PASS)))
-    assert pin_of("a", the_plan, passed, warehouse(), ledger.run) is None
+    runs = {measured.run_id for measured in bad.measurements}
+    assert pin.address.startswith("#run=") and pin.address[5:].split("&")[0] in runs
+    assert (pin.row["chip"], pin.row["violated"]) == ("FAIL", "15 of 15")
+    shown = [("a/report.html", the_plan, summarise(the_plan, changed))]
+    other = dataclasses.replace(pin, address="#run=x&t=1.0", x=pin.x + 1.0)
+    text = render_overview(shown, command="rvsg run", world=warehouse(), pins=[pin, other])
+    assert text.count('class="pin"') == 2
+    for each in (pin, other):
+        assert text.count(f'href="a/report.html{escape(each.address)}"') == 2, "on the map and in the table"
+    kept = confirmation.replace(verdict=judge(the_plan.requirement, [2.0] * 15))
+    changed = [kept if a is confirmation else a for a in attempts]
+    found = findings(the_plan, changed, run_of=ledger.run, world=warehouse())
+    assert pins_of("a", the_plan, changed, found, warehouse(), ledger.run) == []

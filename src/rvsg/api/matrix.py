@@ -32,7 +32,7 @@ from rvsg.api.config import (
     renamed,
     safe_name,
 )
-from rvsg.api.folder import CELLS, MATRIX, REPORT, alone_in, check_out, make_folder, reading, store_of
+from rvsg.api.folder import CELLS, MATRIX, REPORT, alone_in, check_out, make_folder, store_of
 from rvsg.api.index import campaigns_in
 from rvsg.api.paths import as_stored, paths_of
 from rvsg.api.record import FROM, differences
@@ -44,7 +44,7 @@ from rvsg.core.documents import mistakes_of
 from rvsg.core.errors import FileError, InputError, RvsgError
 from rvsg.core.files import write_whole
 from rvsg.core.inputs import exists, parse_json, read_text
-from rvsg.report.overview import Pin, Reported, pin_of, write_overview
+from rvsg.report.overview import Pin, pins_of, write_overview
 from rvsg.scenario.requirements import shipped_requirements
 from rvsg.world.io.load import load_world
 
@@ -200,7 +200,7 @@ class Matrix:
         found = self.campaigns()
         if found:
             reported = [(f"{each.folder.name}/{each.page().name}", each.plan, each.summary()) for each in found]
-            pins = [pin for each, known in zip(found, reported, strict=True) if (pin := _pin(each, known))]
+            pins = [pin for each, known in zip(found, reported, strict=True) for pin in _pins(each, known[0])]
             missing = len(self.all_pairs) - len(found)
             write_overview(page, reported, command=self.commands(), missing=missing, world=found[0].world, pins=pins)
         return page
@@ -221,9 +221,10 @@ class Matrix:
         return list(found.values())
 
 
-def _pin(campaign: Campaign, reported: Reported) -> Pin | None:
-    with reading(campaign.folder) as ledger:
-        return pin_of(*reported, campaign.world, ledger.run)
+def _pins(campaign: Campaign, link: str) -> list[Pin]:
+    found, attempts = campaign.findings, campaign.attempts()
+    with campaign.reading() as ledger:
+        return pins_of(link, campaign.plan, attempts, found, campaign.world, ledger.run)
 
 
 def folders_in(folder: Path) -> list[Path]:

@@ -186,6 +186,10 @@ CAUSED = {
 }
 
 
+CAUSE_WORDS = {"yes": "yes", "no": "no, recurs without", "open": "open", "not violated": "–"}
+"""Whether the people cause a violation, in the tables of findings."""
+
+
 def _why(plan: Plan, cause: Cause) -> tuple[list[Badge], list[Sentence]]:
     """Return whether it was the people: the same seeds without them, and without each of them."""
     finding, nobody = cause.finding, cause.nobody

@@ -5,7 +5,7 @@ As with a report, the page is a function of the records, and of where the report
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,10 +14,13 @@ from urllib.parse import quote
 from markupsafe import Markup, escape
 
 import rvsg
+from rvsg.campaign.attempt import Attempt
+from rvsg.campaign.finding import Finding
 from rvsg.campaign.plan import Plan
 from rvsg.core.files import write_whole
-from rvsg.evaluation.judge import violated
+from rvsg.evaluation.judge import still_open, violated
 from rvsg.evaluation.verdict import Status
+from rvsg.report.answer import CAUSE_WORDS
 from rvsg.report.facts import run_facts
 from rvsg.report.floors import area_colours
 from rvsg.report.frames import Turn
@@ -36,24 +39,52 @@ Reported = tuple[str, Plan, Summary]
 
 @dataclass(frozen=True, kw_only=True)
 class Pin:
-    """Where a finding happens: the robot's position (m) at the decisive moment of its worst run."""
+    """A finding and where it happens: the robot's position (m) at the decisive moment of its worst run."""
 
     link: str
+    """The report, seen from the overview's folder."""
+    address: str
+    """The part of the report's address that opens that moment."""
     name: str
     x: float
     y: float
+    row: Mapping[str, str]
+    """What the table of findings says of it."""
 
 
-def pin_of(link: str, plan: Plan, summary: Summary, world: World, run_of: Callable[[str], Run]) -> Pin | None:
-    """Return the pin of a campaign whose finding violates its requirement; None for any other."""
-    confirmed = summary.confirmed
-    if confirmed is None or confirmed.verdict is None or not violated(confirmed.verdict):
-        return None
-    valued = [(plan.requirement.badness(m.objective), m) for m in confirmed.measurements if m.objective is not None]
-    _, worst = max(valued, key=lambda pair: pair[0])
-    facts = run_facts(run_of(worst.run_id), worst, plan.requirement, world, confirmed.proposal.scenario)
-    name = f"{plan.mission.route.name}, {plan.requirement.name}"
-    return Pin(link=link, name=name, x=facts.decisive_at.x, y=facts.decisive_at.y)
+def pins_of(
+    link: str,
+    plan: Plan,
+    attempts: Sequence[Attempt],
+    found: Sequence[Finding],
+    world: World,
+    run_of: Callable[[str], Run],
+) -> list[Pin]:
+    """Return a pin for every finding of a campaign that violates its requirement, the worst first."""
+    by_index = {attempt.index: attempt for attempt in attempts}
+    return [_pin(link, plan, by_index[each.confirmation], each, world, run_of) for each in found if each.violated]
+
+
+def _pin(
+    link: str, plan: Plan, confirmation: Attempt, finding: Finding, world: World, run_of: Callable[[str], Run]
+) -> Pin:
+    valued = [(plan.requirement.badness(m.objective), m) for m in confirmation.measurements if m.objective is not None]
+    worst = max(valued, key=lambda pair: pair[0])[1]
+    facts = run_facts(run_of(worst.run_id), worst, plan.requirement, world, confirmation.proposal.scenario)
+    verdict, scenario = finding.verdict, finding.scenario + 1
+    campaign = f"{plan.mission.route.name}, {plan.requirement.name}"
+    row = {
+        "campaign": campaign,
+        "scenario": f"{scenario}. {finding.description}",
+        "happens": finding.failure.words if finding.failure else "",
+        "chip": "violated" if still_open(verdict) else verdict.status.value,
+        "violated": f"{verdict.violations} of {verdict.runs}",
+        "contacts": f"{finding.contacts.runs} of {finding.contacts.of}",
+        "people": CAUSE_WORDS[finding.about_people],
+    }
+    address = f"#run={worst.run_id}&t={facts.decisive_s:.1f}"
+    name = f"{campaign}, scenario {scenario}"
+    return Pin(link=link, address=address, name=name, x=facts.decisive_at.x, y=facts.decisive_at.y, row=row)
 
 
 def write_overview(path: Path, reported: Sequence[Reported], **how: Any) -> None:
@@ -88,6 +119,7 @@ def render_overview(
         tiles=_tiles(reported),
         matrix=_matrix(reported),
         map=_map(world, pins) if world is not None and pins else None,
+        findings=[{**pin.row, "link": quote(pin.link) + pin.address} for pin in pins],
         rows=[_row(*each) for each in reported],
         command=escape(command),
     )
@@ -128,7 +160,8 @@ def _map(world: World, pins: Sequence[Pin]) -> dict[str, Any]:
     marks = []
     for number_, pin in enumerate(pins, 1):
         x, y = turn.point(pin.x, pin.y)
-        marks.append({"number": number_, "name": pin.name, "link": quote(pin.link), "x": f"{x:.2f}", "y": f"{y:.2f}"})
+        link = quote(pin.link) + pin.address
+        marks.append({"number": number_, "name": pin.name, "link": link, "x": f"{x:.2f}", "y": f"{y:.2f}"})
     return {
         "box": plan.view_box,
         "floor": Markup(plan.shapes),  # noqa: S704 - made by us, its names escaped

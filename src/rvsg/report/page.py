@@ -148,8 +148,8 @@ def _curse(plan: Plan, summary: Summary, selected: Verdict | None) -> str:
     unit, count = plan.requirement.unit, summary.accounting.search_attempts
     lost = plan.requirement.badness(selected.mean) - plan.requirement.badness(fresh.mean)
     said = (
-        f"The search selected this scenario as the worst of {counted(count, 'configuration')}: "
-        f"{counted(len(selected.objectives), 'run')} with a mean of {number(selected.mean, unit)}. "
+        f"One of {count} configurations of the search: {counted(len(selected.objectives), 'run')} with a mean of "
+        f"{number(selected.mean, unit)}. "
         f"{counted(len(fresh.objectives), 'confirmation run')} with new seeds have a mean of "
         f"{number(fresh.mean, unit)}. "
     )

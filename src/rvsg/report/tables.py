@@ -7,7 +7,7 @@ from typing import Any
 from rvsg.campaign.attempt import Attempt
 from rvsg.evaluation.judge import OPEN, still_open
 from rvsg.evaluation.verdict import Status, Verdict
-from rvsg.report.answer import tone_of
+from rvsg.report.answer import CAUSE_WORDS, tone_of
 from rvsg.report.facts import AttemptFacts
 from rvsg.report.payload import people_colours
 from rvsg.report.shown import Shown, group_label, in_order
@@ -57,10 +57,12 @@ def finding_rows(shown: Shown) -> list[dict[str, Any]]:
     attempts = {attempt.index: attempt for attempt in shown.attempts}
     by_index = {each.attempt.index: each for each in shown.facts}
     confirmations = {_scenario_id(f.attempt): f for f in shown.facts if f.attempt.purpose == "confirmation"}
+    people = {finding.attempt: CAUSE_WORDS[finding.about_people] for finding in shown.findings}
     rows = []
     for entry in (*shown.summary.ranking, *shown.summary.further):
         facts = confirmations[entry.scenario_id] if entry.state == "confirmed" else by_index[entry.attempt]
         row = {"rank": entry.rank or "", "configurations": entry.configurations, "description": entry.description}
+        row |= {"people": people.get(entry.attempt, "–"), "touched": entry.seen.contacts.runs > 0}
         rows.append(row | _finding_row(shown, attempts[entry.attempt], facts, entry.state))
     return rows
 
