@@ -10,6 +10,7 @@ from tests.report.test_page import campaign
 
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.plan import Plan
+from rvsg.evaluation.judge import judge
 from rvsg.evaluation.verdict import Verdict
 from rvsg.report.charts import LETTER, confirmation_chart, search_chart
 
@@ -89,3 +90,16 @@ def test_a_unit_is_text_and_never_markup(found: tuple[Plan, list[Attempt]]) -> N
     sly = plan.replace(requirement=REQUIREMENT.replace(unit="<b>&m"))
     for svg in (confirmation_chart(sly, attempts[0], attempts[-1]), search_chart(sly, attempts)):
         assert not list(ET.fromstring(svg).iter("b"))
+
+
+def test_two_runs_have_no_interval_that_would_flatten_the_search_chart(found: tuple[Plan, list[Attempt]]) -> None:
+    plan, attempts = found
+    searched = [
+        attempt.replace(verdict=judge(plan.requirement, (1.0 + k, 1.5 + k)))
+        for k, attempt in enumerate(each for each in attempts if each.purpose == "search")
+    ]
+    svg = search_chart(plan, searched)
+    assert lines(svg, "spread") == []
+    dots = [float(node.attrib["cy"]) for node in ET.fromstring(svg).iter() if node.attrib.get("class") == "new"]
+    assert len(dots) == len(searched)
+    assert max(dots) - min(dots) > 0.7 * (280 - 44 - 14), "the means take most of the height"

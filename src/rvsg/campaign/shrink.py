@@ -81,7 +81,7 @@ class Shrinking:
         smallest, steps = self._smallest(scenario, seeds, needed)
         kept = [step.what for step in steps if step.kept]
         if kept:
-            smallest = smallest.replace(description=f"{scenario.description} (Shrunk: {'; '.join(kept)}.)".strip())
+            smallest = smallest.replace(description=_description(scenario, smallest, kept))
         fresh = fresh_seeds(self.seed, "shrink confirmation", self.confirmations, used=seeds)
         return Shrunk(
             original=scenario,
@@ -159,6 +159,15 @@ def _specials(human: Human) -> int:
         + (human.behaviour is not Behaviour.REGULAR)
         + (human.factors != ForceFactors())
     )
+
+
+def _description(original: Scenario, smallest: Scenario, kept: Sequence[str]) -> str:
+    """Describe a shrunk scenario. Where people are left out, say what the others do: the old words name everybody."""
+    before, humans = len(original.people.humans), smallest.people.humans
+    if len(humans) == before:
+        return f"{original.description} (Shrunk: {'; '.join(kept)}.)".strip()
+    people = "; ".join(f"{human.name}: {', '.join(task.name for task in human.tasks)}" for human in humans)
+    return f"{people}. (Shrunk: {len(humans)} of {before} people are left.)"
 
 
 def simpler(people: HumanConfiguration, grid: Grid) -> Iterator[tuple[str, HumanConfiguration]]:
