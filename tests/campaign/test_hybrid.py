@@ -55,6 +55,7 @@ def test_the_first_run_of_a_changed_configuration_takes_another_seed_in_every_ba
     assert not drafts & changes
 
 
+@pytest.mark.slow
 def test_the_kinds_of_encounter_lend_configurations_to_change(whole: list[Attempt]) -> None:
     the_plan = plan(**PLAN)
     ledger = MemoryLedger()
@@ -97,7 +98,9 @@ def test_it_finds_a_worse_configuration_than_its_drafts(whole: list[Attempt]) ->
     assert best.mean < min(a.mean for a in measured(drafts) if a.mean is not None)
 
 
-@pytest.mark.parametrize("cut", [1, 9, 23, 40])
+@pytest.mark.parametrize(
+    "cut", [pytest.param(1, marks=pytest.mark.slow), 9, pytest.param(23, marks=pytest.mark.slow), 40]
+)
 def test_it_resumes_to_the_same_records(whole: list[Attempt], cut: int) -> None:
     class Stops(WalkGenerator):
         def propose(self, brief: Brief, world: object) -> Proposal:

@@ -13,7 +13,9 @@ GENERATORS: list[Generator] = [RandomGenerator(), HeuristicGenerator(tries=5, ch
 
 
 @pytest.mark.parametrize("generator", GENERATORS, ids=lambda g: g.name)
-@pytest.mark.parametrize("world_name", shipped_worlds())
+@pytest.mark.parametrize(
+    "world_name", [pytest.param(n, marks=() if n == "warehouse" else pytest.mark.slow) for n in shipped_worlds()]
+)
 def test_a_generator_keeps_its_promises(generator: Generator, world_name: str) -> None:
     world = load_world(world_name)
     mission = Mission(world=world.name, world_id=world.id, route=world.routes[0])
