@@ -13,18 +13,43 @@ import pytest
 
 from rvsg.api.folder import LEDGER
 from rvsg.api.records import check_writable
-from rvsg.cli import main
+from rvsg.cli import frame, main
+from rvsg.core.documents import DocumentError
+from rvsg.core.errors import FileError, InvalidScenario, NewerStore, RvsgError, UnknownName
 from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.store.sqlite import SqliteLedger
 
 SMALL = ["--simulator", "kinematic", "--strategy", "random", "--scenarios", "1", "--refinements", "0", "--jobs", "1"]
 
 
+class Refusal(str):
+    """The message of a refused command, with the error it stands for; None where the options could not be read."""
+
+    error: RvsgError | None = None
+
+
 @pytest.fixture
-def refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+def errors(monkeypatch: pytest.MonkeyPatch) -> list[RvsgError]:
+    """The errors that commands end with, as they are reported."""
+    told, found = frame._tell, []
+
+    def tell(text: str) -> None:
+        error = sys.exc_info()[1]
+        found.extend([error] if isinstance(error, RvsgError) else [])
+        told(text)
+
+    monkeypatch.setattr(frame, "_tell", tell)
+    return found
+
+
+@pytest.fixture
+def refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], errors: list[RvsgError]
+):
     """Run a command in an empty folder that it must leave as it was; returns the message."""
 
-    def run(*arguments: str) -> str:
+    def run(*arguments: str) -> Refusal:
+        errors.clear()
         monkeypatch.chdir(tmp_path)
         before = _content(tmp_path)
         assert main(list(arguments)) == 2
@@ -33,7 +58,9 @@ def refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capt
         assert "Traceback" not in captured.err
         assert captured.err.strip()
         assert _content(tmp_path) == before
-        return captured.err
+        refusal = Refusal(captured.err)
+        refusal.error = errors[-1] if errors else None
+        return refusal
 
     return run
 
@@ -54,7 +81,9 @@ def _content(folder: Path) -> dict[str, bytes]:
     ],
 )
 def test_an_unknown_name_is_answered_with_the_nearest(refused, option: str, value: str, meant: str) -> None:
-    assert re.search(rf'Did you mean "{meant}"', refused("run", *SMALL, option, value))
+    error = refused("run", *SMALL, option, value).error
+    assert isinstance(error, UnknownName)
+    assert (error.kind, error.name, error.nearest) == (option.removeprefix("--"), value, meant)
 
 
 @pytest.mark.parametrize(
@@ -81,20 +110,23 @@ def test_a_number_or_word_that_makes_no_sense_is_refused(refused, option: str, v
 
 def test_a_misspelt_key_of_the_campaign_file_is_found_at_its_line(refused, tmp_path: Path) -> None:
     (tmp_path / "c.yaml").write_text("world: warehouse\nroute: route_1\nscenarois: 3\n")
-    told = refused("run", "c.yaml")
-    assert "c.yaml:3:" in told and 'Did you mean "scenarios"' in told
+    error = refused("run", "c.yaml").error
+    assert isinstance(error, FileError)
+    assert (error.path.name, error.line) == ("c.yaml", 3)
 
 
 def test_every_mistake_of_the_campaign_file_is_told_at_once(refused, tmp_path: Path) -> None:
     (tmp_path / "c.yaml").write_text("scenarios: 0\nrepeats: many\nsed: 3\n")
-    told = refused("run", "c.yaml")
-    assert all(f"c.yaml:{line}:" in told for line in (1, 2, 3))
+    error = refused("run", "c.yaml").error
+    assert isinstance(error, DocumentError)
+    assert [problem.line for problem in error.problems] == [1, 2, 3]
 
 
 @pytest.mark.parametrize("text", ["- a list\n", "world: [unclosed\n", "world: a\nworld: b\n", "\x00"])
 def test_a_campaign_file_that_is_none_is_refused_with_its_name(refused, tmp_path: Path, text: str) -> None:
     (tmp_path / "c.yaml").write_text(text)
-    assert "c.yaml" in refused("run", "c.yaml")
+    error = refused("run", "c.yaml").error
+    assert isinstance(error, FileError) and error.path.name == "c.yaml"
 
 
 def test_a_campaign_file_that_is_absent_is_named(refused) -> None:
@@ -143,8 +175,8 @@ def test_a_store_of_a_newer_version_is_left_alone(refused, tmp_path: Path) -> No
     connection.execute("PRAGMA user_version=99")
     connection.commit()
     connection.close()
-    assert "newer RVSG" in refused("run", *SMALL, "--out", "old")
-    assert "newer RVSG" in refused("report", "old")
+    assert isinstance(refused("run", *SMALL, "--out", "old").error, NewerStore)
+    assert isinstance(refused("report", "old").error, NewerStore)
 
 
 def test_a_report_of_nothing_says_so(refused) -> None:
@@ -159,21 +191,22 @@ def scenario(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> dict:
     return found
 
 
-def simulate(refused, tmp_path: Path, scenario: dict) -> str:
+def simulate(refused, tmp_path: Path, scenario: dict) -> Refusal:
     (tmp_path / "s.json").write_text(json.dumps(scenario))
     return refused("simulate", "s.json", "--out", "runs.jsonl")
 
 
 def test_a_waypoint_that_does_not_exist_is_refused(refused, tmp_path: Path, scenario: dict) -> None:
     scenario["people"]["humans"][0]["tasks"][0]["path"][1] = "Z99"
-    told = simulate(refused, tmp_path, scenario)
-    assert "Z99" in told and "waypoint 2" in told
+    error = simulate(refused, tmp_path, scenario).error
+    assert isinstance(error, InvalidScenario) and any("Z99" in finding for finding in error.findings)
 
 
 def test_a_path_through_an_obstacle_is_refused(refused, tmp_path: Path, scenario: dict) -> None:
     path = scenario["people"]["humans"][0]["tasks"][0]["path"]
     scenario["people"]["humans"][0]["tasks"][0]["path"] = [path[0], path[-1]]
-    assert scenario["people"]["humans"][0]["name"] in simulate(refused, tmp_path, scenario)
+    error = simulate(refused, tmp_path, scenario).error
+    assert isinstance(error, InvalidScenario) and len(error.findings) >= 1
 
 
 def test_a_start_pose_inside_an_obstacle_is_refused(refused, tmp_path: Path, scenario: dict) -> None:
@@ -183,18 +216,19 @@ def test_a_start_pose_inside_an_obstacle_is_refused(refused, tmp_path: Path, sce
 
 @pytest.mark.parametrize("verb", ["simulate", "shrink"])
 def test_a_robot_that_the_simulator_does_not_drive_is_refused(
-    refused, tmp_path: Path, scenario: dict, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture, verb: str
+    refused, tmp_path: Path, scenario: dict, monkeypatch: pytest.MonkeyPatch, errors: list[RvsgError], verb: str
 ) -> None:
     scenario["mission"]["robot"] = "nope"
     path = tmp_path / "scenario.json"
     path.write_text(json.dumps(scenario))
     asked = [verb, str(path), "--simulator", "kinematic", "--out", str(tmp_path / "out")]
-    told = refused(*asked)
-    assert 'There is no robot "nope". Known: tiago_omni.' in told
-    assert "docs/how-to/write-a-plug-in.md" in told
+    error = refused(*asked).error
+    assert isinstance(error, UnknownName)
+    assert (error.kind, error.name, error.known) == ("robot", "nope", ["tiago_omni"])
     monkeypatch.setattr(KinematicSimulator, "robots", ("nope",), raising=False)
+    errors.clear()
     main(asked)
-    assert "There is no robot" not in capsys.readouterr().err
+    assert not any(isinstance(each, UnknownName) for each in errors)
 
 
 def test_a_number_that_is_none_is_refused(refused, tmp_path: Path, scenario: dict) -> None:
@@ -240,7 +274,8 @@ def test_a_scenario_of_a_world_that_has_changed_is_refused(refused, tmp_path: Pa
 @pytest.mark.parametrize("text", ["", "{", "[]", "{}", "null", '{"people": 3}'])
 def test_a_file_that_holds_no_scenario_is_named(refused, tmp_path: Path, text: str) -> None:
     (tmp_path / "s.json").write_text(text)
-    assert "s.json" in refused("simulate", "s.json")
+    error = refused("simulate", "s.json").error
+    assert isinstance(error, FileError) and error.path.name == "s.json"
 
 
 def test_a_truncated_run_is_found_at_its_line(
@@ -253,7 +288,9 @@ def test_a_truncated_run_is_found_at_its_line(
     assert main(["evaluate", str(runs), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["verdict"]["runs"] == 2
     runs.write_text(runs.read_text()[:-500])
-    assert "runs.jsonl:2:" in refused("evaluate", "runs.jsonl")
+    error = refused("evaluate", "runs.jsonl").error
+    assert isinstance(error, FileError)
+    assert (error.path.name, error.line) == ("runs.jsonl", 2)
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,6 @@ from rvsg.evaluation.statistics import (
     censored_median,
     clopper_pearson,
     compare,
-    compare_family,
     holm,
     magnitude_of,
     mean_interval,
@@ -135,17 +134,6 @@ def test_the_paired_interval_covers_the_true_difference():
 def test_welch_is_scipys_and_knows_samples_without_spread():
     assert welch([1.0, 2.0, 4.0], [3.0, 5.0]) == stats.ttest_ind([1.0, 2.0, 4.0], [3.0, 5.0], equal_var=False).pvalue
     assert (welch([1.0, 1.0], [1.0, 1.0]), welch([1.0, 1.0], [2.0, 2.0]), welch([1.0], [2.0, 3.0])) == (1.0, 0.0, None)
-
-
-def test_a_family_of_comparisons_is_corrected_together():
-    rng = np.random.default_rng(1)
-    samples = {
-        name: (list(rng.normal(shift, 1, 12)), list(rng.normal(0, 1, 12)))
-        for name, shift in [("a", 2), ("b", 1), ("c", 0)]
-    }
-    found = compare_family({**samples, "empty": ([], [1.0])})
-    assert {name: made.p_holm for name, made in found.items()} == holm({name: made.p for name, made in found.items()})
-    assert all(made.p_holm >= made.p for made in found.values())
 
 
 def test_the_censored_median_is_the_first_time_by_which_half_have_arrived():

@@ -54,13 +54,14 @@ class FileError(InputError):
 
 
 class UnknownName(InputError):
-    """A name that is not among those known; suggests the nearest."""
+    """A name that is not among those known; `nearest` is the one to suggest, None where none is near."""
 
     def __init__(self, kind: str, name: str, known: Iterable[str], *, hint: str = "") -> None:
+        self.kind = kind
         self.name = name
         self.known = sorted(known)
-        near = difflib.get_close_matches(name, self.known, n=1, cutoff=0.5)
-        asked = f' Did you mean "{near[0]}"?' if near else ""
+        self.nearest = next(iter(difflib.get_close_matches(name, self.known, n=1, cutoff=0.5)), None)
+        asked = f' Did you mean "{self.nearest}"?' if self.nearest else ""
         listed = ", ".join(self.known[:30]) + (", ..." if len(self.known) > 30 else "")
         known_text = f" Known: {listed}." if self.known else ""
         name = name if len(name) <= 200 else f"{name[:100]}...{name[-40:]}"

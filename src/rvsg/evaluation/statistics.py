@@ -253,16 +253,6 @@ def compare(first: Values, second: Values) -> Comparison | None:
     )
 
 
-def compare_family(samples: Mapping[str, tuple[Values, Values]]) -> dict[str, Comparison]:
-    """Compare several pairs of samples at once, e.g. one pair per metric, with Holm's correction over all of them.
-
-    Pairs with an empty sample are left out.
-    """
-    found = {name: made for name, (first, second) in samples.items() if (made := compare(first, second)) is not None}
-    corrected = holm({name: made.p for name, made in found.items()})
-    return {name: made.replace(p_holm=corrected[name]) for name, made in found.items()}
-
-
 def holm(p_values: Mapping[str, float]) -> dict[str, float]:
     """Holm's step-down correction over one family of tests (Holm 1979): adjusted p values by the same keys."""
     ordered = sorted(p_values, key=lambda key: p_values[key])

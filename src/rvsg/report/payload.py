@@ -30,8 +30,6 @@ INVOLVED_M = 2.0
 """A person who never comes nearer to the robot than this, surface to surface, is drawn grey."""
 FAR_STEP = 5
 """A person who is not involved in a run is kept at every fifth sample (2 Hz)."""
-LEVELS = 4000
-"""Steps of the judged quantity between its smallest and its largest value."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,7 +14,6 @@ REACTION_S = 0.3
 INTIMATE_M, PERSONAL_M, SOCIAL_M = 0.45, 1.2, 3.6
 EMERGENCY_DECELERATION_M_S2 = 2.0
 ADVANCING_M = 0.05
-STANDSTILL_WINDOW_S = 5.0
 
 
 def contact_events(s: Sampled) -> float | None:
