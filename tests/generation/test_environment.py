@@ -116,3 +116,15 @@ def test_an_edit_changes_the_texts_and_must_keep_them() -> None:
     for text in ("", "layout: a", "layout: a\ngrid: ''", ": ["):
         with pytest.raises(InputError):
             edited(description, text)
+
+
+def test_a_reason_about_a_given_text_costs_one_call_with_text_and_pictures(warehouse: World) -> None:
+    model = Scripted([json.dumps({**TEXTS, "grid": "Corrected."})])
+    dialogue = describing(warehouse, model)
+    dialogue.begin_with(Description(layout="By hand: no exit.", grid="One row."))
+    assert dialogue.revise("There is an exit.").grid == "Corrected."
+    messages = model.asked[0].messages
+    assert [m.role for m in messages] == ["system", "user", "assistant", "user"]
+    assert {p.name for p in messages[1].pictures} >= {"labelled map", "grid of waypoints"}
+    assert "By hand: no exit." in messages[2].text
+    assert "There is an exit." in messages[3].text

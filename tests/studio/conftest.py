@@ -35,7 +35,7 @@ class Server:
                 [sys.executable, "-m", "rvsg", "studio", str(self.folder), "--no-browser", "--port", "0"],
                 stdout=log,
                 stderr=log,
-                env={**os.environ, "NUMBA_NUM_THREADS": "1"},
+                env={**os.environ, "NUMBA_NUM_THREADS": "1", "RVSG_API_KEY": "of-a-test"},
             )
         for _ in range(600):
             if found := re.search(r"http://\S+/\?token=\S+", self.log.read_text()):

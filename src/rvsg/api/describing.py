@@ -2,18 +2,34 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass
+from difflib import SequenceMatcher
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from rvsg.api.models import answered_from_record, reach
 from rvsg.api.words import describe_calls
 from rvsg.core.errors import InputError
+from rvsg.generation.area_names import AreaNames, ProposedName, propose_area_names
 from rvsg.generation.environment import EnvironmentDialogue, description_of, store_description
 from rvsg.generation.prompts import Prompts
 from rvsg.generation.wiring import Wiring
 from rvsg.world.io.load import shipped_worlds
 from rvsg.world.world import Description, World
+
+__all__ = [
+    "AreaNames",
+    "EnvironmentSession",
+    "ProposedName",
+    "difference",
+    "open_session",
+    "propose_names",
+    "revised",
+    "store",
+    "stored",
+]
 
 
 @dataclass(frozen=True)
@@ -64,3 +80,49 @@ def store(world: World, description: Description, *, out: Path | None, name: str
     """
     place = out if out is not None else None if name in shipped_worlds() else Path(name)
     return store_description(world, description, place)
+
+
+def revised(session: EnvironmentSession, start: Description | None, reasons: Sequence[str]) -> Description:
+    """Return a description corrected for the reasons of a person, one after the other.
+
+    What was asked before is answered from the record, so that only the last reason costs a call.
+
+    Args:
+        start: the description that the first reason is about; None lets the model write one first.
+    """
+    dialogue = session.dialogue
+    if start is None:
+        made = dialogue.describe()
+    else:
+        dialogue.begin_with(start)
+        made = start
+    for reason in reasons:
+        made = dialogue.revise(reason)
+    return made
+
+
+def difference(before: str, after: str) -> list[tuple[Literal["same", "removed", "added"], str]]:
+    """Return what changed between two texts, word by word: pieces that are the same, removed or added."""
+    old, new = (re.findall(r"\S+\s*", text) for text in (before, after))
+    matcher = SequenceMatcher(None, [w.strip() for w in old], [w.strip() for w in new], autojunk=False)
+    pieces: list[tuple[Literal["same", "removed", "added"], str]] = []
+    for kind, i1, i2, j1, j2 in matcher.get_opcodes():
+        if kind == "equal":
+            pieces.append(("same", "".join(new[j1:j2])))
+            continue
+        if i2 > i1:
+            pieces.append(("removed", "".join(old[i1:i2])))
+        if j2 > j1:
+            pieces.append(("added", "".join(new[j1:j2])))
+    return pieces
+
+
+def propose_names(
+    world: World, model: str | None, record: Path | None = None, prompts: Path | None = None, **access: Any
+) -> AreaNames:
+    """Ask a vision language model for better names of the areas of a world.
+
+    Calls are recorded, by default in `runs/names-WORLD`: the same question costs nothing again.
+    """
+    kept = record or (None if access.get("replay") else Path("runs") / f"names-{world.name}")
+    return propose_area_names(world, reach(model, kept, **access).model, Prompts(prompts))

@@ -15,6 +15,7 @@ from rvsg.core.errors import InputError
 from rvsg.core.files import write_whole
 from rvsg.world.authoring.check import check_world
 from rvsg.world.authoring.editing import CHANGES, Edit, edit_world
+from rvsg.world.authoring.trial import Trial
 from rvsg.world.drawing.svg import rectangles
 from rvsg.world.io.load import SHIPPED, read_world, shipped_worlds, world_folder
 from rvsg.world.passages import free_width_m
@@ -68,14 +69,19 @@ def editable_world(name: str | Path) -> dict[str, Any]:
     }
 
 
-def remarks_on(name: str | Path) -> list[dict[str, Any]]:
-    """Return what `rvsg world check` finds, each with the place in the world it is about, where there is one."""
+def remarks_on(name: str | Path, *, trial: Trial | None = None) -> list[dict[str, Any]]:
+    """Return what `rvsg world check` finds, each with the place it is about and what would mend it, where known.
+
+    Args:
+        trial: drives the routes and walks the hops, too.
+    """
     folder = folder_of_world(name)
     found = []
-    for remark in check_world(folder):
+    for remark in check_world(folder, trial=trial):
         problem = remark.problem
         said = {"serious": remark.serious, "message": problem.message, "file": problem.path.name, "line": problem.line}
-        found.append(said | {"key": list(remark.key)})
+        fix = {"label": remark.fix.label, "change": dict(remark.fix.change)} if remark.fix is not None else None
+        found.append(said | {"key": list(remark.key), "fix": fix})
     return found
 
 

@@ -12,6 +12,7 @@ import typer
 
 from rvsg.cli.console import as_started, print_json, say
 from rvsg.cli.frame import verb
+from rvsg.cli.model_options import BaseUrl, BudgetCalls, BudgetUsd, Model, Prices, Record, Replay
 
 if TYPE_CHECKING:
     from rvsg.api.authoring import Created, Remark, World
@@ -285,6 +286,42 @@ def _show_created(created: Created, remarks: tuple[Remark, ...], folder: Path) -
     _show_remarks(remarks)
     draw = as_started(shlex.join(["rvsg", "world", "draw", str(folder)]))
     say(f"Next: edit labels.yaml and routes.yaml (they are proposals), then: {draw}")
+
+
+@app.command()
+def name(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="The world folder.")],
+    model: Model = None,
+    base_url: BaseUrl = None,
+    record: Record = None,
+    replay: Replay = None,
+    budget_calls: BudgetCalls = None,
+    budget_usd: BudgetUsd = None,
+    prices: Prices = None,
+    json: AsJson = False,
+) -> None:
+    """Let a vision language model propose names for the areas of a world, and accept them one by one.
+
+    Accepted names are written into labels.yaml; its comments stay. With --json the proposals are printed, and nothing
+    is written.
+    """
+    given = {"base_url": base_url, "replay": replay, "budget_calls": budget_calls, "budget_usd": budget_usd}
+    from rvsg.api.authoring import load_world
+    from rvsg.api.describing import propose_names
+    from rvsg.api.editing import edit_world
+
+    proposed = propose_names(load_world(folder), model, record, **given, prices=prices)
+    for line in proposed.unusable:
+        say(line)
+    if json:
+        print_json([each.model_dump(mode="json") for each in proposed.names])
+        return
+    for each in proposed.names:
+        say(f"{each.area}: {each.name}. {each.why}")
+        if typer.confirm("Accept", default=False, err=True):
+            edit_world(folder, {"what": "change area", "name": each.area, "values": {"name": each.name}}).apply()
+    if not proposed.names:
+        say("No other name is proposed.")
 
 
 def _show_remarks(remarks: tuple[Remark, ...]) -> None:

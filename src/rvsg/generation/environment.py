@@ -6,6 +6,7 @@ world that ships with RVSG, in the user's data folder under the world's content 
 
 from __future__ import annotations
 
+import json
 import os
 import re
 from pathlib import Path
@@ -58,6 +59,15 @@ class EnvironmentDialogue:
         self._usable(dialogue.ask("layout", "environment-1-layout", shown=first))
         self._usable(dialogue.ask("grid", "environment-2-grid", shown=(self._grid, self._labelled)))
         return self._read(dialogue.ask("summary", "environment-3-summary", shape=texts_schema(*KEYS)))
+
+    def begin_with(self, description: Description) -> None:
+        """Begin with a description that exists already, in place of the three turns."""
+        dialogue = self._dialogue
+        dialogue.tell("system", role="system")
+        shown = (self._labelled, *([self._birdseye] if self._birdseye is not None else []), self._grid)
+        dialogue.tell("environment-given", shown=shown)
+        texts = {key: getattr(description, key) for key in KEYS}
+        dialogue.tell_text("assistant", json.dumps(texts, ensure_ascii=False))
 
     def revise(self, reason: str) -> Description:
         """One more turn: the description corrected for a person's reason."""

@@ -75,7 +75,8 @@ def world(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
 
 def world_check(workspace: Workspace, given: dict[str, Any]) -> list[dict[str, Any]]:
     """Return what the check finds in a world."""
-    return remarks_on(world_place(workspace, given))
+    place = world_place(workspace, given)
+    return remarks_on(place, trial=trial_of() if given.get("drive") else None)
 
 
 def world_edit(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:

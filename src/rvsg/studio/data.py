@@ -12,16 +12,18 @@ from nicegui import run
 
 from rvsg.api.errors import RvsgError
 from rvsg.api.showing import component, look
-from rvsg.studio import answers
+from rvsg.studio import answers, naming
 from rvsg.studio.tracing import trace
 from rvsg.studio.workspace import Workspace
 
+OTHERS = {"trace": trace, "names-ask": naming.ask, "names-drop": naming.drop}
 LARGEST = 2_000_000
 """Bytes that a request may send."""
 OWN_FILES = {
     "studio.css": "text/css",
     "studio.js": "text/javascript",
     "world.js": "text/javascript",
+    "pages.js": "text/javascript",
     "scenario.js": "text/javascript",
 }
 
@@ -40,9 +42,9 @@ def add_data(app: FastAPI, workspace: Workspace) -> None:
             return Response(text, media_type=OWN_FILES[name], headers=FRESH)
         return Response(status_code=404)
 
-    for name, answer in answers.ANSWERS.items():
+    for name, answer in {**answers.ANSWERS, "names": naming.names}.items():
         app.add_api_route(f"/data/{name}", _asked(workspace, answer), methods=["GET"])
-    for name, answer in {**answers.CHANGES, "trace": trace}.items():
+    for name, answer in {**answers.CHANGES, **OTHERS}.items():
         app.add_api_route(f"/data/{name}", _sent(workspace, answer), methods=["POST"])
 
 

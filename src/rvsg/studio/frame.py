@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import html
+import json
 from collections.abc import Awaitable, Callable, Iterator
 from typing import Any
 from urllib.parse import urlencode
@@ -23,7 +24,8 @@ HEAD = (
     '<link rel="icon" href="data:,"><link rel="stylesheet" href="/files/look.css">'
     '<link rel="stylesheet" href="/files/studio.css">'
     '<script src="/files/replay.js"></script><script src="/files/studio.js"></script>'
-    '<script src="/files/world.js"></script><script src="/files/scenario.js"></script>'
+    '<script src="/files/world.js"></script><script src="/files/pages.js"></script>'
+    '<script src="/files/scenario.js"></script>'
 )
 PATIENT_S = 600.0
 """Seconds a page may take that reads every campaign of the folder: the first time they are all read."""
@@ -189,6 +191,11 @@ def select(options: dict[str, str], value: str | None, changed: Changed | None =
     if changed is not None:
         made.on("change", lambda event: changed(str(event.args)), js_handler="(e) => emit(e.target.value)")
     return made
+
+
+def as_script(text: str) -> str:
+    """Return text as a literal of JavaScript that may stand in a page."""
+    return json.dumps(text).replace("<", "\\u003c")
 
 
 def escape(text: str) -> str:

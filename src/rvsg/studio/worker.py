@@ -14,11 +14,15 @@ from types import FrameType
 from typing import Any, TextIO
 
 import rvsg
+from rvsg.api.authoring import Description, shipped_worlds
+from rvsg.api.describing import open_session, propose_names, revised
 from rvsg.api.errors import RvsgError
 from rvsg.api.events import Attempted, Confirming, Event, Explaining, Message, ModelCall, Proposing, RunMade
 from rvsg.api.files import write_whole
+from rvsg.api.models import CallNews
 from rvsg.api.records import runs_text
 from rvsg.api.scenarios import load_scenario_in, save_scenario
+from rvsg.api.words import describe_calls
 from rvsg.studio.jobs import EVENTS, JOB, RESULT, holding
 
 Tell = Callable[..., None]
@@ -82,9 +86,7 @@ def tell_event(work: Work, event: Event) -> None:
             brief = event.brief
             work.tell("proposing", scenario=brief.scenario_index, configuration=brief.configuration_index)
         case ModelCall():
-            news = event.news
-            work.tell("model", what=news.what, model=news.model, purpose=news.purpose, why=news.why,
-                      usd=news.spent.cost_usd, calls=news.spent.calls)  # fmt: skip
+            tell_call(work, event.news)
         case RunMade():
             work.tell("run", attempt=event.index, purpose=event.purpose)
         case Attempted():
@@ -143,6 +145,35 @@ def shrink(work: Work) -> dict[str, Any]:
     return {"state": "finished", "out": given["out"], "reason": reason}
 
 
+def describe(work: Work) -> dict[str, Any]:
+    """Have a model describe a world, or revise its description for the reasons of a person."""
+    given = work.arguments
+    session = open_session(rvsg.load_world(_world(given["world"])), record=None, prompts=None, **given["access"])
+    assert session is not None, "a model is named"
+    session.wiring.model.tell = lambda news: tell_call(work, news)
+    start = Description(**given["start"]) if given["start"] is not None else None
+    made = revised(session, start, given["reasons"])
+    return {"state": "finished", "layout": made.layout, "grid": made.grid, "said": " ".join(session.notes())}
+
+
+def name_areas(work: Work) -> dict[str, Any]:
+    """Have a model propose names for the areas of a world."""
+    given = work.arguments
+    made = propose_names(rvsg.load_world(_world(given["world"])), **given["access"])
+    said = " ".join([describe_calls(made.calls), *made.unusable])
+    return {"state": "finished", "names": [each.model_dump(mode="json") for each in made.names], "said": said}
+
+
+def _world(name: str) -> str | Path:
+    return name if name in shipped_worlds() else Path(name)
+
+
+def tell_call(work: Work, news: CallNews) -> None:
+    """Append what a page shows of a call of a model."""
+    work.tell("model", what=news.what, model=news.model, purpose=news.purpose, why=news.why,
+              usd=news.spent.cost_usd, calls=news.spent.calls)  # fmt: skip
+
+
 def _judged_by(work: Work) -> tuple[Any, Any]:
     """Return requirement and simulator: those of the campaign the scenario is of, or the named ones."""
     given = work.arguments
@@ -157,6 +188,8 @@ KINDS: dict[str, Callable[[Work], dict[str, Any]]] = {
     "confirm": confirm,
     "runs": make_runs,
     "shrink": shrink,
+    "describe": describe,
+    "names": name_areas,
 }
 
 

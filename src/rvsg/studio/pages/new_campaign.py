@@ -19,7 +19,7 @@ from rvsg.api.files import write_whole
 from rvsg.api.requirements import shipped_requirements
 from rvsg.api.robots import shipped_robots
 from rvsg.api.words import counted
-from rvsg.studio.frame import PATIENT_S, Page, address, field, load, page, select, tag, text_input
+from rvsg.studio.frame import PATIENT_S, Page, address, as_script, field, load, page, select, tag, text_input
 from rvsg.studio.workspace import Workspace
 
 DRAFT = "new-campaign.yaml"
@@ -141,7 +141,7 @@ class Form:
         self.problem.set_text(self.draft.problem)
         self.estimate.set_text("")
         if written:
-            ui.run_javascript(f"document.getElementById('yaml').value = {_js(self.draft.text)}")
+            ui.run_javascript(f"document.getElementById('yaml').value = {as_script(self.draft.text)}")
         if fields and not self.draft.problem:
             self.fields.clear()
             with self.fields:
@@ -234,9 +234,3 @@ def _routes(world: str) -> list[str]:
         return [route.name for route in rvsg.load_world(world).routes]
     except RvsgError:  # the world that is chosen may be broken; starting says why
         return []
-
-
-def _js(text: str) -> str:
-    import json
-
-    return json.dumps(text).replace("<", "\\u003c")

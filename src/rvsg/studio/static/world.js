@@ -331,7 +331,7 @@
         if (data.editable) button(row, "Remove", function () { change("remove route", { name: entry.name }); }, { class: "st-button st-danger" });
       }
     }
-    const remarkBox = html(lists, "section", { "aria-label": "What the check finds" }), areaBox = html(lists, "section", {}), routeBox = html(lists, "section", {}), activityBox = html(lists, "section", {});
+    const remarkBox = html(lists, "section", { "aria-label": "What the check finds" }), nameBox = html(lists, "section", { "aria-label": "Names by a model" }), areaBox = html(lists, "section", {}), routeBox = html(lists, "section", {}), activityBox = html(lists, "section", {});
     function showRemarks() {
       remarkBox.textContent = "";
       html(remarkBox, "h2", {}, "Check: " + (remarks.length ? remarks.filter(function (r) { return r.serious; }).length + " wrong, " + remarks.filter(function (r) { return !r.serious; }).length + " suspicious" : "nothing is wrong"));
@@ -342,9 +342,14 @@
         html(item, "span", { class: "small soft" }, remark.file + (remark.line ? ":" + remark.line : "") + " ");
         const entry = (remark.key[0] === "areas" || remark.key[0] === "routes") && data[remark.key[0]][remark.key[1]];
         if (entry) button(item, "Show", function () { choose(remark.key[0], entry.name, true); }, { class: "st-button st-small", "aria-label": "Show " + entry.name });
-        if (entry && data.editable && remark.key[0] === "areas" && remark.key[2] === "waypoints")
-          button(item, "Fix", function () { change("renew waypoints", { name: entry.name }); }, { class: "st-button st-small", title: "Find the waypoints from the grid again" });
+        if (remark.fix && data.editable)
+          button(item, "Fix: " + remark.fix.label, function () { change(remark.fix.change.what, remark.fix.change, function () { chosen = null; }); }, { class: "st-button st-small" });
       });
+      const drive = button(remarkBox, "Drive the routes, too", function () {
+        drive.disabled = true; drive.textContent = "Driving and walking\u2026";
+        const turn = ++checking;
+        ask("/data/world-check" + query + "&drive=1").then(function (found) { if (turn === checking) { remarks = found; showRemarks(); } }).catch(fail);
+      }, { class: "st-button st-small", title: "The robot drives every route and a person walks every hop in the simulator" });
       if (data) draw();
     }
     function showLists() {
@@ -367,54 +372,13 @@
       text.addEventListener("change", function () { change("set activities", { values: text.value.split("\n") }); });
     }
     function show() {
-      if (!drawing) startMap();
+      if (!drawing) { startMap(); if (data.editable) root.studio.names(nameBox, name, { choose: choose, change: change, fail: fail }); }
       undo.disabled = !data.undo; redo.disabled = !data.redo;
       draw(); showSelected(); showLists(); showActivities();
       element.dataset.ready = "true";
     }
     setTool("select");
     load();
-  };
-
-  /* A map on which the names of a text light up: buttons with data-name on the page. */
-  parts.named = function (element) {
-    ask("/data/world?world=" + encodeURIComponent(element.dataset.world)).then(function (data) {
-      const drawing = plan(element, data.floor, "Map of " + data.title);
-      data.areas.forEach(function (area) {
-        svg(drawing.metres, "polygon", { class: "area kind-" + data.kinds.indexOf(area.kind), points: area.outline.map(function (p) { return p.join(","); }).join(" "), "data-area": area.name.toLowerCase() });
-        const xs = area.outline.map(function (p) { return p[0]; }), ys = area.outline.map(function (p) { return p[1]; });
-        const at = drawing.place((Math.min.apply(null, xs) + Math.max.apply(null, xs)) / 2, (Math.min.apply(null, ys) + Math.max.apply(null, ys)) / 2);
-        svg(drawing.words, "text", { class: "area-name st-hidden", x: at[0], y: at[1], "font-size": 0.45, "data-area": area.name.toLowerCase() }, area.name);
-      });
-      function light(name) {
-        element.querySelectorAll("[data-area]").forEach(function (node) {
-          const on = node.getAttribute("data-area") === name;
-          node.classList.toggle(node.tagName === "text" ? "st-hidden" : "st-chosen", node.tagName === "text" ? !on : on);
-        });
-      }
-      ["pointerover", "focusin", "click"].forEach(function (kind) {
-        document.addEventListener(kind, function (event) { const named = event.target.closest && event.target.closest("[data-name]"); if (named) light(named.dataset.name.toLowerCase()); });
-      });
-      element.dataset.ready = "true";
-    }).catch(function (error) { root.studio.wrong(element, error); });
-  };
-
-  /* One clock for all replays of the page. */
-  parts.together = function (element) {
-    let playing = false, t = 0, last = null, frame = 0;
-    const play = button(element, "Play both", function () { playing = !playing; last = null; play.textContent = playing ? "Pause both" : "Play both"; if (playing) root.requestAnimationFrame(tick); });
-    const slider = html(element, "input", { type: "range", min: 0, max: 1, step: 0.1, value: 0, "aria-label": "Time in both runs" });
-    const told = html(element, "span", { class: "soft" });
-    function replays() { return Array.from(document.querySelectorAll('[data-studio="replay"]')).map(function (node) { return node.replay; }).filter(Boolean); }
-    function end() { return Math.max.apply(null, replays().map(function (each) { return each.state().end; }).concat([0.1])); }
-    function seek(to) { t = Math.min(to, end()); replays().forEach(function (each) { each.pause(); each.seek(t); }); slider.max = end(); slider.value = t; told.textContent = t.toFixed(1) + " s"; }
-    function tick(stamp) {
-      if (!playing) return;
-      if (last !== null) seek(t + (stamp - last) / 1000);
-      last = stamp; frame++;
-      if (t >= end()) { play.click(); t = 0; } else root.requestAnimationFrame(tick);
-    }
-    slider.addEventListener("input", function () { seek(+slider.value); });
   };
 
   Object.assign(root.studio, { svg: svg, button: button, labelled: labelled, round: round, plan: plan });

@@ -17,6 +17,17 @@ from rvsg.core.documents import Document, DocumentError, Problem, read_yaml
 from rvsg.core.errors import FileError
 from rvsg.core.records import Pose
 from rvsg.robots import Robot
+from rvsg.world.authoring.fixes import (
+    Fix,
+    allow_time,
+    cut_area,
+    in_radians,
+    move_pose,
+    remove_area,
+    rename_area,
+    rename_in_activity,
+    renew_waypoints,
+)
 from rvsg.world.authoring.named_areas import unknown_areas
 from rvsg.world.authoring.routes import robot_stands
 from rvsg.world.authoring.trial import Trial
@@ -50,6 +61,8 @@ class Remark:
     serious: bool
     key: tuple[str | int, ...] = ()
     """What of the file it is about, e.g. ("routes", 0, "goal")."""
+    fix: Fix | None = None
+    """What would mend it; None where only a person can tell."""
 
     def __str__(self) -> str:
         return f"{'error' if self.serious else 'warning'}: {self.problem}"
@@ -106,8 +119,10 @@ class _Checker:
             self._walk_hops(self.trial)
         return self.remarks
 
-    def _say(self, document: Document, message: str, *key: str | int, serious: bool = False) -> None:
-        self.remarks.append(Remark(problem=document.problem(message, *key), serious=serious, key=key))
+    def _say(
+        self, document: Document, message: str, *key: str | int, serious: bool = False, fix: Fix | None = None
+    ) -> None:
+        self.remarks.append(Remark(problem=document.problem(message, *key), serious=serious, key=key, fix=fix))
 
     # --- areas ---
 
@@ -120,31 +135,39 @@ class _Checker:
         inside_map = Polygon(corners)
         main = parts[0] if parts else set()
         seen: dict[str, str] = {}
+        names = [area.name for area in self.world.areas]
         for index, area in enumerate(self.world.areas):
             shape = self.shapes[area.name]
             key = ("areas", index)
             alike = seen.setdefault(area.name.strip().casefold(), area.name)
             if alike != area.name:
-                self._say(self.labels, f'"{area.name}" is easily taken for "{alike}"; give it another name', *key)
+                other = rename_area(area.name, area.name.strip(), names)
+                message = f'"{area.name}" is easily taken for "{alike}"; give it another name'
+                self._say(self.labels, message, *key, fix=other)
             if area.name != area.name.strip():
-                self._say(self.labels, f'the name "{area.name}" begins or ends with a space', *key)
+                other = rename_area(area.name, area.name.strip(), names)
+                self._say(self.labels, f'the name "{area.name}" begins or ends with a space', *key, fix=other)
             if area.name.strip() in self.world.grid.by_name:
-                self._say(self.labels, f'"{area.name}" is also the name of a waypoint; give it another name', *key)
+                other = rename_area(area.name, f"{area.kind} {area.name.strip()}", names)
+                message = f'"{area.name}" is also the name of a waypoint; give it another name'
+                self._say(self.labels, message, *key, fix=other)
             outside = 1.0 - float(shape.intersection(inside_map).area) / float(shape.area)
             if outside > 0.999:
                 x0, y0, x1, y1 = inside_map.bounds
                 message = f'"{area.name}" lies outside the map, which spans x {x0:g} to {x1:g} and y {y0:g} to {y1:g}'
-                self._say(self.labels, message, *key, serious=True)
+                self._say(self.labels, message, *key, serious=True, fix=remove_area(area.name))
                 continue
             if outside > 0.05:
-                self._say(self.labels, f'{outside:.0%} of "{area.name}" lies outside the map', *key)
+                fix = cut_area(area.name, shape, inside_map)
+                self._say(self.labels, f'{outside:.0%} of "{area.name}" lies outside the map', *key, fix=fix)
             self._check_area_waypoints(index, area, main)
         for a, b in combinations(self.world.areas, 2):
             first, second = self.shapes[a.name], self.shapes[b.name]
             shared = float(first.intersection(second).area) / min(float(first.area), float(second.area))
             if shared > 0.9 and a.kind == b.kind:
                 index = self.world.areas.index(b)
-                self._say(self.labels, f'"{b.name}" and "{a.name}" cover the same place', "areas", index)
+                message = f'"{b.name}" and "{a.name}" cover the same place'
+                self._say(self.labels, message, "areas", index, fix=remove_area(b.name))
 
     def _check_area_waypoints(self, index: int, area: Area, main: set[str]) -> None:
         from shapely import Point
@@ -161,7 +184,7 @@ class _Checker:
         far = [name for name, distance in away.items() if distance > FAR_M]
         if far:
             message = f'{_names(far)} of "{area.name}" lie{"s" * (len(far) == 1)} more than {FAR_M:g} m away from it'
-            self._say(self.labels, message, "areas", index, "waypoints")
+            self._say(self.labels, message, "areas", index, "waypoints", fix=renew_waypoints(area.name))
         if main and not main & set(area.waypoints):
             message = f'"{area.name}" lies in a part of the map that people cannot walk to from the rest'
             self._say(self.labels, message, "areas", index, serious=True)
@@ -222,25 +245,38 @@ class _Checker:
         clear = self.robot.clearance(pose.x, pose.y)
         if abs(pose.yaw) > 2 * math.pi:
             message = f"{at}: a yaw of {pose.yaw:g} radians is more than a turn; if degrees are meant, write "
-            self._say(self.routes, f"{message}{math.radians(pose.yaw):.4f}", *key)
+            turned = in_radians(route, key[2:], pose)
+            self._say(self.routes, f"{message}{math.radians(pose.yaw):.4f}", *key, fix=turned)
         column, row = (math.floor(v) for v in self.robot.frame.to_cells(np.array([pose.x, pose.y])))
         rows, columns = parts.shape
         if not (0 <= row < rows and 0 <= column < columns):
-            self._say(self.routes, f"{at} lies outside the map", *key, serious=True)
+            self._say(self.routes, f"{at} lies outside the map", *key, serious=True, fix=self._moved(route, pose, key))
         elif clear == 0.0:
-            self._say(self.routes, f"{at} lies in an obstacle or in unknown space", *key, serious=True)
+            message, fix = f"{at} lies in an obstacle or in unknown space", self._moved(route, pose, key)
+            self._say(self.routes, message, *key, serious=True, fix=fix)
         elif clear < radius:
             message = f"{at} is only {clear:.2f} m clear of obstacles; the robot needs {radius:g} m"
-            self._say(self.routes, message, *key, serious=clear < TIGHT * radius)
+            fix = self._moved(route, pose, key)
+            self._say(self.routes, message, *key, serious=clear < TIGHT * radius, fix=fix)
             reach = math.ceil(radius / self.robot.frame.resolution)
             near = parts[max(row - reach, 0) : row + reach + 1, max(column - reach, 0) : column + reach + 1]
             return int(near.max(initial=0))
         else:
             if not robot_stands(self.robot, pose, self.driver):
                 message = f"{at}: turned as it is there (yaw {pose.yaw:g}), the robot touches an obstacle"
-                self._say(self.routes, message, *key, serious=what == "start")
+                self._say(self.routes, message, *key, serious=what == "start", fix=self._moved(route, pose, key))
             return int(parts[row, column])
         return 0
+
+    def _moved(self, route: str, pose: Pose, key: Sequence[str | int]) -> Fix | None:
+        """Return the fix that moves a pose to where the robot stands."""
+        radius = self.spec.robot_clearance_m if self.driver is None else clearance_m(self.driver)
+
+        def stands(there: Pose) -> bool:
+            clear = self.robot.clearance(there.x, there.y) >= radius
+            return clear and robot_stands(self.robot, there, self.driver)
+
+        return move_pose(route, key[2:], pose, self.world.grid, stands)
 
     def _check_time(self, index: int, route: Route) -> None:
         length = length_m(line_of(self.world, route))
@@ -249,7 +285,8 @@ class _Checker:
                 f"{route.name} is about {length:.0f} m long; its time limit of {route.time_limit_s:g} s asks for "
                 f"{length / route.time_limit_s:.1f} m/s on average"
             )
-            self._say(self.routes, message, "routes", index, "time_limit_s")
+            fix = allow_time(route.name, length_m=length)
+            self._say(self.routes, message, "routes", index, "time_limit_s", fix=fix)
         if math.dist((route.start.x, route.start.y), (route.goal.x, route.goal.y)) < 0.5 and not route.through:
             self._say(self.routes, f"{route.name} ends where it starts", "routes", index, "goal")
 
@@ -274,7 +311,8 @@ class _Checker:
                     f"the robot alone takes {drive.time_s:.0f} s for {route.name}, longer than its time limit of "
                     f"{route.time_limit_s:g} s: every run would end without arriving"
                 )
-                self._say(self.routes, message, *key, "time_limit_s", serious=True)
+                fix = allow_time(route.name, needed_s=drive.time_s)
+                self._say(self.routes, message, *key, "time_limit_s", serious=True, fix=fix)
             if drive.touched_s:
                 times = ", ".join(f"{time:.1f} s" for time in drive.touched_s[:3])
                 self._say(self.routes, f"the robot alone touches an obstacle on {route.name} (at {times})", *key)
@@ -464,7 +502,8 @@ class _Checker:
                 near = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
                 asked = f'; did you mean "{near[0]}"?' if near else ""
                 message = f'the activity "{activity}" names "{name}", which is no labelled area{asked}'
-                self._say(self.head, message, "activities", index)
+                fix = rename_in_activity(self.world.activities, index, name, near[0]) if near else None
+                self._say(self.head, message, "activities", index, fix=fix)
 
 
 def _coarser(space: Space) -> Space:

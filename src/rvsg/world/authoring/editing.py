@@ -258,9 +258,14 @@ def _change_route(value: Any, change: Mapping[str, Any]) -> None:
         entry["time_limit_s"] = _number(values["time_limit_s"])
     for key in ("start", "goal"):
         if key in values:
-            (x, y), yaw = _points([values[key][:2]], fewest=1)[0], values[key][2]
-            entry[key] = _flow({"x": x, "y": y, "yaw": round(_number(yaw), DIGITS)})
+            entry[key] = _given_pose(values[key])
             entry.pop("via", None)  # it named the way from the place before
+    if "through" in values:
+        told = _mapping(values, "through")
+        passed, index = entry.get("through"), told.get("index")
+        if not isinstance(passed, list) or not isinstance(index, int) or not 0 <= index < len(passed):
+            raise InputError("The route has no such pose to pass.")
+        passed[index] = _given_pose(told.get("pose"))
 
 
 def _remove_route(value: Any, change: Mapping[str, Any]) -> None:
@@ -387,6 +392,13 @@ def _number(value: Any) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         raise InputError(f"Expected a number, got {str(value)[:40]!r}.")
     return float(value)
+
+
+def _given_pose(value: Any) -> Any:
+    if not isinstance(value, Sequence) or isinstance(value, str) or len(value) != 3:
+        raise InputError("A pose is [x, y, yaw] in metres and radians.")
+    (x, y), yaw = _points([value[:2]], fewest=1)[0], value[2]
+    return _flow({"x": x, "y": y, "yaw": round(_number(yaw), DIGITS)})
 
 
 def _pose(points: Sequence[tuple[float, float]], place: int) -> Any:

@@ -1,0 +1,86 @@
+/*
+ * Parts of pages beside the editors: names that light up on a map, two replays on one clock, names proposed by a model.
+ * See studio.js.
+ */
+(function (root) {
+  "use strict";
+  const studio = root.studio, parts = studio.parts, ask = studio.ask, send = studio.send, html = studio.html;
+  const svg = studio.svg, button = studio.button, labelled = studio.labelled, plan = studio.plan;
+
+  /** Names for areas that a model proposes; a person accepts them one by one. `editor` is that of the world. */
+  studio.names = function (box, name, editor) {
+    let named = null;
+    function loadNames() {
+      ask("/data/names" + "?world=" + encodeURIComponent(name)).then(function (found) { named = found; showNames(); if (found.state === "running" || found.state === "starting") setTimeout(loadNames, 1000); }).catch(editor.fail);
+    }
+    function showNames() {
+      const open = box.querySelector("details"), was = !!(open && open.open), busy = named.state === "running" || named.state === "starting";
+      box.textContent = "";
+      html(box, "h2", {}, "Names by a model");
+      const told = busy ? "The model is looking at the map\u2026" : named.state === "finished" && !named.names.length ? "No proposal is left. " + named.said : named.said;
+      html(box, "p", { class: "small soft", role: "status" }, told);
+      const list = html(box, "ul", { class: "st-list" });
+      named.names.forEach(function (each) {
+        const item = html(list, "li", {});
+        html(item, "strong", {}, each.area + " \u2192 " + each.name + " ");
+        html(item, "div", { class: "small" }, each.why);
+        button(item, "Show", function () { editor.choose("areas", each.area); }, { class: "st-button st-small", "aria-label": "Show " + each.area });
+        button(item, "Accept", function () {
+          editor.change("change area", { name: each.area, values: { name: each.name } }, function () { editor.choose("areas", each.name); }).then(loadNames);
+        }, { class: "st-button st-small", "aria-label": "Accept " + each.name });
+        button(item, "Drop", function () { send("/data/names-drop", { world: name, area: each.area }).then(function (found) { named = found; showNames(); }).catch(editor.fail); }, { class: "st-button st-small", "aria-label": "Drop " + each.name });
+      });
+      const more = html(box, "details", {}), asked = Object.assign({}, named.asked);
+      more.open = was;
+      html(more, "summary", {}, "Ask a model");
+      [["Model", "model", "PROVIDER:NAME"], ["Server", "base_url", "of your own"], ["Budget in USD", "budget_usd", ""]].forEach(function (each) {
+        const value = asked[each[1]], field = html(null, "input", { value: value === null ? "" : value, placeholder: each[2], autocomplete: "off" });
+        labelled(more, each[0], field);
+        field.addEventListener("input", function () { asked[each[1]] = each[1] === "budget_usd" ? (field.value === "" ? null : +field.value) : field.value; });
+      });
+      button(more, "Propose names", function () { send("/data/names-ask", { world: name, asked: asked }).then(function (found) { named = found; showNames(); loadNames(); }).catch(editor.fail); }).disabled = busy;
+    }
+    loadNames();
+  };
+
+  /* A map on which the names of a text light up: buttons with data-name on the page. */
+  parts.named = function (element) {
+    ask("/data/world?world=" + encodeURIComponent(element.dataset.world)).then(function (data) {
+      const drawing = plan(element, data.floor, "Map of " + data.title);
+      data.areas.forEach(function (area) {
+        svg(drawing.metres, "polygon", { class: "area kind-" + data.kinds.indexOf(area.kind), points: area.outline.map(function (p) { return p.join(","); }).join(" "), "data-area": area.name.toLowerCase() });
+        const xs = area.outline.map(function (p) { return p[0]; }), ys = area.outline.map(function (p) { return p[1]; });
+        const at = drawing.place((Math.min.apply(null, xs) + Math.max.apply(null, xs)) / 2, (Math.min.apply(null, ys) + Math.max.apply(null, ys)) / 2);
+        svg(drawing.words, "text", { class: "area-name st-hidden", x: at[0], y: at[1], "font-size": 0.45, "data-area": area.name.toLowerCase() }, area.name);
+      });
+      function light(name) {
+        element.querySelectorAll("[data-area]").forEach(function (node) {
+          const on = node.getAttribute("data-area") === name;
+          node.classList.toggle(node.tagName === "text" ? "st-hidden" : "st-chosen", node.tagName === "text" ? !on : on);
+        });
+      }
+      ["pointerover", "focusin", "click"].forEach(function (kind) {
+        document.addEventListener(kind, function (event) { const named = event.target.closest && event.target.closest("[data-name]"); if (named) light(named.dataset.name.toLowerCase()); });
+      });
+      element.dataset.ready = "true";
+    }).catch(function (error) { root.studio.wrong(element, error); });
+  };
+
+  /* One clock for all replays of the page. */
+  parts.together = function (element) {
+    let playing = false, t = 0, last = null, frame = 0;
+    const play = button(element, "Play both", function () { playing = !playing; last = null; play.textContent = playing ? "Pause both" : "Play both"; if (playing) root.requestAnimationFrame(tick); });
+    const slider = html(element, "input", { type: "range", min: 0, max: 1, step: 0.1, value: 0, "aria-label": "Time in both runs" });
+    const told = html(element, "span", { class: "soft" });
+    function replays() { return Array.from(document.querySelectorAll('[data-studio="replay"]')).map(function (node) { return node.replay; }).filter(Boolean); }
+    function end() { return Math.max.apply(null, replays().map(function (each) { return each.state().end; }).concat([0.1])); }
+    function seek(to) { t = Math.min(to, end()); replays().forEach(function (each) { each.pause(); each.seek(t); }); slider.max = end(); slider.value = t; told.textContent = t.toFixed(1) + " s"; }
+    function tick(stamp) {
+      if (!playing) return;
+      if (last !== null) seek(t + (stamp - last) / 1000);
+      last = stamp; frame++;
+      if (t >= end()) { play.click(); t = 0; } else root.requestAnimationFrame(tick);
+    }
+    slider.addEventListener("input", function () { seek(+slider.value); });
+  };
+})(window);

@@ -1,0 +1,104 @@
+"""What a person asks of a model in the studio: a description revised for a reason, names of areas one by one."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.generation.loopback import LoopbackServer, says, serving
+from tests.studio.conftest import HOSTILE, Server, axe_violations, waited
+
+import rvsg
+from rvsg.api.editing import folder_of_world
+
+pytestmark = pytest.mark.slow
+Show = Callable[..., Any]
+PATIENT = 600_000
+
+
+@pytest.fixture
+def office(studio: Server) -> Path:
+    shutil.copytree(folder_of_world("office"), studio.folder / "office2")
+    return studio.folder / "office2"
+
+
+def name_model(tab: Any, server: LoopbackServer) -> None:
+    tab.get_by_role("textbox", name=re.compile("^Model")).fill("openai-chat:vision-1")
+    tab.get_by_role("textbox", name=re.compile("^Server")).fill(server.url)
+
+
+@pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (390, "dark")])
+def test_a_rejected_description_goes_back_to_the_model_and_the_difference_is_shown(
+    show: Show, studio: Server, office: Path, width: int, scheme: str
+) -> None:
+    revised = {"layout": f"The Lounge lies in the south. {HOSTILE}", "grid": "Rows A to H."}
+    tab = show("/describe?world=office2", width=width, color_scheme=scheme, bypass_csp=True)
+    tab.locator("#text-layout").fill("The Lounge lies in the north, behind Office 77.")
+    tab.locator("#text-grid").fill("Rows A to H.")
+    tab.locator("mark.st-unknown", has_text="Office 77").wait_for()
+    tab.locator("#reason").fill("It lies in the south.")
+    waited(lambda: "in the south" in "".join(p.read_text() for p in (studio.folder / ".rvsg-studio").rglob("*.json")))
+    tab.close()
+    studio.kill()
+    studio.start()
+    with serving(says(json.dumps(revised))) as server:
+        tab = show("/describe?world=office2", width=width, color_scheme=scheme, bypass_csp=True)
+        assert tab.locator("#text-layout").input_value().endswith("behind Office 77.")
+        tab.get_by_role("button", name="Reject").click()
+        tab.get_by_text("Name a model first").wait_for()
+        name_model(tab, server)
+        waited(lambda: server.url in (studio.folder / ".rvsg-studio" / "model.json").read_text())
+        tab.get_by_role("button", name="Reject").focus()
+        tab.keyboard.press("Enter")
+        tab.locator("#difference").wait_for(timeout=PATIENT)
+    sent = json.dumps(server.requests[-1]["messages"])
+    assert "It lies in the south." in sent and "behind Office 77" in sent and "image_url" in sent
+    assert "north" in tab.locator("#difference del").first.inner_text()
+    assert "south" in tab.locator("#difference ins").first.inner_text()
+    tab.wait_for_function("document.getElementById('text-layout').value.includes('south')")
+    assert tab.locator("main img").count() == 0
+    assert axe_violations(tab) == []
+    assert tab.evaluate("document.documentElement.scrollWidth") <= width
+    tab.get_by_role("button", name="Accept").click()
+    tab.get_by_text("Stored in").wait_for(timeout=PATIENT)
+    kept = rvsg.load_world(office).description
+    assert kept is not None and kept.reviewed and kept.layout == revised["layout"]
+
+
+@pytest.mark.parametrize(("width", "scheme"), [(1280, "dark"), (390, "light")])
+def test_names_of_areas_by_a_model_are_accepted_one_by_one(
+    show: Show, studio: Server, office: Path, width: int, scheme: str
+) -> None:
+    labels = office / "labels.yaml"
+    labels.write_text(labels.read_text() + "# a comment of mine\n")
+    first, second = (area.name for area in rvsg.load_world(office).areas[:2])
+    names = [
+        {"area": first, "name": "Tea corner", "why": HOSTILE},
+        {"area": second, "name": "Post room", "why": "Shelves."},
+        {"area": "Nowhere", "name": "X", "why": ""},
+    ]
+    tab = show("/world?world=office2", width=width, color_scheme=scheme, bypass_csp=True)
+    tab.locator("[data-studio][data-ready]").wait_for(timeout=PATIENT)
+    tab.locator("summary", has_text="Ask a model").click()
+    with serving(says(json.dumps({"names": names}))) as server:
+        name_model(tab, server)
+        tab.get_by_role("button", name="Propose names").click()
+        tab.get_by_role("button", name="Accept Tea corner").wait_for(timeout=PATIENT)
+    assert axe_violations(tab) == []
+    assert tab.evaluate("document.documentElement.scrollWidth") <= width
+    assert tab.locator("main img").count() == 0
+    tab.get_by_role("button", name="Drop Post room").click()
+    tab.get_by_role("button", name="Drop Post room").wait_for(state="detached")
+    tab.get_by_role("button", name="Accept Tea corner").focus()
+    tab.keyboard.press("Enter")
+    tab.get_by_role("button", name="Accept Tea corner").wait_for(state="detached", timeout=PATIENT)
+    areas = [area.name for area in rvsg.load_world(office).areas]
+    assert areas[:2] == ["Tea corner", second]
+    assert labels.read_text().endswith("# a comment of mine\n")
+    tab.reload()
+    tab.get_by_text("No proposal is left.").wait_for(timeout=PATIENT)
