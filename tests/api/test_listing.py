@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
+import threading
 from pathlib import Path
 
 import pytest
@@ -55,7 +57,7 @@ def test_nothing_is_read_again_until_it_changes(folder: Path, monkeypatch: pytes
     assert list(json.loads(cache.read_text())["stores"]) == ["runs/b"]
 
 
-@pytest.mark.parametrize("text", ["", "{", "[]", '{"format": 2, "stores": {"a": 3}}', '{"format": 99, "stores": {}}'])
+@pytest.mark.parametrize("text", ["", "{", "[]", '{"format": 3, "stores": {"a": 3}}', '{"format": 99, "stores": {}}'])
 def test_a_damaged_index_is_made_anew(folder: Path, text: str) -> None:
     cache = folder / "index.json"
     cache.write_text(text)
@@ -76,3 +78,33 @@ def test_worlds_and_suites_are_found_and_hidden_folders_are_not(folder: Path) ->
     rvsg.Suite.create(folder / "suite")
     found = Lister(folder).listing()
     assert (found.worlds, found.suites) == (("world",), ("suite",))
+
+
+def test_campaigns_are_listed_before_they_are_read_and_read_in_the_background(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copytree(folder / "runs" / "a", folder / "runs" / "b")
+    may_read = threading.Event()
+    real = listing._read
+    read: list[str] = []
+
+    def reading(path: Path, place: str) -> tuple[listing.FoundCampaign, ...]:
+        assert may_read.wait(60)
+        read.append(place)
+        return real(path, place)
+
+    monkeypatch.setattr(listing, "_read", reading)
+    lister = Lister(folder)
+    first = lister.listing(wait=False)
+    assert sorted(each.folder for each in first.campaigns) == ["runs/a", "runs/b"]
+    assert first.unread == 2 and lister.listing(wait=False).unread == 2
+    may_read.set()
+    whole = lister.listing()
+    assert whole.unread == 0 and whole == Lister(folder).listing()
+    assert sorted(read[:2]) == ["runs/a", "runs/b"]  # each once, however often it was asked for
+    ledger = folder / "runs" / "a" / "ledger.sqlite"
+    os.utime(ledger, ns=(1, 1))
+    old = lister.listing(wait=False)
+    assert [(each.folder, each.unread) for each in old.campaigns if each.unread] == [("runs/a", True)]
+    assert {each.attempts for each in old.campaigns} == {each.attempts for each in whole.campaigns}
+    assert lister.listing().unread == 0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Self
@@ -22,7 +23,8 @@ DEEPEST = 6
 """Levels of folders below the one that is listed."""
 MOST_FOLDERS = 20_000
 SKIPPED = ("node_modules", "__pycache__")
-FORMAT = 2
+FORMAT = 3
+SAVE_EVERY_S = 5.0
 
 
 class FoundFinding(Record):
@@ -60,6 +62,8 @@ class FoundCampaign(Record):
     """When its ledger changed last, seconds since 1970."""
     findings: tuple[FoundFinding, ...] = ()
     problem: str = ""
+    unread: bool = False
+    """Whether it is still to be read; what is known of it may be old, or its folder alone."""
 
 
 class Listing(Record):
@@ -70,6 +74,11 @@ class Listing(Record):
     suites: tuple[str, ...]
     cut: bool = False
     """Whether the folder holds more folders than are looked at."""
+
+    @property
+    def unread(self) -> int:
+        """How many campaigns are still to be read."""
+        return sum(campaign.unread for campaign in self.campaigns)
 
 
 class Lister:
@@ -84,49 +93,95 @@ class Lister:
         self.folder = folder
         self._cache = cache
         self._lock = threading.Lock()
+        """Held while what is known changes."""
+        self._reading = threading.Lock()
+        """Held while stores are read, so that none is read twice."""
+        self._background: threading.Thread | None = None
         self._known: dict[str, _Kept] = _read_cache(cache) if cache is not None else {}
 
-    def listing(self) -> Listing:
-        """Return what lies in the folder now."""
-        with self._lock:
-            worlds, stores, suites, cut = [], [], [], False
-            for count, (path, names) in enumerate(_folders(self.folder)):
-                if count >= MOST_FOLDERS:
-                    cut = True
-                    break
-                place = path.relative_to(self.folder).as_posix()
-                if "world.yaml" in names:
-                    worlds.append(place)
-                if HEAD in names:
-                    suites.append(place)
-                if LEDGER in names or STORE in names:
-                    stores.append(place)
-            campaigns = [each for place in stores for each in self._campaigns(place)]
-            self._forget(stores)
+    def listing(self, *, wait: bool = True) -> Listing:
+        """Return what lies in the folder now.
+
+        Args:
+            wait: read every campaign that has changed first. Without it they are read in the background, and what is
+                known of them by then is marked as `unread`.
+        """
+        worlds, stores, suites, cut = self._scan()
+        self._forget(stores)
+        if wait:
+            self._read_changed(stores)
+        elif any(self._changed(place) for place in stores):
+            self._begin(stores)
+        campaigns = [each for place in stores for each in self._campaigns(place)]
         newest_first = sorted(campaigns, key=lambda each: (-each.changed_s, each.folder))
         return Listing(
             worlds=tuple(sorted(worlds)), campaigns=tuple(newest_first), suites=tuple(sorted(suites)), cut=cut
         )
 
-    def _campaigns(self, place: str) -> tuple[FoundCampaign, ...]:
-        stamp = _stamp(self.folder / place)
+    def _scan(self) -> tuple[list[str], list[str], list[str], bool]:
+        """Return the folders of worlds, stores and suites, and whether there are too many folders."""
+        worlds, stores, suites = list[str](), list[str](), list[str]()
+        for count, (path, names) in enumerate(_folders(self.folder)):
+            if count >= MOST_FOLDERS:
+                return worlds, stores, suites, True
+            place = path.relative_to(self.folder).as_posix()
+            if "world.yaml" in names:
+                worlds.append(place)
+            if HEAD in names:
+                suites.append(place)
+            if LEDGER in names or STORE in names:
+                stores.append(place)
+        return worlds, stores, suites, False
+
+    def _changed(self, place: str) -> bool:
         known = self._known.get(place)
-        if known is None or known.stamp != stamp:
-            known = self._known[place] = _Kept(stamp=stamp, campaigns=_read(self.folder / place, place))
-            self._save()
-        return known.campaigns
+        return known is None or known.stamp != _stamp(self.folder / place)
+
+    def _campaigns(self, place: str) -> tuple[FoundCampaign, ...]:
+        """Return what is known of a store, marked where that is old."""
+        known = self._known.get(place)
+        if known is None:
+            return (FoundCampaign(folder=place, name="", unread=True, changed_s=_changed_s(self.folder / place)),)
+        if known.stamp == _stamp(self.folder / place):
+            return known.campaigns
+        return tuple(each.model_copy(update={"unread": True}) for each in known.campaigns)
+
+    def _begin(self, stores: list[str]) -> None:
+        """Read in the background, unless that is under way."""
+        with self._lock:
+            if self._background is not None and self._background.is_alive():
+                return
+            self._background = threading.Thread(target=self._read_changed, args=(stores,), daemon=True)
+            self._background.start()
+
+    def _read_changed(self, stores: list[str]) -> None:
+        saved = time.monotonic()
+        with self._reading:
+            changed = [place for place in stores if self._changed(place)]
+            for place in changed:
+                stamp = _stamp(self.folder / place)
+                kept = _Kept(stamp=stamp, campaigns=_read(self.folder / place, place))
+                with self._lock:
+                    self._known[place] = kept
+                if time.monotonic() - saved > SAVE_EVERY_S:
+                    self._save()
+                    saved = time.monotonic()
+            if changed:
+                self._save()
 
     def _forget(self, stores: list[str]) -> None:
-        gone = set(self._known).difference(stores)
-        for place in gone:
-            del self._known[place]
+        with self._lock:
+            gone = set(self._known).difference(stores)
+            for place in gone:
+                del self._known[place]
         if gone:
             self._save()
 
     def _save(self) -> None:
         if self._cache is None:
             return
-        kept = {place: each.model_dump(mode="json") for place, each in self._known.items()}
+        with self._lock:
+            kept = {place: each.model_dump(mode="json") for place, each in self._known.items()}
         self._cache.parent.mkdir(parents=True, exist_ok=True)
         write_whole(self._cache, json.dumps({"format": FORMAT, "stores": kept}))
 
@@ -183,11 +238,16 @@ def _stamp(folder: Path) -> tuple[tuple[str, int, int], ...]:
 
 
 def _read(folder: Path, place: str) -> tuple[FoundCampaign, ...]:
-    changed = max((path.stat().st_mtime for path in folder.glob("ledger.*") if path.exists()), default=0.0)
+    changed = _changed_s(folder)
     try:
         return tuple(_found(campaign, place, changed) for campaign in campaigns_in(folder, optional=True))
     except RvsgError as error:
         return (FoundCampaign(folder=place, name=place, problem=str(error), changed_s=changed),)
+
+
+def _changed_s(folder: Path) -> float:
+    """Return when a store changed last, seconds since 1970."""
+    return max((path.stat().st_mtime for path in folder.glob("ledger.*") if path.exists()), default=0.0)
 
 
 def _found(campaign: Any, place: str, changed: float) -> FoundCampaign:

@@ -34,7 +34,11 @@ class Workspace:
         self._lock = Lock()
 
     def listing(self) -> Listing:
-        """Return what lies in the folder now."""
+        """Return what lies in the folder now; campaigns that have changed are read in the background."""
+        return self._lister.listing(wait=False)
+
+    def whole_listing(self) -> Listing:
+        """Return what lies in the folder now, every campaign read."""
         return self._lister.listing()
 
     def path(self, name: str) -> Path:

@@ -23,7 +23,7 @@ def add(workspace: Workspace) -> None:
 
     @ui.page("/compare", response_timeout=PATIENT_S)
     async def compare(a: str = "", b: str = "") -> None:
-        listing = await load(workspace.listing)
+        listing = await load(workspace.whole_listing if a and b else workspace.listing)
         first, second, pairs = None, None, ()
         try:
             if a and b:

@@ -52,7 +52,9 @@ async def _list(workspace: Workspace) -> None:
                 if campaign.problem:
                     continue
                 with tag("li"):
-                    link(campaign.folder, "/conversations", folder=campaign.folder, name=campaign.name)
+                    link(campaign.folder, "/conversations", folder=campaign.folder, name=campaign.name or None)
+                    if not campaign.name:
+                        continue
                     calls = f"{counted(campaign.calls, 'call')} of {campaign.model}" if campaign.calls else "no model"
                     tag("span", f" {campaign.generator}, {calls}", cls="soft small")
         if not listing.campaigns:

@@ -8,11 +8,13 @@ from nicegui import ui
 
 from rvsg.api.authoring import shipped_worlds
 from rvsg.api.listing import FoundCampaign, FoundFinding, Listing
+from rvsg.api.words import counted
 from rvsg.studio.frame import PATIENT_S, Page, chip, link, load, page, tag
 from rvsg.studio.jobs import Job
 from rvsg.studio.workspace import Workspace
 
 NEWEST = 8
+FOLLOW_S = 2.0
 SHOWN = 200
 
 
@@ -24,7 +26,30 @@ def add(workspace: Workspace) -> None:
         listing = await load(workspace.listing)
         jobs = await load(workspace.jobs.all)
         with page(workspace, workspace.folder.name or "Home", here="/") as shown:
+            Home(shown, listing, jobs)
+
+
+class Home:
+    """What lies in the folder; it follows campaigns that are still being read."""
+
+    def __init__(self, shown: Page, listing: Listing, jobs: list[Job]) -> None:
+        self.page, self.listing = shown, listing
+        self.body = tag("div")
+        with self.body:
             lay_out(shown, listing, jobs)
+        if listing.unread:
+            self.timer = ui.timer(FOLLOW_S, shown.guarded(self._follow))
+
+    async def _follow(self) -> None:
+        listing = await load(self.page.workspace.listing)
+        if listing != self.listing:
+            self.listing = listing
+            jobs = await load(self.page.workspace.jobs.all)
+            self.body.clear()
+            with self.body:
+                lay_out(self.page, listing, jobs)
+        if not listing.unread:
+            self.timer.deactivate()
 
 
 def lay_out(shown: Page, listing: Listing, jobs: list[Job]) -> None:
@@ -90,6 +115,8 @@ def _campaigns(listing: Listing) -> None:
         if not listing.campaigns:
             tag("p", "No campaign lies in this folder.", cls="soft")
             return
+        if new := sum(not (each.name or each.problem) for each in listing.campaigns):
+            tag("p", f"Reading {counted(new, 'campaign')}…", cls="soft", role="status")
         with tag("div", cls="scroll"), tag("table", cls="st-table"):
             with tag("thead"), tag("tr"):
                 for name in ("Campaign", "World, route", "Requirement", "Tried", "Runs", "Result", "Cost", "Changed"):
@@ -105,9 +132,12 @@ def _row(campaign: FoundCampaign) -> None:
             if campaign.problem:
                 tag("span", campaign.folder)
             else:
-                link(campaign.folder, "/campaign", folder=campaign.folder, name=campaign.name)
+                link(campaign.folder, "/campaign", folder=campaign.folder, name=campaign.name or None)
         if campaign.problem:
             tag("td", campaign.problem, cls="st-wrong", colspan="7")
+            return
+        if not campaign.name:
+            tag("td", "is being read", cls="soft", colspan="7")
             return
         tag("td", f"{campaign.world}, {campaign.route}", data_label="World, route")
         tag("td", campaign.requirement, data_label="Requirement")

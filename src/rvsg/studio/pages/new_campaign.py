@@ -194,7 +194,7 @@ class Form:
 
     async def _estimate(self) -> None:
         self.estimate.set_text("Simulating the mission a few times…")
-        listing = await load(self.page.workspace.listing)
+        listing = await load(self.page.workspace.whole_listing)
         found = await load(estimate, self.draft.config, listing.campaigns)
         self.estimate.set_text(in_words(found))
 
