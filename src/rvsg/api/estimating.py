@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
-from rvsg.api.config import CampaignConfig
+from rvsg.api.config import CampaignConfig, effective
 from rvsg.api.listing import FoundCampaign
+from rvsg.api.matrix import LISTED, Matrix
 from rvsg.api.simulating import ignore
 from rvsg.api.wiring import Wired, jobs_of, wire
 from rvsg.core.errors import InputError
@@ -65,6 +66,28 @@ def estimate(
         jobs=jobs,
         calls_of=model,
         known_calls=calls,
+    )
+
+
+def estimate_all(matrix: Matrix, earlier: Sequence[FoundCampaign] = ()) -> Estimate:
+    """Estimate the campaigns of a matrix together; they share the workers of one machine.
+
+    Raises:
+        InputError: a setting cannot be used.
+    """
+    found = [
+        estimate(effective(None, {}, matrix.settings | dict(zip(LISTED, pair, strict=True))), earlier)
+        for pair in matrix.pairs
+    ]
+    costs = [each.usd for each in found]
+    return found[0].model_copy(
+        update={
+            "runs": sum(each.runs for each in found),
+            "proposals": sum(each.proposals for each in found),
+            "minutes": sum(each.minutes for each in found),
+            "run_s": sum(each.run_s * each.runs for each in found) / max(1, sum(each.runs for each in found)),
+            "usd": None if None in costs else sum(cost for cost in costs if cost is not None),
+        }
     )
 
 

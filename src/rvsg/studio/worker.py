@@ -19,6 +19,7 @@ from rvsg.api.describing import open_session, propose_names, revised
 from rvsg.api.errors import RvsgError
 from rvsg.api.events import Attempted, Confirming, Event, Explaining, Message, ModelCall, Proposing, RunMade
 from rvsg.api.files import write_whole
+from rvsg.api.matrix import Ended, Matrix
 from rvsg.api.models import CallNews
 from rvsg.api.records import runs_text
 from rvsg.api.scenarios import load_scenario_in, save_scenario
@@ -77,24 +78,62 @@ def run_campaign(work: Work) -> dict[str, Any]:
     return {"state": "finished" if summary.complete else "paused", "violated": summary.violated}
 
 
-def tell_event(work: Work, event: Event) -> None:
-    """Append what a page shows of an event of a campaign."""
+def run_matrix(work: Work) -> dict[str, Any]:
+    """Do what is left of several campaigns in one folder, and write their reports."""
+    matrix = Matrix.open(Path(work.arguments["folder"]))
+    campaigns = matrix.create(work.say)
+    campaigns[0].prepare(work.say)
+
+    def cancel() -> None:
+        for campaign in campaigns:
+            campaign.cancel()
+
+    work.cancel = cancel
+    failed = []
+    for campaign, event in matrix.run(campaigns):
+        if work.pausing:
+            cancel()
+        folder = Path(os.path.relpath(campaign.folder)).as_posix()
+        if not isinstance(event, Ended):
+            tell_event(work, event, folder=folder)
+        elif isinstance(event.error, RvsgError):
+            failed.append(f"{campaign.folder.name}: {event.error}")
+        elif event.error is not None:
+            raise event.error
+        else:
+            campaign.report()
+    matrix.report()
+    if failed:
+        return {"state": "failed", "reason": "\n".join(failed)}
+    return {"state": "finished" if all(each.summary().complete for each in campaigns) else "paused"}
+
+
+def tell_event(work: Work, event: Event, **where: str) -> None:
+    """Append what a page shows of an event of a campaign.
+
+    Args:
+        where: the folder of the campaign, where the job is about several.
+    """
+
+    def tell(kind: str, **facts: Any) -> None:
+        work.tell(kind, **facts, **where)
+
     match event:
         case Message():
-            work.say(event.text)
+            tell("message", text=event.text)
         case Proposing():
             brief = event.brief
-            work.tell("proposing", scenario=brief.scenario_index, configuration=brief.configuration_index)
+            tell("proposing", scenario=brief.scenario_index, configuration=brief.configuration_index)
         case ModelCall():
-            tell_call(work, event.news)
+            tell_call(work, event.news, **where)
         case RunMade():
-            work.tell("run", attempt=event.index, purpose=event.purpose)
+            tell("run", attempt=event.index, purpose=event.purpose)
         case Attempted():
-            work.tell("attempt", attempt=event.attempt.index, purpose=event.attempt.purpose)
+            tell("attempt", attempt=event.attempt.index, purpose=event.attempt.purpose)
         case Confirming():
-            work.tell("confirming", number=event.number, of=event.of, runs=event.runs)
+            tell("confirming", number=event.number, of=event.of, runs=event.runs)
         case Explaining():
-            work.tell("explaining", without=list(event.without), runs=event.runs)
+            tell("explaining", without=list(event.without), runs=event.runs)
 
 
 def confirm(work: Work) -> dict[str, Any]:
@@ -168,10 +207,10 @@ def _world(name: str) -> str | Path:
     return name if name in shipped_worlds() else Path(name)
 
 
-def tell_call(work: Work, news: CallNews) -> None:
+def tell_call(work: Work, news: CallNews, **where: str) -> None:
     """Append what a page shows of a call of a model."""
     work.tell("model", what=news.what, model=news.model, purpose=news.purpose, why=news.why,
-              usd=news.spent.cost_usd, calls=news.spent.calls)  # fmt: skip
+              usd=news.spent.cost_usd, calls=news.spent.calls, **where)  # fmt: skip
 
 
 def _judged_by(work: Work) -> tuple[Any, Any]:
@@ -185,6 +224,7 @@ def _judged_by(work: Work) -> tuple[Any, Any]:
 
 KINDS: dict[str, Callable[[Work], dict[str, Any]]] = {
     "campaign": run_campaign,
+    "matrix": run_matrix,
     "confirm": confirm,
     "runs": make_runs,
     "shrink": shrink,

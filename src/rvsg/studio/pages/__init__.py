@@ -9,6 +9,7 @@ from rvsg.studio.pages import (
     describe,
     finding,
     home,
+    matrix,
     new_campaign,
     others,
     scenario,
@@ -19,6 +20,18 @@ from rvsg.studio.workspace import Workspace
 
 def add_pages(workspace: Workspace) -> None:
     """Add every page."""
-    for module in (home, new_campaign, campaign, finding, scenario, world, describe, compare, conversations, others):
+    for module in (
+        home,
+        new_campaign,
+        campaign,
+        matrix,
+        finding,
+        scenario,
+        world,
+        describe,
+        compare,
+        conversations,
+        others,
+    ):
         module.add(workspace)
     compare.add_runs(workspace)

@@ -119,7 +119,10 @@ class Live:
         self.page.command("Report", f"rvsg report {self.folder}")
 
     def _job(self) -> Job | None:
-        return self.workspace.jobs.of(self.folder)
+        """The newest job on this campaign, or on the folder of campaigns that it stands in."""
+        found = [self.workspace.jobs.of(self.folder), self.workspace.jobs.of(self.folder.rpartition("/")[0])]
+        jobs = [job for job in found if job is not None and (job.target == self.folder or job.kind == "matrix")]
+        return max(jobs, key=lambda job: (job.running, job.id), default=None)
 
     async def _follow(self) -> None:
         """Take in what happened, and read the store again where an attempt was finished."""
@@ -129,6 +132,7 @@ class Live:
         if job.id != self._following:
             self._following, self._at = job.id, 0
         events, self._at = await load(self.workspace.jobs.events, job.id, self._at)
+        events = [event for event in events if event.get("folder", self.folder) == self.folder]
         for event in events:
             self._say(event)
         changed = any(event["kind"] in ("attempt", "run") for event in events) or not job.running
@@ -223,7 +227,7 @@ class Live:
         self.news.set_text("Stopped." if now else "Pausing when the runs in progress end…")
 
     def _resume(self) -> None:
-        campaign, before = self.state.campaign, self._job()
+        campaign, before = self.state.campaign, self.workspace.jobs.of(self.folder)
         machine = before.arguments.get("machine", {}) if before is not None else {}
         told = {"folder": self.folder, "name": campaign.name, "machine": machine}
         command = resume_command(campaign.config)

@@ -14,8 +14,9 @@ from rvsg.api.authoring import shipped_worlds
 from rvsg.api.commands import command_for
 from rvsg.api.config import MACHINE, CampaignConfig, effective, parse_campaign_file
 from rvsg.api.errors import InputError, RvsgError
-from rvsg.api.estimating import Estimate, estimate
+from rvsg.api.estimating import Estimate, estimate, estimate_all
 from rvsg.api.files import write_whole
+from rvsg.api.matrix import Matrix
 from rvsg.api.requirements import shipped_requirements
 from rvsg.api.robots import shipped_robots
 from rvsg.api.words import counted
@@ -90,10 +91,21 @@ class Draft:
         for key, value in self.settings.items():
             if isinstance(value, list) and key in ("route", "requirement"):
                 if len(value) != 1 or value == ["all"]:
-                    raise InputError("Several routes or requirements are several campaigns: use `rvsg run` for them.")
+                    raise InputError("Several routes or requirements are several campaigns.")
                 value = value[0]
             single[key] = value
         return effective(None, {}, single)
+
+    @property
+    def matrix(self) -> Matrix | None:
+        """The campaigns that the settings ask for, where they ask for several.
+
+        Raises:
+            InputError: the settings are wrong, or the folder holds campaigns with others.
+        """
+        if self.problem:
+            raise InputError(self.problem)
+        return Matrix.of(self.settings, {})
 
 
 def add(workspace: Workspace) -> None:
@@ -149,19 +161,22 @@ class Form:
         self.command.clear()
         with self.command:
             try:
-                config = self.draft.config
-                tag("code", command_for(config, out=config.folder))
+                matrix = self.draft.matrix
+                if matrix is not None:
+                    tag("p", f"{len(matrix.pairs)} campaigns, one for each route and requirement.")
+                    tag("code", matrix.commands())
+                else:
+                    config = self.draft.config
+                    tag("code", command_for(config, out=config.folder))
             except RvsgError as error:
                 tag("span", str(error), cls="soft")
 
     def _fields(self) -> None:
-        values = CampaignConfig().model_dump() | {
-            key: value[0] if isinstance(value, list) and value else value for key, value in self.draft.settings.items()
-        }
+        values = CampaignConfig().model_dump() | self.draft.settings
         self._choice("world", "World", {name: name for name in self.worlds}, values)
-        self._choice("route", "Route", {name: name for name in _routes(str(values["world"]))}, values)
+        self._several("route", "Routes", {name: name for name in _routes(str(values["world"]))}, values)
         requirements = {name: f"{name}: {each.title}" for name, each in shipped_requirements().items()}
-        self._choice("requirement", "Requirement", requirements, values)
+        self._several("requirement", "Requirements", requirements, values)
         self._choice("robot", "Robot", {name: name for name in shipped_robots()}, values)
         chosen = values["generator"] or ("vlm" if values["model"] or values["replay"] else "heuristic")
         self._choice("generator", "Who writes the scenarios", GENERATORS, values | {"generator": chosen})
@@ -185,6 +200,30 @@ class Form:
         with field(label):
             select(options, value, lambda chosen: self._set(key, chosen))
 
+    def _several(self, key: str, label: str, options: dict[str, str], values: dict[str, Any]) -> None:
+        """Boxes to tick; more than one route or requirement makes a campaign for each pair."""
+        given = values[key] if isinstance(values[key], list) else [values[key]]
+        chosen = list(options) if given == ["all"] else [str(each) for each in given]
+        options = {each: each for each in chosen if each not in options} | options
+
+        def ticked(name: str, on: bool) -> None:
+            chosen[:] = [each for each in options if (on if each == name else each in chosen)]
+            if chosen:
+                self._set(key, chosen[0] if len(chosen) == 1 else list(chosen))
+            else:
+                self.page.say(f"Choose at least one of the {label.lower()}.", wrong=True)
+
+        with tag("fieldset", cls="st-boxes"):
+            tag("legend", label, cls="st-label")
+            for name, text in options.items():
+                with tag("label"):
+                    box = tag("input", type="checkbox", name=key)
+                    if name in chosen:
+                        box._props["^checked"] = True
+                    tag("span", text)
+                box.on("change", lambda event, name=name: ticked(name, bool(event.args)),
+                       js_handler="(e) => emit(e.target.checked)")  # fmt: skip
+
     def _number(self, key: str, kind: type = int) -> Any:
         def changed(text: str) -> None:
             with contextlib.suppress(ValueError):  # an unfinished number, e.g. "-"
@@ -195,10 +234,17 @@ class Form:
     async def _estimate(self) -> None:
         self.estimate.set_text("Simulating the mission a few times…")
         listing = await load(self.page.workspace.whole_listing)
-        found = await load(estimate, self.draft.config, listing.campaigns)
+        matrix = self.draft.matrix
+        if matrix is not None:
+            found = await load(estimate_all, matrix, listing.campaigns)
+        else:
+            found = await load(estimate, self.draft.config, listing.campaigns)
         self.estimate.set_text(in_words(found))
 
     async def _start(self) -> None:
+        if self.draft.matrix is not None:
+            await self._start_matrix()
+            return
         config = self.draft.config
         workspace = self.page.workspace
         folder = workspace.path(str(config.folder))
@@ -212,6 +258,17 @@ class Form:
             "campaign", title="Campaign", command=command_for(config, out=Path(name)), target=name, **told
         )
         ui.navigate.to(address("/campaign", folder=name, name=campaign.name))
+
+    async def _start_matrix(self) -> None:
+        """Start a campaign for each route and requirement, as one job."""
+        matrix, workspace = self.draft.matrix, self.page.workspace
+        assert matrix is not None
+        name = workspace.relative(workspace.path(str(matrix.folder)))
+        matrix = Matrix.of(self.draft.settings | {"out": name}, {})
+        assert matrix is not None
+        await load(matrix.create)
+        workspace.jobs.start("matrix", title="Campaigns", command=matrix.commands(), target=name, folder=name)
+        ui.navigate.to(address("/matrix", folder=name))
 
 
 def in_words(found: Estimate) -> str:

@@ -25,6 +25,8 @@ def add(workspace: Workspace) -> None:
             with tag("ul", cls="st-list"):
                 JobLine(made, found)
             with tag("p", cls="st-actions"):
+                if found.kind == "matrix":
+                    tag("a", "Open the campaigns", cls="st-button", href=address("/matrix", folder=found.target))
                 if found.kind == "campaign":
                     tag("a", "Open the campaign", cls="st-button", href=address("/campaign", folder=found.target))
                 if found.running:

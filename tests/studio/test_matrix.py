@@ -1,0 +1,102 @@
+"""Campaigns on several routes and requirements from the form, as one job, and a candidate confirmed at once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+import yaml
+from tests.studio.conftest import Server, axe_violations
+
+import rvsg
+from rvsg.api.matrix import Matrix
+
+pytestmark = pytest.mark.slow
+Show = Callable[..., Any]
+PATIENT = 600_000
+SETTINGS = {"simulator": "kinematic", "scenarios": 1, "refinements": 0, "repeats": 2, "confirmations": 2, "jobs": 1}
+
+
+@pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (390, "dark")])
+def test_every_route_with_every_requirement_is_a_campaign(
+    show: Show, studio: Server, width: int, scheme: str
+) -> None:
+    tab = show("/campaign/new", width=width, color_scheme=scheme, bypass_csp=True)
+    tab.locator("#yaml").fill(yaml.safe_dump(SETTINGS | {"out": "runs/all"}))
+    tab.wait_for_function("[...document.querySelectorAll('.st-field input')].some(e => e.value === 'runs/all')")
+    tab.get_by_label("route_2", exact=True).check()
+    tab.wait_for_function("document.getElementById('yaml').value.includes('- route_2')")
+    tab.get_by_label("R3:").focus()
+    tab.keyboard.press("Space")
+    tab.get_by_text("4 campaigns, one for each route and requirement.").wait_for(timeout=PATIENT)
+    assert axe_violations(tab) == []
+    tab.get_by_role("button", name="Estimate time and cost").click()
+    tab.get_by_text("16 runs").wait_for(timeout=PATIENT)
+    tab.get_by_role("button", name="Start", exact=True).click()
+    tab.wait_for_url("**/matrix?folder=runs%2Fall", timeout=PATIENT)
+    tab.locator(".chip", has_text="finished").wait_for(timeout=PATIENT)
+    matrix = Matrix.open(studio.folder / "runs" / "all")
+    assert set(matrix.pairs) == {(route, name) for route in ("route_1", "route_2") for name in ("R1", "R3")}
+    assert [each.finished for each in matrix.campaigns()] == [True] * 4
+    tab.wait_for_function("document.querySelectorAll('td a').length === 4")
+    assert axe_violations(tab) == []
+    assert tab.evaluate("document.documentElement.scrollWidth") <= width
+    tab.locator("td a").first.click()
+    tab.locator(".chip", has_text="finished").first.wait_for(timeout=PATIENT)
+
+
+def test_campaigns_together_pause_and_resume(show: Show, studio: Server) -> None:
+    tab = show("/campaign/new")
+    many = SETTINGS | {"scenarios": 2000, "confirmations": 0, "out": "runs/all", "route": ["route_1", "route_2"]}
+    tab.locator("#yaml").fill(yaml.safe_dump(many))
+    tab.get_by_text("2 campaigns, one for each").wait_for(timeout=PATIENT)
+    tab.get_by_role("button", name="Start", exact=True).click()
+    tab.wait_for_url("**/matrix?folder=runs%2Fall", timeout=PATIENT)
+    tab.wait_for_function("document.querySelectorAll('td a').length >= 1", timeout=PATIENT)
+    tab.get_by_role("button", name="Pause").click()
+    tab.get_by_role("button", name="Resume").wait_for(timeout=PATIENT)
+    tab.locator(".chip", has_text="paused").wait_for(timeout=PATIENT)
+    before = [each.attempts() for each in Matrix.open(studio.folder / "runs" / "all").campaigns()]
+    assert 0 < sum(len(each) for each in before) < 4000
+    tab.get_by_role("button", name="Resume").click()
+    tab.get_by_role("button", name="Stop now").click(timeout=PATIENT)
+    tab.get_by_role("button", name="Resume").wait_for(timeout=PATIENT)
+    after = [each.attempts() for each in Matrix.open(studio.folder / "runs" / "all").campaigns()]
+    for old, new in zip(before, after, strict=False):
+        assert new[: len(old)] == old
+
+
+def test_a_candidate_is_confirmed_now(show: Show, studio: Server) -> None:
+    folder = studio.folder / "runs" / "more"
+    campaign = rvsg.Campaign.create(
+        folder, scenarios=4, refinements=0, repeats=3, confirmations=0, simulator="kinematic", jobs=1
+    )
+    for _ in campaign.run():
+        pass
+    candidate = campaign.candidates()[0].index
+    tab = show("/campaign?folder=runs/more")
+    tab.get_by_role("button", name=f"Confirm attempt {candidate} now").focus()
+    tab.keyboard.press("Enter")
+    tab.get_by_role("heading", name="Findings").wait_for(timeout=PATIENT)
+    found = [a for a in rvsg.Campaign.open(folder).attempts() if a.purpose == "confirmation"]
+    assert [a.confirms for a in found] == [candidate]
+
+
+def test_a_candidate_is_confirmed_beside_a_running_search(show: Show, studio: Server) -> None:
+    tab = show("/campaign/new")
+    tab.locator("#yaml").fill(yaml.safe_dump(SETTINGS | {"scenarios": 4000, "out": "runs/long"}))
+    tab.wait_for_function("[...document.querySelectorAll('input')].some(e => e.value === 'runs/long')")
+    tab.get_by_role("button", name="Start", exact=True).click()
+    tab.wait_for_url("**/campaign?folder=runs%2Flong**", timeout=PATIENT)
+    tab.get_by_role("button", name="Confirm attempt").first.click(timeout=PATIENT)
+    tab.wait_for_url("**/finding?**attempt=**", timeout=PATIENT)
+    line = tab.locator(".st-job", has_text="30 fresh runs")
+    line.get_by_role("link", name="Replay these runs").wait_for(timeout=PATIENT)
+    index = int(tab.url.partition("attempt=")[2])
+    runs = rvsg.load_runs(studio.folder / f"runs/long/attempt-{index}-runs.jsonl")
+    assert sorted(run.seed for run in runs) == list(range(900_000, 900_030))
+    assert all(a.purpose == "search" for a in rvsg.Campaign.open(studio.folder / "runs" / "long").attempts())
+    tab.goto(f"{studio.base}/campaign?folder=runs/long")
+    tab.get_by_role("button", name="Stop now").click(timeout=PATIENT)
+    tab.get_by_role("button", name="Resume").wait_for(timeout=PATIENT)
