@@ -19,9 +19,7 @@ SETTINGS = {"simulator": "kinematic", "scenarios": 1, "refinements": 0, "repeats
 
 
 @pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (390, "dark")])
-def test_every_route_with_every_requirement_is_a_campaign(
-    show: Show, studio: Server, width: int, scheme: str
-) -> None:
+def test_every_route_with_every_requirement_is_a_campaign(show: Show, studio: Server, width: int, scheme: str) -> None:
     tab = show("/campaign/new", width=width, color_scheme=scheme, bypass_csp=True)
     tab.locator("#yaml").fill(yaml.safe_dump(SETTINGS | {"out": "runs/all"}))
     tab.wait_for_function("[...document.querySelectorAll('.st-field input')].some(e => e.value === 'runs/all')")

@@ -5,12 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 from rvsg.api.config import CampaignConfig
-from rvsg.api.records import with_world_folder
+from rvsg.api.records import WORLD_FOLDER, validated, with_world_folder
 from rvsg.api.requirements import load_requirement
 from rvsg.api.scenarios import check_route
 from rvsg.api.wiring import Wired
 from rvsg.api.worlds import as_world, folder_of
 from rvsg.core import plugins
+from rvsg.core.inputs import parse_json, read_text
 from rvsg.core.plugins import Spec
 from rvsg.evaluation.aims import aim_of, moved_by
 from rvsg.generation.generator import Generator, Proposal
@@ -19,7 +20,7 @@ from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission
 from rvsg.world.world import Route, World
 
-__all__ = ["Feedback", "Proposal", "make_generator", "proposal_json", "propose", "propose_as"]
+__all__ = ["Feedback", "Proposal", "make_generator", "proposal_json", "propose", "propose_as", "read_proposal"]
 
 
 def make_generator(given: str | Spec | Generator) -> Generator:
@@ -88,6 +89,14 @@ def propose_as(wired: Wired, *, unguided: bool = False, feedback: Feedback | Non
     requirement = None if unguided else plan.requirement
     brief = brief_of(plan.mission, requirement, humans=plan.humans, seed=plan.seed, feedback=feedback)
     return wired.generator.propose(brief, wired.world)
+
+
+def read_proposal(path: Path) -> Proposal:
+    """Return a proposal from its file; FileError names everything that is wrong."""
+    value = parse_json(read_text(path), path)
+    if isinstance(value, dict):
+        value.pop(WORLD_FOLDER, None)
+    return validated(path, value, Proposal)
 
 
 def proposal_json(proposal: Proposal) -> str:

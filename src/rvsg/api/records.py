@@ -65,7 +65,7 @@ def check_writable(path: Path) -> None:
 
 def read_record(path: Path, kind: type[Kept]) -> Kept:
     """Return a record from a JSON file; FileError names everything that is wrong."""
-    return _validated(path, parse_json(read_text(path), path), kind)
+    return validated(path, parse_json(read_text(path), path), kind)
 
 
 def read_scenario(path: Path) -> tuple[Scenario, Path | None]:
@@ -80,7 +80,7 @@ def read_scenario(path: Path) -> tuple[Scenario, Path | None]:
             value = value[key]
     if value is None:
         raise FileError(path, "this proposal holds no valid scenario; its `problems` say why.")
-    return _validated(path, value, Scenario), Path(folder) if isinstance(folder, str) else None
+    return validated(path, value, Scenario), Path(folder) if isinstance(folder, str) else None
 
 
 def with_world_folder(text: str, folder: Path | None) -> str:
@@ -159,7 +159,8 @@ def runs_text(runs: Iterable[Run]) -> str:
     return "".join(run_to_json(run) for run in runs)
 
 
-def _validated(path: Path, value: object, kind: type[Kept]) -> Kept:
+def validated(path: Path, value: object, kind: type[Kept]) -> Kept:
+    """Return a record made of plain data; FileError names everything that is wrong."""
     try:
         return kind.model_validate_json(json.dumps(value))
     except pydantic.ValidationError as error:

@@ -19,7 +19,13 @@ from nicegui.elements.mixins.text_element import TextElement
 from rvsg.api.errors import RvsgError
 from rvsg.studio.workspace import Workspace
 
-PAGES = (("/", "Home"), ("/campaign/new", "New campaign"), ("/compare", "Compare"), ("/conversations", "Conversations"))
+PAGES = (
+    ("/", "Home"),
+    ("/campaign/new", "New campaign"),
+    ("/inbox", "Proposals"),
+    ("/compare", "Compare"),
+    ("/conversations", "Conversations"),
+)
 HEAD = (
     '<link rel="icon" href="data:,"><link rel="stylesheet" href="/files/look.css">'
     '<link rel="stylesheet" href="/files/studio.css">'

@@ -15,14 +15,17 @@ from typing import Any, TextIO
 
 import rvsg
 from rvsg.api.authoring import Description, shipped_worlds
+from rvsg.api.config import effective, safe_name
 from rvsg.api.describing import open_session, propose_names, revised
 from rvsg.api.errors import RvsgError
 from rvsg.api.events import Attempted, Confirming, Event, Explaining, Message, ModelCall, Proposing, RunMade
 from rvsg.api.files import write_whole
 from rvsg.api.matrix import Ended, Matrix
 from rvsg.api.models import CallNews
+from rvsg.api.proposing import proposal_json, propose_as
 from rvsg.api.records import runs_text
 from rvsg.api.scenarios import load_scenario_in, save_scenario
+from rvsg.api.wiring import wire
 from rvsg.api.words import describe_calls
 from rvsg.studio.jobs import EVENTS, JOB, RESULT, holding
 
@@ -213,6 +216,26 @@ def tell_call(work: Work, news: CallNews, **where: str) -> None:
               usd=news.spent.cost_usd, calls=news.spent.calls, **where)  # fmt: skip
 
 
+def make_proposals(work: Work) -> dict[str, Any]:
+    """Ask a generator for scenarios with seeds one after the other, and write each to a file."""
+    given = work.arguments
+    settings, folder = given["settings"], Path(given["folder"])
+    folder.mkdir(exist_ok=True)
+    valid = 0
+    for seed in range(settings["seed"], settings["seed"] + given["count"]):
+        if work.pausing:
+            return {"state": "paused", "reason": "Paused."}
+        wired = wire(effective(None, {}, settings | {"seed": seed, "out": "runs/proposals"}))
+        wired.generator.watch(lambda news: tell_call(work, news))
+        made = propose_as(wired)
+        parts = (settings["world"], settings["route"], settings["requirement"], settings["generator"], seed)
+        name = safe_name("-".join(Path(str(part)).name for part in parts))
+        write_whole(folder / f"{name}.json", proposal_json(made))
+        valid += made.scenario is not None
+        work.tell("proposal", name=name)
+    return {"state": "finished", "reason": f"{valid} of {given['count']} proposals are valid."}
+
+
 def _judged_by(work: Work) -> tuple[Any, Any]:
     """Return requirement and simulator: those of the campaign the scenario is of, or the named ones."""
     given = work.arguments
@@ -230,6 +253,7 @@ KINDS: dict[str, Callable[[Work], dict[str, Any]]] = {
     "shrink": shrink,
     "describe": describe,
     "names": name_areas,
+    "propose": make_proposals,
 }
 
 
