@@ -305,12 +305,20 @@ def name(
     Accepted names are written into labels.yaml; its comments stay. With --json the proposals are printed, and nothing
     is written.
     """
-    given = {"base_url": base_url, "replay": replay, "budget_calls": budget_calls, "budget_usd": budget_usd}
     from rvsg.api.authoring import load_world
     from rvsg.api.describing import propose_names
     from rvsg.api.editing import edit_world
 
-    proposed = propose_names(load_world(folder), model, record, **given, prices=prices)
+    proposed = propose_names(
+        load_world(folder),
+        model,
+        record,
+        base_url=base_url,
+        replay=replay,
+        budget_calls=budget_calls,
+        budget_usd=budget_usd,
+        prices=prices,
+    )
     for line in proposed.unusable:
         say(line)
     if json:

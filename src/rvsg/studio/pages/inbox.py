@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import shlex
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -59,7 +60,7 @@ def proposals(workspace: Workspace) -> list[Found]:
     """Return the proposals of the folder, the newest first, each with what the checker says of it."""
     folder = workspace.path(FOLDER)
     paths = sorted(folder.glob("*.json"), key=lambda path: -path.stat().st_mtime_ns) if folder.is_dir() else []
-    return [workspace.kept(("proposal", str(path)), path, lambda path=path: read(path)) for path in paths[:SHOWN]]
+    return [workspace.kept(("proposal", str(path)), path, partial(read, path)) for path in paths[:SHOWN]]
 
 
 def read(path: Path) -> Found:

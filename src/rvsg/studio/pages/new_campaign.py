@@ -217,7 +217,7 @@ class Form:
             tag("legend", label, cls="st-label")
             for name, text in options.items():
                 with tag("label"):
-                    box = tag("input", type="checkbox", name=key)
+                    box = tag("input", type="checkbox", name_=key)
                     if name in chosen:
                         box._props["^checked"] = True
                     tag("span", text)
