@@ -22,7 +22,8 @@ def test_a_running_system_drives_two_runs_one_after_another() -> None:
     assert facts["result"]["status"] == 4
     assert first["recoveries"] == 2
     assert facts["commands"] > 50
-    assert 0.5 * SPEED < facts["speed"] < 1.1 * SPEED
+    assert facts["speed"] < 1.1 * SPEED
+    assert any("reached" in text for text in facts["warnings"]) == (facts["speed"] < 0.95 * SPEED)  # a busy machine
     assert facts["plans"][0][1][-1] == pytest.approx([1.0, 0.5], abs=0.2)
     assert facts["behaviour_tree"][0][1:] == ["FollowPath", "RUNNING"]
     costmaps = facts["costmaps"]
