@@ -97,7 +97,7 @@ def entry_of_case(scenario: Scenario, result: CaseResult, place: str, simulator:
 
 
 def remembered(entries: Sequence[Entry]) -> tuple[Remembered, ...]:
-    """Return entries as a generator is told of earlier scenarios; those without a mean objective are left out."""
+    """Return entries as earlier scenarios for a generator; leave out those without a mean objective."""
     return tuple(
         Remembered(
             description=entry.description,

@@ -1,4 +1,4 @@
-"""A generator that is told of scenarios from elsewhere, besides those of its own campaign."""
+"""A generator that also gets scenarios from other campaigns."""
 
 from __future__ import annotations
 

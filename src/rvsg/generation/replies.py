@@ -42,7 +42,7 @@ _DELAY = ("start_delay_s", "start_delay", "delay", "delay_s")
 _DESCRIPTION = ("description", "scenario", "scenario_description")
 _LESSON = ("lesson", "lessons", "lesson_learnt", "lessons_learned")
 LESSON_CHARACTERS = 400
-"""A lesson is cut off here: it is told to every scenario after it."""
+"""Longest lesson in characters; every later prompt repeats it."""
 _ANALYSIS = ("analysis", "reasoning", "thoughts", "explanation")
 _KNOWN_HUMAN = {*_NAME, *_TASKS, *_SPEED, *_DELAY, "behaviour", "behavior", "group", "role", "start", "note", "plan"}
 _STUDY_KEY = re.compile(

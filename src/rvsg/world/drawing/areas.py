@@ -25,7 +25,7 @@ def draw_areas(sheet: Sheet, areas: list[Area], kinds: dict[str, Colour]) -> Non
 
 
 def areas_in_sight(world: World, view: View) -> list[Area]:
-    """The areas of which some part lies in the window of the view."""
+    """Return the areas that lie at least partly in the window of the view."""
     x0, y0, x1, y1 = view.window
     found = []
     for area in world.areas:
@@ -45,9 +45,9 @@ def area_words(world: World, view: View) -> tuple[Word, ...]:
 
 
 def write_areas(sheet: Sheet, areas: list[Area], kinds: dict[str, Colour], *, largest: int) -> None:
-    """The areas' names: inside where they fit, else beside with a line that leads there."""
+    """Write the names of areas: inside if they fit, otherwise beside with a leader line."""
     rings = {area.name: _clipped(sheet.view.pixels(np.array(area.outline)), sheet.view) for area in areas}
-    order = sorted(areas, key=lambda a: (np.ptp(rings[a.name], axis=0).prod(), a.name))  # small ones have least choice
+    order = sorted(areas, key=lambda a: (np.ptp(rings[a.name], axis=0).prod(), a.name))  # small first
     left, top, right, bottom = sheet.view.plan
     page = (left + 2.0, top + 2.0, right - 2.0, bottom - 2.0)
 

@@ -1,4 +1,4 @@
-"""A bird's-eye picture: things with their heights and named areas, so that a reader sees shelves, not black pixels."""
+"""The bird's-eye view of a world: objects with their heights, and named areas."""
 
 from __future__ import annotations
 
@@ -23,17 +23,21 @@ Floats = NDArray[np.float64]
 
 WALL_CUT_M = 0.8
 TALLEST_M = 3.0
-MAP_HEIGHT_M = 0.8  # a bare map does not know how high its obstacles are
+MAP_HEIGHT_M = 0.8  # drawn height of the obstacles of a map without objects
 FINE = 2
 
 
 def birdseye(
     world: World, *, width_px: int = 1600, colours: str | Palette = "light", route: Route | None = None
 ) -> Image.Image:
-    """The world seen slantingly from above, about `width_px` wide; the same world gives the same picture.
+    """Return an oblique view of the world from above; the same world gives the same picture.
 
-    Walls are cut at 0.8 m so that the rooms can be seen, things higher than 3 m are drawn 3 m high; the obstacles of
-    a bare map, whose heights are not known, 0.8 m. The way up on the floor plan leads away from the viewer.
+    Walls are cut at 0.8 m to show the rooms. Objects higher than 3 m are drawn 3 m high. The obstacles of a map without
+    objects, whose heights are unknown, are drawn 0.8 m high. Up on the floor plan is away from the viewer.
+
+    Args:
+        width_px: The width of the picture, about.
+        route: A route to draw.
     """
     if not NARROWEST_PX <= width_px <= WIDEST_PX:
         raise InputError(f"a picture is {NARROWEST_PX} to {WIDEST_PX} pixels wide; {width_px} were asked for")

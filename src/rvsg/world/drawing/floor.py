@@ -11,11 +11,11 @@ from rvsg.world.world import FREE, OCCUPIED, SolidObject, World
 
 Floats = NDArray[np.float64]
 
-THICK_WALL_M = 0.3  # what the map shows thicker than this is drawn as a thing with an edge
+THICK_WALL_M = 0.3  # parts of the map thicker than this are drawn as objects with an edge
 
 
 def draw_floor(sheet: Sheet, world: World, guides: tuple[list[float], list[float]], *, hidden: bool) -> None:
-    """The occupancy map as coloured floor with faint lines; what is unknown looks like outside.
+    """Draw the occupancy map as a coloured floor with faint lines; unknown cells look like the outside.
 
     `hidden`: without the cells that belong to objects, as these are drawn themselves.
     """
@@ -37,7 +37,7 @@ def draw_floor(sheet: Sheet, world: World, guides: tuple[list[float], list[float
     all_down = top + (np.arange((bottom - top) * FINE) + 0.5) / FINE
     on_row, on_column = _lines(all_down, guides[0]), _lines(across, guides[1])
     bands = []
-    for first in range(0, len(all_down), 256):  # in bands, so that a large page needs little memory
+    for first in range(0, len(all_down), 256):  # in bands, to save memory on large pages
         down = all_down[first : first + 256]
         found = frame.looked_up(kind, sheet.view.metres(np.stack(np.meshgrid(across, down), axis=-1)))
         found[(found == 1) & (on_row[first : first + 256, None] | on_column)] = 3
@@ -59,7 +59,7 @@ def is_wall(thing: SolidObject) -> bool:
 
 
 def draw_objects(sheet: Sheet, objects: tuple[SolidObject, ...]) -> None:
-    """Walls first, then things, by their footprints."""
+    """Draw the footprints of objects, walls first."""
     for thing in sorted(objects, key=lambda o: (not is_wall(o), o.box.size[2], o.name)):
         ring = sheet.view.pixels(np.array(thing.footprint))
         fill = sheet.palette.wall if is_wall(thing) else sheet.palette.thing

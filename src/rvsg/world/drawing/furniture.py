@@ -1,4 +1,4 @@
-"""What surrounds a floor plan: title, rulers with row letters and column numbers, scale bar, compass and legend."""
+"""Draw what surrounds a floor plan: title, rulers, scale bar, compass and legend."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ BAR_LENGTHS_M = (0.5, 1, 2, 5, 10, 20, 50, 100)
 
 
 def draw_title(sheet: Sheet, title: str) -> None:
-    """The title above the plan, shortened where it is too long."""
+    """Draw the title above the plan, shortened if it is too long."""
     left, _, right, _ = sheet.view.plan
     size = round(24 * sheet.unit)
     text = " ".join(title.split())
@@ -29,7 +29,7 @@ def draw_title(sheet: Sheet, title: str) -> None:
 
 
 def draw_rulers(sheet: Sheet, world: World) -> tuple[list[float], list[float]]:
-    """Letters of the rows at the left and right, numbers of the columns above and below.
+    """Draw the letters of the rows on the left and right, and the numbers of the columns above and below.
 
     Returns where faint lines belong, in pixels: down the page for rows, across it for columns.
     """
@@ -59,7 +59,7 @@ def draw_rulers(sheet: Sheet, world: World) -> tuple[list[float], list[float]]:
 def _readable(
     sheet: Sheet, names: tuple[str, ...], lines: dict[int, list[Waypoint]], *, axis: int, size: int
 ) -> list[tuple[int, float]]:
-    """The index of each row or column that is named, with its place along the ruler: all, or every 2nd, 5th, .."""
+    """Return the index and the position of each row or column to label: all of them, or every 2nd, 5th and so on."""
     places = [
         float(np.median(sheet.view.pixels(np.array([[w.x, w.y] for w in lines[index]]))[:, axis]))
         for index in range(len(names))
@@ -75,7 +75,7 @@ def _readable(
 def draw_footer(
     sheet: Sheet, world: World, show: frozenset[str], kinds: dict[str, Colour], route: Route | None
 ) -> float:
-    """Scale bar and compass, and with the legend in words what the signs mean and how the plan lies.
+    """Draw the scale bar, the compass and the legend, and say in words how the plan is oriented.
 
     Returns where the page ends, in pixels from its top.
     """
@@ -111,7 +111,7 @@ def _scale_bar(sheet: Sheet, x: float, y: float) -> float:
 
 
 def _compass(sheet: Sheet, x: float, y: float) -> float:
-    """Two arrows that say where x and y point."""
+    """Draw two arrows in the directions of x and y."""
     unit, ink = sheet.unit, sheet.palette.ink
     length, size = 24 * unit, round(17 * unit)
     origin = np.array([x + (length if sheet.view.up == "x" else 0), y + 10 * unit])
@@ -133,7 +133,7 @@ def _compass(sheet: Sheet, x: float, y: float) -> float:
 def _legend(
     sheet: Sheet, world: World, show: frozenset[str], kinds: dict[str, Colour], route: Route | None
 ) -> list[tuple[Sign, str]]:
-    """What is in the legend: how to draw each sign, and its meaning."""
+    """The entries of the legend: how to draw each symbol, and its meaning."""
     unit, ink = sheet.unit, sheet.palette
 
     def swatch(colour: Colour) -> Sign:
@@ -164,7 +164,7 @@ def _legend(
 
 
 def _sentences(sheet: Sheet, world: World, show: frozenset[str], x: float, y: float, size: int) -> float:
-    """Write how the plan lies, how the grid is numbered and what is not shown; return where the last line is."""
+    """Write how the plan is oriented, how the grid is numbered and what is not shown; return the last line's y."""
     x0, y0, x1, y1 = sheet.view.window
     towards = ("up", "left") if sheet.view.up == "x" else ("right", "up")
     said = [f"{x1 - x0:.0f} m along x ({towards[0]}), {y1 - y0:.0f} m along y ({towards[1]})."]
@@ -189,7 +189,7 @@ def _sentences(sheet: Sheet, world: World, show: frozenset[str], x: float, y: fl
 
 
 def _ways(sheet: Sheet, world: World) -> tuple[str, str]:
-    """In which way rows and columns are counted; explicit coordinates may count from the bottom or the right."""
+    """Return how rows and columns are counted; explicit coordinates may count from the bottom or the right."""
     points = world.grid.waypoints
     (x0, y0), (x1, y1) = sheet.view.pixels(np.array([[w.x, w.y] for w in (points[0], points[-1])]))
     down = "top to bottom" if y0 <= y1 else "bottom to top"

@@ -1,4 +1,4 @@
-"""A slanted view from above without perspective, and a canvas with a depth buffer to draw flat faces on."""
+"""An oblique view from above without perspective, and a canvas with a depth buffer for flat faces."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class Oblique:
 
 
 class Canvas:
-    """A page of pixels with the nearness of what each shows; faces in front hide those behind."""
+    """A page of pixels with a depth buffer: faces in front hide those behind."""
 
     def __init__(self, view: Oblique, pixels: NDArray[np.uint8]) -> None:
         self.view = view
@@ -89,7 +89,7 @@ class Canvas:
         holes: Sequence[Floats] = (),
         wide: int = 2,
     ) -> None:
-        """A flat polygon (N, 3) in world metres, with an outline drawn inside it."""
+        """Draw a flat polygon (N, 3) in world metres, with its outline inside it."""
         seen = self.view.project(corners)
         plane = _plane(seen)
         if plane is None:
@@ -114,7 +114,7 @@ class Canvas:
         a, b, c = plane
         near = a * (np.arange(x0, x1) + 0.5)[None, :] + b * (np.arange(y0, y1) + 0.5)[:, None] + c
         window = self.nearest[y0:y1, x0:x1]
-        # An outline is a touch nearer than its face, so that the faces beside do not hide half of it.
+        # An outline lies slightly nearer than its face, so that neighbouring faces do not hide half of it.
         shown = (chosen > 0) & (near + np.where(chosen == 2, 0.02, 0.0) > window + 1e-6)
         window[shown] = near[shown]
         target = self.pixels[y0:y1, x0:x1]
@@ -127,7 +127,7 @@ def _shifted(points: Floats, x0: int, y0: int) -> list[tuple[float, float]]:
 
 
 def _plane(seen: Floats) -> tuple[float, float, float] | None:
-    """Nearness as an affine function of the pixel; None for a face seen edge on."""
+    """Return the depth as an affine function of the pixel; None for a face seen edge on."""
     middle = seen.mean(axis=0)
     rest = seen - middle
     across, down = rest[:, 0], rest[:, 1]
@@ -139,7 +139,7 @@ def _plane(seen: Floats) -> tuple[float, float, float] | None:
 
 
 def shade(colour: Colour, normal: Floats) -> Colour:
-    """The colour of a face by how it is turned to the light; `normal` (3,) in the picture's frame."""
+    """Return the colour of a face by its angle to the light; `normal` (3,) in the picture's frame."""
     light = float(np.dot(normal, LIGHT) / (np.linalg.norm(normal) * np.linalg.norm(LIGHT)))
     factor = 0.62 + 0.42 * max(light, 0.0)
     r, g, b = (min(255, round(channel * factor)) for channel in colour)

@@ -12,7 +12,7 @@ Colour = tuple[int, int, int]
 
 @dataclass(frozen=True, kw_only=True)
 class Palette:
-    """Colours as (red, green, blue), 0 to 255. `kinds` are given to the kinds of areas in their order of appearance."""
+    """Colours as (red, green, blue), 0 to 255. Kinds of areas get the colours of `kinds` in order of appearance."""
 
     page: Colour
     outside: Colour
@@ -31,14 +31,14 @@ class Palette:
     tint: float
 
     def kind_colours(self, kinds: Iterable[str]) -> dict[str, Colour]:
-        """A colour for every kind, the same for the same kinds in the same order."""
+        """Return a colour for every kind; equal kinds in equal order get equal colours."""
         colours: dict[str, Colour] = {}
         for kind in kinds:
             colours.setdefault(kind, self.kinds[len(colours) % len(self.kinds)])
         return colours
 
     def tinted(self, colour: Colour, ground: Colour | None = None, share: float | None = None) -> Colour:
-        """The ground (the floor) with a share (the palette's `tint`) of a colour mixed in."""
+        """Return the colour of the floor (or of `ground`) mixed with a share (the palette's `tint`) of a colour."""
         below = ground or self.floor
         part = self.tint if share is None else share
         r, g, b = (round(low + part * (high - low)) for low, high in zip(below, colour, strict=True))

@@ -1,4 +1,4 @@
-"""Finds places for words so that none covers another word, a dot or a line that must be seen."""
+"""Place labels so that none covers another label, a dot or a line."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from PIL import ImageFont
 Floats = NDArray[np.float64]
 Box = tuple[float, float, float, float]
 
-WORTH_TURNING = 0.65  # text is turned where level text would be smaller than this share of it
+WORTH_TURNING = 0.65  # turn a label if the horizontal text would be smaller than this share of the turned text
 MOST_STEPS = 1000
 SPOTS = 41  # places tried along each side of a polygon
 SMALLEST_TEXT = 10  # pixels; smaller cannot be read
@@ -22,7 +22,7 @@ _fonts: dict[int, ImageFont.FreeTypeFont | ImageFont.ImageFont] = {}
 
 
 def font(size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
-    """The font that comes with Pillow, in pixels."""
+    """Return Pillow's default font at a size in pixels."""
     if size not in _fonts:
         _fonts[size] = ImageFont.load_default(size)
     return _fonts[size]
@@ -30,7 +30,7 @@ def font(size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
 
 @dataclass(frozen=True)
 class Word:
-    """A text placed on the page: `box` is left, top, right, bottom in pixels; turned text reads upwards."""
+    """A label on the page: `box` is left, top, right, bottom in pixels; turned text reads upwards."""
 
     text: str
     box: Box
@@ -44,40 +44,40 @@ class Word:
 
 
 def text_size(text: str, size: int) -> tuple[int, int]:
-    """Width and height in pixels of a text of one or more lines."""
+    """Return width and height in pixels of a text of one or more lines."""
     lines = text.split("\n")
     width = max(font(size).getlength(line) for line in lines)
     return (int(np.ceil(width)), round(len(lines) * size * 1.14))
 
 
 class Taken:
-    """The rectangles of the page that nothing may cover."""
+    """The rectangles of the page that labels must not cover."""
 
     def __init__(self) -> None:
         self._boxes = np.empty((64, 4))
         self._count = 0
 
     def add(self, box: Box) -> None:
-        """Take a rectangle."""
+        """Add a rectangle."""
         if self._count == len(self._boxes):
             self._boxes = np.concatenate([self._boxes, np.empty_like(self._boxes)])
         self._boxes[self._count] = box
         self._count += 1
 
     def add_dot(self, x: float, y: float, radius: float) -> None:
-        """Take the square around a dot."""
+        """Add the square around a dot."""
         self.add((x - radius, y - radius, x + radius, y + radius))
 
     def add_line(self, points: Floats, half_width: float, step: float = 10.0) -> None:
-        """Take the surroundings of a line through the points (n, 2)."""
+        """Add a band around the line through points (n, 2)."""
         for a, b in pairwise(points):
-            count = min(MOST_STEPS, max(1, int(np.hypot(*(b - a)) / step)))  # a line may lead far off the page
+            count = min(MOST_STEPS, max(1, int(np.hypot(*(b - a)) / step)))  # a line may extend far beyond the page
             for share in np.linspace(0.0, 1.0, count + 1):
                 x, y = a + (b - a) * share
                 self.add_dot(x, y, half_width)
 
     def free(self, box: Box, gap: float = 2.0) -> bool:
-        """Return whether a rectangle covers nothing that is taken, with a gap in pixels around it."""
+        """Return whether a rectangle, with a gap in pixels around it, covers none of them."""
         return bool(self.which_free(np.array([box]), gap)[0])
 
     def which_free(self, boxes: Floats, gap: float = 2.0) -> NDArray[np.bool_]:

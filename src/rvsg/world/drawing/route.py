@@ -55,7 +55,7 @@ def _pointer(sheet: Sheet, pose: Pose) -> tuple[Floats, Floats]:
 
 
 def write_ends(sheet: Sheet, route: Route) -> None:
-    """START and GOAL beside the ends of a route."""
+    """Write START and GOAL beside the ends of a route."""
     left, top, right, bottom = sheet.view.plan
     for pose, word, colour in (
         (route.start, "START", sheet.palette.start),

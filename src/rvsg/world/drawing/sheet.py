@@ -1,4 +1,4 @@
-"""The page that is drawn on: shapes at twice the size for smooth edges, words at the end at the true size."""
+"""A page to draw on: shapes are drawn at twice the size for smooth edges, text at the end at the true size."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ ROOM_BELOW = 200
 
 
 class Sheet:
-    """A page with its view, its colours, the words placed on it and what is already taken by them."""
+    """A page with its view, its colours, its labels and the rectangles that these occupy."""
 
     def __init__(self, view: View, palette: Palette) -> None:
         self.view = view
@@ -32,7 +32,7 @@ class Sheet:
 
     @property
     def unit(self) -> float:
-        """Pixels a thing of size 1 has on this page; 1.0 on a page 1600 pixels wide."""
+        """The size of one unit on this page in pixels; 1.0 on a page 1600 pixels wide."""
         return max(self.view.width, self.view.height * 0.8) / 1600
 
     def paste(self, pixels: NDArray[np.uint8], left: int, top: int) -> None:
@@ -40,7 +40,7 @@ class Sheet:
         self._image.paste(Image.fromarray(pixels), (left * FINE, top * FINE))
 
     def polygon(self, ring: Floats, *, fill: Colour | None, edge: Colour | None = None, width: float = 1.5) -> None:
-        """A filled and outlined polygon (n, 2) in page pixels."""
+        """Draw a filled and outlined polygon (n, 2) in page pixels."""
         points = self._fine(ring)
         if fill is not None:
             self._draw.polygon(points, fill=fill)
@@ -48,7 +48,7 @@ class Sheet:
             self._draw.line([*points, points[0], points[1]], fill=edge, width=self._width(width), joint="curve")
 
     def holed(self, ring: Floats, holes: Sequence[Floats], fill: Colour) -> None:
-        """A filled polygon with holes in page pixels; what is under the holes stays."""
+        """Draw a filled polygon with holes in page pixels."""
         mask = Image.new("1", self._image.size)
         draw = ImageDraw.Draw(mask)
         draw.polygon(self._fine(ring), fill=1)
@@ -57,7 +57,7 @@ class Sheet:
         self._image.paste(fill, (0, 0), mask)
 
     def tint(self, ring: Floats, colour: Colour, share: float) -> None:
-        """Mix a share of a colour into everything under a polygon."""
+        """Blend a share of a colour into the area of a polygon."""
         points = self._fine(ring)
         x0, y0 = (max(0, int(min(p[i] for p in points))) for i in (0, 1))
         x1 = min(self._image.width, int(max(p[0] for p in points)) + 2)
@@ -69,25 +69,25 @@ class Sheet:
         self._image.paste(colour, (x0, y0, x1, y1), mask)
 
     def line(self, points: Floats, colour: Colour, width: float) -> None:
-        """A line through points (n, 2) in page pixels."""
+        """Draw a line through points (n, 2) in page pixels."""
         self._draw.line(self._fine(points), fill=colour, width=self._width(width), joint="curve")
 
     def dot(
         self, x: float, y: float, radius: float, *, fill: Colour, edge: Colour | None = None, width: float = 1.5
     ) -> None:
-        """A disc at page pixels."""
+        """Draw a disc at page pixels."""
         box = [(x - radius) * FINE, (y - radius) * FINE, (x + radius) * FINE, (y + radius) * FINE]
         self._draw.ellipse(box, fill=fill, outline=edge, width=self._width(width) if edge else 0)
 
     def clear_margins(self) -> None:
-        """Paint over what was drawn beyond the plan."""
+        """Erase everything outside the plan."""
         left, top, right, bottom = (v * FINE for v in self.view.plan)
         width, height = self._image.size
         for box in ((0, 0, width, top), (0, bottom, width, height), (0, 0, left, height), (right, 0, width, height)):
             self._image.paste(self.palette.page, box)
 
     def write(self, word: Word, colour: Colour, *, halo: Colour | None = None, bold: bool = False) -> None:
-        """Write a placed word and take its place."""
+        """Write a placed label and reserve its rectangle."""
         self.words.append(word)
         self.taken.add(word.box)
         self._late.append((word, colour, halo, bold))
@@ -103,7 +103,7 @@ class Sheet:
         return word
 
     def finished(self, end: float) -> Image.Image:
-        """The page at its true size with all words written, cut off below `end` pixels."""
+        """Return the page at its true size with all labels, cropped below `end` pixels."""
         page = self._image.reduce(FINE).crop((0, 0, self.view.width, round(end)))
         draw = ImageDraw.Draw(page)
         for word, colour, halo, bold in self._late:
@@ -139,7 +139,7 @@ def _write(
 def _text(
     draw: ImageDraw.ImageDraw, word: Word, centre: tuple[float, float], fill: Colour | int, stroke: int, bold: bool
 ) -> None:
-    """Every line centred; a bold one is the same letters with a stroke of half a pixel, as Pillow brings one font."""
+    """Write centred lines. Pillow has one font, so bold text is drawn with a stroke of half a pixel."""
     lines = word.text.split("\n")
     step = word.size * 1.14
     for i, line in enumerate(lines):

@@ -1,4 +1,4 @@
-"""A large or densely gridded world as several pictures, so that every waypoint's name can be read."""
+"""Draw a large or dense world as several pictures, so that the name of every waypoint is readable."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Tile:
 
 
 def tile_windows(world: World, *, width_px: int = 1600) -> list[tuple[int, int, Window]]:
-    """Row, column and window of every tile; a single one where all names can be read on one picture.
+    """Return row, column and window of every tile; one tile if all names are readable on one picture.
 
     Neighbouring tiles share a strip one spacing wide. Raises InputError where more than MOST_TILES would be needed.
     """
@@ -70,7 +70,7 @@ def tiles(
     colours: str | Palette = "light",
     show: frozenset[str] = GRID,
 ) -> tuple[Tile, ...]:
-    """Pictures of all parts of a world, each with every waypoint named."""
+    """Draw all tiles of a world, each with the names of all its waypoints."""
     windows = tile_windows(world, width_px=width_px)
     drawn = []
     for index, (row, column, window) in enumerate(windows):

@@ -1,4 +1,4 @@
-"""From metres to pixels: the window of the world that is shown, which axis points up, where it lies on the page."""
+"""Convert metres to pixels: the visible window of the world, the axis that points up, and the position on the page."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Window = tuple[float, float, float, float]
 
 NARROWEST_PX, WIDEST_PX = 400, 6000
 LONGEST = 60
-BESIDE_MAP_M = 1.0  # objects are shown as far as this beyond the map
+BESIDE_MAP_M = 1.0  # objects up to this far beyond the map are drawn
 TALLEST = 1.3  # a page is at most this many times as tall as it may be wide
 
 
@@ -94,7 +94,7 @@ def view_of(world: World, *, width_px: int, window: Window | None, margins: tupl
 
 
 def known_window(world: World, margin_m: float = 0.15) -> Window:
-    """The part of the world of which something is known: free or occupied cells, waypoints, objects by the map."""
+    """Return the known part of the world: free or occupied cells, waypoints, and objects near the map."""
     occupancy = world_map(world)
     frame = frame_of(occupancy)
     known = outermost(occupancy.cells != UNKNOWN)

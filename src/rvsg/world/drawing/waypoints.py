@@ -1,4 +1,4 @@
-"""The waypoints of a floor plan: a dot and, where it can be read, a name for each on which a person can stand."""
+"""Draw the waypoints of a floor plan: a dot for each where a person can stand, and its name if that is readable."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Dot:
-    """A waypoint on the page: its place and radius, and how far the waypoints are apart, in pixels."""
+    """A waypoint on the page: its position and radius, and the distance between waypoints, in pixels."""
 
     name: str
     x: float
@@ -26,7 +26,7 @@ class Dot:
 
 
 def draw_dots(sheet: Sheet, world: World) -> list[Dot]:
-    """A dot for every valid waypoint in sight, a ring where the robot does not fit."""
+    """Draw a dot for every valid waypoint in the window, a ring where the robot does not fit."""
     view, ink = sheet.view, sheet.palette
     left, top, right, bottom = view.plan
     valid = [w for w in world.grid.waypoints if w.human]
@@ -35,7 +35,7 @@ def draw_dots(sheet: Sheet, world: World) -> list[Dot]:
     seen = [(w, x, y) for w, x, y in seen if left < x < right and top < y < bottom]
     apart = usual_spacing(np.array([(x, y) for _, x, y in seen]).reshape(-1, 2))
     radius = float(np.clip(apart * 0.075, 1.6, 5.0 * sheet.unit))
-    dense = apart < text_size("A10", SMALLEST_TEXT)[0]  # names of areas may then cover some of so many dots
+    dense = apart < text_size("A10", SMALLEST_TEXT)[0]  # with this many dots, names of areas may cover some
     for waypoint, x, y in seen:
         if not dense:
             sheet.taken.add_dot(x, y, radius)
@@ -47,7 +47,7 @@ def draw_dots(sheet: Sheet, world: World) -> list[Dot]:
 
 
 def write_waypoints(sheet: Sheet, dots: list[Dot]) -> None:
-    """The waypoints' names, below the dots where there is room; none at all where they could not be read."""
+    """Write the names of waypoints below the dots where there is room; none if they would be unreadable."""
     if not dots:
         return
     longest = max((dot.name for dot in dots), key=len)
@@ -84,7 +84,7 @@ def _write_waypoint(sheet: Sheet, dot: Dot, size: int) -> None:
 
 
 def usual_spacing(places: Floats) -> float:
-    """The usual distance from a waypoint (n, 2) to its nearest other, a low quantile: names must fit nearly all."""
+    """Return the typical distance from a waypoint (n, 2) to the nearest other: a low quantile, so most names fit."""
     if len(places) < 2:
         return 100.0
     from scipy.spatial import cKDTree
