@@ -16,6 +16,7 @@ from rvsg.simulation.embedded.sensing.localisation import (
     PARTICLES,
     UPDATES,
     Localisation,
+    _drive,
     _look,
     _weigh,
     beam_score,
@@ -44,6 +45,11 @@ def take_in(
 def weigh_from(own: Localisation, x: float, y: float, yaw: float, edges: np.ndarray) -> None:
     _look(own, x, y, yaw, edges, np.zeros((0, 2)))
     _weigh(own)
+
+
+@kernel
+def move_differentially(own: Localisation, dx: float, dy: float, turn: float) -> None:
+    _drive(own, dx, dy, turn)
 
 
 @kernel
@@ -126,6 +132,41 @@ def test_a_robot_that_hardly_moves_takes_in_the_first_scan_only() -> None:
     )
     taken = [take_in(own, 1.5 + 0.001 * k, 4.0, 0.0, edges, np.zeros((0, 2))) for k in range(5)]
     assert taken == [True, False, False, False, False]
+
+
+def differential(yaws: list[float], noise: float) -> Localisation:
+    """A differential robot at the origin with a particle for each yaw; every normal number it draws is `noise`."""
+    occupancy, _ = room()
+    own = particle_filter(
+        beam_scores(occupancy, 25.0), occupancy, LIDAR, (0.0, 0.0, 0.0), 0.0, RNG(0), differential=True
+    )
+    own.normals[:] = noise
+    own.particles[0, : len(yaws)] = [(0.0, 0.0, yaw) for yaw in yaws]
+    own.counts[PARTICLES] = len(yaws)
+    return own
+
+
+def test_a_differential_robots_particles_move_as_it_moves() -> None:
+    own = differential([0.0, 0.5], noise=0.0)
+    move_differentially(own, 0.3, 0.4, 0.2)
+    turned = (0.3 * math.cos(0.5) - 0.4 * math.sin(0.5), 0.3 * math.sin(0.5) + 0.4 * math.cos(0.5))
+    assert own.particles[0, 0] == pytest.approx([0.3, 0.4, 0.2])
+    assert own.particles[0, 1] == pytest.approx([*turned, 0.7])
+
+
+def test_a_differential_robot_that_turns_on_the_spot_has_no_direction() -> None:
+    own = differential([0.3], noise=0.0)
+    move_differentially(own, 0.0, 0.009, 0.25)
+    assert own.particles[0, 0, 2] == pytest.approx(0.55)
+    assert math.hypot(*own.particles[0, 0, :2]) == pytest.approx(0.009)
+
+
+def test_a_differential_robot_doubts_a_way_back_as_much_as_a_way_ahead() -> None:
+    ahead, back = differential([0.0], noise=1.0), differential([0.0], noise=1.0)
+    move_differentially(ahead, 1.0, 0.0, 0.0)
+    move_differentially(back, -1.0, 0.0, 0.0)
+    assert back.particles[0, 0, :2] == pytest.approx(-ahead.particles[0, 0, :2])
+    assert 0.0 < ahead.particles[0, 0, 0] < 1.0
 
 
 def test_points_come_back_from_the_map() -> None:

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+
 import pytest
 
 from rvsg.robots import load_robot
 from rvsg.world.authoring.check import check_world
 from rvsg.world.authoring.routes import propose_routes
+from rvsg.world.authoring.trial import Drive, Hop
 from rvsg.world.fitting import clearance_m, fits_through, setback_m
 from rvsg.world.io.load import SHIPPED, load_world
+from rvsg.world.world import Route, World
 
 
 def messages(robot: str | None) -> list[str]:
@@ -51,3 +56,23 @@ def test_routes_are_proposed_for_the_robot(name: str) -> None:
 def test_a_robot_keeps_clear_by_half_of_its_width() -> None:
     assert clearance_m(load_robot("tiago_omni")) == pytest.approx(0.3, abs=0.003)
     assert clearance_m(load_robot("tugger")) == pytest.approx(0.375)
+
+
+class NobodyArrives:
+    """A trial in which every route ends before its goal."""
+
+    def drive(self, world: World, route: Route) -> Drive:
+        return Drive(arrived=False, outcome="timed_out", time_s=60.0, x=0.0, y=0.0, touched_s=())
+
+    def not_walked(self, world: World, hops: Sequence[Hop]) -> tuple[Hop, ...]:
+        return ()
+
+
+@pytest.mark.parametrize(("name", "told"), [("tugger", True), ("turtlebot3_waffle", False)])
+def test_a_route_that_a_steered_robot_cannot_drive_tells_its_turning_circle(name: str, told: bool) -> None:
+    robot = load_robot(name)
+    radius = f"{0.95 / math.tan(1.05):.1f} m radius"
+    found = check_world(SHIPPED / "warehouse", trial=NobodyArrives(), robot=robot)
+    failed = [remark for remark in found if remark.serious and remark.key[0] == "routes"]
+    assert len(failed) == len(load_world("warehouse").routes)
+    assert [radius in str(remark) for remark in failed] == [told] * len(failed)

@@ -133,5 +133,7 @@ def overlap_at_start(outline: Floats, people: Floats, radius: Floats, x: float, 
     cos, sin = math.cos(yaw), math.sin(yaw)
     corners = outline @ np.array([[cos, sin], [-sin, cos]]) + (x, y)
     polygon = Polygon(corners)
-    gaps = [polygon.distance(Point(point)) - r for point, r in zip(people, radius, strict=True)]
+    far = np.hypot(outline[:, 0], outline[:, 1]).max() + radius
+    near = ~(np.hypot(people[:, 0] - x, people[:, 1] - y) > far + 0.01)
+    gaps = [polygon.distance(Point(point)) - r for point, r in zip(people[near], radius[near], strict=True)]
     return max(0.0, -min(gaps, default=0.0))

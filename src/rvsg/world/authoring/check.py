@@ -303,7 +303,7 @@ class _Checker:
             if not drive.arrived:
                 message = (
                     f"the robot alone does not arrive on {route.name}: {drive.outcome}, after {drive.time_s:.0f} s at "
-                    f"{at}. Move the poses, or choose another route"
+                    f"{at}. {self._turns()}Move the poses, or choose another route"
                 )
                 self._say(self.routes, message, *key, serious=True)
             elif drive.time_s > route.time_limit_s:
@@ -316,6 +316,15 @@ class _Checker:
             if drive.touched_s:
                 times = ", ".join(f"{time:.1f} s" for time in drive.touched_s[:3])
                 self._say(self.routes, f"the robot alone touches an obstacle on {route.name} (at {times})", *key)
+
+    def _turns(self) -> str:
+        """Say what of the robot's steering a route must allow for; nothing of a robot that turns on the spot."""
+        if self.driver is None or math.isinf(self.driver.drive.max_curvature):
+            return ""
+        return (
+            f"{self.driver.name} turns in circles of at least {1.0 / self.driver.drive.max_curvature:.1f} m radius, "
+            "which its global planner does not allow for: a way with tighter turns does not fit it. "
+        )
 
     def _walk_hops(self, trial: Trial) -> None:
         hops = self.world.grid.hops
