@@ -19,6 +19,8 @@ from playwright.sync_api import Browser, sync_playwright
 
 from rvsg.api.editing import folder_of_world
 from rvsg.api.listing import FoundCampaign, Lister
+from rvsg.api.matrix import Matrix
+from rvsg.api.proposing import proposal_json, propose
 
 IMAGES = Path(__file__).parent / "images"
 LAPTOP, PHONE = (1280, 860), (390, 780)
@@ -42,6 +44,8 @@ def pages(folder: Path) -> dict[str, str]:
         "finding": f"/finding?campaign={chosen.folder}&attempt={attempt}#replay-title",
         "scenario": f"/scenario?campaign={chosen.folder}&attempt={attempt}",
         "world": "/world?world=my_office",
+        "proposals": "/inbox",
+        "matrix": "/matrix?folder=runs/matrix",
         "description": "/describe?world=warehouse",
         "compare": f"/compare?a={chosen.folder}&b={other(campaigns, chosen)}",
         "conversations": f"/conversations?folder={chosen.folder}",
@@ -65,6 +69,9 @@ def picture(browser: Browser, address: str, path: str, name: str, size: tuple[in
         tab.wait_for_selector("[data-studio][data-ready]")
     if name.startswith("scenario"):
         tab.get_by_text("of 20 runs violate").wait_for()
+    if name.startswith("finding"):
+        tab.get_by_role("button", name="Trace this run").click()
+        tab.get_by_role("button", name="This run is traced").wait_for()
     if name.startswith("conversations"):
         tab.locator("summary").first.click()
     if "#" in path:
@@ -75,10 +82,28 @@ def picture(browser: Browser, address: str, path: str, name: str, size: tuple[in
     context.close()
 
 
-def main(folder: Path) -> None:
-    """Serve the folder and make every picture."""
+def prepare(folder: Path) -> None:
+    """Put a world to edit, a few proposals and campaigns on two routes into the folder, where they are missing."""
     if not (folder / "my_office").exists():
         shutil.copytree(folder_of_world("office"), folder / "my_office")
+    inbox = folder / "proposals"
+    inbox.mkdir(exist_ok=True)
+    for seed in range(3):
+        path = inbox / f"warehouse-route_1-R1-heuristic-{seed}.json"
+        if not path.exists():
+            path.write_text(proposal_json(propose("warehouse", "route_1", "R1", seed=seed)), encoding="utf-8")
+    if not (folder / "runs" / "matrix").exists():
+        settings = {"scenarios": 2, "refinements": 0, "repeats": 2, "confirmations": 10, "jobs": 1}
+        routes = {"route": ["route_1", "route_2"], "requirement": ["R1", "R3"]}
+        matrix = Matrix.of(settings | routes | {"out": str(folder / "runs" / "matrix")}, {})
+        assert matrix is not None
+        for _ in matrix.run(matrix.create()):
+            pass
+
+
+def main(folder: Path) -> None:
+    """Serve the folder and make every picture."""
+    prepare(folder)
     shown = pages(folder)
     command = [sys.executable, "-m", "rvsg", "studio", str(folder), "--no-browser", "--port", "0"]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as server, sync_playwright() as driver:

@@ -64,7 +64,7 @@ def test_a_rejected_description_goes_back_to_the_model_and_the_difference_is_sho
     assert tab.locator("main img").count() == 0
     assert axe_violations(tab) == []
     assert tab.evaluate("document.documentElement.scrollWidth") <= width
-    tab.get_by_role("button", name="Accept").click()
+    tab.get_by_role("button", name="Accept", exact=True).click()
     tab.get_by_text("Stored in").wait_for(timeout=PATIENT)
     kept = rvsg.load_world(office).description
     assert kept is not None and kept.reviewed and kept.layout == revised["layout"]
