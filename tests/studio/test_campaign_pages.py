@@ -48,6 +48,7 @@ def test_a_campaign_is_written_estimated_started_and_followed(
     campaign = rvsg.Campaign.open(studio.folder / "runs" / "new")
     assert campaign.finished and campaign.summary().accounting.search_attempts == 2
     tab.locator("#worst-replay .rp-map svg").wait_for(timeout=PATIENT)
+    tab.wait_for_function("document.getElementById('worst-replay').replay.state().t > 0", timeout=PATIENT)
     assert tab.locator(".chart-box svg circle").count() == 2
     assert axe_violations(tab) == []
     assert tab.evaluate("document.documentElement.scrollWidth") <= width

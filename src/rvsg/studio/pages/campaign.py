@@ -103,7 +103,7 @@ class Live:
             with tag("section", aria_labelledby="worst"):
                 tag("h2", "Worst so far", id="worst")
                 self.about = tag("p", "", cls="small")
-                self.replay = tag("div", data_studio="replay", id="worst-replay")
+                self.replay = tag("div", data_studio="replay", data_play=True, id="worst-replay")
             with tag("section", aria_labelledby="thought"):
                 tag("h2", "Latest reasoning", id="thought")
                 self.reasoning = tag("p", "", cls="reasoning small")

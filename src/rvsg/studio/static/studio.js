@@ -67,7 +67,7 @@
         if (!shown) return;
         if (element.dataset.trace) tracing(shown, JSON.parse(element.dataset.trace));
         return shown.ready().then(function () {
-          if (element.dataset.play !== undefined) { shown.seek(0); shown.play(); }
+          if (element.dataset.play !== undefined && !root.matchMedia("(prefers-reduced-motion: reduce)").matches) { shown.seek(0); shown.play(); }
           element.dataset.ready = "true";
         });
       }).catch(function (error) { if (turn === wanted) wrong(host, error); });
