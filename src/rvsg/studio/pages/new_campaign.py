@@ -16,7 +16,7 @@ from rvsg.api.config import MACHINE, CampaignConfig, effective, parse_campaign_f
 from rvsg.api.errors import InputError, RvsgError
 from rvsg.api.estimating import Estimate, estimate, estimate_all
 from rvsg.api.files import write_whole
-from rvsg.api.matrix import Matrix
+from rvsg.api.matrix import LISTED, Matrix
 from rvsg.api.requirements import shipped_requirements
 from rvsg.api.robots import shipped_robots
 from rvsg.api.words import counted
@@ -61,7 +61,7 @@ class Draft:
         """Read the text; where it is wrong the settings stay as they were, and `problem` says why."""
         try:
             found = parse_campaign_file(self.text, Path("campaign.yaml"))
-            effective(None, {}, {k: v[0] if isinstance(v, list) and len(v) == 1 else v for k, v in found.items()})
+            effective(None, {}, {k: v[0] if k in LISTED and isinstance(v, list) and v else v for k, v in found.items()})
         except RvsgError as error:
             self.problem = str(error)
             return
@@ -141,6 +141,8 @@ class Form:
         self._show()
 
     def _typed(self, event: Any) -> None:
+        if str(event.args) == self.draft.text:  # a browser reports a pasted text once per line
+            return
         self.draft.write(str(event.args))
         self._show(written=False)
 
