@@ -36,7 +36,7 @@ MACHINE = ("jobs", "executor", "executor_options")
 RENAMED = {"abreast": "max_in_flight"}
 BUDGETS = ("budget_calls", "budget_tokens", "budget_usd")
 """Keys that limit what the calls of a model cost."""
-BESIDE = (*MACHINE, "store", "store_options", "out", "fail_on_violation", "junit", *BUDGETS)
+BESIDE = (*MACHINE, "store", "store_options", "out", "fail_on_violation", "junit", "shrink_runs", *BUDGETS)
 """Keys that do not decide the records and may differ when a campaign is resumed."""
 
 
@@ -67,6 +67,7 @@ class CampaignConfig(Record):
     refinements: Annotated[int, Field(ge=0, le=1000)] = 4
     repeats: Positive = 5
     confirmations: Annotated[int, Field(ge=0, le=100_000)] = 250
+    shrink_runs: Annotated[int, Field(ge=0, le=1_000_000)] = 200
     budget_runs: Annotated[int | None, Field(ge=1, le=10_000_000)] = None
     memory: Annotated[int, Field(ge=0, le=1000)] = 10
     max_in_flight: InFlight = 1

@@ -3,7 +3,17 @@
 from __future__ import annotations
 
 from rvsg.campaign.attempt import Attempt
-from rvsg.campaign.events import Attempted, Confirming, Event, Explaining, Message, ModelCall, Proposing, RunMade
+from rvsg.campaign.events import (
+    Attempted,
+    Confirming,
+    Event,
+    Explaining,
+    Message,
+    ModelCall,
+    Proposing,
+    RunMade,
+    Shrinks,
+)
 from rvsg.campaign.plan import Plan
 from rvsg.campaign.ranking import best_attempt, rule, search_attempts
 
@@ -18,6 +28,7 @@ __all__ = [
     "Plan",
     "Proposing",
     "RunMade",
+    "Shrinks",
     "best_attempt",
     "rule",
     "search_attempts",

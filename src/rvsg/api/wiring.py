@@ -92,6 +92,7 @@ class Wired:
             procedure=judging,
             cancelled=cancelled,
             limits=self._limits(),
+            shrink_runs=self.config.shrink_runs,
         )
 
     def _limits(self) -> Limits:

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 
 from rvsg.api.evaluating import Judgement
 from rvsg.campaign.accounting import calls_of
-from rvsg.campaign.finding import Finding
+from rvsg.campaign.finding import DistinctFailure, Finding
 from rvsg.evaluation.judge import DEFAULT, OPEN, still_open
 from rvsg.evaluation.metrics import METRICS, measure, metric
 from rvsg.evaluation.verdict import Status, Verdict
@@ -139,6 +139,18 @@ def describe_spending(spent: Spending) -> str:
     if spent.unpriced:
         return f"{spent.input_tokens} input and {spent.output_tokens} output tokens"
     return f"{spent.cost_usd:.4f} USD"
+
+
+def describe_failure(failure: DistinctFailure) -> Iterator[str]:
+    """Describe a distinct failure: how the robot fails, what each person contributes, and its smallest form."""
+    yield f"{failure.words} (attempt {', '.join(str(index) for index in failure.attempts)})"
+    for removal in failure.cause:
+        with_all = f"{removal.before} with everybody"
+        yield f"  Without {removal.without} {removal.violated} of {counted(removal.of, 'run')} violate, {with_all}."
+    if (smallest := failure.smallest) is not None:
+        left = f"{smallest.violated} of {counted(smallest.of, 'run')} violate, {smallest.before} as it was"
+        what = "; ".join(smallest.taken_away)
+        yield f"  Does not matter: {what} ({left})." if what else f"  Everything in it matters ({left})."
 
 
 def describe_unusable(calls: Iterable[Call]) -> str | None:

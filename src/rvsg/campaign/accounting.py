@@ -23,6 +23,8 @@ class Accounting(Record):
     confirmation_runs: int
     baseline_runs: int = 0
     """Runs with fewer people: without anybody, and without one person each."""
+    shrinking_runs: int = 0
+    """Runs that shrink the failures, those on the way included."""
     failed_runs: int
     invalid_proposals: int
     repaired_proposals: int
@@ -69,6 +71,7 @@ def account(attempts: Iterable[Attempt]) -> Accounting:
         search_runs=runs_of(searched),
         confirmation_runs=sum(len(a.measurements) for a in attempts if a.purpose == "confirmation"),
         baseline_runs=sum(len(a.measurements) for a in attempts if a.purpose in ("baseline", "removal")),
+        shrinking_runs=sum(a.trial_runs + len(a.measurements) for a in attempts if a.purpose == "shrinking"),
         failed_runs=sum(len(a.failures) for a in attempts),
         invalid_proposals=sum(a.proposal.scenario is None for a in searched),
         repaired_proposals=sum(bool(a.proposal.repairs) for a in searched),

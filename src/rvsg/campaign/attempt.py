@@ -36,13 +36,14 @@ class Attempt(Record):
 
     Attempts of the search choose; the others never take part in a selection. A "confirmation" repeats a candidate in
     runs with new seeds. A "baseline" is the mission without people, a "removal" a confirmed scenario without one
-    person, both on the seeds of the confirmation.
+    person, both on the seeds of the confirmation. A "shrinking" is the smallest form of a confirmed scenario, on the
+    same seeds.
     """
 
     campaign: str
     index: int
     """Position among the attempts of the campaign, from 0, in the order they were asked for."""
-    purpose: Literal["search", "confirmation", "baseline", "removal"] = "search"
+    purpose: Literal["search", "confirmation", "baseline", "removal", "shrinking"] = "search"
     strategy: str
     brief: Brief
     proposal: Proposal
@@ -53,6 +54,10 @@ class Attempt(Record):
     """The index of the attempt that this one confirms or explains; None for the search and the baseline."""
     without: tuple[str, ...] = ()
     """The people of that attempt who are left out."""
+    taken_away: tuple[str, ...] = ()
+    """What shrinking took away from the scenario of that attempt, in words."""
+    trial_runs: int = 0
+    """Runs of simpler scenarios on the way to this one, which are not stored."""
 
     @property
     def mean(self) -> float | None:

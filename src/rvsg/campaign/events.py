@@ -11,7 +11,7 @@ from rvsg.campaign.plan import Plan
 from rvsg.generation.vlm.watching import CallNews
 from rvsg.scenario.brief import Brief
 
-Purpose = Literal["search", "confirmation", "baseline", "removal"]
+Purpose = Literal["search", "confirmation", "baseline", "removal", "shrinking"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,6 +84,14 @@ class Explaining(Event):
 
     without: tuple[str, ...]
     people: int
+    runs: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shrinks(Event):
+    """The scenario of a confirmation is shrunk, in at most `runs` runs."""
+
+    confirmation: Attempt
     runs: int
 
 

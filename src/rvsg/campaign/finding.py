@@ -45,6 +45,20 @@ class Removal(Record):
     """Violations with everybody, in the same number of runs."""
 
 
+class Smallest(Record):
+    """The smallest form of a failure."""
+
+    attempt: int
+    """The attempt that holds it."""
+    scenario_id: str
+    taken_away: tuple[str, ...]
+    """What of the confirmed scenario does not matter."""
+    violated: int
+    of: int
+    before: int
+    """Violations of the confirmed scenario on the same seeds."""
+
+
 class Finding(Record):
     """A confirmed scenario. Whether it is a finding about people is `about_people`."""
 
@@ -75,6 +89,8 @@ class Finding(Record):
     rarely. `open`: the runs do not tell."""
     cause: tuple[Removal, ...] = ()
     """What removing each person does."""
+    smallest: Smallest | None = None
+    """Its smallest form; None where it was not shrunk."""
     failure: FailureMode | None = None
     """How most of the violating runs fail; None where none violates."""
     story: tuple[str, ...] = ()
@@ -108,6 +124,11 @@ class DistinctFailure(Record):
     """Of the worst of them."""
     about_people: Literal["yes", "no", "open", "not violated"]
     """Of the worst of them."""
+    without_people: Share | None = None
+    cause: tuple[Removal, ...] = ()
+    """What removing each person from the worst of them does."""
+    smallest: Smallest | None = None
+    """The worst of them, shrunk; None where it was not."""
 
 
 def distinct_failures(found: Sequence[Finding]) -> tuple[DistinctFailure, ...]:
@@ -123,6 +144,9 @@ def distinct_failures(found: Sequence[Finding]) -> tuple[DistinctFailure, ...]:
             attempts=tuple(finding.attempt for finding in group),
             violation_probability=group[0].violation_probability or 0.0,
             about_people=group[0].about_people,
+            without_people=group[0].without_people,
+            cause=group[0].cause,
+            smallest=group[0].smallest,
         )
         for mode, group in groups.items()
     )
@@ -186,6 +210,7 @@ def _finding(
         "least_clearance_m": safety.least_clearance_m,
         "without_people": without,
         "cause": tuple(_removals(attempt, attempts, plan.requirement)),
+        "smallest": _smallest(attempt, attempts, plan.requirement),
         "failure": usual_mode(failing, world),
         "story": tuple(sentence.text for sentence in story),
         "story_run": worst.id,
@@ -217,6 +242,22 @@ def _removals(attempt: Attempt, attempts: Sequence[Attempt], requirement: Requir
         name = ", ".join(other.without)
         found.append(Removal(without=name, violated=share.violated, of=share.of, before=before.violated))
     return found
+
+
+def _smallest(attempt: Attempt, attempts: Sequence[Attempt], requirement: Requirement) -> Smallest | None:
+    for other in attempts:
+        if other.purpose == "shrinking" and other.confirms == attempt.index and other.proposal.scenario is not None:
+            seeds = _seeds(other)
+            share, before = _share(other, seeds, requirement), _share(attempt, seeds, requirement)
+            return Smallest(
+                attempt=other.index,
+                scenario_id=other.proposal.scenario.id,
+                taken_away=other.taken_away,
+                violated=share.violated,
+                of=share.of,
+                before=before.violated,
+            )
+    return None
 
 
 def _share(attempt: Attempt, seeds: frozenset[int], requirement: Requirement) -> Share:

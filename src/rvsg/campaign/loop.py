@@ -1,4 +1,4 @@
-"""The loop of a campaign: ask, propose, simulate, judge, tell; then confirm and explain what was found.
+"""The loop of a campaign: ask, propose, simulate, judge, tell; then confirm, explain and shrink what was found.
 
 A strategy returns Asks. An Ask without a proposal goes to the generator; one with a proposal is simulated as it is.
 An Ask may name the seeds of its runs; runs that the ledger holds already are not simulated again.
@@ -19,6 +19,7 @@ from rvsg.campaign.parallel import PendingRun
 from rvsg.campaign.parts import Cancelled, Made, Parts, collect, store, submit
 from rvsg.campaign.plan import Plan
 from rvsg.campaign.ranking import search_attempts
+from rvsg.campaign.smallest import shrink_all
 from rvsg.campaign.strategies import Ask, FeedbackOf, Strategy
 from rvsg.core.errors import GenerationError
 from rvsg.core.seeds import seed_for
@@ -49,6 +50,7 @@ def stream_campaign(plan: Plan, strategy: Strategy, parts: Parts) -> Iterator[Ev
         if len(search_attempts(attempts)) == len(attempts):
             yield from _noted(_search(plan, strategy, attempts, parts), attempts)
         yield from _noted(confirm_all(plan, tuple(attempts), parts), attempts)
+        yield from _noted(shrink_all(plan, tuple(attempts), parts), attempts)
     except Cancelled:
         complete = False
     yield Finished(campaign=plan.name, complete=complete, attempts=len(attempts))

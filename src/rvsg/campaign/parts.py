@@ -44,6 +44,8 @@ class Parts:
     """Asked before every proposal and every run."""
     limits: Limits = field(default_factory=Limits)
     """What the calls of the generator may cost."""
+    shrink_runs: int = 0
+    """Runs in which the distinct failures are shrunk at the end, together; 0: they are not."""
 
     def check(self) -> None:
         """Raise Cancelled where the campaign was cancelled."""

@@ -51,7 +51,8 @@ class Shrunk(Record):
 class Shrinking:
     """The parts of a shrinking: what makes runs and what judges them, and how often a scenario is run.
 
-    `keep` is the share of the original's violations that a simpler scenario has to show.
+    `keep` is the share of the original's violations that a simpler scenario has to show. `limit` is the number of runs
+    at which it ends, with what was reached; None: none.
     """
 
     requirement: Requirement
@@ -61,8 +62,10 @@ class Shrinking:
     repeats: int = 12
     confirmations: int = 20
     keep: float = 0.8
+    limit: int | None = None
     watch: Callable[[Simplification], None] = lambda _: None
     runs: int = field(default=0, init=False)
+    _violates: bool = field(default=False, init=False)
 
     def __call__(self, scenario: Scenario) -> Shrunk:
         """Shrink a scenario. InputError where the requirement has no limit or the scenario does not violate it."""
@@ -70,19 +73,16 @@ class Shrinking:
             raise InputError(
                 f'Requirement "{self.requirement.name}" has no limit, so nothing violates it. Give it one.'
             )
-        seeds = fresh_seeds(self.seed, "shrink", self.repeats, used=())
-        violated = self._violations(scenario, seeds, needed=0)[0]
-        if violated == 0:
+        smallest, steps = self.smallest(scenario)
+        if not self._violates:
             raise InputError(
                 f"None of {self.repeats} runs violates {self.requirement.name}, so there is nothing to explain. "
                 "Shrink a scenario that violates it, or raise the number of repeats."
             )
-        needed = max(1, math.ceil(self.keep * violated - 1e-9))
-        smallest, steps = self._smallest(scenario, seeds, needed)
         kept = [step.what for step in steps if step.kept]
         if kept:
             smallest = smallest.replace(description=_description(scenario, smallest, kept))
-        fresh = fresh_seeds(self.seed, "shrink confirmation", self.confirmations, used=seeds)
+        fresh = fresh_seeds(self.seed, "shrink confirmation", self.confirmations, used=self._seeds)
         return Shrunk(
             original=scenario,
             smallest=smallest,
@@ -91,6 +91,17 @@ class Shrinking:
             after=self.judge(self._measured(smallest, fresh)),
             runs=self.runs,
         )
+
+    def smallest(self, scenario: Scenario) -> tuple[Scenario, list[Simplification]]:
+        """Return the smallest scenario found and what was tried; the scenario itself where no run of it violates."""
+        violated = self._violations(scenario, self._seeds, needed=0)[0]
+        self._violates = violated > 0
+        needed = max(1, math.ceil(self.keep * violated - 1e-9))
+        return self._smallest(scenario, self._seeds, needed) if violated else (scenario, [])
+
+    @property
+    def _seeds(self) -> tuple[int, ...]:
+        return fresh_seeds(self.seed, "shrink", self.repeats, used=())
 
     def _smallest(self, scenario: Scenario, seeds: Sequence[int], needed: int) -> tuple[Scenario, list[Simplification]]:
         """Take away what can be taken away, the largest things first, until nothing more can."""
@@ -103,6 +114,8 @@ class Shrinking:
                 candidate = self._valid(scenario, people)
                 if candidate is None or candidate.id in tried or size(candidate.people) >= size(scenario.people):
                     continue
+                if self.limit is not None and self.runs + len(seeds) > self.limit:
+                    return scenario, steps
                 tried.add(candidate.id)
                 violations, runs = self._violations(candidate, seeds, needed)
                 step = Simplification(what=what, kept=violations >= needed, violations=violations, runs=runs)

@@ -21,6 +21,7 @@ from rvsg.api.events import (
     Plan,
     Proposing,
     RunMade,
+    Shrinks,
 )
 from rvsg.api.models import Brief, CallNews, Spending
 from rvsg.api.words import counted, describe_spending, number, status_in_words
@@ -102,6 +103,8 @@ class CampaignProgress:
                 self._describe(f"confirming {event.number} of {event.of}")
             case Explaining():
                 self._describe("without people" if event.people == 0 else f"without {', '.join(event.without)}")
+            case Shrinks():
+                self._describe("shrinking a failure")
 
     def _describe(self, text: str) -> None:
         if self.bar:

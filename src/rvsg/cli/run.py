@@ -62,6 +62,9 @@ def run(
     refinements: Annotated[int | None, typer.Option(min=0, help="Refinements of each scenario. [4]")] = None,
     repeats: Annotated[int | None, typer.Option(min=1, help="Runs of each configuration. [5]")] = None,
     confirmations: Annotated[int | None, typer.Option(min=0, help="Confirmation runs in all, at most. [250]")] = None,
+    shrink_runs: Annotated[
+        int | None, typer.Option(min=0, help="Runs that shrink the distinct failures; 0: do not. [200]")
+    ] = None,
     budget_runs: Annotated[
         int | None, typer.Option(min=1, help="Runs of the search. [scenarios x configurations x repeats]")
     ] = None,
@@ -106,8 +109,9 @@ def run(
     share of runs that violate the limit, then by the mean objective. Scenarios that violated it are confirmed,
     worst first, in runs with new seeds until each verdict is certain (wrong in at most --error-rate of cases) or
     its part of --confirmations is spent; then other configurations, until one is a FAIL. The mission without
-    people, and each confirmed scenario without each of its people, show what the people contribute. Everything is
-    stored in the folder --out; run the same command to resume.
+    people, and each confirmed scenario without each of its people, show what the people contribute. Confirmed
+    violations are grouped into distinct failures, and the worst scenario of each is shrunk in --shrink-runs. Everything
+    is stored in the folder --out; run the same command to resume.
 
     An installed plug-in is given by its name, like a built-in one.
 

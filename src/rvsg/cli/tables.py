@@ -19,6 +19,7 @@ from rvsg.api.words import (
     Summary,
     Verdict,
     counted,
+    describe_failure,
     describe_finding,
     interval,
     number,
@@ -186,10 +187,12 @@ def show_findings(campaign: Campaign, summary: Summary) -> None:
     for finding in found:
         for line in describe_finding(finding, campaign.requirement, brief=finding is not found[0]):
             say(line)
-    if len(distinct := campaign.distinct_failures) > 1:
+    distinct = campaign.distinct_failures
+    if len(distinct) > 1 or any(failure.smallest for failure in distinct):
         say(f"{counted(len(distinct), 'distinct failure')}:")
         for failure in distinct:
-            say(f"  {failure.words} (attempt {', '.join(str(index) for index in failure.attempts)})")
+            for line in describe_failure(failure):
+                say(f"  {line}")
     if campaign.fills_a_map:
         show_map(campaign.failure_map)
     if left := campaign.candidates():

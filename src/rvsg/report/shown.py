@@ -101,6 +101,8 @@ def group_label(facts: AttemptFacts) -> str:
             return "mission without people"
         case "removal":
             return f"{scenario}, without {', '.join(attempt.without)}"
+        case "shrinking":
+            return f"{scenario}, shrunk"
         case "confirmation":
             return f"{scenario}, confirmation{f', {verdict.status.value}' if verdict else ''}"
         case _:
