@@ -39,6 +39,8 @@ from rvsg.campaign.encounter import failure_map
 from rvsg.campaign.events import Event, Message, ModelCall
 from rvsg.campaign.finding import DistinctFailure, Finding, distinct_failures, findings
 from rvsg.campaign.loop import stream_campaign
+from rvsg.campaign.pareto import Front as Front
+from rvsg.campaign.pareto import front_of
 from rvsg.campaign.plan import Plan
 from rvsg.campaign.ranking import best_attempt, candidates, search_attempts, standing
 from rvsg.core.errors import InputError, UnknownName
@@ -356,6 +358,11 @@ class Campaign:
             attempts = list(ledger.attempts(self.name))
             return failure_map(attempts, self.requirement, run_of=ledger.run, world=self.world)
 
+    @property
+    def front(self) -> Front | None:
+        """The Pareto front of its requirements and its hypervolume; None where it has only one requirement."""
+        return front_of(self.plan, self.attempts()) if self.plan.also else None
+
     def result(self) -> dict[str, Any]:
         """Return what was found as JSON-able data, as `rvsg run --json` prints it."""
         confirmed = self.findings
@@ -366,6 +373,8 @@ class Campaign:
             for a in self.candidates()
         ]
         found["failure_map"] = [cell.model_dump(mode="json") for cell in self.failure_map]
+        front = self.front
+        found["front"] = front.model_dump(mode="json") if front is not None else None
         kept = {"out": str(self.folder), "report": str(self.folder / REPORT), "command": self.command}
         return self.summary().model_dump(mode="json", exclude={"confirmed"}) | found | kept
 

@@ -73,6 +73,8 @@ def _options(config: CampaignConfig, *, without: Sequence[str]) -> list[str]:
         if isinstance(value, dict):
             for name, each in value.items():
                 words += [option.removesuffix("s"), f"{name}={each if isinstance(each, str) else json.dumps(each)}"]
+        elif isinstance(value, list):
+            words += [word for each in value for word in (option, each)]
         else:
             words += [option] if value is True else [option, str(value)]
     return words

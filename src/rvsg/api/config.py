@@ -52,6 +52,7 @@ class CampaignConfig(Record):
     world: str = "warehouse"
     route: str = "route_1"
     requirement: str = "R1"
+    also: list[str] = Field(default_factory=list)
     robot: str = DEFAULT_ROBOT
     moved: Annotated[str | None, Field(min_length=1)] = None
     knowledge: Annotated[str | None, Field(min_length=1)] = None
@@ -200,7 +201,7 @@ def _settings(document: Document, path: Path) -> dict[str, Any]:
     for key in PATHS:
         if isinstance(values.get(key), str):
             values[key] = str(path.parent / values[key])
-    for key in ("world", "requirement", "robot", "stack"):
+    for key in ("world", "requirement", "also", "robot", "stack"):
         if isinstance(values.get(key), list):
             values[key] = [_beside(path, name) for name in values[key]]
         elif isinstance(values.get(key), str):

@@ -29,6 +29,8 @@ from rvsg.core.plugins import Spec
 from rvsg.evaluation.judge import Procedure
 from rvsg.generation.generator import Generator
 from rvsg.generation.informed import InformedGenerator
+from rvsg.scenario.requirement import Requirement
+from rvsg.scenario.scenario import Mission
 from rvsg.simulation.protocol import Simulator
 from rvsg.simulation.stacks.protocol import NavigationStack
 from rvsg.world.world import World
@@ -130,6 +132,7 @@ def wire(
     simulator = make_simulator(simulator or config.simulator_spec, stack or config.stack_spec(paths))
     mission, notes = mission_of(world, route, paths.get(config.robot, config.robot), simulator)
     requirement = load_requirement(paths.get(config.requirement, config.requirement), mission.route)
+    also = also_of(config, requirement, mission, paths, several=getattr(strategy_class, "needs_several", False))
     if generator is None:
         generator = plugins.make("generator", config.generator_name, generator_options(config, paths))
     plugins.check_complete("generator", generator, Generator)
@@ -141,6 +144,7 @@ def wire(
         name=f"{world.name}-{route.name}-{requirement.name}-{config.generator_name}-{config.strategy}-{config.seed}",
         mission=mission,
         requirement=requirement,
+        also=also,
         humans=config.humans,
         scenarios=scenarios_of(config),
         refinements=config.refinements,
@@ -162,6 +166,32 @@ def wire(
         paths=paths,
         notes=notes,
     )
+
+
+def also_of(
+    config: CampaignConfig, first: Requirement, mission: Mission, paths: Mapping[str, str], *, several: bool
+) -> tuple[Requirement, ...]:
+    """Return the further requirements of a campaign.
+
+    Args:
+        several: Whether the strategy needs them.
+
+    Raises:
+        InputError: There are none where they are needed, two have one name, or one has no metric or no limit.
+    """
+    also = tuple(load_requirement(paths.get(name, name), mission.route) for name in config.also)
+    if several and not also:
+        raise InputError(f"The strategy {config.strategy} needs several requirements: add --also R2, for example.")
+    names = [each.name for each in (first, *also)]
+    if twice := next((name for name in names if names.count(name) > 1), None):
+        raise InputError(f"--also: {twice} is given twice. Give every requirement once.")
+    for each in also:
+        if each.metric is None:
+            raise InputError(f"--also {each.name}: only requirements with a metric can be added, not formulas.")
+    for each in (first, *also) if also else ():
+        if not each.threshold:
+            raise InputError(f"{each.name} has no limit other than 0, so it cannot be weighed against others.")
+    return also
 
 
 def let_rehearse(generator: Generator, simulator: Simulator, world: World, *, seed: int) -> None:

@@ -29,6 +29,8 @@ class Plan(Record):
     name: Annotated[str, Field(min_length=1)]
     mission: Mission
     requirement: Requirement
+    also: tuple[Requirement, ...] = ()
+    """Further requirements that the strategy `multi` looks at; nothing is confirmed by them."""
     humans: Annotated[int, Field(ge=1, le=100)] = 2
     """People in a scenario."""
     scenarios: Count = 10

@@ -33,6 +33,9 @@ def run(
     requirement: Annotated[
         list[str] | None, typer.Option(help="A shipped requirement, or FILE.yaml#NAME; repeat it for several. [R1]")
     ] = None,
+    also: Annotated[
+        list[str] | None, typer.Option(help="A further requirement for the strategy multi; several times for several.")
+    ] = None,
     robot: Annotated[
         str | None, typer.Option(help="A shipped robot (`rvsg robots`) or a robot file. [tiago_omni]")
     ] = None,
@@ -45,7 +48,7 @@ def run(
     ] = None,
     strategy: Annotated[
         str | None,
-        typer.Option(help="study, climb, elite, hybrid, map-elites, unguided, random, a plug-in. [study]"),
+        typer.Option(help="study, climb, elite, hybrid, map-elites, multi, unguided, random, a plug-in. [study]"),
     ] = None,
     simulator: Annotated[
         str | None, typer.Option(help="embedded; kinematic: no physics; ros2-world: your own; or a plug-in. [embedded]")
@@ -130,7 +133,10 @@ def run(
     matrix = Matrix.of(from_file, given)
     if matrix is not None:
         raise typer.Exit(run_matrix(matrix, as_json=json))
-    single = [{key: v[0] if isinstance(v, list) else v for key, v in values.items()} for values in (from_file, given)]
+    single = [
+        {key: v[0] if isinstance(v, list) and key != "also" else v for key, v in values.items()}
+        for values in (from_file, given)
+    ]
     raise typer.Exit(run_campaign_of(*single, as_json=json))
 
 

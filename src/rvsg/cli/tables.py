@@ -28,7 +28,7 @@ from rvsg.api.words import (
 from rvsg.cli.console import as_started, say
 
 if TYPE_CHECKING:
-    from rvsg.api.campaign import Campaign, MapCell
+    from rvsg.api.campaign import Campaign, Front, MapCell
 
 WITHOUT_TEXT = 35
 """Characters of a row without the scenario's description and the objective."""
@@ -193,6 +193,8 @@ def show_findings(campaign: Campaign, summary: Summary) -> None:
         for failure in distinct:
             for line in describe_failure(failure):
                 say(f"  {line}")
+    if (front := campaign.front) is not None:
+        show_front(front)
     if campaign.fills_a_map:
         show_map(campaign.failure_map)
     if left := campaign.candidates():
@@ -201,6 +203,21 @@ def show_findings(campaign: Campaign, summary: Summary) -> None:
         say(
             f"{many} violated in the search and {'is' if len(left) == 1 else 'are'} not confirmed; the worst: {command}"
         )
+
+
+def show_front(front: Front) -> None:
+    """Print the configurations that none beats by every requirement."""
+    title = (
+        f"{counted(len(front.points), 'configuration')} on the Pareto front, hypervolume {number(front.hypervolume)}"
+    )
+    table = Table(title=title, title_justify="left", caption="Mean, and how many runs violate", caption_justify="left")
+    table.add_column("attempt", justify="right")
+    for tried in front.points[0].tried if front.points else ():
+        table.add_column(tried.requirement, justify="right")
+    for point in front.points:
+        cells = [f"{number(each.mean)} ({each.violations} of {each.runs})" for each in point.tried]
+        table.add_row(str(point.attempt), *cells)
+    say(table)
 
 
 def show_map(cells: Sequence[MapCell]) -> None:

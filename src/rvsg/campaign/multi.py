@@ -1,0 +1,84 @@
+"""The multi strategy: several requirements at once. It looks for the Pareto front instead of one worst configuration.
+
+It drafts and changes as `hybrid` does. What is changed is on the front, one configuration as likely as the other, or
+would be among the next ones without it; at the end the front is run again.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from rvsg.campaign.hybrid import Batch, HybridStrategy
+from rvsg.campaign.pareto import tried_by, undominated
+from rvsg.campaign.racing import Candidate, estimate
+from rvsg.campaign.strategies import Batches
+
+KEEN = 0.6
+"""How often what is changed is on the first front; with as much of what is left on the next, and so on."""
+
+
+class MultiStrategy(HybridStrategy):
+    """Fills the Pareto front of the plan's requirement and those in `plan.also`.
+
+    Args:
+        drafts: Share of the runs that go to first runs of new scenarios.
+        repeated: Share of the runs that repeat what is on the front.
+        options: Those of `hybrid`.
+    """
+
+    name = "multi"
+    needs_several = True
+
+    def __init__(self, *args: Any, drafts: float = 0.2, repeated: float = 0.4, **options: Any) -> None:
+        super().__init__(*args, drafts=drafts, **options)
+        if not self.plan.also:
+            raise ValueError("the strategy multi needs more than one requirement")
+        self.repeated = repeated
+
+    def search(self) -> Batches:
+        """Draft; change what is on the front; then run the front again until the budget is spent."""
+        yield from self._first_drafts()
+        reserve = round(self.repeated * self.plan.search_runs)
+        while self.left > reserve and self.candidates:
+            before = self.left
+            yield from self._change(min(self.batch, self.left - reserve))
+            if self.left == before:
+                break
+        yield from self._repeat()
+
+    def fronts(self) -> list[list[Candidate]]:
+        """Return the candidates front by front: those that none beats, those that none of the others beats, ..."""
+        known = [(c, tried) for c in self.candidates if (tried := self._tried_by(c)) is not None]
+        shares = np.array([[each.share for each in tried] for _, tried in known])
+        left, found = list(range(len(known))), []
+        while left:
+            front = {left[k] for k in undominated(shares[left])}
+            found.append([known[k][0] for k in sorted(front)])
+            left = [k for k in left if k not in front]
+        return found
+
+    def _tried_by(self, candidate: Candidate) -> Any:
+        return tried_by(self._attempt_of(candidate).measurements, self.plan) if candidate.runs else None
+
+    def _parents(self, rng: np.random.Generator, count: int) -> list[Candidate]:
+        fronts = self.fronts()
+        chosen = []
+        for _ in range(count if fronts else 0):
+            front = fronts[min(len(fronts), int(rng.geometric(KEEN))) - 1]
+            chosen.append(front[int(rng.integers(len(front)))])
+        return chosen
+
+    def _repeat(self) -> Batch:
+        """Give one more run to those on the front with the fewest, until the budget is spent."""
+        while self.left > 0:
+            fronts = self.fronts()
+            front = sorted(fronts[0] if fronts else [], key=lambda c: (len(self._seen(c)), c.index))
+            chosen = front[: min(self.batch, self.left)]
+            results = yield [self._again(c, 1) for c in chosen]
+            if not results:
+                return
+            for attempt, candidate in zip(results, chosen, strict=False):
+                self._measured(candidate, attempt)
+            estimate(self.candidates)
