@@ -374,9 +374,9 @@ class Campaign:
         ]
         found["failure_map"] = [cell.model_dump(mode="json") for cell in self.failure_map]
         front = self.front
-        found["front"] = front.model_dump(mode="json") if front is not None else None
+        several = {"front": front.model_dump(mode="json") if front is not None else None}
         kept = {"out": str(self.folder), "report": str(self.folder / REPORT), "command": self.command}
-        return self.summary().model_dump(mode="json", exclude={"confirmed"}) | found | kept
+        return self.summary().model_dump(mode="json", exclude={"confirmed"}) | found | several | kept
 
     def runs(self) -> Iterator[Run]:
         """Return every run of the campaign, one at a time, in the order of the attempts."""

@@ -56,6 +56,8 @@ class Attempt(Record):
     """The people of that attempt who are left out."""
     taken_away: tuple[str, ...] = ()
     """What shrinking took away from the scenario of that attempt, in words."""
+    same_as: int | None = None
+    """The index of the attempt whose configuration the generator proposed again; the runs of that attempt stand."""
     trial_runs: int = 0
     """Runs of simpler scenarios on the way to this one, which are not stored."""
 

@@ -84,7 +84,7 @@ def _search(plan: Plan, strategy: Strategy, known: Sequence[Attempt], parts: Par
     in_progress: deque[tuple[Attempt, list[PendingRun]]] = deque()
     upcoming: deque[Ask] = deque()
     stopped: GenerationError | None = None
-    index, calls = len(known), calls_of(known)
+    index, calls, tried = len(known), calls_of(known), _Tried(known)
     while True:
         if not upcoming and not stopped:
             upcoming.extend(strategy.ask()[len(in_progress) :])
@@ -96,7 +96,7 @@ def _search(plan: Plan, strategy: Strategy, known: Sequence[Attempt], parts: Par
             try:
                 if ask.proposal is None:
                     parts.limits.check(calls)
-                in_progress.append(_begin(plan, strategy.name, index, ask, parts))
+                in_progress.append(_begin(plan, strategy.name, index, ask, parts, tried))
             except GenerationError as error:
                 stopped = error
             else:
@@ -114,8 +114,28 @@ def _search(plan: Plan, strategy: Strategy, known: Sequence[Attempt], parts: Par
         raise stopped
 
 
-def _begin(plan: Plan, strategy: str, index: int, ask: Ask, parts: Parts) -> tuple[Attempt, list[PendingRun]]:
-    """Get the proposal of an ask, from the generator where it holds none, and order its runs."""
+class _Tried:
+    """The configurations of the search, each with its first attempt and the seeds of the runs of that."""
+
+    def __init__(self, attempts: Sequence[Attempt]) -> None:
+        self._first: dict[str, tuple[Attempt, tuple[int, ...]]] = {}
+        for attempt in attempts:
+            self.first(attempt, (*(m.seed for m in attempt.measurements), *(f.seed for f in attempt.failures)))
+
+    def first(self, attempt: Attempt, seeds: tuple[int, ...]) -> tuple[Attempt, tuple[int, ...]]:
+        """Return the first attempt with the same people, which may be this one, and its seeds."""
+        scenario = attempt.proposal.scenario
+        key = scenario.people.model_dump_json() if scenario is not None else ""
+        return self._first.setdefault(key, (attempt, seeds)) if scenario is not None else (attempt, seeds)
+
+
+def _begin(
+    plan: Plan, strategy: str, index: int, ask: Ask, parts: Parts, tried: _Tried
+) -> tuple[Attempt, list[PendingRun]]:
+    """Get the proposal of an ask, from the generator where it holds none, and order its runs.
+
+    A configuration that the generator proposes again is not run with other seeds: the runs it has stand.
+    """
     proposal = ask.proposal
     if proposal is None:
         proposal = parts.generator.propose(ask.brief, parts.simulations.world)
@@ -123,4 +143,8 @@ def _begin(plan: Plan, strategy: str, index: int, ask: Ask, parts: Parts) -> tup
     seeds = ask.seeds
     if seeds is None:
         seeds = tuple(seed_for(plan.seed, "search", index, repeat) for repeat in range(plan.repeats))
+    first, known = tried.first(attempt, seeds)
+    if ask.proposal is None and first is not attempt:
+        same = proposal.replace(scenario=first.proposal.scenario)
+        attempt, seeds = attempt.replace(proposal=same, same_as=first.index), known
     return attempt, submit(attempt, seeds, parts)

@@ -108,7 +108,7 @@ def front_of(plan: Plan, attempts: Sequence[Attempt]) -> Front:
 
 def undominated(shares: Floats) -> list[int]:
     """Return the rows that no other row equals or exceeds everywhere and exceeds somewhere; the first of equal rows."""
-    kept = []
+    kept: list[int] = []
     for k, row in enumerate(shares):
         beaten = ((shares >= row).all(axis=1) & (shares > row).any(axis=1)).any()
         if not beaten and not any((shares[other] == row).all() for other in kept):

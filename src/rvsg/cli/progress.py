@@ -137,6 +137,8 @@ class CampaignProgress:
 
     def _attempted(self, attempt: Attempt) -> None:
         """Without a terminal, print a line with an estimate at the end of every scenario."""
+        if attempt.same_as is not None:
+            say(f"{self.name}Attempt {attempt.index} is attempt {attempt.same_as} again; the runs of that one stand.")
         self._note(attempt)
         if attempt.purpose == "confirmation" and not self.bar and attempt.verdict is not None:
             verdict = attempt.verdict

@@ -1,0 +1,107 @@
+"""Generators that fail or repeat themselves: what a campaign makes of them, under every strategy that learns."""
+
+from __future__ import annotations
+
+import pytest
+from tests.campaign.parts import Counted, MemoryLedger, WalkGenerator, parts, plan, warehouse
+
+from rvsg.campaign.attempt import Attempt
+from rvsg.campaign.elite import EliteStrategy
+from rvsg.campaign.hybrid import HybridStrategy
+from rvsg.campaign.loop import feedback_from, run_campaign
+from rvsg.campaign.map_elites import MapElitesStrategy
+from rvsg.campaign.plan import Plan
+from rvsg.campaign.strategies import StudyStrategy
+from rvsg.core.errors import GenerationError
+from rvsg.generation.generator import Proposal
+from rvsg.report.summary import summarise
+from rvsg.scenario.brief import Brief
+from rvsg.scenario.validity import Finding
+from rvsg.world.world import World
+
+STRATEGIES = [StudyStrategy, EliteStrategy, HybridStrategy, MapElitesStrategy]
+
+
+def the_plan() -> Plan:
+    return plan(scenarios=3, refinements=1, repeats=2, confirmations=0)
+
+
+def run(ledger: MemoryLedger, strategy: type, generator: WalkGenerator, jobs: int = 1) -> tuple[list[Attempt], int]:
+    """Run a campaign; return its attempts and how many runs were simulated."""
+    simulator = Counted()
+    made = parts(ledger, generator=generator, simulator=simulator, jobs=jobs)
+    with made.simulations:
+        chosen = strategy(the_plan(), feedback_from(ledger, the_plan(), warehouse()), warehouse())
+        return run_campaign(the_plan(), chosen, made), simulator.runs
+
+
+class Unusable(WalkGenerator):
+    """A model whose answers can never be used."""
+
+    def propose(self, brief: Brief, world: World) -> Proposal:
+        self.briefs.append(brief)
+        problem = Finding(rule="unreadable", reason="The answer is no configuration.", suggestion="Answer with JSON.")
+        return Proposal(generator="walk", scenario=None, problems=(problem,))
+
+
+class Failing(WalkGenerator):
+    """A service that fails from some proposal on."""
+
+    def __init__(self, after: int) -> None:
+        super().__init__()
+        self.after = after
+
+    def propose(self, brief: Brief, world: World) -> Proposal:
+        if len(self.briefs) >= self.after:
+            raise GenerationError("the service does not answer")
+        return super().propose(brief, world)
+
+
+class Stubborn(WalkGenerator):
+    """A model that answers every brief with the same configuration."""
+
+    def propose(self, brief: Brief, world: World) -> Proposal:
+        return super().propose(brief.replace(seed=3, kind="new", feedback=None), world)
+
+
+@pytest.mark.parametrize("strategy", STRATEGIES)
+def test_answers_that_can_never_be_used_end_the_search_with_what_was_wrong(strategy: type) -> None:
+    generator = Unusable()
+    attempts, runs = run(MemoryLedger(), strategy, generator)
+    assert runs == 0
+    assert 2 <= len(generator.briefs) <= the_plan().search_runs
+    assert all(a.proposal.problems for a in attempts)
+    assert summarise(the_plan(), attempts).ranking == ()
+
+
+@pytest.mark.parametrize("strategy", STRATEGIES)
+@pytest.mark.parametrize("after", [0, 1])
+def test_a_service_that_fails_leaves_a_campaign_that_resumes_to_the_same_records(strategy: type, after: int) -> None:
+    whole, _ = run(MemoryLedger(), strategy, WalkGenerator())
+    ledger = MemoryLedger()
+    with pytest.raises(GenerationError):
+        run(ledger, strategy, Failing(after))
+    assert len(ledger.kept) == after
+    assert run(ledger, strategy, WalkGenerator())[0] == whole
+
+
+@pytest.mark.parametrize("strategy", [StudyStrategy, EliteStrategy])
+def test_a_configuration_that_is_proposed_again_is_told_and_not_run_again(strategy: type) -> None:
+    attempts, runs = run(MemoryLedger(), strategy, Stubborn())
+    assert [a.same_as for a in attempts] == [None, *[0] * (len(attempts) - 1)]
+    assert runs == the_plan().repeats
+    assert len({m.run_id for a in attempts for m in a.measurements}) == runs
+
+
+def test_a_repetition_is_the_same_after_a_resume() -> None:
+    class Ends(Stubborn):
+        def propose(self, brief: Brief, world: World) -> Proposal:
+            if len(self.briefs) == 3:
+                raise GenerationError("stopped")
+            return super().propose(brief, world)
+
+    whole, _ = run(MemoryLedger(), StudyStrategy, Stubborn())
+    ledger = MemoryLedger()
+    with pytest.raises(GenerationError):
+        run(ledger, StudyStrategy, Ends())
+    assert run(ledger, StudyStrategy, Stubborn())[0] == whole
