@@ -112,4 +112,13 @@ def test_options_of_a_plug_in_are_told_as_they_are_read() -> None:
     [("R1", "R1"), ("req/huge.yaml", "huge"), ("req/huge.yaml#f", "f"), ("req/huge.yaml:a b/c", "a_b_c")],
 )
 def test_the_folder_is_named_for_the_requirement_not_for_its_file(requirement: str, name: str) -> None:
-    assert CampaignConfig(requirement=requirement).folder.name == f"warehouse-route_1-{name}-heuristic-study-0"
+    assert CampaignConfig(requirement=requirement).folder.name == f"warehouse-route_1-{name}-heuristic-hybrid-0"
+
+
+@pytest.mark.parametrize("writer", [{"generator": "vlm"}, {"model": "openai-chat:x"}, {"replay": "calls"}])
+def test_the_usual_strategy_is_that_of_the_study_where_a_model_writes(writer: dict[str, str]) -> None:
+    assert CampaignConfig(**writer).strategy == "study"
+    assert "--strategy" not in command_for(CampaignConfig(**writer))
+    other = CampaignConfig(**writer, strategy="hybrid")
+    assert "--strategy hybrid" in command_for(other)
+    assert CampaignConfig().strategy == "hybrid"

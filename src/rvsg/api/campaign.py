@@ -352,6 +352,11 @@ class Campaign:
         return bool(getattr(self._wired.strategy_class, "fills_a_map", False))
 
     @property
+    def spends_runs(self) -> bool:
+        """Whether its strategy divides the runs of the search among configurations as it sees fit."""
+        return bool(getattr(self._wired.strategy_class, "spends_runs", False))
+
+    @property
     def failure_map(self) -> tuple[MapCell, ...]:
         """The worst configuration of the search for every kind of encounter, the worst first."""
         with self.reading() as ledger:

@@ -65,7 +65,8 @@ def _simulator(config: CampaignConfig | None) -> list[str]:
 def _options(config: CampaignConfig, *, without: Sequence[str]) -> list[str]:
     """Return the options of `rvsg run` that give these settings: those that are not the default."""
     words: list[str] = []
-    defaults = CampaignConfig()
+    writer = {key: getattr(config, key) for key in ("generator", "model", "replay")}
+    defaults = CampaignConfig().model_copy(update={"strategy": CampaignConfig(**writer).strategy})
     for key, value in config.model_dump(mode="json").items():
         option = f"--{key.replace('_', '-')}"
         if key in without or value == getattr(defaults, key):

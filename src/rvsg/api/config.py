@@ -43,6 +43,7 @@ BESIDE = (*MACHINE, "store", "store_options", "out", "fail_on_violation", "junit
 class CampaignConfig(Record):
     """Every setting of `rvsg run`.
 
+    `strategy` left out is `study` where a vision language model writes (it was not compared with others there).
     `generator` None is `random` for the strategy `random`, `vlm` where a model or a replay is named, else `heuristic`.
     `jobs` None is one per core. `out` None is a folder under `runs/` named for the settings.
     """
@@ -58,7 +59,7 @@ class CampaignConfig(Record):
     knowledge: Annotated[str | None, Field(min_length=1)] = None
     generator: str | None = None
     generator_options: dict[str, Any] = Field(default_factory=dict)
-    strategy: str = "study"
+    strategy: str = "hybrid"
     simulator: str = "embedded"
     simulator_options: dict[str, Any] = Field(default_factory=dict)
     stack: str | None = None
@@ -93,6 +94,15 @@ class CampaignConfig(Record):
     budget_usd: Annotated[float | None, Field(gt=0)] = None
     budget_calls: Annotated[int | None, Field(ge=1)] = None
     budget_tokens: Annotated[int | None, Field(ge=1)] = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _usual_strategy(cls, values: Any) -> Any:
+        """Where a model writes, a strategy that is left out is the study's."""
+        if isinstance(values, dict) and "strategy" not in values:
+            asked = values.get("generator") == "vlm" or values.get("model") or values.get("replay")
+            return {**values, "strategy": "study"} if asked else values
+        return values
 
     @model_validator(mode="after")
     def _rates_apart(self) -> Self:

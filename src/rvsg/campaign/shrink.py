@@ -79,9 +79,6 @@ class Shrinking:
                 f"None of {self.repeats} runs violates {self.requirement.name}, so there is nothing to explain. "
                 "Shrink a scenario that violates it, or raise the number of repeats."
             )
-        kept = [step.what for step in steps if step.kept]
-        if kept:
-            smallest = smallest.replace(description=_description(scenario, smallest, kept))
         fresh = fresh_seeds(self.seed, "shrink confirmation", self.confirmations, used=self._seeds)
         return Shrunk(
             original=scenario,
@@ -97,7 +94,12 @@ class Shrinking:
         violated = self._violations(scenario, self._seeds, needed=0)[0]
         self._violates = violated > 0
         needed = max(1, math.ceil(self.keep * violated - 1e-9))
-        return self._smallest(scenario, self._seeds, needed) if violated else (scenario, [])
+        if not violated:
+            return scenario, []
+        smallest, steps = self._smallest(scenario, self._seeds, needed)
+        if kept := [step.what for step in steps if step.kept]:
+            smallest = smallest.replace(description=_description(scenario, smallest, kept))
+        return smallest, steps
 
     @property
     def _seeds(self) -> tuple[int, ...]:

@@ -73,6 +73,8 @@ class BatchStrategy:
     """
 
     name = "batch"
+    spends_runs = True
+    """The plan gives it a number of runs, not of configurations."""
 
     def __init__(self, plan: Plan, feedback_of: FeedbackOf, world: World | None = None) -> None:
         self.plan = plan

@@ -48,7 +48,7 @@ def run(
     ] = None,
     strategy: Annotated[
         str | None,
-        typer.Option(help="study, climb, elite, hybrid, map-elites, multi, unguided, random, a plug-in. [study]"),
+        typer.Option(help="study, climb, elite, hybrid, map-elites, multi, unguided, random, a plug-in. [hybrid]"),
     ] = None,
     simulator: Annotated[
         str | None, typer.Option(help="embedded; kinematic: no physics; ros2-world: your own; or a plug-in. [embedded]")
@@ -108,13 +108,14 @@ def run(
 ) -> None:
     """Find, confirm and report scenarios that make the robot violate a requirement.
 
-    The search tries `scenarios` x (1 + `refinements`) configurations, each in `repeats` runs, and ranks them by the
-    share of runs that violate the limit, then by the mean objective. Scenarios that violated it are confirmed,
-    worst first, in runs with new seeds until each verdict is certain (wrong in at most --error-rate of cases) or
-    its part of --confirmations is spent; then other configurations, until one is a FAIL. The mission without
-    people, and each confirmed scenario without each of its people, show what the people contribute. Confirmed
-    violations are grouped into distinct failures, and the worst scenario of each is shrunk in --shrink-runs. Everything
-    is stored in the folder --out; run the same command to resume.
+    The search spends `scenarios` x (1 + `refinements`) x `repeats` runs, or --budget-runs, and ranks configurations by
+    the share of runs that violate the limit, then by the mean objective. Strategies like `study` run each of
+    `scenarios` x (1 + `refinements`) configurations `repeats` times; `hybrid` drops early what has lost. Scenarios that
+    violated the limit are confirmed, worst first, in runs with new seeds until each verdict is certain (wrong in at
+    most --error-rate of cases) or its part of --confirmations is spent; then other configurations, until one is a FAIL.
+    The mission without people, and each confirmed scenario without each of its people, show what the people
+    contribute. Confirmed violations are grouped into distinct failures, and the worst scenario of each is shrunk in
+    --shrink-runs. Everything is stored in the folder --out; run the same command to resume.
 
     An installed plug-in is given by its name, like a built-in one.
 
@@ -190,7 +191,7 @@ def _run(campaign: Campaign, *, resumed: bool) -> None:
 
     plan, folder = campaign.plan, campaign.folder
     known = campaign.attempts()
-    say(_what_it_does(plan))
+    say(_what_it_does(campaign))
     if resumed:
         there = counted(len(known), "attempt is", "attempts are")
         say(f"Resuming {folder}: {there} there already." if known else f"Beginning again in {folder}.")
@@ -215,14 +216,20 @@ def _run(campaign: Campaign, *, resumed: bool) -> None:
         raise
 
 
-def _what_it_does(plan: Plan) -> str:
+def _what_it_does(campaign: Campaign) -> str:
     from rvsg.api.words import counted
 
+    plan = campaign.plan
+    search = (
+        f"{counted(plan.search_runs, 'run')} of search"
+        if campaign.spends_runs
+        else f"{counted(plan.scenarios, 'scenario')} x {counted(plan.configurations, 'configuration')} x "
+        f"{counted(plan.repeats, 'run')}"
+    )
     at_most = "at most " if plan.requirement.threshold is not None and plan.confirmations else ""
     return (
         f"{plan.requirement.name} ({plan.requirement.title}) on {plan.mission.world}, {plan.mission.route.name}: "
-        f"{counted(plan.scenarios, 'scenario')} x {counted(plan.configurations, 'configuration')} x "
-        f"{counted(plan.repeats, 'run')}, then {at_most}{plan.confirmations or 'none'} to confirm."
+        f"{search}, then {at_most}{plan.confirmations or 'none'} to confirm."
     )
 
 

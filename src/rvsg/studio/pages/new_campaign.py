@@ -252,7 +252,11 @@ class Form:
         folder = workspace.path(str(config.folder))
         name = workspace.relative(folder)
         settings = {key: value for key, value in config.model_dump().items() if key not in ("out", *MACHINE)}
-        changed = {key: value for key, value in settings.items() if value != getattr(CampaignConfig(), key)}
+        changed = {
+            key: value
+            for key, value in settings.items()
+            if key == "strategy" or value != getattr(CampaignConfig(), key)
+        }
         campaign = await load(rvsg.Campaign.create, name, file=changed, begun_in=str(workspace.folder))
         machine = {key: getattr(config, key) for key in MACHINE_KEYS if getattr(config, key) is not None}
         told = {"folder": name, "name": campaign.name, "machine": machine}
