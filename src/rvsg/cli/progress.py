@@ -48,7 +48,8 @@ class CampaignProgress:
         self.plan = plan
         self.check = check
         self.worst: float | None = None
-        self.runs = sum(len(a.measurements) + len(a.failures) for a in attempts)
+        self.known = {m.run_id for a in attempts for m in a.measurements}
+        self.runs = len(self.known) + sum(len(a.failures) for a in attempts)
         self.made = 0
         self.begin = time.monotonic()
         self.place = ""
@@ -93,10 +94,7 @@ class CampaignProgress:
             case ModelCall():
                 self._calling(event.news)
             case RunMade():
-                self.runs += 1
-                self.made += 1
-                if self.bar:
-                    self.bar.update(self.task, completed=self.runs, total=max(self.plan.runs, self.runs))
+                self._made(event)
             case Attempted():
                 self._attempted(event.attempt)
             case Confirming():
@@ -105,6 +103,18 @@ class CampaignProgress:
                 self._describe("without people" if event.people == 0 else f"without {', '.join(event.without)}")
             case Shrinks():
                 self._describe("shrinking a failure")
+
+    def _made(self, event: RunMade) -> None:
+        """Count a run; one that was made before, for another attempt, does not count again."""
+        run_id = getattr(event.run, "id", None)
+        if run_id is not None and run_id in self.known:
+            return
+        if run_id is not None:
+            self.known.add(run_id)
+        self.runs += 1
+        self.made += 1
+        if self.bar:
+            self.bar.update(self.task, completed=self.runs, total=max(self.plan.runs, self.runs))
 
     def _describe(self, text: str) -> None:
         if self.bar:
@@ -150,7 +160,7 @@ class CampaignProgress:
         if self.bar or attempt.purpose != "search" or not last:
             return
         spent = time.monotonic() - self.begin
-        left = spent / self.made * (self.plan.runs - self.runs) if self.made else 0.0
+        left = spent / self.made * max(0, self.plan.runs - self.runs) if self.made else 0.0
         say(
             f"{self.name}{self.runs} of {self.plan.runs} runs; {self.plan.requirement.name} at worst "
             f"{number(self.worst, self.plan.requirement.unit)}; about {left:.0f} s left{self._spent()}"

@@ -17,14 +17,16 @@ from markupsafe import Markup, escape
 
 import rvsg
 from rvsg.campaign.attempt import Attempt
+from rvsg.campaign.encounter import failure_map
 from rvsg.campaign.feedback import separable
-from rvsg.campaign.finding import findings
+from rvsg.campaign.finding import distinct_failures, findings
 from rvsg.campaign.plan import Plan
 from rvsg.campaign.ranking import rule
 from rvsg.core.files import write_whole
 from rvsg.evaluation.verdict import Verdict
 from rvsg.generation.vlm.recording import Recording
 from rvsg.report.answer import answer, headline
+from rvsg.report.broken import broken
 from rvsg.report.charts import confirmation_chart, search_chart
 from rvsg.report.colours import distinct_colours
 from rvsg.report.conversation import Conversations
@@ -104,6 +106,8 @@ def render_page(
             curse=_curse(plan, shown.summary, shown.candidate.verdict if shown.candidate else None),
             confirmation_svg=_confirmation_svg(shown),
             rows=finding_rows(shown),
+            failures=distinct_failures(shown.findings),
+            broken=broken(failure_map(attempts, requirement, run_of=run_of, world=world)),
             rule=rule(requirement),
             search_svg=Markup(search_chart(plan, attempts)),  # noqa: S704 - made by us, its words escaped
             thoughts=_thoughts(shown, Conversations(recording)),
