@@ -79,6 +79,24 @@ def test_environments_run_side_by_side_and_leave_no_thread(scenario: Any) -> Non
     assert threading.active_count() == before
 
 
+def test_environments_run_in_processes_as_in_one(scenario: Any) -> None:
+    def episodes(kind: Any) -> list[Any]:
+        vector = kind([lambda: DriveEnv([scenario])] * 2)
+        try:
+            seen, _ = vector.reset(seed=[1, 2])
+            found = [seen["scan"].copy()]
+            for speed in (0.5, 1.0, -0.2):
+                seen, rewards, *_ = vector.step(np.array([[speed, 0.1], [speed, -0.4]], np.float32))
+                found += [seen["scan"].copy(), rewards.copy()]
+            return found
+        finally:
+            vector.close()
+
+    parallel = episodes(lambda envs: gymnasium.vector.AsyncVectorEnv(envs, context="spawn"))
+    for ours, theirs in zip(episodes(gymnasium.vector.SyncVectorEnv), parallel, strict=True):
+        assert np.array_equal(ours, theirs)
+
+
 def test_no_scenario_is_one_error() -> None:
     with pytest.raises(InputError):
         DriveEnv([])

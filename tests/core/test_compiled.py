@@ -89,3 +89,10 @@ class TestCache:
         call_both = CALL + "print(m.limited(0.1), m.limited(1))"
         assert run(place, cache, CALL + "m.constants.FACTOR = 4.0; print(m.limited(1))") == "2.0"
         assert run(place, cache, call_both) == "0.1 1.0"
+
+
+def test_the_simulators_loop_is_kept() -> None:
+    from rvsg.simulation.embedded.episode import go_on
+
+    cache = go_on._cache  # type: ignore[attr-defined]
+    assert cache.content() and cache._is_unchanged(set())

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import rvsg
 from rvsg.core.errors import InputError
 from rvsg.core.records import Pose
 from rvsg.robots import load_robot
@@ -189,6 +190,20 @@ def test_a_process_that_fails_ends_its_run_and_the_next_gets_a_fresh_one(folder:
     assert told["fault"] and 0.4 < told["fault_t"] < 0.7
     assert second.outcome is Outcome.REACHED
     choice.driver.close()
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/proc").is_dir(), reason="there is no /proc to look for processes in")
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_no_process_survives_a_campaign(folder: Path, jobs: int) -> None:
+    stack = script(folder, f"open({str(folder)!r} + '/pid.%d' % os.getpid(), 'w').close()\nreturn 0.4, 0.0")
+    campaign = rvsg.Campaign.create(
+        folder / "campaign", stack=stack, generator="heuristic", scenarios=1, refinements=0, repeats=2, confirmations=0
+    )
+    for _ in campaign.run(jobs=jobs):
+        pass
+    started = {int(path.suffix[1:]) for path in folder.glob("pid.*")}
+    assert started and not [pid for pid in started if Path(f"/proc/{pid}").exists()]
 
 
 @pytest.mark.slow

@@ -94,7 +94,18 @@ def explore(
     made = make_simulator(simulator)
     check_robot(family.middle, made)
     made.prepare(on_message)
-    points = _run(family, _hypercube(family.ranges, runs, seed), asked, place, made, seed, jobs, on_point, on_message)
+    points = _run(
+        family,
+        _hypercube(family.ranges, runs, seed),
+        asked,
+        place,
+        made,
+        seed,
+        jobs,
+        on_point,
+        on_message,
+        closes=made is not simulator,
+    )
     judged = [point for point in points if point.violated is not None]
     if not judged:
         raise InputError(f"No point of the ranges can be judged: {'; '.join(points[0].problems) or 'no value'}.")
@@ -183,10 +194,12 @@ def _run(
     jobs: int,
     on_point: Callable[[Point], None],
     on_message: Callable[[str], None],
+    *,
+    closes: bool,
 ) -> list[Point]:
     measuring = Measuring(requirement, world)
     points = []
-    with Simulations(simulator, world, jobs=jobs, notify=on_message) as simulations:
+    with Simulations(simulator, world, jobs=jobs, notify=on_message, closes=closes) as simulations:
         submitted = []
         for k, each in enumerate(values):
             scenario = family.at(each)

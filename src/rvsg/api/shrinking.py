@@ -55,7 +55,9 @@ def shrink(
     check_robot(scenario, made)
     made.prepare(on_message)
     measuring = Measuring(asked, place)
-    with Simulations(made, place, measure=measuring.measure, jobs=jobs, notify=on_message) as simulations:
+    with Simulations(
+        made, place, measure=measuring.measure, jobs=jobs, notify=on_message, closes=made is not simulator
+    ) as simulations:
         return Shrinking(
             requirement=asked,
             simulations=simulations,

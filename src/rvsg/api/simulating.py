@@ -178,7 +178,7 @@ def simulate(
     made.prepare(on_message)
     wanted = range(seeds) if isinstance(seeds, int) else tuple(seeds)
     runs = []
-    with Simulations(made, place, jobs=jobs, notify=on_message) as simulations:
+    with Simulations(made, place, jobs=jobs, notify=on_message, closes=made is not simulator) as simulations:
         for pending in [simulations.submit(scenario, seed) for seed in wanted]:
             result = pending.result()
             if isinstance(result, Failure):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -76,10 +77,10 @@ def compare_stacks(
     for label, stack, choice in chosen:
         for robot in robots or ("",):
             simulator = make_simulator("embedded", stack)
-            simulator.prepare(on_message)
             name = f"{label} on {robot}" if robot else label
-            score = _score(name, choice, simulator, cases, robot, runs, jobs, on_message)
-            simulator.close()
+            with closing(simulator):
+                simulator.prepare(on_message)
+                score = _score(name, choice, simulator, cases, robot, runs, jobs, on_message)
             scores.append(score)
             on_score(score)
     return score_stacks(str(source), [case.name for case in cases], runs, scores)
@@ -137,22 +138,32 @@ def _score(
     tell: Callable[[str], None],
 ) -> StackScore:  # fmt: skip
     scored: list[ScoredRun] = []
-    failed = 0
-    for case in cases:
-        scenario = case.scenario
-        if robot:
-            scenario = scenario.replace(mission=scenario.mission.replace(robot=as_robot(robot, simulator)))
-        check_robot(scenario, simulator)
-        with Simulations(simulator, case.world, jobs=jobs, notify=tell) as simulations:
-            for pending in [simulations.submit(scenario, seed) for seed in range(runs)]:
-                result = pending.result()
+    worlds = {case.world.id: case.world for case in cases}
+    for key, world in worlds.items():
+        with Simulations(simulator, world, jobs=jobs, notify=tell) as simulations:
+            pending = [
+                (case, simulations.submit(_driven_by(case, robot, simulator), seed))
+                for case in cases
+                if case.world.id == key
+                for seed in range(runs)
+            ]
+            for case, each in pending:
+                result = each.result()
                 if isinstance(result, Failure):
                     raise SimulationError(f"{label}, {case.name}, seed {result.seed}: {result.reason}")
-                run = result.unpack()
-                scored.append(_scored(case, run))
-                failed += run.outcome is Outcome.STACK_FAILED
+                scored.append(_scored(case, result.unpack()))
+    failed = sum(run.outcome == Outcome.STACK_FAILED.name for run in scored)
     record = choice.record
     return StackScore(label=label, name=record.name, version=record.version, runs=tuple(scored), failed=failed)
+
+
+def _driven_by(case: Tested, robot: str, simulator: Simulator) -> Scenario:
+    """Return the scenario of a case with another robot, where there is one."""
+    scenario = case.scenario
+    if robot:
+        scenario = scenario.replace(mission=scenario.mission.replace(robot=as_robot(robot, simulator)))
+    check_robot(scenario, simulator)
+    return scenario
 
 
 def _scored(case: Tested, run: Run) -> ScoredRun:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -187,16 +188,17 @@ class Suite:
         made.prepare(on_message)
         other = None if robot is None else as_robot(robot, made)
         results = []
-        for case in self.cases:
-            if not only or case.name in only:
-                case = case if other is None else driven_by(case, other, self.worlds[case.name])
-                check_robot(case.scenario, made)
-                asked = [requirement_of(e, self.folder, case.scenario.mission.route) for e in case.expectations]
-                procedure = self.head.judging.replace(max_runs=runs or case.max_runs)
-                work = CaseWork(case, self.worlds[case.name], tuple(asked), procedure, made)
-                for result in work.results(runs=runs, jobs=jobs, pictures=pictures, on_message=on_message):
-                    results.append(result)
-                    on_result(result)
+        with nullcontext() if made is simulator else closing(made):
+            for case in self.cases:
+                if not only or case.name in only:
+                    case = case if other is None else driven_by(case, other, self.worlds[case.name])
+                    check_robot(case.scenario, made)
+                    asked = [requirement_of(e, self.folder, case.scenario.mission.route) for e in case.expectations]
+                    procedure = self.head.judging.replace(max_runs=runs or case.max_runs)
+                    work = CaseWork(case, self.worlds[case.name], tuple(asked), procedure, made)
+                    for result in work.results(runs=runs, jobs=jobs, pictures=pictures, on_message=on_message):
+                        results.append(result)
+                        on_result(result)
         return SuiteResult(
             suite=self.head.title,
             version=version or str(made.name),

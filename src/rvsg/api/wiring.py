@@ -53,6 +53,8 @@ class Wired:
     """The typed paths among the settings, with where they are."""
     notes: tuple[str, ...] = ()
     """What of the route was fitted to the robot, in words."""
+    own_simulator: bool = True
+    """Whether the simulator was made for this campaign, which then closes it."""
 
     @property
     def simulator_spec(self) -> Spec:
@@ -77,6 +79,7 @@ class Wired:
             known=ledger.find,
             executor=executor or self.executor,
             notify=tell,
+            closes=self.own_simulator,
         )
 
     def parts(
@@ -129,6 +132,7 @@ def wire(
     route = world.route(config.route)
     check_route(route, world)
     strategy_class = plugins.find("strategy", config.strategy)
+    own = simulator is None
     simulator = make_simulator(simulator or config.simulator_spec, stack or config.stack_spec(paths))
     mission, notes = mission_of(world, route, paths.get(config.robot, config.robot), simulator)
     requirement = load_requirement(paths.get(config.requirement, config.requirement), mission.route)
@@ -165,6 +169,7 @@ def wire(
         executor=executor_of(config),
         paths=paths,
         notes=notes,
+        own_simulator=own,
     )
 
 

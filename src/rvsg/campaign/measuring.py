@@ -62,6 +62,10 @@ class RunMaker:
             return Failure(seed=seed, reason=str(error))
         return self.finished(run)
 
+    def close(self) -> None:
+        """Release what the simulator holds."""
+        self.simulator.close()
+
     def finished(self, run: Run) -> FinishedRun:
         """Round, measure and pack a run that was made."""
         run = rounded(run)

@@ -88,6 +88,7 @@ class Simulations:
         known: Returns the stored run of an id, or None.
         executor: Where runs are made instead of in `jobs` processes.
         notify: Receives messages for the user, such as that a machine is gone.
+        closes: Close the simulator at the end; its next run makes again what it needs.
     """
 
     def __init__(
@@ -100,7 +101,9 @@ class Simulations:
         known: Callable[[str], Run | None] | None = None,
         executor: Executor | None = None,
         notify: Callable[[str], None] = lambda _: None,
+        closes: bool = False,
     ) -> None:
+        self.closes = closes
         self.simulator = simulator
         self.world = world
         self.options = dict(simulator.options)
@@ -154,9 +157,13 @@ class Simulations:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        if self._executor and self._started:
-            self._started = False
-            self._executor.stop(kill=kind is not None)
+        try:
+            if self._executor and self._started:
+                self._started = False
+                self._executor.stop(kill=kind is not None)
+        finally:
+            if self.closes:
+                self.simulator.close()
 
     def _ready(self) -> Executor:
         assert self._executor is not None

@@ -1,9 +1,9 @@
 """A worker process: reads tasks from standard input and writes results to standard output.
 
 Every message is a frame: its length as 8 bytes, then that many bytes. The first frame holds the pickled work, a
-callable of a scenario and a seed; each further frame holds one task. An empty frame asks the worker to end. The
-worker answers READY once it can work, then one frame per task, in order. When its input ends without an empty frame,
-its parent is gone, and the worker exits at once.
+callable of a scenario and a seed with a method `close`; each further frame holds one task. An empty frame asks the
+worker to end. The worker answers READY once it can work, then one frame per task, in order. When its input ends
+without an empty frame, its parent is gone, and the worker exits at once.
 """
 
 from __future__ import annotations
@@ -67,8 +67,11 @@ def main() -> None:
         write_frame(results, f"it cannot load the simulator: {type(error).__name__}: {error}".encode())
         return
     write_frame(results, READY)
-    while task := waiting.get():
-        write_frame(results, _answer(work, pickle.loads(task)))  # noqa: S301 - from the parent
+    try:
+        while task := waiting.get():
+            write_frame(results, _answer(work, pickle.loads(task)))  # noqa: S301 - from the parent
+    finally:
+        work.close()
 
 
 def _private_streams() -> tuple[IO[bytes], IO[bytes]]:

@@ -51,7 +51,7 @@ OUTSIDE = (
 """Nodes that have no part in a run here; `smoother_server` is not called by Nav2's default behaviour tree of Humble."""
 WORDS = re.compile(
     r"(topic|frame|frame_id|use_sim_time|publish|visuali[sz]e|debug|groot|bond|introspection|qos|service|transform_tolerance"
-    r"|realtime|server_timeout|source_timeout|stop_pub_timeout|terminal_checking_interval|expected_planner_frequency|odom_duration|map_subscribe|result_timeout|update_timeout|navigators|always_send_full|plugin_lib_names|rviz|verbose|tf_broadcast|error_code)"
+    r"|realtime|server_timeout|source_timeout|stop_pub_timeout|terminal_checking_interval|expected_planner_frequency|odom_duration|filter_duration|stamp_smoothed|map_subscribe|result_timeout|update_timeout|navigators|always_send_full|plugin_lib_names|rviz|verbose|tf_broadcast|error_code)"
 )
 """Keys of transport, time and display: they change no motion in lock-step without delays."""
 
@@ -71,7 +71,8 @@ AS_SIMULATED = {
     "stateful": True,
     "open_loop": False, "cycle_frequency": 10.0, "use_path_orientations": False, "mode": 0,
     "symmetric_yaw_tolerance": False, "enforce_path_inversion": False, "enforce_path_rotation": False,
-    "base_shift_correction": True, "scale_velocities": False, "deadband_velocity": [0.0, 0.0, 0.0],
+    "base_shift_correction": True, "min_speed_theta": 0.0, "lookahead_time": -1.0,
+    "scale_velocities": False, "deadband_velocity": [0.0, 0.0, 0.0],
     "allow_partial_planning": False, "lethal_cost_threshold": 100, "trinary_costmap": True, "inf_is_valid": False,
 }  # fmt: skip
 """Values of keys that are what is simulated in any case."""

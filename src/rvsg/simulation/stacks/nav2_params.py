@@ -133,6 +133,8 @@ class _Reader:
         self.path, self.document = path, document
         self.used: dict[Key, str] = {}
         self.refused: dict[Key, str] = {}
+        self.idle: set[Key] = set()
+        """Sections of plug-ins that are not among those to load."""
         self.options: dict[str, Any] = {"smoother": {}, "costmaps": {}, "behaviours": {}}
 
     def use(self, key: Key, note: str = "") -> None:
@@ -216,6 +218,10 @@ class _Reader:
         for critic, key in SCALES.items():
             if critics and critic not in critics:
                 values[key] = 0.0
+        for name, key in (("GoalAlign.forward_point_distance", "forward_point_m"),
+                          ("decel_lim_theta", "yaw_acceleration_rad_s2")):  # fmt: skip
+            if (value := section.number(name)) is not None and abs(value) != values.get(key):
+                self.refuse((*section.place, *name.split(".")), f"it is that of {DWB[key]}")
         for key in ("deceleration_m_s2",):
             if key in values:
                 values[key] = abs(values[key])
@@ -273,6 +279,13 @@ class _Reader:
         for section, prefix in ((local, "local"), (world, "global")):
             self._layers(section, prefix)
         self._footprint(local)
+        for key in ("robot_radius", "footprint", "footprint_padding"):
+            if key in world.values and world.values[key] == local.values.get(key):
+                self.use((*world.place, key))
+            elif key in world.values:
+                self.refuse((*world.place, key), "the footprint of the local costmap holds for both")
+        if "resolution" in world.values:
+            self.refuse((*world.place, "resolution"), "the global costmap has the resolution of the map")
 
     def _layers(self, section: _Section, prefix: str) -> None:
         maps = self.options["costmaps"]
@@ -285,6 +298,10 @@ class _Reader:
                 _put(maps, f"{prefix}_cost_scaling", layer.number("cost_scaling_factor"))
             elif kind in ("ObstacleLayer", "VoxelLayer"):
                 self._sources(layer, prefix)
+        listed = {str(name) for key in ("plugins", "filters") for name in section.values.get(key) or ()}
+        for name, values in section.values.items():
+            if isinstance(values, Mapping) and name not in listed:
+                self.idle.add((*section.place, name))
         for name in section.values.get("filters") or ():
             self.refuse((*section.place, "filters"), "costmap filters (keepout and speed zones) are not simulated")
             for key in _leaves(section.values.get(str(name)), (*section.place, str(name))):
@@ -382,6 +399,8 @@ class _Reader:
             for key in plugin.values.keys() - {"plugin"}:
                 self.refuse((*plugin.place, str(key)), "recoveries move as those of Humble do")
         tree = self.node("bt_navigator")
+        for name in tree.get("navigators", []):
+            tree.inner(str(name)).get("plugin")
         for key in ("default_nav_to_pose_bt_xml", "default_nav_through_poses_bt_xml", "default_bt_xml_filename"):
             if tree.values.get(key):
                 self.refuse((*tree.place, key), "Nav2's default tree with replanning and recovery is simulated")
@@ -443,6 +462,8 @@ class _Reader:
             name, shown = ".".join(part for part in key if part != "ros__parameters"), f"{value!r:.60}"
             if key in self.refused:
                 yield Entry(name, shown, "not supported", self.refused[key])
+            elif any(key[: len(idle)] == idle for idle in self.idle):
+                yield Entry(name, shown, "no effect", f"{key[-2]} is not among the plug-ins of the costmap")
             elif any(key[: len(used)] == used for used in self.used):
                 note = next(self.used[used] for used in self.used if key[: len(used)] == used)
                 yield Entry(name, shown, "honoured", note)
@@ -456,7 +477,7 @@ class _Reader:
                 yield Entry(
                     name, shown, "no effect", "sideways motion or computing time, neither of which is simulated"
                 )
-            elif key[-1] in AS_SIMULATED and AS_SIMULATED[key[-1]] == value:
+            elif AS_SIMULATED.get(key[-1].rpartition(".")[2], ...) == value:
                 yield Entry(name, shown, "honoured", "this is what is simulated")
             else:
                 yield Entry(name, shown, "not supported", "not simulated; Nav2's default holds")
