@@ -4,7 +4,7 @@
         --repeats 4 --confirmations 20 --seed 13 --out runs/search
     python benchmarks/stacks_show.py --suite runs/search
     python benchmarks/stacks_show.py --out runs/stacks --jobs 2
-    python benchmarks/stacks_show.py --out runs/stacks --page docs
+    python benchmarks/stacks_show.py --out runs/stacks --docs docs
 
 The first command searches with `nav2-dwb` and the robot of the study. The second keeps the 30 worst scenarios as
 `examples/suites/stacks`, two of every route and requirement. The third drives them; it keeps what every stack and robot
@@ -14,18 +14,27 @@ did in a file, and resumes. The last writes the table and the pictures that the 
 from __future__ import annotations
 
 import argparse
+import html
 import sys
 from pathlib import Path
 
 from rvsg.api.stacks import compare_stacks
 from rvsg.api.suites import Suite
-from rvsg.campaign.stack_scores import StackScore, StackScores, score_stacks
+from rvsg.campaign.stack_scores import ScoredRun, StackScore, StackScores, score_stacks
+from rvsg.evaluation.statistics import wilson
+from rvsg.report.comparison import COLOURS
+from rvsg.report.frames import Turn
+from rvsg.report.stacks import percent, stacks_figure, stacks_markdown
+from rvsg.world.drawing.svg import floor_plan, palette, style
+from rvsg.world.io.load import load_world
 
 HERE = Path(__file__).resolve().parents[1]
 SUITE = HERE / "examples" / "suites" / "stacks"
 STACKS = ("nav2-dwb", "nav2-rpp", "nav2-mppi", "stop-and-go", "social", "examples/stacks/nav2_params.yaml")
 ROBOTS = ("tiago_omni", "industrial_amr", "turtlebot3_waffle")
+REQUIREMENTS = ("R1", "R2", "clearance")
 SCENARIOS = 30
+BEGIN, END = "<!-- tables of benchmarks/stacks_show.py -->", "<!-- end of tables -->"
 
 
 def keep_worst(searched: Path) -> None:
@@ -38,10 +47,10 @@ def keep_worst(searched: Path) -> None:
         suite = suite.add(case.scenario, case.requirement.name, name=name, reason="found by a campaign on nav2-dwb")
 
 
-def driven(out: Path, runs: int, jobs: int) -> StackScores:
+def driven(out: Path, robots: list[str], runs: int, jobs: int) -> list[StackScore]:
     """Drive every stack and robot that has no file in `out` yet; return all of them."""
     scores = []
-    for robot in ROBOTS:
+    for robot in robots:
         for stack in STACKS:
             path = out / f"{robot}-{Path(stack).stem}.json"
             if not path.is_file():
@@ -50,8 +59,94 @@ def driven(out: Path, runs: int, jobs: int) -> StackScores:
                 score = found.scores[0]
                 print(f"{score.label}: {score.violated} of {score.judged} runs violate", flush=True)
             scores.append(StackScore.from_json(path.read_text()))
-    cases = list(dict.fromkeys(run.case for score in scores for run in score.runs))
-    return score_stacks("examples/suites/stacks", cases, runs, scores)
+    return scores
+
+
+def pooled(scores: list[StackScore], runs: int) -> StackScores:
+    """Return every stack over all robots, so that a case is a scenario with a robot."""
+    each: dict[str, list[StackScore]] = {}
+    for score in scores:
+        each.setdefault(label_of(score), []).append(score)
+    whole = []
+    for label, parts in each.items():
+        cases = [run.replace(case=f"{run.case} on {robot_of(part)}") for part in parts for run in part.runs]
+        whole.append(parts[0].replace(label=label, runs=tuple(cases), failed=sum(part.failed for part in parts)))
+    names = list(dict.fromkeys(run.case for score in whole for run in score.runs))
+    return score_stacks("examples/suites/stacks", names, runs, whole)
+
+
+def label_of(score: StackScore) -> str:
+    """Return the stack of a score, in short."""
+    return Path(score.label.rpartition(" on ")[0]).name
+
+
+def robot_of(score: StackScore) -> str:
+    """Return the robot of a score."""
+    return score.label.rpartition(" on ")[2]
+
+
+def share(runs: list[ScoredRun]) -> str:
+    """Return the share of violating runs with its interval."""
+    flags = [run.violated for run in runs if run.violated is not None]
+    if not flags:
+        return "-"
+    low, high = wilson(sum(flags), len(flags))
+    return f"{percent(sum(flags) / len(flags))} ({100 * low:.0f} to {100 * high:.0f})"
+
+
+def parts_table(found: StackScores) -> str:
+    """Return the share of each stack by robot and by requirement, as Markdown."""
+    groups = [*ROBOTS, *REQUIREMENTS]
+    lines = [f"| stack | {' | '.join(groups)} |", f"|{'---|' * (1 + len(groups))}"]
+    for score in found.scores:
+        cells = [share([run for run in score.runs if run.case.endswith(f" on {robot}")]) for robot in ROBOTS]
+        cells += [share([run for run in score.runs if f", {name} on " in run.case]) for name in REQUIREMENTS]
+        lines.append(f"| {score.label} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def places(found: StackScores) -> str:
+    """Return an SVG with a floor plan for each stack and the robot's place in every violating run."""
+    world = load_world("warehouse")
+    plan = floor_plan(world, areas=False, tooltips=False)
+    turn = Turn.of(plan.matrix)
+    x0, y0, width, height = map(float, plan.view_box.split())
+    colours = dict(zip(ROBOTS, COLOURS, strict=False))
+    rows = (len(found.scores) + 1) // 2
+    parts = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {2 * width + 1:.2f} {rows * (height + 2) + 2:.2f}" '
+        f'width="1000" font-family="sans-serif" font-size="0.9" role="img" aria-label="Where each stack fails">'
+        f'<style>{style(world, palette("light"))}</style><rect width="100%" height="100%" fill="white"/>'
+        f'<defs><g id="plan">{plan.shapes}</g></defs>'
+    ]
+    for k, score in enumerate(found.scores):
+        parts.append(
+            f'<g transform="translate({(k % 2) * (width + 1) - x0:.2f} {(k // 2) * (height + 2) + 1.5 - y0:.2f})">'
+        )
+        parts.append(f'<text x="{x0}" y="{y0 - 0.4}">{k + 1}. {html.escape(score.label)}</text><use href="#plan"/>')
+        for run in score.runs:
+            if run.at is not None:
+                x, y = turn.point(*run.at)
+                colour = colours[run.case.rpartition(" on ")[2]]
+                parts.append(f'<circle cx="{x:.2f}" cy="{y:.2f}" r="0.2" fill="{colour}" fill-opacity="0.6"/>')
+        parts.append("</g>")
+    for k, (robot, colour) in enumerate(colours.items()):
+        x, y = 0.5 + 8 * k, rows * (height + 2) + 1.2
+        parts.append(
+            f'<circle cx="{x}" cy="{y}" r="0.3" fill="{colour}"/><text x="{x + 0.5}" y="{y + 0.3}">{robot}</text>'
+        )
+    return "".join([*parts, "</svg>\n"])
+
+
+def write_docs(found: StackScores, docs: Path) -> None:
+    """Write the pictures, and put the tables between the marks of the page."""
+    images = docs / "images"
+    (images / "stacks-ranking.svg").write_text(stacks_figure(found))
+    (images / "stacks-where.svg").write_text(places(found))
+    tables = stacks_markdown(found).partition("\n\n")[2]
+    page = docs / "explanation" / "stacks-compared.md"
+    before, _, rest = page.read_text().partition(BEGIN)
+    page.write_text(f"{before}{BEGIN}\n\n{parts_table(found)}\n\n{tables}\n{END}{rest.partition(END)[2]}")
 
 
 def main() -> int:
@@ -59,14 +154,19 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--suite", type=Path, metavar="CAMPAIGNS", help="keep the worst scenarios of these campaigns")
     parser.add_argument("--out", type=Path, default=Path("runs/stacks"))
+    parser.add_argument("--robots", nargs="+", default=ROBOTS)
     parser.add_argument("--runs", type=int, default=3, help="seeds of every scenario")
     parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--docs", type=Path, help="write the tables and pictures of the documentation in this folder")
     args = parser.parse_args()
     if args.suite:
         keep_worst(args.suite)
         return 0
     args.out.mkdir(parents=True, exist_ok=True)
-    (args.out / "stacks.json").write_text(driven(args.out, args.runs, args.jobs).to_json())
+    found = pooled(driven(args.out, args.robots, args.runs, args.jobs), args.runs)
+    (args.out / "stacks.json").write_text(found.to_json())
+    if args.docs:
+        write_docs(found, args.docs)
     return 0
 
 
