@@ -150,7 +150,7 @@ def describe_failure(failure: DistinctFailure) -> Iterator[str]:
     if (smallest := failure.smallest) is not None:
         left = f"{smallest.violated} of {counted(smallest.of, 'run')} violate, {smallest.before} as it was"
         what = "; ".join(smallest.taken_away)
-        yield f"  Does not matter: {what} ({left})." if what else f"  Everything in it matters ({left})."
+        yield f"  Shrunk: {what} ({left})." if what else f"  Everything in it matters ({left})."
 
 
 def describe_unusable(calls: Iterable[Call]) -> str | None:
