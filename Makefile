@@ -2,6 +2,8 @@
 PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
+# Compiled tests are kept, else every worker of every run compiles all of them again.
+KEEP   := PYTHONDONTWRITEBYTECODE=
 PIP    := $(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt
 
 .DEFAULT_GOAL := help
@@ -13,13 +15,13 @@ run: $(VENV)/.run ## install, run the first campaign on the shipped warehouse, c
 	$(BIN)/rvsg run --out runs/first
 
 test: $(VENV)/.dev ## install what development needs and run the fast tests
-	$(BIN)/python -m pytest -m "not slow" -n 2 --dist loadfile
+	$(KEEP) $(BIN)/python -m pytest -m "not slow" -n 2 --dist loadfile
 
 test-slow: $(VENV)/.dev ## run the other tests: those that start processes or take long
-	$(BIN)/python -m pytest -m slow
+	$(KEEP) $(BIN)/python -m pytest -m slow
 
 test-all: $(VENV)/.dev ## run all tests, properties on more examples
-	RVSG_EXAMPLES=100 $(BIN)/python -m pytest
+	$(KEEP) RVSG_EXAMPLES=100 $(BIN)/python -m pytest
 
 check: lint types contracts docs-check ## every static check: format, lint, types, import contracts, docs
 
