@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tests.campaign.parts import MemoryLedger, parts, plan, warehouse
@@ -35,6 +37,12 @@ def run_of(
         scenario_id="s", simulator="t", options={}, seed=1, outcome=outcome, trajectory=path, log=path,
         human_names=("Human 1",), human_radius_m=(0.4,), goal=(5.0, 0.0, 0.0), time_limit_s=25.0,
     )  # fmt: skip
+
+
+def test_a_person_beside_a_narrow_body_is_not_said_to_be_touched() -> None:
+    narrow = ((0.35, 0.1), (-0.35, 0.1), (-0.35, -0.1), (0.35, -0.1))
+    mode = mode_of(replace(run_of((0.0, 0.7), (0.0, 0.0)), robot_outline=narrow), warehouse())
+    assert mode is not None and mode.robot == "drives on"
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ import numpy as np
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.ranking import in_full, measured, standing
 from rvsg.core.records import Record
+from rvsg.evaluation.sampled import Sampled
 from rvsg.scenario.requirement import Requirement
 from rvsg.simulation.run import Outcome, Run
 from rvsg.world.world import World
@@ -53,13 +54,13 @@ def mode_of(run: Run, world: World) -> FailureMode | None:
     path = run.trajectory
     if len(path) == 0 or path.human_x.shape[1] == 0:
         return None
-    centre = np.hypot(path.human_x - path.x[:, None], path.human_y - path.y[:, None])
-    gap = centre - run.robot_radius_m - np.asarray(run.human_radius_m)[None, :]
-    index, human = (int(i) for i in np.unravel_index(int(gap.argmin()), gap.shape))
+    seen = Sampled(run, path)
+    index, human = (int(i) for i in np.unravel_index(int(seen.gap.argmin()), seen.gap.shape))
+    touched = any(touch.person == human and touch.first <= index <= touch.last for touch in seen.contacts)
     return FailureMode(
         place=_place(float(path.x[index]), float(path.y[index]), world),
         person=_person(run, index, human),
-        robot=_robot(run, index, touched=float(gap[index, human]) <= 0.0),
+        robot=_robot(run, index, touched=touched),
     )
 
 
