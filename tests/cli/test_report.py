@@ -67,6 +67,7 @@ def test_a_copied_ledger_that_was_cut_off_gives_no_command_that_cannot_go_on(tmp
     assert "Resume with" not in told
 
 
+@pytest.mark.slow
 def test_of_several_campaigns_each_that_was_cut_off_or_never_began_is_told(tmp_path: Path, capsys: Told) -> None:
     folder = tmp_path / "all"
     asked = ["--route", "route_1", "--route", "route_2", "--route", "route_3"]

@@ -260,6 +260,7 @@ def test_a_violation_in_few_fresh_runs_fails_the_build_though_fail_or_flaky_is_o
     assert "violates far in 8 of 8 confirmation runs; FAIL or FLAKY is still open (INCONCLUSIVE)." in page
 
 
+@pytest.mark.slow
 def test_an_undecided_campaign_says_the_command_that_adds_fresh_runs_to_those_it_made(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -311,6 +312,7 @@ def test_a_simulator_that_fails_says_that_what_there_is_is_kept(
     assert [failure.reason for a in search for failure in a.failures] == ["the display is gone"]
 
 
+@pytest.mark.slow
 def test_a_campaign_with_files_of_its_own_goes_on_in_any_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
