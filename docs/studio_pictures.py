@@ -37,11 +37,12 @@ def pages(folder: Path) -> dict[str, str]:
         )
     chosen = max(campaigns, key=lambda each: each.calls)
     attempt = chosen.findings[0].attempt
+    traced = next((each for each in campaigns if each.folder.startswith("runs/matrix/")), chosen)
     return {
         "home": "/",
         "new-campaign": "/campaign/new",
         "campaign": f"/campaign?folder={chosen.folder}",
-        "finding": f"/finding?campaign={chosen.folder}&attempt={attempt}#replay-title",
+        "finding": f"/finding?campaign={traced.folder}&attempt={traced.findings[0].attempt}#replay-title",
         "scenario": f"/scenario?campaign={chosen.folder}&attempt={attempt}",
         "world": "/world?world=my_office",
         "proposals": "/inbox",
@@ -71,7 +72,7 @@ def picture(browser: Browser, address: str, path: str, name: str, size: tuple[in
         tab.get_by_text("of 20 runs violate").wait_for()
     if name.startswith("finding"):
         tab.get_by_role("button", name="Trace this run").click()
-        tab.get_by_role("button", name="This run is traced").wait_for()
+        tab.get_by_role("button", name="This run is traced").or_(tab.locator(".rp-note:not(:empty)")).first.wait_for()
     if name.startswith("conversations"):
         tab.locator("summary").first.click()
     if "#" in path:

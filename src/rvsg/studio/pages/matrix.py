@@ -45,7 +45,7 @@ class Cells:
         made.command("Run or resume", f"rvsg run --out {shlex.quote(folder)}")
         made.command("Begin elsewhere", matrix.commands())
         self._shown: tuple[object, ...] = ()
-        self._buttons: bool | None = None
+        self._buttons: tuple[bool, bool] | None = None
         self._update(self._found(), self._job())
         self.timer = ui.timer(EVERY_S, made.guarded(self._follow))
 
@@ -67,21 +67,21 @@ class Cells:
         self.chip.set_text(state)
         if job is not None and job.state == "failed":
             self.news.set_text(job.result.get("reason", ""))
-        if running != self._buttons:
-            self._buttons = running
-            self._offer(job if running else None)
+        if (running, finished) != self._buttons:
+            self._buttons = (running, finished)
+            self._offer(job if running else None, finished=finished)
         shown = (tuple(found.items()), finished)
         if shown != self._shown:
             self._shown = shown
             self._table(found)
 
-    def _offer(self, job: Job | None) -> None:
+    def _offer(self, job: Job | None, *, finished: bool) -> None:
         self.actions.clear()
         with self.actions:
             if job is not None:
                 self.page.button("Pause", lambda: self.workspace.jobs.pause(job.id))
                 self.page.button("Stop now", lambda: self.workspace.jobs.stop(job.id), cls="st-danger")
-            else:
+            elif not finished:
                 self.page.button("Resume", self._resume, cls="st-primary")
 
     def _resume(self) -> None:
