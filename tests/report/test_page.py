@@ -22,6 +22,7 @@ from rvsg.evaluation.judge import judge
 from rvsg.evaluation.verdict import Status
 from rvsg.generation.generator import Proposal
 from rvsg.generation.vlm.recording import Recording
+from rvsg.report.answer import CAUSE_WORDS
 from rvsg.report.junit import junit_xml
 from rvsg.report.page import _curse, render_page
 from rvsg.report.summary import Ranked, number, summarise
@@ -272,6 +273,7 @@ def test_a_confirmed_scenario_shows_its_confirmation_verdict_on_the_page_in_term
     assert case[-1].tag == "system-out" and _properties(case)["contacts"] == "5 of 5 runs"
     text = page(the_plan, changed, ledger)
     states = re.findall(r'<td data-label="State">(.*?)</td>', text)
+    assert set(re.findall(r'<td data-label="People">(.*?)</td>', text)) <= set(CAUSE_WORDS.values())
     chips = re.findall(r'<td data-label="Verdict"><div><span class="chip \w+">(.*?)</span>', text)
     assert states == [entry.state for entry in summary.ranking] and chips[-1] == "PASS"
 

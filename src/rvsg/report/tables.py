@@ -57,12 +57,12 @@ def finding_rows(shown: Shown) -> list[dict[str, Any]]:
     attempts = {attempt.index: attempt for attempt in shown.attempts}
     by_index = {each.attempt.index: each for each in shown.facts}
     confirmations = {_scenario_id(f.attempt): f for f in shown.facts if f.attempt.purpose == "confirmation"}
-    people = {finding.attempt: CAUSE_WORDS[finding.about_people] for finding in shown.findings}
+    causes = {finding.attempt: CAUSE_WORDS[finding.about_people] for finding in shown.findings}
     rows = []
     for entry in (*shown.summary.ranking, *shown.summary.further):
         facts = confirmations[entry.scenario_id] if entry.state == "confirmed" else by_index[entry.attempt]
         row = {"rank": entry.rank or "", "configurations": entry.configurations, "description": entry.description}
-        row |= {"people": people.get(entry.attempt, "–"), "touched": entry.seen.contacts.runs > 0}
+        row |= {"cause": causes.get(entry.attempt, "–"), "touched": entry.seen.contacts.runs > 0}
         rows.append(row | _finding_row(shown, attempts[entry.attempt], facts, entry.state))
     return rows
 
