@@ -190,7 +190,7 @@ def score_costmap(m: Work, begin: int, end: int, ground: Ground, p: Numbers) -> 
     fx, fy, scale = F(ground.x), F(ground.y), F(ground.per_m)
     for j in range(strided):
         k = j * p.cost_step
-        x, y, yaw = m.x[k, begin:end], m.y[k, begin:end], m.yaw[k, begin:end]
+        x, y, yaw = m.x[k, : end - begin], m.y[k, : end - begin], m.yaw[k, : end - begin]
         look_up(found, x, y, ground.scores, fx, fy, scale, columns - 2, rows - 2)
         add_scores(total, found)
         for b in range(total.size):
@@ -219,23 +219,22 @@ def score_goal(
     steps = m.x.shape[0]
     if to_goal < p.goal_m:
         for k in range(steps):
-            add_distance(m.costs[begin:end], m.x[k, begin:end], m.y[k, begin:end], gx, gy, p.goal / steps)
+            add_distance(m.costs[begin:end], m.x[k, : end - begin], m.y[k, : end - begin], gx, gy, p.goal / steps)
     if to_goal < p.goal_angle_m:
         weight = F(p.goal_angle / steps)
         for k in range(steps):
             for b in range(begin, end):
-                m.costs[b] += weight * F(abs(wrap(goal_yaw - m.yaw[k, b])))
+                m.costs[b] += weight * F(abs(wrap(goal_yaw - m.yaw[k, b - begin])))
 
 
 @kernel
 def furthest_point(m: Work, path: Floats) -> int:
     """Return the farthest point of the path that is the nearest one to the end of some trajectory."""
     count = path.shape[0]
-    last = m.x.shape[0] - 1
     best = 0
     px, py = path[:, 0].astype(np.float32), path[:, 1].astype(np.float32)
-    for b in range(m.x.shape[1]):
-        ex, ey = m.x[last, b], m.y[last, b]
+    for b in range(m.costs.size):
+        ex, ey = m.kept_x[-1, b], m.kept_y[-1, b]
         nearest = best
         square = (px[best] - ex) * (px[best] - ex) + (py[best] - ey) * (py[best] - ey)
         for k in range(best + 1, count):
@@ -290,7 +289,7 @@ def add_steps(sums: Singles, x: Singles, y: Singles, last_x: Singles, last_y: Si
 @kernel
 def score_alignment(m: Work, path: Floats, free: NDArray[np.bool_], count: int, p: Numbers) -> None:
     """PathAlignCritic: mean distance from the point of the path as far along it as the trajectory has come."""
-    steps, samples = m.x.shape
+    samples = m.costs.size
     occupied = 0
     for k in range(count):
         if not free[k]:
@@ -299,21 +298,20 @@ def score_alignment(m: Work, path: Floats, free: NDArray[np.bool_], count: int, 
             return
     nearest, middles = nearest_along(path, count)
     px, py = path[:count, 0].astype(np.float32), path[:count, 1].astype(np.float32)
-    strided = (steps - 1) // p.align_step + 1
     driven, total, seen = m.scratch[0], m.scratch[1], m.scratch[2]
     driven[:] = F(0.0)
     total[:] = F(0.0)
     seen[:] = F(0.0)
     per, last = F(1.0 / BIN_M), nearest.size - 1
-    for j in range(1, strided):
-        k = j * p.align_step
-        add_steps(driven, m.x[k], m.y[k], m.x[k - p.align_step], m.y[k - p.align_step])
+    for j in range(1, m.kept_x.shape[0] - 1):
+        x, y = m.kept_x[j], m.kept_y[j]
+        add_steps(driven, x, y, m.kept_x[j - 1], m.kept_y[j - 1])
         for b in range(samples):
             near = nearest[min(int(driven[b] * per), last)]
             while driven[b] >= middles[near]:
                 near += 1
             if free[near]:
-                dx, dy = px[near] - m.x[k, b], py[near] - m.y[k, b]
+                dx, dy = px[near] - x[b], py[near] - y[b]
                 total[b] += np.sqrt(dx * dx + dy * dy)
                 seen[b] += F(1.0)
     weight = F(p.align)
@@ -325,8 +323,7 @@ def score_alignment(m: Work, path: Floats, free: NDArray[np.bool_], count: int, 
 @kernel
 def score_path(m: Work, path: Floats, free: NDArray[np.bool_], yaw0: float, to_goal: float, p: Numbers) -> None:
     """PathAlignCritic, PathFollowCritic and PathAngleCritic."""
-    samples = m.x.shape[1]
-    last = m.x.shape[0] - 1
+    samples = m.costs.size
     end = path.shape[0] - 1
     furthest = furthest_point(m, path)
     if p.align > 0.0 and to_goal >= p.align_m and furthest >= p.align_offset:
@@ -335,11 +332,11 @@ def score_path(m: Work, path: Floats, free: NDArray[np.bool_], yaw0: float, to_g
         at = min(furthest + p.follow_offset, end)
         while at < end - 1 and not free[at]:
             at += 1
-        add_distance(m.costs, m.x[last], m.y[last], path[at, 0], path[at, 1], p.follow)
+        add_distance(m.costs, m.kept_x[-1], m.kept_y[-1], path[at, 0], path[at, 1], p.follow)
     if p.angle > 0.0 and to_goal >= p.angle_m:
         at = min(furthest + p.angle_offset, end)
         tx, ty = path[at, 0], path[at, 1]
         if abs(wrap(math.atan2(ty, tx) - yaw0)) >= p.angle_max:
             for b in range(samples):
-                towards = math.atan2(ty - m.y[last, b], tx - m.x[last, b])
-                m.costs[b] += F(p.angle * abs(wrap(towards - m.yaw[last, b])))
+                towards = math.atan2(ty - m.kept_y[-1, b], tx - m.kept_x[-1, b])
+                m.costs[b] += F(p.angle * abs(wrap(towards - m.kept_yaw[b])))

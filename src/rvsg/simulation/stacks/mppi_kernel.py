@@ -20,10 +20,8 @@ from rvsg.simulation.stacks.mppi_critics import (
     score_path,
     score_speeds,
 )
-from rvsg.simulation.stacks.mppi_work import Floats, Numbers, Singles, Work
+from rvsg.simulation.stacks.mppi_work import BLOCK, Floats, Numbers, Singles, Work
 
-BLOCK = 128
-"""Samples that are rolled out and scored together, so that their states stay in the processor's cache."""
 FILTER = np.array([-21.0, 14.0, 39.0, 54.0, 59.0, 54.0, 39.0, 14.0, -21.0]) / 231.0
 """Savitzky-Golay coefficients, quadratic over nine points."""
 
@@ -85,13 +83,25 @@ def roll_out(m: Work, begin: int, end: int, yaw0: float, v0: float, w0: float, p
     x, y, yaw = still, still, ahead
     for k in range(m.x.shape[0]):
         v, w = m.v[k, begin:end], m.w[k, begin:end]
-        add_scaled(m.x[k, begin:end], x, v, cos, p.dt)
-        add_scaled(m.y[k, begin:end], y, v, sin, p.dt)
-        add_product(m.yaw[k, begin:end], yaw, w, p.dt)
-        x, y, yaw = m.x[k, begin:end], m.y[k, begin:end], m.yaw[k, begin:end]
+        add_scaled(m.x[k, : end - begin], x, v, cos, p.dt)
+        add_scaled(m.y[k, : end - begin], y, v, sin, p.dt)
+        add_product(m.yaw[k, : end - begin], yaw, w, p.dt)
+        x, y, yaw = m.x[k, : end - begin], m.y[k, : end - begin], m.yaw[k, : end - begin]
         turn(cos, sin, w, p.dt)
         limited(m.v[k + 1, begin:end], v, m.noise_v[k, begin:end], m.control[0, k], p.dt * p.a_min, p.dt * p.a_max)
         limited(m.w[k + 1, begin:end], w, m.noise_w[k, begin:end], m.control[1, k], -p.dt * p.aw_max, p.dt * p.aw_max)
+
+
+@kernel
+def keep(m: Work, begin: int, end: int, p: Numbers) -> None:
+    """Keep what the critics of the path read of the samples of a block."""
+    last, n = m.x.shape[0] - 1, end - begin
+    rows = m.kept_x.shape[0]
+    for j in range(rows):
+        k = last if j == rows - 1 else j * p.align_step
+        m.kept_x[j, begin:end] = m.x[k, :n]
+        m.kept_y[j, begin:end] = m.y[k, :n]
+    m.kept_yaw[begin:end] = m.yaw[last, :n]
 
 
 @kernel
@@ -113,7 +123,7 @@ def weighted(values: Singles, weights: Singles) -> float:
 @kernel
 def average(m: Work, p: Numbers) -> None:
     """Replace the control sequence by the mean of the sampled ones, weighted by their scores."""
-    steps, samples = m.x.shape
+    steps, samples = m.noise_v.shape
     least = m.costs.min()
     weights = m.scratch[0]
     total = 0.0
@@ -192,7 +202,7 @@ def optimise(
     free = free_points(path, cells, ox - x, oy - y, side)
     scores = cell_scores(cells, to_goal < p.near_goal_m, p)
     ground = Ground(scores, clearances(cells), rim(p.footprint, side), (x - ox) / side, (y - oy) / side, 1.0 / side)
-    samples = m.x.shape[1]
+    samples = m.costs.size
     offset = 1 if p.shift else 0
     colliding = 0
     for _ in range(iterations):
@@ -201,6 +211,7 @@ def optimise(
         for begin in range(0, samples, BLOCK):
             end = min(begin + BLOCK, samples)
             roll_out(m, begin, end, yaw, v0, w0, p)
+            keep(m, begin, end, p)
             score_speeds(m, begin, end, to_goal, p)
             colliding += score_costmap(m, begin, end, ground, p)
             score_goal(m, begin, end, gx, gy, goal_yaw, to_goal, p)

@@ -15,6 +15,9 @@ from rvsg.core.compiled import by_reference, kernel
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 
+BLOCK = 128
+"""Samples that are rolled out and scored together, so that their states stay in the processor's cache."""
+
 
 class Numbers(NamedTuple):
     """The options and the robot as the kernels read them; SI units."""
@@ -73,8 +76,14 @@ class Work(NamedTuple):
     """(T + 1, B): measured speed, then the sampled controls within the limits of acceleration."""
     w: Singles
     x: Singles
+    """(T, BLOCK): places and headings of the samples that are rolled out now."""
     y: Singles
     yaw: Singles
+    kept_x: Singles
+    """(K + 1, B): every `align_step`-th place of each sample, then its last one."""
+    kept_y: Singles
+    kept_yaw: Singles
+    """(B,): the last heading of each sample."""
     costs: Singles
     scratch: Singles
     """(4, B)"""
@@ -102,9 +111,12 @@ def new_work(steps: int, samples: int, rng: np.random.Generator, p: Numbers) -> 
         noise_w=(p.w_std * rng.standard_normal(state, np.float32)).astype(np.float32),
         v=np.zeros((steps + 1, samples), np.float32),
         w=np.zeros((steps + 1, samples), np.float32),
-        x=np.zeros(state, np.float32),
-        y=np.zeros(state, np.float32),
-        yaw=np.zeros(state, np.float32),
+        x=np.zeros((steps, BLOCK), np.float32),
+        y=np.zeros((steps, BLOCK), np.float32),
+        yaw=np.zeros((steps, BLOCK), np.float32),
+        kept_x=np.zeros(((steps - 1) // p.align_step + 2, samples), np.float32),
+        kept_y=np.zeros(((steps - 1) // p.align_step + 2, samples), np.float32),
+        kept_yaw=np.zeros(samples, np.float32),
         costs=np.zeros(samples, np.float32),
         scratch=np.zeros((4, samples), np.float32),
         control=np.zeros((2, steps)),
