@@ -89,7 +89,15 @@ def test_one_candidate_of_every_kind_comes_first() -> None:
 def finding(attempt: int, violated: bool, share: float, mode: FailureMode | None) -> Finding:
     safety = {"contacts": {"runs": 0, "of": 1}, "arrived": {"runs": 1, "of": 1}}
     return Finding.model_construct(
-        attempt=attempt, violated=violated, violation_probability=share, failure=mode, about_people="yes", **safety
+        attempt=attempt,
+        violated=violated,
+        violation_probability=share,
+        failure=mode,
+        about_people="yes",
+        without_people=None,
+        cause=(),
+        smallest=None,
+        **safety,
     )
 
 

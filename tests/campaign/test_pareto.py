@@ -85,9 +85,3 @@ def test_multi_spends_its_runs_and_repeats_its_front(whole: list[Attempt]) -> No
 
 def test_multi_is_the_same_again(whole: list[Attempt]) -> None:
     assert searched(MemoryLedger()) == whole
-
-
-def test_multi_needs_a_second_requirement() -> None:
-    alone = the_plan().replace(also=())
-    with pytest.raises(ValueError, match="more than one"):
-        MultiStrategy(alone, feedback_from(MemoryLedger(), alone, warehouse()), warehouse())

@@ -86,10 +86,10 @@ class HybridStrategy(BatchStrategy):
         yield from self._race(self.batch)
         reserve = min(self.plan.search_runs // 3, self.finalists * self.final_runs)
         while self.left > reserve:
-            before = self.left
+            before, known = self.left, len(self.candidates)
             yield from self._change(self.batch)
             yield from self._race(self.batch)
-            if self.left == before:
+            if self.left == before or len(self.candidates) == known:
                 break
         yield from self._settle()
 
@@ -137,7 +137,9 @@ class HybridStrategy(BatchStrategy):
                 origins.append((parent, "tune"))
         results = yield asks
         for attempt, (parent, operator) in zip(results, origins, strict=False):
+            known = len(self.candidates)
             self._add(attempt, parent, operator)
+            self._tried[operator][0] += 3 * (len(self.candidates) == known)
         estimate(self.candidates)
         for candidate in self.candidates[-len(results) :]:
             if candidate.parent is not None and candidate.runs:

@@ -39,9 +39,9 @@ class MapElitesStrategy(HybridStrategy):
         yield from self._first_drafts()
         reserve = round(self.repeated * self.plan.search_runs)
         while self.left > reserve and self.candidates:
-            before = self.left
+            before, known = self.left, len(self.candidates)
             yield from self._change(min(self.batch, self.left - reserve))
-            if self.left == before:
+            if self.left == before or len(self.candidates) == known:
                 break
         yield from self._repeat()
 

@@ -33,8 +33,6 @@ class MultiStrategy(HybridStrategy):
 
     def __init__(self, *args: Any, drafts: float = 0.2, repeated: float = 0.4, **options: Any) -> None:
         super().__init__(*args, drafts=drafts, **options)
-        if not self.plan.also:
-            raise ValueError("the strategy multi needs more than one requirement")
         self.repeated = repeated
 
     def search(self) -> Batches:
@@ -42,9 +40,9 @@ class MultiStrategy(HybridStrategy):
         yield from self._first_drafts()
         reserve = round(self.repeated * self.plan.search_runs)
         while self.left > reserve and self.candidates:
-            before = self.left
+            before, known = self.left, len(self.candidates)
             yield from self._change(min(self.batch, self.left - reserve))
-            if self.left == before:
+            if self.left == before or len(self.candidates) == known:
                 break
         yield from self._repeat()
 

@@ -48,7 +48,7 @@ def run(
     ] = None,
     strategy: Annotated[
         str | None,
-        typer.Option(help="study, climb, elite, hybrid, map-elites, multi, unguided, random, a plug-in. [hybrid]"),
+        typer.Option(help="study climb elite hybrid map-elites multi unguided random, or a plug-in. [hybrid]"),
     ] = None,
     simulator: Annotated[
         str | None, typer.Option(help="embedded; kinematic: no physics; ros2-world: your own; or a plug-in. [embedded]")
