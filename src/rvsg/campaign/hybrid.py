@@ -137,9 +137,9 @@ class HybridStrategy(BatchStrategy):
                 origins.append((parent, "tune"))
         results = yield asks
         for attempt, (parent, operator) in zip(results, origins, strict=False):
-            known = len(self.candidates)
+            before = len(self.candidates)
             self._add(attempt, parent, operator)
-            self._tried[operator][0] += 3 * (len(self.candidates) == known)
+            self._tried[operator][0] += 3 * (len(self.candidates) == before)
         estimate(self.candidates)
         for candidate in self.candidates[-len(results) :]:
             if candidate.parent is not None and candidate.runs:
