@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
-from tests.studio.conftest import Server, axe_violations
+from tests.studio.conftest import Server, axe_violations, waited
 
 import rvsg
 from rvsg.api.matrix import Matrix
+from rvsg.studio.jobs import Jobs
 
 pytestmark = pytest.mark.slow
 Show = Callable[..., Any]
@@ -51,7 +53,7 @@ def test_campaigns_together_pause_and_resume(show: Show, studio: Server) -> None
     tab.get_by_text("2 campaigns, one for each").wait_for(timeout=PATIENT)
     tab.get_by_role("button", name="Start", exact=True).click()
     tab.wait_for_url("**/matrix?folder=runs%2Fall", timeout=PATIENT)
-    tab.wait_for_function("document.querySelectorAll('td a').length >= 1", timeout=PATIENT)
+    tab.wait_for_function("/[1-9]\\d* of 2000/.test(document.querySelector('td a')?.textContent)", timeout=PATIENT)
     tab.get_by_role("button", name="Pause").click()
     tab.get_by_role("button", name="Resume").wait_for(timeout=PATIENT)
     tab.locator(".chip", has_text="paused").wait_for(timeout=PATIENT)
@@ -63,6 +65,17 @@ def test_campaigns_together_pause_and_resume(show: Show, studio: Server) -> None
     after = [each.attempts() for each in Matrix.open(studio.folder / "runs" / "all").campaigns()]
     for old, new in zip(before, after, strict=False):
         assert new[: len(old)] == old
+
+
+def test_a_job_that_has_not_begun_yet_is_paused(tmp_path: Path) -> None:
+    settings = SETTINGS | {"scenarios": 2000, "confirmations": 0}
+    rvsg.Campaign.create(tmp_path / "runs", **settings)  # type: ignore[arg-type]
+    jobs = Jobs(tmp_path / "jobs", tmp_path)
+    job = jobs.start("campaign", title="Campaign", command="", target="runs", folder="runs", name=None)
+    jobs.pause(job.id)
+    waited(lambda: not jobs.get(job.id).running and not jobs._children)
+    assert jobs.get(job.id).state in ("paused", "ended")
+    assert len(rvsg.Campaign.open(tmp_path / "runs").attempts()) < 3
 
 
 def test_a_candidate_is_confirmed_now(show: Show, studio: Server) -> None:

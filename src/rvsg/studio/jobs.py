@@ -27,6 +27,8 @@ from typing import Any, Literal
 from rvsg.api.errors import InputError
 
 JOB, EVENTS, RESULT, LOCK, LOG = "job.json", "events.jsonl", "result.json", ".lock", "worker.log"
+PAUSE = "pause"
+"""A file in a job's folder that asks its worker to pause, also one that has not begun yet."""
 State = Literal["starting", "running", "finished", "paused", "failed", "ended"]
 STARTING_S = 30.0
 KEPT = 200
@@ -129,6 +131,7 @@ class Jobs:
 
     def pause(self, job: str) -> None:
         """Let the runs in progress end, then stop; the same command line resumes."""
+        (self.get(job).folder / PAUSE).touch()
         self._signal(job, signal.SIGTERM)
 
     def stop(self, job: str) -> None:
@@ -138,6 +141,9 @@ class Jobs:
     def _signal(self, job: str, number: int) -> None:
         folder = self.get(job).folder
         pid = _holder(folder / LOCK)
+        child = self._children.get(job)
+        if pid is None and child is not None and number == signal.SIGKILL:
+            pid = child.pid  # it has not begun yet
         if pid is not None:
             with contextlib.suppress(ProcessLookupError):
                 if number == signal.SIGKILL:

@@ -27,7 +27,7 @@ from rvsg.api.records import runs_text
 from rvsg.api.scenarios import load_scenario_in, save_scenario
 from rvsg.api.wiring import wire
 from rvsg.api.words import describe_calls
-from rvsg.studio.jobs import EVENTS, JOB, RESULT, holding
+from rvsg.studio.jobs import EVENTS, JOB, PAUSE, RESULT, holding
 
 Tell = Callable[..., None]
 
@@ -92,6 +92,8 @@ def run_matrix(work: Work) -> dict[str, Any]:
             campaign.cancel()
 
     work.cancel = cancel
+    if work.pausing:
+        cancel()
     failed = []
     for campaign, event in matrix.run(campaigns):
         if work.pausing:
@@ -263,6 +265,7 @@ def main(folder: Path) -> None:
         work = Work(folder, events)
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, work.asked_to_end)
+        work.pausing = work.pausing or (folder / PAUSE).exists()
         try:
             result = KINDS[work.kind](work)
         except RvsgError as error:
