@@ -18,6 +18,7 @@ PATIENT = 300_000
 """Milliseconds after which something is broken rather than slow."""
 SETTINGS = {
     "simulator": "kinematic",
+    "strategy": "study",
     "scenarios": 2,
     "refinements": 0,
     "repeats": 2,

@@ -62,8 +62,14 @@ class FoundCampaign(Record):
     """When its ledger changed last, seconds since 1970."""
     findings: tuple[FoundFinding, ...] = ()
     problem: str = ""
+
     unread: bool = False
     """Whether it is still to be read; what is known of it may be old, or its folder alone."""
+
+    @property
+    def tried(self) -> str:
+        """How many configurations were tried, of how many; a strategy that plans in runs may try more."""
+        return f"{self.attempts} of {self.planned}" if self.attempts <= self.planned else str(self.attempts)
 
 
 class Listing(Record):

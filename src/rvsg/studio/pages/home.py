@@ -141,7 +141,7 @@ def _row(campaign: FoundCampaign) -> None:
             return
         tag("td", f"{campaign.world}, {campaign.route}", data_label="World, route")
         tag("td", campaign.requirement, data_label="Requirement")
-        tag("td", f"{campaign.attempts} of {campaign.planned}", data_label="Tried")
+        tag("td", campaign.tried, data_label="Tried")
         tag("td", str(campaign.runs), data_label="Runs")
         with tag("td", data_label="Result"):
             _result(campaign)

@@ -116,5 +116,5 @@ class Cells:
             chip(f"{bad} violation{'s' if bad > 1 else ''}", bad=True)
         elif campaign.complete:
             chip("not confirmed" if campaign.violated else "nothing found", good=not campaign.violated)
-        link(f"{campaign.attempts} of {campaign.planned} tried", "/campaign", folder=campaign.folder,
+        link(f"{campaign.tried} tried", "/campaign", folder=campaign.folder,
              name=campaign.name)  # fmt: skip
