@@ -50,7 +50,8 @@ def test_what_cannot_be_simulated_says_why() -> None:
 
 
 def test_two_campaigns_are_paired_by_what_their_people_do(tmp_path: Path) -> None:
-    settings = {"scenarios": 2, "refinements": 0, "repeats": 3, "confirmations": 0, "simulator": "kinematic", "jobs": 1}
+    settings = {"strategy": "study", "scenarios": 2, "refinements": 0, "repeats": 3, "confirmations": 0, "jobs": 1}
+    settings |= {"simulator": "kinematic"}
     made = []
     for name, seed in (("a", 0), ("b", 0), ("c", 5)):
         campaign = rvsg.Campaign.create(tmp_path / name, seed=seed, **settings)

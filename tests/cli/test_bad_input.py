@@ -396,9 +396,9 @@ def test_a_report_of_imported_results_names_the_tables(refused, tmp_path: Path) 
 
 
 def test_a_ranking_says_what_inconclusive_means(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["run", *SMALL, "--out", str(tmp_path / "one")]) == 0
+    assert main(["run", *SMALL, "--confirmations", "4", "--out", str(tmp_path / "one")]) == 0
     told = " ".join(capsys.readouterr().err.split())
-    assert "INCONCLUSIVE: too few runs for a verdict; even if all violate it takes 15" in told
+    assert "INCONCLUSIVE: too few runs for a verdict" in told
 
 
 @pytest.mark.parametrize("verb", ["simulate", "evaluate", "shrink", "report", "run"])

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from rvsg.core.records import Pose
 from rvsg.world.raster import Frame, covering, inside_cells, outline_cells
 
-coordinate = st.floats(-3, 3, allow_nan=False)
+coordinate = st.floats(-3, 3, allow_nan=False).map(lambda metres: round(metres, 9))
 frames = st.builds(
     lambda x, y, yaw: Frame(Pose(x=x, y=y, yaw=yaw), 0.1, (50, 60)), coordinate, coordinate, st.floats(-3.1, 3.1)
 )
