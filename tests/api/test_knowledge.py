@@ -18,7 +18,14 @@ from rvsg.store.knowledge import KnowledgeBase
 from rvsg.testing import WalkingGenerator
 from rvsg.world.world import World
 
-SMALL = {"strategy": "study", "simulator": "kinematic", "scenarios": 2, "refinements": 0, "repeats": 2, "confirmations": 2}
+SMALL = {
+    "strategy": "study",
+    "simulator": "kinematic",
+    "scenarios": 2,
+    "refinements": 0,
+    "repeats": 2,
+    "confirmations": 2,
+}
 
 
 @pytest.fixture(scope="module")
