@@ -13,12 +13,11 @@ from typing import Any
 import numpy as np
 
 from rvsg.campaign.attempt import Attempt
-from rvsg.campaign.hybrid import Batch, HybridStrategy
-from rvsg.campaign.racing import Candidate, estimate
-from rvsg.campaign.strategies import Batches
+from rvsg.campaign.keeping import KeepingStrategy
+from rvsg.campaign.racing import Candidate
 
 
-class MapElitesStrategy(HybridStrategy):
+class MapElitesStrategy(KeepingStrategy):
     """Fills a map of encounters with the configuration that is worst for the robot in each.
 
     Args:
@@ -31,36 +30,16 @@ class MapElitesStrategy(HybridStrategy):
     fills_a_map = True
 
     def __init__(self, *args: Any, drafts: float = 0.3, repeated: float = 0.3, **options: Any) -> None:
-        super().__init__(*args, drafts=drafts, **options)
-        self.repeated = repeated
-
-    def search(self) -> Batches:
-        """Draft, change what is in the cells, then repeat the worst of every cell."""
-        yield from self._first_drafts()
-        reserve = round(self.repeated * self.plan.search_runs)
-        while self.left > reserve and self.candidates:
-            before, known = self.left, len(self.candidates)
-            yield from self._change(min(self.batch, self.left - reserve))
-            if self.left == before or len(self.candidates) == known:
-                break
-        yield from self._repeat()
+        super().__init__(*args, drafts=drafts, repeated=repeated, **options)
 
     def _parents(self, rng: np.random.Generator, count: int) -> list[Candidate]:
         """The configurations to change: the elites of cells, each cell as likely as the other."""
         elites = list(self.elites().values())
         return [elites[int(rng.integers(len(elites)))] for _ in range(count)] if elites else []
 
-    def _repeat(self) -> Batch:
-        """Give one more run to the elites with the fewest, the worst of them first, until the budget is spent."""
-        while self.left > 0:
-            elites = sorted(self.elites().values(), key=lambda c: (len(self._seen(c)), -c.estimate, c.index))
-            chosen = elites[: min(self.batch, self.left)]
-            results = yield [self._again(c, 1) for c in chosen]
-            if not results:
-                return
-            for attempt, candidate in zip(results, chosen, strict=False):
-                self._measured(candidate, attempt)
-            estimate(self.candidates)
+    def _kept(self) -> list[Candidate]:
+        """Return the elites, those with the fewest runs first, the worst of them before the others."""
+        return sorted(self.elites().values(), key=lambda c: (len(self._seen(c)), -c.estimate, c.index))
 
     def _measured(self, candidate: Candidate, attempt: Attempt) -> None:
         super()._measured(candidate, attempt)

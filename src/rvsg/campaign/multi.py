@@ -10,16 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from rvsg.campaign.hybrid import Batch, HybridStrategy
+from rvsg.campaign.keeping import KeepingStrategy
 from rvsg.campaign.pareto import tried_by, undominated
-from rvsg.campaign.racing import Candidate, estimate
-from rvsg.campaign.strategies import Batches
+from rvsg.campaign.racing import Candidate
 
 KEEN = 0.6
 """How often what is changed is on the first front; with as much of what is left on the next, and so on."""
 
 
-class MultiStrategy(HybridStrategy):
+class MultiStrategy(KeepingStrategy):
     """Fills the Pareto front of the plan's requirement and those in `plan.also`.
 
     Args:
@@ -32,19 +31,7 @@ class MultiStrategy(HybridStrategy):
     needs_several = True
 
     def __init__(self, *args: Any, drafts: float = 0.2, repeated: float = 0.4, **options: Any) -> None:
-        super().__init__(*args, drafts=drafts, **options)
-        self.repeated = repeated
-
-    def search(self) -> Batches:
-        """Draft; change what is on the front; then run the front again until the budget is spent."""
-        yield from self._first_drafts()
-        reserve = round(self.repeated * self.plan.search_runs)
-        while self.left > reserve and self.candidates:
-            before, known = self.left, len(self.candidates)
-            yield from self._change(min(self.batch, self.left - reserve))
-            if self.left == before or len(self.candidates) == known:
-                break
-        yield from self._repeat()
+        super().__init__(*args, drafts=drafts, repeated=repeated, **options)
 
     def fronts(self) -> list[list[Candidate]]:
         """Return the candidates front by front: those that none beats, those that none of the others beats, ..."""
@@ -68,15 +55,7 @@ class MultiStrategy(HybridStrategy):
             chosen.append(front[int(rng.integers(len(front)))])
         return chosen
 
-    def _repeat(self) -> Batch:
-        """Give one more run to those on the front with the fewest, until the budget is spent."""
-        while self.left > 0:
-            fronts = self.fronts()
-            front = sorted(fronts[0] if fronts else [], key=lambda c: (len(self._seen(c)), c.index))
-            chosen = front[: min(self.batch, self.left)]
-            results = yield [self._again(c, 1) for c in chosen]
-            if not results:
-                return
-            for attempt, candidate in zip(results, chosen, strict=False):
-                self._measured(candidate, attempt)
-            estimate(self.candidates)
+    def _kept(self) -> list[Candidate]:
+        """Return the front, those with the fewest runs first."""
+        fronts = self.fronts()
+        return sorted(fronts[0] if fronts else [], key=lambda c: (len(self._seen(c)), c.index))
