@@ -13,28 +13,13 @@ from rvsg.generation.generator import Call
 from rvsg.generation.lenient_json import find_json
 from rvsg.generation.pictures import birdseye_of, pictures_of
 from rvsg.generation.prompts import Prompts
+from rvsg.generation.reply_schema import TEXT, object_schema
 from rvsg.generation.vlm.model import Model
 from rvsg.world.world import World
 
 LONGEST_NAME = 60
 LONGEST_REASON = 400
-TEXT = {"type": "string"}
-SHAPE: dict[str, Any] = {
-    "type": "object",
-    "properties": {
-        "names": {
-            "type": "array",
-            "items": {
-                "type": "object",
-                "properties": {"area": TEXT, "name": TEXT, "why": TEXT},
-                "required": ["area", "name", "why"],
-                "additionalProperties": False,
-            },
-        }
-    },
-    "required": ["names"],
-    "additionalProperties": False,
-}
+SHAPE = object_schema({"names": {"type": "array", "items": object_schema({"area": TEXT, "name": TEXT, "why": TEXT})}})
 
 
 class ProposedName(Record):

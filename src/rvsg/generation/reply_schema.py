@@ -8,7 +8,8 @@ from typing import Any
 from rvsg.scenario.scenario import Behaviour
 
 
-def _object(properties: dict[str, Any], required: list[str] | None = None) -> dict[str, Any]:
+def object_schema(properties: dict[str, Any], required: list[str] | None = None) -> dict[str, Any]:
+    """The schema of an object with these properties and no others; all are required unless `required` names some."""
     return {
         "type": "object",
         "properties": properties,
@@ -20,7 +21,7 @@ def _object(properties: dict[str, Any], required: list[str] | None = None) -> di
 TEXT = {"type": "string"}
 NUMBER = {"type": "number"}
 _PATH = {"type": "array", "items": TEXT, "minItems": 1}
-_PAUSES = {"type": "array", "items": _object({"at": TEXT, "duration_s": NUMBER})}
+_PAUSES = {"type": "array", "items": object_schema({"at": TEXT, "duration_s": NUMBER})}
 
 
 def configuration_schema(
@@ -32,24 +33,24 @@ def configuration_schema(
     """
     task = {"task": TEXT, "path": _PATH}
     if not rich:
-        plain = _object({"name": TEXT, "tasks": {"type": "array", "items": _object(task)}})
+        plain = object_schema({"name": TEXT, "tasks": {"type": "array", "items": object_schema(task)}})
         humans = {"humans": {"type": "array", "items": plain}}
-        return _object({"description": TEXT, **humans, "lesson": TEXT} if described else humans)
-    human = _object(
+        return object_schema({"description": TEXT, **humans, "lesson": TEXT} if described else humans)
+    human = object_schema(
         {
             "name": TEXT,
             "behaviour": {"type": "string", "enum": [b.value for b in behaviours]},
             "speed_m_s": NUMBER,
             "start_delay_s": NUMBER,
             "group": {"type": ["integer", "null"]},
-            "plan": {"type": "array", "items": _object({"at": TEXT, "time_s": NUMBER})},
-            "tasks": {"type": "array", "items": _object({**task, "pauses": _PAUSES})},
+            "plan": {"type": "array", "items": object_schema({"at": TEXT, "time_s": NUMBER})},
+            "tasks": {"type": "array", "items": object_schema({**task, "pauses": _PAUSES})},
         }
     )
     texts = {"analysis": TEXT, "lesson": TEXT, "description": TEXT}
-    return _object({**texts, "humans": {"type": "array", "items": human}})
+    return object_schema({**texts, "humans": {"type": "array", "items": human}})
 
 
 def texts_schema(*keys: str) -> dict[str, Any]:
     """The schema of an object of texts."""
-    return _object(dict.fromkeys(keys, TEXT))
+    return object_schema(dict.fromkeys(keys, TEXT))

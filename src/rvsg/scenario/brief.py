@@ -48,7 +48,7 @@ class PersonAt(Record):
     at: str
     """Nearest waypoint."""
     doing: str
-    """`waiting to start`, `walking leg 3 of 12`, `pausing` or `stuck`."""
+    """`waiting to start`, `walking leg 3 of 12`, `pausing`, `reacting to the robot` or `stuck`."""
     side: str
     """`ahead`, `left`, `right` or `behind` of the robot."""
     distance_m: float
