@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.coded import coded
 from tests.generation.loopback import (
     Behaviour,
     completion,
@@ -69,8 +70,8 @@ def access(url: str, *, tries: int = 3, timeout_s: float = 5.0, **more: Any) -> 
     return ModelAccess("openai-chat:vision-1", base_url=url, limits=limits, sleep=waits, **more), waits
 
 
-def failing(*script: Behaviour, tries: int = 3, timeout_s: float = 5.0) -> tuple[str, list[float], int]:
-    """The message, the waits and the number of requests of an ask that must fail; no key anywhere."""
+def failing(*script: Behaviour, tries: int = 3, timeout_s: float = 5.0) -> tuple[ModelUnavailable, list[float], int]:
+    """The error, the waits and the number of requests of an ask that must fail; no key anywhere."""
     with serving(*script) as server:
         model, waits = access(server.url, tries=tries, timeout_s=timeout_s)
         with pytest.raises(ModelUnavailable) as caught:
@@ -78,7 +79,7 @@ def failing(*script: Behaviour, tries: int = 3, timeout_s: float = 5.0) -> tuple
         seen = "".join(traceback.format_exception(caught.value)) + repr(caught.value.__context__)
         assert KEY not in seen
         assert caught.value.__context__ is None
-        return str(caught.value), list(waits), len(server.requests)
+        return caught.value, list(waits), len(server.requests)
 
 
 def test_an_answer_carries_text_usage_and_cached_tokens() -> None:
@@ -107,20 +108,20 @@ def test_tokens_are_estimated_and_marked_where_the_service_does_not_count() -> N
     assert usage.cost_usd is None
 
 
-def test_a_refused_key_ends_at_once_and_says_which_variable_to_set() -> None:
+def test_a_refused_key_ends_at_once() -> None:
     told, waits, asked = failing(fails(401, "Incorrect API key provided: " + KEY))
-    assert "RVSG_API_KEY" in told
+    assert told.code == "model-key-refused"
     assert (waits, asked) == ([], 1)
 
 
 def test_a_service_that_repeats_the_key_in_its_error_does_not_leak_it() -> None:
     told, _, _ = failing(echoes_headers_then_fails(403))
-    assert "refused" in told
+    assert told.code == "model-key-refused"
 
 
-def test_an_unknown_model_ends_at_once_and_names_it() -> None:
+def test_an_unknown_model_ends_at_once() -> None:
     told, waits, asked = failing(fails(404, "no such model", code="model_not_found"))
-    assert '"vision-1"' in told
+    assert told.code == "model-unknown"
     assert (waits, asked) == ([], 1)
 
 
@@ -137,18 +138,18 @@ def test_too_many_calls_without_a_hint_backs_off_and_gives_up() -> None:
     told, waits, asked = failing(fails(429, "slow down"))
     assert waits == [2.0, 4.0]
     assert asked == 3
-    assert "Tried 3 times" in told
+    assert told.code == "model-busy"
 
 
 def test_a_wait_beyond_the_limit_ends_instead_of_hanging() -> None:
     told, waits, asked = failing(fails(429, "tomorrow", {"Retry-After": "3600"}))
-    assert "3600 s" in told
+    assert told.code == "model-busy"
     assert (waits, asked) == ([], 1)
 
 
 def test_used_up_credit_ends_at_once() -> None:
     told, _, asked = failing(fails(429, "You exceeded your current quota", code="insufficient_quota"))
-    assert "quota" in told
+    assert told.code == "model-quota"
     assert asked == 1
 
 
@@ -157,14 +158,14 @@ def test_a_failing_service_is_asked_again_and_then_told() -> None:
         assert access(server.url)[0].ask(request()).text == "recovered"
     told, _waits, asked = failing(fails(500, "oops"))
     assert asked == 3
-    assert "oops" in told
+    assert told.code == "model-failed"
 
 
 def test_a_slow_reply_times_out_and_the_retry_may_succeed() -> None:
     with serving(sleeps(1.5), says("quick")) as server:
         assert access(server.url, timeout_s=0.3)[0].ask(request()).text == "quick"
     told, _, _ = failing(sleeps(1.0), tries=1, timeout_s=0.2)
-    assert "0.2 s" in told
+    assert told.code == "model-timeout"
 
 
 def test_a_connection_dropped_in_mid_reply_is_tried_again() -> None:
@@ -178,7 +179,7 @@ def test_a_server_that_is_not_there_is_told() -> None:
     with serving(says("x")) as server:
         url = server.url
     model, waits = access(url, tries=2)
-    with pytest.raises(ModelUnavailable, match="connection"):
+    with pytest.raises(ModelUnavailable, check=coded("model-unreachable")):
         model.ask(request())
     assert len(waits) == 1
 
@@ -240,7 +241,7 @@ def test_a_budget_stops_before_the_call_that_would_pass_it_and_a_record_resumes_
     with serving(says("one"), says("two")) as server:
         first = Recorded(Budgeted(access(server.url)[0], Budget(calls=1)), Recording(tmp_path))
         first.ask(request(1))
-        with pytest.raises(BudgetSpent, match="1 of 1 calls"):
+        with pytest.raises(BudgetSpent, check=coded("budget-calls")):
             first.ask(request(2))
         record = Recording(tmp_path)
         second = Recorded(Budgeted(access(server.url)[0], Budget(calls=2), record.spent()), record)
@@ -255,71 +256,69 @@ def test_budgets_of_tokens_and_dollars_stop_too() -> None:
         tokens = Budgeted(access(server.url)[0], Budget(tokens=1300))
         tokens.ask(request(1))
         tokens.ask(request(2))
-        with pytest.raises(BudgetSpent, match="of 1300 tokens"):
+        with pytest.raises(BudgetSpent, check=coded("budget-tokens")):
             tokens.ask(request(3))
         dollars = Budgeted(access(server.url, prices=(2.0, 0.5, 8.0))[0], Budget(usd=0.002))
         dollars.ask(request(1))
         dollars.ask(request(2))
-        with pytest.raises(BudgetSpent, match="USD"):
+        with pytest.raises(BudgetSpent, check=coded("budget-usd")):
             dollars.ask(request(3))
 
 
 @pytest.mark.parametrize(
-    ("name", "url", "told"),
+    ("name", "url", "code"),
     [
-        ("gpt-4.1", None, "PROVIDER:MODEL"),
-        ("openai-chat:x", "ftp://host", "http"),
-        ("openai-chat:x", "http://me:secret@host/v1", "RVSG_API_KEY"),
-        ("openai-chat:x", "http://host/v1?key=abc", "RVSG_API_KEY"),
-        ("anthropic:x", "http://host/v1", "OpenAI protocol"),
-        ("opnai:gpt-4.1", None, 'Did you mean "openai:gpt-4.1"'),
-        ("anthropc:claude", "http://host/v1", 'Did you mean "anthropic:claude"'),
-        ("openai:", None, "names a provider but no model"),
-        (":gpt-4.1", None, "PROVIDER:MODEL"),
-        ("openai-chat: gpt-4.1", None, "holds a space"),
+        ("gpt-4.1", None, "model-name"),
+        ("openai-chat:x", "ftp://host", "model-address"),
+        ("openai-chat:x", "http://me:secret@host/v1", "model-address-secret"),
+        ("openai-chat:x", "http://host/v1?key=abc", "model-address-secret"),
+        ("anthropic:x", "http://host/v1", "model-address-provider"),
+        ("opnai:gpt-4.1", None, "model-provider"),
+        ("anthropc:claude", "http://host/v1", "model-provider"),
+        ("openai:", None, "model-name"),
+        (":gpt-4.1", None, "model-name"),
+        ("openai-chat: gpt-4.1", None, "model-name"),
     ],
 )
-def test_a_model_that_cannot_be_meant_is_refused(name: str, url: str | None, told: str) -> None:
-    with pytest.raises(InputError, match=told):
+def test_a_model_that_cannot_be_meant_is_refused(name: str, url: str | None, code: str) -> None:
+    with pytest.raises(InputError, check=coded(code)):
         ModelAccess(name, base_url=url)
 
 
 def test_a_missing_key_and_an_unknown_provider_are_input_errors(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("OPENAI_API_KEY", raising=False)
-    with pytest.raises(InputError, match="OPENAI_API_KEY"):
+    with pytest.raises(InputError, check=coded("model-key-missing")):
         ModelAccess("openai-chat:gpt-4.1").ask(request())
-    with pytest.raises(InputError, match=r"knows no such provider .* providers are openai-chat"):
+    with pytest.raises(InputError, check=coded("model-provider")):
         ModelAccess("nobody:model").ask(request())
 
 
 @pytest.mark.parametrize(
-    ("behaviour", "told"),
+    ("behaviour", "code"),
     [
-        (
-            fails(401, "Incorrect API key"),
-            "Check RVSG_API_KEY in the environment. It said: HTTP 401, Incorrect API",
-        ),
-        (fails(404, "no such model"), "Check --model and --base-url"),
-        (fails(402, "payment required"), "Top it up"),
-        (fails(429, "slow down"), "calls_per_minute"),
-        (fails(500, "oops"), "It said: HTTP 500, oops. Tried 2 times. Run the same command later"),
-        (fails(413, "too large"), "Choose another model"),
-        (fails(400, "no images please"), "must be able to see pictures"),
-        (raw(b"<html>gateway</html>"), "Most addresses end in /v1"),
-        (raw(b""), "Most addresses end in /v1"),
-        (sleeps(1.0), "call_timeout_s"),
+        (fails(401, "Incorrect API key"), "model-key-refused"),
+        (fails(404, "no such model"), "model-unknown"),
+        (fails(402, "payment required"), "model-quota"),
+        (fails(429, "slow down"), "model-busy"),
+        (fails(500, "oops"), "model-failed"),
+        (fails(413, "too large"), "model-too-long"),
+        (fails(400, "no images please"), "model-rejected"),
+        (raw(b"<html>gateway</html>"), "model-protocol"),
+        (raw(b""), "model-protocol"),
+        (sleeps(1.0), "model-timeout"),
     ],
 )
-def test_every_fault_of_a_service_says_what_to_do(behaviour: Behaviour, told: str) -> None:
-    said, _, _ = failing(behaviour, tries=2, timeout_s=0.3)
-    assert told in said
+def test_every_fault_of_a_service_has_a_code_and_hides_the_client(behaviour: Behaviour, code: str) -> None:
+    error, _, _ = failing(behaviour, tries=2, timeout_s=0.3)
+    said = str(error)
+    assert error.code == code
     assert "body:" not in said and "status_code" not in said
 
 
-def test_a_server_that_is_down_is_asked_for_by_its_address() -> None:
+def test_a_server_that_is_down_is_unreachable_from_the_first_try() -> None:
     with serving(says("x")) as server:
         url = server.url
-    with pytest.raises(ModelUnavailable, match="Is the server running there"):
+    with pytest.raises(ModelUnavailable, check=coded("model-unreachable")):
         access(url, tries=1)[0].ask(request())
 
 

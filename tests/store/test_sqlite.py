@@ -59,8 +59,9 @@ def test_an_attempt_is_kept_whole_or_not_at_all(tmp_path: Path) -> None:
     other, other_run = an_attempt(1)
     with SqliteLedger(tmp_path / "a.sqlite") as ledger:
         ledger.append(attempt, [PackedRun.of(run)])
-        with pytest.raises(StoreError, match="is there already"):
+        with pytest.raises(StoreError) as refused:
             ledger.append(other.replace(index=0), [PackedRun.of(other_run)])
+        assert refused.value.code == "attempt-taken"
         assert list(ledger.attempts("test")) == [attempt]
         assert ledger.find(other_run.id) is None
 
@@ -79,7 +80,7 @@ def test_a_store_of_a_newer_version_is_refused_and_left_alone(tmp_path: Path) ->
         connection.execute(f"PRAGMA user_version={len(MIGRATIONS) + 1}")
     connection.close()
     before = path.read_bytes()
-    with pytest.raises(NewerStore, match="newer RVSG"):
+    with pytest.raises(NewerStore):
         SqliteLedger(path)
     assert path.read_bytes() == before
 
@@ -90,20 +91,23 @@ def test_a_database_of_another_program_is_refused(tmp_path: Path) -> None:
     connection.execute("CREATE TABLE songs (name TEXT)")
     connection.commit()
     connection.close()
-    with pytest.raises(StoreError, match="another program"):
+    with pytest.raises(StoreError) as refused:
         SqliteLedger(path)
+    assert refused.value.code == "store-foreign"
 
 
 def test_a_file_that_is_no_database_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "a.sqlite"
     path.write_text("this is not a database, and it is long enough to be looked at " * 20)
-    with pytest.raises(StoreError, match="not a database"):
+    with pytest.raises(StoreError) as refused:
         SqliteLedger(path)
+    assert refused.value.code == "store-foreign"
 
 
 def test_an_absent_store_is_not_made_where_it_is_only_read(tmp_path: Path) -> None:
-    with pytest.raises(StoreError, match="no store here"):
+    with pytest.raises(StoreError) as refused:
         SqliteLedger.existing(tmp_path / "a.sqlite")
+    assert refused.value.code == "store-absent"
     assert not (tmp_path / "a.sqlite").exists()
 
 
@@ -116,8 +120,9 @@ def test_an_altered_record_is_noticed(tmp_path: Path) -> None:
     connection.execute("UPDATE attempts SET record = replace(record, 'walk 0', 'walk 9')")
     connection.commit()
     connection.close()
-    with SqliteLedger(path) as ledger, pytest.raises(StoreError, match="not what was stored"):
+    with SqliteLedger(path) as ledger, pytest.raises(StoreError) as refused:
         list(ledger.attempts("test"))
+    assert refused.value.code == "store-damaged"
 
 
 def truncated(path: Path) -> None:
@@ -136,20 +141,18 @@ def after(statement: str) -> Callable[[Path], None]:
 
 
 @pytest.mark.parametrize(
-    ("damage", "said"),
+    "damage",
     [
-        (truncated, "malformed"),
-        (after("DROP TABLE attempts"), "no such table: attempts"),
-        (after("UPDATE campaigns SET settings = '{'"), "the settings of campaign 'test' are not what was stored"),
-        (after("UPDATE campaigns SET settings = CAST(x'7bb4' AS TEXT)"), "a text in it is not what was stored"),
-        (after("UPDATE campaigns SET name = NULL"), "the name of a campaign is not what was stored"),
-        (after("UPDATE attempts SET record = x'00'"), "attempt 0 of campaign 'test' is not what was stored"),
-        (after("DELETE FROM runs"), "there is no run"),
+        truncated,
+        after("DROP TABLE attempts"),
+        after("UPDATE campaigns SET settings = '{'"),
+        after("UPDATE campaigns SET settings = CAST(x'7bb4' AS TEXT)"),
+        after("UPDATE campaigns SET name = NULL"),
+        after("UPDATE attempts SET record = x'00'"),
+        after("DELETE FROM runs"),
     ],
 )
-def test_a_damaged_store_says_what_is_lost_and_what_to_do(
-    tmp_path: Path, damage: Callable[[Path], None], said: str
-) -> None:
+def test_a_store_that_lost_a_part_is_called_damaged(tmp_path: Path, damage: Callable[[Path], None]) -> None:
     attempt, run = an_attempt()
     path = tmp_path / "a.sqlite"
     with SqliteLedger(path) as ledger:
@@ -161,7 +164,7 @@ def test_a_damaged_store_says_what_is_lost_and_what_to_do(
             ledger.settings(name)
             list(ledger.attempts(name))
         ledger.run(run.id)
-    assert said in str(told.value) and "restore it from a copy, or repeat the campaign" in str(told.value)
+    assert told.value.code == "store-damaged"
 
 
 def test_an_attempt_stored_before_a_field_was_added_is_read(tmp_path: Path) -> None:
@@ -190,8 +193,9 @@ def test_an_attempt_with_a_field_of_a_later_version_is_refused_in_words(tmp_path
     connection.execute("UPDATE attempts SET id = ?, record = ?", (content_id("attempt", newer), canonical_json(newer)))
     connection.commit()
     connection.close()
-    with SqliteLedger(path) as ledger, pytest.raises(StoreError, match="newer RVSG"):
+    with SqliteLedger(path) as ledger, pytest.raises(StoreError) as refused:
         list(ledger.attempts("test"))
+    assert refused.value.code == "attempt-unreadable"
 
 
 @pytest.mark.parametrize(
@@ -206,23 +210,26 @@ def test_an_altered_run_is_noticed(tmp_path: Path, change: str) -> None:
     connection.execute(f"UPDATE runs SET {change}")
     connection.commit()
     connection.close()
-    with pytest.raises(StoreError, match=run.id), SqliteLedger(path) as ledger:
+    with pytest.raises(StoreError) as refused, SqliteLedger(path) as ledger:
         ledger.find(run.id)
+    assert refused.value.code == "store-damaged"
 
 
 def test_other_settings_under_the_same_name_are_refused(tmp_path: Path) -> None:
     with SqliteLedger(tmp_path / "a.sqlite") as ledger:
         ledger.begin("test", {"seed": 1})
         ledger.begin("test", {"seed": 1})
-        with pytest.raises(StoreError, match="other settings"):
+        with pytest.raises(StoreError) as refused:
             ledger.begin("test", {"seed": 2})
+        assert refused.value.code == "other-settings"
         assert ledger.settings("test") == {"seed": 1}
         assert ledger.campaigns() == ("test",)
 
 
 def test_a_missing_run_is_named(tmp_path: Path) -> None:
-    with SqliteLedger(tmp_path / "a.sqlite") as ledger, pytest.raises(StoreError, match="run-0"):
+    with SqliteLedger(tmp_path / "a.sqlite") as ledger, pytest.raises(StoreError) as refused:
         ledger.run("run-0")
+    assert refused.value.code == "store-damaged"
 
 
 def test_a_proposal_without_a_scenario_is_kept(tmp_path: Path) -> None:
@@ -263,7 +270,7 @@ def test_a_new_store_opened_by_several_at_once_is_made_once(tmp_path: Path) -> N
 
 def test_a_store_whose_making_was_broken_off_is_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "a.sqlite"
-    monkeypatch.setattr("rvsg.store.sqlite.MIGRATIONS", ((*MIGRATIONS[0], "CREATE nonsense"), *MIGRATIONS[1:]))
+    monkeypatch.setattr("rvsg.store.sqlite_file.MIGRATIONS", ((*MIGRATIONS[0], "CREATE nonsense"), *MIGRATIONS[1:]))
     with pytest.raises(StoreError):
         SqliteLedger(path)
     monkeypatch.undo()
@@ -286,9 +293,10 @@ def test_a_single_number_changed_in_the_arrays_of_a_run_is_noticed(tmp_path: Pat
         ledger.keep(PackedRun.of(run))
     run.trajectory.x[3] += 1e-9
     altered(path, ("UPDATE runs SET arrays = ?", (PackedRun.of(run).data,)))  # whole, and of the right shape
-    with pytest.raises(StoreError, match="checksum") as refused, SqliteLedger(path) as ledger:
+    with pytest.raises(StoreError) as refused, SqliteLedger(path) as ledger:
         ledger.find(run.id)
-    assert str(path) in str(refused.value) and run.id in str(refused.value)
+    assert refused.value.code == "store-damaged"
+    assert str(path) in str(refused.value) and run.id in str(refused.value)  # which run of which file is lost
 
 
 def older_store(path: Path, attempt: Attempt, run: Run) -> None:
@@ -325,8 +333,9 @@ def test_a_store_that_may_not_be_written_is_read(tmp_path: Path, monkeypatch: py
     monkeypatch.setattr("os.access", lambda *_: False)
     with SqliteLedger.existing(path) as ledger:
         assert list(ledger.attempts("test")) == [attempt] and same(ledger.run(run.id), run)
-        with pytest.raises(StoreError, match="a store"):
+        with pytest.raises(StoreError) as refused:
             ledger.keep(PackedRun.of(an_attempt(1)[1]))
+        assert refused.value.code == "store-readonly"
     assert path.read_bytes() == before and [p.name for p in tmp_path.iterdir()] == [path.name]
 
 
@@ -359,8 +368,9 @@ def test_damage_anywhere_in_the_file_is_told_when_it_is_opened(tmp_path: Path) -
     for begin, length in ((arrays + 50, 8), (len(whole) // 2, 9000)):
         path.write_bytes(whole[:begin] + b"\xa5" * length + whole[begin + length :])
         for opened in (SqliteLedger, SqliteLedger.existing):
-            with pytest.raises(StoreError, match=r"restore it from a copy, or repeat the campaign"):
+            with pytest.raises(StoreError) as refused:
                 opened(path)
+            assert refused.value.code == "store-damaged"
 
 
 @pytest.mark.parametrize("opened", [SqliteLedger, SqliteLedger.existing])

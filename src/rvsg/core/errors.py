@@ -6,7 +6,7 @@
     ├── InputError                what the user gave is wrong (exit code 2)
     │   ├── FileError             ... in a file: knows its path and, where it can, the line
     │   ├── UnknownName           ... names something that does not exist: knows "did you mean"
-    │   ├── Unfit                 ... a key whose value does not fit what the other keys say: knows the key
+    │   ├── Unfit                 ... a key or an option whose value cannot be used: knows the key
     │   └── InvalidScenario       ... a scenario the checker refuses: knows every finding
     ├── SimulationError           a simulator could not run a valid scenario
     ├── GenerationError           a generator could not answer (never a merely bad answer: that is a Proposal)
@@ -17,7 +17,8 @@
     │   └── NewerStore            it was written by a newer version of RVSG
     └── Interrupted               the user or the system stopped the work (exit code 3, resumable)
 
-A message says what was expected, what was got, where, and the next step.
+A message says what was expected, what was got, where, and the next step; it is for people and may be reworded at any
+time. A program that must tell errors apart reads the class, its fields and `code`.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 
 def how_to_install(extra: str) -> str:
@@ -36,25 +38,48 @@ class RvsgError(Exception):
     """Anything RVSG reports to its user in one message."""
 
     exit_code = 2
+    code = "error"
+    """What is wrong, as a stable word such as `store-damaged`; a class has one, an error may have a narrower one."""
+
+    def __init__(self, message: str = "", *, code: str | None = None) -> None:
+        super().__init__(message)
+        if code is not None:
+            self.code = code
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle with all fields: the arguments of a subclass are not those of `Exception`."""
+        return _restored, (type(self), self.args, self.__dict__)
+
+
+def _restored(kind: type[RvsgError], arguments: tuple[Any, ...], fields: dict[str, Any]) -> RvsgError:
+    error = kind.__new__(kind, *arguments)
+    error.__dict__.update(fields)
+    return error
 
 
 class InputError(RvsgError):
     """What the user gave cannot be used."""
 
+    code = "input"
+
 
 class FileError(InputError):
     """A file that cannot be used; the message begins with `path:line:`."""
 
-    def __init__(self, path: str | Path, message: str, *, line: int | None = None) -> None:
+    code = "file"
+
+    def __init__(self, path: str | Path, message: str, *, line: int | None = None, code: str | None = None) -> None:
         self.path = Path(path)
         self.line = line
         self.reason = message
         where = f"{path}:{line}" if line is not None else f"{path}"
-        super().__init__(f"{where}: {message}")
+        super().__init__(f"{where}: {message}", code=code)
 
 
 class UnknownName(InputError):
     """A name that is not among those known; `nearest` is the one to suggest, None where none is near."""
+
+    code = "unknown-name"
 
     def __init__(self, kind: str, name: str, known: Iterable[str], *, hint: str = "") -> None:
         self.kind = kind
@@ -69,7 +94,9 @@ class UnknownName(InputError):
 
 
 class Unfit(InputError):
-    """The value of a key does not fit what the other keys beside it say."""
+    """The value of a key or of an option cannot be used, by itself or beside the other keys; `key` names it."""
+
+    code = "unfit"
 
     def __init__(self, key: str, message: str) -> None:
         self.key = key
@@ -79,6 +106,8 @@ class Unfit(InputError):
 class InvalidScenario(InputError):
     """A scenario that breaks the rules of validity; `findings` holds every reason as text."""
 
+    code = "invalid-scenario"
+
     def __init__(self, message: str, findings: Iterable[str]) -> None:
         self.findings = list(findings)
         super().__init__("\n".join([message, *(f"  - {finding}" for finding in self.findings)]))
@@ -87,34 +116,48 @@ class InvalidScenario(InputError):
 class SimulationError(RvsgError):
     """A simulator could not run a scenario that is valid."""
 
+    code = "simulation"
+
 
 class GenerationError(RvsgError):
     """A generator could not answer at all."""
+
+    code = "generation"
 
 
 class ModelUnavailable(GenerationError):
     """The model's service refused the call, is absent, or did not answer in time."""
 
+    code = "model-unavailable"
+
 
 class BudgetSpent(GenerationError):
     """A declared budget of calls, tokens or money is spent; the campaign can be resumed with a larger one."""
 
+    code = "budget-spent"
     exit_code = 3
 
 
 class ReplayDiverged(GenerationError):
     """The recorded conversation does not hold the call that is now asked for."""
 
+    code = "replay-diverged"
+
 
 class StoreError(RvsgError):
     """The store cannot be read or written."""
+
+    code = "store"
 
 
 class NewerStore(StoreError):
     """The store was written by a newer version of RVSG than this one."""
 
+    code = "store-newer"
+
 
 class Interrupted(RvsgError):
     """The work was stopped from outside; what is finished is stored, and the same command resumes it."""
 
+    code = "interrupted"
     exit_code = 3

@@ -9,15 +9,13 @@ from __future__ import annotations
 import datetime
 import hashlib
 import json
-import os
 import sqlite3
-import time
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any, Self
-from urllib.parse import quote
 
 import sqlalchemy as sa
 from pydantic import ValidationError
@@ -26,11 +24,11 @@ from sqlalchemy.exc import DatabaseError, IntegrityError
 
 import rvsg
 from rvsg.campaign.attempt import Attempt
-from rvsg.core.errors import InputError, NewerStore, StoreError
+from rvsg.core.errors import InputError, StoreError
 from rvsg.core.records import canonical_json, text_id
 from rvsg.simulation.archive import PackedRun, unpack, unpack_numpy
 from rvsg.simulation.run import Run
-from rvsg.store.migrations import APPLICATION_ID, MIGRATIONS
+from rvsg.store.sqlite_file import BUSY, engine_of, has_log, may_write, migrate, result_code, version_of
 
 _meta = sa.MetaData()
 _campaigns = sa.Table(
@@ -61,11 +59,14 @@ _runs = sa.Table(
     sa.Column("arrays", sa.LargeBinary),
     sa.Column("checksum", sa.Text),
 )
-PATIENCE_S = 30.0
-"""How long to wait for another process that holds the file."""
 DAMAGED = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_ERROR)
 """Result codes for a file that lost a part; the statements are ours, so a failing one misses a table or a column."""
-BUSY = (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED)
+CODES = {
+    sqlite3.SQLITE_NOTADB: "store-foreign",
+    sqlite3.SQLITE_READONLY: "store-readonly",  # the rights were taken away while it was open
+    sqlite3.SQLITE_FULL: "store-full",
+} | dict.fromkeys(BUSY, "store-busy")
+"""What an error of SQLite is called in an error of RVSG."""
 _CHECKSUMS_SINCE = 2
 """The store version from which on runs have a checksum."""
 
@@ -91,23 +92,25 @@ class SqliteLedger:
         """Open an existing ledger, read-only where it cannot be written; StoreError where there is none."""
         path = Path(path)
         if not path.exists():
-            raise StoreError(f"{path}: there is no store here. `rvsg run --out DIR` makes DIR/ledger.sqlite.")
+            raise StoreError(
+                f"{path}: there is no store here. `rvsg run --out DIR` makes DIR/ledger.sqlite.", code="store-absent"
+            )
         if not path.stat().st_size:
             raise StoreError(f"{path}: the file is empty, so it is no store.")
         ledger = cls.__new__(cls)
-        ledger._open(path, readonly=not _may_write(path))
+        ledger._open(path, readonly=not may_write(path))
         return ledger
 
     def _open(self, path: Path, *, readonly: bool) -> None:
         if path.is_dir():
             raise StoreError(f"{path}: this is a folder; a store is a file in it.")
         self.path, self.readonly = path, readonly
-        self._engine = _engine(self.path, readonly=self.readonly)
+        self._engine = engine_of(self.path, readonly=self.readonly)
         try:
             with self._translated(), self._engine.connect() as connection:
                 if not self.readonly:
-                    _migrate(connection, self.path)
-                self._version = _version(connection, self.path)
+                    migrate(connection, self.path)
+                self._version = version_of(connection, self.path)
                 self._check(connection)
         except StoreError:
             self.close()
@@ -141,7 +144,9 @@ class SqliteLedger:
         known = self.settings(campaign)
         if known is not None:
             if canonical_json(known) != text:
-                raise StoreError(f"{self.path}: campaign {campaign!r} was begun with other settings")
+                raise StoreError(
+                    f"{self.path}: campaign {campaign!r} was begun with other settings", code="other-settings"
+                )
             return
         row = {
             "name": campaign,
@@ -149,13 +154,13 @@ class SqliteLedger:
             "version": rvsg.__version__,
             "begun": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         }
-        with self._translated(), self._engine.begin() as connection:
+        with self._translated(), self._writing() as connection:
             connection.execute(_campaigns.insert().values(row))
 
     def forget_empty(self, campaign: str) -> bool:
         """Delete a campaign that has no attempt and return True; return False, changing nothing, where it has one."""
         made = sa.select(_attempts.c.position).where(_attempts.c.campaign == campaign).limit(1)
-        with self._translated(), self._engine.begin() as connection:
+        with self._translated(), self._writing() as connection:
             if connection.execute(made).first() is not None:
                 return False
             connection.execute(_campaigns.delete().where(_campaigns.c.name == campaign))
@@ -182,7 +187,7 @@ class SqliteLedger:
 
     def keep(self, run: PackedRun) -> None:
         """Keep a run; one of the same id that is known already stays as it is."""
-        with self._translated(), self._engine.begin() as connection:
+        with self._translated(), self._writing() as connection:
             _keep(connection, run)
 
     def append(self, attempt: Attempt, runs: Sequence[PackedRun]) -> None:
@@ -198,14 +203,15 @@ class SqliteLedger:
             "record": record,
         }
         try:
-            with self._engine.begin() as connection:
+            with self._writing() as connection:
                 for run in runs:
                     _keep(connection, run)
                 connection.execute(_attempts.insert().values(row))
         except IntegrityError:
             raise StoreError(
                 f"{self.path}: attempt {attempt.index} of campaign {attempt.campaign!r} is there already. "
-                "Does another process work on the same folder?"
+                "Does another process work on the same folder?",
+                code="attempt-taken",
             ) from None
         except DatabaseError as error:
             raise self._error(error) from None
@@ -255,20 +261,28 @@ class SqliteLedger:
         except ValidationError as error:
             raise StoreError(
                 f"{self.path}: {what} is whole, but not as RVSG {rvsg.__version__} keeps it; was it written by a "
-                f"newer RVSG? {error}"
+                f"newer RVSG? {error}",
+                code="attempt-unreadable",
             ) from None
 
     def _damaged(self, what: str) -> StoreError:
         return StoreError(
             f"{self.path}: {what}. The file was damaged or changed from outside: restore it from a copy, or repeat the "
-            "campaign in another --out."
+            "campaign in another --out.",
+            code="store-damaged",
         )
+
+    def _writing(self) -> AbstractContextManager[sa.Connection]:
+        """Return a transaction; StoreError where the file was opened to be read only."""
+        if self.readonly:
+            raise StoreError(f"{self.path}: the file cannot be written, only read.", code="store-readonly")
+        return self._engine.begin()
 
     def _translated(self) -> _Translated:
         return _Translated(self)
 
     def _error(self, error: DatabaseError) -> StoreError:
-        reason, code = str(error.orig), _code(error.orig)
+        reason, code = str(error.orig), result_code(error.orig)
         if code is None and isinstance(error.orig, sqlite3.OperationalError):  # a text that is not UTF-8
             return self._damaged("a text in it is not what was stored")
         if code in DAMAGED:
@@ -277,11 +291,11 @@ class SqliteLedger:
             reason += "; another process holds it"
         if code == sqlite3.SQLITE_NOTADB:
             reason = "this is no RVSG store (file is not a database). If it was one, restore it from a copy."
-        if code == sqlite3.SQLITE_CANTOPEN and _has_log(self.path):
+        if code == sqlite3.SQLITE_CANTOPEN and has_log(self.path):
             reason += f". The last records are in {self.path.name}-wal; copy the folder to where it may be written"
         if code == sqlite3.SQLITE_FULL:
             reason += ". Free some space and run the same command again to resume."
-        return StoreError(f"{self.path}: {reason}")
+        return StoreError(f"{self.path}: {reason}", code=None if code is None else CODES.get(code))
 
 
 class _Translated:
@@ -320,83 +334,3 @@ def _is_whole(row: Any) -> bool:
 def _checksum(header: str, arrays: bytes) -> str:
     """Of a run as it is stored, before it is unpacked."""
     return hashlib.sha256(header.encode() + b"\0" + arrays).hexdigest()
-
-
-def _may_write(path: Path) -> bool:
-    """Return whether the file can be written, and beside it the files SQLite needs to write it."""
-    return os.access(path, os.W_OK) and os.access(path.parent, os.W_OK)
-
-
-def _has_log(path: Path) -> bool:
-    log = path.with_name(f"{path.name}-wal")
-    return log.exists() and log.stat().st_size > 0
-
-
-def _engine(path: Path, *, readonly: bool) -> sa.Engine:
-    if readonly:
-        # SQLite would still make files beside it, for locks, unless it knows that nobody writes. Then it
-        # passes over a log that is left there by a campaign under way or killed, with what was committed last.
-        how = "mode=ro" if _has_log(path) else "immutable=1"
-        uri = f"file:{quote(str(path.absolute()))}?{how}"
-        return sa.create_engine(
-            "sqlite://", creator=lambda: sqlite3.connect(uri, uri=True, check_same_thread=False), poolclass=sa.NullPool
-        )
-    engine = sa.create_engine(sa.URL.create("sqlite", database=str(path)), connect_args={"timeout": PATIENCE_S})
-    sa.event.listen(engine, "connect", _configure)
-    return engine
-
-
-def _code(error: BaseException | None) -> int | None:
-    """Return the primary result code of an SQLite error; None where Python raised it."""
-    code = getattr(error, "sqlite_errorcode", None)
-    return None if code is None else code & 0xFF
-
-
-def _configure(connection: Any, _: Any) -> None:
-    cursor = connection.cursor()
-    deadline = time.monotonic() + PATIENCE_S
-    while True:
-        try:
-            cursor.execute("PRAGMA journal_mode=WAL")
-            break
-        except sqlite3.OperationalError as error:  # SQLite does not wait here where another process opens a new store
-            if _code(error) not in BUSY or time.monotonic() > deadline:
-                raise
-            time.sleep(0.02)
-    cursor.execute("PRAGMA synchronous=NORMAL")
-    cursor.close()
-
-
-def _migrate(connection: sa.Connection, path: Path) -> None:
-    """Bring the file to the newest schema, one migration after the other; refuse a foreign or a newer file.
-
-    Each migration is one transaction that begins by taking the file and looking again: another process may have
-    opened the same new file, or been killed while it did.
-    """
-    while (version := _version(connection, path)) < len(MIGRATIONS):
-        connection.rollback()
-        connection.exec_driver_sql("BEGIN IMMEDIATE")
-        if _version(connection, path) == version:
-            for statement in MIGRATIONS[version]:
-                connection.exec_driver_sql(statement)
-            connection.exec_driver_sql(f"PRAGMA application_id={APPLICATION_ID}")
-            connection.exec_driver_sql(f"PRAGMA user_version={version + 1}")
-        connection.commit()
-
-
-def _version(connection: sa.Connection, path: Path) -> int:
-    """Return how many migrations the file has seen; StoreError where it is not ours or newer."""
-    # One statement reads one state of the file: another process may be making it.
-    row = connection.exec_driver_sql(
-        "SELECT (SELECT user_version FROM pragma_user_version), (SELECT application_id FROM pragma_application_id), "
-        "(SELECT count(*) FROM sqlite_master)"
-    ).one()
-    version, application, tables = (int(value) for value in row)
-    if application != APPLICATION_ID and (tables or version or application):
-        raise StoreError(f"{path}: this is an SQLite file of another program, not an RVSG store. Choose another.")
-    if version > len(MIGRATIONS):
-        raise NewerStore(
-            f"{path}: written by a newer RVSG (store version {version}; this is RVSG {rvsg.__version__} and knows "
-            f"{len(MIGRATIONS)}). Update RVSG, or use another --out."
-        )
-    return version

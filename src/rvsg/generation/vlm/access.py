@@ -134,7 +134,7 @@ class ModelAccess:
         except Exception as foreign:
             failure = self._translated(foreign, None)
         if failure is not None:
-            raise InputError(hide_secrets(f"Model {self._name}{self._place()}: {failure.message}"))
+            raise InputError(hide_secrets(f"Model {self._name}{self._place()}: {failure.message}"), code=failure.code)
 
     def ask(self, request: Request) -> Answer:
         """Ask, patiently; raises ModelUnavailable with the reason and what to do."""
@@ -165,7 +165,7 @@ class ModelAccess:
                 self._sleep(wait)
         assert failure is not None
         message = hide_secrets(f"Model {self._name}{self._place()}: {failure.message} {failure.next_step}".rstrip())
-        raise InputError(message) if failure.setup else ModelUnavailable(message)
+        raise (InputError if failure.setup else ModelUnavailable)(message, code=failure.code)
 
     def _wait(self, failure: Fault, number: int) -> float | None:
         """Seconds until the next try; None where there is no next one."""
@@ -345,13 +345,17 @@ def _checked_address(base_url: str | None, provider: str) -> str | None:
         return LOCAL_OLLAMA if provider == "ollama" and not os.environ.get("OLLAMA_BASE_URL") else None
     parts = urlsplit(base_url)
     if parts.scheme not in ("http", "https") or not parts.hostname:
-        raise InputError(f"--base-url must be an http or https address, got {hide_secrets(base_url)!r}.")
+        raise InputError(
+            f"--base-url must be an http or https address, got {hide_secrets(base_url)!r}.", code="model-address"
+        )
     if parts.username or parts.password or parts.query or parts.fragment:
-        raise InputError(f"--base-url must not hold a user, a key or a query; put the key into {KEY_VARIABLE}.")
+        message = f"--base-url must not hold a user, a key or a query; put the key into {KEY_VARIABLE}."
+        raise InputError(message, code="model-address-secret")
     if provider not in COMPATIBLE:
         raise InputError(
             f"--base-url is for servers that speak the OpenAI protocol: use a model name beginning with "
-            f"{', '.join(p + ':' for p in COMPATIBLE[:-1])} or {COMPATIBLE[-1]}:, not {provider}:."
+            f"{', '.join(p + ':' for p in COMPATIBLE[:-1])} or {COMPATIBLE[-1]}:, not {provider}:.",
+            code="model-address-provider",
         )
     return base_url
 

@@ -99,5 +99,6 @@ class Budgeted:
     def _stop(self, spent: str, option: str) -> None:
         raise BudgetSpent(
             f"The budget is spent: {spent} (model {self.name}). What is finished is kept; to go on, run the same "
-            f"command with a larger {option}."
+            f"command with a larger {option}.",
+            code=option.removeprefix("--"),
         )

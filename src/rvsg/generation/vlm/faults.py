@@ -33,14 +33,15 @@ _KEYLESS = ("ollama", "bedrock", "bedrock-mantle", "google-cloud", "huggingface"
 class Fault(Exception):
     """A try that failed: what to tell, whether to try again, and when.
 
-    `setup`: nothing was asked, the user has to set something right. `refused`: a safety filter took the request or
-    the reply, which is an answer, not a failure of the service.
+    `code` is that of the error it becomes. `setup`: nothing was asked, the user has to set something right. `refused`:
+    a safety filter took the request or the reply, which is an answer, not a failure of the service.
     """
 
     def __init__(
         self,
         message: str,
         *,
+        code: str = "model-failed",
         again: bool = False,
         wait_s: float | None = None,
         without_shape: bool = False,
@@ -50,6 +51,7 @@ class Fault(Exception):
     ) -> None:
         super().__init__(message)
         self.message = message
+        self.code = code
         self.again = again
         self.wait_s = wait_s
         self.without_shape = without_shape
@@ -76,12 +78,13 @@ def named_model(name: str) -> tuple[str, str]:
         lacking = "names a provider but no model" if provider.strip() and ":" in name else "does not name a model"
         if model.strip() and provider.strip():
             lacking = "holds a space"
-        raise InputError(f'"{name}" {lacking}. Expected PROVIDER:MODEL, for example {EXAMPLES}.')
+        raise InputError(f'"{name}" {lacking}. Expected PROVIDER:MODEL, for example {EXAMPLES}.', code="model-name")
     near = difflib.get_close_matches(provider, PROVIDERS, n=1, cutoff=0.6)
     if provider not in PROVIDERS and near and "/" not in provider:
         raise InputError(
             f'There is no provider "{provider}". Did you mean "{near[0]}:{model}"? '
-            f"Expected PROVIDER:MODEL, for example {EXAMPLES}."
+            f"Expected PROVIDER:MODEL, for example {EXAMPLES}.",
+            code="model-provider",
         )
     return provider, model
 
@@ -89,40 +92,54 @@ def named_model(name: str) -> tuple[str, str]:
 def translated(error: Exception, foreign: Any, called: Called) -> Fault:
     """What an error of the client library means. `foreign` is the module of its exceptions, None where it is absent."""
     if isinstance(error, ImportError) or foreign is None:
-        return Fault(_missing_package(called.provider, error), setup=True)
-    said = f"It said: {_said(error)}"
-    wait = getattr(error, "retry_after", None)
+        return Fault(_missing_package(called.provider, error), code="model-package-missing", setup=True)
     if isinstance(error, foreign.UserError):
         return _setup(error, called)
     if isinstance(error, foreign.ContentFilterError) or _filtered(error):
-        return Fault(f"a safety filter refused it. {said}", refused=True)
+        return Fault(f"a safety filter refused it. It said: {_said(error)}", code="model-filtered", refused=True)
+    return _refusal(error, foreign, called) or _failure(error, foreign, called)
+
+
+def _refusal(error: Exception, foreign: Any, called: Called) -> Fault | None:
+    """What it means where the service answered, and will not do it; None where it is something else."""
+    said = f"It said: {_said(error)}"
     if isinstance(error, foreign.ModelAuthenticationError):
         variable = key_variable(called.provider, called.base_url)
         message = f"the service refused the key (or found none). Check {variable} in the environment. {said}"
-        return Fault(message)
+        return Fault(message, code="model-key-refused")
     if isinstance(error, foreign.ModelNotFoundError):
-        return Fault(
-            f'the service knows no model "{called.model}" (or the address is wrong). Check --model'
-            f"{' and --base-url; most addresses end in /v1' if called.base_url else ''}. {said}"
-        )
+        check = f"Check --model{' and --base-url; most addresses end in /v1' if called.base_url else ''}"
+        message = f'the service knows no model "{called.model}" (or the address is wrong). {check}. {said}'
+        return Fault(message, code="model-unknown")
     if isinstance(error, foreign.ModelQuotaExceededError):
-        return Fault(f"the account's credit or quota is used up. {said}", next_step=f"Top it up. {LATER}")
-    if isinstance(error, foreign.ModelRateLimitError):
-        fewer = "Allow fewer calls (--generator-option calls_per_minute=N), or run the same command later: what was "
-        return Fault(f"too many calls (429). {said}", again=True, wait_s=wait, next_step=f"{fewer}answered is kept.")
+        message = f"the account's credit or quota is used up. {said}"
+        return Fault(message, code="model-quota", next_step=f"Top it up. {LATER}")
     if isinstance(error, foreign.ModelContextWindowExceededError) or getattr(error, "status_code", None) == 413:
-        return Fault(f"the conversation is longer than the model can read. {said}", next_step="Choose another model.")
+        message = f"the conversation is longer than the model can read. {said}"
+        return Fault(message, code="model-too-long", next_step="Choose another model.")
     if isinstance(error, foreign.ModelRequestRejectedError):
         # Many compatible servers know no structured output: the prompt alone asks for the JSON as well.
         seeing = "The model must be able to see pictures; `rvsg prompt` shows what it is sent."
-        return Fault(
-            f"it refused the request. {said}", again=called.shaped, without_shape=called.shaped, next_step=seeing
-        )
+        plainly = {"again": called.shaped, "without_shape": called.shaped}
+        return Fault(f"it refused the request. {said}", code="model-rejected", next_step=seeing, **plainly)
+    return None
+
+
+def _failure(error: Exception, foreign: Any, called: Called) -> Fault:
+    """What it means where the service failed, is too busy or does not answer: another try may succeed."""
+    said = f"It said: {_said(error)}"
+    wait = getattr(error, "retry_after", None)
+    if isinstance(error, foreign.ModelRateLimitError):
+        fewer = "Allow fewer calls (--generator-option calls_per_minute=N), or run the same command later: what was "
+        message = f"too many calls (429). {said}"
+        return Fault(message, code="model-busy", again=True, wait_s=wait, next_step=f"{fewer}answered is kept.")
     if isinstance(error, (foreign.ModelTimeoutError, foreign.ModelRequestTimeout)):
         longer = "Wait longer: --generator-option call_timeout_s=SECONDS (rvsg describe: --call-timeout SECONDS)."
-        return Fault(f"no answer within {called.timeout_s:g} s.", again=True, next_step=longer)
+        message = f"no answer within {called.timeout_s:g} s."
+        return Fault(message, code="model-timeout", again=True, next_step=longer)
     if isinstance(error, foreign.ModelConnectionError):
-        return Fault(f"the connection failed or broke off. {_said(error)}", again=True, next_step=_reachable(called))
+        message = f"the connection failed or broke off. {_said(error)}"
+        return Fault(message, code="model-unreachable", again=True, next_step=_reachable(called))
     if isinstance(error, foreign.ModelAPIError) and getattr(error, "status_code", None) is not None:
         return Fault(f"the service failed. {said}", again=True, wait_s=wait, next_step=LATER)
     no_protocol = (
@@ -131,7 +148,7 @@ def translated(error: Exception, foreign: Any, called: Called) -> Fault:
         else LATER
     )
     message = f"the service's reply is not what its protocol promises ({_said(error).rstrip('.')})."
-    return Fault(message, again=True, wait_s=wait, next_step=no_protocol)
+    return Fault(message, code="model-protocol", again=True, wait_s=wait, next_step=no_protocol)
 
 
 def key_variable(provider: str, base_url: str | None) -> str:
@@ -147,14 +164,15 @@ def _setup(error: Exception, called: Called) -> Fault:
         return Fault(
             f"the client library knows no such provider or model. Expected PROVIDER:MODEL, for example {EXAMPLES}; "
             f"providers are {', '.join(PROVIDERS)}. For a server of your own: --model openai-chat:NAME --base-url URL.",
+            code="model-provider",
             setup=True,
         )
     variable = key_variable(called.provider, called.base_url)
     if called.provider not in _KEYLESS and not os.environ.get(variable):
         more = " For a server of your own give --base-url, and its key, if any, in RVSG_API_KEY."
         message = f"no key: set {variable} in the environment (export {variable}=...)."
-        return Fault(message + (more if called.base_url is None else ""), setup=True)
-    return Fault(f"it cannot be used. {_said(error)}", setup=True)
+        return Fault(message + (more if called.base_url is None else ""), code="model-key-missing", setup=True)
+    return Fault(f"it cannot be used. {_said(error)}", code="model-setup", setup=True)
 
 
 def _reachable(called: Called) -> str:

@@ -1,0 +1,105 @@
+"""How the file of the SQLite ledger is opened, and brought to the newest schema."""
+
+from __future__ import annotations
+
+import os
+import sqlite3
+import time
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import sqlalchemy as sa
+
+import rvsg
+from rvsg.core.errors import NewerStore, StoreError
+from rvsg.store.migrations import APPLICATION_ID, MIGRATIONS
+
+PATIENCE_S = 30.0
+"""How long to wait for another process that holds the file."""
+BUSY = (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED)
+
+
+def may_write(path: Path) -> bool:
+    """Return whether the file can be written, and beside it the files SQLite needs to write it."""
+    return os.access(path, os.W_OK) and os.access(path.parent, os.W_OK)
+
+
+def has_log(path: Path) -> bool:
+    """Return whether a write-ahead log that holds something lies beside the file."""
+    log = path.with_name(f"{path.name}-wal")
+    return log.exists() and log.stat().st_size > 0
+
+
+def engine_of(path: Path, *, readonly: bool) -> sa.Engine:
+    """Return the connections to the file: with a write-ahead log, or such that nothing is written beside it."""
+    if readonly:
+        # SQLite would still make files beside it, for locks, unless it knows that nobody writes. Then it
+        # passes over a log that is left there by a campaign under way or killed, with what was committed last.
+        how = "mode=ro" if has_log(path) else "immutable=1"
+        uri = f"file:{quote(str(path.absolute()))}?{how}"
+        return sa.create_engine(
+            "sqlite://", creator=lambda: sqlite3.connect(uri, uri=True, check_same_thread=False), poolclass=sa.NullPool
+        )
+    engine = sa.create_engine(sa.URL.create("sqlite", database=str(path)), connect_args={"timeout": PATIENCE_S})
+    sa.event.listen(engine, "connect", _configure)
+    return engine
+
+
+def result_code(error: BaseException | None) -> int | None:
+    """Return the primary result code of an SQLite error; None where Python raised it."""
+    code = getattr(error, "sqlite_errorcode", None)
+    return None if code is None else code & 0xFF
+
+
+def _configure(connection: Any, _: Any) -> None:
+    cursor = connection.cursor()
+    deadline = time.monotonic() + PATIENCE_S
+    while True:
+        try:
+            cursor.execute("PRAGMA journal_mode=WAL")
+            break
+        except sqlite3.OperationalError as error:  # SQLite does not wait here where another process opens a new store
+            if result_code(error) not in BUSY or time.monotonic() > deadline:
+                raise
+            time.sleep(0.02)
+    cursor.execute("PRAGMA synchronous=NORMAL")
+    cursor.close()
+
+
+def migrate(connection: sa.Connection, path: Path) -> None:
+    """Bring the file to the newest schema, one migration after the other; refuse a foreign or a newer file.
+
+    Each migration is one transaction that begins by taking the file and looking again: another process may have
+    opened the same new file, or been killed while it did.
+    """
+    while (version := version_of(connection, path)) < len(MIGRATIONS):
+        connection.rollback()
+        connection.exec_driver_sql("BEGIN IMMEDIATE")
+        if version_of(connection, path) == version:
+            for statement in MIGRATIONS[version]:
+                connection.exec_driver_sql(statement)
+            connection.exec_driver_sql(f"PRAGMA application_id={APPLICATION_ID}")
+            connection.exec_driver_sql(f"PRAGMA user_version={version + 1}")
+        connection.commit()
+
+
+def version_of(connection: sa.Connection, path: Path) -> int:
+    """Return how many migrations the file has seen; StoreError where it is not ours or newer."""
+    # One statement reads one state of the file: another process may be making it.
+    row = connection.exec_driver_sql(
+        "SELECT (SELECT user_version FROM pragma_user_version), (SELECT application_id FROM pragma_application_id), "
+        "(SELECT count(*) FROM sqlite_master)"
+    ).one()
+    version, application, tables = (int(value) for value in row)
+    if application != APPLICATION_ID and (tables or version or application):
+        raise StoreError(
+            f"{path}: this is an SQLite file of another program, not an RVSG store. Choose another.",
+            code="store-foreign",
+        )
+    if version > len(MIGRATIONS):
+        raise NewerStore(
+            f"{path}: written by a newer RVSG (store version {version}; this is RVSG {rvsg.__version__} and knows "
+            f"{len(MIGRATIONS)}). Update RVSG, or use another --out."
+        )
+    return version
