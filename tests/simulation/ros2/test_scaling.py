@@ -68,9 +68,19 @@ def test_wall_clock_rates_and_their_steps_are_scaled_and_nothing_else(values: di
     assert smoother["max_decel"] == [-10.0, 0.0, -12.8]
     assert smoother["velocity_timeout"] == 1.0
     assert of(values, "bt_navigator")["bt_loop_duration"] == 2
-    assert of(values, "bt_navigator")["default_server_timeout"] == 20
+    assert of(values, "bt_navigator")["default_server_timeout"] == 80  # simulated time, for an answer in wall time
     assert made.control_hz == 25.0
     assert {change.name for change in made.changes} >= {"velocity_smoother.max_accel", "bt_navigator.bt_loop_duration"}
+
+
+def test_the_smoother_gets_a_rate_whose_period_is_whole_milliseconds(values: dict[str, Any]) -> None:
+    smoother = of(values, "velocity_smoother")
+    smoother["smoothing_frequency"] = 20.0
+    made = scale(values, 8.0, "jazzy")
+    assert smoother["smoothing_frequency"] == 166.66  # 160 Hz are 6.25 ms, of which the timer takes 6
+    assert int(1000.0 / smoother["smoothing_frequency"]) == 6
+    assert smoother["max_accel"][0] == 20.0
+    assert made.control_hz == pytest.approx(20.83, abs=0.01)
 
 
 def test_the_rates_of_the_tree_are_scaled_but_not_its_variables(values: dict[str, Any], tmp_path: Path) -> None:

@@ -41,6 +41,7 @@ STEPS: tuple[tuple[str, str, Any], ...] = (
 ALLOWANCES: tuple[tuple[str, str, Any], ...] = (
     ("controller_server", "costmap_update_timeout", 0.30),
     ("planner_server", "costmap_update_timeout", 1.0),
+    ("bt_navigator", "default_server_timeout", 20),
 )
 BEHAVIOUR_LIMITS = ("acceleration_limit", "deceleration_limit")
 TREES = {
@@ -126,6 +127,8 @@ def scale(values: dict[str, Any], speed: float, release: Release) -> Scaled:
             made.notes.append("bt_navigator.bt_loop_duration: 1 ms is the least; the tree ticks less often than at 1x")
     for section in _sections(values, "controller_server"):
         _scale_controllers(made, section, speed)
+    for section in _sections(values, "velocity_smoother"):
+        _fit_timer(made, section, speed)
     _scale_trees(made, speed)
     made.notes += [f"{node}: not scaled" for node in NOT_SCALED if any(True for _ in _sections(values, node))]
     return made
@@ -167,6 +170,18 @@ def _control_hz(values: dict[str, Any]) -> float:
             if isinstance(rate, int | float) and rate > 0:
                 return float(rate)
     return 20.0
+
+
+def _fit_timer(made: Scaled, section: dict[str, Any], speed: float) -> None:
+    """Give the smoother the rate that it keeps: its timer cuts the period to whole milliseconds, its steps do not."""
+    period_ms = 1000.0 / section["smoothing_frequency"]
+    if period_ms > 1.0 and period_ms != int(period_ms):
+        kept = int(100_000.0 / int(period_ms)) / 100.0  # just below, so that the cut gives the same milliseconds
+        _set(made, section, "velocity_smoother", "smoothing_frequency", kept)
+        made.control_hz = kept / speed
+        made.notes.append(
+            f"velocity_smoother: its timer takes whole milliseconds, so commands come at {made.control_hz:.4g} Hz"
+        )
 
 
 def _scale_behaviours(made: Scaled, section: dict[str, Any], node: str, speed: float, release: Release) -> None:
