@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import pytest
 
 import rvsg
 from rvsg.api.exchange import export
+from rvsg.api.watch_parts import SuiteAnalyser
+from rvsg.api.watch_subject import LiveSuite, Subject
 from rvsg.api.watching import approve, watch
 from rvsg.campaign.watch.journal import Journal
 from rvsg.campaign.watch.parts import RuleSet
@@ -120,3 +123,93 @@ def test_the_verb(suite: rvsg.Suite, field: Path, tmp_path: Path, capsys: pytest
     ):
         assert main(wrong) == 2
     assert "Traceback" not in capsys.readouterr().err
+
+
+PARAMETERS = """controller_server:
+  ros__parameters:
+    controller_plugins: ["FollowPath"]
+    FollowPath: {{plugin: "dwb_core::DWBLocalPlanner"{more}}}
+"""
+
+
+def test_a_parameter_file_that_changes_is_a_new_version_and_a_broken_one_is_left(tmp_path: Path) -> None:
+    file = tmp_path / "nav2_params.yaml"
+    file.write_text(PARAMETERS.format(more=""))
+    made: list[object] = []
+    subject = Subject.of("embedded", str(file), made.append)
+    first = subject.version
+    assert first.startswith("nav2_params.yaml ") and len(made) == 1
+    assert subject.renew() == [] and len(made) == 1
+    file.write_text(PARAMETERS.format(more="") + "# a comment\n")
+    assert subject.renew() == [] and subject.version == first
+    file.write_text(PARAMETERS.format(more=", max_vel_x: 0.3"))
+    assert subject.renew() == [] and subject.version != first
+    driven = subject.simulator
+    assert driven is made[-1]
+    second = subject.version
+    file.write_text("controller_server: [")
+    (told,) = subject.renew()
+    assert "nav2_params.yaml" in told and subject.simulator is driven and subject.version == second
+    assert subject.renew() == []
+    file.write_text(PARAMETERS.format(more=""))
+    assert subject.renew() == [] and subject.version == first
+
+
+def test_a_changed_stack_runs_the_cases_again_and_the_way_back_too(suite: rvsg.Suite, tmp_path: Path) -> None:
+    (tmp_path / "field").mkdir()
+    version = ["A"]
+    live = LiveSuite(suite)
+    known: list[str] = []
+    analyser = SuiteAnalyser(live, live.world, 0.1, lambda: known, lambda: version[0])
+    symptoms = []
+    for now in ("A", "A", "B", "A"):
+        version[0] = now
+        for sign in analyser.analyse([]):
+            symptoms.append(sign.symptom)
+            known.append(sign.symptom.version)
+    assert [each.version for each in symptoms] == ["A", "B", "A"]
+    assert len({each.id for each in symptoms}) == 3
+
+
+def test_failures_are_written_into_the_suite_which_is_read_again_when_it_changes(
+    suite: rvsg.Suite, field: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "suite"
+    shutil.copytree(suite.folder, folder)
+    (folder / "rules").mkdir()
+    (folder / "rules" / "rules.yaml").write_text("write_back: always\nnear: 0.0\n")
+    (folder / "rules" / "strict.yaml").write_text(
+        "strict:\n  title: Fast\n  text: Fast.\n  metric: trg\n  worse: larger\n  limit: 1.0\n  unit: s\n"
+    )
+    live = LiveSuite(rvsg.Suite.open(folder))
+    crossing = live.cases[0].scenario
+    rvsg.Suite.open(folder).add(crossing, "rules/strict.yaml#strict", expected="pass")
+    assert live.renew() == [] and len(live.cases[0].expectations) == 2
+    journal = watch(folder, field, tmp_path / "w", cycles=1, simulator=FAST, every_s=0.0)
+    written = [note.text for note in journal.notes if note.outcome == "written"]
+    new = [case for case in rvsg.Suite.open(folder).cases if case.name != "crossing"]
+    assert written and len(new) == len(written)
+    for case in new:
+        (expectation,) = case.expectations
+        assert (expectation.requirement, expectation.expected) == ("rules/strict.yaml#strict", "violation")
+        assert "runs violate it" in expectation.reason
+        assert any(case.name in text for text in written)
+    (folder / f"{new[0].name}.yaml").write_text("nonsense: 1\n")
+    (told,) = live.renew()
+    assert new[0].name in told and len(live.cases) == 1 and live.renew() == []
+
+
+def test_a_case_that_is_fixed_is_expected_to_hold(suite: rvsg.Suite, field: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "suite"
+    shutil.copytree(suite.folder, folder)
+    made = rvsg.Suite.open(folder)
+    made.add(made.cases[0].scenario, "R3", expected="violation", reason="slow")
+    (field / "version.txt").write_text("nav 2\n")
+    how = {"simulator": FAST, "every_s": 0.0, "cycles": 1}
+    journal = watch(folder, field, tmp_path / "w", rules=RuleSet(near=0.0), **how)  # type: ignore[arg-type]
+    (waiting,) = {note.plan for note in journal.notes if note.outcome == "waits"}
+    assert waiting is not None
+    approve(tmp_path / "w", waiting)
+    watch(folder, field, tmp_path / "w", rules=RuleSet(near=0.0), **how)  # type: ignore[arg-type]
+    (case,) = rvsg.Suite.open(folder).cases
+    assert [(e.requirement, e.expected) for e in case.expectations] == [("R3", "pass")]

@@ -11,10 +11,10 @@ import pytest
 import rvsg
 from rvsg.campaign.knowledge import Entry
 from rvsg.campaign.suite import CaseResult, State
-from rvsg.campaign.watch.journal import Journal
+from rvsg.campaign.watch.journal import Journal, Note
 from rvsg.campaign.watch.legitimate import DeclaredRules
 from rvsg.campaign.watch.loop import Loop
-from rvsg.campaign.watch.parts import Planned, RuleSet, Sign, Symptom, Watched
+from rvsg.campaign.watch.parts import Change, Planned, RuleSet, Sign, Symptom, Watched
 from rvsg.core.errors import FileError, SimulationError
 from rvsg.evaluation.judge import judge
 from rvsg.scenario.scenario import Scenario
@@ -35,6 +35,8 @@ class Scripted:
         self.asked: list[str] = []
         self.kept: dict[str, Entry] = {}
         self.fails = False
+        self.called_for: list[Change] = []
+        self.written: list[str] = []
         self.run = rvsg.simulate(scenario, 1, simulator="kinematic")[0]
 
     def new(self, seen: frozenset[str]) -> list[Watched]:
@@ -80,6 +82,15 @@ class Scripted:
             )
         ]
 
+    def changes(self, planned: Planned, results: Sequence[CaseResult]) -> list[Change]:
+        return self.called_for
+
+    def alike(self, change: Change) -> int:
+        return len(self.written)
+
+    def keep(self, change: Change) -> None:
+        self.written.append(change.case)
+
     def add(self, entries: Iterable[Entry], *, origin: str = "") -> int:
         before = len(self.kept)
         self.kept |= {entry.id: entry for entry in entries}
@@ -100,6 +111,7 @@ def loop(folder: Path, parts: Scripted, rules: RuleSet | None = None, **how: obj
         "legitimator": DeclaredRules(rules or RuleSet(), world, read),
         "executor": parts,
         "knowledge": parts,
+        "keeper": parts,
         "journal": Journal(folder / "watch.jsonl"),
         "plans": folder / "plans",
         "place": world.floor_id,
@@ -223,3 +235,67 @@ def test_the_journal_is_json_lines(tmp_path: Path, crossing: Scenario) -> None:
     loop(tmp_path, Scripted(crossing, ["a"])).cycle()
     notes = [json.loads(line) for line in (tmp_path / "watch.jsonl").read_text().splitlines()]
     assert notes[-1]["seen"] == ["a"] and notes[-1]["outcome"] == "complete"
+
+
+def change(scenario: Scenario, case: str) -> Change:
+    return Change(
+        case=case,
+        title=case,
+        scenario=scenario,
+        requirement="R1",
+        expected="violation",
+        reason="2 of 4 runs violate it",
+        is_new=True,
+    )
+
+
+def test_a_change_of_the_suite_waits_for_a_person_and_is_written_once(tmp_path: Path, crossing: Scenario) -> None:
+    parts = Scripted(crossing, sources=["a"])
+    parts.called_for = [asked := change(crossing, "new")]
+    assert loop(tmp_path, parts).cycle() is True
+    assert parts.written == []
+    assert loop(tmp_path, parts).cycle() is False  # it still waits, and that is said once
+    waits = [note for note in Journal(tmp_path / "watch.jsonl").notes if note.outcome == "waits"]
+    assert [note.plan for note in waits] == [asked.id] and asked.id in waits[0].text
+    (tmp_path / "approved.txt").write_text(f"{asked.id}\n")
+    assert loop(tmp_path, parts).cycle() is True
+    assert parts.written == ["new"]
+    assert loop(tmp_path, parts).cycle() is False
+
+
+@pytest.mark.parametrize(
+    ("rules", "written"),
+    [(RuleSet(write_back="always"), ["new"]), (RuleSet(write_back="never"), []), (RuleSet(max_failures=0), [])],
+)
+def test_the_rules_say_what_is_written_back(
+    tmp_path: Path, crossing: Scenario, rules: RuleSet, written: list[str]
+) -> None:
+    parts = Scripted(crossing, sources=["a"])
+    parts.called_for = [change(crossing, "new")]
+    made = loop(tmp_path, parts, rules)
+    made.cycle()
+    assert parts.written == written
+    assert ("refused" in {note.outcome for note in made.journal.notes}) is (not written)
+
+
+def test_what_cannot_be_read_anew_is_in_the_log(tmp_path: Path, crossing: Scenario) -> None:
+    made = loop(tmp_path, Scripted(crossing, sources=[]), renew=lambda: ["the stack is left as it was"])
+    assert made.cycle() is False
+    assert [(note.part, note.text) for note in made.journal.notes] == [("monitor", "the stack is left as it was")]
+
+
+def test_the_log_sums_up_what_the_cases_say_of_a_new_version(tmp_path: Path) -> None:
+    journal = Journal(tmp_path / "watch.jsonl")
+
+    def note(**what: object) -> None:
+        journal.add(Note(time="2026-01-01T00:00:00+00:00", cycle=1, part="execute", text="x", **what))  # type: ignore[arg-type]
+
+    note(results=(("old R1", "broken"),))
+    note(symptom=Symptom(kind="new version", version="B", change=1))
+    assert journal.version_in_words() == ""
+    note(results=(("aisle R1", "broken"), ("aisle R2", "passed")))
+    note(results=(("door R1", "passed"),))
+    told = Journal(journal.path).version_in_words()
+    assert "B" in told and "1 broken (aisle R1)" in told and "2 passed" in told and "old" not in told
+    note(outcome="version")
+    assert journal.version_in_words() == ""

@@ -16,7 +16,8 @@ from rvsg.api.index import campaigns_in
 from rvsg.api.proposing import brief_of
 from rvsg.api.scenarios import walk
 from rvsg.api.suite_cases import CaseWork
-from rvsg.api.suites import Suite, requirement_of
+from rvsg.api.suites import requirement_of
+from rvsg.api.watch_subject import LiveSuite, Subject
 from rvsg.campaign.knowledge import Entry, remembered
 from rvsg.campaign.suite import Case, CaseResult, Expectation
 from rvsg.campaign.watch.parts import Planned, RuleSet, Sign, Symptom, Watched
@@ -28,7 +29,6 @@ from rvsg.generation.generator import Generator
 from rvsg.scenario.dependence import waypoints_used
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import HumanConfiguration, Mission, Scenario
-from rvsg.simulation.protocol import Simulator
 from rvsg.store.knowledge import KnowledgeBase
 from rvsg.world.world import World
 
@@ -121,25 +121,34 @@ class CampaignMonitor:
 class SuiteAnalyser:
     """Judges what was watched by the requirements of the suite, and compares it with what the suite tests."""
 
-    suite: Suite
+    suite: LiveSuite
     world: World
     near: float
-    known_version: Callable[[], str]
-    """The version that the last complete cycle saw; empty before any."""
+    versions: Callable[[], Sequence[str]]
+    """The versions that were acted on, in their order."""
+    subject: Callable[[], str] = lambda: ""
+    """The version of the stack under test; empty where it has none."""
     learned: Callable[[], Sequence[Entry]] = lambda: ()
     """What is known already; places in it are tested."""
 
     def analyse(self, watched: Sequence[Watched]) -> list[Sign]:
         """Return the signs of all runs, those of a new version first."""
-        signs = []
-        version = next((each.version for each in reversed(watched) if each.version), "")
-        if version and version != self.known_version():
-            source = next(each.source for each in watched if each.version == version)
-            text = f"the stack's version is {version}, it was {self.known_version() or 'unknown'}"
-            signs.append(Sign(symptom=Symptom(kind="new version", version=version), source=source, text=text))
+        signs = list(self._new_version(watched))
         for each in watched:
             signs += self._limits(each)
         return signs + self._places(watched)
+
+    def _new_version(self, watched: Sequence[Watched]) -> Iterator[Sign]:
+        """The stack under test tells its version; where it has none, the recordings do."""
+        seen = next((each for each in reversed(watched) if each.version), None)
+        version, source = self.subject(), "the stack under test"
+        if not version and seen is not None:
+            version, source = seen.version, seen.source
+        known = self.versions()
+        if version and version != (known[-1] if known else ""):
+            text = f"the stack's version is {version}, it was {known[-1] if known else 'unknown'}"
+            symptom = Symptom(kind="new version", version=version, change=len(known))
+            yield Sign(symptom=symptom, source=source, text=text)
 
     def entries(self, watched: Sequence[Watched]) -> list[Entry]:
         """Return what each run shows by each requirement."""
@@ -183,7 +192,7 @@ class SuiteAnalyser:
             if margin > self.near * max(abs(limit), 1e-9) and not requirement.violated_by(value):
                 continue
             kind = "violated" if requirement.violated_by(value) else "near its limit"
-            symptom = Symptom(kind=kind, route=each.route, requirement=name, version=each.version)
+            symptom = Symptom(kind=kind, route=each.route, requirement=name, version=each.version or self.subject())
             text = f"{each.source} on {each.route}: {name} {kind}, {value:.3g} {requirement.unit} (limit {limit:.3g})"
             yield Sign(symptom=symptom, source=each.source, text=text)
 
@@ -219,7 +228,7 @@ class SuiteAnalyser:
 class SuitePlanner:
     """Plans scenarios: the suite's cases for a new version, variants by a generator, walks through untested places."""
 
-    suite: Suite
+    suite: LiveSuite
     world: World
     rules: RuleSet
     generator: Generator
@@ -291,9 +300,9 @@ class SuitePlanner:
 class SimulationExecutor:
     """Runs a plan in a simulator until its verdicts are sure, at most the runs it was accepted with."""
 
-    suite: Suite
+    suite: LiveSuite
     world: World
-    simulator: Simulator
+    subject: Subject
     jobs: int = 1
 
     def execute(self, planned: Planned) -> list[CaseResult]:
@@ -310,7 +319,7 @@ class SimulationExecutor:
         route = planned.scenario.mission.route
         asked = tuple(requirement_of(each, self.suite.folder, route) for each in case.expectations)
         procedure = self.suite.head.judging.replace(max_runs=planned.runs)
-        work = CaseWork(case, self.world, asked, procedure, self.simulator)
+        work = CaseWork(case, self.world, asked, procedure, self.subject.simulator)
         return list(work.results(runs=None, jobs=self.jobs, pictures=None, on_message=lambda _: None))
 
 

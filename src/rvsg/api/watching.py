@@ -9,7 +9,7 @@ from pathlib import Path
 from rvsg.api.folder import alone_in
 from rvsg.api.knowledge import open_knowledge
 from rvsg.api.proposing import make_generator
-from rvsg.api.simulating import ignore, make_simulator
+from rvsg.api.simulating import ignore
 from rvsg.api.suites import Suite
 from rvsg.api.watch_parts import (
     CampaignMonitor,
@@ -19,6 +19,7 @@ from rvsg.api.watch_parts import (
     SuitePlanner,
     is_campaign,
 )
+from rvsg.api.watch_subject import LiveSuite, Subject
 from rvsg.api.wiring import let_rehearse
 from rvsg.campaign.watch.journal import Journal, Note, in_words
 from rvsg.campaign.watch.legitimate import DeclaredRules
@@ -50,6 +51,7 @@ def watch(
     rules: RuleSet | str | Path | None = None,
     generator: str | Spec | Generator = "heuristic",
     simulator: str | Spec | Simulator = "embedded",
+    stack: str | Spec | None = None,
     knowledge: str | Path | None = None,
     seed: int = 0,
     jobs: int = 1,
@@ -69,6 +71,7 @@ def watch(
         route: of all recordings; by default the folder of a recording names its route.
         rules: what makes a plan legitimate; by default `rules.yaml` in the suite's folder, else the defaults.
         generator: writes variants of what is near its limit.
+        stack: the navigation stack under test. A parameter file of Nav2 is read again when it changes: a new version.
         knowledge: the knowledge base; by default one in `out`.
 
     Raises:
@@ -77,14 +80,18 @@ def watch(
     if monitor is None:
         raise InputError("What is to be watched? Give --monitor DIR, a folder of recordings or of campaigns.")
     opened = suite if isinstance(suite, Suite) else Suite.open(suite)
-    world = _world(opened)
+    cases = LiveSuite(opened)
+    world = cases.world
     folder = Path(out)
     chosen = _rules(opened, rules)
-    made = make_simulator(simulator)
     writer = make_generator(generator)
-    let_rehearse(writer, made, world, seed=seed)
     watching = monitor if not isinstance(monitor, str | Path) else _monitor(Path(monitor), world, route)
-    made.prepare(on_message)
+
+    def ready(made: Simulator) -> None:
+        let_rehearse(writer, made, world, seed=seed)
+        made.prepare(on_message)
+
+    subject = Subject.of(simulator, stack, ready)
     folder.mkdir(parents=True, exist_ok=True)
     end = None if seconds is None else clock() + seconds
 
@@ -96,16 +103,24 @@ def watch(
         loop = Loop(
             monitor=watching,
             analyser=SuiteAnalyser(
-                opened, world, chosen.near, lambda: _version(journal), lambda: known.entries(world=world.name)
+                cases,
+                world,
+                chosen.near,
+                lambda: _versions(journal),
+                lambda: subject.version,
+                lambda: known.entries(world=world.name),
             ),
-            planner=SuitePlanner(opened, world, chosen, writer, known, seed),
+            planner=SuitePlanner(cases, world, chosen, writer, known, seed),
             legitimator=DeclaredRules(chosen, world, lambda: approved(folder)),
-            executor=SimulationExecutor(opened, world, made, jobs),
+            executor=SimulationExecutor(cases, world, subject, jobs),
             knowledge=known,
+            keeper=cases,
             journal=journal,
             plans=folder / PLANS,
             place=world.floor_id,
-            simulator=made.name,
+            simulator=subject.simulator.name,
+            renew=lambda: [*cases.renew(), *subject.renew()],
+            version=lambda: subject.version,
             tell=on_note,
             stop=over,
         )
@@ -119,23 +134,23 @@ def watch(
 
 
 def approve(out: str | Path, plan: str, *, on_message: Callable[[str], None] = ignore) -> None:
-    """Approve a plan that waits; the next cycle runs it.
+    """Approve a plan or a change of the suite that waits; the next cycle carries it out.
 
     Raises:
-        InputError: no plan of that id waits.
+        InputError: nothing of that id waits.
     """
     folder = Path(out)
     decided = Journal(folder / JOURNAL).decided
     if decided.get(plan) != "waits":
         waiting = ", ".join(sorted(key for key, outcome in decided.items() if outcome == "waits"))
-        raise InputError(f"No plan {plan} waits for approval. Waiting: {waiting or 'none'}.")
+        raise InputError(f"{plan} does not wait for approval. Waiting: {waiting or 'none'}.")
     with (folder / APPROVED).open("a", encoding="utf-8") as file:
         file.write(f"{plan}\n")
-    on_message(f"Approved. The next cycle of the watch in {folder} runs it.")
+    on_message(f"Approved. The next cycle of the watch in {folder} carries it out.")
 
 
 def approved(folder: Path) -> frozenset[str]:
-    """Return the ids of the plans that a person has approved."""
+    """Return the ids of the plans and changes that a person has approved."""
     file = folder / APPROVED
     return frozenset(file.read_text(encoding="utf-8").split()) if file.is_file() else frozenset()
 
@@ -143,13 +158,6 @@ def approved(folder: Path) -> frozenset[str]:
 def note_in_words(note: Note) -> str:
     """Return a note as a line of the log."""
     return in_words(note)
-
-
-def _world(suite: Suite) -> World:
-    worlds = {world.id: world for world in suite.worlds.values()}
-    if len(worlds) != 1:
-        raise InputError(f"{suite.folder}: a watch needs a suite of one world, and this one has {len(worlds)}.")
-    return next(iter(worlds.values()))
 
 
 def _rules(suite: Suite, given: RuleSet | str | Path | None) -> RuleSet:
@@ -169,7 +177,6 @@ def _monitor(folder: Path, world: World, route: str | None) -> Monitor:
     return RecordingMonitor(folder, world, route)
 
 
-def _version(journal: Journal) -> str:
-    """Return the version that was acted on last."""
-    found = [n.symptom.version for n in journal.notes if n.symptom is not None and n.symptom.kind == "new version"]
-    return found[-1] if found else ""
+def _versions(journal: Journal) -> list[str]:
+    """Return the versions that were acted on, in their order."""
+    return [n.symptom.version for n in journal.notes if n.symptom is not None and n.symptom.kind == "new version"]

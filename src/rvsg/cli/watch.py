@@ -31,10 +31,17 @@ def watch(
     rules: Annotated[
         Path | None, typer.Option(metavar="FILE", help="What makes a plan legitimate. [SUITE/rules/rules.yaml]")
     ] = None,
-    approve: Annotated[str | None, typer.Option(metavar="PLAN", help="Approve a plan that waits, and end.")] = None,
+    approve: Annotated[
+        str | None, typer.Option(metavar="PLAN", help="Approve a plan or change that waits, and end.")
+    ] = None,
     generator: Annotated[str, typer.Option(help="Who writes variants.")] = "heuristic",
     simulator: Annotated[str, typer.Option(help="What runs the plans.")] = "embedded",
     simulator_option: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="For the simulator.")] = None,
+    stack: Annotated[
+        str | None,
+        typer.Option(help="Navigation stack under test; a parameter file is read again when it changes. [nav2-dwb]"),
+    ] = None,
+    stack_option: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="For the stack.")] = None,
     knowledge: Annotated[
         str | None, typer.Option(metavar="FILE|URL", help="The knowledge base. [OUT/knowledge.sqlite]")
     ] = None,
@@ -45,11 +52,12 @@ def watch(
 
     Monitor reads new runs, Analyse judges them by the requirements of the suite, Plan writes scenarios for what is near
     its limit, for places never tested and for a new version, Legitimate accepts or refuses each by declared rules,
-    Execute runs it, Knowledge keeps it. OUT/watch.log says what was done and why.
+    Execute runs it, Knowledge keeps it and writes new failures into the suite. OUT/watch.log says what was done and
+    why.
     """
     from rvsg.api import watching
     from rvsg.api.errors import Interrupted
-    from rvsg.cli.options import seconds_of, spec
+    from rvsg.cli.options import seconds_of, spec, stack_spec
 
     if approve is not None:
         watching.approve(out, approve, on_message=say)
@@ -66,6 +74,7 @@ def watch(
             rules=rules,
             generator=generator,
             simulator=spec("simulator", simulator, simulator_option),
+            stack=stack_spec(stack, stack_option),
             knowledge=knowledge,
             seed=seed,
             jobs=jobs,

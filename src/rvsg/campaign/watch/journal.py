@@ -11,10 +11,13 @@ from typing import Literal
 
 from pydantic import ValidationError
 
+from rvsg.campaign.suite import State
 from rvsg.campaign.watch.parts import Symptom
 from rvsg.core.errors import FileError
 from rvsg.core.records import Record
 
+QUIET = (State.PASSED.value, State.KNOWN_FAILURE.value)
+"""States that were expected; the log counts their cases and names the others."""
 Part = Literal["loop", "monitor", "analyse", "plan", "legitimate", "execute", "knowledge"]
 
 
@@ -31,10 +34,12 @@ class Note(Record):
     symptom: Symptom | None = None
     """A symptom that has been acted on."""
     plan: str | None = None
-    """The id of a plan that was decided on or run."""
+    """The id of a plan or a change of the suite that was decided on or done."""
     outcome: str = ""
     runs: int = 0
     """Runs that it took."""
+    results: tuple[tuple[str, str], ...] = ()
+    """Of a case of the suite: its name with each requirement, and the state."""
 
 
 class Journal:
@@ -57,8 +62,8 @@ class Journal:
 
     @property
     def settled(self) -> frozenset[str]:
-        """Ids of the plans that were refused or run."""
-        done = [note for note in self.notes if note.part == "execute" or note.outcome == "refused"]
+        """Ids of the plans that were refused or run, and of the changes that were refused or written."""
+        done = [note for note in self.notes if note.part == "execute" or note.outcome in ("refused", "written")]
         return frozenset(note.plan for note in done if note.plan is not None)
 
     @property
@@ -75,6 +80,21 @@ class Journal:
     def cycle(self) -> int:
         """Cycles that are complete."""
         return sum(note.part == "loop" and note.outcome == "complete" for note in self.notes)
+
+    def version_in_words(self) -> str:
+        """Return what the cases say of the version that was acted on last; empty where that is said already."""
+        version, results = "", dict[str, str]()
+        for note in self.notes:
+            if note.symptom is not None and note.symptom.kind == "new version":
+                version, results = note.symptom.version, {}
+            elif note.outcome == "version":
+                results = {}
+            results |= dict(note.results)
+        told = []
+        for state in dict.fromkeys(results.values()):
+            names = [name for name, each in results.items() if each == state]
+            told.append(f"{len(names)} {state}" + ("" if state in QUIET else f" ({', '.join(names)})"))
+        return f"the suite on {version}: {', '.join(told)}" if told else ""
 
     def add(self, note: Note) -> None:
         """Append a note to both files; each line is flushed before the next thing is done."""

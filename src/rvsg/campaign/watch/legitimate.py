@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-from rvsg.campaign.watch.parts import Decision, Planned, RuleSet
+from rvsg.campaign.watch.parts import Change, Decision, Planned, RuleSet
 from rvsg.scenario import validity
 from rvsg.scenario.validity.checker import start_gap_m
 from rvsg.world.world import World
@@ -34,6 +34,19 @@ class DeclaredRules:
         if planned.id in self.approved():
             return Decision(outcome="accepted", reasons=("all rules hold; a person approved it",))
         return Decision(outcome="waits", reasons=("approval: a person has to approve it",))
+
+    def decide_change(self, change: Change, *, alike: int) -> Decision:
+        """Decide on a change of the suite by the rules `write_back` and `max_failures`."""
+        if self.rules.write_back == "never":
+            return Decision(outcome="refused", reasons=("write_back: the suite is not changed",))
+        if change.is_new and alike >= self.rules.max_failures:
+            known = f"max_failures: the suite knows {alike} failures of {change.requirement} on this route"
+            return Decision(outcome="refused", reasons=(known,))
+        if self.rules.write_back == "always":
+            return Decision(outcome="accepted", reasons=("write_back: always",))
+        if change.id in self.approved():
+            return Decision(outcome="accepted", reasons=("write_back: a person approved it",))
+        return Decision(outcome="waits", reasons=("write_back: a person has to approve it",))
 
     def _validity(self, planned: Planned) -> Iterator[str]:
         for finding in validity.check(planned.scenario.people, planned.scenario.mission, self.world):

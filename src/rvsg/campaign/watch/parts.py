@@ -1,4 +1,4 @@
-"""The six parts of the loop as protocols, and the records they hand to one another."""
+"""The parts of the loop as protocols, and the records they hand to one another."""
 
 from __future__ import annotations
 
@@ -33,6 +33,19 @@ class Symptom(Record):
     requirement: str = ""
     places: tuple[str, ...] = ()
     version: str = ""
+    change: int = 0
+    """Of a new version: how many there were before, so that the way back to an old one counts, too."""
+
+    @property
+    def in_words(self) -> str:
+        """The symptom as part of a sentence."""
+        words = {
+            "near its limit": f"{self.requirement} near its limit on {self.route}",
+            "violated": f"{self.requirement} violated on {self.route}",
+            "never tested": f"untested places on {self.route} ({', '.join(self.places)})",
+            "new version": f"the new version {self.version}",
+        }
+        return words[self.kind]
 
 
 class Sign(Record):
@@ -58,8 +71,31 @@ class Planned(Record):
     """Whether it is a case of the suite, which was accepted when it was added."""
 
 
+class Change(Record):
+    """What a result calls for in the suite: a new known failure, or an expectation that holds again."""
+
+    case: str
+    """The name of the case."""
+    title: str
+    scenario: Scenario
+    requirement: str
+    """As the suite names it."""
+    expected: Literal["pass", "violation"]
+    reason: str
+    """Why the failure is known: what found it, and how often the runs violate the requirement."""
+    is_new: bool
+    """Whether the suite has no such case yet."""
+
+    @property
+    def in_words(self) -> str:
+        """The change as part of a sentence."""
+        if self.expected == "pass":
+            return f"{self.case}: {self.requirement} is expected to hold from now on"
+        return f"{self.case}: a new known failure of {self.requirement}, {self.reason}"
+
+
 class Decision(Record):
-    """What was decided on a plan. Every reason stands for a rule that was declared."""
+    """What was decided on a plan or a change. Every reason stands for a rule that was declared."""
 
     outcome: Literal["accepted", "refused", "waits"]
     reasons: tuple[str, ...]
@@ -104,6 +140,10 @@ class Legitimator(Protocol):
         """Decide on a plan after `spent` runs."""
         ...
 
+    def decide_change(self, change: Change, *, alike: int) -> Decision:
+        """Decide on a change of the suite, which knows `alike` failures of this requirement on this route."""
+        ...
+
 
 class Executor(Protocol):
     """Runs what was accepted."""
@@ -118,6 +158,22 @@ class Memory(Protocol):
 
     def add(self, entries: Iterable[Entry], *, origin: str = "") -> int:
         """Add entries; return how many are new."""
+        ...
+
+
+class Keeper(Protocol):
+    """Writes into the suite what the loop finds."""
+
+    def changes(self, planned: Planned, results: Sequence[CaseResult]) -> Sequence[Change]:
+        """Return what the results of a plan call for in the suite."""
+        ...
+
+    def alike(self, change: Change) -> int:
+        """Return how many failures of the requirement on the route of a change the suite knows."""
+        ...
+
+    def keep(self, change: Change) -> None:
+        """Write a change into the suite; doing it twice is doing it once."""
         ...
 
 
@@ -138,3 +194,7 @@ class RuleSet(Record):
     """Which plans wait for a person's approval: none, those that are no case of the suite, or all."""
     near: float = 0.15
     """A requirement is near its limit within this share of the limit."""
+    write_back: Literal["never", "approved", "always"] = "approved"
+    """Whether new failures and fixed cases are written into the suite: never, once a person approved it, or at once."""
+    max_failures: int = 5
+    """No further failure of a requirement on a route is written into a suite that knows so many."""
