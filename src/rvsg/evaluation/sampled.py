@@ -30,6 +30,8 @@ CONTACT_GAP_M = 0.02
 CONTACT_APART_S = 0.5
 """Contacts with one person with less time between them are one contact."""
 GROUP_SPACE_AHEAD_M = 1.5
+OUTLINE_STEP_M = 0.05
+"""Two outlines are compared at points this far apart along each."""
 
 
 def wrap(angle: Floats) -> Floats:
@@ -77,6 +79,48 @@ def _outline_distance(outline: Sequence[tuple[float, float]], x: Floats, y: Floa
             inside ^= ((ay > y) != (by > y)) & (x < ax + (y - ay) / (by - ay) * ex)
     signed: Floats = np.where(inside, -best, best)
     return signed
+
+
+def outline_gap(
+    robot: Sequence[tuple[float, float]], radius_m: float, yaw: Floats, outline: Sequence[tuple[float, float]],
+    dx: Floats, dy: Floats, turn: Floats,
+) -> Floats:  # fmt: skip
+    """Return the gap between the robot and an outline at N samples, metres; negative where they overlap.
+
+    Args:
+        robot: The robot's outline in its frame; empty: a disc of `radius_m`.
+        yaw: The robot's yaw (N,).
+        outline: Corners in the frame of a person.
+        dx, dy, turn: Offset of the person from the robot, and the person's yaw (N,).
+    """
+    ahead, left = _turned(-dx, -dy, -turn)
+    if not robot:
+        return _outline_distance(outline, ahead, left) - radius_m
+    ours = _outline_distance(outline, *_placed(_along(robot), ahead, left, yaw - turn)).min(axis=1)
+    ahead, left = _turned(dx, dy, -yaw)
+    theirs = _outline_distance(robot, *_placed(_along(outline), ahead, left, turn - yaw)).min(axis=1)
+    gap: Floats = np.minimum(theirs, ours)
+    return gap
+
+
+def _turned(x: Floats, y: Floats, angle: Floats) -> tuple[Floats, Floats]:
+    cos, sin = np.cos(angle), np.sin(angle)
+    return x * cos - y * sin, x * sin + y * cos
+
+
+def _placed(points: Floats, x: Floats, y: Floats, angle: Floats) -> tuple[Floats, Floats]:
+    """Return points (K, 2) of a body's frame at its N poses: x and y (N, K)."""
+    px, py = _turned(points[:, 0], points[:, 1], angle[:, None])
+    return x[:, None] + px, y[:, None] + py
+
+
+def _along(outline: Sequence[tuple[float, float]]) -> Floats:
+    """Return points every 5 cm along an outline, its corners among them (K, 2)."""
+    found = []
+    for (ax, ay), (bx, by) in edges(outline):
+        shares = np.linspace(0.0, 1.0, max(2, int(np.hypot(bx - ax, by - ay) / OUTLINE_STEP_M) + 2))[:-1, None]
+        found.append(np.array([[ax, ay]]) + shares * np.array([[bx - ax, by - ay]]))
+    return np.concatenate(found)
 
 
 @dataclass(frozen=True)
@@ -139,8 +183,27 @@ class Sampled:
     def gap(self) -> Floats:
         """(N, H) metres between the bodies of robot and human; negative where they overlap.
 
-        The robot's body is its outline where the run knows it, else a disc; a human's is a disc.
+        The robot's body is its outline where the run knows it, else a disc; a human's is a disc, with what the human
+        sits in or pushes.
         """
+        if not any(self.run.human_outlines):
+            return self._disc_or_outline_gap
+        return np.minimum(self._disc_or_outline_gap, self._pushed_gap)
+
+    @cached_property
+    def _pushed_gap(self) -> Floats:
+        """(N, H) metres between the robot's body and what each human sits in or pushes; inf where that is nothing."""
+        s, (dx, dy) = self.series, self.offset
+        gap: Floats = np.full(dx.shape, np.inf)
+        for h, outline in enumerate(self.run.human_outlines):
+            if outline and len(self):
+                pose = (dx[:, h], dy[:, h], s.human_yaw[:, h])
+                gap[:, h] = outline_gap(self.run.robot_outline, self.run.robot_radius_m, s.yaw, outline, *pose)
+        return gap
+
+    @cached_property
+    def _disc_or_outline_gap(self) -> Floats:
+        """(N, H) metres between the robot's body and each human's disc."""
         if not self.run.robot_outline or not self.people:
             return self.disc_gap
         cos, sin = np.cos(self.series.yaw)[:, None], np.sin(self.series.yaw)[:, None]

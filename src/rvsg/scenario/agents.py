@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from rvsg.core.records import Record
+from rvsg.scenario.bodies import Outline
 from rvsg.scenario.scenario import (
     GOAL_RADIUS_M,
     Behaviour,
@@ -59,6 +60,8 @@ class HumanAgent(Record):
     factors: ForceFactors | Literal["random_normal", "random_uniform"] = ForceFactors()
     group: int | None = None
     start_delay_s: float = 0.0
+    outline: Annotated[Outline, Field(exclude_if=lambda outline: not outline)] = ()
+    """Corners of what the person sits in or pushes, in the person's frame."""
 
     @property
     def stays(self) -> bool:
@@ -138,4 +141,5 @@ def _agent(human: Human, grid: Grid) -> HumanAgent:
         factors=human.factors,
         group=human.group,
         start_delay_s=human.start_delay_s,
+        outline=human.outline,
     )

@@ -5,11 +5,12 @@ from __future__ import annotations
 from enum import Enum
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, SerializerFunctionWrapHandler, field_validator, model_serializer
+from pydantic import Field, SerializerFunctionWrapHandler, field_validator, model_serializer, model_validator
 
 from rvsg.core.records import Record
 from rvsg.robots import Robot, shipped_robots
 from rvsg.robots.files import DEFAULT_ROBOT
+from rvsg.scenario.bodies import LIMITS, Outline, PersonKind, Trolley, outline_of
 from rvsg.world.grid import Grid
 from rvsg.world.world import Route, SolidObject, World, WorldParts
 
@@ -113,6 +114,24 @@ class Human(Record):
         GOAL_RADIUS_M
     )
     """How near the person comes to a waypoint before it counts as reached. The default is no part of the id."""
+    kind: Annotated[PersonKind, Field(exclude_if=lambda kind: kind is PersonKind.ADULT)] = PersonKind.ADULT
+    """Who the person is; a child or a wheelchair brings its own radius and speed where none are given."""
+    trolley: Annotated[Trolley | None, Field(exclude_if=lambda trolley: trolley is None)] = None
+    """What the person pushes."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _sized(cls, given: Any) -> Any:
+        kind = given.get("kind") if isinstance(given, dict) else None
+        limits = next((LIMITS[known] for known in LIMITS if known == kind), None)
+        if limits is None:
+            return given
+        return {"radius_m": limits.radius_m, "speed_m_s": limits.speed_m_s, **given}
+
+    @property
+    def outline(self) -> Outline:
+        """The corners of what the person sits in or pushes, in the person's frame; empty for the body alone."""
+        return outline_of(self.kind, self.trolley, self.radius_m)
 
     def starts_at(self, grid: Grid) -> Point | None:
         """Return where the person starts; None where the first path is empty or names no place."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 import io
 import json
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 import pydantic
@@ -46,6 +46,9 @@ class RunHeader(Record):
     human_groups: tuple[int | None, ...] = ()
     events: tuple[RecordedEvent, ...] = ()
     robot_outline: tuple[tuple[float, float], ...] = ()
+    human_outlines: Annotated[
+        tuple[tuple[tuple[float, float], ...], ...], Field(exclude_if=lambda outlines: not outlines)
+    ] = ()
     robot_latency_s: float = 0.0
     robot_deceleration_m_s2: float = 2.5
     same_log: bool = False

@@ -44,6 +44,8 @@ class RobotContact(_OfPerson):
     """The person's part of it: speed towards the robot."""
     bearing_rad: float
     """Direction of the person off the robot's heading; 0 ahead, positive to the left."""
+    part: Annotated[Literal["body", "trolley", "wheelchair"], Field(exclude_if=lambda part: part == "body")] = "body"
+    """What of the person is touched."""
     overlap_m: float
     """How far the bodies overlap at most, after the contact is resolved."""
 
@@ -123,8 +125,29 @@ class Recovery(_Recorded):
     action: Literal["clear_costmaps", "spin", "wait", "back_up", "other"]
 
 
+class DoorMoved(_Recorded):
+    """An automatic door begins to open or close; the place is the middle of its closed leaf."""
+
+    kind: Literal["door_moved"] = "door_moved"
+    door: str
+    """The name of the door."""
+    opens: bool
+    share: float
+    """How far it is open when it begins, 0 to 1."""
+    until_s: float
+    """When it stops."""
+
+
 RecordedEvent = Annotated[
-    RobotContact | ObstacleContact | PersonStuck | PersonPaused | PersonReacted | PersonReached | Replan | Recovery,
+    RobotContact
+    | ObstacleContact
+    | PersonStuck
+    | PersonPaused
+    | PersonReacted
+    | PersonReached
+    | Replan
+    | Recovery
+    | DoorMoved,
     Field(discriminator="kind"),
 ]
 

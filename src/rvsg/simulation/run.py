@@ -91,6 +91,8 @@ class Run:
     robot_outline: tuple[tuple[float, float], ...] = ()
     """Corners of the robot's body in its frame, metres, where the simulator keeps bodies apart and records their
     contacts in `events`; empty: the body is the disc of `robot_radius_m`, and bodies may overlap."""
+    human_outlines: tuple[tuple[tuple[float, float], ...], ...] = ()
+    """Corners of what each person sits in or pushes, in the person's frame, metres; empty: nobody does."""
     robot_latency_s: float = 0.0
     robot_deceleration_m_s2: float = 2.5
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from rvsg.world.doors import Door
 from rvsg.world.grid import Grid, GridSpec
 from rvsg.world.lattice import area_waypoints, build_grid
 from rvsg.world.space import Space, human_space, in_same_space, robot_space
@@ -26,6 +27,8 @@ def build_world(
     activities: Sequence[str] = (),
     description: Description | None = None,
     map_offset: Point = (0.0, 0.0),
+    doors: Sequence[Door] = (),
+    actors: Sequence[str] = (),
 ) -> World:
     """Lay the grid and give every area without waypoints the ones it is worked from.
 
@@ -46,6 +49,8 @@ def build_world(
         description=description,
         map_offset=map_offset,
         grid_spec=spec,
+        doors=tuple(doors),
+        actors=tuple(actors),
     )
     human, robot = human_space(world), robot_space(world)
     grid = build_grid(spec, human, robot, seeds=[(route.start.x, route.start.y) for route in routes])

@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from rvsg.core.records import Pose, Record
+from rvsg.world.doors import Door
 from rvsg.world.raster import Frame
 from rvsg.world.space import frame_of, world_map
 from rvsg.world.world import FREE, OCCUPIED, Area, Route, SolidObject, World
@@ -24,7 +25,7 @@ class Difference(Record):
     it. Labels, activities and routes do not, because a scenario holds its own route.
     """
 
-    part: Literal["map", "objects", "waypoints", "areas", "routes", "activities"]
+    part: Literal["map", "objects", "doors", "waypoints", "areas", "routes", "activities"]
     message: str
     matters: bool
 
@@ -34,6 +35,7 @@ def differences(old: World, new: World) -> tuple[Difference, ...]:
     return (
         *_map(old, new),
         *_objects(old, new),
+        *_doors(old, new),
         *_waypoints(old, new),
         *_areas(old, new),
         *_routes(old, new),
@@ -68,6 +70,13 @@ def _objects(old: World, new: World) -> Iterator[Difference]:
         return thing.model_dump(exclude={"name", "kind"})
 
     yield from _named("objects", "object", old.objects, new.objects, what, matters=True)
+
+
+def _doors(old: World, new: World) -> Iterator[Difference]:
+    def what(door: Door) -> dict[str, object]:
+        return door.model_dump(exclude={"name"})
+
+    yield from _named("doors", "door", old.doors, new.doors, what, matters=True)
 
 
 def _waypoints(old: World, new: World) -> Iterator[Difference]:

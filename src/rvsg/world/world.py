@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from hashlib import sha256
@@ -13,6 +14,7 @@ from pydantic import Field
 
 from rvsg.core.errors import UnknownName
 from rvsg.core.records import Pose, Record, content_id
+from rvsg.world.doors import HEIGHT_M, Door
 from rvsg.world.grid import Grid, GridSpec
 
 FREE, OCCUPIED, UNKNOWN = 0, 100, 255  # the values of an occupancy map's cells
@@ -141,14 +143,31 @@ class World:
     description: Description | None = None
     map_offset: Point = (0.0, 0.0)
     grid_spec: GridSpec | None = None
+    doors: tuple[Door, ...] = ()
+    actors: tuple[str, ...] = ()
+    """What generators may use besides people on foot: `trolley`, `child`, `wheelchair`, `moved_object`."""
     moved: tuple[SolidObject, ...] = ()
     """Objects that a scenario puts into the world. They are solid, but the robot's map does not show them, and they
     are no part of the world's id."""
 
     @property
     def solids(self) -> tuple[SolidObject, ...]:
-        """Everything solid: the world's own objects, then those that were moved there."""
-        return self.objects + self.moved
+        """Everything solid: the world's own objects, doors that never move, then what was moved there."""
+        return self.objects + self.still_doors + self.moved
+
+    @cached_property
+    def still_doors(self) -> tuple[SolidObject, ...]:
+        """The leaves of the doors that are open or closed all the time."""
+        return tuple(_leaf(door, outline) for door in self.doors if (outline := door.still) is not None)
+
+    @property
+    def moving_doors(self) -> tuple[Door, ...]:
+        """The automatic doors."""
+        return tuple(door for door in self.doors if door.state == "automatic")
+
+    def _doors(self) -> dict[str, object]:
+        """The part of an id that holds the doors; a world without any keeps the id it had."""
+        return {"doors": [d.model_dump(mode="json") for d in self.doors]} if self.doors else {}
 
     @cached_property
     def floor_id(self) -> str:
@@ -163,6 +182,7 @@ class World:
                 "origin": self.occupancy.origin.model_dump(mode="json"),
                 "lidar_height_m": self.lidar_height_m,
                 "map_offset": list(self.map_offset),
+                **self._doors(),
             },
         )
 
@@ -194,6 +214,7 @@ class World:
                 "areas": [a.model_dump(mode="json") for a in self.areas],
                 "routes": [r.model_dump(mode="json") for r in self.routes],
                 "map_offset": list(self.map_offset),
+                **self._doors(),
             },
         )
 
@@ -227,3 +248,19 @@ class World:
             if area.name == name:
                 return area
         raise UnknownName("area", name, [a.name for a in self.areas], hint=f"World: {self.name}.")
+
+
+def _leaf(door: Door, outline: Polygon) -> SolidObject:
+    """Return a leaf that stands still as a solid object."""
+    (ax, ay), (bx, by), (cx, cy), _ = outline
+    middle = (0.5 * (ax + cx), 0.5 * (ay + cy), 0.5 * HEIGHT_M)
+    return SolidObject(
+        name=door.name,
+        kind="door",
+        origin=(*door.hinge, 0.0),
+        box=OrientedBox(
+            center=middle, size=(door.width_m, door.thickness_m, HEIGHT_M), yaw=math.atan2(by - ay, bx - ax)
+        ),
+        footprint=outline,
+        slices=(outline,),
+    )

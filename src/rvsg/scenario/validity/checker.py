@@ -14,7 +14,8 @@ from rvsg.scenario.dependence import changes_that_matter
 from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Task
 from rvsg.scenario.validity.findings import Finding
 from rvsg.scenario.validity.moved import moved_findings
-from rvsg.scenario.validity.rules import MAX_HUMANS, ROBOT_RADIUS_M, SPEED_RANGE_M_S, START_CLEARANCE_M
+from rvsg.scenario.validity.rules import MAX_HUMANS, ROBOT_RADIUS_M, START_CLEARANCE_M
+from rvsg.scenario.validity.sizes import outline_on_robot, size_findings, speed_range
 from rvsg.scenario.validity.task_ends import TaskEnd, near_place, spelled, task_ends
 from rvsg.scenario.validity.walkable import BODY_HALF_WIDTH_M, is_walkable
 from rvsg.world.fitting import fits_through
@@ -100,6 +101,7 @@ def human_findings(human: Human, world: World, *, labels: bool = True) -> Iterat
     yield from _point_findings(human, world)
     yield from _chain_findings(human)
     yield from _walk_findings(human)
+    yield from size_findings(human, world)
 
 
 def waypoint_findings(name: str, world: World) -> Finding | None:
@@ -294,7 +296,7 @@ def _walk_findings(human: Human) -> Iterator[Finding]:
             reason=f"All tasks are at {next(iter(visited))}.",
             suggestion="Give the person somewhere to walk to.",
         )
-    low, high = SPEED_RANGE_M_S
+    low, high = speed_range(human)
     if not low <= human.speed_m_s <= high:
         yield Finding(
             rule="speed-out-of-range",
@@ -359,6 +361,12 @@ def spawn_finding(
             rule="spawn-on-robot",
             reason=f"The person's body overlaps the robot's by {-gap:.2f} m at the start.",
             suggestion=f"Start farther from ({start.x:g}, {start.y:g}), where the robot stands.",
+        )
+    if outline_on_robot(human, at, mission, world):
+        return Finding(
+            rule="spawn-on-robot",
+            reason="What the person pushes or sits in stands on the robot at the start.",
+            suggestion="Start farther away, or on the way out.",
         )
     for other, where in others:
         if math.dist(at, where) < human.radius_m + other.radius_m:

@@ -23,6 +23,7 @@ REACH_M = 0.25
 def moved_findings(mission: Mission, world: World) -> Iterator[Finding]:
     """Yield what is wrong with the moved objects of a mission: off the map, on the robot, or no way left."""
     if not mission.moved:
+        yield from _door_findings(mission, world)
         return
     outside = [thing for thing in mission.moved if not _on_map(thing, world)]
     for thing in outside:
@@ -50,6 +51,21 @@ def moved_findings(mission: Mission, world: World) -> Iterator[Finding]:
         )
 
 
+def _door_findings(mission: Mission, world: World) -> Iterator[Finding]:
+    """Yield the doors that never move and leave the robot no way."""
+    if not world.still_doors:
+        return
+    route = mission.route
+    if not _leads(_robot_floor(mission, world), route.start, route.goal, _half_width_m(mission)):
+        names = ", ".join(door.name for door in world.still_doors)
+        yield Finding(
+            rule="door-blocks-route",
+            reason=f"The doors of {world.name} that do not move ({names}) leave the robot no way to the goal of "
+            f"{route.name}.",
+            suggestion="Open one in doors.yaml, make it automatic, or choose another route.",
+        )
+
+
 def _on_map(thing: SolidObject, world: World) -> bool:
     corners = frame_of(world_map(world)).corners
     low, high = corners.min(axis=0), corners.max(axis=0)
@@ -61,7 +77,7 @@ def _robot_floor(mission: Mission, world: World) -> Space:
     """Return the floor that is left to the robot: free on its map, and clear of what was moved."""
     occupancy = world_map(world)
     frame = frame_of(occupancy)
-    return space_of((occupancy.cells != FREE) | solid_cells(mission.moved, frame), frame)
+    return space_of((occupancy.cells != FREE) | solid_cells(world.still_doors + mission.moved, frame), frame)
 
 
 def _half_width_m(mission: Mission) -> float:

@@ -14,7 +14,8 @@ from itertools import pairwise
 from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Pause, Task
 from rvsg.scenario.validity.checker import check, spawn_finding
 from rvsg.scenario.validity.findings import Repair
-from rvsg.scenario.validity.rules import MAX_HUMANS, SPEED_RANGE_M_S
+from rvsg.scenario.validity.rules import MAX_HUMANS
+from rvsg.scenario.validity.sizes import speed_range
 from rvsg.scenario.validity.task_ends import TaskEnd, near_place, spelled, task_ends
 from rvsg.world.grid import Grid
 from rvsg.world.world import World
@@ -93,7 +94,7 @@ class _Repairer:
             self.record(human.name, "", f"left out: at most {MAX_HUMANS} people are simulated")
         taken: set[str] = set()
         sizes = Counter(h.group for h in humans[:MAX_HUMANS] if h.group is not None)
-        low, high = SPEED_RANGE_M_S
+        low, high = speed_range(human)
         kept = []
         for human in humans[:MAX_HUMANS]:
             changes: dict[str, object] = {}

@@ -157,9 +157,28 @@ _TABLE = (
     ),
     Rule(
         name="speed-out-of-range",
-        demands=f"The walking speed is between {SPEED_RANGE_M_S[0]} and {SPEED_RANGE_M_S[1]} m/s.",
+        demands=f"The walking speed is between {SPEED_RANGE_M_S[0]} and {SPEED_RANGE_M_S[1]} m/s; 0.3 to 1.7 m/s in a "
+        "wheelchair, 0.3 to 1.5 m/s with a trolley.",
         because="People at work neither creep nor run.",
         repair="The speed is set to the nearer end of the range.",
+    ),
+    Rule(
+        name="size-out-of-range",
+        demands="A child has a radius of 0.15 to 0.35 m, who sits in a wheelchair one of 0.25 to 0.4 m.",
+        because="The size belongs to the kind of person.",
+        repair="None: take a radius in the range, or leave it out.",
+    ),
+    Rule(
+        name="trolley-pusher",
+        demands="Only adults push a trolley.",
+        because="A child does not reach over it, and a wheelchair needs both hands.",
+        repair="None: leave the trolley out.",
+    ),
+    Rule(
+        name="too-wide",
+        demands="The way from waypoint to waypoint is as wide as the wheelchair or the trolley.",
+        because="The person would stand in front of the gap for the rest of the run.",
+        repair="None: choose another way, or a narrower trolley.",
     ),
     Rule(
         name="group-of-one",
@@ -202,6 +221,12 @@ _TABLE = (
         demands="The moved objects leave the robot a way to its goal.",
         because="A mission that cannot be done says nothing about people.",
         repair="None; an object has to be moved or left out.",
+    ),
+    Rule(
+        name="door-blocks-route",
+        demands="Doors that stay closed, or stand open into the way, leave the robot a way to its goal.",
+        because="A mission that cannot be done says nothing about people.",
+        repair="None: open the door in doors.yaml, or choose another route.",
     ),
     Rule(
         name="robot-start-blocked",

@@ -173,9 +173,9 @@ def take_scan(scene: Scene, state: State, settings: Settings, crowd: Crowd, side
 
 
 # Why the loop is left: the run is over, or something computed outside of the compiled loop is due.
-OVER, CONTROL_DUE, STACK_DUE, PROBE_DUE = range(4)
+OVER, CONTROL_DUE, STACK_DUE, PROBE_DUE, BODIES_DUE = range(5)
 # Where in a tick the loop goes on.
-TICK_BEGINS, ANSWERED, PROBED = range(3)
+TICK_BEGINS, ANSWERED, PROBED, WALKED = range(4)
 # What the loop keeps from tick to tick, and the answer from outside: whether it is a valid command, forward speed
 # (m/s), yaw rate (rad/s), and how the run ends (RUNNING, REACHED, ABORTED; only asked of a whole stack).
 (TICK, NEXT_ROW, ROWS, PEOPLE_T, FORWARD_SUM, LEFT_SUM, ACCELERATION, END, STAGE, VALID, COMMAND_V, COMMAND_W,
@@ -193,6 +193,8 @@ class Asked(NamedTuple):
     stack_ticks: int = 5
     probe_ticks: int = 0
     """A recorder looks at the state every so many ticks of 10 ms; 0: never."""
+    bodies: bool = False
+    """Doors and trolleys: they move after every tick of the people."""
 
 
 @kernel
@@ -216,14 +218,20 @@ def begin(scene: SceneRef, state: StateRef, settings: Settings, crowd: CrowdRef,
 
 
 @inner
-def sense_and_walk(scene: SceneRef, state: StateRef, settings: Settings, crowd: CrowdRef, loop: Floats, k: int) -> None:
-    """Update the costmaps, move the people and take a scan, each where it is due."""
+def walk_people(state: StateRef, crowd: CrowdRef, loop: Floats, t: float) -> bool:
+    """Move the people where they are due; whether they were."""
+    if t < loop[PEOPLE_T] - 1e-9:
+        return False
+    loop[PEOPLE_T] += PERIOD_S
+    body = state.body
+    tick(crowd, t, PERIOD_S, body[base.X], body[base.Y], body[base.YAW], body[base.V])
+    return True
+
+
+@inner
+def take_scans(scene: SceneRef, state: StateRef, settings: Settings, crowd: CrowdRef, k: int) -> None:
+    """Take the scans that are due."""
     t = k * base.STEP_S
-    update_maps(scene, state, settings, t)
-    if t >= loop[PEOPLE_T] - 1e-9:
-        loop[PEOPLE_T] += PERIOD_S
-        body = state.body
-        tick(crowd, t, PERIOD_S, body[base.X], body[base.Y], body[base.YAW], body[base.V])
     lidars = state.stack.lidars
     for side in range(lidars.shape[0]):
         if (k - settings.scan_phase_ticks) % int(lidars[side, LIDAR_TICKS]) == 0:
@@ -293,7 +301,7 @@ def go_on(
     loop: Floats,
     asked: Asked,
 ) -> int:
-    """Run until the episode is over or something is due outside; return OVER, CONTROL_DUE, STACK_DUE or PROBE_DUE.
+    """Run until the episode is over or something is due outside; return why the loop is left.
 
     The answer is put into `loop` (VALID, COMMAND_V, COMMAND_W, RESULT) before the next call.
     """
@@ -304,8 +312,14 @@ def go_on(
         stage = int(loop[STAGE])
         loop[STAGE] = TICK_BEGINS
         if stage == TICK_BEGINS:
+            update_maps(scene, state, settings, t)
+            if walk_people(state, crowd, loop, t) and asked.bodies:
+                loop[STAGE] = WALKED
+                return BODIES_DUE
+            stage = WALKED
+        if stage == WALKED:
             running = state.nav[st.MODE] != st.DONE
-            sense_and_walk(scene, state, settings, crowd, loop, k)
+            take_scans(scene, state, settings, crowd, k)
             due = decide(scene, state, settings, loop, asked, k)
             if due != OVER:
                 loop[STAGE] = ANSWERED
@@ -368,15 +382,17 @@ class Episode:
     """One run, from 2 s before the start until it is over.
 
     It changes the arrays of `state`, `crowd` and `record` in place. `intervals`: wall seconds between the log's rows.
-    The state must be as `new_state` makes it, with the robot's pose set.
+    The state must be as `new_state` makes it, with the robot's pose set. `bodies` moves doors and trolleys after every
+    tick of the people.
     """
 
     def __init__(
         self, scene: Scene, state: State, settings: Settings, crowd: Crowd, phases: Floats, intervals: Floats,
-        record: Recording, outside: Outside | None = None,
+        record: Recording, outside: Outside | None = None, bodies: Callable[[float, Floats], None] | None = None,
     ) -> None:  # fmt: skip
         self.scene, self.state, self.settings, self.crowd, self.record = scene, state, settings, crowd, record
         self.outside = outside or Outside()
+        self._bodies = bodies
         self._intervals = intervals
         self._loop = np.zeros(LOOP_SIZE)
         self._asked = Asked(
@@ -384,6 +400,7 @@ class Episode:
             stack=self.outside.stack is not None,
             stack_ticks=self.outside.stack_ticks,
             probe_ticks=self.outside.probe_ticks if self.outside.probe is not None else 0,
+            bodies=bodies is not None,
         )
         state.nav[dwb.ALL_SCORES] = 1 if self.outside.probe is not None else 0
         self._references = bind(scene, state, crowd)
@@ -402,7 +419,9 @@ class Episode:
             due = go_on(scene, state, self.settings, crowd, self._intervals, self.record, self._loop, self._asked)
             if due == OVER:
                 return
-            if due == PROBE_DUE and self.outside.probe is not None:
+            if due == BODIES_DUE and self._bodies is not None:
+                self._bodies(self.t, self.state.body)
+            elif due == PROBE_DUE and self.outside.probe is not None:
                 self.outside.probe(self)
             elif due == CONTROL_DUE and self.outside.control is not None:
                 self._answer(self.outside.control(self))

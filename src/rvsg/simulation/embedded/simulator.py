@@ -22,6 +22,7 @@ from rvsg.scenario.agents import HumanAgent, decode
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded import state as st
+from rvsg.simulation.embedded.bodies import MovingBodies, moves
 from rvsg.simulation.embedded.contact import overlap_at_start
 from rvsg.simulation.embedded.driving import Driving
 from rvsg.simulation.embedded.episode import Episode, Outside, Recording, go_on, new_recording
@@ -31,14 +32,14 @@ from rvsg.simulation.embedded.navigation.costmap import LETHAL
 from rvsg.simulation.embedded.navigation.journal import navigation_events
 from rvsg.simulation.embedded.options import PROFILES, SimulatorOptions, profile
 from rvsg.simulation.embedded.people import PeopleOptions, initial
-from rvsg.simulation.embedded.people.crowd import PERIOD_S, beginning, begins_early
+from rvsg.simulation.embedded.people.crowd import PERIOD_S, Crowd, beginning, begins_early
 from rvsg.simulation.embedded.people.recorded import events_of
 from rvsg.simulation.embedded.rehearsal import rehearsal
 from rvsg.simulation.embedded.scene import Scene, Surroundings
 from rvsg.simulation.embedded.sensing.localisation import Localisation, known_offset, particle_filter
 from rvsg.simulation.embedded.stack import stack_of
 from rvsg.simulation.embedded.state import NOISE_TABLE, Settings, State, new_state
-from rvsg.simulation.embedded.walls import free_pose, is_stuck, obstacle_contacts
+from rvsg.simulation.embedded.walls import Walls, free_pose, is_stuck, obstacle_contacts
 from rvsg.simulation.events import in_order
 from rvsg.simulation.protocol import Simulator
 from rvsg.simulation.run import Outcome, Run, Trajectory
@@ -171,12 +172,16 @@ def simulate_agents(
         agents, world, options=_people_options(options), seed=seed, robot=robot,
         time_limit_s=route.time_limit_s * settings.clock,
     )  # fmt: skip
+    moving = _moving(world, agents, options, scene, walls, crowd)
+    if moving is not None:
+        scene, walls, crowd = moving.scene, moving.walls, moving.crowd
     record = new_recording(route.time_limit_s, settings.clock, len(agents))
     blocked = start is None or is_blocked(around, scene, route.start, offset)
     if not options.human_defects:
         people = np.column_stack([crowd.x, crowd.y])
         x, y, yaw = route.start.x, route.start.y, route.start.yaw
         blocked |= overlap_at_start(crowd.outline, people, crowd.radius, x, y, yaw) > START_OVERLAP_M
+        blocked |= moving is not None and moving.on_robot(x, y, yaw)
     own = _localisation(world, route, options, around, offset, seed)
     rest = around.rest_of_way(scene, goals)
     state = new_state(scene, goals, len(agents), robot, walls, own, rollouts(robot), rest)
@@ -193,7 +198,8 @@ def simulate_agents(
         if stack is not None and stack.record.name != DEFAULT_STACK:
             driving = Driving(stack.driver, _task(robot, world, route, goals, own, seed))
             outside = driving.outside(outside)
-        Episode(scene, state, settings, crowd, phases, intervals, record, outside).run()
+        step = None if moving is None else moving.step
+        Episode(scene, state, settings, crowd, phases, intervals, record, outside, step).run()
         outcome = _outcome(state)
         if driving is not None:
             told = driving.details()
@@ -219,6 +225,7 @@ def simulate_agents(
         human_names=tuple(agent.name for agent in agents),
         human_radius_m=tuple(agent.radius_m for agent in agents),
         human_groups=tuple(agent.group for agent in agents),
+        human_outlines=tuple(agent.outline for agent in agents) if any(agent.outline for agent in agents) else (),
         goal=(float(end[0]), float(end[1]), float(end[2])),
         time_limit_s=route.time_limit_s,
         recoveries=int(state.nav[st.RECOVERIES]),
@@ -226,9 +233,24 @@ def simulate_agents(
             *events_of(crowd, [agent.name for agent in agents], [agent.behaviour for agent in agents]),
             *obstacle_contacts(walls),
             *navigation_events(state),
+            *(() if moving is None else moving.events()),
         ),
         details=details,
     )
+
+
+def _moving(
+    world: World, agents: Sequence[HumanAgent], options: SimulatorOptions, scene: Scene, walls: Walls, crowd: Crowd
+) -> MovingBodies | None:
+    """Return the doors and trolleys of a run, or None where there are none."""
+    if not moves(world.moving_doors, agents):
+        return None
+    if options.human_defects:
+        raise InputError(
+            "the profile published-study knows neither automatic doors nor trolleys and wheelchairs; take the default "
+            "profile"
+        )
+    return MovingBodies(world.moving_doors, agents, scene, walls, crowd)
 
 
 def _task(robot: Robot, world: World, route: Route, goals: Floats, own: Localisation, seed: int) -> Task:

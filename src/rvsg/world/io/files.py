@@ -9,6 +9,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, field_validator, model_validator
 
 from rvsg.core.records import Pose, Record
+from rvsg.world.doors import Door
 from rvsg.world.grid import GridSpec
 from rvsg.world.world import Area, Description, OrientedBox, Point, Polygon, Route, SolidObject
 
@@ -223,6 +224,12 @@ class RoutesFile(Record):
     routes: tuple[RouteEntry, ...]
 
 
+class DoorsFile(Record):
+    """doors.yaml: the leaves of doors. Metres, world frame."""
+
+    doors: tuple[Door, ...]
+
+
 class DerivedMap(Record):
     """`map: {from: objects}`: the occupancy map is drawn from the objects' slices, as a lidar would see them."""
 
@@ -240,10 +247,12 @@ class WorldFile(Record):
     objects: str | None = None
     labels: str = "labels.yaml"
     routes: str = "routes.yaml"
+    doors: str | None = None
     lidar_height_m: Annotated[float, Field(gt=0, le=HIGHEST_LIDAR_M)] = 0.21
     map_offset: Point = (0.0, 0.0)
     grid: GridSpec = GridSpec()
     activities: tuple[str, ...] = ()
+    actors: tuple[Literal["trolley", "child", "wheelchair", "moved_object"], ...] = ()
     description: Description | None = None
 
     @field_validator("format", mode="before")

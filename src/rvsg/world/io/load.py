@@ -16,7 +16,8 @@ from rvsg.core.errors import FileError, InputError, UnknownName
 from rvsg.core.inputs import exists, is_dir
 from rvsg.core.records import Pose
 from rvsg.world.build import build_world
-from rvsg.world.io.files import DerivedMap, LabelsFile, ObjectsFile, RouteEntry, RoutesFile, WorldFile
+from rvsg.world.doors import Door
+from rvsg.world.io.files import DerivedMap, DoorsFile, LabelsFile, ObjectsFile, RouteEntry, RoutesFile, WorldFile
 from rvsg.world.io.nav2_map import read_map
 from rvsg.world.occupancy import occupancy_from_objects
 from rvsg.world.space import in_same_space
@@ -76,6 +77,7 @@ def read_world(folder: Path, problems: list[Problem] | None = None) -> World:
         head, mistakes = _readable_head(head_document), error.problems
     parts = _Parts(folder, head, mistakes, noted=problems)
     objects = parts.objects()
+    doors = parts.doors()
     areas, area_document = parts.areas()
     routes, route_document = parts.routes()
     occupancy = parts.occupancy(objects, route_document, head_document)
@@ -95,6 +97,8 @@ def read_world(folder: Path, problems: list[Problem] | None = None) -> World:
             activities=head.activities,
             description=head.description,
             map_offset=head.map_offset,
+            doors=doors,
+            actors=head.actors,
         )
     except InputError as error:
         raise DocumentError([head_document.problem(str(error), "grid")]) from None
@@ -104,7 +108,9 @@ def read_world(folder: Path, problems: list[Problem] | None = None) -> World:
 def _readable_head(document: Document) -> WorldFile:
     """What a faulty world.yaml still says of the files beside it; nothing else of it is used."""
     said = document.value if isinstance(document.value, dict) else {}
-    names = {key: said[key] for key in ("objects", "labels", "routes", "map") if isinstance(said.get(key), str)}
+    names = {
+        key: said[key] for key in ("objects", "labels", "routes", "doors", "map") if isinstance(said.get(key), str)
+    }
     return WorldFile.model_validate({"name": "unreadable", "map": {"from": "objects"}, **names})
 
 
@@ -138,6 +144,13 @@ class _Parts:
         names = self._no_doubles(read[1], "objects", [entry.name for entry in read[0].objects])
         solids = (entry.solid(self.head.lidar_height_m) for entry in read[0].objects)
         return tuple(solid.model_copy(update={"name": name}) for solid, name in zip(solids, names, strict=True))
+
+    def doors(self) -> tuple[Door, ...]:
+        read = None if self.head.doors is None else self._read(self.head.doors, DoorsFile)
+        if read is None:
+            return ()
+        names = self._no_doubles(read[1], "doors", [door.name for door in read[0].doors])
+        return tuple(door.model_copy(update={"name": n}) for door, n in zip(read[0].doors, names, strict=True))
 
     def areas(self) -> tuple[tuple[Area, ...], Document | None]:
         read = self._read(self.head.labels, LabelsFile)

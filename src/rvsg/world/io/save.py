@@ -59,6 +59,13 @@ def world_files(world: World) -> dict[str, str]:
             "also be the name of a waypoint. via: waypoints it roughly passes; through: poses it must pass, in order.",
         ),
     }
+    if world.doors:
+        files["doors.yaml"] = _entries_text(
+            "doors",
+            world.doors,
+            f"Doors of {world.title}. hinge and end: the ends of the closed leaf, metres, world frame. state: open,\n"
+            "closed or automatic.",
+        )
     if world.objects:
         files["objects.yaml"] = _entries_text(
             "objects",
@@ -85,9 +92,13 @@ def _world_text(world: World) -> str:
     head.append(("map", "map.yaml"))
     if world.objects:
         head.append(("objects", "objects.yaml"))
+    if world.doors:
+        head.append(("doors", "doors.yaml"))
     head += [("labels", "labels.yaml"), ("routes", "routes.yaml"), ("lidar_height_m", world.lidar_height_m)]
     if world.map_offset != (0.0, 0.0):
         head.append(("map_offset", list(world.map_offset)))
+    if world.actors:
+        head.append(("actors", list(world.actors)))
     lines = [f"# {one_line(world.title)}. Metres and radians, world frame."]
     lines += [f"{key}: {_flow(value)}" for key, value in head]
     if world.grid_spec is not None:

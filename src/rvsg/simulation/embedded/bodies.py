@@ -1,0 +1,226 @@
+"""What moves besides the robot and people on foot: automatic doors, trolleys that people push, and wheelchairs.
+
+A run without them does not come here. The compiled loop stops after every tick of the people; here their trolleys and
+the leaves are moved and written into the arrays that lidars, contact and people read.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from rvsg.scenario.agents import HumanAgent
+from rvsg.scenario.bodies import WHEELCHAIR
+from rvsg.scenario.scenario import Behaviour
+from rvsg.simulation.embedded import base
+from rvsg.simulation.embedded.leaves import Body, Leaves, edges_of
+from rvsg.simulation.embedded.people.crowd import PERIOD_S, Crowd
+from rvsg.simulation.embedded.scene import Scene
+from rvsg.simulation.embedded.touches import Touches
+from rvsg.simulation.embedded.walls import Walls
+from rvsg.simulation.events import RecordedEvent
+from rvsg.world.doors import Door
+
+Floats = NDArray[np.float64]
+
+TURN_RAD_S = 1.8
+"""A trolley or a wheelchair turns no faster."""
+STEPS = ((1.0, 0.0), (0.5, 1.0), (0.5, 0.0), (0.0, 1.0), (0.0, 0.5), (0.0, 0.0))
+"""What is tried of a step that is blocked: shares of the way and of the turn."""
+LEAST_AHEAD = 0.2
+MOVES_M = 0.01
+SPARE_M = 0.3
+"""Bodies this far from a trolley are looked at."""
+BODY_SHARE = 0.8
+"""A trolley is stopped by this share of the radius of another person: who gives way turns sideways."""
+PUSH_SIGMA_M = 0.2
+PUSH_REACH_M = 1.0
+MOST_PUSH_M_S = 0.4
+"""Bodies keep apart by HuNavSim's force of obstacles: factor times exp(-gap / 0.2 m), up to this change in a tick."""
+PATIENCE_S = 1.5
+"""A pusher who is blocked by walls or people for so long gets past them, as people lift and squeeze; never the robot.
+A person who turns sideways does so after 5 s."""
+DEEPER_M2 = 1e-4
+
+
+def moves(doors: Sequence[Door], agents: Iterable[HumanAgent]) -> bool:
+    """Return whether anything of this module is part of a run."""
+    return bool(doors) or any(agent.outline for agent in agents)
+
+
+class MovingBodies:
+    """Doors and trolleys of one run; `scene`, `walls` and `crowd` are copies of the given ones that hold them."""
+
+    def __init__(
+        self, doors: Sequence[Door], agents: Sequence[HumanAgent], scene: Scene, walls: Walls, crowd: Crowd
+    ) -> None:
+        self._still = crowd.segments
+        self.leaves = Leaves(doors, crowd)
+        self.crowd = self.leaves.crowd
+        self._outlines = {i: np.array(agent.outline) for i, agent in enumerate(agents) if agent.outline}
+        self._heedless = {i for i, agent in enumerate(agents) if agent.behaviour is Behaviour.IMPASSIVE}
+        self._pose = {i: (float(crowd.x[i]), float(crowd.y[i]), float(crowd.yaw[i])) for i in self._outlines}
+        self.placed = {i: _placed(outline, *self._pose[i]) for i, outline in self._outlines.items()}
+        self._reach = {i: float(np.hypot(*outline.T).max()) for i, outline in self._outlines.items()}
+        self._blocked_s = dict.fromkeys(self._outlines, 0.0)
+        names = [(agent.name, "wheelchair" if agent.outline == WHEELCHAIR else "trolley") for agent in agents]
+        self._tree: Any = None
+        self._first = len(scene.edges)
+        added = [edges_of(leaf.door.leaf(0.0)) for leaf in self.leaves.leaves]
+        added += [edges_of(_corners(shape)) for shape in self.placed.values()]
+        edges = np.concatenate([scene.edges, *added])
+        new = np.arange(self._first, len(edges), dtype=np.int32)
+        start, near = _in_every_tile(scene.tile_start, scene.tile_edges, new)
+        self.scene = scene._replace(edges=edges, tile_start=start, tile_edges=near)
+        start, near = _in_every_tile(walls.start, walls.near, new)
+        self.walls = walls._replace(edges=edges, start=start, near=near)
+        self.touches = Touches(names, self.walls)
+
+    def on_robot(self, x: float, y: float, yaw: float) -> bool:
+        """Return whether a trolley stands on the robot."""
+        robot = _placed(self.crowd.outline, x, y, yaw)
+        return any(shape.intersects(robot) for shape in self.placed.values())
+
+    def step(self, t: float, body: Floats) -> None:
+        """Move trolleys and leaves after a tick of the people; `body` is the robot's."""
+        crowd, edges = self.crowd, self.scene.edges
+        x, y, yaw = float(body[base.X]), float(body[base.Y]), float(body[base.YAW])
+        robot = _placed(self.crowd.outline, x, y, yaw)
+        self.touches.sort_out(t, self.placed)
+        for i in self._outlines:
+            self._push(i, t, robot, body)
+        first = self._first + 4 * len(self.leaves.leaves)
+        for number, shape in enumerate(self.placed.values()):
+            edges[first + 4 * number : first + 4 * number + 4] = edges_of(_corners(shape))
+        if self.leaves.leaves:
+            bodies = [Body(x, y, robot, True)]
+            for i in range(crowd.x.size):
+                px, py = float(crowd.x[i]), float(crowd.y[i])
+                disc = shapely.Point(px, py).buffer(float(crowd.radius[i]))
+                bodies.append(Body(px, py, disc.union(self.placed[i]) if i in self.placed else disc, False))
+            for leaf in self.leaves.step(t, bodies):
+                at = self._first + 4 * self.leaves.leaves.index(leaf)
+                edges[at : at + 4] = edges_of(leaf.door.leaf(leaf.share))
+        # How far the robot can go before it touches was known for bodies where they were before.
+        self.walls.free[0] = 0.0
+        crowd.free[0] = 0.0
+
+    def events(self) -> tuple[RecordedEvent, ...]:
+        """Return the contacts of the robot with trolleys and wheelchairs, and the movements of doors."""
+        return (*self.touches.events(), *(move for leaf in self.leaves.leaves for move in leaf.moves))
+
+    def _push(self, i: int, t: float, robot: Any, body: Floats) -> None:
+        """Take as much of a person's step as what they push can make too."""
+        crowd = self.crowd
+        x, y, yaw = self._pose[i]
+        dx, dy = float(crowd.x[i]) - x, float(crowd.y[i]) - y
+        most, way = TURN_RAD_S * PERIOD_S, math.hypot(dx, dy)
+        wanted = math.atan2(dy, dx) if way > MOVES_M else float(crowd.yaw[i])
+        aside = float(base.wrap(wanted - yaw))
+        turn = max(-most, min(most, aside))
+        others = self._others(i)
+        past = self._blocked_s[i] > PATIENCE_S
+        blockers = [robot] if past else [robot, *others]
+        # Nobody pushes a trolley sideways: who turns walks on as it comes round.
+        ahead = max(LEAST_AHEAD, math.cos(aside))
+        for go, swing in ((ahead, 1.0), *STEPS):
+            pose = (x + go * dx, y + go * dy, float(base.wrap(yaw + swing * turn)))
+            shape = _placed(self._outlines[i], *pose)
+            if not any(_deeper(shape, self.placed[i], other) for other in blockers):
+                break
+        velocity = (dx / PERIOD_S, dy / PERIOD_S)
+        if way > MOVES_M and go == 0.0:
+            self._blocked_s[i] += PERIOD_S
+        elif not past or not any(shape.intersects(other) for other in others):
+            self._blocked_s[i] = 0.0
+        self.touches.look(i, t, shape, robot, body, velocity)
+        self._pose[i], self.placed[i] = pose, shape
+        crowd.x[i], crowd.y[i], crowd.yaw[i] = pose
+        crowd.vx[i], crowd.vy[i] = go * velocity[0], go * velocity[1]
+        self._keep_apart(i, shape, robot)
+
+    def _others(self, i: int) -> list[Any]:
+        """Return the walls, leaves, people and trolleys near a trolley."""
+        crowd, shape = self.crowd, self.placed[i]
+        if self._tree is None:
+            lines = shapely.linestrings(self._still.reshape(-1, 2, 2)) if len(self._still) else []
+            self._tree = shapely.STRtree(lines)
+        low_x, low_y, high_x, high_y = shape.bounds
+        here = shapely.box(low_x - SPARE_M, low_y - SPARE_M, high_x + SPARE_M, high_y + SPARE_M)
+        found = list(self._tree.geometries[self._tree.query(here)])
+        found += [leaf.shape for leaf in self.leaves.leaves if leaf.shape.intersects(here)]
+        found += [other for j, other in self.placed.items() if j != i and other.intersects(here)]
+        for j in range(crowd.x.size):
+            if j != i and self._apart(i, j) < self._reach[i] + SPARE_M:
+                found.append(shapely.Point(crowd.x[j], crowd.y[j]).buffer(BODY_SHARE * float(crowd.radius[j]), 4))
+        return found
+
+    def _apart(self, i: int, j: int) -> float:
+        """Return the distance of a person's body from another's middle."""
+        crowd = self.crowd
+        return math.hypot(crowd.x[j] - crowd.x[i], crowd.y[j] - crowd.y[i]) - float(crowd.radius[j])
+
+    def _keep_apart(self, i: int, shape: Any, robot: Any) -> None:
+        """Let the pusher keep away from the robot, and others from what is pushed."""
+        crowd = self.crowd
+        if i not in self._heedless:
+            self._nudge(i, shape, robot, 0.0)
+        for j in range(crowd.x.size):
+            if j != i and self._apart(i, j) < self._reach[i] + PUSH_REACH_M:
+                self._nudge(j, shapely.Point(crowd.x[j], crowd.y[j]), shape, float(crowd.radius[j]))
+
+    def _nudge(self, j: int, shape: Any, other: Any, radius: float) -> None:
+        """Change the velocity of a person away from a body near `shape`, which is theirs; it acts in the next tick."""
+        crowd = self.crowd
+        gap = float(shape.distance(other)) - radius
+        if gap >= PUSH_REACH_M or crowd.stands[j]:
+            return
+        if gap + radius <= 0.0:
+            (ax, ay), (bx, by) = shape.centroid.coords[0], other.centroid.coords[0]
+        else:
+            a, b = shapely.get_coordinates(shapely.shortest_line(shape, other))
+            (ax, ay), (bx, by) = a, b
+        length = math.hypot(ax - bx, ay - by)
+        if length < 1e-9:
+            return
+        push = min(MOST_PUSH_M_S, float(crowd.factor_obstacle[j]) * math.exp(-max(0.0, gap) / PUSH_SIGMA_M) * PERIOD_S)
+        crowd.vx[j] += push * (ax - bx) / length
+        crowd.vy[j] += push * (ay - by) / length
+
+
+def _placed(corners: Floats, x: float, y: float, yaw: float) -> Any:
+    """Return an outline of a body's frame in the world."""
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    return shapely.polygons(corners @ np.array([[cos, sin], [-sin, cos]]) + (x, y))
+
+
+def _corners(shape: Any) -> Floats:
+    corners: Floats = shapely.get_coordinates(shape)[:-1]
+    return corners
+
+
+def _deeper(shape: Any, before: Any, other: Any) -> bool:
+    """Return whether a shape is deeper in another body or a wall than it was before."""
+    return bool(shape.intersects(other)) and _overlap(shape, other) > _overlap(before, other) + DEEPER_M2
+
+
+def _overlap(shape: Any, other: Any) -> float:
+    """Return how much of another body, or how long a part of a wall, lies within a shape (m² or m)."""
+    shared = shape.intersection(other)
+    return float(shared.area or shared.length)
+
+
+def _in_every_tile(
+    start: NDArray[np.int64], near: NDArray[np.int32], new: NDArray[np.int32]
+) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+    """Return the tiles with the numbers of new edges in each: they move about."""
+    tiles = len(start) - 1
+    return (
+        start + len(new) * np.arange(tiles + 1),
+        np.insert(near, np.repeat(start[1:], len(new)), np.tile(new, tiles)).astype(np.int32),
+    )

@@ -1,0 +1,141 @@
+"""Automatic doors, trolleys and wheelchairs in the embedded simulator."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+import shapely
+from tests.simulation.corridor import END, HINGE, ROUTE, hall, person, run
+
+from rvsg.core.errors import InputError
+from rvsg.evaluation.sampled import Sampled
+from rvsg.scenario.bodies import PersonKind, Trolley
+from rvsg.scenario.scenario import Behaviour
+from rvsg.simulation.archive import PackedRun
+from rvsg.simulation.embedded.options import profile
+from rvsg.simulation.embedded.simulator import simulate_agents
+from rvsg.simulation.events import DoorMoved, ObstacleContact, RobotContact
+from rvsg.simulation.run import Outcome, Run
+from rvsg.world.doors import Door
+from rvsg.world.space import human_space
+
+
+def door(**given: object) -> Door:
+    return Door.model_validate({"name": "D", "hinge": HINGE, "end": END, "kind": "sliding", **given})
+
+
+def doors(found: Run) -> list[DoorMoved]:
+    return [event for event in found.events if isinstance(event, DoorMoved)]
+
+
+def bodies(found: Run, row: int) -> tuple[shapely.Polygon, shapely.Polygon]:
+    """Return the robot and what the person pushes at a sample."""
+    t = found.trajectory
+    placed = []
+    for outline, x, y, yaw in (
+        (found.robot_outline, t.x[row], t.y[row], t.yaw[row]),
+        (found.human_outlines[0], t.human_x[row, 0], t.human_y[row, 0], t.human_yaw[row, 0]),
+    ):
+        cos, sin = np.cos(yaw), np.sin(yaw)
+        placed.append(shapely.Polygon(np.array(outline) @ np.array([[cos, sin], [-sin, cos]]) + (x, y)))
+    return placed[0], placed[1]
+
+
+@pytest.fixture(scope="module")
+def opened() -> Run:
+    return run(hall(door()))
+
+
+def test_an_automatic_door_opens_for_the_robot_and_closes_behind_it(opened: Run) -> None:
+    assert opened.outcome is Outcome.REACHED
+    first, last = doors(opened)[0], doors(opened)[-1]
+    assert first.opens and not last.opens
+    at = int(np.searchsorted(opened.trajectory.t, first.time_s))
+    assert np.hypot(opened.trajectory.x[at] - 8.0, opened.trajectory.y[at] - 2.0) == pytest.approx(2.5, abs=0.1)
+    assert opened.trajectory.x[int(np.searchsorted(opened.trajectory.t, last.time_s))] > 10.5
+
+
+def test_a_run_with_a_door_is_repeatable_bit_for_bit(opened: Run) -> None:
+    assert PackedRun.of(run(hall(door()))).data == PackedRun.of(opened).data
+
+
+def test_a_door_that_opens_for_people_only_stops_the_robot_until_somebody_comes() -> None:
+    only = hall(door(opens_for=["people"]))
+    alone = run(only, time_limit_s=25.0)
+    assert alone.outcome is not Outcome.REACHED
+    assert alone.trajectory.x.max() < 8.0
+    assert not any(isinstance(event, ObstacleContact) for event in alone.events)
+
+
+@pytest.mark.parametrize("kind", ["sliding", "swing"])
+def test_a_person_waits_for_the_leaf_and_passes(kind: str) -> None:
+    found = run(hall(door(kind=kind, range_m=1.0)), person((12, 3), (9, 2), (7, 2), (5, 3), speed_m_s=1.5))
+    x = found.trajectory.human_x[:, 0]
+    assert x.min() < 6.0
+    first = doors(found)[0]
+    opening = (found.trajectory.t > first.time_s) & (found.trajectory.t < first.time_s + 0.3)
+    assert (np.abs(x[opening] - 8.0) > 0.1).all()
+
+
+def test_a_closed_door_is_solid_and_not_on_the_map() -> None:
+    closed, without = hall(door(state="closed")), hall()
+    assert (closed.occupancy.cells == without.occupancy.cells).all()
+    assert closed.id != without.id and closed.floor_id != without.floor_id
+    assert human_space(without).segment_free((7.0, 2.0), (9.0, 2.0))
+    assert not human_space(closed).segment_free((7.0, 2.0), (9.0, 2.0))
+    assert [thing.kind for thing in closed.solids if thing not in closed.objects] == ["door"]
+    assert run(closed, time_limit_s=20.0).trajectory.x.max() < 8.0
+
+
+@pytest.fixture(scope="module")
+def pushed() -> Run:
+    return run(hall(gap=False), person((13, 2), (2, 2), trolley=Trolley(length_m=1.0)))
+
+
+def test_a_trolley_is_a_body_that_does_not_enter_the_robot(pushed: Run) -> None:
+    gap = Sampled(pushed, pushed.trajectory).gap[:, 0]
+    for row in range(0, len(pushed.trajectory), 5):
+        robot, trolley = bodies(pushed, row)
+        assert robot.intersection(trolley).area < 0.002
+        assert min(gap[row], 3.0) <= robot.distance(trolley) + 0.02
+    assert pushed.human_outlines[0][1][0] == pytest.approx(1.5)
+
+
+def test_the_robot_makes_way_for_a_trolley_that_its_lidar_sees(pushed: Run) -> None:
+    without = run(hall(gap=False), person((13, 2), (2, 2)))
+    first = [float(np.abs(r.trajectory.y - 2.0)[r.trajectory.x < 6.5].max()) for r in (pushed, without)]
+    assert first[0] != first[1]
+    assert PackedRun.of(pushed).unpack().human_outlines == pushed.human_outlines
+
+
+def test_a_trolley_turns_slowly(pushed: Run) -> None:
+    turn = np.abs(np.diff(np.unwrap(pushed.trajectory.human_yaw[:, 0])))
+    assert turn.max() <= 1.8 * 0.1 + 1e-6
+
+
+def test_contact_with_a_trolley_is_contact_with_the_person() -> None:
+    """Somebody heedless comes through the gap that the robot is in."""
+    pusher = person((14, 2), (2, 2), trolley=Trolley(), speed_m_s=1.2).model_copy(
+        update={"behaviour": Behaviour.IMPASSIVE}
+    )
+    found = run(hall(), pusher)
+    touched = [event for event in found.events if isinstance(event, RobotContact) and event.part == "trolley"]
+    assert touched and touched[0].closing_speed_m_s > 0.2
+    assert [touch.recorded for touch in Sampled(found, found.trajectory).contacts if touch.recorded in touched]
+    walls = [event for event in found.events if isinstance(event, ObstacleContact)]
+    assert not [wall for wall in walls if abs(wall.x - 8.0) > 1.0 and 0.5 < wall.y < 3.5]
+
+
+def test_a_wheelchair_is_as_wide_as_its_frame() -> None:
+    found = run(hall(gap=False), person((13, 2), (2, 2), kind=PersonKind.WHEELCHAIR, radius_m=0.33))
+    disc = dataclasses.replace(found, human_outlines=())
+    sampled, smaller = Sampled(found, found.trajectory), Sampled(disc, disc.trajectory)
+    assert (sampled.gap <= smaller.gap + 1e-12).all()
+    assert sampled.gap.min() < smaller.gap.min()
+
+
+def test_the_profile_of_the_study_knows_none_of_them() -> None:
+    with pytest.raises(InputError):
+        simulate_agents(hall(door()), ROUTE, (), options=profile("published-study"))
