@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.coded import coded
 
 import rvsg
 from rvsg.api.index import campaigns_in
@@ -115,7 +116,7 @@ def test_a_record_of_the_version_before_is_read(tmp_path: Path) -> None:
     read = CampaignRecord.read(old)
     assert read is not None and read.provenance.begun_in == "/x"
     assert read.plan.max_in_flight == 1 and read.judging.error_rate == 0.05
-    with pytest.raises(InputError, match="cannot read it"):
+    with pytest.raises(InputError, check=coded("record-unreadable")):
         CampaignRecord.read(data | {"sensors": 3})
 
 
@@ -126,7 +127,7 @@ def test_every_campaign_of_a_store_is_listed_and_can_be_opened(tmp_path: Path) -
         ledger.begin("other", other.data())
     assert [campaign.name for campaign in campaigns_in(tmp_path / "one")] == [one.name, "other"]
     assert rvsg.Campaign.open(tmp_path / "one", "other").name == "other"
-    with pytest.raises(InputError, match="2 campaigns"):
+    with pytest.raises(InputError, check=coded("campaign-ambiguous")):
         rvsg.Campaign.open(tmp_path / "one")
 
 
@@ -149,5 +150,5 @@ def test_a_report_of_a_world_whose_routes_changed_is_refused(tmp_path: Path, mon
     routes = tmp_path / "mine" / "routes.yaml"
     routes.write_text(routes.read_text(encoding="utf-8").replace("time_limit_s: 25", "time_limit_s: 26"))
     monkeypatch.setattr(worlds, "_worlds", {})
-    with pytest.raises(InputError, match="route_1"):
+    with pytest.raises(InputError, check=coded("world-changed")):
         rvsg.Campaign.open(tmp_path / "one").report()

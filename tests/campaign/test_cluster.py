@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from tests.campaign.parts import Deadly, MemoryLedger, measure, parts, plan, warehouse
+from tests.coded import coded
 
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.elite import EliteStrategy
@@ -115,19 +116,20 @@ def test_an_error_of_the_simulator_is_none_of_the_connection(cluster, error: Exc
         def run(self, scenario: Scenario, world: World, *, seed: int) -> Run:
             raise error
 
-    with pytest.raises(type(error), match=str(error)):
+    with pytest.raises(type(error)) as caught:
         campaign(plan(), cluster.scheduler_address, [], Broken())
+    assert caught.value.args == error.args
 
 
 def test_a_scheduler_that_is_not_there_is_one_message() -> None:
-    with pytest.raises(InputError, match=r"tcp://127.0.0.1:9 .*`dask scheduler`"):
+    with pytest.raises(InputError, check=coded("cluster-unreachable")):
         campaign(plan(), "tcp://127.0.0.1:9", [], patience_s=1.0)
 
 
 def test_a_cluster_without_workers_is_one_message() -> None:
     with (
         distributed.LocalCluster(n_workers=0, dashboard_address=":0", host="127.0.0.1") as empty,
-        pytest.raises(InputError, match="dask worker"),
+        pytest.raises(InputError, check=coded("cluster-no-worker")),
     ):
         campaign(plan(), empty.scheduler_address, [], patience_s=0.5)
 
@@ -149,7 +151,7 @@ def test_a_cluster_that_is_gone_stops_the_campaign_and_the_same_call_resumes_it(
     ledger = MemoryLedger()
     with (
         distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=":0", host="127.0.0.1") as small,
-        pytest.raises(SimulationError, match="no worker"),
+        pytest.raises(SimulationError, check=coded("cluster-no-worker")),
     ):
         campaign(plan(), small.scheduler_address, told, Last(), ledger, now=itertools.count(0, 25).__next__)
     assert any("lost the worker" in line for line in told)
@@ -166,7 +168,7 @@ def test_a_scheduler_that_ends_stops_the_campaign_with_one_message() -> None:
         assert scenario is not None
         assert isinstance(simulations.submit(scenario, 1).result(), FinishedRun)
         local.close()
-        with pytest.raises(SimulationError, match="connection to the cluster"):
+        with pytest.raises(SimulationError, check=coded("cluster-lost")):
             simulations.submit(scenario, 2).result()
 
 
@@ -175,7 +177,7 @@ def test_workers_of_other_versions_are_refused(cluster, monkeypatch: pytest.Monk
     monkeypatch.setattr("rvsg.campaign.cluster.versions", lambda: mine)
     monkeypatch.setattr(distributed.Client, "run", lambda self, function: {"tcp://w": versions_of_old})
     versions_of_old = mine | {"numba": "0.2"}
-    with pytest.raises(InputError, match=r"tcp://w: numba 0\.2, here 0\.1"):
+    with pytest.raises(InputError, check=coded("cluster-versions")):
         campaign(plan(), cluster.scheduler_address, [])
 
 
@@ -184,5 +186,5 @@ def test_workers_of_other_versions_are_refused(cluster, monkeypatch: pytest.Monk
     [{}, {"address": "a", "scheduler_file": "b"}, {"address": "tcp://a:1", "patience_s": 0.0}, {"address": "lab"}],
 )
 def test_options_that_say_no_place_are_refused(options: dict[str, object]) -> None:
-    with pytest.raises(ValueError, match=r"address|patience"):
+    with pytest.raises(ValueError):
         Cluster(**options)  # type: ignore[arg-type]

@@ -21,6 +21,7 @@ from tests.campaign.parts import (
     plan,
     warehouse,
 )
+from tests.coded import coded
 
 from rvsg.campaign.attempt import Attempt, Measurement
 from rvsg.campaign.confirmation import confirm
@@ -419,7 +420,7 @@ def test_a_simulator_that_makes_no_run_at_all_stops_the_campaign() -> None:
             raise SimulationError("no display")
 
     ledger = MemoryLedger()
-    with pytest.raises(SimulationError, match="no display"):
+    with pytest.raises(SimulationError, check=coded("no-run")):
         run(ledger, simulator=Broken())
     assert ledger.kept == []
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 from tests.campaign.parts import MemoryLedger, parts, plan, warehouse
 from tests.campaign.test_loop import run
+from tests.coded import coded
 
 from rvsg.campaign.attempt import Attempt, Failure
 from rvsg.campaign.measuring import FinishedRun, RunMaker
@@ -154,8 +155,9 @@ def test_an_error_of_the_simulator_comes_back_as_it_is(capfd: pytest.CaptureFixt
 
     processes = started(Broken(), jobs=1)
     assert isinstance(processes.result(processes.submit(scenario(), 0)), FinishedRun)
-    with pytest.raises(Exception, match=r"mesh\.dae: the file does not exist"):
+    with pytest.raises(FileError) as caught:
         processes.result(processes.submit(scenario(), 1))
+    assert (caught.value.path, caught.value.reason) == (Path("mesh.dae"), "the file does not exist")
     processes.stop(kill=False)
     assert capfd.readouterr() == ("", "a simulator may print\n" * 2)
 
@@ -170,7 +172,7 @@ class Unloadable(KinematicSimulator):
 
 def test_workers_that_cannot_load_the_simulator_are_one_message() -> None:
     processes = started(Unloadable())
-    with pytest.raises(SimulationError, match="no module named there"):
+    with pytest.raises(SimulationError, check=coded("worker-start")):
         processes.result(processes.submit(scenario(), 0))
     processes.stop(kill=True)
 
@@ -178,8 +180,8 @@ def test_workers_that_cannot_load_the_simulator_are_one_message() -> None:
 def test_workers_that_die_at_their_start_again_and_again_are_one_message(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("rvsg.campaign.processes.command", lambda: ["false"])
     processes = started(KinematicSimulator())
-    with pytest.raises(SimulationError, match="died while they started"):
+    with pytest.raises(SimulationError, check=coded("worker-start")):
         processes.result(processes.submit(scenario(), 0))
-    with pytest.raises(SimulationError, match="died while they started"):
+    with pytest.raises(SimulationError, check=coded("worker-start")):
         processes.result(processes.submit(scenario(), 1))
     processes.stop(kill=True)

@@ -1,6 +1,7 @@
 from pathlib import Path
 
 import pytest
+from tests.coded import coded
 
 from rvsg.core.documents import DocumentError, parse_yaml, validated
 from rvsg.core.errors import FileError
@@ -47,27 +48,27 @@ def test_a_misspelt_key_of_an_alternative_form_is_suggested_as_it_is_written() -
 
 
 @pytest.mark.parametrize(
-    ("text", "reason"),
+    ("text", "code"),
     [
-        ("", "empty"),
-        ("areas: {a: 1, a: 2}", 'the key "a" stands here twice'),
-        ("\tareas: 1", "not valid YAML"),
-        ("areas: [1, 2", "not valid YAML"),
-        ("areas: 2001-13-45", "not valid YAML"),
-        ("areas: &x [*x]", "refers to itself"),
-        ("areas: !!python/object/apply:os.system ['true']", "not valid YAML"),
-        ("- 1\n---\n- 2\n", "not valid YAML"),
+        ("", "file-empty"),
+        ("areas: {a: 1, a: 2}", "yaml-key-twice"),
+        ("\tareas: 1", "yaml"),
+        ("areas: [1, 2", "yaml"),
+        ("areas: 2001-13-45", "yaml"),
+        ("areas: &x [*x]", "yaml-nested"),
+        ("areas: !!python/object/apply:os.system ['true']", "yaml"),
+        ("- 1\n---\n- 2\n", "yaml"),
     ],
 )
-def test_text_that_is_no_sound_yaml_is_refused_with_a_reason(text: str, reason: str) -> None:
-    with pytest.raises(FileError, match=reason):
+def test_text_that_is_no_sound_yaml_is_refused_with_a_code(text: str, code: str) -> None:
+    with pytest.raises(FileError, check=coded(code)):
         parse_yaml(text, HERE)
 
 
 def test_a_bomb_of_aliases_is_refused_quickly() -> None:
     lines = ["a0: &a0 [x, x, x, x, x, x, x, x, x, x]"]
     lines += [f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 10)}]" for i in range(1, 9)]
-    with pytest.raises(FileError, match="nested too deep"):
+    with pytest.raises(FileError, check=coded("yaml-nested")):
         parse_yaml("\n".join(lines), HERE)
 
 

@@ -181,7 +181,7 @@ def test_wrong_verdicts_stay_within_the_declared_error_rate(rare, often, error, 
 
 
 def test_hypotheses_that_overlap_are_refused():
-    with pytest.raises(ValidationError, match="must be smaller"):
+    with pytest.raises(ValidationError):
         Procedure(rare=0.3, often=0.2)
 
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.coded import nearest
 from tests.evaluation.runs import run_of, trajectory
 
 from rvsg.core.errors import UnknownName
@@ -126,7 +127,7 @@ def test_no_metric_fails_on_a_short_run(samples):
 
 
 def test_a_typo_is_answered_with_the_nearest_metric():
-    with pytest.raises(UnknownName, match='Did you mean "jerk"'):
+    with pytest.raises(UnknownName, check=nearest("jerk")):
         measure(run_of(trajectory([0, 1], 0)), ["jerkk"])
 
 

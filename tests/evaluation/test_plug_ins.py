@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.coded import coded
 from tests.evaluation.runs import run_of, trajectory
 
 from rvsg.core import plugins
@@ -54,13 +55,13 @@ def test_a_plug_in_may_give_several_metrics(installed: dict[str, Any]) -> None:
 @pytest.mark.parametrize("wrong", ["text", 7, [object()]])
 def test_a_plug_in_that_is_no_metric_is_named(wrong: object, installed: dict[str, Any]) -> None:
     installed["wrong"] = wrong
-    with pytest.raises(InputError, match="wrong"):
+    with pytest.raises(InputError, check=coded("plug-in-kind")):
         list(METRICS)
 
 
 def test_a_plug_in_cannot_take_the_id_of_another(installed: dict[str, Any]) -> None:
     installed["mine"] = Metric(**{**vars(documented()), "id": "dto"})
-    with pytest.raises(InputError, match="dto"):
+    with pytest.raises(InputError, check=coded("plug-in-name-taken")):
         list(METRICS)
 
 

@@ -203,5 +203,6 @@ def test_clearance_needs_the_world_and_then_knows_shelves():
 
 
 def test_a_requirement_whose_formula_cannot_be_read_is_refused_before_anything_runs():
-    with pytest.raises(FormulaError, match="at character 8"):
+    with pytest.raises(FormulaError) as refused:
         check_requirement(Requirement(name="c", title="c", text="c", formula="always sped > 0"))
+    assert refused.value.position == 8

@@ -5,9 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from tests.coded import coded
 from tests.simulation.ros2.isolated import run_isolated
 
-from rvsg.core.errors import InputError
+from rvsg.core.errors import InputError, InvalidOptions
 from rvsg.core.plugins import make
 from rvsg.exchange.ros2_world import Ros2World
 
@@ -42,7 +43,7 @@ def test_the_simulator_is_registered_and_checks_its_options() -> None:
     simulator = make("simulator", "ros2-world", {"launch": "ros2 launch {agents}"})
     assert isinstance(simulator, Ros2World)
     assert simulator.options["repeatable"] is False
-    with pytest.raises(InputError, match="agents_file"):
+    with pytest.raises(InputError, check=coded("ros2-no-agents-file")):
         Ros2World().prepare(print)
-    with pytest.raises(InputError, match="speed"):
+    with pytest.raises(InvalidOptions, check=lambda error: error.keys == ("speed",)):
         Ros2World(speed=4)

@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from tests.coded import coded
 
 from rvsg.core.errors import FileError, GenerationError, InputError
 from rvsg.generation.conversation import VlmGenerator
@@ -63,7 +64,7 @@ def test_a_reason_goes_into_one_more_turn(warehouse: World) -> None:
 
 def test_an_unreadable_summary_is_asked_for_again_and_then_an_error(warehouse: World) -> None:
     assert describing(warehouse, Scripted(["a", "b", "prose", json.dumps(TEXTS)])).describe().grid == CLEAN["grid"]
-    with pytest.raises(GenerationError, match="two answers"):
+    with pytest.raises(GenerationError, check=coded("no-description")):
         describing(warehouse, Scripted(["a", "b", "prose", "prose"])).describe()
 
 
@@ -95,15 +96,19 @@ def test_the_description_of_a_shipped_world_goes_to_the_users_folder_and_into_th
     assert CLEAN["grid"] in VlmGenerator(Scripted([])).first_prompts(brief, bare)[1].text
     assert warehouse.description is not None
     assert description_of(warehouse) == Description(**CLEAN)
-    with pytest.raises(InputError, match="shipped"):
+    with pytest.raises(InputError, check=coded("world-shipped")):
         store_description(bare, Description(**CLEAN), SHIPPED / "warehouse")
 
 
 def test_a_description_file_that_cannot_be_used_is_told_with_its_line(tmp_path: Path) -> None:
     path = tmp_path / "d.yaml"
-    for text, told in (("layout: [", "YAML"), ("layout: a\n", "grid"), ("layout: a\ngrid: b\nextra: c\n", "extra")):
+    for text, code in (
+        ("layout: [", "yaml"),
+        ("layout: a\n", "description-file"),
+        ("layout: a\ngrid: b\nextra: c\n", "description-file"),
+    ):
         path.write_text(text)
-        with pytest.raises(FileError, match=told):
+        with pytest.raises(FileError, check=coded(code)):
             read_description_file(path)
 
 

@@ -75,5 +75,5 @@ def test_a_world_of_three_waypoints_is_enough() -> None:
 
 
 def test_a_number_of_tasks_that_makes_no_sense_is_refused() -> None:
-    with pytest.raises(ValueError, match="at least 2 tasks"):
+    with pytest.raises(ValueError):
         RandomGenerator(tasks=(0, 3))

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 from tests.campaign.parts import MemoryLedger, warehouse
+from tests.coded import coded
 from tests.report.test_page import campaign
 
 from rvsg.core.errors import InputError
@@ -92,12 +93,12 @@ def without(missing: str) -> Callable[..., ModuleType]:
 
 def test_a_video_without_ffmpeg_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(importlib, "import_module", without("imageio_ffmpeg"))
-    with pytest.raises(InputError, match=r"\.\[video\]"):
+    with pytest.raises(InputError, check=coded("package-missing")):
         check_film(Path("run.mp4"))
     check_film(Path("run.webp"))
 
 
 @pytest.mark.parametrize("name", ["run.avi", "run", "run.png.exe"])
 def test_an_unknown_format_is_refused_with_the_known_ones(name: str) -> None:
-    with pytest.raises(InputError, match=r"\.webm, \.gif"):
+    with pytest.raises(InputError, check=coded("film-format")):
         check_film(Path(name))

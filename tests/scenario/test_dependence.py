@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import pytest
+from tests.coded import coded
 from tests.scenario.small_world import GOOD, WORLD, human, people
 
 from rvsg.core.errors import InputError
@@ -73,5 +74,5 @@ def test_migrating_takes_the_nearest_waypoints_and_refuses_what_is_too_far() -> 
     assert migrated.scenario.mission.world_id == world.id
     assert len(migrated.changes) == 1 and migrated.changes[0].startswith(f"Waypoint {used} becomes {used}, 0.40 m")
     assert changes_that_matter(migrated.scenario.people, migrated.scenario.mission, world) == ()
-    with pytest.raises(InputError, match=used):
+    with pytest.raises(InputError, check=coded("waypoint-too-far")):
         migrate(scenario, world, reach_m=0.1)

@@ -1,4 +1,5 @@
 import pytest
+from tests.coded import at_key
 
 from rvsg.core.documents import DocumentError
 from rvsg.core.errors import FileError, UnknownName
@@ -40,7 +41,7 @@ def test_every_mistake_of_a_file_is_told_at_once_with_its_line(tmp_path):
 def test_metric_and_formula_together_are_refused(tmp_path):
     path = tmp_path / "wrong.yaml"
     path.write_text("a: {title: A, text: A, metric: dto, formula: always (speed < 1)}\n")
-    with pytest.raises(FileError, match="exactly one of metric and formula"):
+    with pytest.raises(DocumentError, check=at_key("a")):
         load_requirements(path)
 
 

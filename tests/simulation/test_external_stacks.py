@@ -97,7 +97,7 @@ def test_a_channel_never_waits_for_ever() -> None:
         channel.receive(1.0)
     os.write(_other, struct.pack("<I", 22) + b"V123")
     os.close(_other)
-    with pytest.raises(StackError, match="middle"):
+    with pytest.raises(StackError):
         channel.receive(1.0)
     for descriptor in (reads, writes, back):
         os.close(descriptor)

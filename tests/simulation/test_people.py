@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.coded import coded
 from tests.simulation.tiago import BOX
 
 from rvsg.core.errors import InputError
@@ -230,7 +231,7 @@ class TestGoals:
         assert crowd.logged_x[0] == x
 
     def test_a_start_that_is_not_a_number_is_refused(self) -> None:
-        with pytest.raises(InputError, match="not a finite number"):
+        with pytest.raises(InputError, check=coded("agent-not-finite")):
             crowd_of(HumanAgent.model_construct(name="a", start=(math.nan, 0.0), goals=((0.0, 0.0),), pauses_s=(0.0,)))
 
 

@@ -2,6 +2,7 @@ import csv
 import json
 
 import pytest
+from tests.coded import coded
 from tests.study.study_files import lines_of, put, write_log, write_logged, write_scenario
 
 from rvsg.core.errors import FileError
@@ -162,7 +163,7 @@ def test_strange_folders_and_routes_are_listed(results, store):
 
 def test_a_folder_without_the_layout_is_refused_with_what_was_expected(tmp_path, store):
     (tmp_path / "empty").mkdir()
-    with pytest.raises(FileError, match="distance/route_1/0"):
+    with pytest.raises(FileError, check=coded("study-layout")):
         read(tmp_path / "empty", store)
 
 

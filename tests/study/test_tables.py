@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy import stats
+from tests.coded import coded
 from tests.study.study_files import write_log, write_logged, write_scenario
 
 from rvsg.core.errors import InputError
@@ -117,7 +118,7 @@ def test_all_tables_are_written_in_three_formats(made):
 
 
 def test_a_store_without_anything_to_tabulate_is_refused(tmp_path):
-    with SqliteLedger(tmp_path / "empty.sqlite") as ledger, pytest.raises(InputError, match="nothing to tabulate"):
+    with SqliteLedger(tmp_path / "empty.sqlite") as ledger, pytest.raises(InputError, check=coded("tables-empty")):
         write_tables(ledger, out=tmp_path / "out")
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from tests.coded import at_key
 from tests.world.test_load import LABELS, OBJECTS, ROUTES, WORLD
 
 from rvsg.core.documents import DocumentError, parse_yaml, validated
@@ -65,10 +66,9 @@ def test_a_damaged_world_is_read_or_refused_with_a_message(tmp_path: Path, files
         assert str(error)
 
 
-@pytest.mark.parametrize(
-    ("name", "shown"), [("no", "False"), ("12", "12"), ("2001-01-01", r"datetime.date\(2001, 1, 1\)")]
-)
-def test_a_name_that_yaml_reads_as_something_else_is_told_to_be_quoted(name: str, shown: str) -> None:
+@pytest.mark.parametrize("name", ["no", "12", "2001-01-01"])
+def test_a_name_that_yaml_reads_as_something_else_is_told_to_be_quoted(name: str) -> None:
     text = f"areas:\n  - {{name: {name}, rectangle: [0, 0, 1, 1]}}\n"
-    with pytest.raises(DocumentError, match=rf"expected text \(put it in quotes\), got {shown}"):
+    with pytest.raises(DocumentError, check=at_key("areas", 0, "name")) as caught:
         validated(parse_yaml(text, Path("labels.yaml")), LabelsFile)
+    assert "quotes" in caught.value.reason  # what to do

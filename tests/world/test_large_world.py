@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.coded import coded
 
 from rvsg.core.errors import InputError
 from rvsg.core.records import Pose
@@ -73,7 +74,7 @@ def test_a_grid_too_fine_for_one_picture_is_drawn_in_tiles_that_name_every_waypo
 
 def test_tiles_without_end_are_refused(hall: tuple[OccupancyMap, list[Area]]) -> None:
     world = build_world(name="hall", occupancy=hall[0], grid_spec=GridSpec(spacing_m=0.6))
-    with pytest.raises(InputError, match="use a spacing_m over"):
+    with pytest.raises(InputError, check=coded("tiles-too-many")):
         tiles(world, width_px=500)
 
 

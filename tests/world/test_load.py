@@ -2,6 +2,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from tests.coded import coded
 
 from rvsg.core.documents import DocumentError
 from rvsg.core.errors import FileError, RvsgError, UnknownName
@@ -153,5 +154,5 @@ def test_a_description_of_several_paragraphs_survives_saving(room: Path) -> None
 
 def test_a_folder_that_cannot_be_written_is_one_clear_message(room: Path) -> None:
     (room / "blocked").write_text("a file, not a folder")
-    with pytest.raises(RvsgError, match="cannot be written"):
+    with pytest.raises(RvsgError, check=coded("world-not-written")):
         save_world(load_world(room), room / "blocked")

@@ -2,6 +2,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.coded import coded
 
 from rvsg.core.errors import InputError
 from rvsg.core.records import Pose
@@ -64,12 +65,12 @@ def test_seeds_choose_the_floor_where_the_robot_drives() -> None:
 
 
 def test_a_world_without_anything_for_the_lidar_is_refused() -> None:
-    with pytest.raises(InputError, match="no object is cut by the lidar plane"):
+    with pytest.raises(InputError, check=coded("map-no-object")):
         occupancy_from_objects([box("lamp", 0, 0, bottom=2)])
 
 
 def test_a_map_of_absurd_size_is_refused_before_it_is_drawn() -> None:
-    with pytest.raises(InputError, match="too large"):
+    with pytest.raises(InputError, check=coded("map-too-large")):
         occupancy_from_objects([box("a", 0, 0), box("b", 50_000, 50_000)])
 
 

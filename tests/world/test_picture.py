@@ -6,6 +6,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
+from tests.coded import coded, nearest
 
 from rvsg.core.errors import InputError, UnknownName
 from rvsg.core.records import Pose
@@ -106,13 +107,13 @@ def test_view_and_metres_are_inverse() -> None:
 
 def test_bad_options_are_answered_with_one_message() -> None:
     world = load_world("warehouse")
-    with pytest.raises(InputError, match="400 to 6000 pixels"):
+    with pytest.raises(InputError, check=coded("picture-width")):
         labelled_map(world, width_px=20)
-    with pytest.raises(UnknownName, match='Did you mean "light"'):
+    with pytest.raises(UnknownName, check=nearest("light")):
         labelled_map(world, colours="ligth")
-    with pytest.raises(UnknownName, match='Did you mean "areas"'):
+    with pytest.raises(UnknownName, check=nearest("areas")):
         labelled_map(world, show=frozenset({"aeras"}))
-    with pytest.raises(InputError, match="empty"):
+    with pytest.raises(InputError, check=coded("window-empty")):
         labelled_map(world, window=(1, 1, 1, 3))
 
 

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from tests.coded import nearest
 
 from rvsg.core.errors import UnknownName
 from rvsg.core.records import Pose
@@ -57,7 +58,7 @@ def test_every_hop_joins_adjacent_waypoints() -> None:
 
 
 def test_an_unknown_world_is_answered_with_the_nearest_name() -> None:
-    with pytest.raises(UnknownName, match='Did you mean "warehouse"'):
+    with pytest.raises(UnknownName, check=nearest("warehouse")):
         load_world("warehuose")
 
 

@@ -501,7 +501,8 @@ def check_same_route(mission: Mission, world: World) -> None:
         return
     raise InputError(
         f"{world.name}: {route.name} has changed since the campaign was run. Run the campaign again with another "
-        "--out, or give a copy of the world it was run in with --world."
+        "--out, or give a copy of the world it was run in with --world.",
+        code="world-changed",
     )
 
 
@@ -516,7 +517,10 @@ def record_in(ledger: Ledger, where: Path, name: str | None = None) -> CampaignR
         raise no_campaign(where, len(ledger.campaigns()))
     if len(records) > 1:
         listed = ", ".join(records)
-        raise InputError(f"{where}: this store holds {len(records)} campaigns. Name one of them: {listed}.")
+        raise InputError(
+            f"{where}: this store holds {len(records)} campaigns. Name one of them: {listed}.",
+            code="campaign-ambiguous",
+        )
     return next(iter(records.values()))
 
 

@@ -81,7 +81,8 @@ class CampaignRecord(Record):
             version = dict(values.get("provenance") or {}).get("version", "another version of RVSG")
             raise InputError(
                 f"The campaign was stored by {version}, and this version ({rvsg.__version__}) cannot read it. "
-                f"Open it with that version, or choose another folder. ({error.__class__.__name__})"
+                f"Open it with that version, or choose another folder. ({error.__class__.__name__})",
+                code="record-unreadable",
             ) from None
 
     @property

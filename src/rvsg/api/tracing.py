@@ -121,7 +121,8 @@ def trace_again(run: Run, scenario: Scenario, world: World, *, on_message: Calla
     if isinstance(told, Mapping) and not told.get("repeatable", True):
         raise InputError(
             f"The run {run.id} is of a real system, which gives another run every time. It cannot be traced. "
-            "`--stack` with the scenario records a new one."
+            "`--stack` with the scenario records a new one.",
+            code="run-not-repeatable",
         )
     options = {name: value for name, value in run.options.items() if name not in OF_RECORD}
     made = EmbeddedSimulator(**options)  # type: ignore[arg-type]  # checked by it

@@ -101,7 +101,8 @@ def world_of(mission: Mission, given: World | str | Path | None = None, *, near:
     raise InputError(
         f"The scenario was made for {mission.world} ({mission.world_id}), but that world is now {other.id}: "
         f"{_why(mission)} Adapt the scenario with `rvsg scenario migrate`, or give a copy of the world it was made "
-        "for with --world (in Python world=)."
+        "for with --world (in Python world=).",
+        code="world-changed",
     )
 
 
@@ -117,5 +118,6 @@ def _same(mission: Mission, world: World, given: World | str | Path) -> World:
     named = world.name if isinstance(given, World) else given
     raise InputError(
         f"The scenario was made for {mission.world} ({mission.world_id}), and {named} is another world ({world.id}). "
-        "Leave --world (in Python world=) out, or give the folder of the world it was made for."
+        "Leave --world (in Python world=) out, or give the folder of the world it was made for.",
+        code="world-other",
     )

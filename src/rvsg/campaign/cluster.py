@@ -110,12 +110,14 @@ class Cluster:
             self.stop(kill=True)
             raise InputError(
                 f"The Dask scheduler at {where} has no worker after {self.patience_s:g} s. "
-                f"Start some: dask worker {self.address or '--scheduler-file FILE'} --nworkers auto --nthreads 1"
+                f"Start some: dask worker {self.address or '--scheduler-file FILE'} --nworkers auto --nthreads 1",
+                code="cluster-no-worker",
             ) from None
         except (OSError, ValueError) as error:
             self.stop(kill=True)
             raise InputError(
-                f"No Dask scheduler answers at {where} ({error}). Is it running? `dask scheduler` starts one."
+                f"No Dask scheduler answers at {where} ({error}). Is it running? `dask scheduler` starts one.",
+                code="cluster-unreachable",
             ) from None
         self._notify = notify
         self._look()
@@ -182,12 +184,13 @@ class Cluster:
     def _last_seen(self, seen: float, error: BaseException) -> float:
         """Return when there was a worker last, after waiting for one; SimulationError where the cluster is gone."""
         if not isinstance(error, TimeoutError) or self._client.status not in ("running", "connecting"):
-            raise SimulationError(LOST) from None
+            raise SimulationError(LOST, code="cluster-lost") from None
         if self._look():
             return self._now()
         if self._now() - seen > self.patience_s:
             raise SimulationError(
-                f"The cluster has had no worker for {self.patience_s:g} s. Start workers and resume."
+                f"The cluster has had no worker for {self.patience_s:g} s. Start workers and resume.",
+                code="cluster-no-worker",
             ) from None
         return seen
 
@@ -234,7 +237,10 @@ class Cluster:
         if wrong:
             self.stop(kill=True)
             listed = "\n".join(f"  - {line}" for line in wrong[:12])
-            raise InputError(f"Workers of the cluster have other versions, and would make other runs:\n{listed}")
+            raise InputError(
+                f"Workers of the cluster have other versions, and would make other runs:\n{listed}",
+                code="cluster-versions",
+            )
         if others := sorted({found["processor"] for found in theirs.values()} - {mine["processor"]}):
             notify(
                 f"The cluster has other processors ({', '.join(others)}; here {mine['processor']}): the last bits of "

@@ -96,7 +96,8 @@ def store(attempt: Attempt, made: Made, parts: Parts, *, budget: int | None = No
     if made.failures and not made.runs:
         raise SimulationError(
             f"The simulator made none of the {len(made.failures)} runs of attempt {attempt.index}: "
-            f"{made.failures[0].reason}"
+            f"{made.failures[0].reason}",
+            code="no-run",
         )
     done = attempt.replace(
         measurements=tuple(made.measurements),

@@ -177,7 +177,7 @@ class _Pool:
     def fail(self, reason: str) -> None:
         """Fail every task, also later ones."""
         with self.changed:
-            self.broken = self.broken or SimulationError(reason)
+            self.broken = self.broken or SimulationError(reason, code="worker-start")
             self._drop()
             self.changed.notify_all()
 

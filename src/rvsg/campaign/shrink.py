@@ -71,13 +71,15 @@ class Shrinking:
         """Shrink a scenario. InputError where the requirement has no limit or the scenario does not violate it."""
         if self.requirement.threshold is None:
             raise InputError(
-                f'Requirement "{self.requirement.name}" has no limit, so nothing violates it. Give it one.'
+                f'Requirement "{self.requirement.name}" has no limit, so nothing violates it. Give it one.',
+                code="no-limit",
             )
         smallest, steps = self.smallest(scenario)
         if not self._violates:
             raise InputError(
                 f"None of {self.repeats} runs violates {self.requirement.name}, so there is nothing to explain. "
-                "Shrink a scenario that violates it, or raise the number of repeats."
+                "Shrink a scenario that violates it, or raise the number of repeats.",
+                code="no-violation",
             )
         fresh = fresh_seeds(self.seed, "shrink confirmation", self.confirmations, used=self._seeds)
         return Shrunk(

@@ -13,7 +13,7 @@ from typing import Any, TypeVar, get_args
 import yaml
 from pydantic import BaseModel, ValidationError
 
-from rvsg.core.errors import FileError
+from rvsg.core.errors import FileError, InvalidOptions
 from rvsg.core.inputs import LONGEST_NUMBER, is_text, read_text
 
 MOST_NODES = 400_000
@@ -26,11 +26,15 @@ Model = TypeVar("Model", bound=BaseModel)
 
 @dataclass(frozen=True)
 class Problem:
-    """A mistake in a file."""
+    """A mistake in a file: where, and what.
+
+    `key` is the path of keys of the value it is about; empty where it is about the file as a whole.
+    """
 
     path: Path
     line: int | None
     message: str
+    key: Key = ()
 
     def __str__(self) -> str:
         return f"{self.path}:{self.line}: {self.message}" if self.line is not None else f"{self.path}: {self.message}"
@@ -38,6 +42,8 @@ class Problem:
 
 class DocumentError(FileError):
     """One file, or several that belong together, with all mistakes in them."""
+
+    code = "document"
 
     def __init__(self, problems: Iterable[Problem]) -> None:
         self.problems = tuple(problems)
@@ -67,7 +73,7 @@ class Document:
 
     def problem(self, message: str, *key: str | int) -> Problem:
         """Return a problem of the value under this path of keys."""
-        return Problem(self.path, self.line(*key), message)
+        return Problem(self.path, self.line(*key), message, key)
 
 
 def read_yaml(path: Path) -> Document:
@@ -81,7 +87,7 @@ def parse_yaml(text: str, path: Path) -> Document:
     try:
         node = loader.get_single_node()
         if node is None:
-            raise FileError(path, "the file is empty")
+            raise FileError(path, "the file is empty", code="file-empty")
         lines: dict[Key, int] = {}
         _note_lines(node, path, lines)
         _check_scalars(node, path)
@@ -89,11 +95,11 @@ def parse_yaml(text: str, path: Path) -> Document:
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         reason = " ".join(part for part in (error.context, error.problem) if part)
-        raise FileError(path, f"not valid YAML: {reason}", line=mark.line + 1 if mark else None) from None
+        raise FileError(path, f"not valid YAML: {reason}", line=mark.line + 1 if mark else None, code="yaml") from None
     except yaml.YAMLError as error:
-        raise FileError(path, f"not valid YAML: {error}") from None
+        raise FileError(path, f"not valid YAML: {error}", code="yaml") from None
     except ValueError as error:  # such as a date with month 13
-        raise FileError(path, f"not valid YAML: {error}") from None
+        raise FileError(path, f"not valid YAML: {error}", code="yaml") from None
     finally:
         loader.dispose()
 
@@ -125,7 +131,12 @@ def _note_lines(root: yaml.Node, path: Path, lines: dict[Key, int]) -> None:
         key, node = stack.pop()
         lines.setdefault(key, node.start_mark.line + 1)
         if len(lines) > MOST_NODES or len(key) > 60:
-            raise FileError(path, "the file is nested too deep or refers to itself", line=node.start_mark.line + 1)
+            raise FileError(
+                path,
+                "the file is nested too deep or refers to itself",
+                line=node.start_mark.line + 1,
+                code="yaml-nested",
+            )
         if isinstance(node, yaml.SequenceNode):
             stack.extend(((*key, i), item) for i, item in enumerate(node.value))
         elif isinstance(node, yaml.MappingNode):
@@ -137,7 +148,7 @@ def _note_lines(root: yaml.Node, path: Path, lines: dict[Key, int]) -> None:
                         path, "not valid YAML: a key is a list or a mapping; is a bracket misplaced?", line=line
                     )
                 if name.value in seen:
-                    raise FileError(path, f'the key "{name.value}" stands here twice', line=line)
+                    raise FileError(path, f'the key "{name.value}" stands here twice', line=line, code="yaml-key-twice")
                 seen.add(name.value)
                 lines[(*key, name.value)] = line
                 stack.append(((*key, name.value), item))
@@ -196,6 +207,16 @@ def mistakes_of(
         place = tuple(part for part in detail["loc"] if isinstance(part, int) or part.isidentifier())
         found.append(_message(dict(detail), place, model, noun=noun, whole=whole))
     return list(dict.fromkeys(found))
+
+
+def keys_of(error: ValidationError) -> tuple[str, ...]:
+    """Return the keys a validation complains of, as people write them: `areas[0].name`."""
+    return tuple(dict.fromkeys(_place(detail["loc"]) for detail in error.errors(include_url=False)))
+
+
+def invalid_options(error: ValidationError, model: type[BaseModel], where: str) -> InvalidOptions:
+    """Return the error for options that their record refuses, with every mistake. `where` begins the message."""
+    return InvalidOptions(f"{where}: {'; '.join(mistakes_of(error, model, noun='option'))}", keys_of(error))
 
 
 def _file_key(loc: Key, document: Document) -> Key:

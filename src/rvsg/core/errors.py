@@ -7,6 +7,7 @@
     │   ├── FileError             ... in a file: knows its path and, where it can, the line
     │   ├── UnknownName           ... names something that does not exist: knows "did you mean"
     │   ├── Unfit                 ... a key or an option whose value cannot be used: knows the key
+    │   ├── InvalidOptions        ... options of a plug-in whose values cannot be used: knows the keys
     │   └── InvalidScenario       ... a scenario the checker refuses: knows every finding
     ├── SimulationError           a simulator could not run a valid scenario
     ├── GenerationError           a generator could not answer (never a merely bad answer: that is a Proposal)
@@ -100,6 +101,16 @@ class Unfit(InputError):
 
     def __init__(self, key: str, message: str) -> None:
         self.key = key
+        super().__init__(message)
+
+
+class InvalidOptions(InputError):
+    """Options that cannot be used; `keys` names them, as in `costmaps.local_size_m`."""
+
+    code = "options"
+
+    def __init__(self, message: str, keys: Iterable[str]) -> None:
+        self.keys = tuple(keys)
         super().__init__(message)
 
 

@@ -50,7 +50,9 @@ def read_text(path: Path, *, largest: int = LARGEST_FILE) -> str:
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise FileError(path, f"the file is not UTF-8 text ({error.reason} at byte {error.start})") from None
+        raise FileError(
+            path, f"the file is not UTF-8 text ({error.reason} at byte {error.start})", code="file-not-text"
+        ) from None
 
 
 def read_standard_input(*, largest: int = LARGEST_FILE) -> bytes:
@@ -204,7 +206,9 @@ def _at_most(stream: IO[bytes], path: Path, largest: int) -> bytes:
         parts.append(part)
         left -= len(part)
     if not left:
-        raise FileError(path, f"the file has more than {largest} bytes; at most {largest} are read")
+        raise FileError(
+            path, f"the file has more than {largest} bytes; at most {largest} are read", code="file-too-large"
+        )
     return b"".join(parts)
 
 

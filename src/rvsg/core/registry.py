@@ -57,7 +57,8 @@ class Registry(Mapping[str, Thing], Generic[Thing]):
                     if thing.id in found:
                         raise InputError(
                             f'The plug-in "{name}" registers the {self.kind} "{thing.id}", but that id is taken. '
-                            "Rename it there, or uninstall the plug-in."
+                            "Rename it there, or uninstall the plug-in.",
+                            code="plug-in-name-taken",
                         )
                     found[thing.id] = thing
             self._all = found
@@ -70,6 +71,7 @@ class Registry(Mapping[str, Thing], Generic[Thing]):
             if not isinstance(thing, self.of):
                 raise InputError(
                     f'The plug-in "{name}" of {plugins.KINDS[self.kind]} must be a {self.of.__name__} or a sequence of '
-                    f"them, got {type(thing).__name__}."
+                    f"them, got {type(thing).__name__}.",
+                    code="plug-in-kind",
                 )
         return things

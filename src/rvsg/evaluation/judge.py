@@ -133,7 +133,8 @@ def judge(
     if requirement.limit_share is not None:
         raise InputError(
             f"The limit of {requirement.name} is a share of the route's time limit. Work it out first: "
-            "requirement.for_time_limit(route.time_limit_s), or load_requirement(name, route)."
+            "requirement.for_time_limit(route.time_limit_s), or load_requirement(name, route).",
+            code="limit-open",
         )
     rows = [k for k, value in enumerate(objectives) if value is not None]
     known = tuple(float(value) for value in objectives if value is not None)

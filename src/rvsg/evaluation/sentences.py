@@ -44,7 +44,7 @@ def embed(texts: Sequence[str], model_dir: Path | None = None) -> Floats32:
     """Return (len(texts), 384) float32 embeddings of unit length; InputError where model or readers are missing."""
     folder = model_dir or model_folder()
     if folder is None:
-        raise InputError(f"The package {PACKAGE.replace('_', '-')} is not installed. {HOW_TO}")
+        raise InputError(f"The package {PACKAGE.replace('_', '-')} is not installed. {HOW_TO}", code="package-missing")
     try:
         from threadpoolctl import threadpool_limits
     except ImportError as error:

@@ -100,7 +100,8 @@ class Ros2World(Simulator):
         self._tell = tell
         if self._options.launch is None and self._options.agents_file is None:
             raise InputError(
-                f"simulator {NAME}: give launch with {{agents}} in it, or agents_file, which your running world reads."
+                f"simulator {NAME}: give launch with {{agents}} in it, or agents_file, which your running world reads.",
+                code="ros2-no-agents-file",
             )
 
     def __getstate__(self) -> dict[str, Any]:

@@ -79,9 +79,13 @@ class VlmGenerator(Generator):
         **access: Any,
     ) -> None:
         if conversation not in ("compact", "study"):
-            raise InputError(f'There is no conversation "{conversation}". Choose compact or study.')
+            raise InputError(
+                f'There is no conversation "{conversation}". Choose compact or study.', code="conversation"
+            )
         if not 0 <= corrections <= 10:
-            raise InputError(f"The rounds of corrections must be between 0 and 10, got {corrections}.")
+            raise InputError(
+                f"The rounds of corrections must be between 0 and 10, got {corrections}.", code="corrections"
+            )
         if not 0 <= rehearsals <= 10:
             raise InputError(f"The rehearsals must be between 0 and 10, got {rehearsals}.")
         self.conversation = conversation

@@ -92,7 +92,8 @@ class EnvironmentDialogue:
             raise GenerationError(
                 f"The model {self._dialogue.model.name} gave no description of {self.world.name} in two answers (of "
                 f"the last: {ended.get(answer.finish, f'it was {answer.finish}')}). "
-                "Try another model, or write the description into the world's world.yaml yourself."
+                "Try another model, or write the description into the world's world.yaml yourself.",
+                code="no-description",
             )
         return Description(layout=_clipped(texts["layout"]), grid=_clipped(texts["grid"]))
 
@@ -129,7 +130,10 @@ def store_description(world: World, description: Description, place: str | Path 
     if path.name == "world.yaml":
         path = path.parent
     if path.resolve().is_relative_to(SHIPPED.resolve()):
-        raise InputError("A shipped world is not changed; its description goes to the user's data folder or --out.")
+        raise InputError(
+            "A shipped world is not changed; its description goes to the user's data folder or --out.",
+            code="world-shipped",
+        )
     _store_in_world(path / "world.yaml", description)
     return path / "world.yaml"
 
@@ -141,7 +145,7 @@ def read_description_file(path: Path) -> Description:
     except ValidationError as error:
         problems = "; ".join(f"{'.'.join(str(p) for p in e['loc'])}: {e['msg']}" for e in error.errors())
         keys = "layout, grid, reviewed, reviewer, reviewed_on"
-        raise FileError(path, f"is not a description ({keys}): {problems}") from None
+        raise FileError(path, f"is not a description ({keys}): {problems}", code="description-file") from None
 
 
 def edited(description: Description, text: str) -> Description:

@@ -9,7 +9,8 @@ from typing import Annotated, Any, Self
 
 from pydantic import Field, ValidationError, field_validator
 
-from rvsg.core.errors import InputError, UnknownName
+from rvsg.core.documents import keys_of
+from rvsg.core.errors import InputError, InvalidOptions, UnknownName
 from rvsg.core.records import Record
 from rvsg.generation.vlm.access import Limits, ModelAccess
 from rvsg.generation.vlm.budget import NO_CALL, Budget, Budgeted
@@ -68,7 +69,8 @@ class Access(Record):
             return cls.model_validate({"record": record, **options})
         except ValidationError as error:
             problems = [f"{'.'.join(str(part) for part in e['loc'])}: {_problem(e)}" for e in error.errors()]
-            raise InputError("The vlm generator cannot use its options: " + "; ".join(problems)) from None
+            told = "The vlm generator cannot use its options: " + "; ".join(problems)
+            raise InvalidOptions(told, keys_of(error)) from None
 
 
 def _problem(error: Any) -> str:
@@ -110,13 +112,16 @@ def wired(model: str | Model | None, access: Access) -> Wiring:
         if not len(recording):
             there = Path(access.replay) / "calls.jsonl"
             what = "holds no whole recorded call" if there.exists() else "does not exist"
-            raise InputError(f"There are no recorded calls in {access.replay}: {there.name} {what}.")
+            raise InputError(
+                f"There are no recorded calls in {access.replay}: {there.name} {what}.", code="replay-empty"
+            )
         replayed = Replayed(recording, strict=access.strict)
         return Wiring(model=Watched(replayed), recording=recording, replayed=replayed)
     if model is None:
         raise InputError(
             "The vlm generator needs a model: give --model PROVIDER:MODEL, for example openai-chat:gpt-4.1 "
-            "(with its key in the environment), or --replay FOLDER to answer from recorded calls."
+            "(with its key in the environment), or --replay FOLDER to answer from recorded calls.",
+            code="model-missing",
         )
     recorded = Recording(access.record) if access.record is not None else None
     reached = _reached(model, access) if isinstance(model, str) else model
@@ -149,7 +154,8 @@ def _reached(name: str, access: Access) -> ModelAccess:
         raise InputError(
             f"The price of {name} is not listed, so --budget-usd cannot be kept. Give "
             "--generator-option prices=INPUT,CACHED,OUTPUT in dollars per million tokens (--prices INPUT,CACHED,OUTPUT "
-            "for `rvsg describe`), or use --budget-tokens or --budget-calls."
+            "for `rvsg describe`), or use --budget-tokens or --budget-calls.",
+            code="price-unknown",
         )
     reached.prepare()
     return reached

@@ -69,7 +69,9 @@ def check_film(path: Path) -> None:
         InputError: says which formats there are, or what to install.
     """
     if path.suffix.lower() not in FORMATS:
-        raise InputError(f"{path}: a replay is written as {', '.join(FORMATS)}. Give --out one of these endings.")
+        raise InputError(
+            f"{path}: a replay is written as {', '.join(FORMATS)}. Give --out one of these endings.", code="film-format"
+        )
     if path.suffix.lower() in _CODECS:
         _ffmpeg(path)
 
@@ -269,5 +271,6 @@ def _ffmpeg(path: Path) -> Any:
         return importlib.import_module("imageio_ffmpeg")
     except ImportError:
         raise InputError(
-            f"{path}: {path.suffix} needs ffmpeg: {how_to_install('video')}. Without it, write .webp, .gif or .png."
+            f"{path}: {path.suffix} needs ffmpeg: {how_to_install('video')}. Without it, write .webp, .gif or .png.",
+            code="package-missing",
         ) from None

@@ -53,7 +53,8 @@ def migrate(scenario: Scenario, world: World, *, reach_m: float = REACH_M, route
     if lost:
         raise InputError(
             f"{world.name} has no waypoint within {reach_m:g} m of {', '.join(lost)}. Edit the paths of the scenario, "
-            "or make a new one for this world."
+            "or make a new one for this world.",
+            code="waypoint-too-far",
         )
     humans = tuple(
         human.model_copy(update={"tasks": tuple(_renamed(task, successors) for task in human.tasks)})

@@ -122,7 +122,7 @@ def _read(path: Path, check: Check | None) -> _Read:
             continue
         if "metric" in fields and not {"worse", "formula"} & fields.keys():  # a guess could turn the verdict round
             message = f"{name}.worse: is missing; say which values of the metric are worse: smaller or larger"
-            mistakes.append(document.problem(message, str(name)))
+            mistakes.append(document.problem(message, str(name), "worse"))
         try:
             read = Requirement.model_validate({"name": str(name), **fields})
             found[str(name)] = check(read) if check is not None else read

@@ -93,7 +93,9 @@ def find_campaigns(root: Path, findings: list[ImportFinding]) -> dict[str, list[
     for batch in batches(root, findings):
         groups.setdefault(shown(batch.folder.parent, root), []).append(batch)
     if not groups:
-        raise FileError(root, "holds no folder like distance/route_1/0 or no_req/route_1/0: nothing to import")
+        raise FileError(
+            root, "holds no folder like distance/route_1/0 or no_req/route_1/0: nothing to import", code="study-layout"
+        )
     return groups
 
 

@@ -89,7 +89,8 @@ class StudyConfiguration(Record):
         for human in self.humans:
             if not human.waypoints:
                 raise InputError(
-                    f"{human.name} has no waypoint that the grid knows; the study ran a stale file instead"
+                    f"{human.name} has no waypoint that the grid knows; the study ran a stale file instead",
+                    code="no-waypoint",
                 )
 
 

@@ -48,7 +48,10 @@ def write_tables(*ledgers: Ledger, out: Path, model_dir: Path | None = None) -> 
     """
     material = gather(*ledgers)
     if not material.cells():
-        raise InputError("the store holds no guided campaign and no repeated scenario: there is nothing to tabulate")
+        raise InputError(
+            "the store holds no guided campaign and no repeated scenario: there is nothing to tabulate",
+            code="tables-empty",
+        )
     drawn = can_draw()
     for way, tables in zip(WAYS, build(material, model_dir), strict=True):
         folder = out / way

@@ -46,7 +46,8 @@ def build_grid(spec: GridSpec, human: Space, robot: Space, *, seeds: Sequence[tu
     if len(rows) * len(columns) > MOST_WAYPOINTS:
         raise InputError(
             f"a grid of {len(rows)} x {len(columns)} waypoints is too fine to be read: give a spacing_m over "
-            f"{spec.spacing_m or 0:g}, so that there are at most {MOST_WAYPOINTS} waypoints"
+            f"{spec.spacing_m or 0:g}, so that there are at most {MOST_WAYPOINTS} waypoints",
+            code="grid-too-fine",
         )
     names = [f"{row}{column}" for row in rows for column in columns]
     points = np.array(
@@ -94,7 +95,8 @@ def _coordinates(spec: GridSpec, space: Space) -> tuple[dict[str, float], dict[i
     if len(free) == 0:
         raise InputError(
             f"the map has no place that is {spec.human_clearance_m:g} m clear of obstacles: is it inverted (negate) or "
-            "all unknown? Else use a smaller human_clearance_m"
+            "all unknown? Else use a smaller human_clearance_m",
+            code="grid-no-room",
         )
     points = space.frame.to_metres(free.astype(float) + 0.5)
     low, high = points.min(axis=0), points.max(axis=0)

@@ -31,12 +31,15 @@ def occupancy_from_objects(
     """
     outlines = [polygon for thing in objects for polygon in thing.slices]
     if not outlines:
-        raise InputError("no object is cut by the lidar plane, so there is nothing to draw a map of")
+        raise InputError(
+            "no object is cut by the lidar plane, so there is nothing to draw a map of", code="map-no-object"
+        )
     frame = covering(np.concatenate([np.asarray(p, float) for p in outlines]), resolution_m, margin_m)
     if frame.shape[0] * frame.shape[1] > MOST_CELLS:
         raise InputError(
             f"a map of {frame.shape[1]} x {frame.shape[0]} cells at {resolution_m} m is too large "
-            f"(at most {MOST_CELLS} cells): give a coarser resolution"
+            f"(at most {MOST_CELLS} cells): give a coarser resolution",
+            code="map-too-large",
         )
     edges = outline_cells(outlines, frame)
     solid = np.zeros(frame.shape, bool)

@@ -6,9 +6,10 @@ import pickle
 from pathlib import Path
 
 import pytest
+from tests.coded import coded
 
 from rvsg.api.simulating import described
-from rvsg.core.errors import InputError
+from rvsg.core.errors import InputError, InvalidOptions
 from rvsg.core.plugins import Spec, make
 from rvsg.robots import load_robot
 from rvsg.simulation.ros2.launching import Launched, ros_environment
@@ -26,21 +27,26 @@ def test_the_stack_is_registered_and_says_its_options() -> None:
 
 
 @pytest.mark.parametrize(
-    ("wrong", "named"),
+    ("wrong", "keys"),
     [
-        ({"speed": 0}, "speed"),
-        ({"sped": 2}, "speed"),
-        ({"restart": True}, "restart"),
-        ({"params": "nav2.yaml"}, "params"),
-        ({"launch": "ros2 launch x", "speed": 4}, "params"),
-        ({"launch": "ros2 {params}", "params": "/nowhere.yaml"}, "/nowhere.yaml"),
-        ({"domain": 233}, "domain"),
-        ({"cmd_vel": "two words"}, "cmd_vel"),
+        ({"speed": 0}, ("speed",)),
+        ({"sped": 2}, ("sped",)),
+        ({"restart": True}, ("",)),  # of options that do not go together
+        ({"params": "nav2.yaml"}, ("",)),
+        ({"launch": "ros2 launch x", "speed": 4}, ("",)),
+        ({"domain": 233}, ("domain",)),
+        ({"cmd_vel": "two words"}, ("cmd_vel",)),
     ],
 )
-def test_wrong_options_are_one_error_each(wrong: dict[str, object], named: str) -> None:
-    with pytest.raises(InputError, match=named):
+def test_wrong_options_are_one_error_each(wrong: dict[str, object], keys: tuple[str, ...]) -> None:
+    with pytest.raises(InvalidOptions) as refused:
         read_options(wrong)
+    assert refused.value.keys == keys
+
+
+def test_a_parameter_file_that_is_not_there_is_refused() -> None:
+    with pytest.raises(InputError, check=coded("params-missing")):
+        read_options({"launch": "ros2 {params}", "params": "/nowhere.yaml"})
 
 
 def test_the_domain_is_that_of_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -48,20 +54,20 @@ def test_the_domain_is_that_of_the_environment(monkeypatch: pytest.MonkeyPatch) 
     assert domain_of(None) == 7
     assert domain_of(3) == 3
     monkeypatch.setenv("ROS_DOMAIN_ID", "seven")
-    with pytest.raises(InputError, match="ROS_DOMAIN_ID"):
+    with pytest.raises(InputError, check=coded("ros2-domain")):
         domain_of(None)
 
 
 def test_another_middleware_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_fastrtps_cpp")
-    with pytest.raises(InputError, match="rvsg-ros2"):
+    with pytest.raises(InputError, check=coded("ros2-middleware")):
         ros_environment(0)
 
 
 def test_a_missing_launch_command_says_what_to_do() -> None:
-    with pytest.raises(InputError, match="Source"):
+    with pytest.raises(InputError, check=coded("ros2-launch")):
         Launched("no-such-command-here --x", {})
-    with pytest.raises(InputError, match="launch"):
+    with pytest.raises(InputError, check=coded("ros2-launch-words")):
         Launched("ros2 'open", {})
 
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 import yaml
+from tests.coded import coded
 
 from rvsg.core.errors import FileError
 from rvsg.simulation.ros2.scaling import scale, scale_file
@@ -115,5 +116,5 @@ def test_what_cannot_be_scaled_is_told(values: dict[str, Any]) -> None:
 def test_a_file_of_another_program_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "slam.yaml"
     path.write_text("slam_toolbox: {ros__parameters: {a: 1}}\n")
-    with pytest.raises(FileError, match="controller_server"):
+    with pytest.raises(FileError, check=coded("nav2-params")):
         scale_file(path, 2.0, "humble")

@@ -73,7 +73,12 @@ class Prompts:
         declared = _declared(path, _read(path))
         missing = sorted(declared - variables.keys())
         if missing:
-            raise FileError(path, f"declares {', '.join(missing)}, which RVSG does not give to this prompt", line=1)
+            raise FileError(
+                path,
+                f"declares {', '.join(missing)}, which RVSG does not give to this prompt",
+                line=1,
+                code="prompt-variable",
+            )
         try:
             text = self._environment.get_template(name).render({key: variables[key] for key in declared})
         except UndefinedError as error:
@@ -81,9 +86,11 @@ class Prompts:
                 path, f"{error}. It declares {_listed(declared)}; RVSG gives {_listed(variables)}"
             ) from None
         except TemplateSyntaxError as error:
-            raise FileError(error.filename or path, f"not a template: {error.message}", line=error.lineno) from None
+            raise FileError(
+                error.filename or path, f"not a template: {error.message}", line=error.lineno, code="prompt-template"
+            ) from None
         except (SecurityError, TemplateNotFound, TypeError, ValueError) as error:
-            raise FileError(path, f"cannot be rendered: {error}") from None
+            raise FileError(path, f"cannot be rendered: {error}", code="prompt-rendering") from None
         return re.sub(r"\n{3,}", "\n\n", text).strip() + "\n"
 
     def _check_overrides(self, folder: Path) -> None:
@@ -171,17 +178,27 @@ def _declared(path: Path, text: str) -> frozenset[str]:
     """The declared variables, after checking that nothing else is used."""
     found = _DECLARES.match(text)
     if found is None:
-        raise FileError(path, "the first line must declare the variables, as in {# declares: areas, route #}", line=1)
+        raise FileError(
+            path,
+            "the first line must declare the variables, as in {# declares: areas, route #}",
+            line=1,
+            code="prompt-declaration",
+        )
     declared = frozenset(part.strip() for part in found.group(1).split(",") if part.strip())
     try:
         used = meta.find_undeclared_variables(_environment(None).parse(text))
     except TemplateSyntaxError as error:
-        raise FileError(path, f"not a template: {error.message}", line=error.lineno) from None
+        raise FileError(path, f"not a template: {error.message}", line=error.lineno, code="prompt-template") from None
     undeclared = sorted(used - declared)
     if undeclared:
         near = f"It declares {_listed(declared)}."
         line = next((n for n, row in enumerate(text.splitlines(), 1) if undeclared[0] in row), None)
-        raise FileError(path, f'uses "{undeclared[0]}", which its first line does not declare. {near}', line=line)
+        raise FileError(
+            path,
+            f'uses "{undeclared[0]}", which its first line does not declare. {near}',
+            line=line,
+            code="prompt-variable",
+        )
     return declared
 
 

@@ -65,7 +65,8 @@ class Replayed:
             if self._strict:
                 raise ReplayDiverged(
                     f"The present prompts diverge from the record at {divergence}. Without strict replay the recorded "
-                    "answer is used and the difference reported."
+                    "answer is used and the difference reported.",
+                    code="replay-prompts",
                 )
         return call.answer.model_copy(update={"source": "record"})
 

@@ -6,8 +6,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationError
 
-from rvsg.core.documents import mistakes_of
-from rvsg.core.errors import InputError, UnknownName
+from rvsg.core.documents import invalid_options
+from rvsg.core.errors import UnknownName
 from rvsg.core.records import Record
 from rvsg.simulation.embedded.people.crowd import PUBLISHED_EARLY_START, PUBLISHED_START_S
 
@@ -108,12 +108,11 @@ PROFILES: dict[str, dict[str, Any]] = {"default": {}, "published-study": _PUBLIS
 def profile(name: str = "default", **changes: Any) -> SimulatorOptions:
     """The options of a named profile, with changes; `noise` may be a mapping of source to factor.
 
-    Raises UnknownName for an unknown profile, InputError naming every wrong option.
+    Raises UnknownName for an unknown profile, InvalidOptions naming every wrong option.
     """
     if name not in PROFILES:
         raise UnknownName("simulator profile", name, PROFILES)
     try:
         return SimulatorOptions.model_validate({"profile": name, **PROFILES[name], **changes})
     except ValidationError as error:
-        wrong = "; ".join(mistakes_of(error, SimulatorOptions, noun="option"))
-        raise InputError(f"simulator options: {wrong}") from None
+        raise invalid_options(error, SimulatorOptions, "simulator options") from None

@@ -314,10 +314,14 @@ def _check(route: Route, seed: int) -> None:
     for pose in (route.start, *route.through, route.goal):
         numbers += [pose.x, pose.y, pose.yaw]
     if not all(math.isfinite(number) for number in numbers):
-        raise InputError(f"route {route.name}: every pose and the time limit must be finite numbers, got {numbers}")
+        raise InputError(
+            f"route {route.name}: every pose and the time limit must be finite numbers, got {numbers}",
+            code="route-not-finite",
+        )
     if not 0.0 < route.time_limit_s <= 3600.0:
         raise InputError(
-            f"route {route.name}: the time limit must be over 0 and at most 3600 s, not {route.time_limit_s}"
+            f"route {route.name}: the time limit must be over 0 and at most 3600 s, not {route.time_limit_s}",
+            code="time-limit",
         )
     if seed < 0:
         raise InputError(f"the seed must be 0 or more, not {seed}")

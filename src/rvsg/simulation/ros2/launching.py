@@ -26,11 +26,14 @@ class Launched:
         try:
             words = shlex.split(command)
         except ValueError as error:
-            raise InputError(f"launch: {command!r} cannot be split into words: {error}.") from None
+            raise InputError(
+                f"launch: {command!r} cannot be split into words: {error}.", code="ros2-launch-words"
+            ) from None
         if not words or shutil.which(words[0]) is None:
             raise InputError(
                 f"launch: there is no command {words[0] if words else command!r}. Source your ROS 2 first "
-                "(source /opt/ros/jazzy/setup.bash), or give the full path."
+                "(source /opt/ros/jazzy/setup.bash), or give the full path.",
+                code="ros2-launch",
             )
         self.mark = uuid.uuid4().hex
         self._folder = Path(tempfile.mkdtemp(prefix="rvsg-ros2-"))
@@ -69,6 +72,7 @@ def ros_environment(domain: int) -> dict[str, str]:
     if chosen != RMW:
         raise InputError(
             f"RMW_IMPLEMENTATION is {chosen}, but RVSG speaks to {RMW} directly. Unset it, or use the stack of "
-            "plugins/rvsg-ros2, which works with every middleware."
+            "plugins/rvsg-ros2, which works with every middleware.",
+            code="ros2-middleware",
         )
     return {"ROS_DOMAIN_ID": str(domain), "RMW_IMPLEMENTATION": RMW}

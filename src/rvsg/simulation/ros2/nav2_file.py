@@ -73,7 +73,8 @@ def _controller(driver: NavigationStack, robot: Robot) -> dict[str, Any]:
     if type(driver) is Nav2Dwb:
         return {"plugin": "dwb_core::DWBLocalPlanner", **_dwb(driver.adapt(robot))}
     raise InputError(
-        f"The stack {_name(driver)} has no controller of Nav2. Those that have one: nav2-dwb, nav2-rpp, nav2-mppi."
+        f"The stack {_name(driver)} has no controller of Nav2. Those that have one: nav2-dwb, nav2-rpp, nav2-mppi.",
+        code="stack-not-nav2",
     )
 
 
@@ -327,5 +328,5 @@ def _corners(points: Iterable[tuple[float, float]]) -> str:
 def _whole(metres: float) -> int:
     """Return the size of a costmap; Nav2 takes whole metres."""
     if metres != round(metres):
-        raise InputError(f"costmaps.local_size_m is {metres:g}; Nav2 takes whole metres.")
+        raise InputError(f"costmaps.local_size_m is {metres:g}; Nav2 takes whole metres.", code="nav2-whole-metres")
     return round(metres)

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, Self, TypeVar
 
 from pydantic import Field, ValidationError, model_validator
 
-from rvsg.core.documents import mistakes_of
+from rvsg.core.documents import invalid_options
 from rvsg.core.errors import InputError
 from rvsg.core.records import Record
 from rvsg.simulation.ros2.interfaces import Release
@@ -102,7 +102,7 @@ def domain_of(given: int | None) -> int:
         return given
     text = os.environ.get("ROS_DOMAIN_ID", "").strip() or "0"
     if not text.isdecimal() or int(text) > 232:
-        raise InputError(f"ROS_DOMAIN_ID is {text!r}. Expected a number from 0 to 232.")
+        raise InputError(f"ROS_DOMAIN_ID is {text!r}. Expected a number from 0 to 232.", code="ros2-domain")
     return int(text)
 
 
@@ -123,7 +123,7 @@ def checked(given: dict[str, Any], model: type[Options], where: str) -> Options:
     try:
         options = model.model_validate(given)
     except ValidationError as error:
-        raise InputError(f"{where}: " + "; ".join(mistakes_of(error, model, noun="option"))) from None
+        raise invalid_options(error, model, where) from None
     if options.params is not None and not Path(options.params).is_file():
-        raise InputError(f"{where}: params: there is no file {options.params}.")
+        raise InputError(f"{where}: params: there is no file {options.params}.", code="params-missing")
     return options

@@ -100,7 +100,11 @@ def scale_file(path: Path, speed: float, release: Release) -> Scaled:
     document = read_yaml(path)
     values = document.value
     if not isinstance(values, dict) or not any(True for _ in _sections(values, "controller_server")):
-        raise FileError(path, "this is no Nav2 parameter file: expected a controller_server with ros__parameters.")
+        raise FileError(
+            path,
+            "this is no Nav2 parameter file: expected a controller_server with ros__parameters.",
+            code="nav2-params",
+        )
     return scale(values, speed, release)
 
 

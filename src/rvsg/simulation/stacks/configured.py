@@ -6,8 +6,7 @@ from typing import Annotated, Any, ClassVar
 
 from pydantic import Field, ValidationError
 
-from rvsg.core.documents import mistakes_of
-from rvsg.core.errors import InputError
+from rvsg.core.documents import invalid_options
 from rvsg.core.records import Record
 from rvsg.robots import Robot, SafetyZone
 from rvsg.robots.navigation import Behaviours, Costmaps, Dwb, MonitorPolygon, Planner, Smoother
@@ -54,8 +53,7 @@ class Configured(LocalPlanner):
             for section, kind in SECTIONS.items():
                 kind.model_validate(getattr(self.settings, section, {}))
         except ValidationError as error:
-            wrong = "; ".join(mistakes_of(error, self.Settings, noun="option"))
-            raise InputError(f"options of the stack {self.name}: {wrong}") from None
+            raise invalid_options(error, self.Settings, f"options of the stack {self.name}") from None
 
     @property
     def options(self) -> dict[str, Any]:
@@ -87,5 +85,4 @@ class Configured(LocalPlanner):
         try:
             return robot.replace(**changes)
         except ValidationError as error:
-            wrong = "; ".join(mistakes_of(error, Robot, noun="option"))
-            raise InputError(f"the stack {self.name} does not fit the robot {robot.name}: {wrong}") from None
+            raise invalid_options(error, Robot, f"the stack {self.name} does not fit the robot {robot.name}") from None

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from rvsg.core.documents import read_yaml
+from rvsg.core.documents import DocumentError, Problem, read_yaml
 from rvsg.core.errors import FileError
 from rvsg.simulation.embedded.stack import ACTIONS
 from rvsg.simulation.stacks.mppi import MppiSettings
@@ -147,7 +147,8 @@ class _Reader:
 
     def wrong(self, key: Key, message: str) -> None:
         """Raise what is wrong with a key."""
-        raise FileError(self.path, f"{'.'.join(key)}: {message}", line=read_yaml(self.path).lines.get(key))
+        line = read_yaml(self.path).lines.get(key)
+        raise DocumentError([Problem(self.path, line, f"{'.'.join(map(str, key))}: {message}", key)])
 
     def node(self, *names: str) -> _Section:
         """Return the section of a node, with the wild card of a namespace or not."""

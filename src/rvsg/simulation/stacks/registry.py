@@ -159,7 +159,7 @@ def _of_file(path: str, options: Mapping[str, Any]) -> StackChoice:
     try:
         found = _named(read.stack, {**read.options, **options})
     except InputError as error:
-        raise FileError(path, str(error)) from error
+        raise FileError(path, str(error), code=error.code) from error
     found.messages = tuple(read.messages())
     return found
 

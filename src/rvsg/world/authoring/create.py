@@ -70,7 +70,7 @@ def world_from_map(
     except FileError:
         raise
     except InputError as error:
-        raise FileError(path, f"{error}") from None
+        raise FileError(path, f"{error}", code=error.code) from None
 
 
 def world_from_sdf(
@@ -126,7 +126,7 @@ def world_from_sdf(
     except FileError:
         raise
     except InputError as error:
-        raise FileError(path, f"{error}") from None
+        raise FileError(path, f"{error}", code=error.code) from None
 
 
 def world_from_objects(
@@ -153,7 +153,7 @@ def world_from_objects(
     except FileError:
         raise
     except InputError as error:
-        raise FileError(path, f"{error}") from None
+        raise FileError(path, f"{error}", code=error.code) from None
 
 
 def _refuse_absurd_sizes(resolution_m: float | None, lidar_height_m: float, floor_m: float = 0.0) -> None:
@@ -255,7 +255,8 @@ def fitting_spec(spec: GridSpec, space: Space) -> GridSpec:
     if not floor.any():
         raise InputError(
             f"the map has no place that is {spec.human_clearance_m:g} m clear of obstacles: is it inverted (negate) "
-            "or all unknown? Else give a smaller --human-clearance"
+            "or all unknown? Else give a smaller --human-clearance",
+            code="grid-no-room",
         )
     rows, columns = np.flatnonzero(floor.any(axis=1)), np.flatnonzero(floor.any(axis=0))
     high, wide = np.ptp(rows) * space.frame.resolution, np.ptp(columns) * space.frame.resolution

@@ -40,7 +40,9 @@ def birdseye(
         route: A route to draw.
     """
     if not NARROWEST_PX <= width_px <= WIDEST_PX:
-        raise InputError(f"a picture is {NARROWEST_PX} to {WIDEST_PX} pixels wide; {width_px} were asked for")
+        raise InputError(
+            f"a picture is {NARROWEST_PX} to {WIDEST_PX} pixels wide; {width_px} were asked for", code="picture-width"
+        )
     ink = palette(colours)
     unit = width_px / 1600
     margins = (round(20 * unit), round(56 * unit), round(20 * unit), round(24 * unit))

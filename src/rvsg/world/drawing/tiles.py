@@ -47,7 +47,8 @@ def tile_windows(world: World, *, width_px: int = 1600) -> list[tuple[int, int, 
     if rows * columns > MOST_TILES:
         raise InputError(
             f"{rows * columns} pictures would be needed to name every waypoint (at most {MOST_TILES} are drawn): "
-            f"use a spacing_m over {spacing:g} or a larger width"
+            f"use a spacing_m over {spacing:g} or a larger width",
+            code="tiles-too-many",
         )
     strip = spacing if rows * columns > 1 else 0.0
     found = []

@@ -68,11 +68,13 @@ def view_of(world: World, *, width_px: int, window: Window | None, margins: tupl
     `margins` are pixels left, top, right and bottom of the plan. Raises InputError for absurd sizes.
     """
     if not NARROWEST_PX <= width_px <= WIDEST_PX:
-        raise InputError(f"a picture is {NARROWEST_PX} to {WIDEST_PX} pixels wide; {width_px} were asked for")
+        raise InputError(
+            f"a picture is {NARROWEST_PX} to {WIDEST_PX} pixels wide; {width_px} were asked for", code="picture-width"
+        )
     shown = window or known_window(world)
     x0, y0, x1, y1 = shown
     if not (x1 > x0 and y1 > y0):
-        raise InputError(f"the window [x_min, y_min, x_max, y_max] is empty: {list(shown)}")
+        raise InputError(f"the window [x_min, y_min, x_max, y_max] is empty: {list(shown)}", code="window-empty")
     left, low, right, high = known_window(world)
     if x0 >= right or x1 <= left or y0 >= high or y1 <= low:
         raise InputError(

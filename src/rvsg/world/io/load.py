@@ -54,7 +54,11 @@ def world_folder(path: str | Path) -> Path:
     if not is_dir(folder):
         raise UnknownName("world", str(path), shipped_worlds(), hint="Or give the folder of your own world.")
     if not (folder / "world.yaml").is_file():
-        raise FileError(folder, "the folder holds no world.yaml; `rvsg world new` makes a world folder from a map")
+        raise FileError(
+            folder,
+            "the folder holds no world.yaml; `rvsg world new` makes a world folder from a map",
+            code="world-missing",
+        )
     return folder
 
 

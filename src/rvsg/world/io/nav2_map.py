@@ -61,7 +61,11 @@ def load_nav2_map(
     """
     path = Path(path)
     if path.suffix.lower() in IMAGE_SUFFIXES:
-        raise FileError(path, f"this is the picture of a map; give the yaml file that describes it ({path.stem}.yaml?)")
+        raise FileError(
+            path,
+            f"this is the picture of a map; give the yaml file that describes it ({path.stem}.yaml?)",
+            code="map-picture",
+        )
     document = read_yaml(path)
     header = _header(document, free_thresh, occupied_thresh)
     shade, opaque, notes = _shade(header.image, trinary=header.mode == "trinary", document=document)
@@ -76,6 +80,7 @@ def load_nav2_map(
             f"the map has no free space: {counts[OCCUPIED]} of {cells.size} cells are occupied and "
             f"{counts[UNKNOWN]} unknown. Check negate ({int(header.negate)}), free_thresh ({header.free_thresh:g}) "
             f"and mode ({header.mode}) in {document.path.name}.",
+            code="map-no-floor",
         )
     if counts[OCCUPIED] == 0:
         notes.append("the map holds no obstacle at all: is this the right image?")
@@ -171,7 +176,7 @@ def _header(document: Document, free_thresh: float | None, occupied_thresh: floa
     def number(key: str, low: float, high: float, hint: str) -> float:
         value = _as_float(data.get(key))
         if key not in data:
-            problems.append(document.problem(f"{key} is missing; it is {hint}"))
+            problems.append(document.problem(f"{key} is missing; it is {hint}", key))
         elif value is None or not low <= value <= high:
             problems.append(document.problem(f"{key} must be {hint}, got {data[key]!r}", key))
         else:
@@ -278,6 +283,7 @@ def _shade(
                     f"the image has more than 8 bits per channel ({image.mode}); Nav2 maps are "
                     "8 bit. Convert it to 8-bit grey first (an 8-bit map needs no more than three "
                     "shades).",
+                    code="map-depth",
                 )
             if wide == 0 or high == 0:
                 raise FileError(path, f"the image is empty ({wide} x {high} pixels).")
@@ -287,7 +293,9 @@ def _shade(
     except UnidentifiedImageError:
         raise FileError(path, "this is not a readable pgm, png or bmp image.") from None
     except (Image.DecompressionBombError, Image.DecompressionBombWarning):
-        raise FileError(path, f"the image is far too large; at most {MOST_CELLS} pixels are supported.") from None
+        raise FileError(
+            path, f"the image is far too large; at most {MOST_CELLS} pixels are supported.", code="map-too-large"
+        ) from None
     except (OSError, SyntaxError, ValueError, EOFError) as error:
         raise FileError(path, f"the image cannot be read: {error}. Is the file complete?") from None
     if pixels.ndim == 2:
@@ -315,7 +323,9 @@ def _refuse_absurd_sides(document: Document, header: _Header, rows: int, columns
         )
         raise DocumentError([problem])
     if min(rows, columns) < 2:
-        raise FileError(header.image, f"the image has {columns} x {rows} pixels: too few to be a map.")
+        raise FileError(
+            header.image, f"the image has {columns} x {rows} pixels: too few to be a map.", code="map-too-small"
+        )
 
 
 def _grey_notes(shade: NDArray[np.float64], header: _Header) -> list[str]:

@@ -39,7 +39,9 @@ def save_world(world: World, folder: str | Path) -> None:
         for name, text in files.items():
             _replace(folder / name, text)
     except OSError as error:
-        raise FileError(folder, f"the world cannot be written here: {error.strerror}") from None
+        raise FileError(
+            folder, f"the world cannot be written here: {error.strerror}", code="world-not-written"
+        ) from None
 
 
 def world_files(world: World) -> dict[str, str]:

@@ -202,7 +202,9 @@ def initial(
     published = options.published_defects
     for agent in agents:
         if not np.isfinite([*agent.start, *np.ravel(agent.goals), *agent.pauses_s]).all():
-            raise InputError(f"human {agent.name!r} has a start, goal or pause that is not a finite number")
+            raise InputError(
+                f"human {agent.name!r} has a start, goal or pause that is not a finite number", code="agent-not-finite"
+            )
     longest = max((len(agent.goals) for agent in agents), default=1)
     goals = np.zeros((n, longest, 2))
     pauses = np.zeros((n, longest))
