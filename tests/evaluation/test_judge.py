@@ -104,6 +104,13 @@ def test_runs_that_did_not_arrive_are_censored():
     assert (most.censored, most.median) == (2, 22.0)
 
 
+def test_a_time_at_its_limit_is_no_share() -> None:
+    late = judge(TIMELY, [25.0] * 5, arrived=[False] * 4 + [True], time_limit_s=25.0)
+    assert late.interval == (25.0, 25.0)
+    spaces = Requirement(name="p", title="t", text="t", metric="personal_space", worse="larger", limit=10)
+    assert judge(spaces, [0.0] * 5).interval == (0.0, 0.0)
+
+
 def test_a_metric_without_a_cap_knows_no_censoring():
     assert judge(NEAR, [1.0] * 5, arrived=[False] * 5).censored == 0
 

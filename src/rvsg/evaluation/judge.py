@@ -141,6 +141,7 @@ def judge(
     metric_of = find_metric(requirement.metric)
     late = [metric_of is not None and metric_of.censored and arrived is not None and not arrived[k] for k in rows]
     least, most = metric_of.bounds(time_limit_s) if metric_of is not None else (None, None)
+    two_valued = metric_of is not None and metric_of.two_valued
     if any(late):  # a run may end a tick after its limit
         most = max(value for value, is_late in zip(known, late, strict=True) if is_late)
     violations = sum(requirement.violated_by(value) for value in known)
@@ -152,7 +153,9 @@ def judge(
         status=status,
         objectives=known,
         mean=math.fsum(known) / len(known) if known else None,
-        interval=None if all(late) else mean_interval(known, procedure.confidence, least=least, most=most),
+        interval=None
+        if all(late)
+        else mean_interval(known, procedure.confidence, least=least, most=most, two_valued=two_valued),
         violations=violations,
         runs=len(known),
         undefined=undefined,

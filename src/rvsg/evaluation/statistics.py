@@ -129,7 +129,12 @@ def seed_of(values: Values) -> int:
 
 
 def mean_interval(
-    values: Values, confidence: float = 0.95, *, least: float | None = None, most: float | None = None
+    values: Values,
+    confidence: float = 0.95,
+    *,
+    least: float | None = None,
+    most: float | None = None,
+    two_valued: bool = False,
 ) -> tuple[float, float] | None:
     """Return an interval of the mean by bootstrap-t (Efron and Tibshirani 1993, ch. 12.5), or None.
 
@@ -141,13 +146,13 @@ def mean_interval(
 
     Args:
         least: The smallest value that the quantity can have; the interval is cut off there.
-        most: The largest value that the quantity can have. Where every value is `least` or `most`, as for a share,
-            the interval is that of a probability.
+        most: The largest value that the quantity can have.
+        two_valued: Every value is `least` or `most`, so the interval is that of a probability.
     """
     n = len(values)
     if n < FEWEST:
         return None
-    if least is not None and most is not None and least < most and all(value in (least, most) for value in values):
+    if two_valued and least is not None and most is not None and all(value in (least, most) for value in values):
         low, high = clopper_pearson(sum(value == most for value in values), n, confidence)
         return least + low * (most - least), least + high * (most - least)
     low, high = _mean_interval(np.asarray(values, dtype=np.float64), confidence, seed_of(values))

@@ -332,6 +332,7 @@ METRICS = (
         of=completed_hunav,
         shown="distance_to_goal",
         most=1.0,
+        two_valued=True,
         source=EVALUATOR,
     ),
     _close(

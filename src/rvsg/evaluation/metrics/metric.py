@@ -43,6 +43,8 @@ class Metric:
     """The smallest value it can have; None: no bound."""
     most: float | Literal["time_limit"] | None = None
     """The largest value it can have; `time_limit`: the route's time limit, in seconds."""
+    two_valued: bool = False
+    """It is either `least` or `most`, so its mean over runs is a share of them."""
     censored: bool = False
     """The value of a run that does not arrive is only a lower bound: it would have been larger without the limit."""
 

@@ -171,6 +171,7 @@ METRICS = (
         of=completed,
         shown="distance_to_goal",
         most=1.0,
+        two_valued=True,
     ),
     _meeting(
         id="min_distance",
