@@ -4,8 +4,8 @@
     python benchmarks/renew_recording.py describe-warehouse
 
 For changes of the prompts after which the recorded answers still answer the question. The measurements that a
-refinement is told stay those of the recording. Where a question has changed, record again with a model instead
-(`benchmarks/ship_recording.py` says how).
+refinement is told, the drive without people and what a rehearsal said stay those of the recording. Where a question has
+changed, record again with a model instead (`benchmarks/ship_recording.py` says how).
 """
 
 from __future__ import annotations
@@ -13,13 +13,17 @@ from __future__ import annotations
 import argparse
 import tempfile
 from pathlib import Path
+from typing import Any
 
 from rvsg.api.demos import CAMPAIGN, FOLDER
 from rvsg.core.documents import read_yaml
 from rvsg.evaluation.aims import aim_of, moved_by
-from rvsg.generation.conversation import DRIVE, VlmGenerator
+from rvsg.generation.conversation import DRIVE, Conversation, VlmGenerator, session_of
+from rvsg.generation.dialogue import Dialogue
 from rvsg.generation.environment import EnvironmentDialogue
 from rvsg.generation.prompts import Prompts
+from rvsg.generation.rehearsal import Rehearsal
+from rvsg.generation.reply_schema import configuration_schema
 from rvsg.generation.vlm.recording import CALLS, Recorded, Recording, place_of
 from rvsg.generation.vlm.replay import Replayed
 from rvsg.scenario.brief import Brief
@@ -55,6 +59,26 @@ def briefs(name: str, world: World) -> list[Brief]:
     return found
 
 
+class Renewing(VlmGenerator):
+    """Asks recorded answers with today's prompts, and knows only the measurements of the recording."""
+
+    def __init__(self, old: Recording, folder: Path, conversation: Conversation) -> None:
+        super().__init__(Replayed(old), conversation=conversation, folder=folder)
+        self.old = old
+
+    def _undisturbed_drive(self, brief: Brief) -> Rehearsal | None:
+        drive = (self.old.measured(session_of(brief)) or {}).get(DRIVE)
+        return Rehearsal.model_validate(drive) if drive else None
+
+    def _rehearsed(self, dialogue: Dialogue, judged: list[Any], brief: Brief, world: World) -> None:
+        key = f"{dialogue.session}/{len(dialogue.calls) + 1:02d}-rehearse"
+        call = next((call for call in self.old if call.key == key), None)
+        if call is None:
+            return
+        dialogue.tell_text("user", self.old.message(call.messages[-1]).text)
+        judged.append(self._judge(dialogue.answered("rehearse", configuration_schema(rich=True)), brief, world))
+
+
 def renew(name: str, folder: Path) -> None:
     """Ask the recorded answers with today's prompts, and record that in a folder."""
     world, old = load_world("warehouse"), Replayed(Recording(FOLDER / name))
@@ -62,7 +86,7 @@ def renew(name: str, folder: Path) -> None:
         EnvironmentDialogue(world, Recorded(old, Recording(folder)), Prompts()).describe()
         return
     config = read_yaml(FOLDER / name / CAMPAIGN).value
-    generator = VlmGenerator(old, conversation=config["conversation"], folder=folder, rehearsals=0)
+    generator = Renewing(Recording(FOLDER / name), folder, config["conversation"])
     for brief in briefs(name, world):
         generator.propose(brief, world)
 

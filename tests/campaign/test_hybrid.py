@@ -1,27 +1,39 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
 
 import pytest
 from tests.campaign.parts import MemoryLedger, WalkGenerator, parts, plan, warehouse
 
+from rvsg.campaign.accounting import Limits, account
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.hybrid import HybridStrategy
 from rvsg.campaign.loop import feedback_from, run_campaign
 from rvsg.campaign.racing import Candidate, estimate, in_the_race
 from rvsg.campaign.ranking import best_attempt, measured, seeds_of
-from rvsg.core.errors import GenerationError
-from rvsg.generation.generator import Proposal
+from rvsg.core.errors import BudgetSpent, GenerationError
+from rvsg.generation.generator import Call, Proposal
 from rvsg.scenario.aim import Aim
 from rvsg.scenario.brief import Brief
 
 PLAN = {"scenarios": 5, "refinements": 3, "repeats": 3, "confirmations": 0, "budget_runs": 60}
 
 
-def searched(ledger: MemoryLedger, generator: object = None, jobs: int = 1, **changes: object) -> list[Attempt]:
+def searched(
+    ledger: MemoryLedger,
+    generator: object = None,
+    jobs: int = 1,
+    *,
+    limits: Limits | None = None,
+    cancelled: Callable[[], bool] = lambda: False,
+    **changes: object,
+) -> list[Attempt]:
     the_plan = plan(**{**PLAN, **changes})
     strategy = HybridStrategy(the_plan, feedback_from(ledger, the_plan, warehouse()), warehouse())  # type: ignore[arg-type]
-    made = parts(ledger, generator=generator, jobs=jobs)
+    made = replace(parts(ledger, generator=generator, jobs=jobs), limits=limits or Limits(), cancelled=cancelled)
     with made.simulations:
         return run_campaign(the_plan, strategy, made)
 
@@ -183,3 +195,107 @@ def test_a_quiet_objective_needs_few_runs() -> None:
     quiet = [candidate(k, 1.0 + k, 1.001 + k) for k in range(5)]
     estimate(quiet)
     assert in_the_race(quiet) == [quiet[-1]]
+
+
+class Dear(WalkGenerator):
+    """A generator whose every proposal costs a call of a model."""
+
+    asks_a_model = True
+
+    def propose(self, brief: Brief, world: object) -> Proposal:
+        proposal = super().propose(brief, world)  # type: ignore[arg-type]
+        assert proposal.scenario is not None
+        call = Call(purpose=brief.kind, model="walk", input_tokens=1000, output_tokens=200)
+        return proposal.replace(calls=(call,), lesson="Corners hold it up.", reasoning="They meet.")
+
+
+TURNS = {"scenarios": 2, "refinements": 1, "proposals": 4, "budget_runs": 32}
+
+
+@pytest.fixture(scope="module")
+def turns() -> tuple[list[Attempt], Dear]:
+    generator = Dear()
+    return searched(MemoryLedger(), generator, **TURNS), generator
+
+
+def test_with_few_proposals_each_is_tuned_before_the_next(turns: tuple[list[Attempt], Dear]) -> None:
+    attempts, generator = turns
+    assert [brief.kind for brief in generator.briefs] == ["new", "new", "refine", "refine"]
+    assert all(brief.tunes for brief in generator.briefs)
+    kinds = [a.brief.kind for a in attempts]
+    asked = [attempts.index(next(a for a in attempts if a.brief == brief)) for brief in generator.briefs]
+    for before, after in pairwise([*asked, len(attempts)]):
+        assert "tune" in kinds[before + 1 : after]
+    runs = {m.run_id for a in attempts for m in a.measurements}
+    assert 28 <= len(runs) <= 32
+
+
+def test_the_generator_is_told_its_ideas_at_their_best(turns: tuple[list[Attempt], Dear]) -> None:
+    attempts, generator = turns
+    _, second, third, _ = generator.briefs
+    assert second.untold is not None
+    known = [a for a in attempts if a.brief.scenario_index == 0]
+    first = next(a for a in known if a.brief.kind == "new")
+    assert first.mean is not None
+    assert plan().requirement.badness(second.untold.mean) >= plan().requirement.badness(first.mean)
+    assert second.untold.rows
+    assert third.feedback is not None
+    assert third.lessons == ("Corners hold it up.",)
+    assert any(brief.feedback is not None and brief.feedback.tuned for brief in generator.briefs)
+
+
+@pytest.mark.parametrize("calls", [1, pytest.param(3, marks=pytest.mark.slow)])
+def test_a_spent_budget_of_calls_leaves_the_rest_of_the_runs_to_the_optimiser(calls: int) -> None:
+    generator = Dear()
+    attempts = searched(MemoryLedger(), generator, **TURNS, limits=Limits(calls=calls))
+    assert len(generator.briefs) == calls
+    runs = {m.run_id for a in attempts for m in a.measurements}
+    assert 28 <= len(runs) <= 32
+    numbers = {(a.brief.scenario_index, a.brief.configuration_index) for a in attempts}
+    for scenario in {number for number, _ in numbers}:
+        own = sorted(configuration for at, configuration in numbers if at == scenario)
+        assert own == list(range(len(own)))
+    assert account(attempts).calls == calls
+
+
+def test_a_budget_without_a_single_call_ends_the_search() -> None:
+    with pytest.raises(BudgetSpent):
+        searched(MemoryLedger(), Dear(), **TURNS, limits=Limits(calls=0))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("cut", [3, 9, 30])
+def test_turns_resume_to_the_same_records_after_the_budget_was_spent(cut: int) -> None:
+    limits = Limits(calls=2)
+    whole = searched(MemoryLedger(), Dear(), **TURNS, limits=limits)
+    ledger = MemoryLedger()
+    seen = []
+
+    def cancelled() -> bool:
+        seen.append(None)
+        return len(seen) > cut * 3
+
+    searched(ledger, Dear(), **TURNS, limits=limits, cancelled=cancelled)
+    assert len(ledger.kept) < len(whole)
+    assert searched(ledger, Dear(), **TURNS, limits=limits) == whole
+
+
+def test_a_model_that_never_answers_well_costs_its_proposals_and_no_more() -> None:
+    class Fails(Dear):
+        def propose(self, brief: Brief, world: object) -> Proposal:
+            return super().propose(brief, world).replace(scenario=None)
+
+    generator = Fails()
+    attempts = searched(MemoryLedger(), generator, **TURNS)
+    assert len(generator.briefs) == len(attempts) == 4
+
+
+def test_a_model_that_repeats_itself_is_tuned_all_the_same() -> None:
+    class Repeats(Dear):
+        def propose(self, brief: Brief, world: object) -> Proposal:
+            return super().propose(brief.replace(seed=3, scenario_index=0), world)
+
+    generator = Repeats()
+    attempts = searched(MemoryLedger(), generator, **TURNS)
+    assert len(generator.briefs) == 4
+    assert len({m.run_id for a in attempts for m in a.measurements}) >= 28

@@ -17,7 +17,18 @@ from rvsg.generation.replies import LESSON_CHARACTERS
 from rvsg.generation.vlm.messages import Answer, Request
 from rvsg.generation.vlm.model import Scripted
 from rvsg.generation.vlm.recording import Recording
-from rvsg.scenario.brief import Brief, Feedback, HumanInfluence, Moment, PersonAt, Remembered, Row, Sample, Tried
+from rvsg.scenario.brief import (
+    Arrival,
+    Brief,
+    Feedback,
+    HumanInfluence,
+    Moment,
+    PersonAt,
+    Remembered,
+    Row,
+    Sample,
+    Tried,
+)
 from rvsg.scenario.scenario import Scenario
 from rvsg.scenario.validity import check
 from rvsg.world.world import World
@@ -200,6 +211,100 @@ def test_a_lesson_travels_to_the_next_scenario(brief: Brief, warehouse: World) -
     assert refined.lesson not in model.asked[-2].messages[-1].text
 
 
+def told(model: Scripted) -> str:
+    """The last message of the last call."""
+    return model.asked[-1].messages[-1].text
+
+
+def test_values_that_the_time_limit_cuts_off_have_their_runs_told_and_no_interval(
+    brief: Brief, warehouse: World
+) -> None:
+    model = Scripted([GOOD, GOOD, GOOD])
+    first = VlmGenerator(model).propose(brief, warehouse).scenario
+    assert first is not None
+    asked = refining(brief, first)
+    assert asked.feedback is not None
+    some = asked.feedback.replace(objectives=(25.0, 24.0), mean=24.5, interval=(12.0, 25.0), capped=1)
+    VlmGenerator(model).propose(asked.replace(feedback=some), warehouse)
+    assert "1 of 2 runs ended at the time limit, which cuts the value off; the runs: 25, 24)" in told(model)
+    assert "interval" not in told(model)
+    assert "Improve it" in told(model)
+    whole = some.replace(objectives=(25.0, 25.0), capped=2)
+    VlmGenerator(model).propose(asked.replace(feedback=whole), warehouse)
+    assert "it cannot get worse" in told(model)
+
+
+def test_a_refinement_is_told_its_analysis_its_plan_and_where_the_robot_lags(brief: Brief, warehouse: World) -> None:
+    model = Scripted([GOOD, GOOD])
+    first = VlmGenerator(model).propose(brief, warehouse).scenario
+    assert first is not None
+    asked = refining(brief, first, lessons=("Slow people hold it up.",))
+    assert asked.feedback is not None
+    x, y = warehouse.grid.position("F13")
+    feedback = asked.feedback.replace(
+        analysis="They meet at E21.",
+        planned={"Human 1": {"G10": 0.0, "G11": 3.0, "E5": 9.0}},
+        arrivals={"Human 1": (Arrival(at="G11", time_s=4.9, unhindered_s=2.8),)},
+        rows=(Row(time_s=8.0, robot_at="F13", people={}, value=0.5),),
+    )
+    generator = VlmGenerator(model)
+    generator.rehearse = lambda mission, people: Rehearsal(
+        robot=((0.0, "G12"), (2.0, "F13")), arrival_s=10.0, way=((0.0, -0.1, -0.35), (2.0, x, y), (3.0, x, y))
+    )
+    generator.propose(asked.replace(feedback=feedback), warehouse)
+    for words in (
+        "G11 4.9 s (planned 3, free 2.8)",
+        'Planned, but not reached: E5 by "Human 1" (9 s).',
+        "| 8 | F13 +5 s | 0.5 |",
+        '"Slow people hold it up."',
+    ):
+        assert words in told(model)
+    before = json.loads(model.asked[-1].messages[-2].text)
+    assert before["analysis"] == "They meet at E21."
+    assert {moment["at"] for moment in before["humans"][0]["plan"]} == {"G10", "G11", "E5"}
+
+
+def test_a_new_scenario_is_told_what_the_last_configuration_measured(brief: Brief, warehouse: World) -> None:
+    learnt = GOOD.replace('"analysis"', '"lesson": "Corners hold it up.", "analysis"')
+    first = VlmGenerator(Scripted([GOOD])).propose(brief, warehouse).scenario
+    assert first is not None
+    last = refining(brief, first).feedback
+    assert last is not None
+    memory = Remembered(description="d", tasks={}, mean=1.0, interval=(0.9, 1.1), scenario=first)
+    person = PersonAt(at="D20", doing="pausing", side="left", distance_m=1.25)
+    last = last.replace(rows=(Row(time_s=4.0, robot_at="F13", people={"Human 2": person}, value=0.5),))
+    new = brief.replace(memory=(memory,), untold=last, scenario_index=1)
+    for conversation in ("compact", "study"):
+        replies = [learnt] if conversation == "compact" else [SCENARIO, "tasks", LINES, LINES, learnt]
+        scripted = Scripted(replies)
+        proposal = VlmGenerator(scripted, conversation=conversation).propose(new, warehouse)
+        assert proposal.lesson == "Corners hold it up."
+        text = "".join(message.text for message in scripted.asked[0].messages)
+        assert "| 4 | F13 | 0.5 | D20, pausing, 1.25 left |" in text
+        assert "sums up what that scenario taught" in text
+
+
+def test_the_route_is_told_as_the_robot_drives_it_not_as_the_file_says(brief: Brief, warehouse: World) -> None:
+    # A world from a bare map proposes a `via` along people's waypoints; the robot plans its own way.
+    way = tuple((float(k), -0.1 - 0.2 * k, -0.35) for k in range(10))
+    generator = VlmGenerator(Scripted([]))
+    generator.rehearse = lambda mission, people: Rehearsal(robot=((0.0, "G12"),), arrival_s=9.0, way=way)
+    text = generator.first_prompts(brief, warehouse)[1].text
+    assert "it drives down without a marked turn" in text
+    assert "about 2 m away" in text
+    assert "roughly passes" not in text
+    assert "too near to the robot (the nearest allowed ones are" in text
+
+
+def test_only_where_an_optimiser_follows_numbers_are_said_to_be_tuned(brief: Brief, warehouse: World) -> None:
+    plain, tuned = (
+        VlmGenerator(Scripted([])).first_prompts(brief.replace(tunes=tunes), warehouse)[-1].text
+        for tunes in (False, True)
+    )
+    assert "optimiser" in tuned
+    assert "optimiser" not in plain
+
+
 @pytest.mark.parametrize("way", [(), ((0.0, 1.0, 1.0), (0.5, 1.0, 1.0))])
 def test_a_drive_that_goes_nowhere_is_not_drawn(way: Way, brief: Brief, warehouse: World) -> None:
     assert pictures_of(warehouse, brief.mission.route, way)[0].png == pictures_of(warehouse, brief.mission.route)[0].png
@@ -232,7 +337,7 @@ def test_feedback_tells_the_truth(brief: Brief, warehouse: World) -> None:
         best_mean=1.1,
     )
     proposal = VlmGenerator(model).propose(asked.replace(feedback=feedback), warehouse)
-    told = model.asked[0].messages[-1].text
+    text = model.asked[0].messages[-1].text
     for words in (
         "2 times",
         "1.2 m on average (95 % interval 1 to 1.4; the runs: ",
@@ -242,10 +347,10 @@ def test_feedback_tells_the_truth(brief: Brief, warehouse: World) -> None:
         "touched in 1 of 2 runs",
         "| 4 | F13 | 0.5 | D20, walking leg 3 of 12, 1.25 left |",
         "1.4: first configuration. 1.2: Human 1 walks at 1 m/s",
-        "The best configuration so far reached 1.1",
+        "The best configuration of the scenario so far reached 1.1",
         '"task":',
     ):
-        assert words in told
+        assert words in text
     assert proposal.scenario is not None
     assert proposal.scenario.description == "Restocking."
     assert model.asked[0].messages[-2].role == "assistant"

@@ -135,3 +135,22 @@ def test_surprises_name_who_is_stuck_or_never_near_and_who_is_late() -> None:
     assert surprises(rehearsal, {"c": {"C3": 2.0}})[-1] == "c reaches C3 at 4.9 s; you planned 2 s."
     assert len(surprises(rehearsal, {"c": {"C3": 4.0}})) == 2
     assert len(surprises(rehearsal, {"c": {"D4": 4.0}})) == 3
+
+
+def test_a_planned_presence_at_the_first_waypoint_is_no_surprise_until_the_person_leaves() -> None:
+    waits = Walked(begins_at="D9", left_s=6.0, nearest_m=1.0, nearest_s=2.0)
+    stays = waits.replace(left_s=None)
+    rehearsal = Rehearsal(robot=(), arrival_s=20.0, people={"a": waits, "b": stays})
+    assert surprises(rehearsal, {"a": {"D9": 0.0}, "b": {"D9": 18.0}}) == ()
+    assert len(surprises(rehearsal, {"a": {"D9": 18.0}})) == 1
+
+
+def test_a_rehearsal_knows_when_somebody_leaves_the_first_waypoint(
+    brief: Brief, warehouse: World, people: HumanConfiguration
+) -> None:
+    first = people.humans[0].replace(start_delay_s=4.0)
+    late = HumanConfiguration(humans=(first, *people.humans[1:]))
+    walked = rehearsing(KinematicSimulator(), warehouse, seed=1)(brief.mission, late).people[first.name]
+    assert walked.begins_at == first.tasks[0].path[0]
+    assert walked.left_s is not None
+    assert 4.0 < walked.left_s < 7.0

@@ -155,6 +155,7 @@ def wire(
         repeats=config.repeats,
         confirmations=config.confirmations,
         budget_runs=config.budget_runs,
+        proposals=config.scenarios * (1 + config.refinements) if generator.asks_a_model else None,
         memory=config.memory,
         max_in_flight=config.max_in_flight,
         seed=config.seed,

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rvsg.campaign.attempt import Attempt
-from rvsg.campaign.feedback import with_history
-from rvsg.campaign.ranking import remember, worst_by_mean
+from rvsg.campaign.ranking import worst_by_mean
 from rvsg.campaign.strategies import StudyStrategy
 from rvsg.core.seeds import seed_for
 from rvsg.scenario.brief import Brief
@@ -36,17 +35,15 @@ class EliteStrategy(StudyStrategy):
         """A draft as long as there are scenarios to begin, then a refinement of one of the best."""
         standing = self._standing(known)
         if index < self.plan.scenarios or not standing:
-            memory = remember(known, self.plan.requirement, last=self.plan.memory)
             begun = 1 + max((brief.scenario_index for brief in self._briefs), default=-1)
-            return self._brief(index, (begun, 0), memory=memory)
+            return self._new(index, (begun, 0), known)
         chosen = standing[self._rank(index, len(standing))]
         best = worst_by_mean(chosen, self.plan.requirement)
         assert best is not None
         at, scenario = chosen.index(best), best.brief.scenario_index
         tried = sum(brief.scenario_index == scenario for brief in self._briefs)
         feedback = self.feedback_of(best, chosen[at - 1] if at > 0 else None)
-        feedback = with_history(feedback, chosen, self.plan.requirement)
-        return self._brief(index, (scenario, tried), feedback=feedback)
+        return self._refinement(index, (scenario, tried), feedback, known)
 
     def _standing(self, known: list[Attempt]) -> list[list[Attempt]]:
         """The measured attempts of every scenario, the scenario that did worst by the robot first."""

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.ranking import measured, worst_by_mean
-from rvsg.campaign.walks import arrivals, side_of, walk_of
+from rvsg.campaign.walks import Walk, arrivals, side_of, walks_of
 from rvsg.evaluation.aims import series_name, series_of
 from rvsg.evaluation.naming import WaypointNames
 from rvsg.evaluation.sampled import Sampled
@@ -22,7 +22,6 @@ from rvsg.evaluation.verdict import Verdict
 from rvsg.scenario.brief import Feedback, HumanInfluence, Moment, Part, PersonAt, Row, Sample, Tried
 from rvsg.scenario.differences import differences
 from rvsg.scenario.requirement import Requirement
-from rvsg.scenario.scenario import HumanConfiguration
 from rvsg.simulation.run import Run, Trajectory
 from rvsg.world.grid import Grid
 from rvsg.world.world import World
@@ -68,8 +67,12 @@ def feedback_of(
     worst = worst_run(attempt, runs, requirement)
     before = previous.verdict if previous else None
     times = [float(run.trajectory.t[-1]) for run in runs if run.completed]
+    walks = walks_of(worst, scenario.people, grid)
     return Feedback(
         scenario=scenario,
+        analysis="" if attempt.brief.kind == "tune" else attempt.proposal.reasoning,
+        planned=attempt.proposal.plan,
+        tuned=attempt.brief.kind == "tune",
         objectives=verdict.objectives,
         mean=verdict.mean,
         interval=verdict.interval or (verdict.mean, verdict.mean),
@@ -82,16 +85,14 @@ def feedback_of(
         influences=influences(attempt, runs, grid),
         series=series(worst, grid, requirement, world),
         series_of=series_name(requirement),
-        rows=rows_of(worst, scenario.people, grid, series_of(worst, requirement, world=world)),
+        rows=rows_of(worst, walks, grid, series_of(worst, requirement, world=world)),
         parts=parts_of(worst, requirement, world),
         arrivals={
-            human.name: arrivals(walk_of(worst, h, human, grid), human, grid)
-            for h, human in enumerate(scenario.people.humans)
+            human.name: arrivals(walk, human, grid) for walk, human in zip(walks, scenario.people.humans, strict=True)
         },
-        arrival_s=float(np.mean(times))
-        if (times := [float(r.trajectory.t[-1]) for r in runs if r.completed])
-        else None,
+        arrival_s=float(np.mean(times)) if times else None,
         arrived=sum(run.completed for run in runs),
+        capped=verdict.censored,
         touched=sum(bool((gaps(run) <= 0.0).any()) for run in runs),
     )
 
@@ -123,15 +124,18 @@ def with_history(
     )
 
 
-def rows_of(run: Run, people: HumanConfiguration, grid: Grid, values: Floats | None = None) -> tuple[Row, ...]:
-    """Return the run every two seconds: the robot, what everybody does, and the judged value (None: unknown)."""
+def rows_of(run: Run, walks: Sequence[Walk], grid: Grid, values: Floats | None = None) -> tuple[Row, ...]:
+    """Return the run every two seconds: the robot, what everybody does, and the judged value (None: unknown).
+
+    Args:
+        walks: Of the run's people, in their order.
+    """
     path = run.trajectory
     if len(path) == 0:
         return ()
     wanted = np.arange(0.0, float(path.t[-1]) + 1e-9, ROW_PERIOD_S)
     samples = np.clip(np.searchsorted(path.t, wanted - 1e-9), 0, len(path) - 1)
     names = WaypointNames(grid)
-    walks = [walk_of(run, h, human, grid) for h, human in enumerate(people.humans)]
     found = []
     for k in map(int, samples):
         at = names.nearest(path.human_x[k], path.human_y[k])

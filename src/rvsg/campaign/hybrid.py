@@ -7,42 +7,51 @@ best are run until their order is settled. All configurations share the seeds of
 one that has lost gets no further run. The first run of a batch takes the next of these seeds: a search that always
 began with the same seed would fit its configurations to that one.
 
+Where the generator asks a model, a proposal costs far more than a run. Then the plan says how many there are, and
+generator and optimiser take turns. The first proposals are new scenarios, the others refine what is best so far, and
+the numbers of each are tuned before the next is asked for, so the model is told how its ideas do at their best. Once
+the proposals are made or the budget of the calls is spent, tuning goes on as above.
+
 Some of what is changed is not the best but the worst for the robot among those with its kind of encounter, as in
 `rvsg.campaign.map_elites`, so that the search finds more than one way to fail.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Generator, Sequence
 
 import numpy as np
 
 from rvsg.campaign.attempt import Attempt
+from rvsg.campaign.candidates import CandidateStrategy
 from rvsg.campaign.feedback import with_history
-from rvsg.campaign.operators import Operators, key
+from rvsg.campaign.operators import key
 from rvsg.campaign.plan import Plan
 from rvsg.campaign.racing import Candidate, estimate, in_the_race
-from rvsg.campaign.ranking import remember
-from rvsg.campaign.strategies import Ask, Batches, BatchStrategy, FeedbackOf
+from rvsg.campaign.ranking import lessons_of, remember
+from rvsg.campaign.strategies import Ask, Batches, FeedbackOf
 from rvsg.core.seeds import seed_for
-from rvsg.evaluation.aims import aim_of, moved_by
-from rvsg.generation.answer import answer
-from rvsg.scenario.brief import Brief, Encounter
+from rvsg.scenario.brief import Brief, Encounter, Feedback
 from rvsg.world.world import World
 
 KEEN = 0.35
 """The best configuration is changed with this probability, the next with as much of what is left, and so on."""
 
+TURN = 4
+"""Configurations that are tuned at a time between two proposals."""
+
 Batch = Generator[list[Ask], list[Attempt], None]
 
 
-class HybridStrategy(BatchStrategy):
+class HybridStrategy(CandidateStrategy):
     """Proposals of the generator, tuned on the simulator.
 
     Args:
         drafts: Share of the runs that go to first runs of new scenarios.
         refine: Share of the changed configurations that the generator refines at first; the others are tuned. The
             share follows how often each of the two makes a configuration worse for the robot.
+        turns: Share of the runs, less those of the finalists, that go to the turns of a generator with few proposals.
         explore: Share of the changed configurations that are the worst with their kind of encounter, whichever it is.
         batch: Attempts that may be made side by side.
         finalists: Configurations that are run until their order is settled.
@@ -59,32 +68,29 @@ class HybridStrategy(BatchStrategy):
         *,
         drafts: float = 0.12,
         refine: float = 0.25,
+        turns: float = 0.6,
         explore: float = 0.5,
         batch: int = 8,
         finalists: int = 4,
         final_runs: int = 10,
     ) -> None:
-        super().__init__(plan, feedback_of, world)
-        if world is None:
-            raise ValueError("the hybrid strategy needs the world")
-        self.here = world
+        super().__init__(plan, feedback_of, world, final_runs=final_runs)
         self.drafts, self.refine, self.explore, self.batch = drafts, refine, explore, batch
-        self.finalists, self.final_runs = finalists, final_runs
-        self.candidates: list[Candidate] = []
-        self.asked = 0
+        self.turns, self.spent = turns, False
+        self.finalists = finalists
         self._batches = 0
         self._tried = {"refine": [0, 0], "tune": [0, 0]}
-        self._numbers: dict[int, int] = {}
-        self._cells: dict[int, Encounter] = {}
-        self._operators = Operators(plan.mission, world, aim_of(plan.requirement))
 
     def search(self) -> Batches:
         """Draft, then alternate between changing and racing, then settle the order of the best."""
-        yield from self._first_drafts()
+        reserve = min(self.plan.search_runs // 3, self.finalists * self.final_runs)
+        if self.plan.proposals is None:
+            yield from self._first_drafts()
+        else:
+            yield from self._take_turns(self.plan.proposals, self.turns * (self.plan.search_runs - reserve))
         if not any(c.runs for c in self.candidates):
             return
         yield from self._race(self.batch)
-        reserve = min(self.plan.search_runs // 3, self.finalists * self.final_runs)
         while self.left > reserve:
             before, known = self.left, len(self.candidates)
             yield from self._change(self.batch)
@@ -115,22 +121,110 @@ class HybridStrategy(BatchStrategy):
                 self._add(attempt, None, "new")
         estimate(self.candidates)
 
-    def _change(self, count: int) -> Batch:
-        """Make a number of changed configurations, and run each once, on the next seed of the race."""
+    def _take_turns(self, proposals: int, runs: float) -> Batch:
+        """Let the generator propose, and tune what it proposes, in about so many runs together."""
+        drafts = -(-proposals // self.plan.configurations)
+        for turn in range(proposals):
+            known = [c for c in self.candidates if c.runs]
+            if self.left <= 0:
+                return
+            if turn < drafts or not known:
+                scenario = turn
+                yield from self._propose(self._new_ask(scenario), None)
+            else:
+                rng = np.random.default_rng(seed_for(self.plan.seed, "hybrid", self.asked))
+                (parent,) = self._best(self._best_of_each(), rng, 1)
+                scenario = parent.brief.scenario_index
+                yield from self._propose(self._refining(parent, self._seeds(1)), parent)
+            if self.spent:
+                return
+            yield from self._tune(scenario, self.plan.search_runs - (turn + 1) * runs / proposals)
+
+    def _tune(self, scenario: int, until: float) -> Batch:
+        """Change the numbers of a scenario's configurations and race them until so many runs are left."""
+        while self.left > until and self.left > 0:
+            own = [c for c in self.candidates if c.runs and c.brief.scenario_index == scenario]
+            before = self.left
+            if not own:
+                return
+            yield from self._change(min(TURN, math.ceil(self.left - until)), own)
+            if self.left > until:
+                own = [c for c in self.candidates if c.runs and c.brief.scenario_index == scenario]
+                yield from self._race(min(TURN // 2, math.ceil(self.left - until)), among=own)
+            if self.left == before:
+                return
+
+    def _best_of_each(self) -> list[Candidate]:
+        """The best configuration of every scenario."""
+        found: dict[int, Candidate] = {}
+        for candidate in self.candidates:
+            known = found.get(candidate.brief.scenario_index)
+            if candidate.runs and (known is None or candidate.estimate > known.estimate):
+                found[candidate.brief.scenario_index] = candidate
+        return list(found.values())
+
+    def _new_ask(self, scenario: int) -> Ask:
+        """The ask for a new scenario, with what the best configuration of the one before measured."""
+        memory = remember(self.attempts, self.plan.requirement, last=self.plan.memory)
+        last = next((c for c in self._best_of_each() if c.brief.scenario_index == scenario - 1), None)
+        untold = self._feedback(last) if last is not None and memory else None
+        return Ask(brief=self._brief("new", scenario, 0, memory=memory, untold=untold), seeds=self._seeds(1))
+
+    def _propose(self, ask: Ask, parent: Candidate | None) -> Batch:
+        """Ask the generator; where its budget is spent, change the best configuration instead."""
+        known = [c for c in self.candidates if c.runs]
+        base = parent or max(known, key=lambda c: (c.estimate, -c.index), default=None)
+        if base is not None:
+            ask = ask.replace(instead=self._instead(base, ask.brief))
+        results = yield [ask]
+        for attempt in results:
+            self.spent = attempt.brief.kind == "tune"
+            scenario, number = attempt.brief.scenario_index, attempt.brief.configuration_index
+            self._numbers[scenario] = max(number, self._numbers.get(scenario, 0))
+            self._add(attempt, base if self.spent else parent, "tune" if self.spent else attempt.brief.kind)
+        estimate(self.candidates)
+
+    def _instead(self, base: Candidate, brief: Brief) -> Ask | None:
+        """The ask for a changed configuration in the place of a proposal; it takes its number only if it is used."""
+        numbers = dict(self._numbers)
+        if brief.scenario_index == base.brief.scenario_index:
+            self._numbers[brief.scenario_index] = brief.configuration_index - 1
+        rng = np.random.default_rng(seed_for(self.plan.seed, "instead", self.asked))
+        ask = self._changed(base, rng, {key(c.scenario.people) for c in self.candidates}, self._seeds(1))
+        self._numbers = numbers
+        return ask
+
+    def _feedback(self, candidate: Candidate) -> Feedback:
+        """What a configuration measured, with the others of its scenario."""
+        scenario = candidate.brief.scenario_index
+        siblings = [a for a in self.attempts if a.brief.scenario_index == scenario]
+        return with_history(self.feedback_of(self._attempt_of(candidate), None), siblings, self.plan.requirement)
+
+    def _refining(self, parent: Candidate, seeds: tuple[int, ...]) -> Ask:
+        """The ask for a refinement by the generator."""
+        scenario = parent.brief.scenario_index
+        others = [a for a in self.attempts if a.brief.scenario_index != scenario]
+        lessons = lessons_of(remember(others, self.plan.requirement, last=self.plan.memory))
+        feedback = self._feedback(parent)
+        brief = self._brief("refine", scenario, self._next(parent), feedback=feedback, lessons=lessons)
+        return Ask(brief=brief, seeds=seeds)
+
+    def _change(self, count: int, among: Sequence[Candidate] | None = None) -> Batch:
+        """Make a number of changed configurations, and run each once, on the next seed of the race.
+
+        Args:
+            among: Change only the numbers of these configurations, the best most often.
+        """
         self._batches += 1
         seeds = self._seeds(self.final_runs)[self._batches % self.final_runs :][:1]
         rng = np.random.default_rng(seed_for(self.plan.seed, "hybrid", self.asked))
         asks: list[Ask] = []
         origins: list[tuple[Candidate, str]] = []
         known = {key(c.scenario.people) for c in self.candidates}
-        for parent in self._parents(rng, count):
-            if rng.random() < self._refine_share():
-                last = self._attempt_of(parent)
-                scenario = parent.brief.scenario_index
-                siblings = [a for a in self.attempts if a.brief.scenario_index == scenario]
-                feedback = with_history(self.feedback_of(last, None), siblings, self.plan.requirement)
-                brief = self._brief("refine", parent.brief.scenario_index, self._next(parent), feedback=feedback)
-                asks.append(Ask(brief=brief, seeds=seeds))
+        parents = self._parents(rng, count) if among is None else self._best(among, rng, count)
+        for parent in parents:
+            if self.plan.proposals is None and rng.random() < self._refine_share():
+                asks.append(self._refining(parent, seeds))
                 origins.append((parent, "refine"))
             elif (ask := self._changed(parent, rng, known, seeds)) is not None:
                 asks.append(ask)
@@ -150,6 +244,12 @@ class HybridStrategy(BatchStrategy):
         rate = {name: (1 + good) / (2 + bad + good) for name, (bad, good) in self._tried.items()}
         refine, tune = self.refine * rate["refine"], (1.0 - self.refine) * rate["tune"]
         return refine / (refine + tune)
+
+    @staticmethod
+    def _best(among: Sequence[Candidate], rng: np.random.Generator, count: int) -> list[Candidate]:
+        """Draw from some configurations, the best most often."""
+        ranked = sorted(among, key=lambda c: (-c.estimate, c.index))
+        return [ranked[min(len(ranked), int(rng.geometric(KEEN))) - 1] for _ in range(count)]
 
     def _parents(self, rng: np.random.Generator, count: int) -> list[Candidate]:
         """The configurations to change: the best most often, or the best with their kind of encounter."""
@@ -176,10 +276,10 @@ class HybridStrategy(BatchStrategy):
         limit = self.plan.requirement.threshold
         return limit is None or candidate.upper >= self.plan.requirement.badness(limit)
 
-    def _race(self, count: int, most: int | None = None) -> Batch:
-        """Give one more run to a number of the configurations that may still be the best."""
-        most = self.final_runs if most is None else most
-        hopeful = [c for c in in_the_race(self.candidates) if len(self._seen(c)) < most]
+    def _race(self, count: int, among: Sequence[Candidate] | None = None) -> Batch:
+        """Give one more run to a number of the configurations, of all or of some, that may still be the best."""
+        racing = in_the_race(self.candidates if among is None else among)
+        hopeful = [c for c in racing if len(self._seen(c)) < self.final_runs]
         hopeful.sort(key=lambda c: (-(c.estimate + 0.5 * c.deviation), c.index))
         chosen = hopeful[:count]
         results = yield [self._again(c, 1) for c in chosen]
@@ -203,90 +303,3 @@ class HybridStrategy(BatchStrategy):
             for attempt, candidate in zip(results, open_, strict=False):
                 self._measured(candidate, attempt)
             estimate(self.candidates)
-
-    # -- asks ------------------------------------------------------------------------------------------------------
-
-    def _brief(self, kind: str, scenario: int, configuration: int, **more: object) -> Brief:
-        self.asked += 1
-        self._numbers[scenario] = max(configuration, self._numbers.get(scenario, 0))
-        return Brief(
-            mission=self.plan.mission,
-            requirement=self.plan.requirement,
-            aim=aim_of(self.plan.requirement),
-            moved_by=moved_by(self.plan.requirement),
-            kind=kind,
-            humans=self.plan.humans,
-            seed=seed_for(self.plan.seed, "brief", self.asked - 1),
-            scenario_index=scenario,
-            configuration_index=configuration,
-            **more,
-        )
-
-    def _changed(
-        self, parent: Candidate, rng: np.random.Generator, known: set[str], seeds: tuple[int, ...]
-    ) -> Ask | None:
-        """The ask for a changed configuration that was not tried yet; None where none is found."""
-        change = self._operators.change(parent, [c for c in self.candidates if c.runs], rng, known)
-        if change is None:
-            return None
-        known.add(key(change.people))
-        brief = self._brief("tune", parent.brief.scenario_index, self._next(parent))
-        proposal = answer(
-            change.people,
-            brief,
-            self.here,
-            generator=self.name,
-            described=change.described,
-            reasoning=f"Attempt {parent.index} {change.words}.",
-        )
-        return Ask(brief=brief, proposal=proposal, seeds=seeds) if proposal.scenario else None
-
-    def _again(self, candidate: Candidate, runs: int) -> Ask:
-        """The ask for more runs of a candidate, on the first seeds of the race that it did not meet."""
-        seen = self._seen(candidate)
-        more = [seed for seed in self._seeds(len(seen) + runs + self.final_runs) if seed not in seen]
-        return Ask(brief=candidate.brief, proposal=candidate.proposal, seeds=(*seen, *more[:runs]))
-
-    def _seeds(self, count: int) -> tuple[int, ...]:
-        """The first seeds of the race."""
-        return tuple(seed_for(self.plan.seed, "race", k) for k in range(count))
-
-    def _next(self, parent: Candidate) -> int:
-        """The number of the next configuration of a scenario."""
-        return 1 + self._numbers[parent.brief.scenario_index]
-
-    # -- results ---------------------------------------------------------------------------------------------------
-
-    def _add(self, attempt: Attempt, parent: Candidate | None, operator: str) -> None:
-        """Keep a new candidate, unless the same configuration is in the race already."""
-        scenario = attempt.proposal.scenario
-        if scenario is None or any(
-            c.proposal.scenario is not None and c.proposal.scenario.id == scenario.id for c in self.candidates
-        ):
-            return
-        candidate = Candidate(attempt.brief, attempt.proposal, attempt.index, parent, operator)
-        self.candidates.append(candidate)
-        self._measured(candidate, attempt)
-        self._place(candidate, attempt)
-
-    def _place(self, candidate: Candidate, attempt: Attempt) -> None:
-        """Note the kind of encounter that a candidate shows."""
-        encounter = self.feedback_of(attempt, None).encounter if candidate.runs else None
-        if encounter is not None:
-            self._cells[candidate.index] = encounter.replace(stretch="", who="")
-
-    def _measured(self, candidate: Candidate, attempt: Attempt) -> None:
-        for measurement in attempt.measurements:
-            if measurement.objective is not None:
-                candidate.badness[measurement.seed] = self.plan.requirement.badness(measurement.objective)
-
-    def _attempt_of(self, candidate: Candidate) -> Attempt:
-        """The last attempt of a candidate: the one with the most runs."""
-        name = candidate.scenario.id
-        return next(
-            a for a in reversed(self.attempts) if a.proposal.scenario is not None and a.proposal.scenario.id == name
-        )
-
-    def _seen(self, candidate: Candidate) -> Sequence[int]:
-        last = self._attempt_of(candidate)
-        return [*(m.seed for m in last.measurements), *(f.seed for f in last.failures)]

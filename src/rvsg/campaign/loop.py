@@ -13,7 +13,7 @@ from rvsg.campaign.accounting import calls_of
 from rvsg.campaign.attempt import Attempt, Ledger
 from rvsg.campaign.confirmation import confirm_all
 from rvsg.campaign.encounter import encounter_of
-from rvsg.campaign.events import Attempted, Event, Finished, Proposing, Started
+from rvsg.campaign.events import Attempted, Event, Finished, Message, Proposing, Started
 from rvsg.campaign.feedback import feedback_of, worst_run
 from rvsg.campaign.parallel import PendingRun
 from rvsg.campaign.parts import Cancelled, Made, Parts, collect, store, submit
@@ -21,10 +21,13 @@ from rvsg.campaign.plan import Plan
 from rvsg.campaign.ranking import search_attempts
 from rvsg.campaign.smallest import shrink_all
 from rvsg.campaign.strategies import Ask, FeedbackOf, Strategy
-from rvsg.core.errors import GenerationError
+from rvsg.core.errors import BudgetSpent, GenerationError
 from rvsg.core.seeds import seed_for
+from rvsg.generation.generator import Call
 from rvsg.scenario.brief import Feedback
 from rvsg.world.world import World
+
+WITHOUT_CALLS = "The budget of the model's calls is spent; the search goes on with what it has proposed."
 
 
 def run_campaign(plan: Plan, strategy: Strategy, parts: Parts) -> list[Attempt]:
@@ -94,13 +97,15 @@ def _search(plan: Plan, strategy: Strategy, known: Sequence[Attempt], parts: Par
             if ask.proposal is None:
                 yield Proposing(campaign=plan.name, index=index, brief=ask.brief)
             try:
-                if ask.proposal is None:
-                    parts.limits.check(calls)
-                in_progress.append(_begin(plan, strategy.name, index, ask, parts, tried))
+                in_progress.append(_begin(plan, strategy.name, index, ask, parts, tried, calls))
             except GenerationError as error:
                 stopped = error
             else:
                 calls += in_progress[-1][0].proposal.calls if ask.proposal is None else ()
+                if in_progress[-1][0].brief != ask.brief:
+                    yield Message(
+                        campaign=plan.name, text="The budget of the calls is spent; the search goes on without."
+                    )
             index += 1
         if not in_progress:
             break
@@ -130,15 +135,25 @@ class _Tried:
 
 
 def _begin(
-    plan: Plan, strategy: str, index: int, ask: Ask, parts: Parts, tried: _Tried
+    plan: Plan, strategy: str, index: int, ask: Ask, parts: Parts, tried: _Tried, calls: Sequence[Call]
 ) -> tuple[Attempt, list[PendingRun]]:
     """Get the proposal of an ask, from the generator where it holds none, and order its runs.
 
-    A configuration that the generator proposes again is not run with other seeds: the runs it has stand.
+    A configuration that the generator proposes again is not run with other seeds: the runs it has stand. Where the
+    budget of the generator is spent, what the ask names instead is done.
+
+    Args:
+        calls: The calls of the campaign so far.
     """
     proposal = ask.proposal
     if proposal is None:
-        proposal = parts.generator.propose(ask.brief, parts.simulations.world)
+        try:
+            parts.limits.check(calls)
+            proposal = parts.generator.propose(ask.brief, parts.simulations.world)
+        except BudgetSpent:
+            if ask.instead is None:
+                raise
+            return _begin(plan, strategy, index, ask.instead, parts, tried, calls)
     attempt = Attempt(campaign=plan.name, index=index, strategy=strategy, brief=ask.brief, proposal=proposal)
     seeds = ask.seeds
     if seeds is None:

@@ -42,6 +42,9 @@ class Plan(Record):
     """Confirmation runs of all candidates together; 0: no confirmation."""
     budget_runs: Annotated[int | None, Field(ge=1, le=10_000_000)] = None
     """Runs of the search; None: `scenarios` x (1 + `refinements`) x `repeats`."""
+    proposals: Count | None = None
+    """How often a strategy that plans in runs asks the generator; None: as often as it likes. Other strategies ask for
+    every configuration."""
     memory: Annotated[int, Field(ge=0, le=1000)] = 10
     """Earlier scenarios that a new one must differ from."""
     max_in_flight: InFlight = 1

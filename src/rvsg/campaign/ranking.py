@@ -128,7 +128,7 @@ def candidates(attempts: Iterable[Attempt], requirement: Requirement) -> list[At
 
 def remember(attempts: Iterable[Attempt], requirement: Requirement, *, last: int) -> tuple[Remembered, ...]:
     """Return the memory for a new scenario: the `last` scenarios, each by its best configuration."""
-    found = []
+    attempts, found = list(attempts), []
     for group in by_scenario(attempts):
         attempt = worst_by_mean(group, requirement)
         assert attempt is not None
@@ -141,7 +141,32 @@ def remember(attempts: Iterable[Attempt], requirement: Requirement, *, last: int
                 mean=verdict.mean,
                 interval=verdict.interval or (verdict.mean, verdict.mean),
                 scenario=scenario,
-                lesson=next((a.proposal.lesson for a in reversed(group) if a.proposal.lesson), ""),
+                lesson=_lesson(group, attempts),
+                capped=verdict.censored,
+                runs=verdict.runs,
             )
         )
     return tuple(found[-last:]) if last else ()
+
+
+def lessons_of(memory: Iterable[Remembered]) -> tuple[str, ...]:
+    """Return the lessons of a memory, without repetition."""
+    return tuple(dict.fromkeys(earlier.lesson for earlier in memory if earlier.lesson))
+
+
+def last_untold(attempts: Iterable[Attempt]) -> Attempt | None:
+    """Return the measured attempt of the search that was made last, unless a later brief told of it."""
+    attempts = list(attempts)
+    last = max(measured(attempts), key=lambda a: a.index, default=None)
+    if last is None or last.proposal.scenario is None:
+        return None
+    told = (a.brief.feedback for a in attempts if a.index > last.index)
+    return None if any(f is not None and f.scenario.id == last.proposal.scenario.id for f in told) else last
+
+
+def _lesson(group: list[Attempt], attempts: list[Attempt]) -> str:
+    """The lesson of a scenario: what was said when the next one began and all of it was known, else the last of it."""
+    own = {a.proposal.scenario.id for a in group if a.proposal.scenario is not None}
+    after = [a for a in attempts if a.brief.untold is not None and a.brief.untold.scenario.id in own]
+    during = [a for a in group if a.brief.untold is None]
+    return next((a.proposal.lesson for a in (*reversed(after), *reversed(during)) if a.proposal.lesson), "")

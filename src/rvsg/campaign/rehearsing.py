@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rvsg.campaign.feedback import rows_of
-from rvsg.campaign.walks import arrivals, walk_of
+from rvsg.campaign.walks import Walk, arrivals, walks_of
 from rvsg.core.errors import SimulationError
 from rvsg.core.seeds import seed_for
 from rvsg.evaluation.naming import WaypointNames
@@ -45,24 +45,29 @@ def in_short(run: Run, people: HumanConfiguration, world: World) -> Rehearsal:
     wanted = np.arange(0.0, float(path.t[-1]) + 1e-9, PERIOD_S)
     samples = np.clip(np.searchsorted(path.t, wanted - 1e-9), 0, len(path) - 1)
     at = WaypointNames(world.grid).nearest(path.x[samples], path.y[samples])
+    walks = walks_of(run, people, world.grid)
     along = np.unique(np.clip(np.searchsorted(path.t, np.arange(0.0, path.t[-1] + WAY_S, WAY_S)), 0, len(path) - 1))
     return Rehearsal(
         way=tuple((round(float(path.t[k]), 1), round(float(path.x[k]), 2), round(float(path.y[k]), 2)) for k in along),
         robot=tuple((round(float(path.t[k]), 1), name) for k, name in zip(samples, at, strict=True)),
         arrival_s=round(float(path.t[-1]), 1) if run.completed else None,
-        people={human.name: _walked(run, h, human, world) for h, human in enumerate(people.humans)},
-        rows=rows_of(run, people, world.grid) if people.humans else (),
+        people={
+            human.name: _walked(run, h, human, walk, world)
+            for h, (human, walk) in enumerate(zip(people.humans, walks, strict=True))
+        },
+        rows=rows_of(run, walks, world.grid) if people.humans else (),
     )
 
 
-def _walked(run: Run, h: int, human: Human, world: World) -> Walked:
+def _walked(run: Run, h: int, human: Human, walk: Walk, world: World) -> Walked:
     path = run.trajectory
-    walk = walk_of(run, h, human, world.grid)
     away = np.hypot(path.human_x[:, h] - path.x, path.human_y[:, h] - path.y)
     nearest = int(away.argmin())
     met = np.flatnonzero(away <= MET_M)
     stuck_s, stuck_at = walk.stuck_at or (None, None)
     return Walked(
+        begins_at=walk.goals[0],
+        left_s=round(walk.left_s, 1) if walk.left_s is not None else None,
         arrivals=arrivals(walk, human, world.grid),
         stuck_at=stuck_at,
         stuck_s=round(stuck_s, 1) if stuck_s is not None else None,

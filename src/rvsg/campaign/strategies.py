@@ -13,7 +13,7 @@ from typing import Protocol
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.feedback import with_history
 from rvsg.campaign.plan import Plan
-from rvsg.campaign.ranking import remember, seeds_of, worst_by_mean
+from rvsg.campaign.ranking import last_untold, lessons_of, remember, seeds_of, worst_by_mean
 from rvsg.core.records import Record
 from rvsg.core.seeds import seed_for
 from rvsg.evaluation.aims import aim_of, moved_by
@@ -39,6 +39,8 @@ class Ask(Record):
     brief: Brief
     proposal: Proposal | None = None
     seeds: tuple[int, ...] | None = None
+    instead: Ask | None = None
+    """The attempt to make where the budget of the generator is spent; None: the search stops there."""
 
 
 class Strategy(Protocol):
@@ -174,12 +176,25 @@ class StudyStrategy:
         scenario, configuration, _ = self._place(index)
         measured = [a for a in known if a.brief.scenario_index == scenario and a.mean is not None]
         if not measured:
-            memory = remember(known, self.plan.requirement, last=self.plan.memory)
-            return self._brief(index, (scenario, configuration), memory=memory)
+            return self._new(index, (scenario, configuration), known)
         at = self._refines(measured)
         feedback = self.feedback_of(measured[at], measured[at - 1] if at > 0 else None)
-        feedback = with_history(feedback, measured, self.plan.requirement)
-        return self._brief(index, (scenario, configuration), feedback=feedback)
+        return self._refinement(index, (scenario, configuration), feedback, known)
+
+    def _new(self, index: int, place: tuple[int, int], known: list[Attempt]) -> Brief:
+        """The brief of a new scenario: with the memory, and what the last configuration measured."""
+        memory = remember(known, self.plan.requirement, last=self.plan.memory)
+        last = last_untold(known) if memory else None
+        untold = self.feedback_of(last, None) if last is not None else None
+        return self._brief(index, place, memory=memory, untold=untold)
+
+    def _refinement(self, index: int, place: tuple[int, int], feedback: Feedback, known: list[Attempt]) -> Brief:
+        """The brief of a refinement: with what was tried in its scenario, and the lessons of the others."""
+        own = [a for a in known if a.brief.scenario_index == place[0]]
+        others = [a for a in known if a.brief.scenario_index != place[0]]
+        lessons = lessons_of(remember(others, self.plan.requirement, last=self.plan.memory))
+        feedback = with_history(feedback, own, self.plan.requirement)
+        return self._brief(index, place, feedback=feedback, lessons=lessons)
 
     def _place(self, index: int) -> tuple[int, int, int]:
         """Scenario and configuration of attempt `index`, and how many scenarios are worked on beside each other."""
@@ -196,6 +211,8 @@ class StudyStrategy:
         *,
         feedback: Feedback | None = None,
         memory: tuple[Remembered, ...] = (),
+        untold: Feedback | None = None,
+        lessons: tuple[str, ...] = (),
     ) -> Brief:
         return Brief(
             mission=self.plan.mission,
@@ -209,6 +226,8 @@ class StudyStrategy:
             configuration_index=place[1],
             feedback=feedback,
             memory=memory,
+            untold=untold,
+            lessons=lessons,
         )
 
     def _refines(self, measured: list[Attempt]) -> int:

@@ -32,6 +32,7 @@ class Walk:
         doing: What the person does at every sample; a reaction only where the simulator records it.
         reached: The times at which goals are reached, in order, the start left out.
         stuck_at: When and where the person is first stuck; None if never.
+        left_s: When the person leaves the place of the start; None if never.
     """
 
     goals: tuple[str, ...]
@@ -39,6 +40,12 @@ class Walk:
     doing: tuple[str, ...]
     reached: tuple[float, ...]
     stuck_at: tuple[float, str] | None
+    left_s: float | None
+
+
+def walks_of(run: Run, people: HumanConfiguration, grid: Grid) -> tuple[Walk, ...]:
+    """Follow everybody of a run along the waypoints of their tasks, in the order of the configuration."""
+    return tuple(walk_of(run, h, human, grid) for h, human in enumerate(people.humans))
 
 
 def walk_of(run: Run, h: int, human: Human, grid: Grid) -> Walk:
@@ -85,7 +92,8 @@ def walk_of(run: Run, h: int, human: Human, grid: Grid) -> Walk:
             stuck_at = stuck_at or (float(still_since), grid.nearest(float(x[k]), float(y[k])))
         else:
             doing.append(f"walking leg {leg[k] % len(agent.goals) + 1} of {len(agent.goals)}")
-    return Walk(names, leg, tuple(doing), tuple(reached), stuck_at)
+    away = np.flatnonzero(np.hypot(x - agent.start[0], y - agent.start[1]) > REACHED_M)
+    return Walk(names, leg, tuple(doing), tuple(reached), stuck_at, float(t[away[0]]) if away.size else None)
 
 
 def arrivals(walk: Walk, human: Human, grid: Grid) -> tuple[Arrival, ...]:

@@ -18,13 +18,22 @@ from typing import Any, Literal
 
 from pydantic import ValidationError
 
-from rvsg.core.errors import InputError, StoreError
+from rvsg.core.errors import BudgetSpent, InputError, StoreError
 from rvsg.core.records import canonical_json
 from rvsg.generation.answer import described_scenario
 from rvsg.generation.descriptions import Described
 from rvsg.generation.dialogue import Dialogue
 from rvsg.generation.environment import description_of
-from rvsg.generation.facts import brief_facts, configuration_object, drive_facts, human_names, offered, world_facts
+from rvsg.generation.facts import (
+    answer_object,
+    brief_facts,
+    configuration_object,
+    human_names,
+    offered,
+    passes_of,
+    rehearsal_facts,
+    world_facts,
+)
 from rvsg.generation.generator import Generator, Proposal
 from rvsg.generation.pictures import pictures_of
 from rvsg.generation.prompts import Prompts, number
@@ -43,6 +52,9 @@ from rvsg.world.world import World
 
 DRIVE = "drive"
 """The key of the drive without people in what a recording keeps of the measurements."""
+
+TOLD = ("feedback", "memory", "untold", "lessons")
+"""The fields of a brief that tell of runs that were made."""
 
 Conversation = Literal["compact", "study"]
 
@@ -106,6 +118,11 @@ class VlmGenerator(Generator):
         return "vlm"
 
     @property
+    def asks_a_model(self) -> bool:
+        """True."""
+        return True
+
+    @property
     def notes(self) -> tuple[str, ...]:
         """Return where a replay diverged from its record."""
         if not self._moved:
@@ -144,20 +161,20 @@ class VlmGenerator(Generator):
         if not self.wiring.replaying:
             drive = self._undisturbed_drive(brief)
             known = {DRIVE: drive.model_dump(mode="json")} if drive is not None else {}
-            if brief.feedback or brief.memory:
+            if _is_told(brief):
                 known |= _measured(brief)
             if known:
-                recording.keep_measured(_session(brief), known)
+                recording.keep_measured(session_of(brief), known)
             return brief
-        if not (brief.feedback or brief.memory):
+        if not _is_told(brief):
             return brief
-        measured = recording.measured(_session(brief))
+        measured = recording.measured(session_of(brief))
         try:
-            told = {k: v for k, v in measured.items() if k != DRIVE} if isinstance(measured, dict) else None
-            then = brief.model_validate(brief.model_dump() | told) if told else None
+            told = {k: v for k, v in measured.items() if k in TOLD} if isinstance(measured, dict) else None
+            then = brief.model_validate(brief.model_dump(exclude=set(TOLD)) | told) if told else None
         except ValidationError:
             file = recording.folder / MEASURED
-            raise StoreError(f"{file}: the measurements of {_session(brief)} are damaged.") from None
+            raise StoreError(f"{file}: the measurements of {session_of(brief)} are damaged.") from None
         if then is None or (then.feedback is None) != (brief.feedback is None):
             return brief
         self._moved += _told_values(brief) != _told_values(then)
@@ -165,11 +182,11 @@ class VlmGenerator(Generator):
 
     def opening(self, brief: Brief, world: World) -> Dialogue:
         """The dialogue before the first question: what every call of the campaign has in common."""
-        facts = world_facts(world, description_of(world)) | brief_facts(brief, world, provoking=self.provoking)
         drive = self._undisturbed_drive(brief)
-        facts |= {"drive": drive_facts(drive)}
+        facts = world_facts(world, description_of(world))
+        facts |= brief_facts(brief, world, provoking=self.provoking, undisturbed=drive)
         pictures = pictures_of(world, brief.mission.route, drive.way if drive else ())
-        dialogue = Dialogue(self.wiring.model, self.prompts, _session(brief), facts, pictures=pictures)
+        dialogue = Dialogue(self.wiring.model, self.prompts, session_of(brief), facts, pictures=pictures)
         if self.conversation == "study":
             history = self._history(brief)
             if history is not None:
@@ -187,13 +204,13 @@ class VlmGenerator(Generator):
         """
         mission, recording = brief.mission, self.wiring.recording
         if self.wiring.replaying and recording is not None:
-            measured = recording.measured(_session(brief))
+            measured = recording.measured(session_of(brief))
             known = measured.get(DRIVE) if isinstance(measured, dict) else None
             try:
                 return Rehearsal.model_validate(known) if known is not None else None
             except ValidationError:
                 file = recording.folder / MEASURED
-                raise StoreError(f"{file}: the drive of {_session(brief)} is damaged.") from None
+                raise StoreError(f"{file}: the drive of {session_of(brief)} is damaged.") from None
         if self.rehearse is None:
             return None
         if mission.id not in self._undisturbed:
@@ -250,13 +267,16 @@ class VlmGenerator(Generator):
                 found = surprises(rehearsal, judged[-1].reply.plan)
             if not (self._has_recorded_rehearsal(dialogue) if self.wiring.replaying else found):
                 return
-            answer = dialogue.ask(
-                "rehearse",
-                "compact-rehearsal",
-                shape=configuration_schema(rich=True, behaviours=offered(self.provoking)),
-                surprises=list(found),
-                rehearsal=rehearsal.model_dump(mode="json"),
-            )
+            try:
+                answer = dialogue.ask(
+                    "rehearse",
+                    "compact-rehearsal",
+                    shape=configuration_schema(rich=True, behaviours=offered(self.provoking)),
+                    surprises=list(found),
+                    rehearsal=rehearsal_facts(rehearsal, passes_of(self._undisturbed_drive(brief), world.grid)),
+                )
+            except BudgetSpent:
+                return  # the valid answer is paid for, and stands
             revised = self._judge(answer, brief, world)
             if revised.findings or revised.reply.people is None:
                 return  # the valid answer before it stands
@@ -274,8 +294,7 @@ class VlmGenerator(Generator):
     def _before_compact(self, dialogue: Dialogue, brief: Brief) -> None:
         """A refinement answers on top of the configuration that was simulated, in the form answers have."""
         if brief.feedback is not None:
-            last = brief.feedback.scenario
-            dialogue.tell_text("assistant", canonical_json(configuration_object(last.people, last.description)))
+            dialogue.tell_text("assistant", canonical_json(answer_object(brief.feedback)))
 
     def _ask_again(
         self, dialogue: Dialogue, last: _Judged, template: str, purpose: str, shape: dict[str, Any] | None
@@ -389,7 +408,8 @@ class VlmGenerator(Generator):
             generator=self.name,
             scenario=scenario,
             reasoning=last.reply.analysis,
-            lesson=last.reply.lesson if brief.feedback is not None or brief.memory else "",
+            lesson=last.reply.lesson if _is_told(brief) else "",
+            plan={name: dict(moments) for name, moments in last.reply.plan.items()},
             first_findings=judged[0].findings,
             problems=problems,
             repairs=repairs if valid else (),
@@ -413,13 +433,19 @@ class VlmGenerator(Generator):
         return mended, (*last.reply.repairs, *repairs), check(mended, brief.mission, world)
 
 
-def _session(brief: Brief) -> str:
+def session_of(brief: Brief) -> str:
+    """Return the name under which the calls for a brief are recorded."""
     return f"s{brief.scenario_index:03d}-c{brief.configuration_index:02d}-{brief.seed % 0xFFFFFFFF:08x}"
 
 
 def _measured(brief: Brief) -> dict[str, Any]:
     """What a brief says of runs that were made."""
-    return brief.model_dump(mode="json", include={"feedback", "memory"})
+    return brief.model_dump(mode="json", include=set(TOLD))
+
+
+def _is_told(brief: Brief) -> bool:
+    """Whether a brief says anything of runs."""
+    return brief.feedback is not None or bool(brief.memory)
 
 
 def _told_values(brief: Brief) -> tuple[str, ...]:

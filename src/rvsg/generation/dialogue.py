@@ -53,6 +53,10 @@ class Dialogue:
         """Add a prompt, ask, and add the answer."""
         text = self.prompts.render(template, {**self.facts, **more})
         self._add("user", text, shown)
+        return self.answered(purpose, shape)
+
+    def answered(self, purpose: str, shape: dict[str, Any] | None = None) -> Answer:
+        """Ask for the answer to the messages so far, and add it."""
         request = self.request(purpose, shape)
         answer = self.model.ask(request)
         self.calls.append(_call(request, answer))

@@ -4,21 +4,30 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
+
+import numpy as np
 
 from rvsg.generation.rehearsal import Rehearsal
 from rvsg.generation.replies import LONGEST_DELAY_S
 from rvsg.robots import Robot, shipped_robots
-from rvsg.scenario.brief import Brief, Feedback, Remembered
+from rvsg.scenario.brief import Arrival, Brief, Feedback, Remembered, Row
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Behaviour, Human, HumanConfiguration, Mission
+from rvsg.scenario.validity.checker import start_gap_m
+from rvsg.scenario.validity.rules import START_CLEARANCE_M
 from rvsg.world.grid import Grid
 from rvsg.world.route_words import route_paragraph
 from rvsg.world.world import Description, Route, World
 
 SPEED_RANGE_M_S = (0.3, 2.0)
 LONGEST_SERIES = 120
+NEAREST_STARTS = 4
+LONGEST_ANALYSIS = 2000
+"""Characters of an analysis that are told back."""
+Pass = tuple[float, float]
+"""First and last time, in seconds."""
 NEWS = 0.1
 """Values of single runs are told where they differ by more than this share of their mean."""
 
@@ -75,11 +84,23 @@ def world_facts(world: World, description: Description | None = None) -> dict[st
     }
 
 
-def brief_facts(brief: Brief, world: World, *, provoking: bool = False) -> dict[str, Any]:
-    """Route, requirement, humans, memory and feedback of a brief."""
+def brief_facts(
+    brief: Brief, world: World, *, provoking: bool = False, undisturbed: Rehearsal | None = None
+) -> dict[str, Any]:
+    """Route, requirement, humans, memory and feedback of a brief.
+
+    Args:
+        undisturbed: The drive without people; None where it is not known.
+    """
     requirement = brief.requirement
+    passes = passes_of(undisturbed, world.grid)
+    told = {
+        name: feedback_facts(feedback, requirement, passes) if feedback else None
+        for name, feedback in (("feedback", brief.feedback), ("untold", brief.untold))
+    }
     return {
-        "route": route_facts(brief.mission.route, world),
+        "route": route_facts(brief.mission.route, world, undisturbed) | start_facts(brief.mission, world.grid),
+        "drive": drive_facts(undisturbed),
         "requirement": requirement_facts(requirement) | {"moved_by": brief.moved_by} if requirement else None,
         "robot": robot_facts(brief.mission),
         "humans": brief.humans,
@@ -89,27 +110,45 @@ def brief_facts(brief: Brief, world: World, *, provoking: bool = False) -> dict[
         "speed_range": list(SPEED_RANGE_M_S),
         "longest_delay_s": LONGEST_DELAY_S,
         "person_radius_m": Human.model_fields["radius_m"].default,
+        "goal_radius_m": Human.model_fields["goal_radius_m"].default,
+        "walking_speed_m_s": Human.model_fields["speed_m_s"].default,
         "memory": [_remembered(earlier) for earlier in brief.memory],
-        "feedback": feedback_facts(brief.feedback, requirement) if brief.feedback else None,
+        "lessons": list(brief.lessons),
+        "tunes": brief.tunes,
+        **told,
     }
 
 
-def route_facts(route: Route, world: World) -> dict[str, Any]:
+def start_facts(mission: Mission, grid: Grid) -> dict[str, Any]:
+    """Where nobody may start because of the robot, and the nearest waypoints where people may."""
+    start, radius = mission.route.start, Human.model_fields["radius_m"].default
+    free = [waypoint for waypoint in grid.waypoints if waypoint.human]
+    taken = [w.name for w in free if start_gap_m(radius, (w.x, w.y), mission) < START_CLEARANCE_M]
+    rest = sorted(free, key=lambda w: (math.dist((w.x, w.y), (start.x, start.y)), w.name))
+    nearest = [w.name for w in rest if w.name not in taken][:NEAREST_STARTS]
+    return {"taken": taken or [grid.nearest(start.x, start.y)], "nearest_starts": nearest}
+
+
+def route_facts(route: Route, world: World, undisturbed: Rehearsal | None = None) -> dict[str, Any]:
     """A route as prompts tell it; `start` and `goal` are the nearest waypoints, `length_m` follows `via`.
 
-    `description` is the user's own, else the paragraph written from the route: areas, waypoints, turns, narrow places.
+    `description` is the user's own, else the paragraph written from the way that the robot drives without people, or
+    from the route where that is not known: areas, turns, narrow places.
     The latter holds start, goal, purpose, way and time limit; a user's words (`described_by_user`) may not.
     """
     grid = world.grid
     inner = [grid.position(name) for name in route.via if name in grid.by_name]
     points = [(route.start.x, route.start.y), *inner, (route.goal.x, route.goal.y)]
+    driven = None
+    if undisturbed is not None and undisturbed.arrival_s is not None and len(undisturbed.way) > 1:
+        driven = np.array([(x, y) for _, x, y in undisturbed.way])
     return {
         "name": route.name,
         "purpose": route.purpose,
         "start": grid.nearest(route.start.x, route.start.y),
         "goal": grid.nearest(route.goal.x, route.goal.y),
         "via": list(route.via),
-        "description": route_paragraph(world, route),
+        "description": route_paragraph(world, route, driven),
         "described_by_user": bool(route.description),
         "time_limit_s": route.time_limit_s,
         "length_m": sum(math.dist(a, b) for a, b in itertools.pairwise(points)),
@@ -148,14 +187,23 @@ def _measured(requirement: Requirement) -> str:
     return requirement.measured_as or str(requirement.metric)
 
 
-def feedback_facts(feedback: Feedback, requirement: Requirement | None) -> dict[str, Any]:
-    """A result as prompts tell it; `better` says the last change moved the value where the test wants it."""
+def feedback_facts(
+    feedback: Feedback, requirement: Requirement | None, passes: Mapping[str, Pass] | None = None
+) -> dict[str, Any]:
+    """A result as prompts tell it; `better` says the last change moved the value where the test wants it.
+
+    Args:
+        passes: When the robot passes which waypoint without people.
+    """
     worse = requirement.worse if requirement else "smaller"
     previous = feedback.previous_mean
     better = previous is not None and (feedback.mean < previous if worse == "smaller" else feedback.mean > previous)
-    time_limit_s = feedback.scenario.mission.route.time_limit_s
+    limit = requirement.threshold if requirement else None
     return {
-        "at_limit": feedback.arrived == 0 and all(value == time_limit_s for value in feedback.objectives),
+        "beyond": None if limit is None else (limit - feedback.mean) * (1 if worse == "smaller" else -1),
+        "at_limit": feedback.capped == len(feedback.objectives),
+        "capped": feedback.capped,
+        "tuned": feedback.tuned,
         "runs": len(feedback.objectives),
         "objectives": list(feedback.objectives),
         "spread": max(feedback.objectives) - min(feedback.objectives) > NEWS * abs(feedback.mean),
@@ -175,11 +223,64 @@ def feedback_facts(feedback: Feedback, requirement: Requirement | None) -> dict[
         **{
             key: value
             for key, value in feedback.model_dump(mode="json").items()
-            if key in ("rows", "parts", "arrivals", "arrival_s", "arrived", "touched", "best_mean", "tried")
+            if key in ("parts", "arrival_s", "arrived", "touched", "best_mean", "tried")
         },
+        "rows": [row.model_dump(mode="json") | {"behind_s": _behind_s(row, passes or {})} for row in feedback.rows],
+        "planned": any(feedback.planned.values()),
+        "arrivals": {
+            name: [a.model_dump() | {"planned_s": feedback.planned.get(name, {}).get(a.at)} for a in arrived]
+            for name, arrived in _first(feedback).items()
+        },
+        "missed": _missed(feedback),
+        "configuration": configuration_object(feedback.scenario.people),
         "best": configuration_object(feedback.best.people) if feedback.best else None,
         "series": [sample.model_dump(mode="json") for sample in feedback.series[:LONGEST_SERIES]],
     }
+
+
+def _first(feedback: Feedback) -> dict[str, list[Arrival]]:
+    """The first arrival of everybody at every waypoint, in order."""
+    found = {}
+    for name, arrived in feedback.arrivals.items():
+        earliest: dict[str, Arrival] = {}
+        for arrival in arrived:
+            earliest.setdefault(arrival.at, arrival)
+        found[name] = list(earliest.values())
+    return found
+
+
+def _missed(feedback: Feedback) -> list[dict[str, Any]]:
+    """What was planned and did not happen: who did not reach which waypoint."""
+    begins = {human.name: human.tasks[0].path[0] for human in feedback.scenario.people.humans}
+    return [
+        {"name": name, "at": at, "time_s": time}
+        for name, moments in feedback.planned.items()
+        for at, time in moments.items()
+        if at != begins.get(name) and at not in {arrival.at for arrival in feedback.arrivals.get(name, ())}
+    ]
+
+
+def passes_of(undisturbed: Rehearsal | None, grid: Grid) -> dict[str, Pass]:
+    """Return when the robot is first and last nearest to each waypoint of its way without people, in seconds."""
+    found: dict[str, Pass] = {}
+    for time, x, y in undisturbed.way if undisturbed is not None else ():
+        name = grid.nearest(x, y)
+        found[name] = (found.get(name, (time, time))[0], time)
+    return found
+
+
+def rehearsal_facts(rehearsal: Rehearsal, passes: Mapping[str, Pass]) -> dict[str, Any]:
+    """A rehearsal as prompts tell it."""
+    rows = [row.model_dump(mode="json") | {"behind_s": _behind_s(row, passes)} for row in rehearsal.rows]
+    return {"arrival_s": rehearsal.arrival_s, "rows": rows}
+
+
+def _behind_s(row: Row, passes: Mapping[str, Pass]) -> int | None:
+    """How much later than without people the robot is at the waypoint of a row; None where it never is there then."""
+    if row.robot_at not in passes:
+        return None
+    first, last = passes[row.robot_at]
+    return round(max(0.0, row.time_s - last) + min(0.0, row.time_s - first))
 
 
 def configuration_object(people: HumanConfiguration, description: str | None = None, *, rich: bool = True) -> Any:
@@ -202,15 +303,33 @@ def configuration_object(people: HumanConfiguration, description: str | None = N
     return ({"description": description} if description is not None else {}) | {"humans": humans}
 
 
+def answer_object(feedback: Feedback) -> Any:
+    """The configuration that was simulated as its generator answered it, with its analysis and its plan."""
+    found = configuration_object(feedback.scenario.people, feedback.scenario.description)
+    for human in found["humans"]:
+        if moments := feedback.planned.get(human["name"]):
+            human["plan"] = [{"at": at, "time_s": time} for at, time in moments.items()]
+    return ({"analysis": feedback.analysis[:LONGEST_ANALYSIS]} if feedback.analysis else {}) | found
+
+
 def _remembered(earlier: Remembered) -> dict[str, Any]:
+    how = {human.name: _how(human) for human in earlier.scenario.people.humans}
     return {
         "description": earlier.description,
-        "tasks": [{"name": name, "tasks": list(tasks)} for name, tasks in earlier.tasks.items()],
+        "tasks": [{"name": name, "how": how.get(name, ""), "tasks": list(t)} for name, t in earlier.tasks.items()],
+        "capped": earlier.capped,
+        "runs": earlier.runs,
         "mean": earlier.mean,
         "low": earlier.interval[0],
         "high": earlier.interval[1],
         "lesson": earlier.lesson,
     }
+
+
+def _how(human: Human) -> str:
+    """How somebody walks, in few words."""
+    waits = f", sets off after {human.start_delay_s:g} s" if human.start_delay_s else ""
+    return f"{human.behaviour.value}, {human.speed_m_s:g} m/s{waits}"
 
 
 def neighbour_rule(grid: Grid) -> dict[str, Any]:

@@ -45,6 +45,8 @@ class Proposal(Record):
     lesson: str = ""
     """What the generator learnt from the measurements so far, in one to three sentences; empty where it says nothing.
     The next scenarios are told of it."""
+    plan: dict[str, dict[str, float]] = Field(default_factory=dict)
+    """When the generator means each person to reach which waypoint, in seconds: name, waypoint, time."""
     first_findings: tuple[Finding, ...] = ()
     problems: tuple[Finding, ...] = ()
     repairs: tuple[Repair, ...] = ()
@@ -70,6 +72,11 @@ class Generator(Protocol):
     def notes(self) -> tuple[str, ...]:
         """What a person should know after the last proposal, e.g. where a replay diverged from its record."""
         return ()
+
+    @property
+    def asks_a_model(self) -> bool:
+        """Whether a proposal costs calls of a model, so that a strategy should ask for few of them."""
+        return False
 
     def watch(self, tell: Tell | None) -> None:
         """Tell of every call of a model while it is made; None ends it. Without a model there is nothing to tell."""

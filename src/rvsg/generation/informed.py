@@ -30,6 +30,11 @@ class InformedGenerator(Generator):
         return self.generator.name
 
     @property
+    def asks_a_model(self) -> bool:
+        """Whether that generator does."""
+        return self.generator.asks_a_model
+
+    @property
     def notes(self) -> tuple[str, ...]:
         """What that generator has to say."""
         return self.generator.notes

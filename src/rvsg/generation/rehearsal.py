@@ -25,6 +25,10 @@ MET_M = 2.0
 class Walked(Record):
     """What one person does in a rehearsal: first arrivals, where they get stuck, how near they come to the robot."""
 
+    begins_at: str = ""
+    """The first waypoint."""
+    left_s: float | None = None
+    """When the person leaves it, in seconds; None: never."""
     arrivals: tuple[Arrival, ...] = ()
     stuck_at: str | None = None
     stuck_s: float | None = None
@@ -75,6 +79,8 @@ def surprises(rehearsal: Rehearsal, plan: Plan) -> tuple[str, ...]:
             )
         reached = {arrival.at: arrival.time_s for arrival in reversed(walked.arrivals)}
         for at, planned in plan.get(name, {}).items():
+            if at == walked.begins_at and planned < (math.inf if walked.left_s is None else walked.left_s + LATE_S):
+                continue  # there from the start on
             actual = reached.get(at)
             if min(planned, math.inf if actual is None else actual) >= met:
                 continue

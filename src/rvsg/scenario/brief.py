@@ -132,6 +132,15 @@ class Feedback(Record):
     """Runs in which the robot arrives."""
     touched: int = 0
     """Runs in which the robot and a person touch."""
+    capped: int = 0
+    """Runs whose value is only a bound: it is what the time limit leaves of it."""
+    analysis: str = ""
+    """What the generator thought when it wrote the configuration; empty where it said nothing, or the numbers were
+    tuned since."""
+    planned: dict[str, dict[str, float]] = Field(default_factory=dict)
+    """When the generator meant each person to reach which waypoint, in seconds: name, waypoint, time."""
+    tuned: bool = False
+    """Whether a strategy tuned the numbers of the configuration after the generator wrote it."""
     best: Scenario | None = None
     """The best configuration of the scenario so far, where it is another one than `scenario`."""
     best_mean: float | None = None
@@ -151,6 +160,10 @@ class Remembered(Record):
     scenario: Scenario
     lesson: str = ""
     """What its generator learnt from it, in its own words; empty where it said nothing."""
+    capped: int = 0
+    """Runs of the best configuration whose value is only a bound, as the time limit cuts it off."""
+    runs: int = 0
+    """Runs of the best configuration; 0: not known."""
 
 
 class Brief(Record):
@@ -175,3 +188,9 @@ class Brief(Record):
     configuration_index: Annotated[int, Field(ge=0)] = 0
     feedback: Feedback | None = None
     memory: tuple[Remembered, ...] = ()
+    untold: Feedback | None = None
+    """What the last configuration before a new scenario measured, where no refinement was told of it."""
+    lessons: tuple[str, ...] = ()
+    """What the generator learnt from the other scenarios, for a refinement."""
+    tunes: bool = False
+    """Whether the strategy tunes the numbers of the configuration afterwards."""

@@ -17,24 +17,29 @@ from rvsg.world.world import Area, Route, World
 Floats = NDArray[np.float64]
 
 TURN_RAD = math.radians(40)
+WIGGLE_M = 0.1
 SHORTCUT_M = 0.6  # bends smaller than this are not worth a word
 MOST_NARROW = 3
 NEAR_M = 1.5
 MOST_NAMED = 14
 
 
-def route_paragraph(world: World, route: Route) -> str:
+def route_paragraph(world: World, route: Route, driven: Floats | None = None) -> str:
     """Return the user's own description of the route if it has one, else the generated paragraph."""
-    return route.description or describe_route(world, route)
+    return route.description or describe_route(world, route, driven)
 
 
-def describe_route(world: World, route: Route) -> str:
+def describe_route(world: World, route: Route, driven: Floats | None = None) -> str:
     """Describe a route in one paragraph: start, goal, waypoints on the way, turns and narrow places.
 
     All directions are those of the picture. The same world and route give the same words.
+
+    Args:
+        driven: Points (N, 2) of the way that the robot drives without people. A robot plans its own way, which may be
+            another one than the route's `via`; with it, no waypoints are named.
     """
-    way = waypoints_of(world, route)
-    line = line_of(world, route)
+    way = waypoints_of(world, route) if driven is None else ()
+    line = line_of(world, route) if driven is None else simplified(driven)
     start, goal = _place(world, route.start), _place(world, route.goal)
     sentences = [
         f"The robot starts at {start}, facing {_facing(world.grid, route.start.yaw)} on the picture, and must reach "
@@ -74,6 +79,13 @@ def line_of(world: World, route: Route) -> Floats:
     start, goal = (route.start.x, route.start.y), (route.goal.x, route.goal.y)
     inner = [p for p in points if math.dist(p, start) > 0.3 and math.dist(p, goal) > 0.3]
     return np.array([start, *inner, goal], np.float64)
+
+
+def simplified(driven: Floats) -> Floats:
+    """Return a driven way (N, 2) without its small wiggles and stops."""
+    from shapely import LineString, get_coordinates
+
+    return np.asarray(get_coordinates(LineString(driven).simplify(WIGGLE_M)), np.float64)
 
 
 def length_m(line: Floats) -> float:
