@@ -136,8 +136,8 @@ def bag_picture(path: Path, t: float) -> str:
     for k in range(len(bag.messages["/human_states"][0][1].agents)):
         speed.line([(s, m.agents[k].linear_vel) for s, m in bag.messages["/human_states"]], COLOURS[k % len(COLOURS)])
     imu = [(s, m.linear_acceleration.x) for s, m in bag.messages["/imu"] if s >= 0.0]
-    most = max(1.0, math.ceil(max(value for _, value in imu)))
-    felt = Panel((beside, 270, 480, 120), (0.0, end), (0.0, most), f"Plot: {layout['Plot!acceleration']['title']}")
+    most = max(1.0, math.ceil(max(abs(value) for _, value in imu)))
+    felt = Panel((beside, 270, 480, 120), (0.0, end), (-most, most), f"Plot: {layout['Plot!acceleration']['title']}")
     felt.axes("time, s")
     felt.line(imu, ROBOT)
     for panel in (speed, felt):

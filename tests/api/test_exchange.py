@@ -82,10 +82,22 @@ def test_a_trace_is_the_run_and_its_bag_holds_what_the_robot_sees(scenario: rvsg
     export(scenario, tmp_path / "run.mcap", "mcap", seed=3, trace=True)
     recorded, _ = load_recordings([tmp_path / "run.mcap"], world="warehouse")
     assert recorded[0].id == run.id
+    assert np.array_equal(recorded[0].imu, run.imu)
     from rvsg.exchange.bag_reading import open_bag
 
     with open_bag(tmp_path / "run.mcap") as reader:
         topics = {connection.topic for connection in reader.connections}
+        wanted = [each for each in reader.connections if each.topic in ("/imu", "/evaluation")]
+        read = [(each.topic, reader.deserialize(raw, each.msgtype)) for each, _, raw in reader.messages(wanted)]
+    limit = traced.robot.limits.acceleration_m_s2
+    felt = np.array([message.linear_acceleration.x for topic, message in read if topic == "/imu"])
+    assert 0.5 * limit < felt.max() <= 1.2 * limit
+    scored = [
+        twist for topic, message in read if topic == "/evaluation" for twist in message.twists if twist.total >= 0
+    ]
+    assert len(scored) > 1000
+    for twist in scored:
+        assert sum(each.raw_score * each.scale for each in twist.scores) == pytest.approx(twist.total, abs=1e-3)
     seen = {"/scan_0", "/scan_1", "/cmd_vel", "/plan", "/local_costmap/costmap", "/global_costmap/costmap"}
     tried = {"/evaluation", "/local_trajectories", "/local_plan", "/behavior_tree_log", "/rvsg/navigation"}
     assert seen | tried <= topics

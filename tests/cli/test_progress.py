@@ -6,9 +6,11 @@ import pytest
 from rich.console import Console
 from tests.campaign.parts import plan
 
-from rvsg.campaign.events import Proposing
+from rvsg.campaign.attempt import Attempt, Failure
+from rvsg.campaign.events import Attempted, Proposing, RunMade
 from rvsg.cli import progress
 from rvsg.cli.progress import CampaignProgress
+from rvsg.generation.generator import Proposal
 from rvsg.scenario.brief import Brief
 
 
@@ -35,3 +37,24 @@ def test_progress_shows_done_total_and_time_left_on_a_narrow_terminal(
     assert " left " in line and ("-:--:--" in line or "0:" in line)
     if width == 80:
         assert "scenario 42" in line
+
+
+def test_the_estimate_does_not_count_the_wait_for_other_campaigns(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    now = [0.0]
+    monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
+    the_plan = plan(scenarios=2, refinements=0, repeats=5)
+    shown = CampaignProgress(the_plan, [], name="second")
+    now[0] = 5000.0
+    brief = Brief(mission=the_plan.mission, requirement=the_plan.requirement, seed=1)
+    shown(Proposing(campaign="test", index=0, brief=brief))
+    for seed in range(5):
+        now[0] += 2.0
+        shown(RunMade(campaign="test", index=0, purpose="search", run=Failure(seed=seed, reason="it did not start")))
+    made = Attempt(
+        campaign="test", index=0, strategy="study", brief=brief, proposal=Proposal(generator="none", scenario=None)
+    )
+    shown(Attempted(campaign="test", attempt=made))
+    left = (the_plan.runs - 5) * 2
+    assert f"about {left} s left" in capsys.readouterr().err

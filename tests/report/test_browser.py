@@ -242,7 +242,10 @@ def test_a_trace_is_shown_as_layers_that_can_be_switched(show: Show) -> None:
     tab.evaluate("traces.ready()")
     assert tab.locator(".rp-layer-switches .rp-switch:visible").count() == 6
     assert "Behaviour tree: spin. Last: Spin RUNNING at 0.3 s." in tab.locator(".rp-now").inner_text()
-    assert "Local planner: 0.50 m/s, 0.00 rad/s, score 4.2." in tab.locator(".rp-now").inner_text()
+    assert (
+        "Local planner: 0.50 m/s, 0.00 rad/s, score 4.2 (PathDist 4.0, GoalDist 0.2)."
+        in tab.locator(".rp-now").inner_text()
+    )
     assert tab.locator(".rp-layer-plan path").get_attribute("d") == "M1.00 2.00L2.00 2.00"
     assert tab.locator(".rp-best").get_attribute("d") == "M1.00 2.00L1.80 2.00"
     assert tab.locator(".rp-forbidden").get_attribute("d").startswith("M1.00 2.00A")

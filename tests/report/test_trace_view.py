@@ -33,6 +33,8 @@ def made(run: Any) -> Trace:
         tried = Evaluation(
             t=k / 10, pose=(1.0, 2.0, 0.0), velocity=np.array([[0.5, 0.0], [0.2, 0.3]]),
             end=np.array([[1.8, 2.0], [1.3, 2.1]]), score=np.array([4.2, np.inf]), best=0,
+            critics=("PathDist", "GoalDist", "RotateToGoal"), scales=(0.5, 0.1, 32.0),
+            raw=np.array([[8.0, 2.0, 0.0], [0.0, 0.0, 0.0]]),
         )  # fmt: skip
         scans = tuple(np.where(np.arange(n) % 2 == 0, 1.5 + k, np.inf) for n in rays)
         whole = Patch(row=0, column=0, cells=np.arange(12, dtype=np.uint8).reshape(3, 4))
@@ -98,6 +100,8 @@ def test_costmaps_are_kept_as_bytes_and_changes() -> None:
 def test_forbidden_samples_have_no_score_and_the_chosen_one_is_named() -> None:
     tried = trace_view(made(a_run()), warehouse())["tried"]
     assert tried["asked"][0] == [0.0, 2, 0, 1.0, 2.0, 0.0]
+    assert tried["critics"] == ("PathDist", "GoalDist", "RotateToGoal")
+    assert tried["shares"][0] == [4.0, 0.2, 0.0]
     v, w, dx, dy, score = (np.cumsum(part) for part in np.array(numbers(tried["blob"])[:10]).reshape(5, 2))
     assert (v.tolist(), w.tolist()) == ([500, 200], [0, 300])
     assert (dx.tolist(), dy.tolist(), score.tolist()) == ([80, 30], [0, 10], [42, -1])

@@ -51,7 +51,7 @@ class CampaignProgress:
         self.known = {m.run_id for a in attempts for m in a.measurements}
         self.runs = len(self.known) + sum(len(a.failures) for a in attempts)
         self.made = 0
-        self.begin = time.monotonic()
+        self.begin: float | None = None
         self.place = ""
         self.spent: Spending | None = None
         for attempt in attempts:
@@ -86,6 +86,8 @@ class CampaignProgress:
     def __call__(self, event: Event) -> None:
         """Show an event."""
         self.check()
+        if self.begin is None and isinstance(event, Proposing | RunMade):
+            self.begin = time.monotonic()  # campaigns side by side are prepared together and start one after the other
         match event:
             case Message():
                 say(f"{self.name}{event.text}")
@@ -159,11 +161,12 @@ class CampaignProgress:
         last = (attempt.index + 1) % self.plan.configurations == 0
         if self.bar or attempt.purpose != "search" or not last:
             return
-        spent = time.monotonic() - self.begin
+        spent = time.monotonic() - self.begin if self.begin is not None else 0.0
         left = spent / self.made * max(0, self.plan.runs - self.runs) if self.made else 0.0
+        lasts = f"{left:.0f} s" if left < 120 else f"{left / 60:.0f} min"
         say(
             f"{self.name}{self.runs} of {self.plan.runs} runs; {self.plan.requirement.name} at worst "
-            f"{number(self.worst, self.plan.requirement.unit)}; about {left:.0f} s left{self._spent()}"
+            f"{number(self.worst, self.plan.requirement.unit)}; about {lasts} left{self._spent()}"
         )
 
     def _note(self, attempt: Attempt) -> None:

@@ -2,7 +2,7 @@
 
 Topics: `/clock`, `/tf`, `/tf_static`, `/odom`, `/accel`, `/imu`, `/people` (visualization_msgs/MarkerArray),
 `/human_states` (hunav_msgs/Agents), `/map` (latched), `/goal_pose`, and `/rvsg/run` (std_msgs/String: scenario id,
-seed, simulator options, outcome, time limit and the study's 2 Hz log as JSON).
+seed, simulator options, outcome, time limit, the study's 2 Hz log and the acceleration of every 10 ms as JSON).
 
 With a trace also the topics of `rvsg.exchange.bag_trace`. The chunks of the file are compressed with zstd.
 """
@@ -30,7 +30,7 @@ from rvsg.world.world import OCCUPIED, UNKNOWN, World
 if TYPE_CHECKING:
     from rvsg.simulation.embedded.trace import Trace
 
-IMU_RATE_HZ = 100.0
+GRAVITY_M_S2 = 9.80665
 LATCHED_OFFSET_S = 1.0
 CYLINDER = 3
 """visualization_msgs/Marker.CYLINDER."""
@@ -132,17 +132,24 @@ class _Bag(Messages):
                     yield at, "/people", self._markers(stamp, run, k)
 
     def _imu(self, run: Run) -> Iterator[tuple[int, str, Any]]:
-        none = np.zeros(9)
-        for k, value in enumerate(run.imu):
-            stamp, at = self.time(k / IMU_RATE_HZ)
+        """Yield what an IMU at the base's origin measures, averaged over the time between two samples.
+
+        The base of the simulator takes on a commanded speed within 10 ms, so accelerations over less than a control
+        period are no measure of what a robot feels.
+        """
+        path, none = run.trajectory, np.zeros(9)
+        forward = np.diff(path.v, prepend=path.v[:1]) / np.maximum(np.diff(path.t, prepend=path.t[:1] - 1.0), 1e-9)
+        for k in range(len(path)):
+            stamp, at = self.time(float(path.t[k]))
+            v, omega = float(path.v[k]), float(path.omega[k])
             message = self.make(
                 "sensor_msgs/Imu",
                 header=self.header(stamp, BASE_FRAME),
-                orientation=self.turn(0.0),
+                orientation=self.turn(float(path.yaw[k])),
                 orientation_covariance=none,
-                angular_velocity=self.vector(),
+                angular_velocity=self.vector(0.0, 0.0, omega),
                 angular_velocity_covariance=none,
-                linear_acceleration=self.vector(float(value)),
+                linear_acceleration=self.vector(float(forward[k]), v * omega, GRAVITY_M_S2),
                 linear_acceleration_covariance=none,
             )
             yield at, "/imu", message
@@ -219,8 +226,9 @@ class _Bag(Messages):
 
 
 def run_facts(run: Run) -> dict[str, Any]:
-    """Return what of a run no message type holds, as plain data: its header, the study's log and the sample times."""
+    """Return what of a run no message type holds, as plain data: header, time of the first sample, IMU, study's log."""
     facts: dict[str, Any] = {"header": header_of(run).model_dump(mode="json"), "t0": float(run.trajectory.t[0])}
+    facts["imu"] = run.imu.tolist()
     if run.log is not run.trajectory:
         facts["log"] = {name: getattr(run.log, name).tolist() for name in (*PER_SAMPLE, *PER_HUMAN)}
     return facts

@@ -1,9 +1,10 @@
 """A trace as ROS 2 messages: what the robot sees, plans and tries, under the topics of Nav2.
 
 Topics: `/scan_K` for every lidar, `/cmd_vel`, `/plan`, `/local_costmap/costmap` (5 Hz), `/global_costmap/costmap`
-(when it changes), `/evaluation` (dwb_msgs/LocalPlanEvaluation) and `/local_trajectories` (a marker for Foxglove and
-RViz), both at 1 Hz, `/local_plan` (the chosen trajectory), `/behavior_tree_log` (nav2_msgs/BehaviorTreeLog) and
-`/rvsg/navigation` (std_msgs/String: the phase and the number of recoveries as JSON, when they change).
+(when it changes), `/evaluation` (dwb_msgs/LocalPlanEvaluation, with the score of every critic) and
+`/local_trajectories` (a marker for Foxglove and RViz), both at 1 Hz, `/local_plan` (the chosen trajectory),
+`/behavior_tree_log` (nav2_msgs/BehaviorTreeLog) and `/rvsg/navigation` (std_msgs/String: the phase and the number of
+recoveries as JSON, when they change).
 """
 
 from __future__ import annotations
@@ -119,10 +120,10 @@ class TraceMessages(Messages):
                     time_offsets=[],
                     poses=[start, self.make("geometry_msgs/Pose2D", x=float(ex), y=float(ey), theta=0.0)],
                 ),
-                scores=[],
+                scores=self._critics(tried, k) if math.isfinite(score) else [],
                 total=float(score) if math.isfinite(score) else -1.0,
             )
-            for (v, w), (ex, ey), score in zip(tried.velocity, tried.end, tried.score, strict=True)
+            for k, ((v, w), (ex, ey), score) in enumerate(zip(tried.velocity, tried.end, tried.score, strict=True))
         ]
         yield (
             at,
@@ -138,6 +139,14 @@ class TraceMessages(Messages):
         yield at, "/local_trajectories", self._lines(stamp, tried)
         if tried.best >= 0:
             yield at, "/local_plan", self._path(stamp, "odom", arc(tried.pose, tried.end[tried.best]))
+
+    def _critics(self, tried: Evaluation, sample: int) -> list[Any]:
+        """What each critic says of a sample; scale times raw score adds up to the total."""
+        rows = zip(tried.critics, tried.scales, tried.raw[sample] if tried.critics else (), strict=True)
+        return [
+            self.make("dwb_msgs/CriticScore", name=name, raw_score=float(raw), scale=float(scale))
+            for name, scale, raw in rows
+        ]
 
     def _lines(self, stamp: Any, tried: Evaluation) -> Any:
         """The samples as lines from the robot to where they end: green is best, red is worst, grey is forbidden."""

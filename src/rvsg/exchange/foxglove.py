@@ -39,7 +39,10 @@ def foxglove_layout(lidars: int = 2) -> str:
             },
             "Plot!acceleration": {
                 "title": "Acceleration, m/s²",
-                "paths": [{"value": "/imu.linear_acceleration.x", "enabled": True, "label": "horizontal"}],
+                "paths": [
+                    {"value": "/imu.linear_acceleration.x", "enabled": True, "label": "ahead"},
+                    {"value": "/imu.linear_acceleration.y", "enabled": True, "label": "to the left"},
+                ],
                 "showLegend": True,
                 "isSynced": True,
             },

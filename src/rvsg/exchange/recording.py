@@ -98,6 +98,7 @@ def read_recording(
     imu = np.array([value for _, value in sorted(contents.imu)])
     if header is not None and facts is not None:
         log = log_of(facts, len(names))
+        imu = np.array(facts.get("imu", imu), dtype=np.float64)
         values = header.model_dump(exclude={"same_log", "outcome"})
         return Recording(
             run=Run(**values, outcome=header.outcome, trajectory=trajectory, log=log or trajectory, imu=imu),

@@ -113,14 +113,18 @@ def _tried(frames: Sequence[Frame]) -> dict[str, Any]:
     """`asked`: time, number of samples, the chosen one (-1: none) and x, y, yaw of the robot at each answer.
 
     `blob`: for each answer the channels forward speed (mm/s), yaw rate (mrad/s), x and y of the end from the robot
-    (cm), and score (tenths; -1: forbidden).
+    (cm), and score (tenths; -1: forbidden). `shares`: for each answer what each of `critics` adds to the total of the
+    chosen sample; empty where none is chosen.
     """
-    asked, channels = [], []
+    asked, channels, shares = [], [], []
+    critics: tuple[str, ...] = ()
     for tried in (frame.evaluation for frame in frames if frame.evaluation is not None):
         kept = _spread(tried)
         best = int(np.flatnonzero(kept == tried.best)[0]) if tried.best >= 0 else -1
         x, y, yaw = tried.pose
         asked.append([round(tried.t, 2), len(kept), best, round(x, 2), round(y, 2), round(yaw, 3)])
+        critics = tried.critics
+        shares.append((tried.raw[tried.best] * tried.scales).round(2).tolist() if critics and tried.best >= 0 else [])
         score = tried.score[kept]
         channels += [
             tried.velocity[kept, 0] * 1000,
@@ -129,7 +133,7 @@ def _tried(frames: Sequence[Frame]) -> dict[str, Any]:
             (tried.end[kept, 1] - y) * 100,
             np.where(np.isfinite(score), score * 10, -1.0),
         ]
-    return {"asked": asked, "blob": _channels(channels)}
+    return {"asked": asked, "critics": critics, "shares": shares, "blob": _channels(channels)}
 
 
 def _spread(tried: Evaluation) -> NDArray[np.intp]:

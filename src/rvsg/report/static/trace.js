@@ -37,8 +37,9 @@
     const path = await numbers(file.plans.blob);
     trace.plans = file.plans.plans.map(function (p) { return { t: p[0], x: path(p[1], 0.01), y: path(p[1], 0.01) }; });
     const tried = await numbers(file.tried.blob);
-    trace.tried = file.tried.asked.map(function (a) {
-      return { t: a[0], best: a[2], x: a[3], y: a[4], yaw: a[5], v: tried(a[1], 0.001), w: tried(a[1], 0.001),
+    const critics = file.tried.critics || [], shares = file.tried.shares || [];
+    trace.tried = file.tried.asked.map(function (a, k) {
+      return { critics: critics, shares: shares[k] || [], t: a[0], best: a[2], x: a[3], y: a[4], yaw: a[5], v: tried(a[1], 0.001), w: tried(a[1], 0.001),
         dx: tried(a[1], 0.01), dy: tried(a[1], 0.01), score: tried(a[1], 0.1) };
     });
     return trace;
@@ -94,6 +95,14 @@
     return start + "A" + radius + " " + radius + " 0 " + (u < 0 ? 1 : 0) + " " + (w > 0 ? 1 : 0) + " " + end;
   }
 
+  /** What each critic adds to the score of the chosen trajectory; critics that add nothing are left out. */
+  function parts(tried) {
+    const said = tried.shares.map(function (share, k) { return [tried.critics[k], share]; })
+      .filter(function (each) { return each[1] >= 0.05; })
+      .map(function (each) { return each[0] + " " + each[1].toFixed(1); });
+    return said.length ? " (" + said.join(", ") + ")" : "";
+  }
+
   const LAYERS = [
     { id: "global-costmap", label: "Global costmap", shown: false, key: function (trace, t) { return latest(trace.global.patches, t, function (p) { return p.t; }); },
       draw: function (group, view, trace, last) {
@@ -142,7 +151,7 @@
         const tried = trace.tried[k];
         if (!tried || t - tried.t > SPAN_S) return "The local planner is not asked.";
         if (tried.best < 0) return "The local planner finds no free trajectory.";
-        return "Local planner: " + tried.v[tried.best].toFixed(2) + " m/s, " + tried.w[tried.best].toFixed(2) + " rad/s, score " + tried.score[tried.best].toFixed(1) + ".";
+        return "Local planner: " + tried.v[tried.best].toFixed(2) + " m/s, " + tried.w[tried.best].toFixed(2) + " rad/s, score " + tried.score[tried.best].toFixed(1) + parts(tried) + ".";
       } },
     { id: "lidar", label: "Lidar", shown: true, key: frameAt,
       draw: function (group, view, trace, k) {

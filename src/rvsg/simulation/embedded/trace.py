@@ -6,7 +6,7 @@ Recording changes nothing of the run: the trajectory of a traced run equals that
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +17,10 @@ from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded import state as st
 from rvsg.simulation.embedded.episode import Episode, Outside
 from rvsg.simulation.embedded.navigation.behaviour_tree import ODOMETRY_DEADBAND
+from rvsg.simulation.embedded.navigation.controllers.critics import CRITICS, raw_scores, scales
 from rvsg.simulation.embedded.navigation.controllers.dwb import PLAN_END, SAMPLE_STEPS, SAMPLE_V, SAMPLE_W, STAMP
 from rvsg.simulation.embedded.sensing.lidar import FAR, NO_RETURN, scan
+from rvsg.simulation.embedded.sensing.localisation import MAP_YAW
 from rvsg.simulation.embedded.simulator import EmbeddedSimulator
 from rvsg.simulation.embedded.stack import (
     LIDAR_MAX,
@@ -59,6 +61,11 @@ class Evaluation:
     trajectory was found to meet an obstacle."""
     best: int
     """Index of the chosen sample; -1 where none was allowed."""
+    critics: tuple[str, ...] = ()
+    """The critics whose raw scores, times their scales, add up to the total."""
+    scales: tuple[float, ...] = ()
+    raw: Floats = field(default_factory=lambda: np.zeros((0, 0)))
+    """(S, critics) what each critic says of each sample; without meaning where the total is infinite."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -226,11 +233,17 @@ class _Recorder:
         slots = np.flatnonzero((state.memo.keys[:, 0] == v) & (state.memo.keys[:, 1] == w))
         pose = (float(body[base.X]), float(body[base.Y]), float(body[base.YAW]))
         cos, sin = math.cos(pose[2]), math.sin(pose[2])
-        ahead, left = state.memo.ends[slots[0], :count, 0], state.memo.ends[slots[0], :count, 1]
+        ends = state.memo.ends[slots[0], :count]
+        ahead, left = ends[:, 0], ends[:, 1]
         velocity = samples[:count, [SAMPLE_V, SAMPLE_W]].copy()
         score = state.scratch.totals[:count].copy()
         asked = (velocity[:, 0] == body[base.COMMAND_V]) & (velocity[:, 1] == body[base.COMMAND_W])
         chosen = np.flatnonzero(asked & np.isfinite(score))
+        raw = raw_scores(
+            state.nav, state.scratch.sources, samples[:count], ends, state.local[st.MASTER],
+            (int(state.nav[st.WINDOW_COLUMN]), int(state.nav[st.WINDOW_ROW])), state.path[1], _goal_yaw(state), pose,
+            state.stack,
+        )  # fmt: skip
         if not state.stack.dwb_whole_range:
             samples[:, SAMPLE_STEPS] = 0.0  # the planner writes its samples anew each time, and fewer or more of them
         self._evaluation = Evaluation(
@@ -240,7 +253,15 @@ class _Recorder:
             end=np.column_stack([pose[0] + cos * ahead - sin * left, pose[1] + sin * ahead + cos * left]),
             score=score,
             best=int(chosen[0]) if len(chosen) else -1,
+            critics=CRITICS,
+            scales=scales(state.stack),
+            raw=raw,
         )
+
+
+def _goal_yaw(state: State) -> float:
+    """Return the goal's yaw as the robot believes it."""
+    return float(state.goals[-1, 2] - state.own.frame[MAP_YAW])
 
 
 def _cast(episode: Episode, side: int) -> Floats:
