@@ -2,7 +2,8 @@
 
     python benchmarks/nav2_agreement.py --launch 'ros2 launch nav2_bringup navigation_launch.py use_sim_time:=True
         params_file:={params}' [--speed 4] [--stacks nav2-dwb nav2-rpp nav2-mppi] [--suite examples/suites/warehouse]
-        [--scenarios FILE.json ...] [--routes route_1 ...] [--runs 10] [--keep DIR] [--json FILE]
+        [--scenarios FILE.json ...] [--routes route_1 ...] [--runs 10] [--own-runs 30]
+        [--keep DIR] [--json FILE]
 
 For every stack the real Nav2 is started with the parameters that the built-in one has (`rvsg ros2 new-params`), and
 the built-in one reads the same file. Without --launch the Nav2 that runs is measured as it is, against every stack.
@@ -55,16 +56,14 @@ def main() -> int:
     if reason := missing(options):
         print(f"not measured: {reason}", file=sys.stderr)
         return NO_NAV2
-    questions = asked(given)
+    questions, own_runs = asked(given), given.own_runs or given.runs
     found: dict[str, Any] = {"runs": given.runs, "speed": given.speed, "stacks": {}}
     try:
         for name in given.stacks:
             rows: list[dict[str, Any]] = []
             real = real_runs(name, options, given)
             for question in questions:
-                own = kept(
-                    given.keep, f"{question.name}-{name}", question, runs_of(question, given.runs, real.built_in)
-                )
+                own = kept(given.keep, f"{question.name}-{name}", question, runs_of(question, own_runs, real.built_in))
                 rows.append(compared(question, kept(given.keep, real.key(question), question, real.of(question)), own))
                 print(json.dumps(rows[-1]), flush=True)
             real.close()
@@ -88,6 +87,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--scenarios", nargs="*", type=Path, default=[])
     parser.add_argument("--routes", nargs="*", default=[])
     parser.add_argument("--runs", type=int, default=10)
+    parser.add_argument("--own-runs", type=int, help="of the built-in stack [as --runs]")
     parser.add_argument("--stack-option", action="append", default=[])
     parser.add_argument("--keep", type=Path)
     parser.add_argument("--json", type=Path)
@@ -148,11 +148,10 @@ class Real:
 
             if self._stack is None:
                 self._stack = StackChoice.of("ros2", self.options).driver
-            made = []
-            for seed in range(self.runs):
-                made += list(rvsg.simulate(question.scenario, [seed], stack=self._stack, on_message=say))
-                told = made[-1].details["stack"]
-                say(f"{question.name}, {self.label}, run {seed}: {made[-1].outcome.value}, {told.get('warnings')}")
+            made = list(rvsg.simulate(question.scenario, self.runs, stack=self._stack, on_message=say))
+            for seed, run in enumerate(made):
+                told = run.details["stack"].get("warnings")
+                say(f"{question.name}, {self.label}, run {seed}: {run.outcome.value}, {told}")
             return made
 
         return make

@@ -26,7 +26,7 @@ from rvsg.simulation.ros2.stack import Ros2Stack
 from rvsg.simulation.stacks.registry import StackChoice
 from rvsg.world.world import Route
 
-PEER = Path(__file__).with_name("peer.py")
+HERE = Path(__file__).parent
 
 
 def raise_loopback() -> None:
@@ -43,11 +43,11 @@ def main(given: dict[str, Any]) -> dict[str, Any]:
     settings = folder / "peer.json"
     settings.write_text(json.dumps({**(given["peer"] or {}), "report": str(report)}))
     options = dict(given.get("options", {}))
-    process = None
+    process, program = None, HERE / given.get("program", "peer.py")
     if "launch" in options:
-        options["launch"] = options["launch"].replace("{peer}", f"{sys.executable} {PEER} {settings}")
+        options["launch"] = options["launch"].replace("{peer}", f"{sys.executable} {program} {settings}")
     elif given["peer"] is not None:
-        process = subprocess.Popen([sys.executable, str(PEER), str(settings)])
+        process = subprocess.Popen([sys.executable, str(program), str(settings)])
     told: dict[str, Any] = {"messages": [], "runs": []}
     stack = None
     try:

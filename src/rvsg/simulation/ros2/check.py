@@ -80,7 +80,7 @@ def check_system(options: Ros2Options, robot: Robot, *, seconds: float = 5.0) ->
         findings += [
             *_actions(graph, options),
             *_commands(graph, options),
-            *_sensors(graph, options, robot, release),
+            *_sensors(graph, options, robot, release, is_up=_is_up(lifecycle)),
             *_map(graph, options),
             *_costmaps(graph, options),
             *_nodes(lifecycle, options),
@@ -104,7 +104,12 @@ def _commands(graph: Graph, options: Ros2Options) -> Iterable[Finding]:
     yield _typed(f"velocity commands on {options.cmd_vel}", graph.publishers(options.cmd_vel), wanted)
 
 
-def _sensors(graph: Graph, options: Ros2Options, robot: Robot, release: Release) -> Iterable[Finding]:
+def _is_up(lifecycle: Lifecycle) -> bool:
+    """Whether every node is active: until then costmaps have not subscribed to their sensors."""
+    return all(lifecycle.states.get(name) == ACTIVE for name in lifecycle.found())
+
+
+def _sensors(graph: Graph, options: Ros2Options, robot: Robot, release: Release, *, is_up: bool) -> Iterable[Finding]:
     topics = [("/clock", "rosgraph_msgs/msg/Clock"), ("/tf", "tf2_msgs/msg/TFMessage")]
     topics.append((options.odom, "nav_msgs/msg/Odometry"))
     lidars = robot.lidars
@@ -114,9 +119,12 @@ def _sensors(graph: Graph, options: Ros2Options, robot: Robot, release: Release)
         if others and topic != "/tf":
             yield Finding(topic, Status.CONFLICT, "end the simulator or robot driver that publishes it")
         optional = topic in (options.odom, *(topic for topic, _ in topics[4:]))
-        yield _typed(
+        found = _typed(
             f"reader of {topic}", graph.subscribers(topic), (kind,), optional, interfaces(release).type_hash(kind)
         )
+        if found.status is Status.MISSING and topic == options.scan and not is_up:
+            found = Finding(found.name, Status.INACTIVE, "costmaps subscribe when they become active")
+        yield found
 
 
 def _map(graph: Graph, options: Ros2Options) -> Iterable[Finding]:
@@ -146,8 +154,13 @@ def _nodes(lifecycle: Lifecycle, options: Ros2Options) -> Iterable[Finding]:
         state = lifecycle.states.get(name)
         if state == ACTIVE:
             yield Finding(f"node {name}", Status.FOUND, "active")
+        elif state is None and name in lifecycle.found():
+            # A node answers no question while it becomes active, and costmaps wait there for clock and transforms.
+            yield Finding(
+                f"node {name}", Status.INACTIVE, "does not answer now: hangs, or waits for clock and transforms"
+            )
         elif state is None:
-            yield Finding(f"node {name}", Status.MISSING, "does not answer")
+            yield Finding(f"node {name}", Status.MISSING)
         else:
             yield Finding(f"node {name}", Status.INACTIVE, STATES.get(state, "in transition"))
 

@@ -31,6 +31,9 @@ PLANNERS = {
     "smac_2d": ("nav2_smac_planner", "SmacPlanner2D"),
     "theta_star": ("nav2_theta_star_planner", "ThetaStarPlanner"),
 }
+SERVER_TIMEOUT_MS = 1000
+"""A goal that a server does not acknowledge in this time fails the run at once. Nav2's own 20 ms run out on a busy
+machine."""
 _CRITICS = ("RotateToGoal", "Oscillation", "BaseObstacle", "GoalAlign", "PathAlign", "PathDist", "GoalDist")
 _FOOTPRINT = "ObstacleFootprint"
 
@@ -136,7 +139,7 @@ class _Writer:
             },
             "bt_navigator": {
                 "global_frame": options.map_frame, "robot_base_frame": options.base_frame, "odom_topic": options.odom,
-                "bt_loop_duration": 10,
+                "bt_loop_duration": 10, "default_server_timeout": SERVER_TIMEOUT_MS,
             },
             "controller_server": self._controller_server(),
             "planner_server": {"planner_plugins": ["GridBased"], "GridBased": self._planner()},

@@ -142,7 +142,8 @@ class Ros2Stack(WholeStack):
         facts = running.finish()
         too_slow = facts["speed"] < REACHED_SHARE * self._speed
         if (running.record.missed_share > MISSED_SHARE or too_slow) and self._speed > 1.0:
-            self._speed = max(1.0, self._speed * SLOWER)
+            reached = facts["speed"] if too_slow else self._speed
+            self._speed = max(1.0, min(reached, self._speed * SLOWER))
             self._restart = self._options.launch is not None
             facts["speed_of_next_runs"] = self._speed
             if self._session is not None:
