@@ -10,7 +10,7 @@ the built-in one reads the same file. Without --launch the Nav2 that runs is mea
 Scenarios are the cases of a suite, with their requirements, files, or else the five routes of the warehouse without
 people. --keep keeps the runs in a folder and goes on from there. Exit code 3 where there is no Nav2.
 
-For each scenario: path RMS (m) between mean paths at equal shares of the way, time, recoveries, share that reached the
+For each scenario: path RMS (m) between mean paths of the same seeds at equal shares of the way, time, recoveries, share that reached the
 goal, the requirement's value and the share that violates it; beside it the same between two halves of the real one's
 runs, which is how far it agrees with itself. Over all: rank correlations of the means, and in how many scenarios a
 Kolmogorov-Smirnov test tells the two apart.
@@ -209,7 +209,7 @@ def compared(question: Question, real: list[Any], own: list[Any]) -> dict[str, A
         "scenario": question.name,
         "real": one,
         "built_in": other,
-        "path_rms_m": path_rms(real, own),
+        "path_rms_m": path_rms(real, own[: len(real)]),
         "path_rms_of_halves_m": path_rms(real[::2], real[1::2]),
         "ks_time_p": p_value(one["times_s"], other["times_s"]),
     }
