@@ -10,10 +10,10 @@ the built-in one reads the same file. Without --launch the Nav2 that runs is mea
 Scenarios are the cases of a suite, with their requirements, files, or else the five routes of the warehouse without
 people. --keep keeps the runs in a folder and goes on from there. Exit code 3 where there is no Nav2.
 
-For each scenario: path RMS (m) between mean paths of the same seeds at equal shares of the way, time, recoveries, share that reached the
-goal, the requirement's value and the share that violates it; beside it the same between two halves of the real one's
-runs, which is how far it agrees with itself. Over all: rank correlations of the means, and in how many scenarios a
-Kolmogorov-Smirnov test tells the two apart.
+For each scenario: path RMS (m) between mean paths of the same seeds at equal shares of the way, time, recoveries, share
+that reached the goal, the requirement's value and the share that violates it; beside it the same between two halves of
+the real one's runs, which is how far it agrees with itself. Over all: rank correlations of the means, and in how many
+scenarios a Kolmogorov-Smirnov test tells the two apart.
 """
 
 from __future__ import annotations
