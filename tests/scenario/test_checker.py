@@ -180,3 +180,11 @@ def test_only_fields_promise_areas_and_only_files_and_replies_fill_them_from_nam
     assert [(task.start_area, task.end_area) for task in read.humans[0].tasks] == [("Dock", "Store"), (None, None)]
     assert [finding.rule for finding in check(read, MISSION, WORLD)] == ["wrong-area"]
     assert read_ends(read, WORLD) is read
+
+
+def test_a_null_in_a_saved_file_means_anywhere_whatever_the_task_is_called() -> None:
+    humans = HumanConfiguration(humans=(human("Dock → Store: A1 B1 C1 D1", "x: D1 C1 B1 A1"),))
+    saved = HumanConfiguration.model_validate_json(humans.model_dump_json())
+    assert read_ends(saved, WORLD, saved=True) is saved
+    earlier = HumanConfiguration.model_validate_json(humans.model_dump_json(exclude_none=True))
+    assert read_ends(earlier, WORLD, saved=True).humans[0].tasks[0].start_area == "Dock"

@@ -231,7 +231,7 @@ def load_scenario_in(path: str | Path, world: World | str | Path | None = None) 
     beside = path.parent / found.mission.world
     near = (saved, beside) if saved is not None else (beside,)
     place = world_of(found.mission, world, near=near)
-    return found.replace(people=validity.read_ends(found.people, place)), place
+    return found.replace(people=validity.read_ends(found.people, place, saved=True)), place
 
 
 def load_changed(
