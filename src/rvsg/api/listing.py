@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import threading
 import time
 from collections.abc import Iterator
@@ -25,6 +26,7 @@ MOST_FOLDERS = 20_000
 SKIPPED = ("node_modules", "__pycache__")
 FORMAT = 3
 SAVE_EVERY_S = 5.0
+_RESULTS = re.compile(rb'\s*\{\s*"suite"\s*:')
 
 
 class FoundFinding(Record):
@@ -212,6 +214,23 @@ def _read_cache(path: Path) -> dict[str, _Kept]:
         return {place: _Kept.of(value) for place, value in found["stores"].items()}
     except (OSError, ValueError, KeyError, TypeError, AttributeError, ValidationError):
         return {}
+
+
+def suite_results_in(folder: Path, *, most: int = 200) -> tuple[str, ...]:
+    """Return the files of results of suites in a folder and below it, relative to it with `/`; `most` at most.
+
+    A file counts by its first key. Whether it can be read, `rvsg.api.suites.read_results` says.
+    """
+    found = []
+    for path, names in _folders(folder):
+        for name in sorted(names):
+            place = path / name
+            if len(found) == most or not name.endswith(".json") or name.startswith(".") or not place.is_file():
+                continue
+            with place.open("rb") as file:
+                if _RESULTS.match(file.read(80)):
+                    found.append(place.relative_to(folder).as_posix())
+    return tuple(found)
 
 
 def _folders(top: Path) -> Iterator[tuple[Path, frozenset[str]]]:

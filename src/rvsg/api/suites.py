@@ -204,6 +204,8 @@ class Suite:
             version=version or str(made.name),
             simulator=made.name,
             options=dict(made.options),
+            asked=_asked(simulator, stack),
+            robot=other,
             cases=tuple(results),
         )
 
@@ -230,6 +232,21 @@ class Suite:
             "scenario": case.scenario.model_dump(mode="json"),
         }
         write_whole(self.folder / f"{case.name}.yaml", _yaml({k: v for k, v in values.items() if v is not None}))
+
+
+def _asked(simulator: str | Spec | Simulator, stack: StackLike | None) -> Spec | None:
+    """Return what was asked for as data, or None where an object was given."""
+    if not isinstance(simulator, str | Spec):
+        return None
+    spec = Spec.of(simulator)
+    if stack is None:
+        return spec
+    if isinstance(stack, str | Path):
+        return Spec(spec.name, {**spec.options, "stack": str(stack)})
+    if isinstance(stack, Spec | Mapping):
+        data = stack.model_dump(mode="json") if isinstance(stack, Spec) else dict(stack)
+        return Spec(spec.name, {**spec.options, "stack": data})
+    return None
 
 
 def driven_by(case: Case, robot: Robot | str, world: World) -> Case:

@@ -9,7 +9,6 @@ from typing import Any
 
 import yaml
 
-from rvsg.api.scenarios import as_robot
 from rvsg.api.simulating import ignore, make_simulator, simulate
 from rvsg.api.suites import Suite, driven_by, read_results, requirement_of
 from rvsg.campaign.measuring import Measuring
@@ -18,7 +17,7 @@ from rvsg.core.errors import InputError
 from rvsg.core.plugins import Spec
 from rvsg.report.facts import run_facts
 from rvsg.report.suites import changes_markdown
-from rvsg.report.versions import ORDER, ShownPair, versions_page
+from rvsg.report.versions import ORDER, ShownPair, change_rows, pair_replay, versions_page
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,6 +34,30 @@ class VersionComparison:
         """Return the comparison as an HTML page; with the suite at hand, two runs on one clock for `most` changes."""
         pairs = [] if self.suite is None else list(_pairs(self.suite, self.first, self.second, self.changes, most))
         return versions_page(self.first, self.second, self.changes, pairs)
+
+    def replay(self, case: str, requirement: str) -> dict[str, Any]:
+        """Return both versions' runs of the first seed that differs, as data of the replay component.
+
+        Raises:
+            InputError: no suite is at hand, or no seed of the case differs between the versions.
+        """
+        if self.suite is None or (case, requirement) not in self.replayable:
+            raise InputError(f"{case}, {requirement}: no run of a suite at hand differs between the two versions.")
+        change = next(each for each in self.changes if (each.case, each.requirement) == (case, requirement))
+        return pair_replay(
+            _pair(self.suite, self.first, self.second, change), (self.first.version, self.second.version)
+        )
+
+    @property
+    def rows(self) -> list[dict[str, str]]:
+        """The changes as a table of text, what broke first; `tone` is good, bad or empty."""
+        return change_rows(self.changes)
+
+    @property
+    def replayable(self) -> frozenset[tuple[str, str]]:
+        """Case and requirement of each change that a replay can show."""
+        found = (each for each in self.changes if self.suite is not None and each.only_first + each.only_second)
+        return frozenset((each.case, each.requirement) for each in found)
 
     @property
     def broken(self) -> tuple[CaseChange, ...]:
@@ -102,27 +125,33 @@ def _pairs(
     """Yield the first seed that differs of each changed case, run again with both versions."""
     changed = [each for each in changes if each.change in (Change.BROKEN, Change.FIXED, Change.UNCLEAR)]
     for change in sorted(changed, key=lambda each: ORDER.index(each.change))[:most]:
-        case = next(each for each in suite.cases if each.name == change.case)
-        expectation = next(each for each in case.expectations if each.requirement == change.requirement)
-        world, route = suite.worlds[case.name], case.scenario.mission.route
-        requirement = requirement_of(expectation, suite.folder, route)
-        seed = _differing(first, second, change)
-        measuring = Measuring(requirement, world)
-        shown = []
-        for result in (first, second):
-            simulator, robot = _version(result.version)
-            made = make_simulator(simulator)
-            driven = case if robot is None else driven_by(case, as_robot(robot, made), world)
-            (run,) = simulate(driven.scenario, [seed], simulator=made, world=world)
-            shown.append(run_facts(run, measuring.measure(run), requirement, world, driven.scenario))
-        yield ShownPair(
-            change=change,
-            seed=seed,
-            scenario=case.scenario,
-            requirement=requirement,
-            world=world,
-            runs=(shown[0], shown[1]),
-        )
+        yield _pair(suite, first, second, change)
+
+
+def _pair(suite: Suite, first: SuiteResult, second: SuiteResult, change: CaseChange) -> ShownPair:
+    """Return the first seed that differs of a changed case, run again with both versions."""
+    case = next(each for each in suite.cases if each.name == change.case)
+    expectation = next(each for each in case.expectations if each.requirement == change.requirement)
+    world, route = suite.worlds[case.name], case.scenario.mission.route
+    requirement = requirement_of(expectation, suite.folder, route)
+    seed = _differing(first, second, change)
+    measuring = Measuring(requirement, world)
+    shown = []
+    for result in (first, second):
+        if result.asked is None:
+            raise InputError(f"{result.version}: the results do not say how to make this version again.")
+        made = make_simulator(result.asked)
+        driven = case if result.robot is None else driven_by(case, result.robot, world)
+        (run,) = simulate(driven.scenario, [seed], simulator=made, world=world)
+        shown.append(run_facts(run, measuring.measure(run), requirement, world, driven.scenario))
+    return ShownPair(
+        change=change,
+        seed=seed,
+        scenario=case.scenario,
+        requirement=requirement,
+        world=world,
+        runs=(shown[0], shown[1]),
+    )
 
 
 def _differing(first: SuiteResult, second: SuiteResult, change: CaseChange) -> int:

@@ -13,10 +13,12 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
+from rvsg.core.plugins import Spec
 from rvsg.core.records import Record
 from rvsg.evaluation.judge import DEFAULT, Procedure, violated
 from rvsg.evaluation.statistics import holm, share_difference
 from rvsg.evaluation.verdict import Status, Verdict
+from rvsg.robots import Robot
 from rvsg.scenario.scenario import Scenario
 
 Name = Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[a-z0-9][a-z0-9._-]*$")]
@@ -94,6 +96,10 @@ class SuiteResult(Record):
     """A label of what was run: simulator, stack, robot, or a commit."""
     simulator: str
     options: dict[str, Any] = Field(default_factory=dict)
+    asked: Spec | None = None
+    """What makes the simulator again, with the stack under test; None where it was given as an object."""
+    robot: Robot | str | None = None
+    """The robot that drove every case instead of its own."""
     cases: tuple[CaseResult, ...]
 
     @property

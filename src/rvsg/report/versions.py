@@ -50,7 +50,7 @@ def versions_page(
     shown = [
         {
             "pair": pair,
-            "data": script_safe(_data(pair, (first.version, second.version)) | {"floor": floor_svg(pair.world)}),
+            "data": script_safe(pair_replay(pair, (first.version, second.version))),
             "ids": script_safe([run.run.id for run in pair.runs]),
             "stories": list(zip((first.version, second.version), [_story(run) for run in pair.runs], strict=True)),
         }
@@ -63,7 +63,7 @@ def versions_page(
             first=first,
             second=second,
             listed=", ".join(f"{found[change]} {change.value}" for change in Change if found[change]),
-            rows=[_row(each) for each in sorted(changes, key=lambda each: ORDER.index(each.change))],
+            rows=change_rows(changes),
             shown=shown,
             replay_styles=Markup(styles()),  # noqa: S704  (our own files)
             component=Markup(component()),  # noqa: S704  (our own files)
@@ -72,9 +72,15 @@ def versions_page(
     )
 
 
+def change_rows(changes: Sequence[CaseChange]) -> list[dict[str, str]]:
+    """Return the rows of a table of changes as text, what broke first; `tone` is good, bad or empty."""
+    return [_row(each) for each in sorted(changes, key=lambda each: ORDER.index(each.change))]
+
+
 def _row(each: CaseChange) -> dict[str, str]:
     tone = {Change.BROKEN: "bad", Change.FIXED: "good"}.get(each.change, "")
-    values = {"title": each.title, "requirement": each.requirement, "change": each.change.value, "tone": tone}
+    values = {"case": each.case, "title": each.title, "requirement": each.requirement}
+    values |= {"change": each.change.value, "tone": tone}
     if each.difference is None or each.interval is None or each.p_corrected is None:
         return values | {"before": "", "now": "", "difference": "", "p": ""}
     low, high = each.interval
@@ -90,7 +96,8 @@ def _story(run: RunFacts) -> list[str]:
     return [sentence.text for sentence in run.story]
 
 
-def _data(pair: ShownPair, versions: tuple[str, str]) -> dict[str, object]:
+def pair_replay(pair: ShownPair, versions: tuple[str, str]) -> dict[str, object]:
+    """Return both runs of a pair as data of the replay component: over one floor plan and on one clock."""
     group = ReplayGroup(
         id="pair",
         label=f"seed {pair.seed}, {versions[0]} and {versions[1]}",
@@ -99,7 +106,7 @@ def _data(pair: ShownPair, versions: tuple[str, str]) -> dict[str, object]:
         runs=tuple(_run(run, version) for run, version in zip(pair.runs, versions, strict=True)),
     )
     mission, world = pair.scenario.mission, pair.world
-    return replay_payload(
+    replay = replay_payload(
         [group],
         mission=mission,
         requirement=pair.requirement,
@@ -108,6 +115,7 @@ def _data(pair: ShownPair, versions: tuple[str, str]) -> dict[str, object]:
         quantity=f"{quantity(pair.requirement)} so far",
         footprint=lambda run: footprint_of(run, mission.robot_record),
     )
+    return replay | {"floor": floor_svg(world)}
 
 
 def _run(facts: RunFacts, version: str) -> ReplayRun:

@@ -6,6 +6,7 @@ import hashlib
 import json
 import threading
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from rvsg.api.scenarios import check_valid, load_scenario_in, save_scenario
 from rvsg.api.showing import floor_of, related, replay_of_attempts, replay_of_runs
 from rvsg.api.simulating import RunSet
 from rvsg.api.trying import BEHAVIOURS, empty_scenario, scenario_of, simulated, try_out, with_person
+from rvsg.api.versions import VersionComparison, compare_versions
 from rvsg.api.worlds import world_of
 from rvsg.studio.workspace import Workspace
 
@@ -243,6 +245,18 @@ def runs(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
     return found
 
 
+def versions(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
+    """Return the replay of a case of a suite by two versions, run again on the first seed that differs."""
+    compared = compared_versions(workspace, *(text_of(given, key) for key in ("first", "second", "suite")))
+    return compared.replay(text_of(given, "case"), text_of(given, "requirement"))
+
+
+def compared_versions(workspace: Workspace, first: str, second: str, suite: str = "") -> VersionComparison:
+    """Return two results of a suite compared; with the folder of the suite, its cases can be run again."""
+    compared = compare_versions(workspace.existing(first), workspace.existing(second))
+    return replace(compared, suite=rvsg.Suite.open(workspace.existing(suite))) if suite else compared
+
+
 def picture(workspace: Workspace, given: dict[str, Any]) -> Response:
     """Return a picture that a model was shown."""
     campaign = rvsg.Campaign.open(workspace.existing(text_of(given, "campaign")), given.get("name") or None)
@@ -258,6 +272,7 @@ ANSWERS: dict[str, Answer] = {
     "world-check": world_check,
     "scenario": scenario,
     "runs": runs,
+    "versions": versions,
 }
 """Questions by their address below `/data/`: they change nothing."""
 CHANGES: dict[str, Answer] = {

@@ -67,8 +67,7 @@ def read_ends(people: HumanConfiguration, world: World, *, saved: bool = False) 
         return task if said else _with_ends(task, world)
 
     humans = tuple(
-        human.model_copy(update={"tasks": tuple(ends(task) for task in human.tasks)})
-        for human in people.humans
+        human.model_copy(update={"tasks": tuple(ends(task) for task in human.tasks)}) for human in people.humans
     )
     return people if humans == people.humans else people.model_copy(update={"humans": humans})
 

@@ -14,6 +14,7 @@ from rvsg.studio.pages import (
     new_campaign,
     others,
     scenario,
+    versions,
     world,
 )
 from rvsg.studio.workspace import Workspace
@@ -32,6 +33,7 @@ def add_pages(workspace: Workspace) -> None:
         describe,
         inbox,
         compare,
+        versions,
         conversations,
         others,
     ):

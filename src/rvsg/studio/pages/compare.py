@@ -11,7 +11,7 @@ from rvsg.api.errors import RvsgError
 from rvsg.api.listing import FoundCampaign, Listing
 from rvsg.api.pairing import Change, Pair, pairs_of
 from rvsg.api.words import number
-from rvsg.studio.frame import PATIENT_S, address, chip, field, load, page, problem, select, tag
+from rvsg.studio.frame import PATIENT_S, address, chip, field, link, load, page, problem, select, tag
 from rvsg.studio.workspace import Workspace
 
 SIZE = 320
@@ -39,7 +39,8 @@ def add(workspace: Workspace) -> None:
                 _totals(listing, a, b)
                 _pairs(a, b, pairs, first.requirement.unit)
             made.command("Compare methods at an equal number of runs", "rvsg compare --methods heuristic:study,random")
-            made.command("Compare two versions on a suite", "rvsg compare-versions first.json second.json")
+            tag("p", "", cls="soft")
+            link("Compare two versions of the robot on a suite", "/compare/versions")
 
 
 def _choose(listing: Listing, a: str, b: str) -> None:

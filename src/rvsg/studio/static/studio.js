@@ -51,7 +51,8 @@
   }
 
   /* The replay of the static report: data-url gives its data, data-play starts it, data-keys="page" listens everywhere,
-     data-trace (JSON) names the campaign or the files of runs of which a run can be traced. */
+     data-both lays the second run over the first, data-trace (JSON) names the campaign or the files of runs of which a
+     run can be traced. */
   parts.replay = function (element) {
     let shown = null, wanted = 0;
     const host = html(element, "div", {});
@@ -67,6 +68,9 @@
         if (!shown) return;
         if (element.dataset.trace) tracing(shown, JSON.parse(element.dataset.trace));
         return shown.ready().then(function () {
+          const runs = data.groups[0].runs;
+          return element.dataset.both === undefined ? null : shown.select(runs[0].id, 0).then(function () { return shown.compare(runs[1].id); });
+        }).then(function () {
           if (element.dataset.play !== undefined && !root.matchMedia("(prefers-reduced-motion: reduce)").matches) { shown.seek(0); shown.play(); }
           element.dataset.ready = "true";
         });
