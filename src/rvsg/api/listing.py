@@ -221,7 +221,7 @@ def suite_results_in(folder: Path, *, most: int = 200) -> tuple[str, ...]:
 
     A file counts by its first key. Whether it can be read, `rvsg.api.suites.read_results` says.
     """
-    found = []
+    found = list[str]()
     for path, names in _folders(folder):
         for name in sorted(names):
             place = path / name
