@@ -23,36 +23,39 @@ from typing import Any, TypeVar, cast
 import llvmlite
 import numba
 import numpy as np
-from numba import njit
 from numba.core import types
-from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
+from numba.core.caching import FunctionCache, _CacheLocator
+from numba.core.compiler import Compiler
 from numba.core.dispatcher import Dispatcher
 from numba.core.serialize import dumps as numba_dumps
 from numba.experimental import structref
 
+from rvsg.core.nested import Door, Implementation, Nested, NestedCompiler
+
 F = TypeVar("F", bound=Callable[..., object])
 
-FORMAT = 1
+FORMAT = 2
 """Raise it to make every compiled kernel obsolete."""
 _PACKAGE = __name__.split(".", maxsplit=1)[0]
 _FIELDS: dict[type, tuple[str, ...]] = {}
 
 
 def kernel(function: F) -> F:
-    """Compile `function` at its first call, or load it from the cache.
+    """Compile `function` at its first call from Python, or load it from the cache.
 
     Arithmetic follows IEEE 754: division by zero gives an infinity or NaN.
     """
-    return _compiled(function)
+    door = _compiled(function, Door, no_cfunc_wrapper=True)
+    door.nested = _nested(function)
+    return cast(F, door)
 
 
 def inner(function: F) -> F:
     """Compile a function that only kernels call.
 
-    It has no entry point for Python, which halves its compilation time. Calling it from Python ends the process; a
-    test calls it from a kernel of its own.
+    It has no entry point for Python. Calling it from Python ends the process; a test calls it from a kernel of its own.
     """
-    return _compiled(function, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+    return cast(F, _nested(function))
 
 
 def by_reference(cls: Any) -> Any:
@@ -67,7 +70,16 @@ def by_reference(cls: Any) -> Any:
     def preprocess_fields(self: Any, fields: Any) -> Any:
         return tuple((field, types.unliteral(kind)) for field, kind in fields)
 
-    body = {"preprocess_fields": preprocess_fields, "__module__": cls.__module__, "__qualname__": f"{name}Type"}
+    def mangling_args(self: Any) -> tuple[str, tuple[()]]:
+        """A short name in the code: numba's would list all fields in the name of every function and every call."""
+        return f"{name}{_hash(self.name)}", ()
+
+    body = {
+        "preprocess_fields": preprocess_fields,
+        "mangling_args": property(mangling_args),
+        "__module__": cls.__module__,
+        "__qualname__": f"{name}Type",
+    }
     kind = structref.register(type(f"{name}Type", (types.StructRef,), body))
     proxy = type(name, (structref.StructRefProxy,), {"__module__": cls.__module__, "__qualname__": name})
     structref.define_constructor(proxy, kind, cls._fields)
@@ -77,6 +89,12 @@ def by_reference(cls: Any) -> Any:
     setattr(module, f"{name}Type", kind)
     setattr(module, name, proxy)
     return proxy
+
+
+def type_by_reference(cls: Any, values: Any, **others: Any) -> Any:
+    """Return the type of a by-reference form of a named tuple; `others` are the types of fields that are such forms."""
+    kinds = [(name, others.get(name) or numba.typeof(value)) for name, value in zip(cls._fields, values, strict=True)]
+    return getattr(sys.modules[cls.__module__], f"{cls.__name__}RefType")(kinds)
 
 
 @cache
@@ -131,7 +149,7 @@ class _Folder(_CacheLocator):
         return ""
 
 
-class _Implementation(CompileResultCacheImpl):
+class _Implementation(Implementation):
     """Numba's serialisation of compiled code, in our folder."""
 
     _locator_classes = [_Folder]  # type: ignore[list-item]  # noqa: RUF012
@@ -293,8 +311,13 @@ def _layout(kind: Any) -> Iterator[str]:
         yield str(kind)
 
 
-def _compiled(function: F, **flags: Any) -> F:
-    compile_later: Any = njit
-    dispatcher = compile_later(error_model="numpy", **flags)(function)
+def _nested(function: Any) -> Nested:
+    flags = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+    return cast(Nested, _compiled(function, Nested, pipeline_class=NestedCompiler, **flags))
+
+
+def _compiled(function: Any, kind: Any, *, pipeline_class: Any = Compiler, **flags: Any) -> Any:
+    options = {"nopython": True, "boundscheck": None, "error_model": "numpy", **flags}
+    dispatcher = kind(py_func=function, targetoptions=options, pipeline_class=pipeline_class)
     dispatcher._cache = _ContentCache(function, flags)
-    return cast(F, dispatcher)
+    return dispatcher

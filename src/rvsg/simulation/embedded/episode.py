@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numba import float64, int64, typeof
 from numpy.typing import NDArray
 
-from rvsg.core.compiled import inner, kernel
+from rvsg.core.aside import compile_aside
+from rvsg.core.compiled import inner, is_cached, kernel, type_by_reference
 from rvsg.core.errors import SimulationError
 from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded import state as st
@@ -28,13 +30,13 @@ from rvsg.simulation.embedded.people import PERIOD_S, Crowd, tick
 from rvsg.simulation.embedded.people.crowd import CrowdRef
 from rvsg.simulation.embedded.scene import Scene, SceneRef
 from rvsg.simulation.embedded.sensing.lidar import place_legs
-from rvsg.simulation.embedded.sensing.localisation import ACTIVE, LocalisationRef, localise
+from rvsg.simulation.embedded.sensing.localisation import ACTIVE, Localisation, LocalisationRef, localise
 from rvsg.simulation.embedded.sensing.monitor import keep_returns, scale_command
 from rvsg.simulation.embedded.sensing.perception import update_global, update_local
 from rvsg.simulation.embedded.sensing.safety import watch_zones
-from rvsg.simulation.embedded.stack import LIDAR_TICKS, StackRef
+from rvsg.simulation.embedded.stack import LIDAR_TICKS, Stack, StackRef
 from rvsg.simulation.embedded.state import Settings, State, StateRef
-from rvsg.simulation.embedded.walls import WallsRef, touch_walls
+from rvsg.simulation.embedded.walls import Walls, WallsRef, touch_walls
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -378,6 +380,30 @@ class Outside:
     probe_ticks: int = 5
 
 
+def _compile(scene: Scene, state: State, settings: Settings, crowd: Crowd, *rest: Any) -> None:
+    """Compile the loop for these arguments, in two processes at once; `rest` are the other arguments of `go_on`."""
+    walls, crowd_kind = type_by_reference(Walls, state.walls), type_by_reference(Crowd, crowd)
+    scene_kind = type_by_reference(Scene, scene)
+    stack, own = type_by_reference(Stack, state.stack), type_by_reference(Localisation, state.own)
+    state_kind = type_by_reference(State, state, stack=stack, walls=walls, own=own)
+    intervals, record, loop, asked = (typeof(value) for value in rest)
+    numbers = typeof(settings)
+    pose = (float64, loop, float64, float64, float64)
+    elsewhere = compile_aside(
+        [
+            (decide, (scene_kind, state_kind, numbers, loop, asked, int64)),
+            (update_maps, (scene_kind, state_kind, numbers, float64)),
+            (touch_walls, (walls, *pose)),
+            (touch_people, (crowd_kind, *pose, float64)),
+            (bind, (typeof(scene), typeof(state), typeof(crowd))),
+        ]
+    )
+    sense_and_walk.compile((scene_kind, state_kind, numbers, crowd_kind, loop, int64))
+    if elsewhere is not None:
+        elsewhere.wait()
+    go_on.compile((scene_kind, state_kind, numbers, crowd_kind, intervals, record, loop, asked))
+
+
 class Episode:
     """One run, from 2 s before the start until it is over.
 
@@ -403,6 +429,8 @@ class Episode:
             bodies=bodies is not None,
         )
         state.nav[dwb.ALL_SCORES] = 1 if self.outside.probe is not None else 0
+        if not go_on.overloads and not is_cached(go_on):
+            _compile(scene, state, settings, crowd, intervals, record, self._loop, self._asked)
         self._references = bind(scene, state, crowd)
         scene_, state_, crowd_ = self._references
         begin(scene_, state_, settings, crowd_, phases, self._loop)

@@ -11,6 +11,7 @@ from rvsg.simulation.embedded.people.forces import (
     coherence_force,
     desired_force,
     gaze_force,
+    is_beyond,
     obstacle_force,
     or_zero,
     reach_of,
@@ -84,7 +85,8 @@ def social_forces(
     vx = crowd.old_vx[i]
     vy = crowd.old_vy[i]
     aside = not crowd.published
-    reach = reach_of(crowd.factor_social[i], crowd.neglect)
+    factor = crowd.factor_social[i]
+    reach = reach_of(factor, crowd.neglect)
     social_x = 0.0
     social_y = 0.0
     group = crowd.group[i]
@@ -93,24 +95,25 @@ def social_forces(
     xs, ys, vxs, vys = crowd.old_x, crowd.old_y, crowd.old_vx, crowd.old_vy
     if live:
         xs, ys, vxs, vys = crowd.x, crowd.y, crowd.vx, crowd.vy
+    groups = crowd.group
     for j in range(xs.size):
         if j == i:
             continue
         dx = xs[j] - x
         dy = ys[j] - y
-        fx, fy = social_force(dx, dy, vx - vxs[j], vy - vys[j], crowd.factor_social[i], reach, aside)
-        if not crowd.published:
+        if group >= 0 and groups[j] == group and math.sqrt(dx * dx + dy * dy) < crowd.radius[i] + crowd.radius[j]:
+            near_x -= dx
+            near_y -= dy
+        if is_beyond(dx, dy, vx - vxs[j], vy - vys[j], reach):
+            continue
+        fx, fy = social_force(dx, dy, vx - vxs[j], vy - vys[j], factor, reach, aside)
+        if aside:
             fx, fy = or_zero(fx, fy)
         social_x += fx
         social_y += fy
-        if group >= 0 and crowd.group[j] == group and math.sqrt(dx * dx + dy * dy) < crowd.radius[i] + crowd.radius[j]:
-            near_x -= dx
-            near_y -= dy
     if robot_in_social:
-        fx, fy = social_force(
-            robot_x - x, robot_y - y, vx - robot_vx, vy - robot_vy, crowd.factor_social[i], reach, aside
-        )
-        if not crowd.published:
+        fx, fy = social_force(robot_x - x, robot_y - y, vx - robot_vx, vy - robot_vy, factor, reach, aside)
+        if aside:
             fx, fy = or_zero(fx, fy)
         social_x += fx
         social_y += fy

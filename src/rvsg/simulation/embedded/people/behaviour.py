@@ -6,7 +6,7 @@ import math
 
 from rvsg.core.compiled import inner, kernel
 from rvsg.simulation.embedded.people.acceleration import find_obstacle, sum_groups, total_force
-from rvsg.simulation.embedded.people.contact import TOUCH_M, note_overlap, note_touch, robot_gap, separate
+from rvsg.simulation.embedded.people.contact import TOUCH_M, may_touch, note_overlap, note_touch, robot_gap, separate
 from rvsg.simulation.embedded.people.crowd import Crowd, CrowdRef
 from rvsg.simulation.embedded.people.forces import or_zero, wrap
 from rvsg.simulation.embedded.people.log import REACTED, note_until
@@ -16,6 +16,7 @@ from rvsg.simulation.embedded.people.motion import (
     around,
     arrive,
     distance_to,
+    find_slow,
     next_goal,
     stand_at_place,
     step,
@@ -56,6 +57,7 @@ def tick(
         speed = math.sqrt(crowd.vx[i] ** 2 + crowd.vy[i] ** 2)
         crowd.logged_speed[i] = min(speed, crowd.speed[i])
     crowd.free[0] = 0.0
+    find_slow(crowd)
     sum_groups(crowd)
     for i in range(n):
         find_obstacle(crowd, i, robot_x, robot_y, robot_yaw)
@@ -66,7 +68,8 @@ def tick(
     if crowd.published:
         return
     for i in range(n):
-        note_touch(crowd, i, t_s, robot_x, robot_y, robot_yaw, robot_v, 0.0)
+        if may_touch(crowd, i, robot_x, robot_y):
+            note_touch(crowd, i, t_s, robot_x, robot_y, robot_yaw, robot_v, 0.0)
     separate(crowd, dt_s, robot_x, robot_y, robot_yaw)
     for i in range(n):
         note_overlap(crowd, i, robot_x, robot_y, robot_yaw)

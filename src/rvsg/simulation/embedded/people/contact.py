@@ -13,6 +13,8 @@ from rvsg.simulation.embedded.people.obstacles import on_outline
 TOUCH_M = 0.005
 """Bodies this near touch."""
 ROUNDS = 12
+STRAY_M = 0.2
+"""Who can touch is found once for as long as nobody moves farther than this."""
 SLACK_M = 0.002
 """Overlaps below this are left as they are."""
 FASTEST_M_S = 2.5
@@ -33,15 +35,20 @@ def separate(crowd: Crowd, dt: float, robot_x: float, robot_y: float, robot_yaw:
     The robot does not give way here: people do not push it.
     """
     n = crowd.x.size
+    count = -1
     for _ in range(ROUNDS):
-        worst = 0.0
+        if count < 0:
+            count = _find_pairs(crowd)
+        worst, strayed = _part_all(crowd, count)
         for i in range(n):
-            for j in range(i + 1, n):
-                worst = max(worst, _part(crowd, i, j))
-        for i in range(n):
-            worst = max(worst, _out_of_robot(crowd, i, robot_x, robot_y, robot_yaw))
+            if may_touch(crowd, i, robot_x, robot_y):
+                overlap = _out_of_robot(crowd, i, robot_x, robot_y, robot_yaw)
+                worst = max(worst, overlap)
+                strayed = strayed or (overlap > 0.0 and _has_strayed(crowd, i))
         if worst <= SLACK_M:
             break
+        if strayed:
+            count = -1
     for i in range(n):
         dx = crowd.x[i] - crowd.old_x[i]
         dy = crowd.y[i] - crowd.old_y[i]
@@ -58,6 +65,59 @@ def separate(crowd: Crowd, dt: float, robot_x: float, robot_y: float, robot_yaw:
         share = min(1.0, crowd.cap[i] / speed) if speed > 0.0 else 0.0
         crowd.vx[i] = share * dx / dt
         crowd.vy[i] = share * dy / dt
+
+
+@inner
+def _find_pairs(crowd: Crowd) -> int:
+    """Write the pairs that can touch while nobody strays; return their number."""
+    count = 0
+    xs, ys, radius, pairs = crowd.x, crowd.y, crowd.radius, crowd.pairs
+    for i in range(xs.size):
+        crowd.paired_x[i] = xs[i]
+        crowd.paired_y[i] = ys[i]
+        for j in range(i + 1, xs.size):
+            dx = xs[j] - xs[i]
+            dy = ys[j] - ys[i]
+            reach = radius[i] + radius[j] + 2.0 * STRAY_M
+            if dx * dx + dy * dy < reach * reach:
+                pairs[count, 0] = i
+                pairs[count, 1] = j
+                count += 1
+    return count
+
+
+@inner
+def _has_strayed(crowd: Crowd, i: int) -> bool:
+    """Whether a person may touch somebody with whom no pair was found."""
+    dx = crowd.x[i] - crowd.paired_x[i]
+    dy = crowd.y[i] - crowd.paired_y[i]
+    return not dx * dx + dy * dy < (0.99 * STRAY_M) ** 2
+
+
+@inner
+def _part_all(crowd: Crowd, count: int) -> tuple[float, bool]:
+    """Push apart all who overlap, in the order of their numbers; return the largest overlap and whether one strayed.
+
+    The pairs that were found are all that can overlap, until somebody strays; then every other pair is looked at.
+    """
+    n = crowd.x.size
+    worst = 0.0
+    for k in range(count):
+        i = crowd.pairs[k, 0]
+        j = crowd.pairs[k, 1]
+        overlap = _part(crowd, i, j)
+        if overlap > 0.0:
+            worst = max(worst, overlap)
+            if _has_strayed(crowd, i) or _has_strayed(crowd, j):
+                j += 1
+                while i < n:
+                    while j < n:
+                        worst = max(worst, _part(crowd, i, j))
+                        j += 1
+                    i += 1
+                    j = i + 1
+                return worst, True
+    return worst, False
 
 
 @inner
@@ -99,6 +159,15 @@ def _out_of_robot(crowd: Crowd, i: int, robot_x: float, robot_y: float, robot_ya
     crowd.x[i] -= gap * ux
     crowd.y[i] -= gap * uy
     return -gap
+
+
+@inner
+def may_touch(crowd: Crowd, i: int, robot_x: float, robot_y: float) -> bool:
+    """Whether a person is so near that the robot may touch them at some heading."""
+    far = crowd.outline_reach + crowd.radius[i] + 2.0 * TOUCH_M
+    dx = crowd.x[i] - robot_x
+    dy = crowd.y[i] - robot_y
+    return not dx * dx + dy * dy > far * far
 
 
 @inner

@@ -117,8 +117,11 @@ class Crowd(NamedTuple):
     old_y: Floats
     old_vx: Floats
     old_vy: Floats
-    force_x: Floats
-    force_y: Floats
+    slow: Ints  # who is slower than people walk around, from the front; their number is `slow_count`
+    slow_count: Ints
+    pairs: Ints  # (N (N - 1) / 2, 2) people so near each other that they may touch, from the front
+    paired_x: Floats  # where everybody was when the pairs were found
+    paired_y: Floats
     obstacle_x: Floats
     obstacle_y: Floats
     obstacle_near: Ints  # 0 none, 1 outside it, -1 inside it
@@ -264,8 +267,11 @@ def initial(
         old_y=np.zeros(n),
         old_vx=np.zeros(n),
         old_vy=np.zeros(n),
-        force_x=np.zeros(n),
-        force_y=np.zeros(n),
+        slow=np.zeros(n, np.int64),
+        slow_count=np.zeros(1, np.int64),
+        pairs=np.zeros((n * (n - 1) // 2, 2), np.int64),
+        paired_x=np.zeros(n),
+        paired_y=np.zeros(n),
         obstacle_x=np.zeros(n),
         obstacle_y=np.zeros(n),
         obstacle_near=np.zeros(n, np.int64),

@@ -265,6 +265,17 @@ def aim(crowd: Crowd, i: int) -> tuple[float, float]:
 
 
 @inner
+def find_slow(crowd: Crowd) -> None:
+    """Note who stands or is slow at the beginning of the tick: people walk around them."""
+    count = 0
+    for j in range(crowd.x.size):
+        if not crowd.old_vx[j] ** 2 + crowd.old_vy[j] ** 2 > SLOW_M_S**2:
+            crowd.slow[count] = j
+            count += 1
+    crowd.slow_count[0] = count
+
+
+@inner
 def around(crowd: Crowd, i: int, aim_x: float, aim_y: float) -> tuple[float, float]:
     """Return the point to steer for if somebody stands on the straight way to (aim_x, aim_y): beside them.
 
@@ -279,9 +290,10 @@ def around(crowd: Crowd, i: int, aim_x: float, aim_y: float) -> tuple[float, flo
     ey = (aim_y - y) / distance
     nearest = SEEN_M
     met = -1
-    for j in range(crowd.x.size):
+    for k in range(crowd.slow_count[0]):
+        j = crowd.slow[k]
         along = (crowd.old_x[j] - x) * ex + (crowd.old_y[j] - y) * ey
-        if j == i or along <= 0.0 or along >= nearest or crowd.old_vx[j] ** 2 + crowd.old_vy[j] ** 2 > SLOW_M_S**2:
+        if j == i or along <= 0.0 or along >= nearest:
             continue
         if abs((crowd.old_y[j] - y) * ex - (crowd.old_x[j] - x) * ey) < crowd.radius[i] + crowd.radius[j]:
             nearest = along

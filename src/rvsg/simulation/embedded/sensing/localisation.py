@@ -262,7 +262,8 @@ def _hold(own: Localisation, t: float) -> None:
             own.present[j] = own.coming[0, 1 + j]
         own.counts[WAITING] -= 1
         for i in range(own.counts[WAITING]):
-            own.coming[i, :] = own.coming[i + 1, :]
+            for j in range(4):
+                own.coming[i, j] = own.coming[i + 1, j]
 
 
 @inner

@@ -1,0 +1,173 @@
+"""How kernels are compiled into kernels: each function once, and machine code only for what Python calls.
+
+Numba optimises every function and turns it into machine code, and again as a part of every function that calls it.
+Here a function that a kernel calls stays as it is lowered, unless it is an innermost one, until the kernel that Python
+calls is optimised as a whole.
+"""
+
+from __future__ import annotations
+
+import gc
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import llvmlite.binding as llvm
+from numba.core import types
+from numba.core.caching import CompileResultCacheImpl
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import Compiler, CompileResult
+from numba.core.registry import CPUDispatcher
+from numba.core.sigutils import normalize_signature
+
+NESTED = "nested"
+"""How the cache marks the code of a function that only kernels call."""
+
+
+class NestedLibrary(JITCodeLibrary):
+    """The code of a function that only kernels call: not turned into machine code."""
+
+    @property
+    def codegen(self) -> Any:
+        """Return the code generator, without an engine that could hold this code."""
+        return _WithoutEngine(self._codegen)
+
+    def _optimize_functions(self, ll_module: Any) -> None:
+        ll_module.data_layout = self._codegen._data_layout
+
+    def _optimize_final_module(self) -> None:
+        """Optimise innermost functions, whose loops make better code alone; leave the others to the kernel."""
+        if not any(isinstance(library, NestedLibrary) for library in self._linking_libraries):
+            super()._optimize_final_module()
+
+    def _finalize_final_module(self) -> None:
+        # Addresses of functions as values lie in the code until it is optimised; the kernel looks whether one is left.
+        self._finalized = True
+
+    def get_pointer_to_function(self, name: str) -> int:
+        """Return 0: there is no machine code."""
+        self._ensure_finalized()
+        return 0
+
+    def serialize_using_object_code(self) -> tuple[str, str, bytes]:
+        """Return what the cache holds: the code to be linked into kernels."""
+        return (self.name, NESTED, self._get_module_for_linking().as_bitcode())
+
+    @classmethod
+    def restored(cls, codegen: Any, name: str, bitcode: bytes) -> NestedLibrary:
+        """Return the library of code from the cache."""
+        library = cls(codegen, name)
+        library._shared_module = llvm.parse_bitcode(bitcode)
+        library._finalized = True
+        return library
+
+
+class _WithoutEngine:
+    """A code generator that does not set the environment of a function that has no machine code."""
+
+    def __init__(self, codegen: Any) -> None:
+        self._codegen = codegen
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._codegen, name)
+
+    def set_env(self, name: str, environment: Any) -> None:
+        """Do nothing: the kernel sets the environments of all that is linked into it."""
+
+
+class NestedCompiler(Compiler):
+    """Numba's compiler with a library for code that only kernels call."""
+
+    def __init__(self, typing: Any, target: Any, library: Any, *rest: Any) -> None:
+        super().__init__(typing, target, library, *rest)
+        if library is None:
+            self.state.library = NestedLibrary(target.codegen(), NESTED)
+            self.state.library.enable_object_caching()
+
+
+class Implementation(CompileResultCacheImpl):
+    """Numba's serialisation of compiled code, and that of code that only kernels call."""
+
+    def reduce(self, cres: Any) -> Any:
+        """Return what the cache holds of a compiled function, without its source with types."""
+        return super().reduce(cres._replace(type_annotation=""))
+
+    def rebuild(self, target_context: Any, payload: Any) -> Any:
+        """Return the compiled function that the cache holds."""
+        (name, kind, code), fndesc, environment, signature, objectmode, lifted, annotation, reload_init, _ = payload
+        if kind != NESTED:
+            return super().rebuild(target_context, payload)
+        for function in reload_init:
+            function()
+        library = NestedLibrary.restored(target_context.codegen(), name, code)
+        result: Any = CompileResult
+        return result(
+            typing_context=target_context.typing_context,
+            target_context=target_context,
+            entry_point=target_context.get_executable(library, fndesc, environment),
+            typing_error=None,
+            type_annotation=annotation,
+            signature=signature,
+            objectmode=objectmode,
+            lifted=lifted,
+            fndesc=fndesc,
+            library=library,
+            call_helper=None,
+            environment=environment,
+            metadata=None,
+            reload_init=reload_init,
+            referenced_envs=(),
+        )
+
+
+class Nested(CPUDispatcher):
+    """A function that only kernels call."""
+
+    def compile(self, sig: Any) -> Any:
+        """Compile it for a signature, unless that is done."""
+        done: Any = self.overloads.get(tuple(normalize_signature(sig)[0]))
+        return super().compile(sig) if done is None else done.entry_point
+
+    def get_call_template(self, args: Any, kws: Any) -> Any:
+        """Return how a kernel calls it: one compiled form for all constants of a type."""
+        plain = tuple(types.unliteral(kind) for kind in args)
+        return super().get_call_template(plain, {name: types.unliteral(kind) for name, kind in kws.items()})
+
+
+class Door(CPUDispatcher):
+    """A kernel that Python calls; `nested` is what kernels call."""
+
+    nested: Any
+    """A `Nested`."""
+
+    def compile(self, sig: Any) -> Any:
+        """Compile the kernel with all that it calls."""
+        kinds = tuple(normalize_signature(sig)[0])
+        fresh = kinds not in self.overloads
+        with _no_collection():
+            entry = super().compile(sig)
+        if fresh:
+            compiled: Any = self.overloads[kinds]
+            for environment in compiled._find_referenced_environments():
+                compiled.codegen.set_env(environment.env_name, environment)
+        return entry
+
+    def get_call_template(self, args: Any, kws: Any) -> Any:
+        """Return how a kernel calls it."""
+        return self.nested.get_call_template(args, kws)
+
+    def get_overload(self, sig: Any) -> Any:
+        """Return what a kernel calls."""
+        return self.nested.get_overload(sig)
+
+
+@contextmanager
+def _no_collection() -> Iterator[None]:
+    """Keep the garbage collector out: compilation makes millions of objects that live until its end."""
+    was = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was:
+            gc.enable()
