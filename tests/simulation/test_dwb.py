@@ -11,12 +11,14 @@ from tests.simulation.tiago import INFLATION, STACK, TIAGO
 
 from rvsg.robots import Robot, load_robot
 from rvsg.simulation.embedded.navigation.controllers import dwb
+from rvsg.simulation.embedded.navigation.controllers.rollouts import roll_out_ends, rollouts
+from rvsg.simulation.embedded.navigation.controllers.samples import fill_window, sample_table
 from rvsg.simulation.embedded.navigation.costmap import inflate_marks
 from rvsg.simulation.embedded.stack import refer, stack_of
 
 Floats = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
-TABLE = dwb.samples(stack_of(TIAGO))
+TABLE = sample_table(stack_of(TIAGO))
 
 
 def slow_rollout(v0: float, w0: float, v1: float, w1: float, steps: int, dt: float) -> Floats:
@@ -99,7 +101,7 @@ def choose(
     state[dwb.PLAN_END] = len(path)
     count = len(TABLE)
     return dwb.choose(
-        state, np.zeros(dwb.CONTROLLER_REALS), dwb.scratch(count, 60), dwb.rollouts(count), TABLE, master, 0, 0, path,
+        state, np.zeros(dwb.CONTROLLER_REALS), dwb.scratch(count, 60), rollouts(count), TABLE, master, 0, 0, path,
         goal_yaw, *pose, v0, w0, STACK,
     )  # fmt: skip
 
@@ -117,7 +119,7 @@ def test_there_are_419_samples_in_dwbs_order() -> None:
 @pytest.mark.parametrize(("v0", "w0"), [(0.0, 0.0), (0.5, 0.3), (0.26, -0.755)])
 def test_rollouts_end_where_the_slow_reading_ends(v0: float, w0: float) -> None:
     ends = np.zeros((len(TABLE), 5))
-    dwb.roll_out_ends(ends, v0, w0, TABLE, STACK)
+    roll_out_ends(ends, v0, w0, TABLE, STACK)
     slow = np.array([slow_rollout(v0, w0, v, w, int(n), dt)[-1] for v, w, n, dt in TABLE])
     assert np.allclose(ends[:, :3], slow, atol=1e-12)
     ahead = slow[:, :2] + 0.1 * np.column_stack([np.cos(slow[:, 2]), np.sin(slow[:, 2])])
@@ -213,7 +215,7 @@ class TestDynamicWindow:
         assert stack_of(TIAGO).dwb_whole_range
         samples = np.zeros((500, 4))
         for v, w in ((0.0, 0.0), (0.5, -1.0), (0.31, 0.7)):
-            count = dwb.fill_window(samples, v, w, STACK)
+            count = fill_window(samples, v, w, STACK)
             assert np.allclose(samples[:count], TABLE, atol=1e-12)
 
     @pytest.mark.parametrize(("v", "w"), [(0.0, 0.0), (0.4, 0.0), (0.95, 0.6), (1.3, -0.95)])
@@ -221,8 +223,8 @@ class TestDynamicWindow:
         robot = slow_robot(acceleration_m_s2=0.2, deceleration_m_s2=0.2, yaw_acceleration_rad_s2=0.3)
         stack = stack_of(robot)
         assert not stack.dwb_whole_range
-        samples = dwb.samples(stack)
-        count = dwb.fill_window(samples, v, w, refer(stack))
+        samples = sample_table(stack)
+        count = fill_window(samples, v, w, refer(stack))
         expected = [
             (speed, rate)
             for speed in nav2_axis(v, 0.0, 1.0, 0.2, 1.7, 20)
@@ -234,8 +236,8 @@ class TestDynamicWindow:
 
     def test_a_tugger_samples_only_what_its_steering_allows(self) -> None:
         stack = stack_of(load_robot("tugger"))
-        samples = dwb.samples(stack)
-        count = dwb.fill_window(samples, 0.3, 0.0, refer(stack))
+        samples = sample_table(stack)
+        count = fill_window(samples, 0.3, 0.0, refer(stack))
         v, w = samples[:count, 0], samples[:count, 1]
         assert (np.abs(w) <= np.abs(v) * math.tan(1.05) / 0.95 + 1e-9).all()
         assert (np.abs(w) > 0.9 * np.minimum(np.abs(v) * math.tan(1.05) / 0.95, 1.0)).any()
@@ -243,14 +245,14 @@ class TestDynamicWindow:
 
     def test_scores_of_an_earlier_larger_window_do_not_count(self) -> None:
         stack = stack_of(slow_robot(acceleration_m_s2=0.2, deceleration_m_s2=0.2, yaw_acceleration_rad_s2=0.3))
-        samples = dwb.samples(stack)
-        count = dwb.fill_window(samples, 0.0, 0.0, refer(stack))
+        samples = sample_table(stack)
+        count = fill_window(samples, 0.0, 0.0, refer(stack))
         assert count < len(samples)
         path = np.column_stack([np.linspace(1.5, 3.0, 60), np.full(60, 1.5)])
         state = np.zeros(dwb.CONTROLLER_INTS, np.int64)
         state[dwb.PLAN_END] = len(path)
         best = dwb.choose(
-            state, np.zeros(dwb.CONTROLLER_REALS), dwb.scratch(len(samples), 60), dwb.rollouts(len(samples)),
+            state, np.zeros(dwb.CONTROLLER_REALS), dwb.scratch(len(samples), 60), rollouts(len(samples)),
             samples[:count], np.zeros((60, 60), np.uint8), 0, 0, path, 0.0, 1.51, 1.51, 0.0, 0.0, 0.0, refer(stack),
         )  # fmt: skip
         assert 0 <= best < count

@@ -91,9 +91,19 @@ def by_reference(cls: Any) -> Any:
     return proxy
 
 
+def type_of(value: Any) -> Any:
+    """Return numba's type of a value."""
+    return cast(Any, numba.typeof)(value)
+
+
+def compile_for(function: Callable[..., object], *kinds: Any) -> None:
+    """Compile a kernel for types of arguments, or load it from the cache."""
+    cast(Any, function).compile(kinds)
+
+
 def type_by_reference(cls: Any, values: Any, **others: Any) -> Any:
     """Return the type of a by-reference form of a named tuple; `others` are the types of fields that are such forms."""
-    kinds = [(name, others.get(name) or numba.typeof(value)) for name, value in zip(cls._fields, values, strict=True)]
+    kinds = [(name, others.get(name) or type_of(value)) for name, value in zip(cls._fields, values, strict=True)]
     return getattr(sys.modules[cls.__module__], f"{cls.__name__}RefType")(kinds)
 
 
@@ -120,6 +130,11 @@ def cache_folder() -> Path:
         if os.access(folder, os.W_OK):
             return folder
     return Path(tempfile.mkdtemp(prefix="rvsg-kernels-"))
+
+
+def is_compiled(function: Callable[..., object]) -> bool:
+    """Whether this process has compiled or loaded a kernel."""
+    return bool(cast(Any, function).overloads)
 
 
 def is_cached(function: Callable[..., object]) -> bool:

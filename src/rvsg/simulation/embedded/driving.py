@@ -6,7 +6,7 @@ import math
 import signal
 import threading
 import traceback
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
@@ -52,6 +52,8 @@ COMMAND_TIME_S = 1.0
 """Simulated time after which the base stops without a new velocity of a whole stack."""
 SEEN_PAST_M = 0.4
 """A person counts as seen where a ray at their bearing ends no nearer than this before them."""
+AROUND = np.array([-1, 0, 1])
+"""The rays that are looked at: that at the person's bearing and its neighbours."""
 
 
 class Observed(LocalObservation):
@@ -60,19 +62,21 @@ class Observed(LocalObservation):
     def __init__(self, episode: Episode) -> None:
         self._episode, self._state = episode, episode.state
         self._scans: dict[int, Scan] = {}
+        self._goal: tuple[float, float, float] = tuple(self._state.goals[-1].tolist())
 
     def refresh(self) -> None:
         """Take over the present state; call it before every question."""
         state, body = self._state, self._state.body
         self.t = self._episode.t
-        self.pose = (float(body[base.X]), float(body[base.Y]), float(body[base.YAW]))
-        self.velocity = (float(body[base.V]), float(body[base.W]))
-        frame = state.own.present
-        self.map_from_odom = (float(frame[MAP_X]), float(frame[MAP_Y]), float(frame[MAP_YAW]))
+        x, y, yaw, v, w = body[base.X : base.W + 1].tolist()
+        self.pose = (x, y, yaw)
+        self.velocity = (v, w)
+        self.map_from_odom = tuple(state.own.present[MAP_X : MAP_YAW + 1].tolist())
         self.plan = state.path[1, state.nav[PLAN_BEGIN] : state.nav[PLAN_END]]
-        newest = state.own.frame
-        x, y = _inverse(newest, state.goals[-1, 0], state.goals[-1, 1])
-        self.goal = (x, y, float(state.goals[-1, 2] - newest[MAP_YAW]))
+        goal_x, goal_y, goal_yaw = self._goal
+        frame = state.own.frame[MAP_X : MAP_YAW + 1].tolist()
+        x, y = _inverse(frame, goal_x, goal_y)
+        self.goal = (x, y, goal_yaw - frame[2])
         side = state.stack.resolution
         corner = (float(state.nav[st.WINDOW_COLUMN] * side), float(state.nav[st.WINDOW_ROW] * side))
         self.costmap = Costmap(state.local[st.MASTER], *corner, side)
@@ -119,7 +123,7 @@ class Observed(LocalObservation):
         bearing = np.arctan2(y - oy, x - ox) - yaw - scan.yaw - scan.angle_min
         ray = np.round(np.mod(bearing, 2.0 * math.pi) / scan.angle_increment).astype(int)
         within = (ray < scan.ranges.size) & (distance < scan.range_max)
-        around = np.clip(ray[:, None] + np.array([-1, 0, 1]), 0, scan.ranges.size - 1)
+        around = np.maximum(0, np.minimum(ray[:, None] + AROUND, scan.ranges.size - 1))
         return np.asarray(within & (scan.ranges[around].max(axis=1) >= distance - SEEN_PAST_M))
 
 
@@ -257,11 +261,11 @@ def _where(error: Exception) -> str:
     return f"{type(error).__name__}: {error}{place}"[:500]
 
 
-def _inverse(frame: Floats, x: float, y: float) -> tuple[float, float]:
+def _inverse(frame: Sequence[float], x: float, y: float) -> tuple[float, float]:
     """Return a point of the map in the odom frame."""
     cos, sin = math.cos(frame[MAP_YAW]), math.sin(frame[MAP_YAW])
     dx, dy = x - frame[MAP_X], y - frame[MAP_Y]
-    return float(cos * dx + sin * dy), float(cos * dy - sin * dx)
+    return cos * dx + sin * dy, cos * dy - sin * dx
 
 
 @contextmanager

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import float64, int64, typeof
+from numba import float64, int64
 from numpy.typing import NDArray
 
 from rvsg.core.aside import compile_aside
-from rvsg.core.compiled import inner, is_cached, kernel, type_by_reference
+from rvsg.core.compiled import compile_for, inner, is_cached, is_compiled, kernel, type_by_reference, type_of
 from rvsg.core.errors import SimulationError
 from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded import state as st
@@ -26,6 +26,7 @@ from rvsg.simulation.embedded.navigation.behaviour_tree import (
     place_path,
 )
 from rvsg.simulation.embedded.navigation.controllers import dwb
+from rvsg.simulation.embedded.navigation.planners.choice import plan_outside
 from rvsg.simulation.embedded.people import PERIOD_S, Crowd, tick
 from rvsg.simulation.embedded.people.crowd import CrowdRef
 from rvsg.simulation.embedded.scene import Scene, SceneRef
@@ -175,9 +176,9 @@ def take_scan(scene: Scene, state: State, settings: Settings, crowd: Crowd, side
 
 
 # Why the loop is left: the run is over, or something computed outside of the compiled loop is due.
-OVER, CONTROL_DUE, STACK_DUE, PROBE_DUE, BODIES_DUE = range(5)
+OVER, CONTROL_DUE, STACK_DUE, PROBE_DUE, BODIES_DUE, PLAN_DUE = range(6)
 # Where in a tick the loop goes on.
-TICK_BEGINS, ANSWERED, PROBED, WALKED = range(4)
+TICK_BEGINS, ANSWERED, PROBED, WALKED, PLANNED = range(5)
 # What the loop keeps from tick to tick, and the answer from outside: whether it is a valid command, forward speed
 # (m/s), yaw rate (rad/s), and how the run ends (RUNNING, REACHED, ABORTED; only asked of a whole stack).
 (TICK, NEXT_ROW, ROWS, PEOPLE_T, FORWARD_SUM, LEFT_SUM, ACCELERATION, END, STAGE, VALID, COMMAND_V, COMMAND_W,
@@ -264,7 +265,10 @@ def decide(scene: SceneRef, state: StateRef, settings: Settings, loop: Floats, a
     if asked.stack:
         state.nav[st.PLANNED] = 1
         return STACK_DUE if state.nav[st.MODE] != st.DONE and k % asked.stack_ticks == 0 else OVER
-    if navigate(scene, state, settings, t):
+    due = navigate(scene, state, settings, t)
+    if due == st.PLAN:
+        return PLAN_DUE
+    if due == st.COMMAND:
         if asked.control:
             return CONTROL_DUE
         choose_dwb(state, loop[VALID:])
@@ -320,11 +324,13 @@ def go_on(
                 return BODIES_DUE
             stage = WALKED
         if stage == WALKED:
-            running = state.nav[st.MODE] != st.DONE
             take_scans(scene, state, settings, crowd, k)
+            stage = PLANNED
+        if stage == PLANNED:
+            running = state.nav[st.MODE] != st.DONE
             due = decide(scene, state, settings, loop, asked, k)
             if due != OVER:
-                loop[STAGE] = ANSWERED
+                loop[STAGE] = PLANNED if due == PLAN_DUE else ANSWERED
                 return due
         if stage == ANSWERED:
             running = True
@@ -386,8 +392,8 @@ def _compile(scene: Scene, state: State, settings: Settings, crowd: Crowd, *rest
     scene_kind = type_by_reference(Scene, scene)
     stack, own = type_by_reference(Stack, state.stack), type_by_reference(Localisation, state.own)
     state_kind = type_by_reference(State, state, stack=stack, walls=walls, own=own)
-    intervals, record, loop, asked = (typeof(value) for value in rest)
-    numbers = typeof(settings)
+    intervals, record, loop, asked = (type_of(value) for value in rest)
+    numbers = type_of(settings)
     pose = (float64, loop, float64, float64, float64)
     elsewhere = compile_aside(
         [
@@ -395,13 +401,14 @@ def _compile(scene: Scene, state: State, settings: Settings, crowd: Crowd, *rest
             (update_maps, (scene_kind, state_kind, numbers, float64)),
             (touch_walls, (walls, *pose)),
             (touch_people, (crowd_kind, *pose, float64)),
-            (bind, (typeof(scene), typeof(state), typeof(crowd))),
+            (bind, (type_of(scene), type_of(state), type_of(crowd))),
         ]
     )
-    sense_and_walk.compile((scene_kind, state_kind, numbers, crowd_kind, loop, int64))
+    compile_for(walk_people, state_kind, crowd_kind, loop, float64)
+    compile_for(take_scans, scene_kind, state_kind, numbers, crowd_kind, int64)
     if elsewhere is not None:
         elsewhere.wait()
-    go_on.compile((scene_kind, state_kind, numbers, crowd_kind, intervals, record, loop, asked))
+    compile_for(go_on, scene_kind, state_kind, numbers, crowd_kind, intervals, record, loop, asked)
 
 
 class Episode:
@@ -429,7 +436,7 @@ class Episode:
             bodies=bodies is not None,
         )
         state.nav[dwb.ALL_SCORES] = 1 if self.outside.probe is not None else 0
-        if not go_on.overloads and not is_cached(go_on):
+        if not is_compiled(go_on) and not is_cached(go_on):
             _compile(scene, state, settings, crowd, intervals, record, self._loop, self._asked)
         self._references = bind(scene, state, crowd)
         scene_, state_, crowd_ = self._references
@@ -449,6 +456,8 @@ class Episode:
                 return
             if due == BODIES_DUE and self._bodies is not None:
                 self._bodies(self.t, self.state.body)
+            elif due == PLAN_DUE:
+                plan_outside(self.scene, self.state)
             elif due == PROBE_DUE and self.outside.probe is not None:
                 self.outside.probe(self)
             elif due == CONTROL_DUE and self.outside.control is not None:

@@ -26,8 +26,9 @@ from rvsg.simulation.embedded.bodies import MovingBodies, moves
 from rvsg.simulation.embedded.contact import overlap_at_start
 from rvsg.simulation.embedded.driving import Driving
 from rvsg.simulation.embedded.episode import Episode, Outside, Recording, go_on, new_recording
-from rvsg.simulation.embedded.navigation.controllers.dwb import Rollouts, samples
-from rvsg.simulation.embedded.navigation.controllers.dwb import rollouts as new_rollouts
+from rvsg.simulation.embedded.navigation.controllers.rollouts import Rollouts
+from rvsg.simulation.embedded.navigation.controllers.rollouts import rollouts as new_rollouts
+from rvsg.simulation.embedded.navigation.controllers.samples import sample_table
 from rvsg.simulation.embedded.navigation.costmap import LETHAL
 from rvsg.simulation.embedded.navigation.journal import navigation_events
 from rvsg.simulation.embedded.options import PROFILES, SimulatorOptions, profile
@@ -293,7 +294,7 @@ def surroundings(world: World, robot: Robot) -> Surroundings:
 def rollouts(robot: Robot) -> Rollouts:
     """Return the process's memory of a robot's rollouts: pure, so runs may share it one after another."""
     if robot.id not in _ROLLOUTS:
-        _ROLLOUTS[robot.id] = new_rollouts(len(samples(stack_of(robot))))
+        _ROLLOUTS[robot.id] = new_rollouts(len(sample_table(stack_of(robot))))
         while len(_ROLLOUTS) > _KEPT_ROLLOUTS:
             _ROLLOUTS.popitem(last=False)
     _ROLLOUTS.move_to_end(robot.id)

@@ -11,6 +11,8 @@ from rvsg.core.compiled import by_reference
 from rvsg.robots import Robot
 from rvsg.simulation.embedded.base import new_body
 from rvsg.simulation.embedded.navigation.controllers import dwb
+from rvsg.simulation.embedded.navigation.controllers.rollouts import Rollouts, rollouts
+from rvsg.simulation.embedded.navigation.controllers.samples import sample_table
 from rvsg.simulation.embedded.navigation.costmap import FREE, UNKNOWN
 from rvsg.simulation.embedded.navigation.planners.navfn import BUFFER, HIGH
 from rvsg.simulation.embedded.scene import Scene
@@ -35,13 +37,18 @@ RUNNING, REACHED, ABORTED = range(3)
 MASTER = -1
 # Indices of the integers, behind those of the controller.
 (MODE, RESULT, RECOVERIES, NEXT_ACTION, FAILED_ACTIONS, FOLLOW_RETRIED, PLAN_RETRIED, GOAL, PLANNED, NEED_PLAN,
- CLEAR_LOCAL, CLEAR_GLOBAL, WINDOW_COLUMN, WINDOW_ROW, NOISE_AT, DROPOUT_AT, NOTED, PLANNED_GOAL) = range(
-    dwb.CONTROLLER_INTS, dwb.CONTROLLER_INTS + 18)  # fmt: skip
-INTS = dwb.CONTROLLER_INTS + 18
+ CLEAR_LOCAL, CLEAR_GLOBAL, WINDOW_COLUMN, WINDOW_ROW, NOISE_AT, DROPOUT_AT, NOTED, PLANNED_GOAL,
+ OUTSIDE_PLAN) = range(dwb.CONTROLLER_INTS, dwb.CONTROLLER_INTS + 19)  # fmt: skip
+INTS = dwb.CONTROLLER_INTS + 19
 # ... and of the reals: times in s, places in m.
 (PLAN_T, CONTROL_T, PROGRESS_X, PROGRESS_Y, PROGRESS_T, VALID_T, ACTION_T, ACTION_DONE, ACTION_X, ACTION_Y, ACTION_YAW,
- ACTION_DUE, LOCAL_T, GLOBAL_T, SMOOTH_T) = range(dwb.CONTROLLER_REALS, dwb.CONTROLLER_REALS + 15)  # fmt: skip
-REALS = dwb.CONTROLLER_REALS + 15
+ ACTION_DUE, LOCAL_T, GLOBAL_T, SMOOTH_T, PLAN_X, PLAN_Y) = range(
+    dwb.CONTROLLER_REALS, dwb.CONTROLLER_REALS + 17)  # fmt: skip
+REALS = dwb.CONTROLLER_REALS + 17
+# What is to be done outside of the navigation at a time.
+NOTHING, COMMAND, PLAN = range(3)
+# The answer of a planner outside of the compiled loop: none yet, else the number of points and this.
+NOT_PLANNED, PLANNED_FROM = 0, 1
 
 
 class Settings(NamedTuple):
@@ -107,7 +114,7 @@ class State(NamedTuple):
     zone_until: Floats
     returns: Floats
     samples: Floats
-    memo: dwb.Rollouts
+    memo: Rollouts
     scratch: dwb.Scratch
     stack: Stack
     walls: Walls
@@ -124,14 +131,14 @@ def new_state(
     robot: Robot,
     walls: Walls,
     own: Localisation,
-    memo: dwb.Rollouts | None = None,
+    memo: Rollouts | None = None,
     rest: NDArray[np.float32] | None = None,
 ) -> State:
     """All arrays of a run, as the episode expects them; a memory of rollouts may serve one run after another."""
     rows, columns = scene.static.shape
     longest = 4 * max(rows, columns) + 2
     stack = stack_of(robot)
-    samples = dwb.samples(stack)
+    samples = sample_table(stack)
     cells = stack.cells
     lidars = robot.lidars
     rays = max(lidar.rays for lidar in lidars)
@@ -165,7 +172,7 @@ def new_state(
         zone_until=np.full(len(stack.zones), -np.inf),
         returns=np.zeros((len(lidars), rays if len(stack.monitor) else 0, 2)),
         samples=samples,
-        memo=memo if memo is not None else dwb.rollouts(len(samples)),
+        memo=memo if memo is not None else rollouts(len(samples)),
         scratch=dwb.scratch(len(samples), cells),
         stack=stack,
         walls=walls,

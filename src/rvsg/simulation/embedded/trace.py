@@ -18,7 +18,8 @@ from rvsg.simulation.embedded import state as st
 from rvsg.simulation.embedded.episode import Episode, Outside
 from rvsg.simulation.embedded.navigation.behaviour_tree import ODOMETRY_DEADBAND
 from rvsg.simulation.embedded.navigation.controllers.critics import CRITICS, raw_scores, scales
-from rvsg.simulation.embedded.navigation.controllers.dwb import PLAN_END, SAMPLE_STEPS, SAMPLE_V, SAMPLE_W, STAMP
+from rvsg.simulation.embedded.navigation.controllers.dwb import PLAN_END, STAMP
+from rvsg.simulation.embedded.navigation.controllers.samples import SAMPLE_STEPS, SAMPLE_V, SAMPLE_W
 from rvsg.simulation.embedded.sensing.lidar import FAR, NO_RETURN, scan
 from rvsg.simulation.embedded.sensing.localisation import MAP_YAW
 from rvsg.simulation.embedded.simulator import EmbeddedSimulator

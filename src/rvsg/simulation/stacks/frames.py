@@ -31,6 +31,7 @@ ANSWER = struct.Struct("<cIB2d")
 """Kind, number of the observation, status, v, w."""
 NO_COMMAND, VELOCITY, REACHED, GAVE_UP = range(4)
 LARGEST_ANSWER = 65_536
+NO_PLAN, NO_CELLS, NOBODY = np.zeros((0, 2)), np.zeros((0, 0), np.uint8), np.zeros((0, 4))
 
 
 class Wanted(NamedTuple):
@@ -69,9 +70,9 @@ def task_frame(task: Task) -> bytes:
 
 def observation_frame(number: int, seen: LocalObservation, lidars: int, wanted: Wanted, *, local: bool) -> bytes:
     """Return an observation as a frame."""
-    plan = seen.plan if local else np.zeros((0, 2))
-    cells = seen.costmap.cells if local and wanted.costmap else np.zeros((0, 0), np.uint8)
-    people = seen.people() if wanted.people else np.zeros((0, 4))
+    plan = seen.plan if local else NO_PLAN
+    cells = seen.costmap.cells if local and wanted.costmap else NO_CELLS
+    people = seen.people() if wanted.people else NOBODY
     scans = [seen.scan(k) for k in range(lidars)] if wanted.scans else []
     parts = [
         OBSERVATION.pack(
@@ -117,10 +118,15 @@ def read_answer(frame: bytes, number: int) -> tuple[int, float, float]:
 
 
 class Channel:
-    """Frames over two file descriptors, with a time limit for each; it takes them over."""
+    """Frames over two file descriptors, with a time limit for each; it takes them over.
+
+    A frame takes one write, and an answer one wait and one read, where the operating system passes them on whole.
+    """
 
     def __init__(self, reads: int, writes: int) -> None:
         self.reads, self.writes = reads, writes
+        self._rest = b""
+        """What was read beyond the last answer."""
         for descriptor in {reads, writes}:
             os.set_blocking(descriptor, False)
 
@@ -133,12 +139,11 @@ class Channel:
         data = memoryview(LENGTH.pack(len(frame)) + frame)
         until = time.monotonic() + limit_s
         while data:
-            if not select.select([], [self.writes], [], max(0.0, until - time.monotonic()))[1]:
-                raise StackError(f"it did not read within {limit_s:g} s")
             try:
                 data = data[os.write(self.writes, data) :]
             except BlockingIOError:
-                continue
+                if not select.select([], [self.writes], [], max(0.0, until - time.monotonic()))[1]:
+                    raise StackError(f"it did not read within {limit_s:g} s") from None
             except OSError as error:
                 raise StackError("it ended") from error
 
@@ -149,26 +154,30 @@ class Channel:
             StackError: the other side is gone, does not answer, or floods.
         """
         until = time.monotonic() + limit_s
-        (size,) = LENGTH.unpack(self._read(LENGTH.size, until, limit_s))
+        self._read(LENGTH.size, until, limit_s)
+        (size,) = LENGTH.unpack_from(self._rest)
         if not 0 < size <= LARGEST_ANSWER:
+            self._rest = b""
             raise StackError(
                 f"it announced an answer of {size} bytes, at most {LARGEST_ANSWER} are read. Does it print to standard "
                 "output? Print to standard error."
             )
-        return self._read(size, until, limit_s)
+        end = LENGTH.size + size
+        self._read(end, until, limit_s)
+        frame, self._rest = self._rest[LENGTH.size : end], self._rest[end:]
+        return frame
 
-    def _read(self, size: int, until: float, limit_s: float) -> bytes:
-        got = b""
-        while len(got) < size:
+    def _read(self, size: int, until: float, limit_s: float) -> None:
+        """Read until `size` bytes are there."""
+        while len(self._rest) < size:
             if not select.select([self.reads], [], [], max(0.0, until - time.monotonic()))[0]:
                 raise StackError(f"it did not answer within {limit_s:g} s")
             try:
-                part = os.read(self.reads, size - len(got))
+                part = os.read(self.reads, LARGEST_ANSWER)
             except BlockingIOError:
                 continue
             except OSError as error:
                 raise StackError("it ended") from error
             if not part:
-                raise StackError("it ended in the middle of an answer" if got else "it ended")
-            got += part
-        return got
+                raise StackError("it ended in the middle of an answer" if self._rest else "it ended")
+            self._rest += part

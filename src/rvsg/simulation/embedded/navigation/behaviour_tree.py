@@ -11,9 +11,10 @@ from rvsg.core.compiled import inner
 from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded import state as st
 from rvsg.simulation.embedded.navigation.controllers import dwb
+from rvsg.simulation.embedded.navigation.controllers.samples import SAMPLE_V, SAMPLE_W, fill_window
 from rvsg.simulation.embedded.navigation.costmap import LETHAL, footprint_spans
 from rvsg.simulation.embedded.navigation.journal import go_on_recovery, keep_path, note_path, note_recovery
-from rvsg.simulation.embedded.navigation.planners.choice import plan_with
+from rvsg.simulation.embedded.navigation.planners.choice import NAVFN, plan_navfn
 from rvsg.simulation.embedded.scene import Scene
 from rvsg.simulation.embedded.sensing.localisation import MAP_YAW, to_map, to_world
 from rvsg.simulation.embedded.state import Settings, State
@@ -63,8 +64,12 @@ def plan_route(scene: Scene, state: State, t: float) -> bool:
     x, y = to_map(state.own.present, state.body[base.X], state.body[base.Y])
     g = nav[st.GOAL]
     before = nav[dwb.PLAN_END]
-    keep_path(state, before)
-    count = plan_with(scene, state, x, y, state.goals[g, 0], state.goals[g, 1])
+    if state.stack.planner == NAVFN:
+        keep_path(state, before)
+        count = plan_navfn(scene, state, x, y, state.goals[g, 0], state.goals[g, 1])
+    else:
+        count = nav[st.OUTSIDE_PLAN] - st.PLANNED_FROM
+        nav[st.OUTSIDE_PLAN] = st.NOT_PLANNED
     if count == 0:
         return False
     state.nav[dwb.PLAN_BEGIN] = 0
@@ -76,6 +81,16 @@ def plan_route(scene: Scene, state: State, t: float) -> bool:
     nav[st.NEED_PLAN] = 0
     state.times[st.PLAN_T] = t
     return True
+
+
+@inner
+def ask_for_plan(state: State) -> int:
+    """Prepare for a planner outside of the compiled loop, which reads the place that the plan is to begin at."""
+    keep_path(state, state.nav[dwb.PLAN_END])
+    x, y = to_map(state.own.present, state.body[base.X], state.body[base.Y])
+    state.times[st.PLAN_X] = x
+    state.times[st.PLAN_Y] = y
+    return st.PLAN
 
 
 @inner
@@ -154,7 +169,7 @@ def choose_dwb(state: State, answer: Floats) -> None:
     w = measured(body[base.W])
     samples = state.samples
     if not state.stack.dwb_whole_range:
-        samples = samples[: dwb.fill_window(samples, v, w, state.stack)]
+        samples = samples[: fill_window(samples, v, w, state.stack)]
     best = dwb.choose(
         state.nav, state.times, state.scratch, state.memo, samples, state.local[st.MASTER],
         state.nav[st.WINDOW_COLUMN], state.nav[st.WINDOW_ROW], state.path[1],
@@ -163,8 +178,8 @@ def choose_dwb(state: State, answer: Floats) -> None:
     answer[0] = 0.0
     if best >= 0:
         answer[0] = 1.0
-        answer[1] = state.samples[best, dwb.SAMPLE_V]
-        answer[2] = state.samples[best, dwb.SAMPLE_W]
+        answer[1] = state.samples[best, SAMPLE_V]
+        answer[2] = state.samples[best, SAMPLE_W]
         dwb.remember_turn(
             state.nav, state.times, answer[1], answer[2], body[base.X], body[base.Y], body[base.YAW], state.stack
         )
@@ -331,36 +346,40 @@ def stop_following(state: State, settings: Settings, t: float) -> None:
 
 
 @inner
-def navigate(scene: Scene, state: State, settings: Settings, t: float) -> bool:
-    """What the behaviour tree does at time t (called every 10 ms); says whether the local planner is to be asked.
+def navigate(scene: Scene, state: State, settings: Settings, t: float) -> int:
+    """Do what the behaviour tree does at time t; return COMMAND or PLAN where the local or global planner is to act.
 
-    A map that is to be cleared is cleared before the next call; who needs it waits for that, as in Nav2.
+    It is called every 10 ms, and once more at the same time after PLAN. A map that is to be cleared is cleared before
+    the next call; who needs it waits for that, as in Nav2.
     """
     nav = state.nav
     if nav[st.MODE] == st.DONE:
-        return False
+        return st.NOTHING
     if nav[st.MODE] != st.DRIVE:
         act(state, settings, t)
-        return False
-    if has_passed(state):
+        return st.NOTHING
+    answered = nav[st.OUTSIDE_PLAN] != st.NOT_PLANNED
+    if not answered and has_passed(state):
         nav[st.NEED_PLAN] = 1
     if nav[st.NEED_PLAN] != 0 or t - state.times[st.PLAN_T] >= REPLAN_PERIOD_S * settings.clock - 1e-9:
         if nav[st.CLEAR_GLOBAL] != 0:
-            return False
+            return st.NOTHING
+        if state.stack.planner != NAVFN and not answered:
+            return ask_for_plan(state)
         if plan_route(scene, state, t):
             nav[st.PLAN_RETRIED] = 0
         elif nav[st.PLAN_RETRIED] == 0:
             nav[st.PLAN_RETRIED] = 1
             nav[st.CLEAR_GLOBAL] = 1
-            return False
+            return st.NOTHING
         else:
             nav[st.PLAN_RETRIED] = 0
             recover(state, settings, t)
-            return False
+            return st.NOTHING
     if t < state.times[st.CONTROL_T] - 1e-9 or nav[st.CLEAR_LOCAL] != 0:
-        return False
+        return st.NOTHING
     state.times[st.CONTROL_T] += state.stack.control_period * settings.clock
     if has_progress(state, t):
-        return True
+        return st.COMMAND
     stop_following(state, settings, t)
-    return False
+    return st.NOTHING

@@ -281,12 +281,26 @@ def is_border(grid: Bytes, row: int, column: int) -> bool:
     )
 
 
+@inner
+def has(cells: Bytes, value: int) -> bool:
+    """Whether one of the cells holds a value; without a branch per cell."""
+    found = 0
+    for c in range(cells.size):
+        found |= cells[c] == value
+    return found != 0
+
+
 @kernel
 def inflate_marks(master: Bytes, layers: Bytes, costs: Bytes) -> None:
     """The local master map: what either layer has marked, inflated."""
     rows, columns = master.shape
     master[:] = FREE
     for r in range(rows):
+        marked = False
+        for n in range(layers.shape[0]):
+            marked = marked or has(layers[n, r], LETHAL)
+        if not marked:
+            continue
         for c in range(columns):
             for n in range(layers.shape[0]):
                 if layers[n, r, c] == LETHAL:
@@ -298,12 +312,17 @@ def inflate_marks(master: Bytes, layers: Bytes, costs: Bytes) -> None:
 
 
 @inner
-def has(cells: Bytes, value: int) -> bool:
-    """Whether one of the cells holds a value; without a branch per cell."""
-    found = 0
-    for c in range(cells.size):
-        found |= cells[c] == value
-    return found != 0
+def stamp_row(
+    master: Bytes, static: Bytes, layers: Bytes, costs: Bytes, r: int, begin: int, stop: int, top: int, left: int,
+    bottom: int, right: int,
+) -> None:  # fmt: skip
+    """Inflate the marks of a part of a row that the static map does not hold, within top..bottom and left..right."""
+    for c in range(begin, stop):
+        if static[r, c] != LETHAL:
+            for n in range(layers.shape[0]):
+                if layers[n, r, c] == LETHAL:
+                    stamp(master, costs, r, c, top, left, bottom, right)
+                    break
 
 
 @kernel
@@ -333,18 +352,14 @@ def merge_global(
             master[r, c] = inflated_static[r, c]
     first = max(0, left - reach)
     end = min(columns, right + reach)
-    marked = False
     for r in range(max(0, top - reach), min(rows, bottom + reach)):
-        for c in range(first, end):
-            if (c - first) % CHUNK == 0:
-                marked = False
-                for n in range(layers.shape[0]):
-                    marked = marked or has(layers[n, r, c : min(end, c + CHUNK)], LETHAL)
-            if marked and static[r, c] != LETHAL:
-                for n in range(layers.shape[0]):
-                    if layers[n, r, c] == LETHAL:
-                        stamp(master, costs, r, c, top, left, bottom, right)
-                        break
+        for begin in range(first, end, CHUNK):
+            stop = min(end, begin + CHUNK)
+            marked = False
+            for n in range(layers.shape[0]):
+                marked = marked or has(layers[n, r, begin:stop], LETHAL)
+            if marked:
+                stamp_row(master, static, layers, costs, r, begin, stop, top, left, bottom, right)
     for r in range(top, bottom):
         if not has(static[r, left:right], UNKNOWN):
             continue

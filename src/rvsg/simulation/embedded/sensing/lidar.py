@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.core.compiled import kernel
+from rvsg.core.compiled import inner, kernel
 
 Floats = NDArray[np.float64]
 
@@ -25,6 +25,18 @@ def ray_directions(rays: int, field_of_view: float) -> Floats:
     """(rays, 2) cosine and sine of every ray's angle after the first ray's; the last ray ends the field of view."""
     angles = np.arange(rays) * (field_of_view / (rays - 1))
     return np.column_stack([np.cos(angles), np.sin(angles)])
+
+
+@inner
+def shorten(ranges: Floats, directions: Floats, ex: float, ey: float, cross: float) -> None:
+    """Shorten the ranges of rays that meet the line along (ex, ey); without a branch, so that it becomes vector code.
+
+    `cross`: cross product of a point of the line and (ex, ey).
+    """
+    for k in range(ranges.size):
+        known = ranges[k]
+        distance = cross / (directions[k, 0] * ey - directions[k, 1] * ex)
+        ranges[k] = distance if 0.0 < distance < known else known
 
 
 @kernel
@@ -46,10 +58,8 @@ def cast_edge(ranges: Floats, directions: Floats, step: float, ax: float, ay: fl
     while turn <= begin + extent:
         first = max(0, math.ceil((begin - turn) / step))
         last = min(rays - 1, math.floor((begin + extent - turn) / step))
-        for k in range(first, last + 1):
-            distance = cross / (directions[k, 0] * ey - directions[k, 1] * ex)
-            if 0.0 < distance < ranges[k]:
-                ranges[k] = distance
+        if first <= last:
+            shorten(ranges[first : last + 1], directions[first : last + 1], ex, ey, cross)
         turn += 2.0 * math.pi
 
 

@@ -100,16 +100,34 @@ class Reader {
   std::size_t at_ = 0;
 };
 
-inline bool read_all(void *to, std::size_t size) {
-  auto *at = static_cast<std::uint8_t *>(to);
-  while (size != 0) {
-    const ssize_t got = ::read(0, at, size);
-    if (got <= 0) return false;
-    at += got;
-    size -= static_cast<std::size_t>(got);
+// Reads frames; what one call reads beyond a frame is kept for the next.
+class Input {
+ public:
+  bool next(std::vector<std::uint8_t> &frame) {
+    std::uint32_t size = 0;
+    if (!fill(sizeof size)) return false;
+    std::memcpy(&size, waiting_.data(), sizeof size);
+    const std::size_t end = sizeof size + size;
+    if (size == 0 || !fill(end)) return false;
+    frame.assign(waiting_.begin() + sizeof size, waiting_.begin() + static_cast<std::ptrdiff_t>(end));
+    std::memmove(waiting_.data(), waiting_.data() + end, held_ - end);
+    held_ -= end;
+    return true;
   }
-  return true;
-}
+
+ private:
+  bool fill(std::size_t size) {
+    if (waiting_.size() < size) waiting_.resize(size);
+    while (held_ < size) {
+      const ssize_t got = ::read(0, waiting_.data() + held_, waiting_.size() - held_);
+      if (got <= 0) return false;
+      held_ += static_cast<std::size_t>(got);
+    }
+    return true;
+  }
+  std::vector<std::uint8_t> waiting_ = std::vector<std::uint8_t>(1 << 16);
+  std::size_t held_ = 0;
+};
 
 inline bool write_all(const void *from, std::size_t size) {
   const auto *at = static_cast<const std::uint8_t *>(from);
@@ -203,11 +221,9 @@ inline std::string answer_frame(std::uint32_t number, const Answer &answer) {
 
 // Answer until the other side closes; return 0 then. The machine must be little-endian.
 inline int serve(Planner &planner) {
-  for (;;) {
-    std::uint32_t size = 0;
-    if (!detail::read_all(&size, 4)) return 0;
-    std::vector<std::uint8_t> frame(size);
-    if (size == 0 || !detail::read_all(frame.data(), size)) return 1;
+  detail::Input input;
+  std::vector<std::uint8_t> frame;
+  while (input.next(frame)) {
     const char kind = static_cast<char>(frame[0]);
     bool sent = true;
     if (kind == 'Q') return 0;
@@ -227,6 +243,7 @@ inline int serve(Planner &planner) {
     }
     if (!sent) return 0;
   }
+  return 0;
 }
 
 }  // namespace rvsg

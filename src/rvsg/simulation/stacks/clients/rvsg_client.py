@@ -52,8 +52,9 @@ def serve(planner, read=None, write=None):
     writes = os.dup(sys.stdout.fileno()) if write is None else write
     if write is None:
         os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
+    waiting = bytearray()
     while True:
-        frame = _frame(reads)
+        frame = _frame(reads, waiting)
         if frame is None or frame[:1] == b"Q":
             return
         if frame[:1] == b"H":
@@ -118,20 +119,19 @@ def _floats(frame, at, count):
     return values, at + 4 * count
 
 
-def _frame(reads):
-    head = _read(reads, 4)
-    return None if head is None else _read(reads, struct.unpack("<I", head)[0])
-
-
-def _read(reads, size):
-    parts = []
-    while size:
-        part = os.read(reads, size)
+def _frame(reads, waiting):
+    """Return the next frame, None at the end; `waiting` holds what was read beyond it."""
+    while True:
+        if len(waiting) >= 4:
+            end = 4 + struct.unpack_from("<I", waiting)[0]
+            if len(waiting) >= end:
+                frame = bytes(waiting[4:end])
+                del waiting[:end]
+                return frame
+        part = os.read(reads, 1 << 20)
         if not part:
             return None
-        parts.append(part)
-        size -= len(part)
-    return b"".join(parts)
+        waiting += part
 
 
 def _send(writes, frame):

@@ -6,7 +6,6 @@ Values are those of the robot's configuration; rules those of nav2_dwb_controlle
 from __future__ import annotations
 
 import math
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +13,9 @@ from numpy.typing import NDArray
 
 from rvsg.core.compiled import inner, kernel
 from rvsg.simulation.embedded.base import wrap
-from rvsg.simulation.embedded.navigation.costmap import INSCRIBED, outline_hits
+from rvsg.simulation.embedded.navigation.controllers.rollouts import Rollouts, ends_of, is_free
+from rvsg.simulation.embedded.navigation.controllers.samples import SAMPLE_DT, SAMPLE_STEPS, SAMPLE_V, SAMPLE_W
+from rvsg.simulation.embedded.navigation.costmap import INSCRIBED
 from rvsg.simulation.embedded.stack import Stack
 
 Floats = NDArray[np.float64]
@@ -22,7 +23,6 @@ Bytes = NDArray[np.uint8]
 Ints = NDArray[np.int64]
 Small = NDArray[np.int32]
 
-MEMO_SIZE = 1024
 ROUNDING = 1e-6
 """A sample is dropped only where its partial score is above the best total by more than rounding."""
 
@@ -33,21 +33,6 @@ CONTROLLER_INTS = 12
 # Indices of its real state: where the robot was when a turn was banned.
 BAN_X, BAN_Y, BAN_YAW = range(3)
 CONTROLLER_REALS = 3
-
-
-# Columns of the table of samples.
-SAMPLE_V, SAMPLE_W, SAMPLE_STEPS, SAMPLE_DT = range(4)
-
-
-class Rollouts(NamedTuple):
-    """A memory of where every sample ends, by measured velocity: pure, so it may outlive an episode.
-
-    `keys` (M, 2) are the measured v and omega (NaN: empty), `ends` (M, S, 5) in the frame of the robot: the end pose,
-    and the point 0.1 m ahead of it.
-    """
-
-    keys: Floats
-    ends: Floats
 
 
 class Scratch(NamedTuple):
@@ -62,43 +47,6 @@ class Scratch(NamedTuple):
     totals: Floats
 
 
-def samples(p: Stack) -> Floats:
-    """Return v, omega, number of steps and length of a step of every sample, in DWB's order, (S, 4).
-
-    Forward speeds from the lowest to the highest; yaw rates between both limits, and 0 between the innermost two;
-    not both zero. With a dynamic window smaller than that there is space for as many samples as it can hold.
-    """
-    if not p.dwb_whole_range:
-        return np.zeros((p.dwb_v_samples * (p.dwb_w_samples + 1), 4))
-    speeds, rates = (p.dwb_min_v, p.dwb_max_v, p.dwb_v_samples), (p.dwb_max_w, p.dwb_w_samples)
-    return _whole_table(speeds, rates, p.dwb_sim_time, p.dwb_linear, p.dwb_angular).copy()
-
-
-@lru_cache(maxsize=8)
-def _whole_table(
-    speeds: tuple[float, float, int], turns: tuple[float, int], time_s: float, linear: float, angular: float
-) -> Floats:
-    """Return the samples of the whole range of velocities."""
-    low, high, v_samples = speeds
-    most, w_samples = turns
-    rates = [-most + 2.0 * most * k / (w_samples - 1) for k in range(w_samples)]
-    if 0.0 not in rates:
-        rates.insert(w_samples // 2, 0.0)
-    rows = []
-    for k in range(v_samples):
-        v = low + (high - low) * k / (v_samples - 1)
-        for w in rates:
-            steps = max(1, math.ceil(max(abs(v) * time_s / linear, abs(w) * time_s / angular)))
-            if v != 0.0 or w != 0.0:
-                rows.append((v, w, steps, time_s / steps))
-    return np.array(rows, np.float64)
-
-
-def rollouts(count: int) -> Rollouts:
-    """An empty memory for `count` samples."""
-    return Rollouts(keys=np.full((MEMO_SIZE, 2), np.nan), ends=np.zeros((MEMO_SIZE, count, 5)))
-
-
 def scratch(count: int, cells: int) -> Scratch:
     """Scratch space for `count` samples."""
     return Scratch(
@@ -106,134 +54,6 @@ def scratch(count: int, cells: int) -> Scratch:
         distances=np.zeros((2, cells, cells), np.int64),
         totals=np.zeros(count),
     )
-
-
-@kernel
-def towards(wanted: float, now: float, up: float, down: float) -> float:
-    """Go from `now` towards `wanted`, by at most `up` or `down`; Nav2's projectVelocity."""
-    if now < wanted:
-        return min(wanted, now + up)
-    return max(wanted, now - down)
-
-
-@kernel
-def fill_window(samples: Floats, v0: float, w0: float, p: Stack) -> int:
-    """Write the samples of the dynamic window at measured velocities v0, w0; return their number.
-
-    As Nav2's XYThetaIterator: the velocities that can be reached within the time a rollout lasts, in even steps, the
-    yaw rate 0 between the innermost two. A robot that cannot turn on the spot samples the yaw rates that its steering
-    allows at each speed.
-    """
-    v = min(p.dwb_max_v, max(p.dwb_min_v, v0))
-    low = towards(p.dwb_min_v, v, p.dwb_acc_v * p.dwb_sim_time, p.dwb_dec_v * p.dwb_sim_time)
-    high = towards(p.dwb_max_v, v, p.dwb_acc_v * p.dwb_sim_time, p.dwb_dec_v * p.dwb_sim_time)
-    speeds = p.dwb_v_samples if high - low > 1e-5 else 1
-    change = p.dwb_acc_w * p.dwb_sim_time
-    count = 0
-    for i in range(speeds):
-        speed = low + (high - low) * i / max(1, speeds - 1)
-        limit = p.dwb_max_w
-        if p.wheelbase > 0.0:
-            limit = min(limit, abs(speed) * p.curvature)
-        w = min(limit, max(-limit, w0))
-        left = towards(-limit, w, change, change)
-        right = towards(limit, w, change, change)
-        rates = p.dwb_w_samples if right - left > 1e-5 else 1
-        before = left
-        for j in range(rates):
-            rate = left + (right - left) * j / max(1, rates - 1)
-            if before < 0.0 < rate:
-                count = add_sample(samples, count, speed, 0.0, p)
-            count = add_sample(samples, count, speed, rate, p)
-            before = rate
-    return count
-
-
-@inner
-def add_sample(samples: Floats, count: int, v: float, w: float, p: Stack) -> int:
-    """Append a sample unless both velocities are zero; return the number of samples."""
-    if v == 0.0 and w == 0.0:
-        return count
-    steps = max(1, math.ceil(max(abs(v) * p.dwb_sim_time / p.dwb_linear, abs(w) * p.dwb_sim_time / p.dwb_angular)))
-    samples[count, SAMPLE_V] = v
-    samples[count, SAMPLE_W] = w
-    samples[count, SAMPLE_STEPS] = steps
-    samples[count, SAMPLE_DT] = p.dwb_sim_time / steps
-    return count + 1
-
-
-@kernel
-def roll_out_ends(ends: Floats, v0: float, w0: float, samples: Floats, p: Stack) -> None:
-    """End poses (x, y, yaw) of all samples, and the points 0.1 m ahead, from pose (0, 0, 0) and velocities v0, w0.
-
-    Per step: velocities approach the sample, the position advances along the old heading, then the heading turns.
-    """
-    for s in range(samples.shape[0]):
-        v = v0
-        w = w0
-        x = 0.0
-        y = 0.0
-        yaw = 0.0
-        dt = samples[s, SAMPLE_DT]
-        for _ in range(int(samples[s, SAMPLE_STEPS])):
-            v = towards(samples[s, SAMPLE_V], v, p.dwb_acc_v * dt, p.dwb_dec_v * dt)
-            w = towards(samples[s, SAMPLE_W], w, p.dwb_acc_w * dt, p.dwb_acc_w * dt)
-            x += v * math.cos(yaw) * dt
-            y += v * math.sin(yaw) * dt
-            yaw += w * dt
-        ends[s, 0] = x
-        ends[s, 1] = y
-        ends[s, 2] = yaw
-        ends[s, 3] = x + p.dwb_forward_point * math.cos(yaw)
-        ends[s, 4] = y + p.dwb_forward_point * math.sin(yaw)
-
-
-@kernel
-def ends_of(memo: Rollouts, v0: float, w0: float, samples: Floats, p: Stack) -> int:
-    """The row of the memory that holds the end poses for measured velocities v0, w0; works them out if need be."""
-    slot = int(abs(v0 * 7919.0 + w0 * 104729.0) * 1009.0) % MEMO_SIZE
-    if memo.keys[slot, 0] != v0 or memo.keys[slot, 1] != w0:
-        roll_out_ends(memo.ends[slot], v0, w0, samples, p)
-        memo.keys[slot, 0] = v0
-        memo.keys[slot, 1] = w0
-    return slot
-
-
-@kernel
-def is_free(
-    master: Bytes,
-    column: float,
-    row: float,
-    yaw: float,
-    v0: float,
-    w0: float,
-    v1: float,
-    w1: float,
-    steps: int,
-    dt: float,
-    p: Stack,
-) -> bool:
-    """Whether every pose of a rollout has its centre on the map and off inscribed and lethal cells; in cells.
-
-    With `dwb_footprint` the outline of the footprint must be on the map and off lethal cells, too.
-    """
-    rows, columns = master.shape
-    v = v0
-    w = w0
-    x = column
-    y = row
-    for i in range(steps + 1):
-        if not (0.0 <= x < columns and 0.0 <= y < rows) or master[int(y), int(x)] >= INSCRIBED:
-            return False
-        if p.dwb_footprint and outline_hits(master, p.footprint, x, y, yaw, p.resolution):
-            return False
-        if i < steps:
-            v = towards(v1, v, p.dwb_acc_v * dt, p.dwb_dec_v * dt)
-            w = towards(w1, w, p.dwb_acc_w * dt, p.dwb_acc_w * dt)
-            x += v * math.cos(yaw) * dt / p.resolution
-            y += v * math.sin(yaw) * dt / p.resolution
-            yaw += w * dt
-    return True
 
 
 @kernel
@@ -378,6 +198,28 @@ def remember_turn(state: Ints, reals: Floats, v: float, w: float, x: float, y: f
             state[LAST_SIGN] = 0
 
 
+@inner
+def cells_of(
+    end: Floats, column: float, row: float, cos: float, sin: float, columns: int, rows: int
+) -> tuple[int, int, int, int]:
+    """Return the cells of a sample, (column, row) of its end and of the point ahead of it; -1 where one is off the map.
+
+    Args:
+        end: a row of `Rollouts.ends`.
+        column: column of the robot with its fraction, cells; `row` likewise.
+        cos: cosine of the robot's yaw over the side of a cell, 1/m; `sin` likewise.
+    """
+    x = column + cos * end[0] - sin * end[1]
+    y = row + sin * end[0] + cos * end[1]
+    ahead_x = column + cos * end[3] - sin * end[4]
+    ahead_y = row + sin * end[3] + cos * end[4]
+    if not (0.0 <= x < columns and 0.0 <= y < rows):
+        return -1, -1, -1, -1
+    if not (0.0 <= ahead_x < columns and 0.0 <= ahead_y < rows):
+        return -1, -1, -1, -1
+    return int(x), int(y), int(ahead_x), int(ahead_y)
+
+
 @kernel
 def choose(
     state: Ints,
@@ -487,18 +329,9 @@ def best_of(
         w = samples[s, SAMPLE_W]
         if (state[BAN_LEFT] != 0 and w > 0.0) or (state[BAN_RIGHT] != 0 and w < 0.0):
             continue
-        x = column + cos * ends[s, 0] - sin * ends[s, 1]
-        y = row + sin * ends[s, 0] + cos * ends[s, 1]
-        ahead_x = column + cos * ends[s, 3] - sin * ends[s, 4]
-        ahead_y = row + sin * ends[s, 3] + cos * ends[s, 4]
-        if not (0.0 <= x < columns and 0.0 <= y < rows):
+        end_column, end_row, ahead_column, ahead_row = cells_of(ends[s], column, row, cos, sin, columns, rows)
+        if end_column < 0:
             continue
-        if not (0.0 <= ahead_x < columns and 0.0 <= ahead_y < rows):
-            continue
-        end_column = int(x)
-        end_row = int(y)
-        ahead_column = int(ahead_x)
-        ahead_row = int(ahead_y)
         align = p.dwb_goal_align * (abs(ahead_column - align_column) + abs(ahead_row - align_row))
         goal = p.dwb_goal_dist * (abs(end_column - goal_column) + abs(end_row - goal_row))
         if align + goal > least + ROUNDING:
@@ -580,18 +413,9 @@ def score(
             )
             if rotate < 0.0:
                 continue
-        x = column + cos * ends[s, 0] - sin * ends[s, 1]
-        y = row + sin * ends[s, 0] + cos * ends[s, 1]
-        ahead_x = column + cos * ends[s, 3] - sin * ends[s, 4]
-        ahead_y = row + sin * ends[s, 3] + cos * ends[s, 4]
-        if not (0.0 <= x < columns and 0.0 <= y < rows):
+        end_column, end_row, ahead_column, ahead_row = cells_of(ends[s], column, row, cos, sin, columns, rows)
+        if end_column < 0:
             continue
-        if not (0.0 <= ahead_x < columns and 0.0 <= ahead_y < rows):
-            continue
-        end_column = int(x)
-        end_row = int(y)
-        ahead_column = int(ahead_x)
-        ahead_row = int(ahead_y)
         cost = master[end_row, end_column]
         if cost >= INSCRIBED:
             continue

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from rvsg.core.compiled import inner, kernel
 from rvsg.simulation.embedded.navigation.costmap import UNKNOWN
+from rvsg.simulation.embedded.navigation.planners.ends import on_grid, straight
 from rvsg.simulation.embedded.navigation.planners.heap import pop, push
 
 Floats = NDArray[np.float64]
@@ -145,15 +146,12 @@ def plan_theta(
     path of these two.
     """
     rows, columns = master.shape
-    sx, sy = (start_x - origin_x) / resolution, (start_y - origin_y) / resolution
-    gx, gy = (goal_x - origin_x) / resolution, (goal_y - origin_y) / resolution
-    if min(sx, gx) < 0.0 or min(sy, gy) < 0.0 or max(sx, gx) >= columns or max(sy, gy) >= rows:
+    sx, sy, gx, gy = on_grid(start_x, start_y, goal_x, goal_y, origin_x, origin_y, resolution, rows, columns)
+    if sx < 0.0:
         return 0
     source, target = int(sy) * columns + int(sx), int(gy) * columns + int(gx)
     if source == target:
-        path[0] = (start_x, start_y)
-        path[1] = (goal_x, goal_y)
-        return 2
+        return straight(path, start_x, start_y, goal_x, goal_y)
     master[int(sy), int(sx)] = 0
     if not is_free(master, int(gx), int(gy)):
         return 0
