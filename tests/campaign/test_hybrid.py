@@ -14,7 +14,7 @@ from rvsg.campaign.hybrid import HybridStrategy
 from rvsg.campaign.loop import feedback_from, run_campaign
 from rvsg.campaign.racing import Candidate, estimate, in_the_race
 from rvsg.campaign.ranking import best_attempt, measured, seeds_of
-from rvsg.core.errors import BudgetSpent, GenerationError
+from rvsg.core.errors import BudgetSpent, GenerationError, NotRecorded
 from rvsg.generation.generator import Call, Proposal
 from rvsg.scenario.aim import Aim
 from rvsg.scenario.brief import Brief
@@ -299,3 +299,14 @@ def test_a_model_that_repeats_itself_is_tuned_all_the_same() -> None:
     attempts = searched(MemoryLedger(), generator, **TURNS)
     assert len(generator.briefs) == 4
     assert len({m.run_id for a in attempts for m in a.measurements}) >= 28
+
+
+def test_a_record_that_ends_leaves_the_rest_to_the_optimiser_as_the_budget_did() -> None:
+    class Ends(Dear):
+        def propose(self, brief: Brief, world: object) -> Proposal:
+            if len(self.briefs) == 2:
+                raise NotRecorded("the record ends")
+            return super().propose(brief, world)
+
+    told = searched(MemoryLedger(), Dear(), **TURNS, limits=Limits(calls=2))
+    assert searched(MemoryLedger(), Ends(), **TURNS) == told

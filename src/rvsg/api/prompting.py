@@ -11,7 +11,7 @@ from rvsg.api.config import CampaignConfig, effective, read_campaign_file
 from rvsg.api.events import search_attempts
 from rvsg.api.files import write_whole
 from rvsg.api.folder import CONFIG, make_folder, reading, store_of
-from rvsg.api.wiring import Wired, let_rehearse, wire
+from rvsg.api.wiring import Wired, let_rehearse, proposals_of, wire
 from rvsg.core.errors import InputError
 from rvsg.generation.conversation import VlmGenerator
 from rvsg.generation.prompts import template_text
@@ -93,10 +93,11 @@ def next_prompt(config: CampaignConfig, prompts: Path | None = None) -> NextProm
 def _next_brief(config: CampaignConfig) -> tuple[Brief, Wired]:
     """Return the brief a campaign asks for next: from its ledger where it has one, else the first."""
     wired = wire(config.model_copy(update=_NO_MODEL))
+    plan = wired.plan.replace(proposals=proposals_of(config))
     if store_of(config.folder) is None:
-        return wired.strategy(None).ask()[0].brief, wired
+        return wired.strategy(None, plan).ask()[0].brief, wired
     with reading(config.folder) as ledger:
-        strategy = wired.strategy(ledger)
+        strategy = wired.strategy(ledger, plan)
         known = ledger.campaigns()
         for attempt in search_attempts(list(ledger.attempts(known[0] if known else wired.plan.name))):
             strategy.tell(attempt)

@@ -155,7 +155,7 @@ def wire(
         repeats=config.repeats,
         confirmations=config.confirmations,
         budget_runs=config.budget_runs,
-        proposals=config.scenarios * (1 + config.refinements) if generator.asks_a_model else None,
+        proposals=proposals_of(config) if generator.asks_a_model else None,
         memory=config.memory,
         max_in_flight=config.max_in_flight,
         seed=config.seed,
@@ -218,6 +218,11 @@ def scenarios_of(config: CampaignConfig) -> int:
     if config.budget_runs is None:
         return config.scenarios
     return max(config.scenarios, math.ceil(config.budget_runs / (config.repeats * (1 + config.refinements))))
+
+
+def proposals_of(config: CampaignConfig) -> int:
+    """Return how often a model is asked for a proposal, however many runs there are."""
+    return config.scenarios * (1 + config.refinements)
 
 
 def executor_of(config: CampaignConfig) -> Executor | None:

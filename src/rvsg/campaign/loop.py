@@ -21,13 +21,13 @@ from rvsg.campaign.plan import Plan
 from rvsg.campaign.ranking import search_attempts
 from rvsg.campaign.smallest import shrink_all
 from rvsg.campaign.strategies import Ask, FeedbackOf, Strategy
-from rvsg.core.errors import BudgetSpent, GenerationError
+from rvsg.core.errors import BudgetSpent, GenerationError, NotRecorded
 from rvsg.core.seeds import seed_for
 from rvsg.generation.generator import Call
 from rvsg.scenario.brief import Feedback
 from rvsg.world.world import World
 
-WITHOUT_CALLS = "The budget of the model's calls is spent; the search goes on with what it has proposed."
+WITHOUT_MODEL = "The budget of the model is spent, or its record ends. The search goes on without it."
 
 
 def run_campaign(plan: Plan, strategy: Strategy, parts: Parts) -> list[Attempt]:
@@ -103,9 +103,7 @@ def _search(plan: Plan, strategy: Strategy, known: Sequence[Attempt], parts: Par
             else:
                 calls += in_progress[-1][0].proposal.calls if ask.proposal is None else ()
                 if in_progress[-1][0].brief != ask.brief:
-                    yield Message(
-                        campaign=plan.name, text="The budget of the calls is spent; the search goes on without."
-                    )
+                    yield Message(campaign=plan.name, text=WITHOUT_MODEL)
             index += 1
         if not in_progress:
             break
@@ -140,7 +138,7 @@ def _begin(
     """Get the proposal of an ask, from the generator where it holds none, and order its runs.
 
     A configuration that the generator proposes again is not run with other seeds: the runs it has stand. Where the
-    budget of the generator is spent, what the ask names instead is done.
+    budget of the generator is spent, or its record ends, what the ask names instead is done.
 
     Args:
         calls: The calls of the campaign so far.
@@ -150,7 +148,7 @@ def _begin(
         try:
             parts.limits.check(calls)
             proposal = parts.generator.propose(ask.brief, parts.simulations.world)
-        except BudgetSpent:
+        except (BudgetSpent, NotRecorded):
             if ask.instead is None:
                 raise
             return _begin(plan, strategy, index, ask.instead, parts, tried, calls)

@@ -152,6 +152,10 @@ class BudgetSpent(GenerationError):
 class ReplayDiverged(GenerationError):
     """The recorded conversation does not hold the call that is now asked for."""
 
+
+class NotRecorded(ReplayDiverged):
+    """The record holds no call for an attempt at all: it ended before."""
+
     code = "replay-diverged"
 
 

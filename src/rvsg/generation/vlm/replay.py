@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 
-from rvsg.core.errors import ReplayDiverged
+from rvsg.core.errors import NotRecorded, ReplayDiverged
 from rvsg.core.records import Record
 from rvsg.generation.vlm.messages import Answer, Message, Request
 from rvsg.generation.vlm.recording import RecordedCall, Recording, place_of
@@ -58,7 +58,8 @@ class Replayed:
         session = self._session(request)
         call = self._calls.get(f"{session}/{request.number:02d}-{request.purpose}") if session else None
         if call is None or call.answer is None:
-            raise ReplayDiverged(self._told_missing(request, session))
+            ended = session is None and not self._strict
+            raise (NotRecorded if ended else ReplayDiverged)(self._told_missing(request, session))
         if call.request != request.id and not self._differs_in_the_rehearsal(request, call):
             divergence = Divergence(key=request.key, what=self._difference(request, call))
             self.divergences.append(divergence)
