@@ -1,4 +1,7 @@
-"""The stack ros2 with a real Nav2, where a sourced ROS 2 has one. Nothing here has run where this was written."""
+"""The stack ros2 with a real Nav2, where a sourced ROS 2 has one or RVSG_NAV2_LAUNCH says how to start it.
+
+`RVSG_NAV2_LAUNCH` is a launch command with `{params}`, for a Nav2 that is started otherwise than by nav2_bringup.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from rvsg.api.ros2 import new_nav2_params
 from rvsg.core.records import Pose
 from rvsg.simulation.embedded.rehearsal import empty_room
 from rvsg.simulation.embedded.simulator import simulate_agents
@@ -17,35 +21,47 @@ from rvsg.simulation.stacks.registry import StackChoice
 from rvsg.world.world import Route
 
 
-def nav2_parameters() -> Path | None:
-    """The parameter file of nav2_bringup; None where no sourced ROS 2 has one."""
+def launch_command() -> str | None:
+    """How to start Nav2; None where there is none."""
+    if given := os.environ.get("RVSG_NAV2_LAUNCH"):
+        return given
     for prefix in filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)):
-        path = Path(prefix) / "share" / "nav2_bringup" / "params" / "nav2_params.yaml"
-        if path.is_file():
-            return path
+        if (Path(prefix) / "share" / "nav2_bringup").is_dir() and shutil.which("ros2"):
+            return (
+                "ros2 launch nav2_bringup navigation_launch.py use_sim_time:=True autostart:=True params_file:={params}"
+            )
     return None
 
 
+LAUNCH = launch_command()
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(
-        nav2_parameters() is None or shutil.which("ros2") is None,
-        reason="no sourced ROS 2 with nav2_bringup is found (ros2 on PATH, AMENT_PREFIX_PATH)",
+        LAUNCH is None,
+        reason="no Nav2 is found: neither RVSG_NAV2_LAUNCH nor a sourced ROS 2 with nav2_bringup (ros2 on PATH)",
     ),
 ]
 
 
 @pytest.mark.parametrize("speed", [1.0, 4.0])
-def test_nav2_with_its_own_parameters_reaches_a_goal_in_an_empty_room(speed: float) -> None:
-    stack = Ros2Stack(
-        launch="ros2 launch nav2_bringup navigation_launch.py use_sim_time:=True autostart:=True params_file:={params}",
-        params=str(nav2_parameters()), speed=speed,
+@pytest.mark.parametrize("through", [(), (Pose(x=-1.0, y=0.3), Pose(x=0.0, y=0.0))], ids=["goal", "poses"])
+def test_nav2_reaches_a_goal_in_an_empty_room(speed: float, through: tuple[Pose, ...], tmp_path: Path) -> None:
+    params = tmp_path / "nav2.yaml"
+    params.write_text(new_nav2_params(stack="nav2-dwb", release="jazzy"))
+    stack = Ros2Stack(launch=LAUNCH, params=str(params), speed=speed)
+    route = Route(
+        name="room", start=Pose(x=-2.0, y=0.0), goal=Pose(x=1.5, y=0.5), through=through, time_limit_s=60.0
     )  # fmt: skip
-    route = Route(name="room", start=Pose(x=-2.0, y=0.0), goal=Pose(x=1.5, y=0.5), time_limit_s=60.0)
     chosen = StackChoice.of(stack)
     try:
         chosen.driver.prepare(print)
         run = simulate_agents(empty_room(), route, [], seed=0, stack=chosen)
     finally:
         chosen.driver.close()
-    assert run.outcome is Outcome.REACHED, run.details["stack"]
+    facts = run.details["stack"]
+    assert run.outcome is Outcome.REACHED, facts
+    assert facts["release"] == "jazzy"
+    assert facts["recoveries"] == 0
+    assert facts["plans"]
+    assert facts["costmaps"]
+    assert {"FollowPath", "NavigateRecovery"} <= {name for _, name, _ in facts["behaviour_tree"]}

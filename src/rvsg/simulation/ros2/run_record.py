@@ -40,6 +40,7 @@ class RunRecord:
         self._remaining = len(task.goals)
         self._plans: list[Any] = []
         self._changes: list[Any] = []
+        self._status: dict[tuple[str, int], str] = {}
         self._result: dict[str, Any] = {}
         self._costmaps: list[dict[str, Any]] = []
         self._costmap_t: dict[str, float] = {}
@@ -88,10 +89,18 @@ class RunRecord:
         if self._tree_topic is not None:
             for message in self._tree_topic.take():
                 for change in message.event_log:
-                    if len(self._changes) < MOST_CHANGES:
-                        self._changes.append([round(seen.t, 2), change.node_name, change.current_status])
-
+                    self._keep_change(seen.t, change)
         self._keep_costmaps(seen.t)
+
+    def _keep_change(self, t: float, change: Any) -> None:
+        """Keep a change of the behaviour tree. A node that is reset and comes to the same state again, as conditions do
+        at every tick, has not changed."""
+        node = (change.node_name, getattr(change, "uid", 0))
+        if change.current_status == "IDLE" or self._status.get(node) == change.current_status:
+            return
+        self._status[node] = change.current_status
+        if len(self._changes) < MOST_CHANGES:
+            self._changes.append([round(t, 2), change.node_name, change.current_status])
 
     def _keep_costmaps(self, t: float) -> None:
         """Keep what the system publishes of its costmaps, as text that JSON can hold."""
