@@ -94,7 +94,6 @@ class _Repairer:
             self.record(human.name, "", f"left out: at most {MAX_HUMANS} people are simulated")
         taken: set[str] = set()
         sizes = Counter(h.group for h in humans[:MAX_HUMANS] if h.group is not None)
-        low, high = speed_range(human)
         kept = []
         for human in humans[:MAX_HUMANS]:
             changes: dict[str, object] = {}
@@ -105,6 +104,7 @@ class _Repairer:
             if human.group is not None and sizes[human.group] == 1:
                 changes["group"] = None
                 self.record(human.name, "", f"left group {human.group}: nobody else is in it")
+            low, high = speed_range(human)
             speed = min(max(human.speed_m_s, low), high)
             if speed != human.speed_m_s:
                 changes["speed_m_s"] = speed
