@@ -13,6 +13,7 @@ from rvsg.campaign.racing import Candidate
 from rvsg.campaign.strategies import Ask, BatchStrategy, FeedbackOf
 from rvsg.core.seeds import seed_for
 from rvsg.evaluation.aims import aim_of, moved_by
+from rvsg.generation.actors import added
 from rvsg.generation.answer import answer
 from rvsg.scenario.brief import Brief, Encounter
 from rvsg.world.world import World
@@ -74,6 +75,7 @@ class CandidateStrategy(BatchStrategy):
             generator=self.name,
             described=change.described,
             reasoning=f"Attempt {parent.index} {change.words}.",
+            moved=added(self.plan.mission, parent.scenario.mission),
         )
         return Ask(brief=brief, proposal=proposal, seeds=seeds) if proposal.scenario else None
 

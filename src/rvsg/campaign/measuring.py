@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from rvsg.campaign.attempt import Failure, Measurement
 from rvsg.core.errors import SimulationError
@@ -15,7 +15,7 @@ from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.archive import PackedRun, rounded
 from rvsg.simulation.protocol import Simulator
 from rvsg.simulation.run import Outcome, Run
-from rvsg.world.world import World
+from rvsg.world.world import SolidObject, World
 
 
 @dataclass(frozen=True)
@@ -53,14 +53,23 @@ class RunMaker:
     simulator: Simulator
     world: World
     measure: Callable[[Run], Measurement] = unmeasured
+    _last: list[World] = field(default_factory=list, repr=False, compare=False)
 
     def __call__(self, scenario: Scenario, seed: int) -> FinishedRun | Failure:
         """Make one run; a Failure where the simulator cannot."""
         try:
-            run = self.simulator.run(scenario, self.world, seed=seed)
+            run = self.simulator.run(scenario, self._place(scenario.mission.moved), seed=seed)
         except SimulationError as error:
             return Failure(seed=seed, reason=str(error))
         return self.finished(run)
+
+    def _place(self, moved: tuple[SolidObject, ...]) -> World:
+        """Return the world with the objects of a scenario; a generator may add some, so the last one is kept."""
+        if moved == self.world.moved:
+            return self.world
+        if not self._last or self._last[0].moved != moved:
+            self._last[:] = [self.world.with_moved(moved)]
+        return self._last[0]
 
     def close(self) -> None:
         """Release what the simulator holds."""

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from rvsg.generation.actors import placed
 from rvsg.generation.descriptions import Described, inherited
 from rvsg.generation.generator import Call, Proposal
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.scenario import HumanConfiguration, Scenario
 from rvsg.scenario.validity import Finding, Repair, check, repair
-from rvsg.world.world import World
+from rvsg.world.world import SolidObject, World
 
 
 def answer(
@@ -23,19 +24,22 @@ def answer(
     repairs: Sequence[Repair] = (),
     calls: Sequence[Call] = (),
     extra: dict[str, object] | None = None,
+    moved: Sequence[SolidObject] = (),
 ) -> Proposal:
     """Return the proposal of a configuration: with a scenario where it is valid or can be repaired, else with problems.
 
     Args:
         described: The scenario's description; None: a refinement is described by the scenario that it refines.
         repairs: What the generator has changed before.
+        moved: Objects that the generator moved into the world.
     """
-    first = check(people, brief.mission, world)
-    repaired, changes = repair(people, brief.mission, world) if first else (people, ())
-    left = check(repaired, brief.mission, world) if first else ()
+    mission, place = placed(brief.mission, world, moved)
+    first = check(people, mission, place)
+    repaired, changes = repair(people, mission, place) if first else (people, ())
+    left = check(repaired, mission, place) if first else ()
     return Proposal(
         generator=generator,
-        scenario=None if left else described_scenario(brief, repaired, described),
+        scenario=None if left else described_scenario(brief, repaired, described, moved),
         reasoning=reasoning,
         first_findings=first,
         problems=left,
@@ -45,11 +49,14 @@ def answer(
     )
 
 
-def described_scenario(brief: Brief, people: HumanConfiguration, described: Described | None) -> Scenario:
+def described_scenario(
+    brief: Brief, people: HumanConfiguration, described: Described | None, moved: Sequence[SolidObject] = ()
+) -> Scenario:
     """Return the scenario of valid people; without a description it has that of the scenario it refines, if any."""
     if described is None:
         described = inherited(brief.feedback.scenario, people) if brief.feedback else Described("")
-    return Scenario(mission=brief.mission, people=people, description=described.description, idea=described.idea)
+    mission = brief.mission.replace(moved=(*brief.mission.moved, *moved)) if moved else brief.mission
+    return Scenario(mission=mission, people=people, description=described.description, idea=described.idea)
 
 
 def nowhere_to_walk(world: World, *, generator: str) -> Proposal:

@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from rvsg.generation.actors import added, cast, left_behind
 from rvsg.generation.aims import FINALISTS, promise
 from rvsg.generation.answer import answer, nowhere_to_walk
 from rvsg.generation.changes import Changing
@@ -26,6 +27,7 @@ from rvsg.generation.people_sampler import PeopleSampler, ends_of
 from rvsg.generation.places import Place, places_of
 from rvsg.generation.seeding import rng_of
 from rvsg.generation.walking_graph import walking_graph
+from rvsg.generation.work import follows, handles_goods, named_in, sentence
 from rvsg.scenario.aim import Aim
 from rvsg.scenario.brief import Brief, Feedback, Remembered
 from rvsg.scenario.scenario import Behaviour, Human, HumanConfiguration, Task
@@ -35,6 +37,8 @@ from rvsg.world.world import World
 
 MATES = {Aim.DELAY: 0.4}
 """How often somebody is drawn as a mate of the person before, by the aim: two people hold a robot up twice as much."""
+WORK_TRIES = 20
+"""How often somebody is drawn for an activity before the next person is tried."""
 
 
 class HeuristicGenerator(Generator):
@@ -67,10 +71,12 @@ class HeuristicGenerator(Generator):
         plan = _Plan(brief, world, places, rng_of(brief, self.name), self.individuals, self.provoking)
         if brief.kind == "refine" and brief.feedback is not None and plan.refinable(brief.feedback):
             humans, reasoning = plan.refined(self.changes)
-            described = describe_changed(brief.feedback.scenario, humans)
+            moved = added(brief.mission, brief.feedback.scenario.mission)
+            described = describe_changed(brief.feedback.scenario, humans, goods=plan.goods)
         else:
             humans, reasoning = plan.drafted(self.tries)
-            described = plan.described(humans)
+            humans, described = plan.described(humans)
+            moved = left_behind(humans, brief.mission, world, plan.others)
         return answer(
             HumanConfiguration(humans=tuple(humans)),
             brief,
@@ -79,6 +85,7 @@ class HeuristicGenerator(Generator):
             described=described,
             reasoning=reasoning,
             extra={"aim": plan.aim.name.lower()},
+            moved=moved,
         )
 
 
@@ -96,6 +103,8 @@ class _Plan:
         self.aim = _aim_of(self.brief)
         self.ground = walking_graph(self.world, self.brief.mission.route)
         self.uses = _uses(self.brief.memory)
+        self.others = rng_of(self.brief, "heuristic/actors")
+        self.goods = handles_goods(self.places)
         self.work = PeopleSampler(self.ground, self.places, self.aim, self.rng, self.uses)
         self.forecaster = forecaster_of(self.brief.mission, self.world)
 
@@ -174,25 +183,61 @@ class _Plan:
             self.free[key] = gap >= START_CLEARANCE_M and not spawn_finding(human, at, [], mission, self.world)
         return self.free[key]
 
-    def described(self, humans: list[Human]) -> Described:
-        """The work of the hour from the world's list, the robot's task, and who does what where."""
-        route = self.brief.mission.route
-        robot = f"The robot's task meanwhile: {route.purpose}." if route.purpose else "The robot drives meanwhile."
+    def described(self, humans: list[Human]) -> tuple[list[Human], Described]:
+        """The work of the hour from the world's list, the robot's task, and who does what where.
+
+        An activity is told only where somebody does it: goes to the places it names, in its order. Where nobody does
+        any, somebody is put to work at one.
+        """
+        purpose = sentence(self.brief.mission.route.purpose)
+        robot = f"The robot's task meanwhile: {purpose}." if purpose else "The robot drives meanwhile."
         activity = self._activity(humans)
-        work = f"The work of the hour: {activity}. " if activity else ""
-        return describe_new(humans, f"{work}{robot}")
+        if activity is None and self.world.activities:
+            humans, activity = self._put_to_work(humans)
+        if self.world.actors:
+            named = self._named(activity) if activity else []
+            worker = next((human.name for human in humans if named and follows(human, named)), None)
+            humans = cast(humans, activity, worker, self.brief.mission, self.world, self.others)
+        work = f"The work of the hour: {sentence(activity)}. " if activity else ""
+        return humans, describe_new(humans, f"{work}{robot}", goods=self.goods)
 
     def _activity(self, humans: list[Human]) -> str | None:
-        """The work of the place that names most of what the people visit, rather one that fits nothing remembered."""
+        """The work of the place that somebody does and that names most of what people visit, rather one that fits
+        nothing remembered."""
         activities = self.world.activities
-        if not activities:
-            return None
-        done = np.zeros(len(activities))
-        for remembered in self.brief.memory:
+        fits = self._preference(humans)
+        done = [
+            k for k in range(len(activities)) if any(follows(human, self._named(activities[k])) for human in humans)
+        ]
+        return activities[max(done, key=lambda k: fits[k])] if done else None
+
+    def _preference(self, humans: Sequence[Human]) -> NDArray[np.float64]:
+        """How well each work of the place fits the people and differs from what is remembered, with a random part."""
+        done = np.zeros(len(self.world.activities))
+        for remembered in self.brief.memory if self.world.activities else ():
             fits = self._fits(remembered.scenario.people.humans) - 3.0 * done
             done[int(fits.argmax())] += 1
-        fits = self._fits(humans) - 3.0 * done + self.rng.random(len(activities))
-        return activities[int(fits.argmax())]
+        preference: NDArray[np.float64] = self._fits(humans) - 3.0 * done + self.rng.random(len(done))
+        return preference
+
+    def _named(self, activity: str) -> list[tuple[Place, ...]]:
+        return named_in(activity, self.places)
+
+    def _put_to_work(self, humans: list[Human]) -> tuple[list[Human], str | None]:
+        """Give somebody who is in no group, the last one first, work of the place; None where none can be done."""
+        fits = self._preference(humans)
+        for k in sorted(range(len(fits)), key=lambda k: -fits[k]):
+            named = self._named(self.world.activities[k])
+            for index in reversed([i for i, human in enumerate(humans) if human.group is None and named]):
+                others = humans[:index] + humans[index + 1 :]
+                for _ in range(WORK_TRIES):
+                    human = self.work.at_work(humans[index].name, self.work.role(), named)
+                    if human is not None and follows(human, named) and self._clear(human, others):
+                        kept = {"behaviour": humans[index].behaviour, "factors": humans[index].factors}
+                        return [*humans[:index], human.model_copy(update=kept), *humans[index + 1 :]], (
+                            self.world.activities[k]
+                        )
+        return humans, None
 
     def _fits(self, humans: Sequence[Human]) -> NDArray[np.float64]:
         """How many words each work of the place shares with the names and kinds of the places people visit."""

@@ -106,7 +106,22 @@ class PeopleSampler:
 
     def human(self, name: str, role: Role) -> Human | None:
         """A person at work; None where the drawn places are not joined."""
-        stops = self.stops(role)
+        return self._working(name, role, self.stops(role))
+
+    def at_work(self, name: str, role: Role, named: Sequence[Sequence[Place]]) -> Human | None:
+        """A person who goes to the places an activity names, in its order; None where they are not joined."""
+        stops: list[Stop] = []
+        for places in named:
+            taken = {stop.place.name for stop in stops}
+            here = [place for place in places if place.name not in taken]
+            stop = self.at(here[int(self.rng.integers(len(here)))], {s.waypoint for s in stops}) if here else None
+            if stop is not None:
+                stops.append(stop)
+        more = self.stop(stops, role) if len(stops) == 1 else None
+        return self._working(name, role, [*stops, more] if more is not None else stops)
+
+    def _working(self, name: str, role: Role, stops: Sequence[Stop]) -> Human | None:
+        """A person who goes round these stops; None where they are not joined."""
         tasks = self.tasks(stops, along_route=role.far and self.aim is not Aim.NONE)
         if not tasks:
             return None

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from rvsg.core.documents import read_document
 from rvsg.core.errors import FileError, InputError
 from rvsg.robots import Robot
+from rvsg.world.authoring.actors import usual_actors
 from rvsg.world.authoring.labels import propose_areas
 from rvsg.world.authoring.rooms import indoors
 from rvsg.world.authoring.routes import propose_routes, route_notes
@@ -230,7 +231,10 @@ def _created(
         left = [area for area in world.areas if area not in reached]
         notes.append(f"people cannot walk to {len(left)} places found: not labelled. A finer grid may reach them.")
         reached = renumbered(reached)
-    world = replace(world, areas=reached)
+    texts = (name, title, Path(source).stem, " ".join(f"{area.name} {area.kind}" for area in reached))
+    world = replace(world, areas=reached, actors=usual_actors(texts))
+    if world.actors:
+        notes.append(f"generators may use {', '.join(world.actors)}, as usual here: see actors in world.yaml.")
     if grid_is_coarse(world.grid):
         notes.append(f"the map is large, so the grid is {world.grid.spacing_m:g} m wide; --spacing makes it finer.")
     world = replace(world, routes=propose_routes(world, trial=trial, robot=robot))

@@ -1,0 +1,72 @@
+"""The work of a place: which areas an activity names, in which order, and what people do in such a place."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+from rvsg.generation.people_sampler import ends_of
+from rvsg.generation.places import Place
+from rvsg.scenario.scenario import Human
+
+GOODS = frozenset(
+    {
+        *("shelf", "shelves", "rack", "racks", "boxes", "box", "pallet", "pallets", "crate", "crates", "store"),
+        *("storage", "goods", "machine", "machines", "equipment", "loading", "dock", "packing", "waste", "workshop"),
+        *("warehouse", "area", "waypoint"),
+    }
+)
+"""Words in the kinds of places where people handle goods; elsewhere nobody is said to sort them or push them about."""
+
+
+def handles_goods(places: Sequence[Place]) -> bool:
+    """Return whether the kinds of most places are kinds of a place of goods."""
+    kinds = [place for place in places if GOODS & set(place.kind.lower().split())]
+    return 2 * len(kinds) >= len(places)
+
+
+def named_in(activity: str, places: Sequence[Place]) -> list[tuple[Place, ...]]:
+    """Return the places that an activity names, in its order: one by its name, or all of a kind.
+
+    A longer name counts before a shorter one in it: in "the large shelves" no "shelf" is named.
+    """
+    text = activity.lower()
+    found: list[tuple[int, int, tuple[Place, ...]]] = []
+    names: dict[str, list[Place]] = {}
+    for place in places:
+        names.setdefault(place.name.lower(), []).append(place)
+        names.setdefault(place.kind.lower(), []).append(place)
+        word, _, number = place.name.lower().rpartition(" ")
+        if number.isdigit():
+            names.setdefault(word, []).append(place)
+    for name in sorted(names, key=lambda each: (-len(each), each)):
+        for match in re.finditer(rf"\b{_any_number(name)}\b", text):
+            if all(match.end() <= begin or end <= match.start() for begin, end, _ in found):
+                found.append((match.start(), match.end(), tuple(dict.fromkeys(names[name]))))
+    return [named for _, _, named in sorted(found, key=lambda each: each[:2])]
+
+
+def _any_number(name: str) -> str:
+    """Return a pattern of a name in the singular or the plural."""
+    stem = re.escape(name)
+    if name.endswith("shelf"):
+        return stem.removesuffix("f") + "(?:f|ves)"
+    if name.endswith("shelves"):
+        return stem.removesuffix("ves") + "(?:f|ves)"
+    return stem.removesuffix("s") + "(?:s|es)?" if name.endswith("s") else stem + "(?:s|es)?"
+
+
+def follows(human: Human, named: Sequence[tuple[Place, ...]]) -> bool:
+    """Return whether a person goes to the places that an activity names, in its order (their tasks come round)."""
+    stops = [ends_of(task)[0] for task in human.tasks]
+    wanted = [{place.name for place in each} for each in named]
+    for begin in range(len(stops)):
+        turned = iter([*stops[begin:], *stops[:begin]])
+        if all(any(stop in each for stop in turned) for each in wanted):
+            return True
+    return not wanted
+
+
+def sentence(text: str) -> str:
+    """Return a text without the full stop at its end, to be put into a sentence."""
+    return text.strip().rstrip(".").rstrip()

@@ -1,0 +1,120 @@
+"""The offline generator: activities decide work, and worlds decide who takes part."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from rvsg.campaign.measuring import RunMaker
+from rvsg.generation.actors import MOVED, TROLLEY
+from rvsg.generation.heuristic import HeuristicGenerator
+from rvsg.generation.places import Place, places_of
+from rvsg.generation.work import follows, handles_goods, named_in, sentence
+from rvsg.scenario.aim import Aim
+from rvsg.scenario.bodies import PersonKind
+from rvsg.scenario.brief import Brief
+from rvsg.scenario.requirements import load_requirement
+from rvsg.scenario.scenario import Mission, Scenario
+from rvsg.scenario.validity import check
+from rvsg.simulation.kinematic import KinematicSimulator
+from rvsg.world.io.load import load_world
+from rvsg.world.world import World
+
+PLACES = tuple(
+    Place(name, kind, ("A1",))
+    for name, kind in (("Storage", "store"), ("Kitchen", "kitchen"), ("Table 1", "table"), ("Table 2", "table"))
+)
+
+
+def proposed(world: World, seed: int, humans: int = 2) -> Scenario:
+    route = world.routes[seed % len(world.routes)]
+    brief = Brief(
+        mission=Mission.of(world, route), requirement=load_requirement("R1"), aim=Aim.SHARE, seed=seed, humans=humans
+    )
+    scenario = HeuristicGenerator(tries=10).propose(brief, world).scenario
+    assert scenario is not None
+    return scenario
+
+
+@pytest.fixture(scope="module")
+def hospital() -> World:
+    return load_world("hospital")
+
+
+@pytest.mark.parametrize(
+    ("activity", "named"),
+    [
+        ("brings boxes from Storage to the Kitchen", [["Storage"], ["Kitchen"]]),
+        ("serves the tables", [["Table 1", "Table 2"]]),
+        ("carries plates from table 2 to the kitchen.", [["Table 2"], ["Kitchen"]]),
+        ("sings", []),
+    ],
+)
+def test_an_activity_names_places_in_its_order(activity: str, named: list[list[str]]) -> None:
+    assert [[place.name for place in places] for places in named_in(activity, PLACES)] == named
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_somebody_does_the_work_that_is_told(hospital: World, seed: int) -> None:
+    scenario = proposed(hospital, seed)
+    told = scenario.idea.removeprefix("The work of the hour: ").split(". ")[0]
+    assert told in hospital.activities
+    named = named_in(told, places_of(hospital, reachable_from=scenario.mission.route.start))
+    assert any(follows(human, named) for human in scenario.people.humans)
+    assert ".." not in scenario.description
+
+
+def test_nobody_sorts_goods_where_there_are_none(hospital: World) -> None:
+    places = places_of(hospital, reachable_from=hospital.routes[0].start)
+    assert not handles_goods(places)
+    words = " ".join(proposed(hospital, seed).description for seed in range(3))
+    assert "goods" not in words and "loaded trolley" not in words
+    assert sentence("take them back. ") == "take them back"
+
+
+def test_an_activity_with_a_cart_is_done_with_a_trolley(hospital: World) -> None:
+    carts = replace(
+        hospital, activities=("push a linen cart from the linen store along the corridor.",), actors=(TROLLEY,)
+    )
+    scenario = proposed(carts, 1)
+    pushing = [human for human in scenario.people.humans if human.trolley is not None]
+    named = named_in(carts.activities[0], places_of(carts, reachable_from=scenario.mission.route.start))
+    assert any(follows(human, named) for human in pushing)
+    assert ".." not in scenario.description and "pushes a trolley" in scenario.description
+
+
+def test_a_world_without_actors_has_adults_on_foot(hospital: World) -> None:
+    on_foot = replace(hospital, actors=())
+    for seed in range(3):
+        scenario = proposed(on_foot, seed)
+        assert {(human.kind, human.trolley) for human in scenario.people.humans} == {(PersonKind.ADULT, None)}
+        assert scenario.mission.moved == ()
+
+
+def test_objects_are_moved_only_where_the_checker_allows(hospital: World) -> None:
+    found = [proposed(replace(hospital, actors=(MOVED,)), seed) for seed in range(4)]
+    moved = [scenario for scenario in found if scenario.mission.moved]
+    assert moved
+    for scenario in moved:
+        there = hospital.with_moved(scenario.mission.moved)
+        assert check(scenario.people, scenario.mission, there) == ()
+    kept = HeuristicGenerator(tries=5)
+    assert kept.propose(Brief(mission=moved[0].mission, requirement=None, seed=9), hospital).scenario is not None
+
+
+def test_a_campaign_runs_in_the_world_with_what_was_moved(hospital: World) -> None:
+    seen: list[World] = []
+
+    class Looking(KinematicSimulator):
+        def run(self, scenario, world, *, seed):  # type: ignore[no-untyped-def]
+            seen.append(world)
+            return super().run(scenario, world, seed=seed)
+
+    scenario = next(s for s in (proposed(hospital, seed) for seed in range(12)) if s.mission.moved)
+    maker = RunMaker(Looking(), hospital)
+    maker(scenario, 0)
+    maker(scenario, 1)
+    maker(scenario.replace(mission=scenario.mission.replace(moved=())), 0)
+    assert [world.moved for world in seen] == [scenario.mission.moved, scenario.mission.moved, ()]
+    assert seen[0] is seen[1] and seen[2] is hospital
