@@ -14,6 +14,7 @@
     │   ├── ModelUnavailable      the model's service refused, is absent or did not answer
     │   ├── BudgetSpent           the declared budget of calls, tokens or money is spent (resumable)
     │   └── ReplayDiverged        a recorded conversation does not hold the call that is asked for
+    │       └── NotRecorded       it holds none for the attempt: the record ended before
     ├── StoreError                the store cannot be read or written
     │   └── NewerStore            it was written by a newer version of RVSG
     └── Interrupted               the user or the system stopped the work (exit code 3, resumable)
@@ -152,11 +153,13 @@ class BudgetSpent(GenerationError):
 class ReplayDiverged(GenerationError):
     """The recorded conversation does not hold the call that is now asked for."""
 
+    code = "replay-diverged"
+
 
 class NotRecorded(ReplayDiverged):
     """The record holds no call for an attempt at all: it ended before."""
 
-    code = "replay-diverged"
+    code = "replay-ended"
 
 
 class StoreError(RvsgError):
