@@ -14,6 +14,7 @@ from rvsg.evaluation.statistics import (
     share_difference,
     vargha_delaney,
     welch,
+    wilson,
 )
 
 SMALL = st.lists(st.integers(0, 5), min_size=1, max_size=12)
@@ -153,3 +154,10 @@ def test_an_interval_of_the_mean_never_leaves_what_is_possible(values):
 
 def test_two_values_give_no_interval():
     assert mean_interval([0.1, 4.0]) is None
+
+
+def test_wilsons_interval_is_that_of_scipy() -> None:
+    for trials in (1, 4, 15, 40):
+        for successes in range(trials + 1):
+            known = stats.binomtest(successes, trials).proportion_ci(0.95, method="wilson")
+            assert wilson(successes, trials) == pytest.approx((known.low, known.high), abs=1e-14)

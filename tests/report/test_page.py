@@ -369,3 +369,19 @@ def test_the_command_of_the_page_can_be_copied() -> None:
     the_plan, attempts, ledger = default_campaign()
     text = render_page(the_plan, attempts, world=warehouse(), run_of=ledger.run, command="rvsg run --note '2 m' <x>")
     assert "2 m" in text[text.index("<pre>rvsg run") :][:60] and "&lt;x&gt;" in text
+
+
+def test_runs_that_several_attempts_of_the_search_share_are_shown_and_counted_once() -> None:
+    the_plan, attempts, ledger = default_campaign()
+    known = attempts[0]
+    more = known.replace(index=len(attempts), measurements=known.measurements[:1])
+
+    def told(made: list[Attempt]) -> tuple[list[str], list[str], str]:
+        text = page(the_plan, made, ledger)
+        found = re.search(r'id="data">(.*?)</script>', text, re.S)
+        assert found is not None
+        groups = json.loads(found[1])["groups"]
+        searched = re.search(r"In the search, [^.]*\.", text)
+        return [g["id"] for g in groups], [r["id"] for g in groups for r in g["runs"]], searched[0] if searched else ""
+
+    assert told([*attempts, more]) == told(attempts)

@@ -10,15 +10,17 @@ from itertools import accumulate
 import numpy as np
 import pytest
 from tests.campaign.parts import REQUIREMENT, MemoryLedger, warehouse
+from tests.evaluation.runs import run_of, trajectory
 from tests.report.test_page import campaign, page
 
 from rvsg.evaluation.judge import objective
+from rvsg.evaluation.metrics import METRICS
 from rvsg.evaluation.sampled import Sampled
 from rvsg.report.colours import distinct_colours
 from rvsg.report.payload import FAR_STEP, INVOLVED_M, ReplayGroup, ReplayRun, people_colours, replay_payload, varints
-from rvsg.report.quantity import decisive_time, judged_curve
+from rvsg.report.quantity import decisive_time, judged_curve, prefix
 from rvsg.scenario.requirement import Requirement
-from rvsg.simulation.run import Run
+from rvsg.simulation.run import Outcome, Run
 
 
 @cache
@@ -130,3 +132,22 @@ def test_a_page_of_300_runs_stays_below_3_mb() -> None:
     the_plan, attempts = campaign(ledger, scenarios=12, refinements=4, repeats=5, confirmations=1)
     assert sum(len(a.measurements) for a in attempts) > 300
     assert len(page(the_plan, attempts, ledger).encode()) < 3_000_000
+
+
+@pytest.mark.parametrize("name", [each.id for each in METRICS.values() if each.so_far is not None])
+@pytest.mark.parametrize("people", [0, 2])
+def test_what_a_metric_gives_at_once_for_every_moment_is_what_it_measures_of_each_beginning(
+    name: str, people: int
+) -> None:
+    rng = np.random.default_rng(5)
+    t = np.cumsum(rng.uniform(0.04, 0.06, 60))
+    walks = [tuple(rng.normal(size=(4, 60))) for _ in range(people)]
+    v = np.where(rng.random(60) < 0.3, 0.0, rng.random(60))
+    series = trajectory(t, np.cumsum(v), rng.normal(size=60), yaw=rng.normal(size=60), v=v, humans=walks)
+    run = run_of(series, outcome=Outcome.REACHED)
+    known = METRICS[name]
+    assert known.so_far is not None
+    at_once = known.so_far(Sampled(run, series))
+    for end in range(2, 61):
+        one = known.measure(prefix(run, end))
+        assert at_once[end - 1] == pytest.approx(np.nan if one is None else one, abs=1e-9, nan_ok=True)

@@ -15,7 +15,7 @@ import numpy as np
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.ranking import in_full, measured, standing
 from rvsg.core.records import Record
-from rvsg.evaluation.sampled import Sampled
+from rvsg.evaluation.sampled import sampled
 from rvsg.scenario.requirement import Requirement
 from rvsg.simulation.run import Outcome, Run
 from rvsg.world.world import World
@@ -28,6 +28,15 @@ ALONG, AGAINST = math.radians(45.0), math.radians(135.0)
 """A person walks along with the robot below the first angle between the directions, towards it above the second."""
 SLOWS_TO = 0.5
 """The robot slows down where it loses more than this share of its usual speed."""
+
+SIDES = ("ahead of", "behind", "beside")
+MOVES = {
+    "stands": "stands",
+    "walks the same way": "walks the same way,",
+    "comes towards it": "walks the opposite way,",
+    "crosses its way": "crosses its way,",
+}
+"""What a person does, and how it reads before the side on which it happens."""
 
 
 class FailureMode(Record):
@@ -46,7 +55,16 @@ class FailureMode(Record):
     @property
     def words(self) -> str:
         """The failure in one sentence."""
-        return f"At {self.place} a person {self.person}; the robot {self.robot}."
+        return f"At {self.place} a person {met(self.person)}; the robot {self.robot}."
+
+
+def met(kind: str) -> str:
+    """Return how a person is met in words that name the robot, e.g. "walks the opposite way, beside the robot"."""
+    for side in SIDES:
+        if kind.endswith(f" {side} it"):
+            what = MOVES.get(kind.removesuffix(f" {side} it"), "")
+            return f"{what} {side} the robot" if what else kind
+    return kind
 
 
 def mode_of(run: Run, world: World) -> FailureMode | None:
@@ -54,7 +72,7 @@ def mode_of(run: Run, world: World) -> FailureMode | None:
     path = run.trajectory
     if len(path) == 0 or path.human_x.shape[1] == 0:
         return None
-    seen = Sampled(run, path)
+    seen = sampled(run, world)
     index, human = (int(i) for i in np.unravel_index(int(seen.gap.argmin()), seen.gap.shape))
     touched = any(touch.person == human and touch.first <= index <= touch.last for touch in seen.contacts)
     return FailureMode(

@@ -8,6 +8,7 @@ stuck, arrive or pause.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import lru_cache
 from typing import Any, Literal
 
 import numpy as np
@@ -32,7 +33,7 @@ from rvsg.evaluation.events import (
 )
 from rvsg.evaluation.naming import WaypointNames
 from rvsg.evaluation.people import people_events
-from rvsg.evaluation.sampled import Flags, Sampled, Touch, joined, stretches, wrap
+from rvsg.evaluation.sampled import Flags, Sampled, Touch, joined, sampled, stretches, wrap
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation import events as recorded
 from rvsg.simulation.events import RobotContact
@@ -70,7 +71,7 @@ def events_of(run: Run, *, world: World | None = None, scenario: Scenario | None
         world: Names the places, and is needed for events that concern obstacles.
         scenario: What people are asked to do; with `world` it is needed for people who arrive, pause or are stuck.
     """
-    s = Sampled(run, run.trajectory, world)
+    s = sampled(run, world)
     if not len(s):
         return ()
     at = place_namer(world)
@@ -83,6 +84,7 @@ def events_of(run: Run, *, world: World | None = None, scenario: Scenario | None
     return tuple(sorted(found, key=lambda event: event.time_s))
 
 
+@lru_cache(maxsize=8)
 def place_namer(world: World | None) -> PlaceAt:
     """Return a function from x and y in metres to a place with the name of its waypoint."""
     names = WaypointNames(world.grid) if world is not None else None

@@ -10,7 +10,7 @@ import numpy as np
 from rvsg.core.records import Record
 from rvsg.evaluation.detection import place_namer
 from rvsg.evaluation.events import Place
-from rvsg.evaluation.sampled import Sampled, joined, stretches, wrap
+from rvsg.evaluation.sampled import Sampled, joined, sampled, stretches, wrap
 from rvsg.simulation.run import Run
 from rvsg.world.world import World
 
@@ -51,7 +51,7 @@ def encounters_of(run: Run, *, world: World | None = None) -> tuple[Encounter, .
     """Return every encounter of a run in order of time. A `world` names the places."""
     if not len(run.trajectory) or not run.human_names:
         return ()
-    found = _encounters(Sampled(run, run.trajectory, world))
+    found = _encounters(sampled(run, world))
     return tuple(sorted(found, key=lambda each: (each.time_s, each.person)))
 
 

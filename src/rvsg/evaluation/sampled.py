@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -368,3 +368,12 @@ class Sampled:
         """(N,) metres from the robot's centre to the goal."""
         goal_x, goal_y, _ = self.run.goal
         return np.hypot(self.series.x - goal_x, self.series.y - goal_y)
+
+
+@lru_cache(maxsize=64)
+def sampled(run: Run, world: World | None = None) -> Sampled:
+    """Return a run seen through its trajectory.
+
+    The latest are kept: what tells of a run asks for its signals again and again, and the gap between outlines is dear.
+    """
+    return Sampled(run, run.trajectory, world)

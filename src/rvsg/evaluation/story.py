@@ -27,7 +27,7 @@ from rvsg.evaluation.events import (
     StandStill,
     TimeOut,
 )
-from rvsg.evaluation.sampled import Sampled
+from rvsg.evaluation.sampled import sampled
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.run import Run
 from rvsg.world.world import World
@@ -194,7 +194,7 @@ def _opening(run: Run, world: World | None) -> Sentence:
 
 def _closest(run: Run, world: World | None) -> list[Sentence]:
     """Tell the closest approach of a run in which nobody comes near."""
-    s = Sampled(run, run.trajectory, world)
+    s = sampled(run, world)
     if not s.people:
         return []
     index = int(s.closest_gap.argmin())

@@ -100,14 +100,14 @@ def answer(
     """
     top = headline(plan, summary)
     if confirmed is None:
-        runs = [run for attempt in searched for run in attempt.runs]
+        runs = _distinct(searched)
         badges, sentences = _seen(runs, plan, "search run") if runs else ([], [])
         return Answer(**top, badges=badges, sentences=sentences)
     badges, seen = _seen(confirmed.runs, plan, "confirmation run")
     why, because = _why(plan, cause) if cause is not None else ([], [])
     badges = [*why, *badges]
     sentences = [*_judged(plan, confirmed), *_where(confirmed), *because, *seen]
-    others = [run for attempt in searched for run in attempt.runs]
+    others = _distinct(searched)
     touched = [run for run in others if run.contacts]
     if touched:
         sentences.append(
@@ -167,16 +167,25 @@ def _where(facts: AttemptFacts) -> list[Sentence]:
     with_them = [run for run in runs if run.decisive_with == name]
     places = Counter(run.decisive_at.waypoint for run in with_them)
     usual = [place for place, _ in places.most_common(2) if place]
+    areas = [area for area, _ in Counter(run.decisive_area for run in with_them).most_common(2) if area]
     times = sorted(run.decisive_s for run in with_them)
     when = f"{times[0]:.0f} s" if round(times[0]) == round(times[-1]) else f"{times[0]:.0f} to {times[-1]:.0f} s"
     return [
         [
             Piece("At the decisive moment the nearest person is "),
             Piece(f"{name} in {count} of {counted(len(runs), 'run')}", _ids(with_them)),
-            Piece(f", near {' and '.join(usual)}" if usual else ""),
+            Piece(_near(areas, usual)),
             Piece(f", {when} after the start."),
         ]
     ]
+
+
+def _near(areas: Sequence[str], waypoints: Sequence[str]) -> str:
+    """Return the place in words: labelled areas where there are any, and the waypoints."""
+    if not areas:
+        return f", near {' and '.join(waypoints)}" if waypoints else ""
+    known = f" (waypoint{'s' if len(waypoints) > 1 else ''} {' and '.join(waypoints)})" if waypoints else ""
+    return f", near {' and '.join(areas)}{known}"
 
 
 CAUSED = {
@@ -274,6 +283,11 @@ def _measured(run: RunFacts, metric: str, otherwise: float) -> float:
     """The metric of a run, which the terminal and the JSON report, too."""
     value = run.measurement.values.get(metric)
     return otherwise if value is None else value
+
+
+def _distinct(attempts: Iterable[AttemptFacts]) -> list[RunFacts]:
+    """Return every run of some attempts once."""
+    return list({run.id: run for attempt in attempts for run in attempt.runs}.values())
 
 
 def _ids(runs: Iterable[RunFacts]) -> tuple[str, ...]:

@@ -4,19 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from rvsg.campaign.attempt import Attempt, Measurement
 from rvsg.evaluation.detection import events_of, place_namer
 from rvsg.evaluation.events import Contact, Event, Place, Recovery, StandStill
-from rvsg.evaluation.sampled import Sampled, stretches
+from rvsg.evaluation.sampled import sampled, stretches
 from rvsg.evaluation.story import Sentence, story_of
 from rvsg.report.quantity import Curve, decisive_time, judged_curve
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.run import Run
+from rvsg.world.route_words import nearest_area
 from rvsg.world.world import World
+
+BESIDE_AREA_M = 2.5
+"""A place is told by the labelled area that is at most this far away."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -33,6 +38,7 @@ class RunFacts:
     decisive_with: str
     """The person nearest to the robot at the decisive moment; empty without people."""
     decisive_at: Place
+    world: World
     closest_m: float | None
     closest_to: str
     closest_s: float
@@ -41,6 +47,12 @@ class RunFacts:
     def id(self) -> str:
         """The id of the run."""
         return self.run.id
+
+    @cached_property
+    def decisive_area(self) -> str:
+        """The labelled area beside the decisive place; empty where none is near."""
+        area, away = nearest_area(self.world.areas, self.decisive_at.x, self.decisive_at.y)
+        return area.name if area is not None and away <= BESIDE_AREA_M else ""
 
     @property
     def arrived(self) -> bool:
@@ -109,12 +121,15 @@ def facts_of(
 ) -> list[AttemptFacts]:
     """The facts of every attempt that was simulated, in the order of the attempts."""
     found = []
+    known: dict[str, RunFacts] = {}  # a strategy may measure a configuration several times, each time in more runs
     for attempt in attempts:
         scenario = attempt.proposal.scenario
         if scenario is None or not attempt.measurements:
             continue
-        runs = tuple(run_facts(run_of(m.run_id), m, requirement, world, scenario) for m in attempt.measurements)
-        found.append(AttemptFacts(attempt=attempt, runs=runs))
+        for each in attempt.measurements:
+            if each.run_id not in known:
+                known[each.run_id] = run_facts(run_of(each.run_id), each, requirement, world, scenario)
+        found.append(AttemptFacts(attempt=attempt, runs=tuple(known[m.run_id] for m in attempt.measurements)))
     return found
 
 
@@ -137,6 +152,7 @@ def run_facts(
         decisive_s=decisive,
         decisive_with=_nearest_at(run, decisive),
         decisive_at=_where(run, decisive, world),
+        world=world,
         closest_m=closest,
         closest_to=person,
         closest_s=at,
@@ -147,7 +163,7 @@ def run_facts(
 def _closest(run: Run) -> tuple[float | None, str, float]:
     if not run.human_names or not len(run.trajectory):
         return None, "", 0.0
-    gap = Sampled(run, run.trajectory).gap
+    gap = sampled(run).gap
     row, person = np.unravel_index(int(gap.argmin()), gap.shape)
     return float(gap[row, person]), run.human_names[int(person)], float(run.trajectory.t[row])
 
@@ -159,7 +175,7 @@ def _row(run: Run, t_s: float) -> int:
 def _nearest_at(run: Run, t_s: float) -> str:
     if not run.human_names or not len(run.trajectory):
         return ""
-    return run.human_names[int(Sampled(run, run.trajectory).gap[_row(run, t_s)].argmin())]
+    return run.human_names[int(sampled(run).gap[_row(run, t_s)].argmin())]
 
 
 def _where(run: Run, t_s: float, world: World) -> Place:

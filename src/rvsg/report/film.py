@@ -19,7 +19,7 @@ from PIL import Image, ImageDraw
 
 from rvsg.core.errors import InputError, how_to_install
 from rvsg.core.files import write_whole
-from rvsg.evaluation.sampled import Sampled
+from rvsg.evaluation.sampled import sampled
 from rvsg.report.payload import people_colours
 from rvsg.report.robots import footprint_of
 from rvsg.report.words import metres
@@ -140,7 +140,7 @@ class _Stage:
         self.width, self.height = (ground.width // 2 * 2, ground.height // 2 * 2)  # video needs even sizes
         self.ground = ground.crop((0, 0, self.width, self.height)).resize((self.width * FINE, self.height * FINE))
         self.colours = people_colours([shot.run])
-        self.gap = Sampled(shot.run, shot.run.trajectory).gap if shot.run.human_names else None
+        self.gap = sampled(shot.run).gap if shot.run.human_names else None
 
     def frame(self, t_s: float) -> Image.Image:
         run, row = self.shot.run, _row(self.shot.run, t_s)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.evaluation.sampled import Sampled
+from rvsg.evaluation.sampled import sampled
 from rvsg.simulation.run import Run
 
 Floats = NDArray[np.float64]
@@ -114,7 +114,7 @@ def nearest(run: Run, row: int | None = None) -> list[int]:
     """Return the people who come nearest to the robot, or are nearest at a sample: as many as a picture can show."""
     if not run.human_names:
         return []
-    gap = Sampled(run, run.trajectory).gap
+    gap = sampled(run).gap
     at = gap.min(axis=0) if row is None else gap[row]
     return [int(h) for h in np.argsort(at, kind="stable")[:SHOWN_PEOPLE]]
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from rvsg.evaluation.sampled import Sampled
+from rvsg.evaluation.sampled import sampled
 from rvsg.report.facts import AttemptFacts, RunFacts
 from rvsg.report.frames import frame, overview
 from rvsg.report.names import narrow_names
@@ -72,7 +72,7 @@ def caption(run: RunFacts, t_s: float) -> str:
     row = min(int(np.searchsorted(path.t, t_s - 1e-9)), len(path) - 1)
     text = f"robot at {path.v[row]:.1f} m/s"
     if run.run.human_names:
-        gap = Sampled(run.run, path).gap[row]
+        gap = sampled(run.run).gap[row]
         person = int(gap.argmin())
         if gap[person] <= 0.0:
             text += f", in contact with {run.run.human_names[person]}"

@@ -18,6 +18,7 @@ from markupsafe import Markup, escape
 import rvsg
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.encounter import failure_map
+from rvsg.campaign.failures import met
 from rvsg.campaign.feedback import separable
 from rvsg.campaign.finding import distinct_failures, findings
 from rvsg.campaign.plan import Plan
@@ -48,6 +49,8 @@ from rvsg.world.world import World
 __all__ = ["environment", "headline", "render_page", "write_page"]
 
 SHOWN_TASKS = 4
+ALIKE = 0.01
+"""Means that differ by less than this share of their size are told as alike."""
 
 
 def write_page(path: Path, plan: Plan, attempts: Sequence[Attempt], **how: Any) -> None:
@@ -76,6 +79,7 @@ def render_page(
         traces: Traces of runs of the campaign, as `trace_view` makes them; the replay shows them.
         recording: The calls of a model, where they are kept.
     """
+    run_of = cache(run_of)  # facts, findings and the table of encounters ask for the same runs
     shown = Shown(
         plan=plan,
         world=world,
@@ -141,6 +145,7 @@ def environment() -> jinja2.Environment:
         finalize=lambda value: unbroken(value) if type(value) is str else value,
     )
     environment.filters["number"] = number
+    environment.filters["met"] = met
     return environment
 
 
@@ -157,6 +162,8 @@ def _curse(plan: Plan, summary: Summary, selected: Verdict | None) -> str:
         f"{counted(len(fresh.objectives), 'confirmation run')} with new seeds have a mean of "
         f"{number(fresh.mean, unit)}. "
     )
+    if abs(lost) < ALIKE * abs(selected.mean):
+        return f"{said}The two differ by less than {ALIKE:.0%}, so nothing here suggests that the selection was luck."
     if lost <= 0:
         return said + "The confirmation is no less severe, so nothing here suggests that the selection was luck."
     if separable(selected, fresh):

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.evaluation.sampled import Sampled
+from rvsg.evaluation.sampled import sampled
 from rvsg.report.colours import distinct_colours
 from rvsg.report.quantity import Curve
 from rvsg.scenario.requirement import Requirement
@@ -131,7 +131,7 @@ def _involved_in(runs: Iterable[Run]) -> set[str]:
     found: set[str] = set()
     for run in runs:
         if run.human_names and len(run.trajectory):
-            closest = Sampled(run, run.trajectory).gap.min(axis=0)
+            closest = sampled(run).gap.min(axis=0)
             found |= {n for n, gap in zip(run.human_names, closest, strict=True) if gap <= INVOLVED_M}
     return found
 
@@ -180,7 +180,7 @@ def _coded(run: Run, names: Sequence[str]) -> tuple[str, int, list[int]]:
         return "", 0, []
     wanted = np.arange(0.0, float(path.t[-1] - path.t[0]) + PERIOD_S / 2, PERIOD_S) + float(path.t[0])
     rows = np.clip(np.searchsorted(path.t, wanted - 1e-9), 0, len(path) - 1)
-    gap = Sampled(run, path).gap
+    gap = sampled(run).gap
     people = len(run.human_names)
     nearest = gap.min(axis=1) if people else np.zeros(len(path))
     channels = [path.x[rows] * 100, path.y[rows] * 100, np.unwrap(path.yaw)[rows] * 100, path.v[rows] * 100]
@@ -202,10 +202,9 @@ def _smallest(values: Floats, rows: NDArray[np.intp]) -> Floats:
 def varints(values: NDArray[np.int64]) -> bytes:
     """The first value and the differences of the rest as zigzag varints (7 bits a byte, low bits first)."""
     steps = np.diff(values, prepend=np.int64(0))
-    out = bytearray()
-    for number in ((steps << 1) ^ (steps >> 63)).tolist():
-        while number >= 0x80:
-            out.append((number & 0x7F) | 0x80)
-            number >>= 7
-        out.append(number)
-    return bytes(out)
+    numbers = ((steps << 1) ^ (steps >> 63)).astype(np.uint64)
+    most = max(1, -(-int(numbers.max(initial=0)).bit_length() // 7))
+    rest = numbers[:, None] >> (np.uint64(7) * np.arange(most, dtype=np.uint64))
+    more = np.column_stack([rest[:, 1:] > 0, np.zeros(len(numbers), np.bool_)])
+    used = np.column_stack([np.ones(len(numbers), np.bool_), rest[:, 1:] > 0])
+    return ((rest & np.uint64(0x7F)) | (more.astype(np.uint64) << np.uint64(7))).astype(np.uint8)[used].tobytes()

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.evaluation.judge import objective
-from rvsg.evaluation.sampled import Sampled
+from rvsg.evaluation.metrics import find_metric
+from rvsg.evaluation.sampled import sampled
 from rvsg.scenario.requirement import Requirement
 from rvsg.simulation.run import Outcome, Run, Trajectory
 from rvsg.world.world import World
@@ -61,8 +62,14 @@ def judged_curve(run: Run, requirement: Requirement, world: World | None, *, poi
     if samples < 2:
         return Curve(np.empty(0), np.empty(0))
     ends = np.unique(np.linspace(2, samples, min(points, samples - 1)).round().astype(int))
-    found = [objective(prefix(run, int(end)), requirement, world=world) for end in ends]
-    values = np.array([np.nan if value is None else value for value in found])
+    metric = find_metric(requirement.metric)
+    if metric is not None and metric.so_far is not None and metric.series == "trajectory":
+        values = metric.so_far(sampled(run, world))[ends - 1]
+        ends_at = objective(run, requirement, world=world)
+        values[-1] = np.nan if ends_at is None else ends_at
+    else:
+        found = [objective(prefix(run, int(end)), requirement, world=world) for end in ends]
+        values = np.array([np.nan if value is None else value for value in found])
     return Curve(run.trajectory.t[ends - 1], values)
 
 
@@ -93,7 +100,7 @@ def closest_approach(run: Run) -> float:
     """The time (s) at which robot and people are nearest; 0 without people."""
     if not len(run.trajectory) or not run.trajectory.human_x.shape[1]:
         return 0.0
-    return float(run.trajectory.t[int(Sampled(run, run.trajectory).closest_gap.argmin())])
+    return float(run.trajectory.t[int(sampled(run).closest_gap.argmin())])
 
 
 def _longest_standstill(run: Run) -> float:

@@ -77,11 +77,14 @@ def look_of(shown: Shown, facts: AttemptFacts) -> Look:
 
 
 def in_order(shown: Shown) -> list[AttemptFacts]:
-    """The subject first, then other confirmations, then the search, the ranked configurations before the rest."""
+    """The subject first, then other confirmations, then the search, the ranked configurations before the rest.
+
+    A configuration that the search measured several times, each time in more runs, is shown with all of them.
+    """
     rank = {entry.attempt: entry.rank for entry in shown.summary.ranking}
     subject = shown.subject
     return sorted(
-        shown.facts,
+        _fullest(shown.facts, shown.subject),
         key=lambda f: (
             f is not subject,
             f.attempt.purpose != "confirmation",
@@ -89,6 +92,26 @@ def in_order(shown: Shown) -> list[AttemptFacts]:
             f.attempt.index,
         ),
     )
+
+
+def _fullest(facts: Sequence[AttemptFacts], subject: AttemptFacts | None) -> list[AttemptFacts]:
+    """Leave out what the search measured of a configuration where a later attempt holds the same runs and more."""
+    runs = {each.attempt.index: {run.id for run in each.runs} for each in facts}
+    held: dict[str, list[AttemptFacts]] = {}
+    for each in facts:
+        if each.attempt.purpose == "search" and each.attempt.proposal.scenario is not None:
+            held.setdefault(each.attempt.proposal.scenario.id, []).append(each)
+
+    def superseded(each: AttemptFacts) -> bool:
+        scenario = each.attempt.proposal.scenario
+        others = held.get(scenario.id, []) if scenario is not None and each.attempt.purpose == "search" else []
+        mine, index = runs[each.attempt.index], each.attempt.index
+        return any(
+            mine < runs[other.attempt.index] or (mine == runs[other.attempt.index] and other.attempt.index < index)
+            for other in others
+        )
+
+    return [each for each in facts if each is subject or not superseded(each)]
 
 
 def group_label(facts: AttemptFacts) -> str:

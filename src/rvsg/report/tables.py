@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import Any
 
 from rvsg.campaign.attempt import Attempt
@@ -11,9 +12,12 @@ from rvsg.report.answer import CAUSE_WORDS, tone_of
 from rvsg.report.facts import AttemptFacts
 from rvsg.report.payload import people_colours
 from rvsg.report.shown import Shown, group_label, in_order
-from rvsg.report.summary import interval, number
+from rvsg.report.summary import in_short, interval, number
 from rvsg.report.words import metres
 from rvsg.scenario.scenario import Human
+
+LIKE = 60
+"""Descriptions that share this many characters from the beginning do not tell scenarios apart."""
 
 
 def people_rows(subject: AttemptFacts) -> list[dict[str, Any]]:
@@ -52,6 +56,7 @@ def manner(human: Human) -> str:
 def finding_rows(shown: Shown) -> list[dict[str, Any]]:
     """Findings and candidates, the worst first. A confirmed scenario shows its confirmation verdict.
 
+    Where descriptions begin alike, what everybody does first tells the scenarios apart (`short`).
     After the scenarios come further configurations that were confirmed.
     """
     attempts = {attempt.index: attempt for attempt in shown.attempts}
@@ -59,9 +64,14 @@ def finding_rows(shown: Shown) -> list[dict[str, Any]]:
     confirmations = {_scenario_id(f.attempt): f for f in shown.facts if f.attempt.purpose == "confirmation"}
     causes = {finding.attempt: CAUSE_WORDS[finding.about_people] for finding in shown.findings}
     rows = []
+    begins = Counter(entry.description[:LIKE] for entry in shown.summary.ranking)
     for entry in (*shown.summary.ranking, *shown.summary.further):
         facts = confirmations[entry.scenario_id] if entry.state == "confirmed" else by_index[entry.attempt]
         row = {"rank": entry.rank or "", "configurations": entry.configurations, "description": entry.description}
+        scenario = attempts[entry.attempt].proposal.scenario
+        row["short"] = entry.description
+        if scenario is not None and begins[entry.description[:LIKE]] > 1:
+            row["short"] = in_short(scenario)
         row |= {"cause": causes.get(entry.attempt, "–"), "touched": entry.seen.contacts.runs > 0}
         rows.append(row | _finding_row(shown, attempts[entry.attempt], facts, entry.state))
     return rows

@@ -95,6 +95,7 @@ def _as_logged(known: Metric) -> Metric:
         title=f"{known.title} (as logged)",
         source=CLIENT,
         of=OWN_FORMULAS.get(known.id, known.of),
+        so_far=None,
         series="log",
         least=0.0,
         most=None,

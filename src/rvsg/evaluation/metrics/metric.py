@@ -6,6 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+from numpy.typing import NDArray
+
 from rvsg.evaluation.sampled import Sampled
 from rvsg.scenario.aim import Aim
 from rvsg.simulation.run import Run
@@ -14,6 +17,7 @@ from rvsg.world.world import World
 Worse = Literal["smaller", "larger", "neither"]
 Series = Literal["trajectory", "log"]
 Value = Callable[[Sampled], float | None]
+SoFar = Callable[[Sampled], NDArray[np.float64]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,6 +49,9 @@ class Metric:
     """The largest value it can have; `time_limit`: the route's time limit, in seconds."""
     two_valued: bool = False
     """It is either `least` or `most`, so its mean over runs is a share of them."""
+    so_far: SoFar | None = None
+    """Computes at once, for every sample (N,), what the metric is if the run ends there at its goal; NaN: no judgement.
+    None: curves measure beginnings of the run, one by one."""
     censored: bool = False
     """The value of a run that does not arrive is only a lower bound: it would have been larger without the limit."""
 

@@ -8,11 +8,14 @@ from __future__ import annotations
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rvsg.evaluation.metrics.metric import Metric
 from rvsg.evaluation.sampled import Sampled
 from rvsg.scenario.aim import Aim
 from rvsg.simulation.run import Outcome
+
+Floats = NDArray[np.float64]
 
 STUDY = "RVSG study"
 
@@ -119,6 +122,37 @@ def mean_closest_human_speed(s: Sampled) -> float | None:
     return float(s.series.human_speed[np.arange(len(s)), s.closest].mean())
 
 
+def _mean_distance_so_far(s: Sampled) -> Floats:
+    if not s.people:
+        return np.full(len(s), np.nan)
+    return running_mean(s.distance.min(axis=1))
+
+
+def _jerk_so_far(s: Sampled) -> Floats:
+    values = np.full(len(s), np.nan)
+    if len(s) > 2:
+        along, across = s.acceleration
+        values[2:] = running_mean(np.hypot(np.diff(along), np.diff(across)) / s.dt[1:])
+    return values
+
+
+def _time_so_far(s: Sampled) -> Floats:
+    return np.asarray(s.series.t - s.series.t[0], dtype=np.float64)
+
+
+def _least_gap_so_far(s: Sampled) -> Floats:
+    return np.minimum.accumulate(s.closest_gap) if s.people else np.full(len(s), np.nan)
+
+
+def _still_so_far(s: Sampled) -> Floats:
+    return np.concatenate([[0.0], np.cumsum(s.dt * s.still[1:])])
+
+
+def running_mean(values: Floats) -> Floats:
+    """Return the mean of the values up to each of them."""
+    return np.asarray(np.cumsum(values) / np.arange(1, len(values) + 1), dtype=np.float64)
+
+
 _close = partial(Metric, source=STUDY, aim=Aim.SHARE, moved_by="People who work close to the robot all along its way.")
 _meeting = partial(
     Metric, source=STUDY, aim=Aim.MEET, moved_by="People who meet the robot where it has no room to pass."
@@ -135,15 +169,17 @@ METRICS = (
         unit="m",
         worse="smaller",
         of=distance_to_obstacles,
+        so_far=_mean_distance_so_far,
         shown="centre_distance",
     ),
-    _smooth(id="jerk", title="Mean jerk", unit="m/s³", worse="larger", of=jerk, shown="jerk"),
+    _smooth(id="jerk", title="Mean jerk", unit="m/s³", worse="larger", of=jerk, so_far=_jerk_so_far, shown="jerk"),
     _progress(
         id="trg",
         title="Time to reach the goal",
         unit="s",
         worse="larger",
         of=time_to_goal,
+        so_far=_time_so_far,
         shown="distance_to_goal",
         most="time_limit",
         censored=True,
@@ -160,6 +196,7 @@ METRICS = (
         unit="s",
         worse="larger",
         of=time_not_moving,
+        so_far=_still_so_far,
         shown="speed",
         most="time_limit",
     ),
@@ -179,6 +216,7 @@ METRICS = (
         unit="m",
         worse="smaller",
         of=minimum_distance,
+        so_far=_least_gap_so_far,
         least=None,
     ),
     _progress(
