@@ -14,6 +14,7 @@ from tests.coded import coded, nearest
 from rvsg.core.compiled import kernel
 from rvsg.core.errors import InputError, InvalidOptions, SimulationError, UnknownName
 from rvsg.core.records import Pose
+from rvsg.robots import load_robot
 from rvsg.scenario.agents import HumanAgent
 from rvsg.simulation.archive import PackedRun, run_from_json, run_to_json
 from rvsg.simulation.embedded import base
@@ -131,6 +132,17 @@ def test_bad_starts_and_goals_are_outcomes(
     assert len(run.trajectory) >= 1
     assert len(run.log) >= 1
     assert run.recoveries <= 6
+
+
+@pytest.mark.parametrize(("ahead_m", "outcome"), [(0.57, Outcome.BLOCKED_START), (0.3, Outcome.TIMED_OUT)])
+def test_a_lidar_on_a_mast_that_is_in_a_wall_at_the_start_blocks_it(ahead_m: float, outcome: Outcome) -> None:
+    """The footprint ends 0.36 m ahead of the middle, the wall of the room begins 0.55 m ahead of it."""
+    tiago = load_robot("tiago_omni")
+    mast = tiago.lidars[0].replace(x=ahead_m, y=0.0, height_m=None)
+    start, goal = (2.4, 0.0, 0.0), (-2.0, 0.0, 0.0)
+    brief = route(start, goal).model_copy(update={"time_limit_s": 0.1})
+    run = simulate_agents(empty_room(), brief, [], robot=tiago.replace(lidars=(mast,)), seed=1)
+    assert run.outcome is outcome
 
 
 def test_people_may_start_on_the_robot_on_each_other_and_in_an_obstacle(warehouse: World) -> None:

@@ -17,29 +17,28 @@ from rvsg.core.records import Pose
 from rvsg.core.seeds import stream
 from rvsg.robots import Robot, load_robot
 from rvsg.robots.files import DEFAULT_ROBOT
-from rvsg.robots.polygons import rectangle
 from rvsg.scenario.agents import HumanAgent, decode
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded import state as st
 from rvsg.simulation.embedded.bodies import MovingBodies, moves
-from rvsg.simulation.embedded.contact import overlap_at_start
+from rvsg.simulation.embedded.drawn import draw_intervals, draw_phases, draw_settings, new_localisation, people_options
 from rvsg.simulation.embedded.driving import Driving
 from rvsg.simulation.embedded.episode import Episode, Outside, Recording, go_on, new_recording
 from rvsg.simulation.embedded.navigation.controllers.rollouts import Rollouts
 from rvsg.simulation.embedded.navigation.controllers.rollouts import rollouts as new_rollouts
 from rvsg.simulation.embedded.navigation.controllers.samples import sample_table
-from rvsg.simulation.embedded.navigation.costmap import LETHAL
 from rvsg.simulation.embedded.navigation.journal import navigation_events
 from rvsg.simulation.embedded.options import PROFILES, SimulatorOptions, profile
-from rvsg.simulation.embedded.people import PeopleOptions, initial
-from rvsg.simulation.embedded.people.crowd import PERIOD_S, Crowd, beginning, begins_early
+from rvsg.simulation.embedded.people import initial
+from rvsg.simulation.embedded.people.crowd import Crowd
 from rvsg.simulation.embedded.people.recorded import events_of
 from rvsg.simulation.embedded.rehearsal import rehearsal
 from rvsg.simulation.embedded.scene import Scene, Surroundings
-from rvsg.simulation.embedded.sensing.localisation import Localisation, known_offset, particle_filter
+from rvsg.simulation.embedded.sensing.localisation import Localisation
 from rvsg.simulation.embedded.stack import stack_of
-from rvsg.simulation.embedded.state import NOISE_TABLE, Settings, State, new_state
+from rvsg.simulation.embedded.start import is_blocked, stands_on_person
+from rvsg.simulation.embedded.state import NOISE_TABLE, State, new_state
 from rvsg.simulation.embedded.walls import Walls, free_pose, is_stuck, obstacle_contacts
 from rvsg.simulation.events import in_order
 from rvsg.simulation.protocol import Simulator
@@ -53,12 +52,6 @@ Floats = NDArray[np.float64]
 NAME = "embedded"
 VERSION = 9
 """Raise it when equal options and seeds give other runs than before."""
-LATE_ROBOT_S = 0.035
-"""How much later the robot begins in the runs in which people begin sooner; from the logs, like their share."""
-LONG_INTERVALS = 0.57
-"""The share of the log's rows that come 0.51 s after the one before, not 0.50 s; from 20 892 intervals in the logs."""
-START_OVERLAP_M = 0.01
-"""In the default profile a run does not start where the robot's body and a person overlap by more than this."""
 _KEPT = 8
 _KEPT_ROLLOUTS = 3
 _SURROUNDINGS: OrderedDict[tuple[str, str], Surroundings] = OrderedDict()
@@ -167,10 +160,10 @@ def simulate_agents(
     start = free_pose(walls, route.start) if options.solid_walls else route.start
     if start is not None:
         route = route.model_copy(update={"start": start})
-    settings, scene, offset = _settings(world, route, options, around, seed)
+    settings, scene, offset = draw_settings(world, route, options, around, seed)
     goals = _goals(route, offset, options.goals_in_map_frame)
     crowd = initial(
-        agents, world, options=_people_options(options), seed=seed, robot=robot,
+        agents, world, options=people_options(options), seed=seed, robot=robot,
         time_limit_s=route.time_limit_s * settings.clock,
     )  # fmt: skip
     moving = _moving(world, agents, options, scene, walls, crowd)
@@ -179,11 +172,10 @@ def simulate_agents(
     record = new_recording(route.time_limit_s, settings.clock, len(agents))
     blocked = start is None or is_blocked(around, scene, route.start, offset)
     if not options.human_defects:
-        people = np.column_stack([crowd.x, crowd.y])
-        x, y, yaw = route.start.x, route.start.y, route.start.yaw
-        blocked |= overlap_at_start(crowd.outline, people, crowd.radius, x, y, yaw) > START_OVERLAP_M
-        blocked |= moving is not None and moving.on_robot(x, y, yaw)
-    own = _localisation(world, route, options, around, offset, seed)
+        begin = route.start
+        blocked |= stands_on_person(crowd, begin)
+        blocked |= moving is not None and moving.on_robot(begin.x, begin.y, begin.yaw)
+    own = new_localisation(world, route, options, around, offset, seed)
     rest = around.rest_of_way(scene, goals)
     state = new_state(scene, goals, len(agents), robot, walls, own, rollouts(robot), rest)
     details: dict[str, object] = {}
@@ -194,7 +186,7 @@ def simulate_agents(
     else:
         state.noise[:] = stream(seed, "lidar").standard_normal(NOISE_TABLE)
         state.dropouts[:] = stream(seed, "lidar/dropouts").random(NOISE_TABLE)
-        phases, intervals = _phases(options, seed), _intervals(options, seed, route)
+        phases, intervals = draw_phases(options, seed), draw_intervals(options, seed, route)
         driving = None
         if stack is not None and stack.record.name != DEFAULT_STACK:
             driving = Driving(stack.driver, _task(robot, world, route, goals, own, seed))
@@ -328,160 +320,12 @@ def _check(route: Route, seed: int) -> None:
         raise InputError(f"the seed must be 0 or more, not {seed}")
 
 
-def _people_options(options: SimulatorOptions) -> PeopleOptions:
-    low, high = options.human_start_s
-    middle, scale = 0.5 * (low + high), options.noise.human_start
-    return PeopleOptions(
-        published_defects=options.human_defects,
-        factor_noise=options.noise.human_factors,
-        start_jitter_s=(middle + scale * (low - middle), middle + scale * (high - middle)),
-        early_start=_early_start(options),
-        leg_phase_noise=options.noise.gait > 0.0,
-    )
-
-
-def _early_start(options: SimulatorOptions) -> float:
-    """The share of runs in which people begin sooner; none where the noise of their start is off."""
-    return min(1.0, options.noise.human_start) * options.human_early_start
-
-
-def _settings(
-    world: World, route: Route, options: SimulatorOptions, around: Surroundings, seed: int
-) -> tuple[Settings, Any, tuple[float, float]]:
-    """The drawn numbers of a run, the scene, and the offset between world and map."""
-    noise = options.noise
-    clock = _clock(options, seed)
-    spread = 0.0 if options.localisation == "amcl" else noise.localisation * options.localisation_sd_m
-    shift = spread * stream(seed, "localisation").standard_normal(2)
-    low, high = options.result_delay_s
-    delay = 0.5 * (low + high) + noise.result_delay * (high - low) * (stream(seed, "result").random() - 0.5)
-    low, high = options.robot_start_s
-    start = 0.5 * (low + high) + noise.robot_start * (high - low) * (stream(seed, "robot/start").random() - 0.5)
-    if begins_early(_early_start(options), seed):
-        start += LATE_ROBOT_S
-    scene, closed = around.scene_at(route.start.x, route.start.y)
-    offset = (world.map_offset[0] + float(shift[0]), world.map_offset[1] + float(shift[1]))
-    phase = 0.0
-    scan_phase = 0
-    if noise.phases > 0.0:
-        phase = 0.01 * int(stream(seed, "phases/people").integers(0, 10))
-        scan_phase = int(stream(seed, "phases/lidar").integers(0, 10))
-    if options.human_ticks_from_start:
-        phase = beginning(_people_options(options), seed) % PERIOD_S
-    settings = Settings(
-        clock=float(clock),
-        yaw_gain=float(options.yaw_gain),
-        time_limit_s=float(route.time_limit_s),
-        result_delay_s=float(max(0.0, delay)),
-        people_phase_s=float(phase),
-        scan_phase_ticks=scan_phase,
-        robot_start_s=float(start),
-        lidar_noise=float(noise.lidar),
-        humans_displayed_late=options.humans_displayed_late,
-        solid_walls=options.solid_walls,
-        closed=bool(closed),
-    )
-    return settings, scene, offset
-
-
-def _clock(options: SimulatorOptions, seed: int) -> float:
-    """Simulated over wall seconds of a run; the mean of all runs where its noise is off."""
-    rng = stream(seed, "clock")
-    spread = options.clock_ratio_sd * rng.standard_normal()
-    share = options.clock_slow_share
-    mean = share * options.clock_slow_ratio + (1.0 - share) * options.clock_ratio
-    drawn = (options.clock_slow_ratio if rng.random() < share else options.clock_ratio) + spread
-    return float(mean + options.noise.clock * (drawn - mean))
-
-
-def _localisation(
-    world: World,
-    route: Route,
-    options: SimulatorOptions,
-    around: Surroundings,
-    offset: tuple[float, float],
-    seed: int,
-) -> Localisation:
-    """What the robot knows of its place at the start."""
-    if options.localisation == "known":
-        return known_offset(*offset)
-    return particle_filter(
-        around.beam_scores,
-        world.occupancy,
-        around.robot.lidars[0],
-        (route.start.x, route.start.y, float(base.wrap(route.start.yaw))),
-        around.robot.lidars[0].noise_m * options.noise.lidar,
-        stream(seed if options.noise.localisation > 0.0 else 0, "localisation"),
-        differential=around.robot.drive.kind != "omnidirectional",
-    )
-
-
-def _phases(options: SimulatorOptions, seed: int) -> Floats:
-    """Phases of smoother, local and global map in seconds."""
-    if options.noise.phases == 0.0:
-        return np.zeros(3)
-    return 0.01 * np.array(
-        [stream(seed, f"phases/{name}").integers(0, n) for name, n in (("smoother", 5), ("local", 20), ("global", 100))]
-    )
-
-
-def _intervals(options: SimulatorOptions, seed: int, route: Route) -> Floats:
-    """Wall seconds between rows of the log: the first feedback message, every 10 ms, after 0.5 s.
-
-    In the published logs that is the 50th message, or, as often as `LONG_INTERVALS` says, the 51st; nothing between.
-    """
-    rows = int(route.time_limit_s / 0.5) + 4
-    long = stream(seed, "log").random(rows) < LONG_INTERVALS
-    spread = options.noise.log_interval * (long.astype(np.float64) - LONG_INTERVALS)
-    return np.asarray(0.5 + 0.01 * (LONG_INTERVALS + spread), np.float64)
-
-
 def _goals(route: Route, offset: tuple[float, float], in_map_frame: bool) -> Floats:
     """Poses to drive through, the goal last, (G, 3) in the map frame."""
     poses = np.array([[p.x, p.y, p.yaw] for p in (*route.through, route.goal)], np.float64)
     if not in_map_frame:
         poses[:, :2] -= offset
     return poses
-
-
-def is_blocked(around: Surroundings, scene: Scene, start: Pose, offset: tuple[float, float]) -> bool:
-    """Whether the robot's footprint at the start lies on an occupied cell, off the map, or in what a lidar sees."""
-    cos, sin = math.cos(start.yaw), math.sin(start.yaw)
-    (rear, right), (front, left) = rectangle(around.robot.footprint)
-    resolution, static = scene.resolution, scene.static
-    n = max(3, int((front - rear) / (0.5 * resolution)))
-    ahead, aside = np.meshgrid(np.linspace(rear, front, n), np.linspace(right, left, n))
-    x = start.x + ahead * cos - aside * sin
-    y = start.y + ahead * sin + aside * cos
-    columns = np.floor((x - offset[0] - scene.origin_x) / resolution).astype(int)
-    rows = np.floor((y - offset[1] - scene.origin_y) / resolution).astype(int)
-    if rows.min() < 0 or columns.min() < 0 or rows.max() >= static.shape[0] or columns.max() >= static.shape[1]:
-        return True
-    if (static[rows, columns] == LETHAL).any():
-        return True
-    if around.is_inside_solid(start.x, start.y):
-        return True
-    return bool(_crosses(around.edges, start, (rear, front), (right, left)))
-
-
-def _crosses(edges: Floats, start: Pose, length: tuple[float, float], width: tuple[float, float]) -> bool:
-    """Whether any edge meets the rectangle of the robot (clipping each edge to it, in the robot's frame)."""
-    cos, sin = math.cos(start.yaw), math.sin(start.yaw)
-    a = edges[:, :2] - (start.x, start.y)
-    d = edges[:, 2:] - edges[:, :2]
-    enter = np.zeros(len(edges))
-    leave = np.ones(len(edges))
-    for (ux, uy), (low, high) in (((cos, sin), length), ((-sin, cos), width)):
-        begin = a[:, 0] * ux + a[:, 1] * uy
-        step = d[:, 0] * ux + d[:, 1] * uy
-        still = np.abs(step) < 1e-12
-        safe = np.where(still, 1.0, step)
-        one, two = (low - begin) / safe, (high - begin) / safe
-        enter = np.where(
-            still, np.where((low <= begin) & (begin <= high), enter, 2.0), np.maximum(enter, np.minimum(one, two))
-        )
-        leave = np.where(still, leave, np.minimum(leave, np.maximum(one, two)))
-    return bool((enter <= leave).any())
 
 
 def _stand_still(record: Recording, start: Pose, crowd: Any) -> None:
