@@ -36,6 +36,9 @@ def test_every_method_gets_the_same_runs_and_is_confirmed_in_fresh_ones(rows: li
         assert each.confirmed_mean != each.search_mean
         assert each.curve[-1][0] <= 12
         assert len(each.failures) == each.distinct_failures
+        assert each.cells is not None and each.broken_cells is not None
+        assert 1 <= each.cells <= each.configurations and 0 <= each.broken_cells <= each.cells
+        assert each.sdd is None or 0.0 <= each.sdd <= 1.0
 
 
 def test_guidance_beats_chance_here(rows: list[Row]) -> None:

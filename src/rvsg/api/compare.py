@@ -19,6 +19,7 @@ from rvsg.api.config import CampaignConfig
 from rvsg.api.wiring import Wired, jobs_of, wire
 from rvsg.campaign.accounting import calls_of
 from rvsg.campaign.attempt import Attempt, Measurement
+from rvsg.campaign.encounter import failure_map, filled
 from rvsg.campaign.failures import FailureMode, candidates, usual_mode
 from rvsg.campaign.loop import run_campaign
 from rvsg.campaign.measuring import FinishedRun
@@ -28,8 +29,9 @@ from rvsg.core.errors import BudgetSpent, InputError
 from rvsg.core.files import write_whole
 from rvsg.core.records import Record
 from rvsg.core.seeds import fresh_seeds
-from rvsg.evaluation.diversity import positions, simulation_diversity, task_diversity
+from rvsg.evaluation.diversity import description_diversity, positions, simulation_diversity, task_diversity
 from rvsg.evaluation.judge import violated
+from rvsg.evaluation.sentences import available
 from rvsg.evaluation.statistics import Comparison, compare, holm
 from rvsg.evaluation.verdict import Verdict
 from rvsg.report.comparison import Line, figure
@@ -55,6 +57,10 @@ class Row(Record):
         runs: Runs of the search.
         budget_runs: Runs that the search might spend; None in files of earlier versions.
         confirmation_runs: Runs of the confirmations.
+        sdd, htd, ssd: Diversity of the violating scenarios: their descriptions, their tasks, their runs; None for
+            fewer than two. sdd needs the extra `embeddings` and its model, else it is None.
+        cells, broken_cells: Kinds of encounter (where on the way, near which area, with whom, how) that the search
+            showed, and those with a violation.
         curve: Search value of the best configuration so far, as (runs, value), where it changes.
     """
 
@@ -75,8 +81,11 @@ class Row(Record):
     calls: int = 0
     tokens: int = 0
     usd: float = 0.0
+    sdd: float | None = None
     htd: float | None = None
     ssd: float | None = None
+    cells: int | None = None
+    broken_cells: int | None = None
     curve: tuple[tuple[int, float], ...] = ()
 
     @property
@@ -171,6 +180,7 @@ def _row(key: tuple[str, str, str, int], wired: Wired) -> Row:
         best = best_attempt(attempts, wired.plan.requirement)
         verdict = confirmed.best(best) if best else None
         modes = confirmed.failure_modes()
+    cells, broken = filled(failure_map(attempts, wired.plan.requirement, run_of=ledger.run, world=wired.world))
     calls = calls_of(search_attempts(attempts))
     found = [a.proposal.scenario for a in measured(attempts) if a.verdict and a.verdict.violations]
     scenarios = [scenario for scenario in found if scenario is not None]
@@ -192,8 +202,11 @@ def _row(key: tuple[str, str, str, int], wired: Wired) -> Row:
         calls=len(calls),
         tokens=sum(call.input_tokens + call.output_tokens for call in calls),
         usd=math.fsum(call.cost_usd or 0.0 for call in calls),
+        sdd=description_diversity([s.description for s in scenarios[:30] if s.description]) if available() else None,
         htd=task_diversity([[[t.name for t in h.tasks] for h in s.people.humans] for s in scenarios[:30]]),
         ssd=simulation_diversity([positions(run) for run in confirmed.shown[:30]]),
+        cells=cells,
+        broken_cells=broken,
         curve=curve(attempts, wired),
     )
     ledger.close()
@@ -340,6 +353,10 @@ def table(rows: Sequence[Row]) -> list[dict[str, Any]]:
             "confirmed": _mean([row.confirmed_mean for row in group]),
             "violation": _mean([row.violation_probability for row in group]),
             "failures": _mean([float(row.distinct_failures) for row in group]),
+            "cells": _mean([None if row.cells is None else float(row.cells) for row in group]),
+            "sdd": _mean([row.sdd for row in group]),
+            "htd": _mean([row.htd for row in group]),
+            "ssd": _mean([row.ssd for row in group]),
             "runs": _mean([float(row.runs) for row in group]),
             "calls": _mean([float(row.calls) for row in group]),
             "usd": _mean([row.usd for row in group]),

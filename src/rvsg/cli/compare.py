@@ -98,12 +98,14 @@ def _print_tables(rows: list[Row], first: str, base: Any) -> None:
     from rvsg.api import compare as comparing
 
     means = comparing.table(rows)
-    table = Table(title="Means over seeds", title_justify="left", pad_edge=False)
-    for key in means[0]:
-        table.add_column(key, justify="left" if key in ("route", "requirement", "method") else "right")
-    for line in means:
-        table.add_row(*(value if isinstance(value, str) else _text(value) for value in line.values()))
-    console.say(table)
+    for title, left_out in (("Means over seeds", DIVERSITY), ("How different what was found is", RESULTS)):
+        keys = [key for key in means[0] if key not in left_out]
+        table = Table(title=title, title_justify="left", pad_edge=False)
+        for key in keys:
+            table.add_column(key, justify="left" if key in CELL else "right")
+        for line in means:
+            table.add_row(*(line[key] if key in CELL else _text(line[key]) for key in keys))
+        console.say(table)
     contrasts = comparing.contrasts(rows, first)
     if not contrasts:
         return
@@ -114,6 +116,11 @@ def _print_tables(rows: list[Row], first: str, base: Any) -> None:
         numbers = (contrast.value.a12, contrast.value.p_holm, contrast.failures)
         table.add_row(contrast.route, contrast.requirement, contrast.against, *map(_text, numbers))
     console.say(table)
+
+
+CELL = ("route", "requirement", "method")
+RESULTS = ("seeds", "confirmed", "violation", "failures", "runs", "calls", "usd")
+DIVERSITY = ("cells", "sdd", "htd", "ssd")
 
 
 def _text(value: float | None) -> str:

@@ -40,6 +40,12 @@ def model_folder() -> Path | None:
     return Path(spec.origin).parent / "model"
 
 
+def available() -> bool:
+    """Return whether the model and what reads it are installed."""
+    readers = ("safetensors", "tokenizers", "threadpoolctl")
+    return model_folder() is not None and all(importlib.util.find_spec(name) is not None for name in readers)
+
+
 def embed(texts: Sequence[str], model_dir: Path | None = None) -> Floats32:
     """Return (len(texts), 384) float32 embeddings of unit length; InputError where model or readers are missing."""
     folder = model_dir or model_folder()
