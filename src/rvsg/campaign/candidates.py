@@ -109,7 +109,7 @@ class CandidateStrategy(BatchStrategy):
 
     def _place(self, candidate: Candidate, attempt: Attempt) -> None:
         """Note the kind of encounter that a candidate shows."""
-        encounter = self.feedback_of(attempt, None).encounter if candidate.runs else None
+        encounter = self.encounter_of(attempt) if candidate.runs else None
         if encounter is not None:
             self._cells[candidate.index] = encounter.replace(stretch="", who="")
 

@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.campaign.attempt import Attempt
+from rvsg.campaign.attempt import Attempt, Measurement
 from rvsg.campaign.ranking import measured, worst_by_mean
 from rvsg.campaign.walks import Walk, arrivals, side_of, walks_of
 from rvsg.evaluation.aims import series_name, series_of
@@ -171,8 +171,13 @@ def parts_of(run: Run, requirement: Requirement, world: World | None = None) -> 
 
 def worst_run(attempt: Attempt, runs: Sequence[Run], requirement: Requirement) -> Run:
     """Return the run of the attempt whose objective is worst for the robot; the first of equals."""
-    badness = {m.run_id: requirement.badness(m.objective) for m in attempt.measurements if m.objective is not None}
-    return max(runs, key=lambda run: badness.get(run.id, -np.inf))
+    worst = worst_measurement(attempt, requirement).run_id
+    return next(run for run in runs if run.id == worst)
+
+
+def worst_measurement(attempt: Attempt, requirement: Requirement) -> Measurement:
+    """Return the measurement of the attempt whose objective is worst for the robot; the first of equals."""
+    return max(attempt.measurements, key=lambda m: -np.inf if m.objective is None else requirement.badness(m.objective))
 
 
 def separable(before: Verdict, after: Verdict) -> bool:

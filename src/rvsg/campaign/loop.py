@@ -14,7 +14,7 @@ from rvsg.campaign.attempt import Attempt, Ledger
 from rvsg.campaign.confirmation import confirm_all
 from rvsg.campaign.encounter import encounter_of
 from rvsg.campaign.events import Attempted, Event, Finished, Message, Proposing, Started
-from rvsg.campaign.feedback import feedback_of, worst_run
+from rvsg.campaign.feedback import feedback_of, worst_measurement, worst_run
 from rvsg.campaign.parallel import PendingRun
 from rvsg.campaign.parts import Cancelled, Made, Parts, collect, store, submit
 from rvsg.campaign.plan import Plan
@@ -24,7 +24,7 @@ from rvsg.campaign.strategies import Ask, FeedbackOf, Strategy
 from rvsg.core.errors import BudgetSpent, GenerationError, NotRecorded
 from rvsg.core.seeds import seed_for
 from rvsg.generation.generator import Call
-from rvsg.scenario.brief import Feedback
+from rvsg.scenario.brief import Encounter, Feedback
 from rvsg.world.world import World
 
 WITHOUT_MODEL = "The budget of the model is spent, or its record ends. The search goes on without it."
@@ -59,15 +59,28 @@ def stream_campaign(plan: Plan, strategy: Strategy, parts: Parts) -> Iterator[Ev
     yield Finished(campaign=plan.name, complete=complete, attempts=len(attempts))
 
 
-def feedback_from(ledger: Ledger, plan: Plan, world: World) -> FeedbackOf:
-    """Return the function that computes the feedback on an attempt from the stored runs."""
+class FeedbackFrom:
+    """Computes the feedback on an attempt, or only its encounter, from the stored runs."""
 
-    def feedback(attempt: Attempt, previous: Attempt | None) -> Feedback:
-        runs = [ledger.run(measurement.run_id) for measurement in attempt.measurements]
+    def __init__(self, ledger: Ledger, plan: Plan, world: World) -> None:
+        self._ledger, self._plan, self._world = ledger, plan, world
+
+    def __call__(self, attempt: Attempt, previous: Attempt | None) -> Feedback:
+        """Return the feedback."""
+        plan, world = self._plan, self._world
+        runs = [self._ledger.run(measurement.run_id) for measurement in attempt.measurements]
         told = feedback_of(attempt, runs, requirement=plan.requirement, grid=world.grid, previous=previous, world=world)
         return told.replace(encounter=encounter_of(worst_run(attempt, runs, plan.requirement), world))
 
-    return feedback
+    def encounter(self, attempt: Attempt) -> Encounter | None:
+        """Return the encounter alone, which is a small part of the work."""
+        worst = worst_measurement(attempt, self._plan.requirement)
+        return encounter_of(self._ledger.run(worst.run_id), self._world)
+
+
+def feedback_from(ledger: Ledger, plan: Plan, world: World) -> FeedbackOf:
+    """Return the function that computes the feedback on an attempt from the stored runs."""
+    return FeedbackFrom(ledger, plan, world)
 
 
 def _noted(events: Iterator[Event], attempts: list[Attempt]) -> Iterator[Event]:

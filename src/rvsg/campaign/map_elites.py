@@ -47,6 +47,6 @@ class MapElitesStrategy(KeepingStrategy):
             self._place(candidate, attempt)
 
     def _place(self, candidate: Candidate, attempt: Attempt) -> None:
-        encounter = self.feedback_of(attempt, None).encounter if candidate.runs else None
+        encounter = self.encounter_of(attempt) if candidate.runs else None
         if encounter is not None:
             self._cells[candidate.index] = encounter

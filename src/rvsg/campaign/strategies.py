@@ -18,7 +18,7 @@ from rvsg.core.records import Record
 from rvsg.core.seeds import seed_for
 from rvsg.evaluation.aims import aim_of, moved_by
 from rvsg.generation.generator import Proposal
-from rvsg.scenario.brief import Brief, Feedback, Remembered
+from rvsg.scenario.brief import Brief, Encounter, Feedback, Remembered
 from rvsg.world.world import World
 
 FeedbackOf = Callable[[Attempt, Attempt | None], Feedback]
@@ -87,6 +87,11 @@ class BatchStrategy:
         self._search: Batches | None = None
         self._batch: list[Ask] = []
         self._results: list[Attempt] = []
+
+    def encounter_of(self, attempt: Attempt) -> Encounter | None:
+        """Return the encounter that an attempt shows, without the rest of its feedback where that can be had."""
+        alone: Callable[[Attempt], Encounter | None] | None = getattr(self.feedback_of, "encounter", None)
+        return alone(attempt) if alone is not None else self.feedback_of(attempt, None).encounter
 
     def search(self) -> Batches:
         """Yield batches of asks; receive their attempts."""

@@ -52,8 +52,9 @@ def walk_of(run: Run, h: int, human: Human, grid: Grid) -> Walk:
     """Follow person `h` of a run along the waypoints of their tasks."""
     (agent,) = decode(HumanConfiguration(humans=(human,)), grid)
     names = goal_names(human)
-    t, x, y = run.trajectory.t, run.trajectory.human_x[:, h], run.trajectory.human_y[:, h]
-    leg = np.zeros(len(t), np.int64)
+    times, xs, ys = run.trajectory.t, run.trajectory.human_x[:, h], run.trajectory.human_y[:, h]
+    t, x, y = times.tolist(), xs.tolist(), ys.tolist()  # plain numbers make the loops faster
+    legs: list[int] = []
     reached: list[float] = []
     seen = {e.goal: e.time_s for e in run.events if isinstance(e, PersonReached) and e.person == human.name}
     for k in range(len(t)):
@@ -64,17 +65,17 @@ def walk_of(run: Run, h: int, human: Human, grid: Grid) -> Walk:
         goal = agent.goals[(len(reached) + 1) % len(agent.goals)]
         near = t[k] >= agent.start_delay_s and math.dist((x[k], y[k]), goal) <= REACHED_M
         if near and len(agent.goals) > 1 and (not seen or len(reached) + 1 >= len(agent.goals)):
-            reached.append(float(t[k]))
-        leg[k] = len(reached)
-    speed = _speed(t, x, y)
+            reached.append(t[k])
+        legs.append(len(reached))
+    speed = _speed(times, xs, ys).tolist()
     doing: list[str] = []
     stuck_at: tuple[float, str] | None = None
     still_since: float | None = None
     reactions = [e for e in run.events if isinstance(e, PersonReacted) and e.person == human.name]
     for k, time in enumerate(t):
-        at = int(leg[k]) % len(agent.goals)
-        since = reached[leg[k] - 1] if leg[k] else agent.start_delay_s
-        pauses = agent.pauses_s[at] if leg[k] else 0.0
+        leg = legs[k]
+        since = reached[leg - 1] if leg else agent.start_delay_s
+        pauses = agent.pauses_s[leg % len(agent.goals)] if leg else 0.0
         if any(reaction.time_s <= time <= reaction.until_s for reaction in reactions):
             doing.append("reacting to the robot")
             still_since = None
@@ -89,11 +90,12 @@ def walk_of(run: Run, h: int, human: Human, grid: Grid) -> Walk:
         still_since = (time if still_since is None else still_since) if speed[k] < STILL_M_S else None
         if still_since is not None and time - still_since >= STUCK_S:
             doing.append("stuck")
-            stuck_at = stuck_at or (float(still_since), grid.nearest(float(x[k]), float(y[k])))
+            stuck_at = stuck_at or (still_since, grid.nearest(x[k], y[k]))
         else:
-            doing.append(f"walking leg {leg[k] % len(agent.goals) + 1} of {len(agent.goals)}")
-    away = np.flatnonzero(np.hypot(x - agent.start[0], y - agent.start[1]) > REACHED_M)
-    return Walk(names, leg, tuple(doing), tuple(reached), stuck_at, float(t[away[0]]) if away.size else None)
+            doing.append(f"walking leg {leg % len(agent.goals) + 1} of {len(agent.goals)}")
+    away = np.flatnonzero(np.hypot(xs - agent.start[0], ys - agent.start[1]) > REACHED_M)
+    began = t[int(away[0])] if away.size else None
+    return Walk(names, np.asarray(legs, np.int64), tuple(doing), tuple(reached), stuck_at, began)
 
 
 def arrivals(walk: Walk, human: Human, grid: Grid) -> tuple[Arrival, ...]:

@@ -11,12 +11,15 @@ import json
 import lzma
 import math
 from collections.abc import Mapping
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
+Coded: TypeAlias = "tuple[list[object], bytes]"
+"""An array as it stands in the head of an archive, and its bytes."""
 
 DECIMALS = {
     "t": 6,
@@ -43,12 +46,12 @@ _EXACT = 2**50
 _MOST_DIFFERENCES = 2
 _WORTHWHILE = 0.75
 """Repeated rows are left out where less than this share of the rows changes."""
-_FILTERS = [{"id": lzma.FILTER_LZMA2, "preset": 6, "lc": 1, "lp": 0, "pb": 0, "dict_size": 1 << 18}]
+_FILTERS = [{"id": lzma.FILTER_LZMA2, "preset": 3, "lc": 1, "lp": 0, "pb": 0, "dict_size": 1 << 18}]
 
 
 def rounded_array(name: str, array: Floats) -> Floats:
     """Round an array to the decimals of its name; an array of another name, or with huge values, stays as it is."""
-    decimals = DECIMALS.get(name.rpartition(".")[2])
+    decimals = _decimals(name)
     if decimals is None:
         return array
     steps = _steps(array, decimals)
@@ -57,9 +60,17 @@ def rounded_array(name: str, array: Floats) -> Floats:
 
 def encode(text: str, arrays: Mapping[str, Floats]) -> bytes:
     """Encode a text and named arrays; equal input gives equal bytes."""
+    given = {name: np.atleast_1d(np.asarray(array, np.float64)) for name, array in arrays.items()}
+    alike: dict[int, dict[str, Floats]] = {}
+    for name, array in given.items():
+        if array.size and _decimals(name) is not None:
+            alike.setdefault(len(array), {})[name] = array
+    coded: dict[str, Coded] = {}
+    for group in alike.values():
+        coded |= _encode_group(group)
     columns, planes = [], []
-    for name, array in arrays.items():
-        entry, data = _encode_array(name, np.atleast_1d(np.asarray(array, np.float64)))
+    for name, array in given.items():
+        entry, data = coded.get(name) or ([name, list(array.shape), None, None, []], array.tobytes())
         columns.append(entry)
         planes.append(data)
     head = json.dumps([text, columns], ensure_ascii=False, separators=(",", ":")).encode()
@@ -109,27 +120,57 @@ def _steps(array: Floats, decimals: int) -> Integers | None:
     return np.rint(scaled).astype(np.int64)
 
 
-def _encode_array(name: str, array: Floats) -> tuple[list[object], bytes]:
-    decimals = DECIMALS.get(name.rpartition(".")[2])
-    steps = None if decimals is None else _steps(array, decimals)
-    if decimals is None or steps is None or not array.size or not np.array_equal(steps / 10.0**decimals, array):
-        return [name, list(array.shape), None, None, []], array.tobytes()
-    kept = _changed(steps)
-    data = b""
-    if kept is not None:
-        data, steps = np.packbits(kept).tobytes(), steps[kept]
-    flat = steps.reshape(len(steps), -1)
-    differences = [flat]
+def _decimals(name: str) -> int | None:
+    return DECIMALS.get(name.rpartition(".")[2])
+
+
+def _encode_group(arrays: Mapping[str, Floats]) -> dict[str, Coded]:
+    """Encode arrays of one length, all columns at once; those are left out that are not made of multiples."""
+    flat = {name: array.reshape(len(array), -1) for name, array in arrays.items()}
+    values = np.concatenate(list(flat.values()), axis=1)
+    scale = np.concatenate([np.full(each.shape[1], 10.0 ** (_decimals(name) or 0)) for name, each in flat.items()])
+    with np.errstate(over="ignore", invalid="ignore"):
+        scaled = values * scale
+        fits = (np.abs(scaled) < _EXACT).all(axis=0)
+        steps = np.rint(np.where(fits, scaled, 0.0)).astype(np.int64)
+        exact = fits & (steps / scale == values).all(axis=0)
+    moved = steps[1:] != steps[:-1]
+    alike: dict[bytes, list[tuple[str, int, int]]] = {}
+    begin = 0
+    for name, each in flat.items():
+        first, begin = begin, begin + each.shape[1]
+        if exact[first:begin].all():
+            alike.setdefault(_kept_rows(moved[:, first:begin]), []).append((name, first, begin))
+    found: dict[str, Coded] = {}
+    for kept, members in alike.items():
+        columns = [k for _, first, end in members for k in range(first, end)]
+        rows = np.unpackbits(np.frombuffer(kept, np.uint8), count=len(steps)).astype(np.bool_) if kept else slice(None)
+        part = steps[:, columns][rows]
+        coding, planes = _coded(part)
+        at = 0
+        for name, first, end in members:
+            upto = at + end - first
+            shape = list(arrays[name].shape)
+            entry = [name, shape, _decimals(name), len(part) if kept else None, coding[at:upto]]
+            found[name] = (entry, kept + b"".join(planes[at:upto]))
+            at = upto
+    return found
+
+
+def _coded(steps: Integers) -> tuple[list[list[int]], list[bytes]]:
+    """Difference each column as often as makes it smallest, and return how, and its bytes plane by plane."""
+    differences = [steps]
     for _ in range(_MOST_DIFFERENCES):
-        differences.append(np.diff(differences[-1], axis=0, prepend=np.zeros((1, flat.shape[1]), np.int64)))
-    orders = np.argmin([np.log2(np.abs(each) + 1.0).sum(axis=0) for each in differences], axis=0)
-    coding = []
-    for k, order in enumerate(orders):
-        folded = _folded(differences[order][:, k])
-        width = max(1, (int(folded.max(initial=0)).bit_length() + 7) // 8)
-        coding.append([int(order), width])
-        data += folded.astype("<u8").view(np.uint8).reshape(-1, 8)[:, :width].T.tobytes()
-    return [name, list(array.shape), decimals, None if kept is None else len(steps), coding], data
+        last = differences[-1]
+        differences.append(np.concatenate([last[:1], last[1:] - last[:-1]]))
+    sizes = [np.log2(np.abs(each).astype(np.float32) + np.float32(1.0)).sum(axis=0) for each in differences]
+    orders = np.argmin(sizes, axis=0)
+    chosen = np.choose(orders, differences)
+    folded = np.ascontiguousarray(_folded(chosen).T).astype("<u8")
+    widths = [max(1, (int(largest).bit_length() + 7) // 8) for largest in folded.max(axis=1)]
+    planes = folded.view(np.uint8).reshape(*folded.shape, 8)
+    coding = [[int(order), width] for order, width in zip(orders, widths, strict=True)]
+    return coding, [plane[:, :width].T.tobytes() for plane, width in zip(planes, widths, strict=True)]
 
 
 def _decode_array(
@@ -160,13 +201,15 @@ def _decode_array(
     return (steps if rows is None else steps[rows]).reshape(shape) / 10.0**decimals, at
 
 
-def _changed(steps: Integers) -> NDArray[np.bool_] | None:
-    """The rows that differ from the row before; None where too few repeat it to be worth leaving out."""
-    if len(steps) < 2:
-        return None
-    changed = np.ones(len(steps), np.bool_)
-    changed[1:] = (steps[1:] != steps[:-1]).reshape(len(steps) - 1, -1).any(axis=1)
-    return changed if changed.mean() < _WORTHWHILE else None
+def _kept_rows(moved: NDArray[np.bool_]) -> bytes:
+    """The rows that differ from the row before, as bits; nothing where too few repeat it to be worth leaving out.
+
+    Args:
+        moved: (N - 1, columns) whether a value differs from the one before.
+    """
+    changed = np.ones(len(moved) + 1, np.bool_)
+    changed[1:] = moved[:, 0] if moved.shape[1] == 1 else moved.any(axis=1)
+    return np.packbits(changed).tobytes() if np.count_nonzero(changed) < _WORTHWHILE * len(changed) else b""
 
 
 def _folded(values: Integers) -> NDArray[np.uint64]:
