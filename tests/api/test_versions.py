@@ -62,6 +62,21 @@ def test_a_slower_robot_fixes_jerk_and_breaks_arriving_in_time(suite: Path, tmp_
 
 
 @pytest.mark.slow
+def test_a_wider_inflation_fixes_two_cases_of_the_example_and_breaks_one(tmp_path: Path) -> None:
+    for name in ("suite", "route_1-clearance", "route_2-r1", "route_2-r3", "route_5-r1"):
+        shutil.copy(EXAMPLE / f"{name}.yaml", tmp_path)
+    wide = EXAMPLE.parents[1] / "stacks" / "wide_inflation.yaml"
+    found = compare_versions("embedded", f"embedded:stack={wide}", suite=tmp_path, runs=20)
+    changes = {(each.case, each.requirement): each.change for each in found.changes}
+    assert changes[("route_1-clearance", "R3")] is Change.BROKEN
+    assert changes[("route_2-r3", "R3")] is Change.FIXED
+    assert changes[("route_5-r1", "R1")] is Change.FIXED
+    assert changes[("route_1-clearance", "clearance")] is Change.UNCHANGED
+    assert changes[("route_2-r1", "R1")] is Change.UNCHANGED
+    assert [each.case for each in found.broken] == ["route_1-clearance"]
+
+
+@pytest.mark.slow
 def test_the_same_parameters_in_a_file_change_nothing(suite: Path, tmp_path: Path) -> None:
     same = f"embedded:robot={robot_file(tmp_path / 'same.yaml')}"
     found = compare_versions("embedded", same, suite=suite, runs=6)

@@ -15,11 +15,10 @@ import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import sqlalchemy as sa
 from pydantic import ValidationError
-from sqlalchemy.dialects.sqlite import insert
 from sqlalchemy.exc import DatabaseError, IntegrityError
 
 import rvsg
@@ -71,11 +70,22 @@ _CHECKSUMS_SINCE = 2
 """The store version from which on runs have a checksum."""
 
 
-# Built once: building a statement takes longer than executing it, and these two are executed for every run.
-_KEEP = insert(_runs).on_conflict_do_nothing()
-_WANTED = _runs.c.id == sa.bindparam("wanted")
-_FIND = sa.select(_runs.c.header, _runs.c.arrays, _runs.c.checksum).where(_WANTED)
-_FIND_WITHOUT_CHECKSUM = sa.select(_runs.c.header, _runs.c.arrays, sa.null().label("checksum")).where(_WANTED)
+# Given to the driver as they are: SQLAlchemy takes many times longer to prepare a statement than SQLite to execute it,
+# and these are executed for every run.
+_KEEP = (
+    "INSERT INTO runs (id, scenario_id, seed, header, arrays, checksum) VALUES (?, ?, ?, ?, ?, ?) "
+    "ON CONFLICT DO NOTHING"
+)
+_FIND = "SELECT header, arrays, checksum FROM runs WHERE id = ?"
+_FIND_WITHOUT_CHECKSUM = "SELECT header, arrays, NULL FROM runs WHERE id = ?"
+
+
+class _Kept(NamedTuple):
+    """The part of a row of a run that `_is_whole` looks at."""
+
+    header: Any
+    arrays: Any
+    checksum: Any
 
 
 class SqliteLedger:
@@ -207,13 +217,13 @@ class SqliteLedger:
                 for run in runs:
                     _keep(connection, run)
                 connection.execute(_attempts.insert().values(row))
-        except IntegrityError:
+        except (IntegrityError, sqlite3.IntegrityError):
             raise StoreError(
                 f"{self.path}: attempt {attempt.index} of campaign {attempt.campaign!r} is there already. "
                 "Does another process work on the same folder?",
                 code="attempt-taken",
             ) from None
-        except DatabaseError as error:
+        except (DatabaseError, sqlite3.DatabaseError) as error:
             raise self._error(error) from None
 
     def attempts(self, campaign: str) -> Iterator[Attempt]:
@@ -242,9 +252,10 @@ class SqliteLedger:
         """The run of that id, or None."""
         query = _FIND if self._version >= _CHECKSUMS_SINCE else _FIND_WITHOUT_CHECKSUM
         with self._translated(), self._engine.connect() as connection:
-            row = connection.execute(query, {"wanted": run_id}).one_or_none()
-        if row is None:
+            found = _driver(connection).execute(query, (run_id,)).fetchone()
+        if found is None:
             return None
+        row = _Kept(*found)
         if not _is_whole(row):
             raise self._damaged(f"{run_id} is not what was stored: it lost the checksum it was kept with")
         try:
@@ -281,9 +292,10 @@ class SqliteLedger:
     def _translated(self) -> _Translated:
         return _Translated(self)
 
-    def _error(self, error: DatabaseError) -> StoreError:
-        reason, code = str(error.orig), result_code(error.orig)
-        if code is None and isinstance(error.orig, sqlite3.OperationalError):  # a text that is not UTF-8
+    def _error(self, given: DatabaseError | sqlite3.DatabaseError) -> StoreError:
+        error = given.orig if isinstance(given, DatabaseError) else given
+        reason, code = str(error), result_code(error)
+        if code is None and isinstance(error, sqlite3.OperationalError):  # a text that is not UTF-8
             return self._damaged("a text in it is not what was stored")
         if code in DAMAGED:
             return self._damaged(reason)
@@ -308,16 +320,22 @@ class _Translated:
         return None
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: object) -> None:
-        if isinstance(error, DatabaseError):
+        if isinstance(error, DatabaseError | sqlite3.DatabaseError):
             raise self._ledger._error(error) from None
         if isinstance(error, UnicodeDecodeError):  # of a message of SQLite that quotes what is damaged
             raise self._ledger._damaged("its tables are not what was stored") from None
 
 
 def _keep(connection: sa.Connection, run: PackedRun) -> None:
-    kept = {"header": "", "arrays": run.data, "checksum": _checksum("", run.data)}
-    row = {"id": run.id, "scenario_id": run.scenario_id, "seed": run.seed} | kept
-    connection.execute(_KEEP, row)
+    row = (run.id, run.scenario_id, run.seed, "", run.data, _checksum("", run.data))
+    _driver(connection).execute(_KEEP, row)
+
+
+def _driver(connection: sa.Connection) -> sqlite3.Connection:
+    """Return SQLite's own connection, in the same transaction."""
+    driver = connection.connection.driver_connection
+    assert isinstance(driver, sqlite3.Connection)
+    return driver
 
 
 def _is_whole(row: Any) -> bool:
