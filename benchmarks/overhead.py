@@ -19,9 +19,12 @@ from pathlib import Path
 from typing import Any
 
 from rvsg import Campaign
-from rvsg.campaign import measuring, parts
 from rvsg.campaign.events import RunMade
+from rvsg.campaign.loop import FeedbackFrom
+from rvsg.campaign.measuring import RunMaker
+from rvsg.generation.heuristic import HeuristicGenerator
 from rvsg.simulation.embedded.simulator import EmbeddedSimulator
+from rvsg.store.sqlite import SqliteLedger
 
 SPENT: Counter[str] = Counter()
 
@@ -47,13 +50,14 @@ def main() -> int:
     parser.add_argument("--strategy")
     options = parser.parse_args()
     timed(EmbeddedSimulator, "run", "simulation_s")
-    timed(measuring.RunMaker, "finished", "measure_and_pack_s")
-    timed(parts, "store", "store_s")
+    timed(RunMaker, "finished", "measure_and_pack_s")
+    timed(SqliteLedger, "append", "store_s")
+    timed(HeuristicGenerator, "propose", "propose_s")
+    timed(FeedbackFrom, "__call__", "feedback_s")
     settings = {"strategy": options.strategy} if options.strategy else {}
     with tempfile.TemporaryDirectory() as folder:
         campaign = Campaign.create(Path(folder) / "c", **settings)
         campaign.prepare()
-        timed(type(campaign._wired.generator), "propose", "propose_s") if hasattr(campaign, "_wired") else None
         began, runs = time.process_time(), 0
         for event in campaign.run(jobs=1):
             runs += isinstance(event, RunMade)
