@@ -1,8 +1,8 @@
 """What a campaign costs beyond its simulations: `python benchmarks/overhead.py [--share 1.0]`.
 
 A default campaign (`rvsg run`) on one core, in this process, kernels compiled. Prints one JSON object in seconds of
-processor time: `simulation_s` is all that the simulator's `run` takes (building the scene of a run included), `rest_s` all
-else from the first event to the last (proposing, forecasts, measuring, packing, judging, feedback, the store), and
+processor time: `simulation_s` is all that the simulator's `run` takes (building the scene of a run included), `rest_s`
+all else from the first event to the last (proposing, forecasts, measuring, packing, judging, feedback, the store), and
 `report_s` the page at the end. `overhead` is `rest_s` over `simulation_s`. `--share 0.2` ends after that share of the
 search, for a look in between.
 """

@@ -2,8 +2,8 @@
 
 One campaign, made by the front door as a user makes it, with the kinematic simulator: searching, judging, feedback,
 storing, all of it. Prints one JSON object: resident memory of the campaign's own process and of each worker at the
-start, in the middle and at the end, processor time of this process per run, and the size of the store. The start is after
-a tenth of the runs, when everything is loaded.
+start, in the middle and at the end, processor time of this process per run, and the size of the store. The
+start is after a tenth of the runs, when everything is loaded.
 """
 
 from __future__ import annotations
