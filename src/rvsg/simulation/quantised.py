@@ -151,7 +151,7 @@ def _encode_group(arrays: Mapping[str, Floats]) -> dict[str, Coded]:
         for name, first, end in members:
             upto = at + end - first
             shape = list(arrays[name].shape)
-            entry = [name, shape, _decimals(name), len(part) if kept else None, coding[at:upto]]
+            entry: list[object] = [name, shape, _decimals(name), len(part) if kept else None, coding[at:upto]]
             found[name] = (entry, kept + b"".join(planes[at:upto]))
             at = upto
     return found
