@@ -191,6 +191,11 @@ class _Stage:
         x, y, yaw = (float(v[row, h]) for v in (path.human_x, path.human_y, path.human_yaw))
         ((px, py),) = _points(self._pixels(np.array([x]), np.array([y])))
         r = radius * self._scale
+        if self.shot.run.human_outlines and self.shot.run.human_outlines[h]:
+            outline = np.array(self.shot.run.human_outlines[h])
+            self._shape(draw, outline, (x, y, yaw), "white")
+            middle = outline.mean(axis=0)
+            self._shape(draw, middle + 0.9 * (outline - middle), (x, y, yaw), colour)
         draw.ellipse((px - r, py - r, px + r, py + r), fill=colour, outline="white", width=2)
         self._nose(draw, radius, (x, y, yaw))
 

@@ -144,8 +144,11 @@ def _bodies(run: Run, row: int, look: Look, people: Sequence[int]) -> list[str]:
         colour = look.colours.get(name)
         x, y, radius = float(path.human_x[row, h]), float(path.human_y[row, h]), run.human_radius_m[h]
         nose = f"M{radius * 0.95:.2f} 0L{radius * 0.2:.2f} {radius * 0.6:.2f}L{radius * 0.2:.2f} {-radius * 0.6:.2f}Z"
+        pushed = run.human_outlines[h] if run.human_outlines else ()
+        outline = " ".join(f"{px:g},{py:g}" for px, py in pushed)
+        body = f'<polygon fill="{colour or GREY}" fill-opacity=".55" points="{outline}"/>' if pushed else ""
         found.append(
-            f'<g transform="{look.turn.placed(x, y, float(path.human_yaw[row, h]))}">'
+            f'<g transform="{look.turn.placed(x, y, float(path.human_yaw[row, h]))}">{body}'
             f'<circle r="{radius:g}" fill="{colour or GREY}"/><path class="nose" d="{nose}"/></g>'
         )
         if colour and h in people:

@@ -21,11 +21,14 @@ from rvsg.report.colours import distinct_colours
 from rvsg.report.quantity import Curve
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission
+from rvsg.simulation.events import DoorMoved
 from rvsg.simulation.run import Run
+from rvsg.world.doors import Door
 
 Floats = NDArray[np.float64]
 
 PERIOD_S = 0.1
+LEAF_STEPS = 10
 INVOLVED_M = 2.0
 """A person who never comes nearer to the robot than this, surface to surface, is drawn grey."""
 FAR_STEP = 5
@@ -48,13 +51,15 @@ class ReplayRun:
 
 @dataclass(frozen=True, kw_only=True)
 class ReplayGroup:
-    """Runs of one configuration. `status` is its verdict; `manners` describes each person by name."""
+    """Runs of one configuration. `status` is its verdict; `manners` describes each person by name; `moved` are the
+    outlines of objects that its scenario moved into the world."""
 
     id: str
     label: str
     purpose: str
     runs: tuple[ReplayRun, ...]
     status: str = ""
+    moved: tuple[tuple[tuple[float, float], ...], ...] = ()
     manners: dict[str, str] = field(default_factory=dict)
 
 
@@ -67,6 +72,7 @@ def replay_payload(
     matrix: str,
     quantity: str,
     footprint: Callable[[Run], Sequence[tuple[float, float]]],
+    doors: Sequence[Door] = (),
 ) -> dict[str, Any]:
     """Return the JSON data of the component.
 
@@ -75,9 +81,11 @@ def replay_payload(
         matrix: From world metres to the units of the floor plan (`FloorPlan.matrix`).
         quantity: The judged quantity in words.
         footprint: Gives the outline of the robot of a run in its own frame, m.
+        doors: The automatic doors of the world.
     """
     route = mission.route
-    return {
+    leaves = {"doors": [_door(door) for door in doors]} if doors else {}
+    return leaves | {
         "version": 1,
         "period": PERIOD_S,
         "matrix": [float(v) for v in matrix[7:-1].replace(",", " ").split()],
@@ -98,6 +106,21 @@ def replay_payload(
     }
 
 
+def _door(door: Door) -> dict[str, Any]:
+    """Return the leaf of a door, opened by 0, 0.1 ... 1 of its way."""
+    shares = [[[round(x, 3), round(y, 3)] for x, y in door.leaf(k / LEAF_STEPS)] for k in range(LEAF_STEPS + 1)]
+    return {"name": door.name, "opening": door.opening_s, "leaf": shares}
+
+
+def _door_moves(run: Run) -> dict[str, list[list[float]]]:
+    """Return when each door moves: begin (s), how far it is open then, 1 to open or 0 to close, and end (s)."""
+    moves: dict[str, list[list[float]]] = {}
+    for event in run.events:
+        if isinstance(event, DoorMoved):
+            moves.setdefault(event.door, []).append([event.time_s, event.share, float(event.opens), event.until_s])
+    return moves
+
+
 def people_colours(runs: Sequence[Run]) -> dict[str, str | None]:
     """A colour for each person of the runs by name; None for a person who is not involved in any of them."""
     names = list(dict.fromkeys(name for run in runs for name in run.human_names))
@@ -110,6 +133,9 @@ def _group(group: ReplayGroup, footprint: Callable[[Run], Sequence[tuple[float, 
     colours = people_colours(runs)
     names = list(colours)
     radii = {name: radius for run in runs for name, radius in zip(run.human_names, run.human_radius_m, strict=True)}
+    outlines = {
+        n: o for run in runs for n, o in zip(run.human_names, run.human_outlines, strict=bool(run.human_outlines))
+    }
     return {
         "id": group.id,
         "label": group.label,
@@ -120,8 +146,11 @@ def _group(group: ReplayGroup, footprint: Callable[[Run], Sequence[tuple[float, 
             "radius": runs[0].robot_radius_m if runs else 0.0,
         },
         "people": [
-            {"name": n, "radius": radii[n], "colour": colours[n], "manner": group.manners.get(n, "")} for n in names
+            {"name": n, "radius": radii[n], "colour": colours[n], "manner": group.manners.get(n, "")}
+            | ({"outline": outlines[n]} if outlines.get(n) else {})
+            for n in names
         ],
+        **({"moved": [[list(point) for point in outline] for outline in group.moved]} if group.moved else {}),
         "runs": [_run(each, names) for each in group.runs],
     }
 
@@ -156,6 +185,8 @@ def _run(each: ReplayRun, names: Sequence[str]) -> dict[str, Any]:
         "moments": [[round(t, 2), text] for t, text in each.moments],
         "blob": coded,
     }
+    if moves := _door_moves(run):
+        data["doors"] = moves
     if each.curve.is_known:
         data["judged"] = _judged(each.curve)
     return data

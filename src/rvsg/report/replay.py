@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from importlib import resources
 from typing import Any
 
+from rvsg.generation.actors import added
 from rvsg.report.facts import AttemptFacts, RunFacts
 from rvsg.report.payload import ReplayGroup, ReplayRun, replay_payload
 from rvsg.report.robots import footprint_of
@@ -60,6 +61,7 @@ def data_of(
                 status=facts.attempt.verdict.status.value if facts.attempt.verdict else "",
                 manners={human.name: manner(human) for human in scenario.people.humans} if scenario else {},
                 runs=tuple(_replay_run(run) for run in _worst_first(facts, requirement)),
+                moved=tuple(thing.footprint for thing in added(mission, scenario.mission)) if scenario else (),
             )
         )
     return replay_payload(
@@ -70,6 +72,7 @@ def data_of(
         matrix=floor.matrix,
         quantity=f"{quantity(requirement)} so far",
         footprint=lambda run: footprint_of(run, mission.robot_record),
+        doors=world.moving_doors,
     )
 
 

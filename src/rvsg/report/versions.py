@@ -114,6 +114,7 @@ def pair_replay(pair: ShownPair, versions: tuple[str, str]) -> dict[str, object]
         matrix=floor_plan(world, tooltips=False).matrix,
         quantity=f"{quantity(pair.requirement)} so far",
         footprint=lambda run: footprint_of(run, mission.robot_record),
+        doors=world.moving_doors,
     )
     return replay | {"floor": floor_svg(world)}
 

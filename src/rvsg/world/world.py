@@ -19,6 +19,9 @@ from rvsg.world.grid import Grid, GridSpec
 
 FREE, OCCUPIED, UNKNOWN = 0, 100, 255  # the values of an occupancy map's cells
 
+AUTOMATIC = "automatic door"
+"""The kind of the leaves that move, in pictures."""
+
 Point = tuple[float, float]
 Polygon = tuple[Point, ...]
 
@@ -159,6 +162,12 @@ class World:
     def still_doors(self) -> tuple[SolidObject, ...]:
         """The leaves of the doors that are open or closed all the time."""
         return tuple(_leaf(door, outline) for door in self.doors if (outline := door.still) is not None)
+
+    @cached_property
+    def drawn(self) -> tuple[SolidObject, ...]:
+        """What pictures show: everything solid, and the automatic doors as they are when they are closed."""
+        leaves = (_leaf(door, door.leaf(0.0)).model_copy(update={"kind": AUTOMATIC}) for door in self.moving_doors)
+        return (*self.solids, *leaves)
 
     @property
     def moving_doors(self) -> tuple[Door, ...]:

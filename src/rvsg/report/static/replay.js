@@ -350,6 +350,7 @@
       const node = svg(drawn, "g", { class: kind });
       if (person) {
         node.style.color = person.colour || "var(--rp-far, #8a94a0)";
+        if (person.outline) svg(node, "polygon", { points: person.outline.map(function (p) { return p.join(","); }).join(" ") });
         svg(node, "circle", { r: person.radius });
         svg(node, "path", { class: "rp-nose", d: "M" + person.radius * 0.95 + " 0L" + person.radius * 0.2 + " " + person.radius * 0.6 + "L" + person.radius * 0.2 + " " + -person.radius * 0.6 + "Z" });
         svg(node, "title", {}, person.name);
@@ -393,8 +394,27 @@
       if (!ghost) found.people.forEach(function (each) { if (each && each.person.colour) { each.name = svg(drawn, "text", { class: "rp-name" }, each.person.name); each.name.style.color = each.person.colour; } });
       return found;
     }
+    let leaves = [];
+    function corners(outline) { return outline.map(function (q) { return P(q[0], q[1]).join(","); }).join(" "); }
+    function opened(door, moves, t) {
+      let share = 0;
+      (moves || []).forEach(function (move) {
+        const way = (Math.min(t, move[3]) - move[0]) / door.opening;
+        if (move[0] <= t) share = clamp(move[1] + (move[2] ? way : -way), 0, 1);
+      });
+      return share;
+    }
+    function placeLeaves(t) {
+      const moves = state.run.doors || {};
+      leaves.forEach(function (each) {
+        const last = each.door.leaf.length - 1;
+        each.node.setAttribute("points", corners(each.door.leaf[Math.round(opened(each.door, moves[each.door.name], t) * last)]));
+      });
+    }
     function redraw() {
       drawn.textContent = "";
+      (state.group.moved || []).forEach(function (outline) { svg(drawn, "polygon", { class: "rp-moved", points: corners(outline) }); });
+      leaves = (data.doors || []).map(function (door) { return { door: door, node: svg(drawn, "polygon", { class: "rp-door" }) }; });
       const s = P(data.route.start[0], data.route.start[1]), g = P(data.route.goal[0], data.route.goal[1]);
       svg(drawn, "circle", { class: "rp-end", cx: s[0], cy: s[1], r: 0.2 });
       svg(drawn, "rect", { class: "rp-end", x: g[0] - 0.2, y: g[1] - 0.2, width: 0.4, height: 0.4 });
@@ -558,6 +578,7 @@
       if (show.follow) frame();
       if (parts.ghost) place(parts.ghost, state.otherSeries, Math.min(state.t, state.otherSeries.end));
       place(parts.main, state.series, Math.min(state.t, state.series.end));
+      placeLeaves(Math.min(state.t, state.series.end));
       drawLayers();
       map.classList.toggle("rp-no-trails", !show.trails);
       updates.forEach(function (each) { each[0](state.t, each[1](state.t)); });

@@ -34,6 +34,8 @@ STEPS = ((1.0, 0.0), (0.5, 1.0), (0.5, 0.0), (0.0, 1.0), (0.0, 0.5), (0.0, 0.0))
 """What is tried of a step that is blocked: shares of the way and of the turn."""
 LEAST_AHEAD = 0.2
 MOVES_M = 0.01
+FACING_M, FACED_S, RETREAT_S, BACK_M = 0.15, 2.0, 2.5, 0.04
+"""Who has had the robot this near for `FACED_S` steps back for `RETREAT_S`, by `BACK_M` in a tick."""
 SPARE_M = 0.3
 """Bodies this far from a trolley are looked at."""
 BODY_SHARE = 0.8
@@ -68,6 +70,7 @@ class MovingBodies:
         self.placed = {i: _placed(outline, *self._pose[i]) for i, outline in self._outlines.items()}
         self._reach = {i: float(np.hypot(*outline.T).max()) for i, outline in self._outlines.items()}
         self._blocked_s = dict.fromkeys(self._outlines, 0.0)
+        self._by_robot_s = dict.fromkeys(self._outlines, 0.0)
         names = [(agent.name, "wheelchair" if agent.outline == WHEELCHAIR else "trolley") for agent in agents]
         self._tree: Any = None
         self._first = len(scene.edges)
@@ -110,6 +113,10 @@ class MovingBodies:
         self.walls.free[0] = 0.0
         crowd.free[0] = 0.0
 
+    def finish(self, t: float) -> None:
+        """Tell the last contacts apart, before the outcome of the run is read from those with walls."""
+        self.touches.sort_out(t, self.placed)
+
     def events(self) -> tuple[RecordedEvent, ...]:
         """Return the contacts of the robot with trolleys and wheelchairs, and the movements of doors."""
         return (*self.touches.events(), *(move for leaf in self.leaves.leaves for move in leaf.moves))
@@ -133,6 +140,11 @@ class MovingBodies:
             shape = _placed(self._outlines[i], *pose)
             if not any(_deeper(shape, self.placed[i], other) for other in blockers):
                 break
+        if self._retreats(i, robot):
+            go, pose = 0.0, (x - BACK_M * math.cos(yaw), y - BACK_M * math.sin(yaw), yaw)
+            shape = _placed(self._outlines[i], *pose)
+            if any(_deeper(shape, self.placed[i], other) for other in blockers):
+                pose, shape = self._pose[i], self.placed[i]
         velocity = (dx / PERIOD_S, dy / PERIOD_S)
         if way > MOVES_M and go == 0.0:
             self._blocked_s[i] += PERIOD_S
@@ -143,6 +155,17 @@ class MovingBodies:
         crowd.x[i], crowd.y[i], crowd.yaw[i] = pose
         crowd.vx[i], crowd.vy[i] = go * velocity[0], go * velocity[1]
         self._keep_apart(i, shape, robot)
+
+    def _retreats(self, i: int, robot: Any) -> bool:
+        """Return whether a person who stands in front of the robot with what they push steps back, for a while."""
+        if self._by_robot_s[i] < 0.0:
+            self._by_robot_s[i] = min(0.0, self._by_robot_s[i] + PERIOD_S)
+            return True
+        near = i not in self._heedless and self.placed[i].distance(robot) < FACING_M and not self.crowd.stands[i]
+        self._by_robot_s[i] = self._by_robot_s[i] + PERIOD_S if near else 0.0
+        if self._by_robot_s[i] >= FACED_S:
+            self._by_robot_s[i] = -RETREAT_S
+        return False
 
     def _others(self, i: int) -> list[Any]:
         """Return the walls, leaves, people and trolleys near a trolley."""

@@ -193,6 +193,8 @@ def simulate_agents(
             outside = driving.outside(outside)
         step = None if moving is None else moving.step
         Episode(scene, state, settings, crowd, phases, intervals, record, outside, step).run()
+        if moving is not None:
+            moving.finish(float(record.track[int(record.counts[0]) - 1, 0]))
         outcome = _outcome(state)
         if driving is not None:
             told = driving.details()

@@ -48,7 +48,7 @@ def birdseye(
     margins = (round(20 * unit), round(56 * unit), round(20 * unit), round(24 * unit))
     x0, y0, x1, y1 = known_window(world, 0.3)
     corners = np.array([(x, y, z) for x in (x0, x1) for y in (y0, y1) for z in (0.0, WALL_CUT_M)])
-    tops = [(*point, _top(thing)) for thing in world.solids for point in thing.footprint]
+    tops = [(*point, _top(thing)) for thing in world.drawn for point in thing.footprint]
     points = np.concatenate([corners, np.array(tops).reshape(-1, 3)])
     view, height = Oblique(world.grid.up).fitted(points, width_px, margins)
     fine = Oblique(view.up, view.scale * FINE, view.left * FINE, view.top * FINE)
@@ -57,7 +57,7 @@ def birdseye(
     _tint_areas(pixels, world, fine, ink, kinds)
     canvas = Canvas(fine, pixels)
     if world.solids:
-        for thing in world.solids:
+        for thing in world.drawn:
             _draw_object(canvas, thing, ink, _colour_of(thing, world.areas, kinds, ink))
     else:
         _raise_map(pixels, solid, ink, fine)

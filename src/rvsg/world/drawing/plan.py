@@ -64,7 +64,7 @@ def draw_plan(
     guides = draw_rulers(sheet, world) if "rulers" in show else ([], [])
     draw_floor(sheet, world, guides, hidden="objects" in show)
     if "objects" in show:
-        draw_objects(sheet, world.solids)
+        draw_objects(sheet, world.drawn)
     if "lidar" in show:
         for thing in world.solids:
             for cut in thing.slices:

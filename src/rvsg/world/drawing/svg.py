@@ -23,7 +23,7 @@ from rvsg.world.drawing.palette import Colour, Palette, palette
 from rvsg.world.drawing.placing import Word
 from rvsg.world.drawing.view import View, Window, view_of
 from rvsg.world.space import frame_of, solid_cells, world_map
-from rvsg.world.world import FREE, OCCUPIED, World
+from rvsg.world.world import AUTOMATIC, FREE, OCCUPIED, World
 
 Floats = NDArray[np.float64]
 SHOWN_PX = 800
@@ -126,9 +126,9 @@ def _kinds(world: World) -> list[int]:
 def _objects(world: World, tooltips: bool) -> list[str]:
     """Walls first, then things; a hole is a part of the same path."""
     parts = []
-    for thing in sorted(world.solids, key=lambda o: (not is_wall(o), o.box.size[2], o.name)):
+    for thing in sorted(world.drawn, key=lambda o: (not is_wall(o), o.box.size[2], o.name)):
         rings = "".join(f"M{_points(ring)}z" for ring in (thing.footprint, *thing.holes))
-        kind = "wall" if is_wall(thing) else "thing"
+        kind = "wall" if is_wall(thing) else "thing leaf" if thing.kind == AUTOMATIC else "thing"
         title = f"<title>{html.escape(thing.name)}</title>" if tooltips else ""
         parts.append(f'<path class="{kind}" fill-rule="evenodd" d="{rings}">{title}</path>')
     return parts
