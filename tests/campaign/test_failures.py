@@ -7,7 +7,7 @@ import pytest
 from tests.campaign.parts import MemoryLedger, parts, plan, warehouse
 
 from rvsg.campaign.attempt import Attempt
-from rvsg.campaign.failures import FailureMode, candidates, mode_of, usual_mode
+from rvsg.campaign.failures import FailureMode, candidates, met, mode_of, usual_mode
 from rvsg.campaign.finding import Finding, distinct_failures, worst_confirmation
 from rvsg.campaign.loop import feedback_from, run_campaign
 from rvsg.campaign.strategies import StudyStrategy
@@ -124,3 +124,16 @@ def confirmation(index: int, violations: int, runs: int) -> Attempt:
         violation_interval=clopper_pearson(violations, runs),
     )
     return Attempt.model_construct(index=index, purpose="confirmation", verdict=verdict)
+
+
+@pytest.mark.parametrize(
+    ("kind", "said"),
+    [
+        ("stands beside it", "stands beside the robot"),
+        ("comes towards it ahead of it", "walks the opposite way to the robot, ahead of it"),
+        ("crosses its way behind it", "crosses the robot's way, behind it"),
+        ("something else", "something else"),
+    ],
+)
+def test_a_kind_of_encounter_reads_without_the_robot_named_before(kind: str, said: str) -> None:
+    assert met(kind) == said

@@ -103,3 +103,17 @@ def test_two_runs_have_no_interval_that_would_flatten_the_search_chart(found: tu
     dots = [float(node.attrib["cy"]) for node in ET.fromstring(svg).iter() if node.attrib.get("class") == "new"]
     assert len(dots) == len(searched)
     assert max(dots) - min(dots) > 0.7 * (280 - 44 - 14), "the means take most of the height"
+
+
+def test_a_search_that_returns_to_scenarios_is_numbered_by_attempts(found: tuple[Plan, list[Attempt]]) -> None:
+    plan, attempts = found
+
+    def numbers(made: list[Attempt]) -> list[str]:
+        nodes = [node for node in ET.fromstring(search_chart(plan, made)).iter("text") if node.text]
+        return [str(node.text) for node in nodes if node.attrib.get("text-anchor") == "middle"]
+
+    searched = [each for each in attempts if each.purpose == "search"]
+    returns = [each.replace(brief=each.brief.replace(scenario_index=k % 2)) for k, each in enumerate(searched)]
+    assert numbers(searched) == ["1", "2", "scenario"]
+    *counted, axis = numbers(returns)
+    assert axis.startswith("attempt") and counted == [str(k) for k in range(len(searched))]

@@ -31,12 +31,12 @@ SLOWS_TO = 0.5
 
 SIDES = ("ahead of", "behind", "beside")
 MOVES = {
-    "stands": "stands",
-    "walks the same way": "walks the same way,",
-    "comes towards it": "walks the opposite way,",
-    "crosses its way": "crosses its way,",
+    "stands": "stands {side} the robot",
+    "walks the same way": "walks the same way as the robot, {side} it",
+    "comes towards it": "walks the opposite way to the robot, {side} it",
+    "crosses its way": "crosses the robot's way, {side} it",
 }
-"""What a person does, and how it reads before the side on which it happens."""
+"""What a person does, and how it reads with the side on which it happens."""
 
 
 class FailureMode(Record):
@@ -59,11 +59,10 @@ class FailureMode(Record):
 
 
 def met(kind: str) -> str:
-    """Return how a person is met in words that name the robot, e.g. "walks the opposite way, beside the robot"."""
+    """Return how a person is met in words that name the robot, e.g. "crosses the robot's way, ahead of it"."""
     for side in SIDES:
         if kind.endswith(f" {side} it"):
-            what = MOVES.get(kind.removesuffix(f" {side} it"), "")
-            return f"{what} {side} the robot" if what else kind
+            return MOVES.get(kind.removesuffix(f" {side} it"), kind).format(side=side)
     return kind
 
 

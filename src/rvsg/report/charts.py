@@ -7,6 +7,7 @@ They take their colours from the page (classes `axis`, `grid`, `limit`, `old`, `
 from __future__ import annotations
 
 import html
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,6 +21,9 @@ from rvsg.scenario.requirement import Requirement
 
 LETTER = 6.5
 """Pixels that a letter of the words in a chart takes at most, on average."""
+
+MOST_NAMED = 25
+"""Scenarios whose numbers find room under the course of the search."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +119,10 @@ def search_chart(plan: Plan, attempts: Sequence[Attempt]) -> str:
     for attempt in done:
         groups.setdefault(attempt.brief.scenario_index, []).append(attempt)
     parts = [_frame(width, height, f"Mean objective of every attempt in the order of the search, {unit}")]
-    parts += [_band(group, x, y) for group in list(groups.values())[::2]]
+    whole = list(groups.values())
+    in_turn = all(one[-1].index < other[0].index for one, other in itertools.pairwise(whole))
+    named = in_turn and len(groups) <= MOST_NAMED
+    parts += [_band(group, x, y) for group in whole[::2] if in_turn]
     for tick in ticks(y.low, y.high):
         parts.append(f'<line class="grid" x1="58" x2="{right:.1f}" y1="{y(tick):.1f}" y2="{y(tick):.1f}"/>')
         parts.append(f'<text class="axis" x="50" y="{y(tick) + 4:.1f}" text-anchor="end">{number(tick)}</text>')
@@ -124,13 +131,15 @@ def search_chart(plan: Plan, attempts: Sequence[Attempt]) -> str:
             f'<line class="limit" x1="58" x2="{right:.1f}" y1="{y(limit):.1f}" y2="{y(limit):.1f}"/>'
             f'<text class="limit" x="{right + 6:.1f}" y="{y(limit) + 4:.1f}">{_e(said)}</text>'
         )
-    parts += [_course(scenario, group, x, y, unit, few=len(groups) <= 25) for scenario, group in groups.items()]
-    parts.append(f'<text class="axis" x="{width / 2}" y="{height - 6}" text-anchor="middle">scenario</text>')
+    parts += [_course(scenario, group, x, y, unit, named=named) for scenario, group in groups.items()]
+    parts += [] if named else _numbers(x, y.start + 16, int(x.high))
+    axis = "scenario" if named else "attempt, in the order of the search"
+    parts.append(f'<text class="axis" x="{width / 2}" y="{height - 6}" text-anchor="middle">{axis}</text>')
     return "".join([*parts, "</svg>"])
 
 
-def _course(scenario: int, group: Sequence[Attempt], x: Scale, y: Scale, unit: str, *, few: bool) -> str:
-    """One scenario's attempts, in the order of its configurations."""
+def _course(scenario: int, group: Sequence[Attempt], x: Scale, y: Scale, unit: str, *, named: bool) -> str:
+    """One scenario's attempts, in the order of its configurations, with its number where it is `named`."""
     parts = []
     points = " ".join(f"{x(a.index):.1f},{y(a.mean):.1f}" for a in group if a.mean is not None)
     parts.append(f'<polyline class="line" points="{points}"/>')
@@ -145,12 +154,18 @@ def _course(scenario: int, group: Sequence[Attempt], x: Scale, y: Scale, unit: s
             f'<circle class="new" cx="{at:.1f}" cy="{y(verdict.mean):.1f}" r="3.5"><title>scenario {scenario + 1}, '
             f"configuration {attempt.brief.configuration_index + 1}: {_e(number(verdict.mean, unit))}</title></circle>"
         )
-    if few:
+    if named:
         middle = x((group[0].index + group[-1].index) / 2)
         parts.append(
             f'<text class="axis" x="{middle:.1f}" y="{y.start + 16:.1f}" text-anchor="middle">{scenario + 1}</text>'
         )
     return "".join(parts)
+
+
+def _numbers(x: Scale, y: float, last: int) -> list[str]:
+    """The numbers of attempts under the chart, for a strategy that returns to earlier scenarios."""
+    shown = [int(tick) for tick in ticks(0, last) if tick == int(tick)]
+    return [f'<text class="axis" x="{x(k):.1f}" y="{y:.1f}" text-anchor="middle">{k}</text>' for k in shown]
 
 
 def _band(group: Sequence[Attempt], x: Scale, y: Scale) -> str:

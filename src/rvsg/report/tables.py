@@ -56,7 +56,7 @@ def manner(human: Human) -> str:
 def finding_rows(shown: Shown) -> list[dict[str, Any]]:
     """Findings and candidates, the worst first. A confirmed scenario shows its confirmation verdict.
 
-    Where descriptions begin alike, what everybody does first tells the scenarios apart (`short`).
+    Where descriptions begin alike, `short` says instead what everybody does first, which tells the scenarios apart.
     After the scenarios come further configurations that were confirmed.
     """
     attempts = {attempt.index: attempt for attempt in shown.attempts}
@@ -70,7 +70,7 @@ def finding_rows(shown: Shown) -> list[dict[str, Any]]:
         row = {"rank": entry.rank or "", "configurations": entry.configurations, "description": entry.description}
         scenario = attempts[entry.attempt].proposal.scenario
         row["short"] = entry.description
-        if scenario is not None and begins[entry.description[:LIKE]] > 1:
+        if scenario is not None and max(begins.values()) > 1:
             row["short"] = in_short(scenario)
         row |= {"cause": causes.get(entry.attempt, "–"), "touched": entry.seen.contacts.runs > 0}
         rows.append(row | _finding_row(shown, attempts[entry.attempt], facts, entry.state))
