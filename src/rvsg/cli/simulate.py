@@ -54,7 +54,11 @@ def simulate(
     asked, place = load_changed(scenario, world, robot=robot, moved=moved, on_message=say)
 
     def made(run: rvsg.Run) -> None:
-        say(f"seed {run.seed}: {run.outcome.value}, after {run.trajectory.t[-1]:.1f} s")
+        fault = run.stack_fault
+        say(
+            f"seed {run.seed}: {run.outcome.value}, after {run.trajectory.t[-1]:.1f} s"
+            + (f": {fault}" if fault else "")
+        )
 
     seeds = range(seed, seed + repeats)
     chosen = spec("simulator", simulator, simulator_option)

@@ -102,6 +102,12 @@ class Run:
         return run_id(self.scenario_id, self.simulator, self.options, self.seed)
 
     @property
+    def stack_fault(self) -> str:
+        """Why the stack under test failed; empty where it did not."""
+        told = self.details.get("stack")
+        return str(told.get("fault", "")) if isinstance(told, dict) else ""
+
+    @property
     def completed(self) -> bool:
         """Whether the goal was reached in time."""
         return self.outcome is Outcome.REACHED

@@ -145,7 +145,7 @@ class External:
         try:
             self._connect()
         except StackError as error:
-            raise InputError(f"The stack {self.command_line}: {error}.") from error
+            raise InputError(f"The stack {self.command_line}: {str(error).removesuffix('.')}.") from error
 
     def reset(self, task: Task) -> None:
         """Begin a run, in a fresh process where the one before failed."""

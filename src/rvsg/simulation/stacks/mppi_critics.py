@@ -45,12 +45,13 @@ def score_speeds(m: Work, begin: int, end: int, to_goal: float, p: Numbers) -> N
     """ConstraintCritic, PreferForwardCritic, TwirlingCritic, and the distance of the samples from the sequence."""
     steps = m.x.shape[0]
     forward = p.forward * p.dt if to_goal >= p.forward_m else 0.0
-    costs = m.costs[begin:end]
+    costs, vs, ws, control = m.costs[begin:end], m.v, m.w, m.control
+    v, w = vs[0, begin:end], ws[0, begin:end]
     for k in range(steps):
-        v, w = m.v[k, begin:end], m.w[k, begin:end]
         add_beyond(costs, v, w, p.v_min, p.v_max, p.constraint * p.dt, forward, p.twirl / steps)
-        add_effort(costs, m.v[k + 1, begin:end], m.control[0, k], p.gamma / (p.v_std * p.v_std))
-        add_effort(costs, m.w[k + 1, begin:end], m.control[1, k], p.gamma / (p.w_std * p.w_std))
+        v, w = vs[k + 1, begin:end], ws[k + 1, begin:end]
+        add_effort(costs, v, control[0, k], p.gamma / (p.v_std * p.v_std))
+        add_effort(costs, w, control[1, k], p.gamma / (p.w_std * p.w_std))
 
 
 @kernel
@@ -147,11 +148,14 @@ def rim_hits(away: NDArray[np.int64], points: Floats, x: float, y: float, yaw: f
 
 
 @kernel
-def add_scores(total: Singles, found: Singles) -> None:
-    """Add the scores that are none of a collision or of an outline to check."""
+def add_scores(total: Singles, found: Singles) -> bool:
+    """Add the scores that are none of a collision or of an outline to check; return whether there is one of these."""
     zero = F(0.0)
+    negative = 0
     for b in range(total.size):
         total[b] += max(found[b], zero)
+        negative |= found[b] < zero
+    return negative != 0
 
 
 @kernel
@@ -188,16 +192,19 @@ def score_costmap(m: Work, begin: int, end: int, ground: Ground, p: Numbers) -> 
     total[:] = F(0.0)
     hit[:] = F(0.0)
     fx, fy, scale = F(ground.x), F(ground.y), F(ground.per_m)
+    xs, ys, yaws, n = m.x, m.y, m.yaw, end - begin
+    scores, away, points = ground.scores, ground.away, ground.rim
     for j in range(strided):
         k = j * p.cost_step
-        x, y, yaw = m.x[k, : end - begin], m.y[k, : end - begin], m.yaw[k, : end - begin]
-        look_up(found, x, y, ground.scores, fx, fy, scale, columns - 2, rows - 2)
-        add_scores(total, found)
+        x, y = xs[k, :n], ys[k, :n]
+        look_up(found, x, y, scores, fx, fy, scale, columns - 2, rows - 2)
+        if not add_scores(total, found):
+            continue
         for b in range(total.size):
             if found[b] >= 0.0 or hit[b] != 0.0:
                 continue
             column, row = x[b] * scale + fx, y[b] * scale + fy
-            if found[b] == COLLIDES or rim_hits(ground.away, ground.rim, column, row, yaw[b]):
+            if found[b] == COLLIDES or rim_hits(away, points, column, row, yaws[k, b]):
                 hit[b] = F(1.0)
             else:
                 total[b] += COLLIDES - F(1.0) - found[b]

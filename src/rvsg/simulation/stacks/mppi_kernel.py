@@ -26,7 +26,8 @@ FILTER = np.array([-21.0, 14.0, 39.0, 54.0, 59.0, 54.0, 39.0, 14.0, -21.0]) / 23
 """Savitzky-Golay coefficients, quadratic over nine points."""
 
 
-# Loops over few arrays each: with more of them the compiler does not prove that they do not overlap.
+# Loops over few arrays each: with more of them the compiler does not prove that they do not overlap. Arrays are taken
+# out of the work before a loop: numba counts a reference each time.
 
 
 @kernel
@@ -80,16 +81,20 @@ def roll_out(m: Work, begin: int, end: int, yaw0: float, v0: float, w0: float, p
     ahead[:] = F(yaw0)
     m.v[0, begin:end] = F(v0)
     m.w[0, begin:end] = F(w0)
-    x, y, yaw = still, still, ahead
-    for k in range(m.x.shape[0]):
-        v, w = m.v[k, begin:end], m.w[k, begin:end]
-        add_scaled(m.x[k, : end - begin], x, v, cos, p.dt)
-        add_scaled(m.y[k, : end - begin], y, v, sin, p.dt)
-        add_product(m.yaw[k, : end - begin], yaw, w, p.dt)
-        x, y, yaw = m.x[k, : end - begin], m.y[k, : end - begin], m.yaw[k, : end - begin]
-        turn(cos, sin, w, p.dt)
-        limited(m.v[k + 1, begin:end], v, m.noise_v[k, begin:end], m.control[0, k], p.dt * p.a_min, p.dt * p.a_max)
-        limited(m.w[k + 1, begin:end], w, m.noise_w[k, begin:end], m.control[1, k], -p.dt * p.aw_max, p.dt * p.aw_max)
+    n, dt = end - begin, p.dt
+    xs, ys, yaws, vs, ws = m.x, m.y, m.yaw, m.v, m.w
+    noise_v, noise_w, control = m.noise_v, m.noise_w, m.control
+    x, y, yaw, v, w = still, still, ahead, vs[0, begin:end], ws[0, begin:end]
+    for k in range(xs.shape[0]):
+        next_x, next_y, next_yaw = xs[k, :n], ys[k, :n], yaws[k, :n]
+        next_v, next_w = vs[k + 1, begin:end], ws[k + 1, begin:end]
+        add_scaled(next_x, x, v, cos, dt)
+        add_scaled(next_y, y, v, sin, dt)
+        add_product(next_yaw, yaw, w, dt)
+        turn(cos, sin, w, dt)
+        limited(next_v, v, noise_v[k, begin:end], control[0, k], dt * p.a_min, dt * p.a_max)
+        limited(next_w, w, noise_w[k, begin:end], control[1, k], -dt * p.aw_max, dt * p.aw_max)
+        x, y, yaw, v, w = next_x, next_y, next_yaw, next_v, next_w
 
 
 @kernel
@@ -130,9 +135,10 @@ def average(m: Work, p: Numbers) -> None:
     for b in range(samples):
         weights[b] = F(math.exp(-(m.costs[b] - least) / p.temperature))
         total += weights[b]
+    control, v, w = m.control, m.v, m.w
     for k in range(steps):
-        m.control[0, k] = weighted(m.v[k + 1], weights) / total
-        m.control[1, k] = weighted(m.w[k + 1], weights) / total
+        control[0, k] = weighted(v[k + 1], weights) / total
+        control[1, k] = weighted(w[k + 1], weights) / total
 
 
 @kernel
