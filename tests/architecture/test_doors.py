@@ -28,3 +28,14 @@ def test_a_verb_is_at_most_thirty_lines() -> None:
     found = {name: lines_of(node) for name, node in verbs()}
     assert len(found) > 25
     assert {name: lines for name, lines in found.items() if lines > LONGEST} == {}
+
+
+def test_a_verb_refuses_nothing_itself() -> None:
+    raised = {
+        name: ast.unparse(each.exc)
+        for name, node in verbs()
+        for each in ast.walk(node)
+        if isinstance(each, ast.Raise) and each.exc is not None
+    }
+    ends = ("typer.Exit", "Interrupted")  # the exit code, and how to resume
+    assert {name: what for name, what in raised.items() if not what.startswith(ends)} == {}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 import sqlite3
 import subprocess
 import sys
@@ -13,9 +12,9 @@ import pytest
 
 from rvsg.api.folder import LEDGER
 from rvsg.api.records import check_writable
-from rvsg.cli import frame, main
+from rvsg.cli import main
 from rvsg.core.documents import DocumentError
-from rvsg.core.errors import FileError, InvalidScenario, NewerStore, RvsgError, UnknownName
+from rvsg.core.errors import FileError, InvalidOptions, InvalidScenario, NewerStore, RvsgError, UnknownName
 from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.store.sqlite import SqliteLedger
 
@@ -27,19 +26,10 @@ class Refusal(str):
 
     error: RvsgError | None = None
 
-
-@pytest.fixture
-def errors(monkeypatch: pytest.MonkeyPatch) -> list[RvsgError]:
-    """The errors that commands end with, as they are reported."""
-    told, found = frame._tell, []
-
-    def tell(text: str) -> None:
-        error = sys.exc_info()[1]
-        found.extend([error] if isinstance(error, RvsgError) else [])
-        told(text)
-
-    monkeypatch.setattr(frame, "_tell", tell)
-    return found
+    @property
+    def code(self) -> str | None:
+        """The code of the error."""
+        return self.error.code if self.error is not None else None
 
 
 @pytest.fixture
@@ -144,17 +134,17 @@ SEVERAL = ["--route", "route_1", "--route", "route_2"]
 @pytest.mark.parametrize("several", [[], SEVERAL])
 def test_a_file_in_the_place_of_the_output_folder_is_called_one(refused, tmp_path: Path, several: list[str]) -> None:
     (tmp_path / "file").write_text("in the way")
-    assert "file: this is no folder, and --out file needs one" in refused("run", *SMALL, *several, "--out", "file")
-    told = refused("run", *SMALL, *several, "--out", "file/below")
-    assert "file: this is no folder, and --out file/below needs one" in told
+    for out in ("file", "file/below"):
+        error = refused("run", *SMALL, *several, "--out", out).error
+        assert isinstance(error, FileError)
+        assert (error.code, error.path) == ("out-no-folder", Path("file"))
 
 
 @pytest.mark.parametrize("several", [[], SEVERAL])
 def test_a_folder_of_other_files_is_not_written_into(refused, tmp_path: Path, several: list[str]) -> None:
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "report.html").write_text("of another program")
-    told = refused("run", *SMALL, *several, "--out", "mine")
-    assert "mine: this folder holds no campaign but other files (report.html)" in told
+    assert refused("run", *SMALL, *several, "--out", "mine").code == "out-occupied"
 
 
 def test_templates_and_recorded_calls_may_be_there_before_a_campaign(tmp_path: Path) -> None:
@@ -165,12 +155,12 @@ def test_templates_and_recorded_calls_may_be_there_before_a_campaign(tmp_path: P
 
 
 def test_an_option_a_plug_in_does_not_take_is_named(refused) -> None:
-    assert "warp" in refused("run", *SMALL, "--simulator-option", "warp=9")
-    assert "NAME=VALUE" in refused("run", *SMALL, "--simulator-option", "warp")
+    assert refused("run", *SMALL, "--simulator-option", "warp=9").code == "unknown-option"
+    assert refused("run", *SMALL, "--simulator-option", "warp").code == "option-form"
 
 
 def test_a_vlm_without_a_model_says_what_to_give(refused) -> None:
-    assert "--model" in refused("run", "--generator", "vlm")
+    assert refused("run", "--generator", "vlm").code == "model-missing"
 
 
 def test_a_store_of_a_newer_version_is_left_alone(refused, tmp_path: Path) -> None:
@@ -185,13 +175,19 @@ def test_a_store_of_a_newer_version_is_left_alone(refused, tmp_path: Path) -> No
 
 
 def test_a_report_of_nothing_says_so(refused) -> None:
-    assert "no store here" in refused("report", "nowhere")
+    assert refused("report", "nowhere").code == "store-absent"
+
+
+@pytest.fixture(scope="module")
+def _proposed(tmp_path_factory: pytest.TempPathFactory) -> str:
+    path = tmp_path_factory.mktemp("proposed") / "proposal.json"
+    assert main(["propose", "--generator", "random", "--seed", "1", "--out", str(path)]) == 0
+    return path.read_text()
 
 
 @pytest.fixture
-def scenario(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> dict:
-    assert main(["propose", "--generator", "random", "--seed", "1"]) == 0
-    found = json.loads(capsys.readouterr().out)["scenario"]
+def scenario(_proposed: str) -> dict:
+    found = json.loads(_proposed)["scenario"]
     assert isinstance(found, dict)
     return found
 
@@ -216,7 +212,7 @@ def test_a_path_through_an_obstacle_is_refused(refused, tmp_path: Path, scenario
 
 def test_a_start_pose_inside_an_obstacle_is_refused(refused, tmp_path: Path, scenario: dict) -> None:
     scenario["mission"]["route"]["start"] = {"x": -5.79, "y": -0.96, "yaw": 0.0}
-    assert "start pose (-5.79, -0.96) lies inside an obstacle" in simulate(refused, tmp_path, scenario)
+    assert simulate(refused, tmp_path, scenario).code == "pose-blocked"
 
 
 @pytest.mark.parametrize("verb", ["simulate", "shrink"])
@@ -238,7 +234,7 @@ def test_a_robot_that_the_simulator_does_not_drive_is_refused(
 
 def test_a_number_that_is_none_is_refused(refused, tmp_path: Path, scenario: dict) -> None:
     scenario["people"]["humans"][0]["speed_m_s"] = float("nan")
-    assert "s.json: this is not JSON: NaN" in simulate(refused, tmp_path, scenario)
+    assert simulate(refused, tmp_path, scenario).code == "json"
 
 
 @pytest.mark.parametrize(
@@ -259,21 +255,17 @@ def test_what_is_wrong_with_a_scenario_ends_with_one_full_stop(
 
 def test_a_time_limit_that_is_none_is_refused(refused, tmp_path: Path, scenario: dict) -> None:
     scenario["mission"]["route"]["time_limit_s"] = -1
-    told = simulate(refused, tmp_path, scenario)
-    assert "mission.route.time_limit_s: expected a value greater than 0, got -1" in told
+    assert simulate(refused, tmp_path, scenario).code == "record-invalid"
 
 
 def test_a_scenario_of_another_world_is_refused(refused, tmp_path: Path, scenario: dict) -> None:
     (tmp_path / "s.json").write_text(json.dumps(scenario))
-    told = refused("simulate", "s.json", "--world", "office", "--out", "runs.jsonl")
-    assert "made for warehouse (world-" in told and "office is another world (world-" in told
-    assert "changed" not in told
+    assert refused("simulate", "s.json", "--world", "office", "--out", "runs.jsonl").code == "world-other"
 
 
 def test_a_scenario_of_a_world_that_has_changed_is_refused(refused, tmp_path: Path, scenario: dict) -> None:
     scenario["mission"] |= {"world_id": "world-0000000000000000", "parts": None}
-    told = simulate(refused, tmp_path, scenario)
-    assert "world-0000000000000000" in told and "rvsg scenario migrate" in told
+    assert simulate(refused, tmp_path, scenario).code == "world-changed"
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", "{}", "null", '{"people": 3}'])
@@ -303,33 +295,39 @@ def test_a_truncated_run_is_found_at_its_line(
 )
 def test_an_option_that_a_plug_in_does_not_take_is_told_without_python(refused, kind: str, name: str) -> None:
     told = refused("run", *SMALL, f"--{kind}", name, f"--{kind}-option", "foo=1")
-    assert f'The {kind} "{name}" has no option "foo"' in told and "Known options: " in told
+    assert told.code == "unknown-option"
     assert "__init__" not in told
 
 
 @pytest.mark.parametrize(
-    ("option", "said"),
+    ("option", "key"),
     [
-        ("lidar_ray=3", 'there is no option "lidar_ray". Did you mean "lidar_rays"? Known: profile,'),
-        ("noise={lidr: 0}", 'there is no option "lidr" in noise. Did you mean "lidar"? Known: '),
-        ("lidar_rays=many", "lidar_rays: expected a whole number, got 'many'"),
-        ("lidar_range_m=.nan", "lidar_range_m: expected a finite number"),
-        ("profile=published_study", 'Did you mean "published-study"'),
+        ("lidar_ray=3", "lidar_ray"),
+        ("noise={lidr: 0}", "noise.lidr"),
+        ("lidar_rays=many", "lidar_rays"),
+        ("lidar_range_m=.nan", "lidar_range_m"),
     ],
 )
-def test_a_wrong_option_of_the_simulator_is_told_with_the_nearest_and_all(refused, option: str, said: str) -> None:
-    assert said in refused("run", "--simulator-option", option)
+def test_a_wrong_option_of_the_simulator_is_told_by_its_key(refused, option: str, key: str) -> None:
+    error = refused("run", "--simulator-option", option).error
+    assert isinstance(error, InvalidOptions) and error.keys == (key,)
+
+
+def test_a_wrong_profile_of_the_simulator_is_answered_with_the_nearest(refused) -> None:
+    error = refused("run", "--simulator-option", "profile=published_study").error
+    assert isinstance(error, UnknownName) and error.nearest == "published-study"
 
 
 @pytest.mark.parametrize("option", [("--model", "openai-chat:x"), ("--replay", "r"), ("--conversation", "study")])
 @pytest.mark.parametrize("generator", ["heuristic", "random"])
 def test_an_option_of_a_model_that_nobody_asks_is_refused(refused, option: tuple[str, str], generator: str) -> None:
     told = refused("run", *SMALL, "--generator", generator, *option)
-    assert option[0] in told and generator in told and "--generator vlm" in told
+    assert told.code == "model-options-unused"
+    assert option[0] in told and generator in told
 
 
 def test_a_folder_of_prompts_that_does_not_exist_is_told(refused) -> None:
-    assert "nowhere: there is no such folder" in refused("prompt", "--prompts", "nowhere")
+    assert refused("prompt", "--prompts", "nowhere").code == "prompts-folder"
 
 
 def test_other_settings_are_listed_once_and_as_options(tmp_path: Path, monkeypatch, capsys) -> None:
@@ -344,35 +342,28 @@ def test_other_settings_are_listed_once_and_as_options(tmp_path: Path, monkeypat
 
 @pytest.mark.parametrize("verb", [("evaluate",), ("metrics", "--run")])
 def test_a_proposal_in_the_place_of_runs_is_not_called_broken_json(
-    tmp_path: Path, monkeypatch, capsys, verb: tuple[str, ...]
+    tmp_path: Path, monkeypatch, errors: list[RvsgError], verb: tuple[str, ...]
 ) -> None:
     monkeypatch.chdir(tmp_path)
     assert main(["propose", "--out", "p.json"]) == 0
-    capsys.readouterr()
     assert main([*verb, "p.json"]) == 2
-    told = capsys.readouterr().err
-    assert "p.json: this holds no runs" in told
-    assert "not JSON" not in told
+    assert errors[-1].code == "no-runs"
 
 
 def test_an_empty_name_of_the_output_folder_is_refused(refused) -> None:
-    assert "out: expected some text" in refused("run", *SMALL, "--out", "")
+    error = refused("run", *SMALL, "--out", "").error
+    assert isinstance(error, InvalidOptions) and error.keys == ("out",)
 
 
 @pytest.mark.parametrize(
-    ("content", "told"),
-    [
-        ('{"a": "b', "unterminated string, at character 7"),
-        ("", "the file is empty"),
-        ("[]", "the whole file: expected keys and values"),
-    ],
+    ("content", "code", "line"), [('{"a": "b', "json", 1), ("", "file-empty", None), ("[]", "record-invalid", None)]
 )
 def test_a_broken_scenario_file_is_told_with_what_and_where(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], content: str, told: str
+    refused, tmp_path: Path, content: str, code: str, line: int | None
 ) -> None:
     (tmp_path / "s.json").write_text(content, encoding="utf-8")
-    assert main(["simulate", str(tmp_path / "s.json")]) == 2
-    assert told in capsys.readouterr().err
+    error = refused("simulate", "s.json").error
+    assert isinstance(error, FileError) and (error.code, error.line) == (code, line)
 
 
 @pytest.mark.parametrize(
@@ -391,8 +382,7 @@ def test_a_replay_folder_without_a_call_says_whether_the_file_is_missing_or_brok
 def test_a_report_of_imported_results_names_the_tables(refused, tmp_path: Path) -> None:
     with SqliteLedger(tmp_path / "ledger.sqlite") as ledger:
         ledger.begin("distance/route_1/0", {"imported": "here"})
-    told = refused("report", ".")
-    assert "imported results" in told and "--tables" in told
+    assert refused("report", ".").code == "imported-results"
 
 
 def test_a_ranking_says_what_inconclusive_means(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -420,7 +410,7 @@ def test_a_file_that_is_none_is_named_and_left_as_it_is(refused, tmp_path: Path,
 
 
 def test_runs_in_the_place_of_a_scenario_are_called_runs(refused, a_run: dict) -> None:
-    assert "these are runs; expected the scenario" in refused("simulate", "r.jsonl")
+    assert refused("simulate", "r.jsonl").code == "runs-not-scenario"
 
 
 @pytest.fixture
@@ -432,46 +422,46 @@ def a_run(tmp_path: Path, scenario: dict, monkeypatch: pytest.MonkeyPatch) -> di
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "code"),
     [
-        ({"outcome": "x"}, "outcome: expected 'the goal was reached'"),
-        ({"seed": "many"}, "seed: expected a whole number, got 'many'"),
-        ({"mood": 1}, 'there is no key "mood"'),
-        ({"time_limit_s": -1.0}, "time_limit_s must be positive, got -1"),
-        ({"arrays": {}}, "lacks the array"),
-        ({"robot_radius_m": -0.3}, "robot_radius_m must be positive, got -0.3"),
-        ({"human_radius_m": [0.3, -0.3]}, "human_radius_m[1] must be positive, got -0.3"),
-        ({"clock_ratio": 0.0}, "clock_ratio must be positive, got 0"),
+        ({"outcome": "x"}, "run-invalid"),
+        ({"seed": "many"}, "run-invalid"),
+        ({"mood": 1}, "run-invalid"),
+        ({"time_limit_s": -1.0}, "run-impossible"),
+        ({"arrays": {}}, "run-invalid"),
+        ({"robot_radius_m": -0.3}, "run-impossible"),
+        ({"human_radius_m": [0.3, -0.3]}, "run-impossible"),
+        ({"clock_ratio": 0.0}, "run-impossible"),
     ],
 )
-def test_a_run_that_is_wrong_is_told_in_words(refused, tmp_path: Path, a_run: dict, change: dict, said: str) -> None:
+def test_a_run_that_is_wrong_is_told_with_its_key_and_line(
+    refused, tmp_path: Path, a_run: dict, change: dict, code: str
+) -> None:
     (tmp_path / "wrong.jsonl").write_text(json.dumps(a_run | change) + "\n")
     told = refused("evaluate", "wrong.jsonl")
-    assert said in told and "wrong.jsonl:1:" in told and "pydantic" not in told
+    assert isinstance(told.error, FileError) and (told.error.code, told.error.line) == (code, 1)
+    assert (next(iter(change)) if change != {"arrays": {}} else "array") in told and "pydantic" not in told
 
 
 def test_a_run_without_a_moment_is_refused(refused, tmp_path: Path, a_run: dict) -> None:
     empty = {name: [] for name in a_run["arrays"]}
     (tmp_path / "wrong.jsonl").write_text(json.dumps(a_run | {"arrays": empty}) + "\n")
-    assert "holds no moment" in refused("evaluate", "wrong.jsonl")
+    assert refused("evaluate", "wrong.jsonl").code == "run-impossible"
 
 
 @pytest.mark.parametrize("array", ["trajectory.t", "log.t"])
 @pytest.mark.parametrize(
-    ("at", "value", "said"),
-    [
-        (0, -1.0, "{} must begin at 0 s or later, got -1."),
-        (3, 0.0, "{} must increase, but {}[3] is 0 s after "),
-        (1, 0.0, "{} must increase, but {}[1] is 0 s after 0 s."),
-    ],
+    ("at", "value"),
+    [(0, -1.0), (3, 0.0), (1, 0.0)],
 )
 def test_a_run_in_which_time_does_not_pass_is_refused(
-    refused, tmp_path: Path, a_run: dict, array: str, at: int, value: float, said: str
+    refused, tmp_path: Path, a_run: dict, array: str, at: int, value: float
 ) -> None:
     a_run["arrays"][array][at] = value
     (tmp_path / "wrong.jsonl").write_text(json.dumps(a_run) + "\n")
     told = refused("evaluate", "wrong.jsonl")
-    assert f"wrong.jsonl:1: {said.replace('{}', array)}" in told
+    assert isinstance(told.error, FileError) and (told.error.code, told.error.line) == ("run-impossible", 1)
+    assert told.error.reason.startswith(array)
 
 
 def test_a_run_that_is_given_twice_counts_once(a_run: dict, capsys: pytest.CaptureFixture[str]) -> None:
@@ -497,8 +487,7 @@ def test_a_result_that_could_not_be_written_is_refused_before_the_work(
 @pytest.mark.parametrize("several", [[], SEVERAL])
 def test_junit_below_a_file_is_refused_before_the_work(refused, tmp_path: Path, several: list[str]) -> None:
     (tmp_path / "file").write_text("")
-    told = refused("run", *SMALL, *several, "--junit", "file/junit.xml", "--out", "one")
-    assert "file/junit.xml: the file cannot be written: file is no folder" in told
+    assert refused("run", *SMALL, *several, "--junit", "file/junit.xml", "--out", "one").code == "not-writable"
 
 
 @pytest.mark.parametrize(
@@ -511,13 +500,12 @@ def test_junit_below_a_file_is_refused_before_the_work(refused, tmp_path: Path, 
     ],
 )
 def test_a_file_in_the_place_of_a_folder_for_output_is_told_with_the_option(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], asked: tuple[str, ...]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, errors: list[RvsgError], asked: tuple[str, ...]
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("file").write_text("")
     assert main(list(asked)) == 2
-    told = capsys.readouterr().err
-    assert f"file: the output folder cannot be written: a file is in the way. Choose another {asked[-2]}." in told
+    assert errors[-1].code == "not-writable" and asked[-2] in str(errors[-1])
 
 
 def test_every_verb_makes_the_folders_of_its_output(a_run: dict) -> None:
@@ -539,11 +527,9 @@ def test_a_device_that_is_no_file_of_ours_may_be_written(monkeypatch: pytest.Mon
 
 
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="needs a folder that takes no file, whatever its rights")
-def test_a_junit_file_that_cannot_be_made_is_told_before_the_campaign(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_junit_file_that_cannot_be_made_is_told_before_the_campaign(tmp_path: Path, errors: list[RvsgError]) -> None:
     assert main(["run", *SMALL, "--out", str(tmp_path / "new"), "--junit", "/proc/x.xml"]) == 2
-    assert "/proc/x.xml: the file cannot be written: /proc is no folder" in capsys.readouterr().err
+    assert errors[-1].code == "not-writable"
     assert not (tmp_path / "new").exists()
 
 
@@ -563,7 +549,7 @@ def test_a_full_disk_is_no_defect_of_the_program(tmp_path: Path, a_run: dict, st
 @pytest.mark.parametrize("option", ["stop_gap_m=abc", "stop_gap_m=-5", "robot_speed_m_s=.inf", "robot_speed_m_s=nan"])
 def test_options_of_the_kinematic_simulator_that_are_no_numbers_are_refused(refused, option: str) -> None:
     said = refused("run", *SMALL, "--simulator-option", option)
-    assert re.search(rf"{option.split('=')[0]} must be a number from", said)
+    assert said.code == "plug-in-options" and option.split("=")[0] in said
 
 
 def test_a_number_that_yaml_takes_for_a_word_is_a_number(tmp_path: Path) -> None:
@@ -577,11 +563,11 @@ def test_a_scheduler_file_without_a_scheduler_is_refused_at_once(refused, tmp_pa
     if content is not None:
         (tmp_path / "s.json").write_text(content)
     said = refused("run", *SMALL, "--executor", "cluster", "--executor-option", "scheduler_file=s.json")
-    assert "scheduler_file s.json" in said
+    assert said.code == "plug-in-options"
 
 
 def test_junit_into_a_folder_is_refused_before_the_work(refused) -> None:
-    assert "this is a folder" in refused("run", *SMALL, "--junit", ".", "--out", "one")
+    assert refused("run", *SMALL, "--junit", ".", "--out", "one").code == "not-writable"
 
 
 @pytest.mark.slow

@@ -9,6 +9,7 @@ import pytest
 from tests.study.study_files import lines_of, put, write_scenario
 
 from rvsg.cli import main
+from rvsg.core.errors import RvsgError
 
 
 def test_an_import_that_adds_to_a_store_keeps_what_was_found_before(
@@ -42,10 +43,10 @@ def test_a_store_made_anew_does_not_take_over_findings_of_another(tmp_path: Path
     assert "old,log,gone" not in (out / "findings.csv").read_text()
 
 
-def test_a_folder_of_another_layout_leaves_no_store_behind(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_folder_of_another_layout_leaves_no_store_behind(tmp_path: Path, errors: list[RvsgError]) -> None:
     (tmp_path / "other" / "x").mkdir(parents=True)
     assert main(["import-study", str(tmp_path / "other"), "--out", str(tmp_path / "store")]) == 2
-    assert "nothing to import" in capsys.readouterr().err
+    assert errors[-1].code == "study-layout"
     assert not (tmp_path / "store").exists()
 
 

@@ -9,6 +9,7 @@ import yaml
 
 from rvsg.api.demos import demo_folder, recorded_description
 from rvsg.cli import main
+from rvsg.core.errors import RvsgError
 from rvsg.world.io.load import load_world
 from rvsg.world.io.save import save_world
 
@@ -53,13 +54,13 @@ def test_a_proposal_from_a_record_shows_what_the_checker_said(capsys: pytest.Cap
 
 
 def test_a_world_is_described_from_a_record_accepted_and_stored(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    errors: list[RvsgError], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     save_world(load_world("warehouse").__class__(**{**vars_of("warehouse"), "description": None}), tmp_path / "mine")
     answers = iter(["x", "r", "a"])
     monkeypatch.setattr("typer.prompt", lambda *_, **__: next(answers))
     assert main(["describe", str(tmp_path / "mine")]) == 2
-    assert "has no description yet" in capsys.readouterr().err
+    assert errors[-1].code == "no-description"
     replay = str(recorded_description("warehouse"))
     assert main(["describe", str(tmp_path / "mine"), "--replay", replay]) == 0
     assert load_world(tmp_path / "mine").description is not None

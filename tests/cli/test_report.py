@@ -36,9 +36,11 @@ def cut_off(out: Path, before_run: int, *asked: str) -> None:
 @pytest.mark.parametrize(
     ("before_run", "how_far", "ranked"),
     [
-        (1, "0 of 6 attempts of the search", False),
+        pytest.param(1, "0 of 6 attempts of the search", False, marks=pytest.mark.slow),
         (7, "3 of 6 attempts of the search", True),
-        (14, "all 6 attempts of the search, the confirmation is not finished", True),
+        pytest.param(
+            14, "all 6 attempts of the search, the confirmation is not finished", True, marks=pytest.mark.slow
+        ),
     ],
 )
 def test_a_campaign_that_was_cut_off_says_how_far_it_came_and_how_to_go_on(

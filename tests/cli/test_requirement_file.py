@@ -1,6 +1,7 @@
 import pytest
 
 from rvsg.api.requirements import load_requirement
+from rvsg.core.documents import DocumentError
 from rvsg.core.errors import FileError
 
 WRONG = """wide:
@@ -20,12 +21,11 @@ slow:
 def test_a_wrong_formula_is_told_with_its_line_and_character(tmp_path):
     path = tmp_path / "mine.yaml"
     path.write_text(WRONG)
-    with pytest.raises(FileError) as caught:
+    with pytest.raises(DocumentError) as caught:
         load_requirement(f"{path}:wide")
-    told = str(caught.value)
-    assert f'{path}:4: wide.formula: there is no signal "sped". Did you mean "speed"?' in told
-    assert "(at character 37)" in told
-    assert f'{path}:10: slow.metric: There is no metric "spped"' in told
+    problems = caught.value.problems
+    assert [(each.line, each.key) for each in problems] == [(4, ("wide", "formula")), (10, ("slow", "metric"))]
+    assert "(at character 37)" in problems[0].message
 
 
 def test_a_sound_formula_of_a_file_is_read(tmp_path):

@@ -17,6 +17,7 @@ import pytest
 
 from rvsg.api.folder import LEDGER
 from rvsg.cli import main
+from rvsg.core.errors import InvalidOptions, RvsgError
 from rvsg.store.sqlite import SqliteLedger
 from rvsg.world.io.load import SHIPPED
 
@@ -24,6 +25,19 @@ SMALL = [
     *("--simulator", "kinematic", "--strategy", "random", "--scenarios", "3", "--refinements", "1"),
     *("--repeats", "2", "--confirmations", "4", "--jobs", "1"),
 ]
+
+
+@pytest.fixture(scope="module")
+def _finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("finished") / "one"
+    assert main(["run", *SMALL, "--seed", "7", "--out", str(folder)]) == 0
+    return folder
+
+
+@pytest.fixture
+def finished(_finished: Path, tmp_path: Path) -> Path:
+    """A copy of a finished campaign with seed 7."""
+    return Path(shutil.copytree(_finished, tmp_path / "one"))
 
 
 def records(folder: Path) -> list[str]:
@@ -67,10 +81,9 @@ def test_the_command_that_is_printed_repeats_the_campaign(tmp_path: Path, capsys
     assert records(tmp_path / "one") == records(tmp_path / "two")
 
 
-def test_the_stored_configuration_repeats_the_campaign(tmp_path: Path) -> None:
-    main(["run", *SMALL, "--seed", "7", "--out", str(tmp_path / "one")])
-    assert main(["run", str(tmp_path / "one" / "campaign.yaml"), "--out", str(tmp_path / "two")]) == 0
-    assert records(tmp_path / "one") == records(tmp_path / "two")
+def test_the_stored_configuration_repeats_the_campaign(tmp_path: Path, finished: Path) -> None:
+    assert main(["run", str(finished / "campaign.yaml"), "--out", str(tmp_path / "two")]) == 0
+    assert records(finished) == records(tmp_path / "two")
 
 
 @pytest.mark.slow
@@ -125,19 +138,16 @@ def _runs_kept(folder: Path) -> int:
         connection.close()
 
 
-def test_resuming_with_other_settings_is_refused_and_names_them(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    main(["run", *SMALL, "--out", str(tmp_path / "one")])
-    before = records(tmp_path / "one")
-    assert main(["run", "--out", str(tmp_path / "one"), "--seed", "8"]) == 2
-    assert "  - seed: 0, now 8" in capsys.readouterr().err
-    assert records(tmp_path / "one") == before
+def test_resuming_with_other_settings_is_refused_and_names_them(finished: Path, errors: list[RvsgError]) -> None:
+    before = records(finished)
+    assert main(["run", "--out", str(finished), "--seed", "8"]) == 2
+    assert isinstance(errors[-1], InvalidOptions)
+    assert (errors[-1].code, errors[-1].keys) == ("other-settings", ("seed",))
+    assert records(finished) == before
 
 
-def test_a_campaign_from_before_a_setting_was_added_is_resumed(tmp_path: Path) -> None:
-    out = tmp_path / "one"
-    main(["run", *SMALL, "--out", str(out)])
+def test_a_campaign_from_before_a_setting_was_added_is_resumed(finished: Path) -> None:
+    out = finished
     before = records(out)
     connection = sqlite3.connect(out / LEDGER)
     (text,) = connection.execute("SELECT settings FROM campaigns").fetchone()
@@ -198,20 +208,19 @@ def test_a_campaign_whose_requirement_is_worded_otherwise_today_is_resumed_in_it
 
 @pytest.mark.parametrize("change", [{"limit": 1.3}, {"metric": "min_distance"}, {"worse": "larger"}])
 def test_a_campaign_whose_requirement_judges_otherwise_today_is_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], change: dict[str, object]
+    finished: Path, errors: list[RvsgError], change: dict[str, object]
 ) -> None:
-    out = tmp_path / "one"
-    main(["run", *SMALL, "--out", str(out)])
+    out = finished
     reworded(out / LEDGER, **change)
     assert main(["run", "--out", str(out)]) == 2
-    assert f"plan.requirement.{next(iter(change))}" in capsys.readouterr().err
+    assert isinstance(errors[-1], InvalidOptions)
+    assert (errors[-1].code, errors[-1].keys) == ("other-settings", (f"plan.requirement.{next(iter(change))}",))
 
 
 def test_a_campaign_that_never_got_to_an_attempt_is_not_told_to_have_zero(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    finished: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    out = tmp_path / "one"
-    main(["run", *SMALL, "--out", str(out)])
+    out = finished
     connection = sqlite3.connect(out / LEDGER)
     connection.execute("DELETE FROM attempts")
     connection.commit()
@@ -222,14 +231,14 @@ def test_a_campaign_that_never_got_to_an_attempt_is_not_told_to_have_zero(
     assert "Beginning again" in told and "0 attempts" not in told
 
 
-def test_two_processes_do_not_share_a_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_two_processes_do_not_share_a_folder(tmp_path: Path, errors: list[RvsgError]) -> None:
     from rvsg.api.folder import alone_in, make_folder
 
     folder = tmp_path / "one"
     make_folder(folder)
     with alone_in(folder):
         assert main(["run", *SMALL, "--out", str(folder)]) == 2
-    assert "another `rvsg run` works in this folder" in capsys.readouterr().err
+    assert errors[-1].code == "out-in-use"
     assert not (folder / LEDGER).exists()
 
 

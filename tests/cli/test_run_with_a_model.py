@@ -9,6 +9,7 @@ import pytest
 from tests.generation.loopback import Behaviour, drops_in_mid_reply, fails, raw, says, serving
 
 from rvsg.cli import main
+from rvsg.core.errors import RvsgError
 
 KEY = "sk-campaign-secret-key-42424242"
 GOOD = json.dumps(
@@ -80,23 +81,22 @@ def test_a_service_that_drops_and_stumbles_is_asked_again(capsys: pytest.Capture
 
 
 @pytest.mark.parametrize(
-    ("behaviour", "told"),
+    ("behaviour", "code"),
     [
-        (fails(401, f"bad key {KEY}"), "RVSG_API_KEY"),
-        (fails(404, "no such model"), '"vision-1"'),
-        (fails(429, "later", {"Retry-After": "9999"}), "9999 s"),
-        (raw(b"<html>"), "as JSON"),
-        (fails(500, f"broken, {KEY}"), "Run the same command later"),
+        (fails(401, f"bad key {KEY}"), "model-key-refused"),
+        (fails(404, "no such model"), "model-unknown"),
+        (fails(429, "later", {"Retry-After": "9999"}), "model-busy"),
+        (raw(b"<html>"), "model-protocol"),
+        (fails(500, f"broken, {KEY}"), "model-failed"),
     ],
 )
 def test_a_service_that_cannot_answer_stops_the_campaign_with_one_message_and_it_resumes(
-    behaviour: Behaviour, told: str, capsys: pytest.CaptureFixture[str]
+    behaviour: Behaviour, code: str, capsys: pytest.CaptureFixture[str], errors: list[RvsgError]
 ) -> None:
     with serving(says(GOOD), behaviour) as server:
-        code = run(server.url, "--generator-option", "first_wait_s=0.01")
+        ended = run(server.url, "--generator-option", "first_wait_s=0.01")
         stopped = capsys.readouterr().err
-        assert code == 2
-        assert told in stopped
+        assert (ended, errors[-1].code) == (2, code)
         assert "Traceback" not in stopped
         nothing_leaks(stopped)
         asked = len(server.requests)
@@ -140,26 +140,28 @@ def test_a_spent_budget_ends_with_code_3_and_a_larger_one_goes_on(capsys: pytest
         assert len(server.requests) == 2
 
 
-def test_a_wrong_model_is_mended_in_the_same_folder_while_nothing_is_kept(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_wrong_model_is_mended_in_the_same_folder_while_nothing_is_kept(
+    errors: list[RvsgError], capsys: pytest.CaptureFixture[str]
+) -> None:
     with serving(fails(404, "no such model"), says(GOOD)) as server:
         assert run(server.url, scenarios=1) == 2
         assert '"vision-1"' in capsys.readouterr().err
         assert run(server.url, "--model", "openai-chat:vision-2", scenarios=1) == 0, capsys.readouterr().err
         capsys.readouterr()
         assert run(server.url, "--model", "openai-chat:vision-3", scenarios=1) == 2
-    assert "  - model: 'openai-chat:vision-2', now 'openai-chat:vision-3'" in capsys.readouterr().err
+    assert errors[-1].code == "other-settings"
 
 
 @pytest.mark.parametrize("verb", [["run"], ["propose"], ["describe", "warehouse"]])
 @pytest.mark.parametrize("option", ["--budget-usd", "--budget-calls", "--budget-tokens"])
 def test_a_budget_of_nothing_is_refused_before_anything_is_asked(
-    verb: list[str], option: str, capsys: pytest.CaptureFixture[str]
+    verb: list[str], option: str, errors: list[RvsgError]
 ) -> None:
     with serving(says(GOOD)) as server:
         asked = [*verb, "--model", "openai-chat:vision-1", "--base-url", server.url, option, "0"]
         assert main(asked) == 2
         assert server.requests == []
-    assert "a budget of 0 allows no call" in capsys.readouterr().err
+    assert errors[-1].code in ("input", "options")
 
 
 def test_a_description_that_fails_half_way_keeps_what_was_paid_for_and_goes_on_from_it(
@@ -227,7 +229,7 @@ def test_progress_shows_the_call_under_way_why_it_waits_and_what_was_spent(
     assert "left; model 0.0012 USD" in told
 
 
-def test_a_budget_is_for_all_the_campaigns_of_a_command_together(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_budget_is_for_all_the_campaigns_of_a_command_together(errors: list[RvsgError]) -> None:
     two = ["--route", "route_1", "--route", "route_3"]
     assert run("http://127.0.0.1:9/v1", *two, "--budget-calls", "1") == 2
-    assert "less than one for each of the 2 campaigns" in capsys.readouterr().err
+    assert errors[-1].code == "budget-too-small"

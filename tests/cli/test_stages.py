@@ -12,6 +12,7 @@ import pytest
 from rvsg.api.folder import LEDGER
 from rvsg.api.records import read_runs
 from rvsg.cli import main
+from rvsg.core.errors import FileError, RvsgError
 from rvsg.scenario.brief import Feedback
 from rvsg.simulation.conformance import same_run
 from rvsg.store.sqlite import SqliteLedger
@@ -115,7 +116,7 @@ def test_a_report_is_written_again_from_the_ledger(tmp_path: Path, capsys: pytes
 
 
 def test_metrics_measures_every_run_of_a_file_and_names_the_file_that_holds_none(
-    proposal: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    errors: list[RvsgError], proposal: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     runs, one = tmp_path / "runs.jsonl", tmp_path / "one.json"
     main(["simulate", str(proposal), *KINEMATIC, "--repeats", "2", "--out", str(runs)])
@@ -128,4 +129,4 @@ def test_metrics_measures_every_run_of_a_file_and_names_the_file_that_holds_none
     assert len(both) == 2
     one.write_text("nothing\n")
     assert main(["metrics", "--run", str(one)]) == 2
-    assert "one.json:1: this is not JSON" in capsys.readouterr().err
+    assert isinstance(errors[-1], FileError) and (errors[-1].path, errors[-1].line) == (one, 1)

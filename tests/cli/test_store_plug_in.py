@@ -14,6 +14,7 @@ from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.conformance import check_ledger
 from rvsg.cli import main
 from rvsg.core import plugins
+from rvsg.core.errors import RvsgError
 from rvsg.simulation.kinematic import KinematicSimulator
 
 found = plugins._registered
@@ -92,7 +93,7 @@ def test_a_store_that_cannot_be_made_is_told_before_anything_is_written(
 
 
 def test_a_store_that_fails_when_it_is_made_is_not_taken_for_that_of_the_folder(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, errors: list[RvsgError]
 ) -> None:
     def refuse(self: JsonLedger, path: Path, *, ending: str = "json") -> None:
         raise ValueError("the disk of it is away")
@@ -101,13 +102,13 @@ def test_a_store_that_fails_when_it_is_made_is_not_taken_for_that_of_the_folder(
     with monkeypatch.context() as broken:
         broken.setattr(JsonLedger, "__init__", refuse)
         assert main(["run", *SMALL, "--store", "json", "--out", str(out)]) == 2
-    assert "the disk of it is away" in capsys.readouterr().err
+    assert errors[-1].code == "plug-in-options"
     assert main(["run", *SMALL, "--out", str(out)]) == 0  # SQLite keeps it now
     assert not (out / "store.json").exists()
 
 
-def test_a_campaign_stays_in_its_store(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_campaign_stays_in_its_store(tmp_path: Path, errors: list[RvsgError]) -> None:
     out = str(tmp_path / "one")
     main(["run", *SMALL, "--out", out])
     assert main(["run", "--out", out, "--store", "json"]) == 2
-    assert "kept by the store 'sqlite', not 'json'" in capsys.readouterr().err
+    assert errors[-1].code == "other-store"

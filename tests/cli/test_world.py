@@ -10,6 +10,7 @@ import pytest
 from PIL import Image
 
 from rvsg.cli import main
+from rvsg.core.errors import RvsgError
 
 
 def write_map(folder: Path, **header: object) -> Path:
@@ -100,18 +101,18 @@ def test_a_mistake_is_one_message_and_leaves_nothing(
     assert not (tmp_path / "made").exists()
 
 
-def test_a_folder_with_a_world_is_only_replaced_when_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_folder_with_a_world_is_only_replaced_when_told(errors: list[RvsgError], tmp_path: Path) -> None:
     command = ["world", "new", str(tmp_path / "w"), "--map", str(write_map(tmp_path))]
     assert main(command) == 0
     (tmp_path / "w" / "labels.yaml").write_text("areas: []\n")
     assert main(command) == 2
-    assert "already holds a world; --force replaces it" in capsys.readouterr().err
+    assert errors[-1].code == "world-exists"
     assert (tmp_path / "w" / "labels.yaml").read_text() == "areas: []\n"
     assert main([*command, "--force"]) == 0
     (tmp_path / "busy").mkdir()
     (tmp_path / "busy" / "thesis.txt").write_text("x")
     assert main(["world", "new", str(tmp_path / "busy"), "--map", str(tmp_path / "m.yaml")]) == 2
-    assert "is not empty" in capsys.readouterr().err
+    assert errors[-1].code == "folder-not-empty"
 
 
 @pytest.mark.parametrize(
@@ -158,19 +159,17 @@ def test_absurd_sizes_of_a_drawn_map_are_refused(
     assert not (tmp_path / "w").exists()
 
 
-def test_an_option_that_would_change_nothing_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_option_that_would_change_nothing_is_refused(tmp_path: Path, errors: list[RvsgError]) -> None:
     given = ["--without", "robot", "--resolution", "0.1"]
     assert main(["world", "new", str(tmp_path / "w"), "--map", str(write_map(tmp_path)), *given]) == 2
-    told = capsys.readouterr().err
-    assert "--without goes with --sdf" in told
-    assert "--resolution goes with --sdf or --objects; got --map" in told
+    assert errors[-1].code == "option-unused"
 
 
 def test_a_window_beside_the_world_is_refused_with_where_the_world_lies(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, errors: list[RvsgError]
 ) -> None:
     assert main(["world", "draw", "office", "--out", str(tmp_path / "p"), "--window", "100,100,120,120"]) == 2
-    assert "shows nothing of the world, which spans x" in capsys.readouterr().err
+    assert errors[-1].code == "window-outside"
     assert not (tmp_path / "p").exists()
 
 

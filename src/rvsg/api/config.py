@@ -17,8 +17,8 @@ import yaml
 from pydantic import BeforeValidator, ConfigDict, Field, model_validator
 
 from rvsg.campaign.plan import InFlight
-from rvsg.core.documents import Document, DocumentError, mistakes_of, parse_yaml, read_yaml, validated
-from rvsg.core.errors import FileError, InputError
+from rvsg.core.documents import Document, DocumentError, keys_of, mistakes_of, parse_yaml, read_yaml, validated
+from rvsg.core.errors import FileError, InputError, InvalidOptions
 from rvsg.core.plugins import Spec
 from rvsg.core.records import Record
 from rvsg.evaluation.judge import DEFAULT, Procedure
@@ -254,7 +254,7 @@ def effective(stored: dict[str, Any] | None, from_file: dict[str, Any], from_opt
         empty = [e for e in error.errors() if e["loc"] and e["loc"][0] in BUDGETS and e["input"] in (0, "0")]
         messages = [f"{e['loc'][0]}: {NO_CALL}" for e in empty]
         messages += mistakes_of(error, CampaignConfig, noun="option", besides=[str(e["loc"][0]) for e in empty])
-        raise InputError("; ".join(messages)) from None
+        raise InvalidOptions("; ".join(messages), keys_of(error)) from None
 
 
 __all__ = ["CampaignConfig", "DocumentError", "FileError", "effective", "parse_campaign_file", "read_campaign_file"]

@@ -68,7 +68,7 @@ def stored(world: World, command: str) -> Description:
     """
     description = description_of(world)
     if description is None:
-        raise InputError(f"{world.name} has no description yet. Let a model write it: {command}")
+        raise InputError(f"{world.name} has no description yet. Let a model write it: {command}", code="no-description")
     return description
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from rvsg.api.records import check_writable
 from rvsg.api.requirements import load_requirement
 from rvsg.api.simulating import RunSet, check_of, one_of
 from rvsg.api.worlds import as_world, world_of
@@ -129,6 +130,13 @@ def judge(
     return Judgement(
         requirement=asked, verdict=measuring.judge(measurements), measurements=measurements, procedure=procedure
     )
+
+
+def check_feedback_file(path: Path, scenario: Path | None) -> None:
+    """Refuse to write feedback where no scenario is given, or where the file cannot be written."""
+    check_writable(path)
+    if scenario is None:
+        raise InputError("--feedback needs the scenario of the runs: add --scenario FILE.", code="no-scenario")
 
 
 def feedback(judged: Judgement, runs: RunSet | Iterable[Run], scenario: Scenario) -> Feedback:

@@ -79,7 +79,9 @@ def check_out(folder: Path) -> None:
     """Refuse an output folder that is a file, or that holds what no campaign made: it could be replaced."""
     nearest = next((path for path in (folder, *folder.parents) if os.path.lexists(path)), Path())
     if not nearest.is_dir():
-        raise FileError(nearest, f"this is no folder, and --out {folder} needs one. Choose another --out.")
+        raise FileError(
+            nearest, f"this is no folder, and --out {folder} needs one. Choose another --out.", code="out-no-folder"
+        )
     if nearest != folder:
         return
     try:
@@ -93,6 +95,7 @@ def check_out(folder: Path) -> None:
             folder,
             f"this folder holds no campaign but other files ({listed}), which could be replaced. Choose a new or an "
             "empty folder as --out.",
+            code="out-occupied",
         )
 
 
@@ -106,7 +109,9 @@ def make_folder(folder: Path, *, option: str = "--out") -> None:
     except OSError as error:
         in_the_way = isinstance(error, FileExistsError | NotADirectoryError)
         reason = "a file is in the way" if in_the_way else error.strerror or error
-        raise FileError(folder, f"the output folder cannot be written: {reason}. Choose another {option}.") from None
+        raise FileError(
+            folder, f"the output folder cannot be written: {reason}. Choose another {option}.", code="not-writable"
+        ) from None
 
 
 @contextlib.contextmanager
@@ -121,6 +126,8 @@ def alone_in(folder: Path) -> Iterator[None]:
     try:
         held = FileLock(folder / ".lock", blocking=False, thread_local=False).acquire()
     except Timeout:
-        raise InputError(f"{folder}: another `rvsg run` works in this folder. Wait for it, or stop it.") from None
+        raise InputError(
+            f"{folder}: another `rvsg run` works in this folder. Wait for it, or stop it.", code="out-in-use"
+        ) from None
     with held:
         yield

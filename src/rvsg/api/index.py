@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from rvsg.api.campaign import Campaign, no_campaign
+from rvsg.api.campaign import Campaign
 from rvsg.api.folder import LEDGER, reading, store_of
-from rvsg.api.record import CampaignRecord
+from rvsg.api.record import CampaignRecord, no_campaign
 
 
 def campaigns_below(folder: Path) -> list[Campaign]:

@@ -15,7 +15,7 @@ from rvsg.api.suites import Suite
 from rvsg.api.worlds import world_of
 from rvsg.campaign.knowledge import Entry, Kind, entries_of_campaign, entry_of_case, remembered
 from rvsg.campaign.suite import SuiteResult
-from rvsg.core.errors import FileError
+from rvsg.core.errors import FileError, UnknownName
 from rvsg.core.files import write_whole
 from rvsg.core.records import Record
 from rvsg.store.knowledge import KnowledgeBase
@@ -96,9 +96,12 @@ def search(
     Args:
         text: compared with the descriptions by sentence embeddings; without the extra `embeddings` by their words.
         world: the name of a world.
+        kind: `attempt`, `finding`, `rejected` or `watched`; UnknownName for another.
         at: a waypoint that a person of the scenario passes.
         violates: whether the requirement is violated more than rarely.
     """
+    if kind is not None and kind not in KINDS:
+        raise UnknownName("kind", kind, KINDS)
     found = base.entries(world=world, route=route, requirement=requirement, kind=kind, violates=violates)
     if at is not None:
         found = [entry for entry in found if at in entry.waypoints]

@@ -35,7 +35,7 @@ from rvsg.api.config import (
 from rvsg.api.folder import CELLS, MATRIX, REPORT, alone_in, check_out, make_folder, store_of
 from rvsg.api.index import campaigns_in
 from rvsg.api.paths import as_stored, paths_of
-from rvsg.api.record import FROM, differences
+from rvsg.api.record import FROM, differences, other_settings
 from rvsg.api.simulating import ignore
 from rvsg.api.wiring import jobs_of, wire
 from rvsg.campaign.events import Event
@@ -146,7 +146,9 @@ class Matrix:
             share[key] = budget / count if key == "budget_usd" else int(budget) // count
             if not share[key] and budget:
                 option = f"--{key.replace('_', '-')} {budget}"
-                raise InputError(f"{option} is less than one for each of the {count} campaigns.")
+                raise InputError(
+                    f"{option} is less than one for each of the {count} campaigns.", code="budget-too-small"
+                )
         return share
 
     def commands(self, typed: Callable[[str], str] = str) -> str:
@@ -166,7 +168,10 @@ class Matrix:
         """Create or resume every campaign asked for; a mistake in any of them is raised before one begins."""
         check_out(self.folder)
         if store_of(self.folder) is not None:
-            raise InputError(f"{self.folder}: this folder holds a single campaign. Choose another --out for several.")
+            raise InputError(
+                f"{self.folder}: this folder holds a single campaign. Choose another --out for several.",
+                code="out-single",
+            )
         check_stack_named(self.settings.get("stack"), self.named_stack)
         values = self._values()
         make_folder(self.folder)
@@ -216,7 +221,10 @@ class Matrix:
             if name in found:
                 raise InputError(f"Two of the requirements are called {plan.requirement.name}. Rename one of them.")
             if any(folder == each["out"] for each in found.values()):
-                raise InputError(f"Two of the campaigns would be kept in {folder}. Rename a route or a requirement.")
+                raise InputError(
+                    f"Two of the campaigns would be kept in {folder}. Rename a route or a requirement.",
+                    code="matrix-folder-shared",
+                )
             found[name] = values | {"out": folder, "junit": None}
         return list(found.values())
 
@@ -303,9 +311,11 @@ def _stored(folder: Path) -> dict[str, Any]:
         CampaignFile.model_validate({key: value for key, value in stored.items() if key not in besides})
     except ValidationError as error:
         wrong = "; ".join(mistakes_of(error, CampaignFile))
-        raise FileError(file, f"this is not what was stored: {wrong}. Choose another --out.") from None
+        raise FileError(
+            file, f"this is not what was stored: {wrong}. Choose another --out.", code="matrix-file"
+        ) from None
     except (ValueError, TypeError, AttributeError) as error:
-        raise FileError(file, f"cannot be read: {error}. Choose another --out.") from None
+        raise FileError(file, f"cannot be read: {error}. Choose another --out.", code="matrix-file") from None
     return stored
 
 
@@ -318,11 +328,7 @@ def _check_same(stored: Mapping[str, Any], asked: Mapping[str, Any], folder: Pat
         for values in (stored, asked)
     )
     if found := differences(known, now):
-        listed = "\n".join(f"  - {line}" for line in found)
-        raise InputError(
-            f"{folder}: this folder holds campaigns with other settings:\n{listed}\n"
-            "To resume them, leave these options out. For new ones, choose another --out."
-        )
+        raise other_settings(folder, found)
 
 
 def _names(value: Any) -> list[str]:

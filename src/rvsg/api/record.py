@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, Self
 
 from pydantic import ValidationError
 
 import rvsg
 from rvsg.api.config import CampaignConfig, renamed
+from rvsg.campaign.attempt import Ledger
 from rvsg.campaign.plan import Plan
-from rvsg.core.errors import InputError
+from rvsg.core.errors import InputError, InvalidOptions, UnknownName
 from rvsg.core.plugins import Spec
 from rvsg.core.records import Record
 from rvsg.evaluation.judge import DEFAULT, Procedure
@@ -113,16 +115,27 @@ class CampaignRecord(Record):
         return now.replace(plan=plan), differ
 
 
-def differences(known: Mapping[str, Any], asked: Mapping[str, Any], prefix: str = "") -> list[str]:
-    """Return where the settings of a resumed campaign differ from those asked, as `key: known, now asked`."""
-    found = []
+def differences(known: Mapping[str, Any], asked: Mapping[str, Any], prefix: str = "") -> dict[str, str]:
+    """Return the settings of a resumed campaign that differ from those asked, each with `known, now asked`."""
+    found: dict[str, str] = {}
     for key in sorted({*known, *asked}):
         a, b = known.get(key), asked.get(key)
         if isinstance(a, dict) and isinstance(b, dict):
-            found += differences(a, b, f"{prefix}{key}.")
+            found |= differences(a, b, f"{prefix}{key}.")
         elif a != b:
-            found.append(f"{prefix}{key}: {a!r}, now {b!r}")
+            found[f"{prefix}{key}"] = f"{a!r}, now {b!r}"
     return found
+
+
+def other_settings(where: object, found: Mapping[str, str]) -> InvalidOptions:
+    """Return the error for a folder that was begun with other settings; `found` is from `differences`."""
+    listed = "\n".join(f"  - {key}: {change}" for key, change in found.items())
+    return InvalidOptions(
+        f"{where}: what this folder holds was begun with other settings:\n{listed}\n"
+        "To resume it, leave these options out. For a new campaign, choose another --out.",
+        found,
+        code="other-settings",
+    )
 
 
 def check_same(known: CampaignRecord, asked: CampaignRecord, where: object) -> None:
@@ -131,8 +144,38 @@ def check_same(known: CampaignRecord, asked: CampaignRecord, where: object) -> N
     stored, wanted = (record.model_dump(mode="json", exclude=ignored) for record in (known, asked))
     # What follows from the options is listed only where no option differs.
     if found := differences(stored["config"], wanted["config"]) or differences(stored, wanted):
-        listed = "\n".join(f"  - {line}" for line in found)
+        raise other_settings(where, found)
+
+
+def record_in(ledger: Ledger, where: Path, name: str | None = None) -> CampaignRecord:
+    """Return the record of the campaign in a store; by default of its only one."""
+    records = {known: record for known in ledger.campaigns() if (record := _record(ledger, known))}
+    if name is not None:
+        if name not in records:
+            raise UnknownName("campaign", name, records, hint=f"Store: {where}.")
+        return records[name]
+    if not records:
+        raise no_campaign(where, len(ledger.campaigns()))
+    if len(records) > 1:
+        listed = ", ".join(records)
         raise InputError(
-            f"{where}: this folder holds a campaign with other settings:\n{listed}\n"
-            "To resume it, leave these options out. For a new campaign, choose another --out."
+            f"{where}: this store holds {len(records)} campaigns. Name one of them: {listed}.",
+            code="campaign-ambiguous",
         )
+    return next(iter(records.values()))
+
+
+def no_campaign(where: Path, others: int) -> InputError:
+    """Return the error for a store without a campaign."""
+    if others:
+        return InputError(
+            f"{where}: this store holds imported results or attempts of a script ({others}), and no campaign with a "
+            f"record. Write the study's tables of imported results with: rvsg report {where} --tables DIR",
+            code="imported-results",
+        )
+    return InputError(f"{where}: this store holds no campaign yet; `rvsg run --out DIR` makes one.")
+
+
+def _record(ledger: Ledger, name: str) -> CampaignRecord | None:
+    settings = ledger.settings(name)
+    return CampaignRecord.read(settings) if settings is not None else None

@@ -50,7 +50,7 @@ def check_writable(path: Path) -> None:
     if str(path) == "-":
         return
     if path.is_dir():
-        raise FileError(path, "this is a folder; give the name of a file.")
+        raise FileError(path, "this is a folder; give the name of a file.", code="not-writable")
     if path.exists() and not path.is_file():
         return  # a device or a pipe
     nearest = next((folder for folder in path.parents if folder.exists()), Path())
@@ -60,7 +60,7 @@ def check_writable(path: Path) -> None:
         probe.unlink()
     except OSError as error:
         reason = f"{nearest} is no folder that can be written ({error.strerror})"
-        raise FileError(path, f"the file cannot be written: {reason}.") from None
+        raise FileError(path, f"the file cannot be written: {reason}.", code="not-writable") from None
 
 
 def read_record(path: Path, kind: type[Kept]) -> Kept:
@@ -72,7 +72,9 @@ def read_scenario(path: Path) -> tuple[Scenario, Path | None]:
     """Return a scenario, on its own or inside a proposal or an attempt, and the saved folder of its world."""
     text = read_text(path)
     if '"arrays"' in text.partition("\n")[0]:
-        raise FileError(path, "these are runs; expected the scenario they are of, or a proposal.")
+        raise FileError(
+            path, "these are runs; expected the scenario they are of, or a proposal.", code="runs-not-scenario"
+        )
     value = parse_json(text, path)
     folder = value.pop(WORLD_FOLDER, None) if isinstance(value, dict) else None
     for key in ("proposal", "scenario"):
@@ -103,18 +105,20 @@ def read_runs(paths: Iterable[Path]) -> list[Run]:
             if not line.strip():
                 continue
             if not runs and line.strip() in ("{", "["):
-                raise FileError(path, NO_RUNS)
+                raise FileError(path, NO_RUNS, code="no-runs")
             try:
                 run = run_from_value(parse_json(line, path, line=number))
             except FileError:
                 raise
             except InputError as error:
-                raise FileError(path, f"{_reason(error)}.", line=number) from None
+                raise FileError(path, f"{_reason(error)}.", line=number, code="run-invalid") from None
             if wrong := _impossible(run):
-                raise FileError(path, wrong, line=number)
+                raise FileError(path, wrong, line=number, code="run-impossible")
             runs.append(run)
     if not runs:
-        raise InputError("There is no run in the files given; `rvsg simulate SCENARIO --out RUNS` makes some.")
+        raise InputError(
+            "There is no run in the files given; `rvsg simulate SCENARIO --out RUNS` makes some.", code="no-runs"
+        )
     return runs
 
 
@@ -167,4 +171,4 @@ def validated(path: Path, value: object, kind: type[Kept]) -> Kept:
         wrong = mistakes_of(error, kind, whole="the whole file")
         more = [f"and {len(wrong) - MOST_LISTED} more"] if len(wrong) > MOST_LISTED else []
         listed = "; ".join([*wrong[:MOST_LISTED], *more])
-        raise FileError(path, f"this is not a {kind.__name__.lower()}: {listed}.") from None
+        raise FileError(path, f"this is not a {kind.__name__.lower()}: {listed}.", code="record-invalid") from None

@@ -23,7 +23,7 @@ def folders_of(store: Path, *, begin: str) -> list[Path]:
     """
     paths = list(folders_in(store)) if is_matrix(store) else [store]
     if not paths:
-        raise InputError(f"{store}: none of its campaigns has begun. Begin them: {begin}")
+        raise InputError(f"{store}: none of its campaigns has begun. Begin them: {begin}", code="not-begun")
     return paths
 
 

@@ -157,7 +157,8 @@ def check_route(route: Route, world: World) -> None:
         if not space.is_free(pose.x, pose.y):
             raise InputError(
                 f"{world.name}, {route.name}: the {what} pose ({pose.x:g}, {pose.y:g}) lies inside an obstacle or "
-                "outside the map. Move it in routes.yaml; `rvsg world check` shows every such pose."
+                "outside the map. Move it in routes.yaml; `rvsg world check` shows every such pose.",
+                code="pose-blocked",
             )
 
 

@@ -43,7 +43,7 @@ class Tested:
 
 
 def compare_stacks(
-    source: str | Path,
+    source: str | Path | None,
     stacks: Sequence[str | Spec],
     *,
     robots: Sequence[str] = (),
@@ -70,7 +70,10 @@ def compare_stacks(
     if len({str(stack) for stack in stacks}) < len(stacks):
         raise InputError("Two of the stacks are the same. Name each of them once.")
     if not stacks:
-        raise InputError("Name the stacks to compare: --stack nav2-dwb --stack nav2-rpp.")
+        raise InputError("Name the stacks to compare: --stack nav2-dwb --stack nav2-rpp.", code="no-stack")
+    if source is None:
+        message = "Name the suite or the campaign whose scenarios are driven: rvsg stacks DIR --stack ..."
+        raise InputError(message, code="no-source")
     cases = tested_in(Path(source), scenarios)
     chosen = [(str(stack), stack, StackChoice.of(stack)) for stack in stacks]
     scores = []

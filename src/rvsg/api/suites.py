@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import yaml
 from pydantic import Field
@@ -46,6 +46,8 @@ from rvsg.simulation.stacks.registry import StackLike
 from rvsg.world.world import Route, World
 
 HEAD = "suite.yaml"
+EXPECTED = ("violation", "pass")
+"""What a case may be kept for: a known failure, or a scenario the robot must master."""
 
 
 class SuiteHead(Record):
@@ -113,7 +115,7 @@ class Suite:
         *,
         name: str | None = None,
         title: str | None = None,
-        expected: Literal["pass", "violation"] = "violation",
+        expected: str = "violation",
         reason: str = "",
         world: World | str | Path | None = None,
         max_runs: int | None = None,
@@ -126,14 +128,20 @@ class Suite:
             name: the case's name and file; by default made from the title.
             expected: `violation` for a known failure, `pass` for a scenario the robot must master.
             reason: why a failure is known.
+
+        Raises:
+            UnknownName: there is no such requirement, or `expected` is neither.
+            InvalidScenario: the scenario breaks a rule of validity.
         """
+        if expected not in EXPECTED:
+            raise UnknownName("expectation", expected, EXPECTED)
         if isinstance(source, Scenario):
             scenario, place = source, world_of(source.mission, world)
         else:
             scenario, place = load_scenario_in(source, world)
         check_valid(scenario, place)
         load_requirement(_requirement(requirement, self.folder), scenario.mission.route)
-        expectation = Expectation(requirement=requirement, expected=expected, reason=reason)
+        expectation = Expectation.model_validate({"requirement": requirement, "expected": expected, "reason": reason})
         known = next((case for case in self.cases if case.scenario.id == scenario.id), None)
         if known is not None:
             kept = tuple(each for each in known.expectations if each.requirement != requirement)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rvsg.api.records import holds_runs, read_runs
+from rvsg.api.records import check_writable, holds_runs, read_runs
 from rvsg.api.scenarios import check_valid, load_scenario_in
 from rvsg.api.simulating import ignore, make_simulator
 from rvsg.api.worlds import load_world, world_of
@@ -77,6 +77,15 @@ def check_trace_file(path: Path, *, bag_only: bool = False) -> None:
         raise FileError(path, f"the name must end in {' or '.join(kinds)}.")
     if path.suffix == ".mcap":
         rosbags_types()
+
+
+def check_trace_files(source: Path, paths: Sequence[Path]) -> None:
+    """Refuse files that cannot hold a trace; without any, `source` has to be a campaign, which has a place for it."""
+    if not paths and not source.is_dir():
+        raise InputError("Name the file to write: --out RUN.mcap or --out RUN.trace.json.", code="trace-no-file")
+    for path in paths:
+        check_trace_file(path)
+        check_writable(path)
 
 
 def trace_file_beside(folder: Path, run: str) -> Path:

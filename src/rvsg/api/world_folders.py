@@ -144,7 +144,7 @@ def _only_source(sources: dict[str, Path | None]) -> str:
     given = [name for name, path in sources.items() if path is not None]
     if len(given) != 1:
         options = " and ".join(f"--{name}" for name in given) or "none"
-        raise InputError(f"give exactly one of --map, --sdf and --objects; got {options}")
+        raise InputError(f"give exactly one of --map, --sdf and --objects; got {options}", code="world-source")
     return given[0]
 
 
@@ -156,7 +156,7 @@ def _refuse_unused(source: str, **given: bool) -> None:
         if is_given and source not in _GOES_WITH[name]
     ]
     if useless:
-        raise InputError(f"{'; '.join(useless)}; got --{source}")
+        raise InputError(f"{'; '.join(useless)}; got --{source}", code="option-unused")
 
 
 def _refuse_occupied(folder: Path, *, force: bool) -> None:
@@ -164,9 +164,13 @@ def _refuse_occupied(folder: Path, *, force: bool) -> None:
     if folder.exists() and not folder.is_dir():
         raise FileError(folder, "this is a file; expected the name of a folder to make")
     if (folder / "world.yaml").exists() and not force:
-        raise FileError(folder, "the folder already holds a world; --force replaces it, with all your edits")
+        raise FileError(
+            folder, "the folder already holds a world; --force replaces it, with all your edits", code="world-exists"
+        )
     if folder.is_dir() and any(folder.iterdir()) and not (folder / "world.yaml").exists() and not force:
-        raise FileError(folder, "the folder is not empty; choose a new one, or --force to write into it")
+        raise FileError(
+            folder, "the folder is not empty; choose a new one, or --force to write into it", code="folder-not-empty"
+        )
 
 
 def _grid_spec(spacing: float | None, human_clearance: float, robot_clearance: float) -> GridSpec:

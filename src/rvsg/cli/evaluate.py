@@ -42,16 +42,13 @@ def evaluate(
     """
     import rvsg
     from rvsg.api import evaluating
-    from rvsg.api.errors import InputError
     from rvsg.api.exchange import load_any
-    from rvsg.api.records import check_writable, write_text
+    from rvsg.api.records import write_text
     from rvsg.api.scenarios import load_scenario_in
     from rvsg.api.words import describe_judgement
 
     if feedback is not None:
-        check_writable(feedback)
-        if scenario is None:
-            raise InputError("--feedback needs the scenario of the runs: add --scenario FILE.")
+        evaluating.check_feedback_file(feedback, scenario)
     asked = rvsg.load_requirement(requirement)
     loaded = load_any(runs, world=world, route=route, people_topic=people_topic, robot_topic=robot_topic)
     for note in loaded.notes:

@@ -54,13 +54,10 @@ def search(
     json: Annotated[bool, typer.Option("--json", help="Print the entries as JSON on standard output.")] = False,
 ) -> None:
     """Search what is known of a place: the most similar descriptions first, or the worst without a text."""
-    from rvsg.api.errors import UnknownName
-    from rvsg.api.knowledge import KINDS, describe_match, open_knowledge, tell
+    from rvsg.api.knowledge import describe_match, open_knowledge, tell
     from rvsg.api.knowledge import search as look
     from rvsg.api.records import check_writable
 
-    if kind is not None and kind not in KINDS:
-        raise UnknownName("kind", kind, KINDS)
     if out is not None:
         check_writable(out)
     with open_knowledge(base) as known:

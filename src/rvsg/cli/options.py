@@ -33,7 +33,7 @@ def _pair(kind: str, pair: str) -> tuple[str, Any]:
 
     name, equals, value = pair.partition("=")
     if not equals or not name:
-        raise InputError(f"--{kind}-option {pair!r}: expected NAME=VALUE")
+        raise InputError(f"--{kind}-option {pair!r}: expected NAME=VALUE", code="option-form")
     try:
         read = yaml.safe_load(value)
     except (yaml.YAMLError, ValueError) as error:

@@ -47,21 +47,16 @@ def stacks(
     Without an argument it lists the stacks with their options; --stack of `run`, `simulate` and `suite run` takes one.
     Your own is given as module:Class, file.py:Class or exec:COMMAND; see docs/how-to/test-your-own-stack.md.
     """
-    from rvsg.api.errors import InputError
     from rvsg.api.stacks import listed_stacks, write_clients_to
 
     if write_clients is not None:
         for path in write_clients_to(write_clients):
             console.say(f"wrote {path}")
         return
-    if stack:
-        if source is None:
-            raise InputError("Name the suite or the campaign whose scenarios are driven: rvsg stacks DIR --stack ...")
-        _compare(source, stack, robot or [], runs, scenarios, jobs, out, as_json=json)
+    if stack or (source is not None and source.is_dir()):
+        _compare(source, stack or [], robot or [], runs, scenarios, jobs, out, as_json=json)
         return
     if source is not None:
-        if source.is_dir():
-            raise InputError(f"{source}: name the stacks to compare: --stack nav2-dwb --stack nav2-rpp.")
         _print_params(source, as_json=json)
         return
     found = listed_stacks()
@@ -75,9 +70,16 @@ def stacks(
 
 
 def _compare(
-    source: Path, stacks: list[str], robots: list[str], runs: int, scenarios: int, jobs: int, out: Path | None, *,
+    source: Path | None,
+    stacks: list[str],
+    robots: list[str],
+    runs: int,
+    scenarios: int,
+    jobs: int,
+    out: Path | None,
+    *,
     as_json: bool,
-) -> None:  # fmt: skip
+) -> None:
     """Compare stacks, print the ranking, and write the files."""
     from rvsg.api.stacks import StackScore, compare_stacks, stacks_markdown, write_comparison
 
@@ -88,7 +90,7 @@ def _compare(
         source, stacks, robots=robots, runs=runs, scenarios=scenarios, jobs=jobs, on_score=scored,
         on_message=console.say,
     )  # fmt: skip
-    if out is not None:
+    if out is not None and source is not None:
         for path in write_comparison(found, source, out):
             console.say(f"wrote {path}")
     if as_json:

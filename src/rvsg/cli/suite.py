@@ -30,18 +30,9 @@ def add(
 ) -> None:
     """Add a scenario to a suite, or one more requirement to a case that holds the same scenario."""
     from rvsg import Suite
-    from rvsg.api.errors import UnknownName
 
-    if expect not in ("violation", "pass"):
-        raise UnknownName("expectation", expect, ("violation", "pass"))
     made = Suite.create(suite).add(
-        scenario,
-        requirement,
-        name=name,
-        title=title,
-        expected="violation" if expect == "violation" else "pass",
-        reason=reason,
-        world=world,
+        scenario, requirement, name=name, title=title, expected=expect, reason=reason, world=world
     )
     say(f"{suite} holds {len(made.cases)} cases. Run it with: rvsg suite run {suite}")
 

@@ -28,7 +28,8 @@ from rvsg.api.words import (
 from rvsg.cli.console import as_started, say
 
 if TYPE_CHECKING:
-    from rvsg.api.campaign import Campaign, Front, MapCell
+    from rvsg.api.campaign import Campaign
+    from rvsg.api.stored_campaign import Front, MapCell
 
 WITHOUT_TEXT = 35
 """Characters of a row without the scenario's description and the objective."""

@@ -35,17 +35,10 @@ def trace(
     Runs are deterministic, so this is the run that was stored; one that cannot be repeated is refused. A .json file
     is shown by the report: in the folder of a campaign, the page is written again with it.
     """
-    from rvsg.api.errors import InputError
-    from rvsg.api.records import check_writable
-    from rvsg.api.tracing import check_trace_file, trace_file_beside, trace_source
+    from rvsg.api.tracing import check_trace_files, trace_file_beside, trace_source
     from rvsg.cli.options import spec, stack_spec
 
-    is_campaign = source.is_dir()
-    if not out and not is_campaign:
-        raise InputError("Name the file to write: --out RUN.mcap or --out RUN.trace.json.")
-    for path in out or []:
-        check_trace_file(path)
-        check_writable(path)
+    check_trace_files(source, out or [])
     traced = trace_source(
         source,
         run=run,
@@ -60,7 +53,7 @@ def trace(
     for path in written:
         traced.write(path)
     say(f"Trace of {traced.run.id}, seed {traced.run.seed}: {', '.join(str(path) for path in written)}")
-    if is_campaign and not out:
+    if not out:
         import rvsg
 
         page = rvsg.Campaign.open(source).report(world=world)

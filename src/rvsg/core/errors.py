@@ -110,9 +110,9 @@ class InvalidOptions(InputError):
 
     code = "options"
 
-    def __init__(self, message: str, keys: Iterable[str]) -> None:
+    def __init__(self, message: str, keys: Iterable[str], *, code: str | None = None) -> None:
         self.keys = tuple(keys)
-        super().__init__(message)
+        super().__init__(message, code=code)
 
 
 class InvalidScenario(InputError):

@@ -25,4 +25,4 @@ def write_whole(path: Path, content: str | bytes) -> None:
             draft.unlink(missing_ok=True)
         in_the_way = isinstance(error, FileExistsError | NotADirectoryError)
         reason = f"{path.parent} is no folder" if in_the_way else error.strerror or error
-        raise FileError(path, f"the file cannot be written: {reason}.") from None
+        raise FileError(path, f"the file cannot be written: {reason}.", code="not-writable") from None

@@ -128,7 +128,7 @@ def parse_json(text: str, path: Path, *, line: int | None = None) -> Any:
     """
 
     def refuse(reason: str, at: int | None = None) -> NoReturn:
-        raise FileError(path, f"this is not JSON: {reason}", line=line if line is not None else at)
+        raise FileError(path, f"this is not JSON: {reason}", line=line if line is not None else at, code="json")
 
     def number(digits: str) -> Any:
         if len(digits) > LONGEST_NUMBER:
@@ -136,7 +136,7 @@ def parse_json(text: str, path: Path, *, line: int | None = None) -> Any:
         return float(digits) if any(c in digits for c in ".eE") else int(digits)
 
     if not text.strip():
-        raise FileError(path, "the file is empty", line=line)
+        raise FileError(path, "the file is empty", line=line, code="file-empty")
     try:
         value = json.loads(text, parse_int=number, parse_float=number, parse_constant=lambda name: refuse(f"{name}"))
     except json.JSONDecodeError as error:

@@ -93,7 +93,9 @@ def made(kind: str, name: str, plugin: Any, options: Mapping[str, Any], *given: 
     try:
         return plugin(*given, **options)
     except (TypeError, ValueError) as error:
-        raise InputError(f'Cannot make the {kind} "{name}" with {dict(options) or "no options"}: {error}') from error
+        raise InputError(
+            f'Cannot make the {kind} "{name}" with {dict(options) or "no options"}: {error}', code="plug-in-options"
+        ) from error
 
 
 def check_options(kind: str, name: str, options: Mapping[str, Any], *, given: int = 0) -> Any:
@@ -117,7 +119,7 @@ def check_accepted(kind: str, name: str, plugin: Any, options: Mapping[str, Any]
         near = difflib.get_close_matches(unknown[0], known, n=1, cutoff=0.5)
         hint = f' Did you mean "{near[0]}"?' if near else ""
         listed = f"Known options: {', '.join(known)}." if known else "It takes none."
-        raise InputError(f'The {kind} "{name}" has no option "{unknown[0]}".{hint} {listed}')
+        raise InputError(f'The {kind} "{name}" has no option "{unknown[0]}".{hint} {listed}', code="unknown-option")
 
 
 def check_complete(kind: str, plugin: object, protocol: type) -> None:

@@ -56,7 +56,11 @@ class Prompts:
     def __init__(self, folder: str | Path | None = None) -> None:
         self.folder = Path(folder) if folder is not None else None
         if self.folder is not None and not self.folder.is_dir():
-            raise FileError(self.folder, "there is no such folder of prompt templates; `rvsg prompt --copy` begins one")
+            raise FileError(
+                self.folder,
+                "there is no such folder of prompt templates; `rvsg prompt --copy` begins one",
+                code="prompts-folder",
+            )
         if self.folder is not None:
             self._check_overrides(self.folder)
         self._environment: Environment = _environment(self.folder)

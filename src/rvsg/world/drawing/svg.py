@@ -13,6 +13,7 @@ from __future__ import annotations
 import html
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +45,7 @@ class FloorPlan:
     names: str = ""
 
 
+@lru_cache(maxsize=16)  # of a campaign's page, its overview and its pictures
 def floor_plan(
     world: World,
     *,

@@ -79,7 +79,8 @@ def view_of(world: World, *, width_px: int, window: Window | None, margins: tupl
     if x0 >= right or x1 <= left or y0 >= high or y1 <= low:
         raise InputError(
             f"the window {list(shown)} shows nothing of the world, which spans x {left:.1f} to {right:.1f} "
-            f"and y {low:.1f} to {high:.1f}"
+            f"and y {low:.1f} to {high:.1f}",
+            code="window-outside",
         )
     across, down = (x1 - x0, y1 - y0) if world.grid.up == "y" else (y1 - y0, x1 - x0)
     if max(across, down) > LONGEST * min(across, down):
