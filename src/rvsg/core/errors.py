@@ -32,7 +32,7 @@ from typing import Any
 
 
 def how_to_install(extra: str) -> str:
-    """The command that installs what an optional part of RVSG needs, for those who began as the README says."""
+    """Return the command that installs an extra into the environment that the README sets up."""
     return f"in your clone, .venv/bin/pip install -c constraints.txt -e '.[{extra}]'"
 
 

@@ -1,4 +1,4 @@
-"""Writing what is reported: a file is there whole or not at all."""
+"""Writes files whole or not at all."""
 
 from __future__ import annotations
 

@@ -65,7 +65,7 @@ class HumanAgent(Record):
 
     @property
     def stays(self) -> bool:
-        """Return whether the person stays at the last goal; otherwise the goals come round again."""
+        """Return whether the person stays at the last goal; otherwise the goals are walked again from the first."""
         return self.pauses_s[-1] >= FOREVER_S
 
 

@@ -1,4 +1,4 @@
-"""What differs between two configurations, in one line."""
+"""Describes in one line what differs between two configurations."""
 
 from __future__ import annotations
 

@@ -99,7 +99,7 @@ class _Read:
     mistakes: list[Problem]
 
     def error(self) -> DocumentError:
-        """All mistakes, in the order of their lines."""
+        """Return all mistakes, in the order of their lines."""
         return DocumentError(sorted([*self.mistakes, *self.blocked.values()], key=lambda mistake: mistake.line or 0))
 
 

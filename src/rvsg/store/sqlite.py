@@ -177,7 +177,7 @@ class SqliteLedger:
         return True
 
     def settings(self, campaign: str) -> dict[str, Any] | None:
-        """The settings of a campaign; None where it was never begun."""
+        """Return the settings of a campaign; None where it was never begun."""
         query = sa.select(_campaigns.c.settings).where(_campaigns.c.name == campaign)
         with self._translated(), self._engine.connect() as connection:
             text = connection.execute(query).scalar_one_or_none()
@@ -187,7 +187,7 @@ class SqliteLedger:
             raise self._damaged(f"the settings of campaign {campaign!r} are not what was stored") from None
 
     def campaigns(self) -> tuple[str, ...]:
-        """The names of all campaigns, those with attempts only included, in the order they were begun."""
+        """Return the names of all campaigns in the order they were begun, then those that only have attempts."""
         with self._translated(), self._engine.connect() as connection:
             begun = connection.execute(sa.select(_campaigns.c.name).order_by(sa.text("rowid"))).scalars().all()
             others = connection.execute(sa.select(_attempts.c.campaign).distinct()).scalars().all()
@@ -227,7 +227,7 @@ class SqliteLedger:
             raise self._error(error) from None
 
     def attempts(self, campaign: str) -> Iterator[Attempt]:
-        """The attempts of a campaign in the order of their index; StoreError where a record was altered."""
+        """Yield the attempts of a campaign in the order of their index; StoreError where a record was altered."""
         query = (
             sa.select(_attempts.c.position, _attempts.c.id, _attempts.c.record)
             .where(_attempts.c.campaign == campaign)
@@ -242,14 +242,14 @@ class SqliteLedger:
             yield self._parsed(record, f"attempt {position} of {campaign!r}")
 
     def run(self, run_id: str) -> Run:
-        """The run of that id; StoreError where there is none."""
+        """Return the run of that id; StoreError where there is none."""
         found = self.find(run_id)
         if found is None:
             raise self._damaged(f"there is no run {run_id!r}")
         return found
 
     def find(self, run_id: str) -> Run | None:
-        """The run of that id, or None."""
+        """Return the run of that id, or None."""
         query = _FIND if self._version >= _CHECKSUMS_SINCE else _FIND_WITHOUT_CHECKSUM
         with self._translated(), self._engine.connect() as connection:
             found = _driver(connection).execute(query, (run_id,)).fetchone()

@@ -1,4 +1,4 @@
-"""How the file of the SQLite ledger is opened, and brought to the newest schema."""
+"""Opens the file of the SQLite ledger and brings it to the newest schema."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def has_log(path: Path) -> bool:
 
 
 def engine_of(path: Path, *, readonly: bool) -> sa.Engine:
-    """Return the connections to the file: with a write-ahead log, or such that nothing is written beside it."""
+    """Return the engine for the file. A read-only one writes no files beside it."""
     if readonly:
         # SQLite would still make files beside it, for locks, unless it knows that nobody writes. Then it
         # passes over a log that is left there by a campaign under way or killed, with what was committed last.

@@ -1,4 +1,4 @@
-"""The loop itself: one cycle after the other, each part in turn, everything noted."""
+"""Runs the loop cycle by cycle, part by part, and keeps a journal."""
 
 from __future__ import annotations
 

@@ -173,7 +173,7 @@ class Keeper(Protocol):
         ...
 
     def keep(self, change: Change) -> None:
-        """Write a change into the suite; doing it twice is doing it once."""
+        """Write a change into the suite; doing it twice changes nothing more."""
         ...
 
 
