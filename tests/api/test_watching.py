@@ -9,7 +9,7 @@ import pytest
 
 import rvsg
 from rvsg.api.exchange import export
-from rvsg.api.watch_parts import SuiteAnalyser
+from rvsg.api.watch_parts import RecordingMonitor, SuiteAnalyser
 from rvsg.api.watch_subject import LiveSuite, Subject
 from rvsg.api.watching import approve, watch
 from rvsg.campaign.watch.journal import Journal
@@ -213,3 +213,15 @@ def test_a_case_that_is_fixed_is_expected_to_hold(suite: rvsg.Suite, field: Path
     watch(folder, field, tmp_path / "w", rules=RuleSet(near=0.0), **how)  # type: ignore[arg-type]
     (case,) = rvsg.Suite.open(folder).cases
     assert [(e.requirement, e.expected) for e in case.expectations] == [("R3", "pass")]
+
+
+def test_a_recording_that_is_still_written_under_a_hidden_name_is_left_alone(
+    suite: rvsg.Suite, field: Path, tmp_path: Path
+) -> None:
+    draft = field / "route_1" / ".draft" / "bag"
+    draft.mkdir(parents=True)
+    (draft / "bag.mcap").write_bytes(b"")
+    (draft / "metadata.yaml").write_text("")
+    monitor = RecordingMonitor(field, LiveSuite(suite).world)
+    assert [each.source for each in monitor.new(frozenset())] == ["route_1/drive.mcap"]
+    assert monitor.troubles() == []

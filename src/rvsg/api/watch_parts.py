@@ -75,11 +75,16 @@ class RecordingMonitor:
         return found
 
     def _recordings(self) -> Iterator[Path]:
-        folders = [path.parent for path in self.folder.rglob("metadata.yaml")]
+        folders = [path.parent for path in self.folder.rglob("metadata.yaml") if not self._is_draft(path)]
         yield from folders
         for path in self.folder.rglob("*"):
-            if path.suffix in (".mcap", ".db3") and path.parent not in folders and is_recording(path):
+            wanted = path.suffix in (".mcap", ".db3") and path.parent not in folders
+            if wanted and not self._is_draft(path) and is_recording(path):
                 yield path
+
+    def _is_draft(self, path: Path) -> bool:
+        """Return whether a file is hidden, as what is still written is."""
+        return any(part.startswith(".") for part in path.relative_to(self.folder).parts)
 
     def _route(self, path: Path) -> str:
         known = {route.name for route in self.world.routes}

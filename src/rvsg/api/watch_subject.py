@@ -24,12 +24,14 @@ class LiveSuite:
 
     Args:
         suite: the suite as it was opened.
+        version: the version under test, for the reason of a known failure.
 
     Raises:
         InputError: it has no case, or cases in several worlds.
     """
 
-    def __init__(self, suite: Suite) -> None:
+    def __init__(self, suite: Suite, version: Callable[[], str] = lambda: "") -> None:
+        self.version = version
         self.world = _world(suite)
         self._suite = suite
         self._stamp = _stamp(suite.folder)
@@ -108,9 +110,10 @@ class LiveSuite:
     def _failure(self, planned: Planned, result: CaseResult) -> Change:
         route = planned.scenario.mission.route.name
         known = next((case for case in self.cases if case.scenario.id == planned.scenario.id), None)
-        name = f"{route}-{result.requirement.rpartition('#')[2]}-{planned.scenario.id[-6:]}".lower()
+        name = f"{route}-{planned.scenario.id[-6:]}".lower()
         told = " ".join(planned.scenario.description.split()) or planned.name
-        version = f" with {planned.why.version}" if planned.why.version else ""
+        version = self.version() or planned.why.version
+        driven = f" with {version}" if version else ""
         counted = f"{result.verdict.violations} of {result.verdict.runs} runs violate it"
         return Change(
             case=known.name if known else name,
@@ -118,7 +121,7 @@ class LiveSuite:
             scenario=planned.scenario,
             requirement=result.requirement,
             expected="violation",
-            reason=f"{counted}{version}; a watch found it because of {planned.why.in_words}",
+            reason=f"{counted}{driven}; a watch found it because of {planned.why.in_words}",
             is_new=True,
         )
 

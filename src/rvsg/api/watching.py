@@ -80,7 +80,7 @@ def watch(
     if monitor is None:
         raise InputError("What is to be watched? Give --monitor DIR, a folder of recordings or of campaigns.")
     opened = suite if isinstance(suite, Suite) else Suite.open(suite)
-    cases = LiveSuite(opened)
+    cases = LiveSuite(opened, lambda: subject.version)
     world = cases.world
     folder = Path(out)
     chosen = _rules(opened, rules)

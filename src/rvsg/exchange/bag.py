@@ -56,7 +56,7 @@ def write_bag(run: Run, world: World, path: Path, *, trace: Trace | None = None)
         raise FileError(path, "this is a folder; give the name of a file, such as run.mcap.")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=path.parent) as folder:
+        with tempfile.TemporaryDirectory(dir=path.parent, prefix=".") as folder:
             writer = Writer(Path(folder) / "bag", version=9, storage_plugin=StoragePlugin.MCAP)
             writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
             with writer:

@@ -164,7 +164,8 @@ class Loop:
             self._note("legitimate", text, plan=change.id, outcome=decision.outcome)
         if decision.outcome == "accepted":
             self.keeper.keep(change)
-            self._note("knowledge", f"written into the suite: {change.in_words}", plan=change.id, outcome="written")
+            told = f"written into the suite: {change.case}, {change.requirement}"
+            self._note("knowledge", told, plan=change.id, outcome="written")
         return decision.outcome != before
 
     def _entries(self, planned: Planned, results: Sequence[CaseResult]) -> list[Entry]:
