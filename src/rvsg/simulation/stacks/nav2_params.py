@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import difflib
 import json
-import math
-import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
 
-from rvsg.core.documents import DocumentError, Problem, read_yaml
+from rvsg.core.documents import read_yaml
 from rvsg.core.errors import FileError
 from rvsg.simulation.embedded.stack import ACTIONS
 from rvsg.simulation.stacks.mppi import MppiSettings
+from rvsg.simulation.stacks.nav2_document import Entry, Nav2File, Reader, Section, circle, leaves_of, points_of, put
 from rvsg.simulation.stacks.nav2_keys import (
     AS_SIMULATED,
     CHECKERS,
@@ -36,49 +33,6 @@ from rvsg.simulation.stacks.nav2_keys import (
 )
 from rvsg.simulation.stacks.pure_pursuit import PurePursuitSettings
 
-Key = tuple[str, ...]
-State = Literal["honoured", "no effect", "not supported"]
-STATES: tuple[State, ...] = ("honoured", "no effect", "not supported")
-
-
-@dataclass(frozen=True)
-class Entry:
-    """One key of the file."""
-
-    key: str
-    value: str
-    state: State
-    note: str = ""
-
-
-@dataclass
-class Nav2File:
-    """A parameter file, read: the stack it asks for, and what becomes of every key."""
-
-    path: Path
-    stack: str
-    options: dict[str, Any]
-    entries: list[Entry] = field(default_factory=list)
-
-    def counts(self) -> dict[str, int]:
-        """Return how many keys are in each state."""
-        return {state: sum(entry.state == state for entry in self.entries) for state in STATES}
-
-    def messages(self) -> list[str]:
-        """Return what a user has to know: the counts, and every key that is not supported, by reason."""
-        counts = self.counts()
-        lines = [
-            f"{self.path}: {self.stack}; of {len(self.entries)} keys {counts['honoured']} are honoured, "
-            f"{counts['no effect']} have no effect here, {counts['not supported']} are not supported. "
-            f"`rvsg stacks {self.path}` lists all of them."
-        ]
-        reasons: dict[str, list[str]] = {}
-        for entry in self.entries:
-            if entry.state == "not supported":
-                reasons.setdefault(entry.note, []).append(entry.key)
-        lines += [f"not supported: {', '.join(keys)}: {reason}" for reason, keys in reasons.items()]
-        return lines
-
 
 def read_nav2_params(path: str | Path) -> Nav2File:
     """Read a parameter file of Nav2 (Humble and later).
@@ -93,69 +47,11 @@ def read_nav2_params(path: str | Path) -> Nav2File:
             path, "this is no parameter file of Nav2: none of the nodes "
             f"{', '.join(SERVERS[:5])} ... is in it."
         )  # fmt: skip
-    return _Reader(path, document).read()
+    return _Params(path, document).read()
 
 
-class _Section:
-    """The parameters of a node or a plug-in; remembers which of them were used."""
-
-    def __init__(self, reader: _Reader, place: Key, values: Any) -> None:
-        self._reader, self.place = reader, place
-        self.values: Mapping[str, Any] = values if isinstance(values, Mapping) else {}
-
-    def get(self, key: str, default: Any = None, note: str = "") -> Any:
-        """Return a parameter and mark it as honoured; `a.b` may be nested or spelled with the dot."""
-        parts = key.split(".")
-        found: Any = self.values
-        for part in parts:
-            found = found.get(part) if isinstance(found, Mapping) else None
-        if found is None and key in self.values:
-            found, parts = self.values[key], [key]
-        if found is None:
-            return default
-        self._reader.use((*self.place, *parts), note)
-        return found
-
-    def number(self, key: str, default: float | None = None) -> Any:
-        """Return a number; FileError names the key where it is none."""
-        value = self.get(key, default)
-        if value is not None and (isinstance(value, bool) or not isinstance(value, int | float)):
-            self._reader.wrong((*self.place, key), f"expected a number, got {value!r}")
-        return value
-
-    def inner(self, key: str) -> _Section:
-        """Return a plug-in's section."""
-        return _Section(self._reader, (*self.place, key), self.values.get(key))
-
-
-class _Reader:
-    def __init__(self, path: Path, document: Mapping[str, Any]) -> None:
-        self.path, self.document = path, document
-        self.used: dict[Key, str] = {}
-        self.refused: dict[Key, str] = {}
-        self.idle: set[Key] = set()
-        """Sections of plug-ins that are not among those to load."""
-        self.options: dict[str, Any] = {"smoother": {}, "costmaps": {}, "behaviours": {}}
-
-    def use(self, key: Key, note: str = "") -> None:
-        """Mark a key as honoured."""
-        self.used[key] = note
-
-    def refuse(self, key: Key, note: str) -> None:
-        """Mark a key as not supported, with the reason."""
-        self.refused[key] = note
-
-    def wrong(self, key: Key, message: str) -> None:
-        """Raise what is wrong with a key."""
-        line = read_yaml(self.path).lines.get(key)
-        raise DocumentError([Problem(self.path, line, f"{'.'.join(map(str, key))}: {message}", key)])
-
-    def node(self, *names: str) -> _Section:
-        """Return the section of a node, with the wild card of a namespace or not."""
-        found: Any = self.document
-        for name in (*names, "ros__parameters"):
-            found = found.get(name) if isinstance(found, Mapping) else None
-        return _Section(self, (*names, "ros__parameters"), found)
+class _Params(Reader):
+    """What of each node is simulated."""
 
     def read(self) -> Nav2File:
         """Read every node; return the file."""
@@ -170,43 +66,20 @@ class _Reader:
         options = {key: value for key, value in self.options.items() if value not in ({}, ())}
         return Nav2File(self.path, stack, options, list(self._entries()))
 
-    def _kind(self, section: _Section, known: tuple[str, ...] | Mapping[str, str], what: str) -> str:
-        """Return the class of a plug-in, without its package; refuse one that is not simulated."""
-        plugin = str(section.get("plugin", ""))
-        kind = re.split(r"::|/", plugin)[-1]
-        if kind not in known:
-            near = difflib.get_close_matches(kind, list(known), n=1, cutoff=0.0)
-            self.wrong(
-                (*section.place, "plugin"),
-                f"the {what} {plugin or '(no plugin)'} is not simulated. The nearest that is: "
-                f"{near[0] if near else '-'}. Simulated: {', '.join(known)}. To test yours as it is, use "
-                "--stack ros2 or exec:COMMAND.",
-            )
-        return kind
-
-    def _first(self, section: _Section, *keys: str, default: str) -> str:
-        for key in keys:
-            names = section.get(key)
-            if names:
-                if isinstance(names, list) and len(names) > 1:
-                    self.refuse((*section.place, key), f"only the first is simulated: {names[0]}")
-                return str(names[0] if isinstance(names, list) else names)
-        return default
-
-    def _controller(self, server: _Section) -> str:
-        name = self._first(server, "controller_plugins", default="FollowPath")
+    def _controller(self, server: Section) -> str:
+        name = self.first_of(server, "controller_plugins", default="FollowPath")
         section = server.inner(name)
-        kind = self._kind(section, CONTROLLERS, "controller")
+        kind = self.kind_of(section, CONTROLLERS, "controller")
         behaviours = self.options["behaviours"]
-        _put(behaviours, "controller_hz", server.number("controller_frequency"))
-        _put(behaviours, "failure_tolerance_s", server.number("failure_tolerance"))
+        put(behaviours, "controller_hz", server.number("controller_frequency"))
+        put(behaviours, "failure_tolerance_s", server.number("failure_tolerance"))
         {"nav2-dwb": self._dwb, "nav2-rpp": self._rpp, "nav2-mppi": self._mppi}[CONTROLLERS[kind]](section)
-        handler = server.inner(self._first(server, "path_handler_plugins", default="PathHandler"))
+        handler = server.inner(self.first_of(server, "path_handler_plugins", default="PathHandler"))
         if CONTROLLERS[kind] == "nav2-mppi" and handler.values:
-            _put(self.options, "prune_distance", handler.number("prune_distance"))
+            put(self.options, "prune_distance", handler.number("prune_distance"))
         return CONTROLLERS[kind]
 
-    def _dwb(self, section: _Section) -> None:
+    def _dwb(self, section: Section) -> None:
         values = {key: section.number(name) for key, name in DWB.items()}
         values = {key: value for key, value in values.items() if value is not None}
         for name in section.get("critics", []):
@@ -230,15 +103,15 @@ class _Reader:
             self.refuse((*section.place, "max_vel_y"), "sideways motion is not simulated")
         self.options["dwb"] = {key: value for key, value in values.items() if value != 0.0 or key not in POSITIVE}
 
-    def _rpp(self, section: _Section) -> None:
+    def _rpp(self, section: Section) -> None:
         for name in PurePursuitSettings.model_fields:
             if (value := section.get(name)) is not None:
                 self.options[name] = value
-        _put(self.options, "desired_linear_vel", section.number("max_linear_vel"))
+        put(self.options, "desired_linear_vel", section.number("max_linear_vel"))
         if section.values.get("use_dynamic_window"):
             self.refuse((*section.place, "use_dynamic_window"), "the dynamic window of pure pursuit is not simulated")
 
-    def _mppi(self, section: _Section) -> None:
+    def _mppi(self, section: Section) -> None:
         model = str(section.get("motion_model", "DiffDrive"))
         if model.replace("_", "").lower() != "diffdrive":
             self.wrong(
@@ -269,14 +142,14 @@ class _Reader:
     def _costmaps(self) -> None:
         maps = self.options["costmaps"]
         local, world = (self.node(name, name) for name in ("local_costmap", "global_costmap"))
-        _put(maps, "local_size_m", local.number("width"))
+        put(maps, "local_size_m", local.number("width"))
         if local.values.get("height", local.values.get("width")) != local.values.get("width"):
             self.refuse((*local.place, "height"), "a square of the width is simulated")
         elif "height" in local.values:
             self.use((*local.place, "height"))
-        _put(maps, "local_resolution_m", local.number("resolution"))
-        _put(maps, "local_update_hz", local.number("update_frequency"))
-        _put(maps, "global_update_hz", world.number("update_frequency"))
+        put(maps, "local_resolution_m", local.number("resolution"))
+        put(maps, "local_update_hz", local.number("update_frequency"))
+        put(maps, "global_update_hz", world.number("update_frequency"))
         for section, prefix in ((local, "local"), (world, "global")):
             self._layers(section, prefix)
         self._footprint(local)
@@ -288,15 +161,15 @@ class _Reader:
         if "resolution" in world.values:
             self.refuse((*world.place, "resolution"), "the global costmap has the resolution of the map")
 
-    def _layers(self, section: _Section, prefix: str) -> None:
+    def _layers(self, section: Section, prefix: str) -> None:
         maps = self.options["costmaps"]
         for name in section.get("plugins", []):
             layer = section.inner(str(name))
-            kind = self._kind(layer, LAYERS, "costmap layer")
+            kind = self.kind_of(layer, LAYERS, "costmap layer")
             layer.get("enabled")
             if kind == "InflationLayer":
-                _put(maps, f"{prefix}_inflation_m", layer.number("inflation_radius"))
-                _put(maps, f"{prefix}_cost_scaling", layer.number("cost_scaling_factor"))
+                put(maps, f"{prefix}_inflation_m", layer.number("inflation_radius"))
+                put(maps, f"{prefix}_cost_scaling", layer.number("cost_scaling_factor"))
             elif kind in ("ObstacleLayer", "VoxelLayer"):
                 self._sources(layer, prefix)
         listed = {str(name) for key in ("plugins", "filters") for name in section.values.get(key) or ()}
@@ -305,10 +178,10 @@ class _Reader:
                 self.idle.add((*section.place, name))
         for name in section.values.get("filters") or ():
             self.refuse((*section.place, "filters"), "costmap filters (keepout and speed zones) are not simulated")
-            for key in _leaves(section.values.get(str(name)), (*section.place, str(name))):
+            for key in leaves_of(section.values.get(str(name)), (*section.place, str(name))):
                 self.refuse(key[0], "costmap filters are not simulated")
 
-    def _sources(self, layer: _Section, prefix: str) -> None:
+    def _sources(self, layer: Section, prefix: str) -> None:
         names = str(layer.get("observation_sources", "")).split()
         if len(names) > 1:
             self.refuse((*layer.place, "observation_sources"), f"the ranges of {names[0]} are taken for every lidar")
@@ -318,8 +191,8 @@ class _Reader:
                 if source.values.get(key) is False:
                     self.refuse((*source.place, key), "every lidar marks and clears")
             if prefix == "local":
-                _put(self.options["costmaps"], "obstacle_range_m", source.number("obstacle_max_range"))
-                _put(self.options["costmaps"], "clearing_range_m", source.number("raytrace_max_range"))
+                put(self.options["costmaps"], "obstacle_range_m", source.number("obstacle_max_range"))
+                put(self.options["costmaps"], "clearing_range_m", source.number("raytrace_max_range"))
             else:
                 maps = self.options["costmaps"]
                 for key, local in (
@@ -329,7 +202,7 @@ class _Reader:
                     if source.number(key, maps.get(local)) != maps.get(local):
                         self.refuse((*source.place, key), "the ranges of the local costmap hold for both")
 
-    def _footprint(self, local: _Section) -> None:
+    def _footprint(self, local: Section) -> None:
         radius, text = local.values.get("robot_radius"), local.values.get("footprint")
         if text and text != "[]":
             local.get("footprint")
@@ -340,23 +213,25 @@ class _Reader:
                 self.wrong((*local.place, "footprint"), f"expected a list of points [[x, y], ...], got {text!r:.60}")
         elif radius is not None:
             found = local.number("robot_radius")
-            self.options["footprint"] = _circle(found)
-        _put(self.options, "padding_m", local.number("footprint_padding"))
+            self.options["footprint"] = circle(found)
+        put(self.options, "padding_m", local.number("footprint_padding"))
 
-    def _checkers(self, server: _Section) -> None:
+    def _checkers(self, server: Section) -> None:
         behaviours = self.options["behaviours"]
         progress = server.inner(
-            self._first(server, "progress_checker_plugins", "progress_checker_plugin", default="progress_checker")
+            self.first_of(server, "progress_checker_plugins", "progress_checker_plugin", default="progress_checker")
         )
         if progress.values:
-            self._kind(progress, CHECKERS, "progress checker")
-            _put(behaviours, "progress_m", progress.number("required_movement_radius"))
-            _put(behaviours, "progress_s", progress.number("movement_time_allowance"))
-        goal = server.inner(self._first(server, "goal_checker_plugins", "goal_checker_plugin", default="goal_checker"))
+            self.kind_of(progress, CHECKERS, "progress checker")
+            put(behaviours, "progress_m", progress.number("required_movement_radius"))
+            put(behaviours, "progress_s", progress.number("movement_time_allowance"))
+        goal = server.inner(
+            self.first_of(server, "goal_checker_plugins", "goal_checker_plugin", default="goal_checker")
+        )
         if goal.values:
-            self._kind(goal, CHECKERS, "goal checker")
-            _put(behaviours, "goal_tolerance_m", goal.number("xy_goal_tolerance"))
-            _put(behaviours, "goal_tolerance_rad", goal.number("yaw_goal_tolerance"))
+            self.kind_of(goal, CHECKERS, "goal checker")
+            put(behaviours, "goal_tolerance_m", goal.number("xy_goal_tolerance"))
+            put(behaviours, "goal_tolerance_rad", goal.number("yaw_goal_tolerance"))
             if goal.get("stateful", True) is not True:
                 self.refuse((*goal.place, "stateful"), "the goal checker keeps that the place was reached")
 
@@ -364,10 +239,10 @@ class _Reader:
         server = self.node("planner_server")
         if not server.values:
             return
-        section = server.inner(self._first(server, "planner_plugins", default="GridBased"))
-        kind = PLANNERS[self._kind(section, PLANNERS, "planner")]
+        section = server.inner(self.first_of(server, "planner_plugins", default="GridBased"))
+        kind = PLANNERS[self.kind_of(section, PLANNERS, "planner")]
         if kind == "navfn":
-            _put(self.options["behaviours"], "planner_tolerance_m", section.number("tolerance"))
+            put(self.options["behaviours"], "planner_tolerance_m", section.number("tolerance"))
         else:
             names = {
                 "smac_2d": ("tolerance", "cost_travel_multiplier"),
@@ -375,7 +250,7 @@ class _Reader:
             }
             planner = self.options["planner"] = {"kind": kind}
             for name in names[kind]:
-                _put(planner, name, section.number(name))
+                put(planner, name, section.number(name))
         for key, value in PLANNING[kind].items():
             if section.get(key, value, note="this is what is simulated") != value:
                 self.refuse((*section.place, *key.split(".")), f"{value!r} is simulated")
@@ -386,7 +261,7 @@ class _Reader:
         names = {"spin_max_rad_s": "max_rotational_vel", "spin_min_rad_s": "min_rotational_vel",
                  "spin_acceleration_rad_s2": "rotational_acc_lim", "look_ahead_s": "simulate_ahead_time"}  # fmt: skip
         for key, name in names.items():
-            _put(self.options["behaviours"], key, server.number(name))
+            put(self.options["behaviours"], key, server.number(name))
         for name in server.get("behavior_plugins", server.get("recovery_plugins", [])):
             plugin = server.inner(str(name))
             if kind := str(plugin.values.get("plugin", "")):
@@ -410,17 +285,17 @@ class _Reader:
         section, smoother = self.node("velocity_smoother"), self.options["smoother"]
         if not section.values:
             return
-        _put(smoother, "frequency_hz", section.number("smoothing_frequency"))
-        _put(smoother, "timeout_s", section.number("velocity_timeout"))
+        put(smoother, "frequency_hz", section.number("smoothing_frequency"))
+        put(smoother, "timeout_s", section.number("velocity_timeout"))
         for key, (first, last) in VECTORS.items():
             vector = section.get(key)
             if vector is None:
                 continue
             if not isinstance(vector, list) or len(vector) != 3 or not all(isinstance(v, int | float) for v in vector):
                 self.wrong((*section.place, key), f"expected three numbers [x, y, yaw], got {vector!r}")
-            _put(smoother, first, abs(float(vector[0])))
+            put(smoother, first, abs(float(vector[0])))
             if last:
-                _put(smoother, last, abs(float(vector[2])))
+                put(smoother, last, abs(float(vector[2])))
             if vector[1]:
                 self.refuse((*section.place, key), "sideways motion is not simulated")
         if section.get("feedback", "OPEN_LOOP") != "OPEN_LOOP":
@@ -440,7 +315,7 @@ class _Reader:
                 self.refuse((*source.place, "type"), "the monitor sees the scans of every lidar, and nothing else")
         for name in section.get("polygons", []):
             polygon = section.inner(str(name))
-            action, points = str(polygon.values.get("action_type")), _points(polygon.values)
+            action, points = str(polygon.values.get("action_type")), points_of(polygon.values)
             if polygon.get("enabled", True) is False or action == "none":
                 continue
             kind = polygon.get("type")
@@ -459,7 +334,7 @@ class _Reader:
         self.options["collision_monitor"] = tuple(polygons)
 
     def _entries(self) -> Iterator[Entry]:
-        for key, value in _leaves(self.document, ()):
+        for key, value in leaves_of(self.document, ()):
             name, shown = ".".join(part for part in key if part != "ros__parameters"), f"{value!r:.60}"
             if key in self.refused:
                 yield Entry(name, shown, "not supported", self.refused[key])
@@ -482,36 +357,3 @@ class _Reader:
                 yield Entry(name, shown, "honoured", "this is what is simulated")
             else:
                 yield Entry(name, shown, "not supported", "not simulated; Nav2's default holds")
-
-
-def _put(into: dict[str, Any], key: str, value: Any) -> None:
-    if value is not None:
-        into[key] = value
-
-
-def _circle(radius: float) -> tuple[tuple[float, float], ...]:
-    """Return Nav2's outline of a round robot: a polygon of 16 corners."""
-    angles = [2.0 * math.pi * k / 16 for k in range(16)]
-    return tuple((radius * math.cos(a), radius * math.sin(a)) for a in angles)
-
-
-def _points(values: Mapping[str, Any]) -> tuple[tuple[float, float], ...] | None:
-    """Return the corners of a polygon of the collision monitor: Humble lists numbers, later releases a text."""
-    if values.get("type") == "circle" and isinstance(values.get("radius"), int | float):
-        return _circle(float(values["radius"]))
-    given: Any = values.get("points")
-    try:
-        found = json.loads(given) if isinstance(given, str) else given
-        if isinstance(found, list) and found and isinstance(found[0], int | float):
-            found = list(zip(found[::2], found[1::2], strict=True))
-        return tuple((float(x), float(y)) for x, y in found) if found else None
-    except (ValueError, TypeError):
-        return None
-
-
-def _leaves(value: Any, key: Key) -> Iterator[tuple[Key, Any]]:
-    if isinstance(value, Mapping):
-        for name, inner in value.items():
-            yield from _leaves(inner, (*key, str(name)))
-    else:
-        yield key, value
