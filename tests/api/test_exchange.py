@@ -15,7 +15,9 @@ from rvsg.api.scenarios import save_scenario
 from rvsg.api.tracing import trace
 from rvsg.cli import main
 from rvsg.core.errors import InputError, UnknownName
+from rvsg.evaluation.metrics import measure
 from rvsg.exchange.foxglove import foxglove_layout
+from rvsg.simulation.archive import rounded
 from rvsg.simulation.embedded.simulator import EmbeddedSimulator
 
 
@@ -72,7 +74,7 @@ def test_a_trace_is_the_run_and_its_bag_holds_what_the_robot_sees(scenario: rvsg
     pytest.importorskip("rosbags", reason="the extra `bag` is not installed")
     world = rvsg.load_world("warehouse")
     traced = trace(scenario, 3)
-    run = EmbeddedSimulator().run(scenario, world, seed=3)
+    run = rounded(EmbeddedSimulator().run(scenario, world, seed=3))
     assert traced.run.id == run.id
     assert np.array_equal(traced.run.trajectory.x, run.trajectory.x)
     assert np.array_equal(traced.run.trajectory.human_x, run.trajectory.human_x)
@@ -83,6 +85,10 @@ def test_a_trace_is_the_run_and_its_bag_holds_what_the_robot_sees(scenario: rvsg
     recorded, _ = load_recordings([tmp_path / "run.mcap"], world="warehouse")
     assert recorded[0].id == run.id
     assert np.array_equal(recorded[0].imu, run.imu)
+    measured, again = (measure(each, world=world) for each in (rvsg.simulate(scenario, [3])[0], recorded[0]))
+    assert again == {
+        name: value if value is None else pytest.approx(value, abs=1e-6) for name, value in measured.items()
+    }
     from rvsg.exchange.bag_reading import open_bag
 
     with open_bag(tmp_path / "run.mcap") as reader:

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from rvsg.core.errors import FileError
-from rvsg.exchange.bag import write_bag
+from rvsg.exchange.bag import CYLINDER, write_bag
 from rvsg.exchange.bag_reading import open_bag
 from rvsg.exchange.messages import Messages
 from rvsg.exchange.recording import read_recording
@@ -192,3 +192,27 @@ def test_memory_does_not_grow_with_topics_that_are_not_needed(said: list[Said], 
     tracemalloc.stop()
     assert len(found.run.trajectory) > 50
     assert peak < 25_000_000
+
+
+def test_markers_that_may_show_people_are_named_and_read_where_they_are_chosen(
+    said: list[Said], tmp_path: Path, run: Run, world: World
+) -> None:
+    made = Messages(rosbags_types())
+
+    def as_markers(topic: str, t: float, message: Any) -> Iterator[Said]:
+        if topic != "/human_states":
+            yield topic, t, message
+            return
+        size, stamp = (0.8, 0.8, 1.7), message.header.stamp
+        shown = [
+            made.marker(stamp, "map", "people", k, CYLINDER, agent.position, size, text=agent.name)
+            for k, agent in enumerate(message.agents)
+        ]
+        yield "/shown", t, made.make("visualization_msgs/MarkerArray", markers=shown)
+
+    bag = recorded(said, tmp_path, as_markers)
+    without = read_recording(bag, world=world)
+    assert without.run.human_names == ()
+    assert any("/shown" in note and "--people-topic" in note for note in without.notes)
+    found = read_recording(bag, world=world, people_topic="/shown").run
+    assert set(found.human_names) == set(run.human_names)

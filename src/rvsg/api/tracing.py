@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -113,7 +113,12 @@ def trace(
     if not isinstance(made, EmbeddedSimulator):
         raise InputError(f'The simulator "{made.name}" records no traces; "embedded" does.')
     made.prepare(on_message)
-    return trace_run(scenario, place, seed=seed, simulator=made)
+    return _as_stored(trace_run(scenario, place, seed=seed, simulator=made))
+
+
+def _as_stored(found: Trace) -> Trace:
+    """Return a trace whose run is rounded as runs are before they are measured, so that its bag measures the same."""
+    return replace(found, run=rounded(found.run))
 
 
 def trace_again(run: Run, scenario: Scenario, world: World, *, on_message: Callable[[str], None] = ignore) -> Traced:
@@ -143,7 +148,7 @@ def trace_again(run: Run, scenario: Scenario, world: World, *, on_message: Calla
             f"The run {run.id} cannot be repeated: it was simulated by rules of version {made_by}, and these are of "
             f"version {made.options['version']}. Run the campaign again, or trace it with the RVSG that made it."
         )
-    return Traced(trace=found, world=world)
+    return Traced(trace=_as_stored(found), world=world)
 
 
 def trace_source(

@@ -70,7 +70,7 @@ def read_contents(path: Path, people_topic: str | None, robot_topic: str | None)
         odometry = robot_topic or _only(path, [t for t, k in kinds.items() if k == ODOMETRY], "--robot-topic")
         people = people_topic or _people_topic(path, kinds)
         if people is None:
-            notes.append("The recording holds no people (hunav_msgs/Agents or people_msgs/People); none are judged.")
+            notes.append(_no_people([topic for topic, kind in kinds.items() if kind == MARKERS]))
         if "/clock" not in kinds:
             notes.append("The recording has no /clock; the stamps of its messages are used.")
         wanted = {each for each in (odometry, people) if each} | {
@@ -85,6 +85,14 @@ def read_contents(path: Path, people_topic: str | None, robot_topic: str | None)
                 _check_order(path, contents, connection.topic, stamp_of(message, received))
             _take(contents, connection.topic, connection.msgtype, received, message, odometry, people)
     return contents, notes
+
+
+def _no_people(markers: list[str]) -> str:
+    """Return the note on a recording without a topic of people; its markers may show them."""
+    said = "The recording holds no people (hunav_msgs/Agents or people_msgs/People); none are judged."
+    if not markers:
+        return said
+    return f"{said} If {' or '.join(sorted(markers))} shows people as markers, name it: --people-topic."
 
 
 def _only(path: Path, found: list[str], option: str) -> str | None:

@@ -1,7 +1,13 @@
 """Events that a simulator records because the trajectory does not show them, or not exactly.
 
-A simulator that does not record them leaves `Run.events` empty. `rvsg.evaluation.detection` makes the full list of a
-run's events from these, the trajectory and the outcome.
+They are measurements, stored with the run: coordinates, indices of goals, the speed of each body. From these, the
+trajectory and the outcome, `rvsg.evaluation.detection` makes the full list of a run's events
+(`rvsg.evaluation.events`), and every story is told from that list. `rvsg.campaign.walks` counts legs of a person's way
+by the indices of goals, which only the measurements hold.
+
+The two are separate records for three reasons. A stored run must stay readable while the list that is told grows. The
+list names waypoints and tasks, for which it needs the world and the scenario; a simulator knows neither. And a
+simulator that records nothing, or a recording of a real robot, leaves `Run.events` empty and still gets the list.
 """
 
 from __future__ import annotations
