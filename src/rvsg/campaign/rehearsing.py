@@ -29,7 +29,8 @@ def rehearsing(simulator: Simulator, world: World, *, seed: int) -> Rehearse:
 
     def rehearse(mission: Mission, people: HumanConfiguration) -> Rehearsal:
         try:
-            run = simulator.run(Scenario(mission=mission, people=people), world, seed=own)
+            place = world.with_moved(mission.moved)
+            run = simulator.run(Scenario(mission=mission, people=people), place, seed=own)
         except SimulationError:
             return Rehearsal(robot=(), arrival_s=None)
         return in_short(run, people, world)

@@ -20,6 +20,7 @@ from pydantic import ValidationError
 
 from rvsg.core.errors import BudgetSpent, InputError, StoreError
 from rvsg.core.records import canonical_json
+from rvsg.generation.actors import added, placed
 from rvsg.generation.answer import described_scenario
 from rvsg.generation.descriptions import Described
 from rvsg.generation.dialogue import Dialogue
@@ -46,9 +47,9 @@ from rvsg.generation.vlm.recording import MEASURED, place_of
 from rvsg.generation.vlm.watching import Tell
 from rvsg.generation.wiring import Access, wired
 from rvsg.scenario.brief import Brief
-from rvsg.scenario.scenario import HumanConfiguration
+from rvsg.scenario.scenario import HumanConfiguration, Mission
 from rvsg.scenario.validity import Finding, Repair, check, read_ends, repair
-from rvsg.world.world import World
+from rvsg.world.world import SolidObject, World
 
 DRIVE = "drive"
 """The key of the drive without people in what a recording keeps of the measurements."""
@@ -241,7 +242,7 @@ class VlmGenerator(Generator):
     def _compact(self, dialogue: Dialogue, brief: Brief, world: World) -> tuple[list[_Judged], str]:
         """One structured answer, and corrections while there is something to correct."""
         self._before_compact(dialogue, brief)
-        shape = configuration_schema(rich=True, behaviours=offered(self.provoking))
+        shape = configuration_schema(rich=True, behaviours=offered(self.provoking), actors=world.actors)
         purpose, template = ("refine", "compact-refine") if brief.feedback else ("new", "compact-new")
         judged = [self._judge(dialogue.ask(purpose, template, shape=shape), brief, world)]
         while judged[-1].findings and len(judged) <= self.corrections:
@@ -263,7 +264,8 @@ class VlmGenerator(Generator):
             rehearsal = Rehearsal(robot=(), arrival_s=None)
             found: tuple[str, ...] = ()
             if self.rehearse is not None:
-                rehearsal = self.rehearse(brief.mission, people)
+                mission, _ = placed(brief.mission, world, _moved(judged[-1].reply, brief))
+                rehearsal = self.rehearse(mission, people)
                 found = surprises(rehearsal, judged[-1].reply.plan)
             if not (self._has_recorded_rehearsal(dialogue) if self.wiring.replaying else found):
                 return
@@ -271,7 +273,7 @@ class VlmGenerator(Generator):
                 answer = dialogue.ask(
                     "rehearse",
                     "compact-rehearsal",
-                    shape=configuration_schema(rich=True, behaviours=offered(self.provoking)),
+                    shape=configuration_schema(rich=True, behaviours=offered(self.provoking), actors=world.actors),
                     surprises=list(found),
                     rehearsal=rehearsal_facts(rehearsal, passes_of(self._undisturbed_drive(brief), world.grid)),
                 )
@@ -294,7 +296,10 @@ class VlmGenerator(Generator):
     def _before_compact(self, dialogue: Dialogue, brief: Brief) -> None:
         """A refinement answers on top of the configuration that was simulated, in the form answers have."""
         if brief.feedback is not None:
-            dialogue.tell_text("assistant", canonical_json(answer_object(brief.feedback)))
+            dialogue.tell_text(
+                "assistant",
+                canonical_json(answer_object(brief.feedback, added(brief.mission, brief.feedback.scenario.mission))),
+            )
 
     def _ask_again(
         self, dialogue: Dialogue, last: _Judged, template: str, purpose: str, shape: dict[str, Any] | None
@@ -384,11 +389,14 @@ class VlmGenerator(Generator):
             reason = "the model refused to answer." if answer.finish == "refused" else "the answer is empty."
             finding = Finding(rule=f"{answer.finish}-reply", reason=reason)
             return _Judged(answer=answer, reply=Reply(findings=(finding,), fatal=True), findings=(finding,))
-        reply = read_configuration(answer.text, human_names(brief.humans))
+        reply = read_configuration(
+            answer.text, human_names(brief.humans), actors=world.actors, lidar_height_m=world.lidar_height_m
+        )
         if reply.people is None:
             return _Judged(answer=answer, reply=reply, findings=reply.findings)
         people = read_ends(reply.people, world)
-        reply, checked = replace(reply, people=people), check(people, brief.mission, world)
+        mission, place = placed(brief.mission, world, _moved(reply, brief))
+        reply, checked = replace(reply, people=people), check(people, mission, place)
         return _Judged(answer=answer, reply=reply, findings=(*reply.findings, *checked))
 
     def _concluded(
@@ -399,11 +407,13 @@ class VlmGenerator(Generator):
         last = usable[-1] if usable else judged[-1]
         people, repairs, problems = last.reply.people, last.reply.repairs, last.findings
         if usable and people is not None:
-            people, repairs, problems = self._repaired(people, last, brief, world)
+            mission, place = placed(brief.mission, world, _moved(last.reply, brief))
+            people, repairs, problems = self._repaired(people, last, mission, place)
         valid = people if usable and not problems else None
         scenario = None
         if valid is not None:
-            scenario = described_scenario(brief, valid, Described(description) if description else None)
+            described = Described(description) if description else None
+            scenario = described_scenario(brief, valid, described, _moved(last.reply, brief))
         return Proposal(
             generator=self.name,
             scenario=scenario,
@@ -425,12 +435,19 @@ class VlmGenerator(Generator):
         )
 
     def _repaired(
-        self, people: HumanConfiguration, last: _Judged, brief: Brief, world: World
+        self, people: HumanConfiguration, last: _Judged, mission: Mission, world: World
     ) -> tuple[HumanConfiguration, tuple[Repair, ...], tuple[Finding, ...]]:
-        if not check(people, brief.mission, world):
+        if not check(people, mission, world):
             return people, last.reply.repairs, ()
-        mended, repairs = repair(people, brief.mission, world)
-        return mended, (*last.reply.repairs, *repairs), check(mended, brief.mission, world)
+        mended, repairs = repair(people, mission, world)
+        return mended, (*last.reply.repairs, *repairs), check(mended, mission, world)
+
+
+def _moved(reply: Reply, brief: Brief) -> tuple[SolidObject, ...]:
+    """Return the objects that a reply moves; a refinement that says nothing of them keeps those of its scenario."""
+    if reply.moved is not None or brief.feedback is None:
+        return reply.moved or ()
+    return added(brief.mission, brief.feedback.scenario.mission)
 
 
 def session_of(brief: Brief) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ import numpy as np
 from rvsg.generation.rehearsal import Rehearsal
 from rvsg.generation.replies import LONGEST_DELAY_S
 from rvsg.robots import Robot, shipped_robots
+from rvsg.scenario.bodies import PersonKind
 from rvsg.scenario.brief import Arrival, Brief, Feedback, Remembered, Row
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Behaviour, Human, HumanConfiguration, Mission
@@ -19,7 +20,7 @@ from rvsg.scenario.validity.checker import start_gap_m
 from rvsg.scenario.validity.rules import START_CLEARANCE_M
 from rvsg.world.grid import Grid
 from rvsg.world.route_words import route_paragraph
-from rvsg.world.world import Description, Route, World
+from rvsg.world.world import Description, Route, SolidObject, World
 
 SPEED_RANGE_M_S = (0.3, 2.0)
 LONGEST_SERIES = 120
@@ -62,6 +63,7 @@ def world_facts(world: World, description: Description | None = None) -> dict[st
         "world_title": world.title,
         "provoking": False,
         "activities": list(world.activities),
+        "actors": list(world.actors),
         "layout": described.layout if described else "",
         "grid": described.grid if described else "",
         "areas": [
@@ -283,7 +285,13 @@ def _behind_s(row: Row, passes: Mapping[str, Pass]) -> int | None:
     return round(max(0.0, row.time_s - last) + min(0.0, row.time_s - first))
 
 
-def configuration_object(people: HumanConfiguration, description: str | None = None, *, rich: bool = True) -> Any:
+def configuration_object(
+    people: HumanConfiguration,
+    description: str | None = None,
+    *,
+    rich: bool = True,
+    moved: Sequence[SolidObject] = (),
+) -> Any:
     """A configuration in the form replies have; without `rich` only names, tasks and paths."""
     humans = []
     for human in people.humans:
@@ -293,19 +301,31 @@ def configuration_object(people: HumanConfiguration, description: str | None = N
             if rich and task.pauses:
                 entry["pauses"] = [{"at": p.at, "duration_s": p.duration_s} for p in task.pauses]
             tasks.append(entry)
-        chosen = {
+        chosen: dict[str, Any] = {
             "behaviour": human.behaviour.value,
             "speed_m_s": human.speed_m_s,
             "start_delay_s": human.start_delay_s,
             "group": human.group,
         }
+        if human.kind is not PersonKind.ADULT:
+            chosen["kind"] = human.kind.value
+        if human.trolley is not None:
+            chosen["trolley"] = human.trolley.model_dump(mode="json")
         humans.append({"name": human.name, **(chosen if rich else {}), "tasks": tasks})
-    return ({"description": description} if description is not None else {}) | {"humans": humans}
+    told = {"moved": [_moved(thing) for thing in moved]} if moved else {}
+    return ({"description": description} if description is not None else {}) | {"humans": humans} | told
 
 
-def answer_object(feedback: Feedback) -> Any:
+def _moved(thing: SolidObject) -> dict[str, Any]:
+    """Return a moved object in the form replies have."""
+    (x, y, _), (length, width, height) = thing.box.center, thing.box.size
+    size = {"length_m": length, "width_m": width, "height_m": height}
+    return {"name": thing.name, "x": x, "y": y, **size, "yaw": thing.box.yaw}
+
+
+def answer_object(feedback: Feedback, moved: Sequence[SolidObject] = ()) -> Any:
     """The configuration that was simulated as its generator answered it, with its analysis and its plan."""
-    found = configuration_object(feedback.scenario.people, feedback.scenario.description)
+    found = configuration_object(feedback.scenario.people, feedback.scenario.description, moved=moved)
     for human in found["humans"]:
         if moments := feedback.planned.get(human["name"]):
             human["plan"] = [{"at": at, "time_s": time} for at, time in moments.items()]

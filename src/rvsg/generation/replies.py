@@ -14,8 +14,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from rvsg.generation.lenient_json import Found, find_json
+from rvsg.generation.reply_actors import known_keys, moved_in, person_of
+from rvsg.scenario.bodies import LIMITS
 from rvsg.scenario.scenario import Behaviour, Human, HumanConfiguration, Pause, Task
 from rvsg.scenario.validity import Finding, Repair
+from rvsg.world.world import SolidObject
 
 MAX_TASKS = 60
 MAX_PATH = 400
@@ -65,6 +68,8 @@ class Reply:
     lesson: str = ""
     plan: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     """When each person is planned to be at which waypoint (s)."""
+    moved: tuple[SolidObject, ...] | None = None
+    """Objects moved into the world; None where nothing is said of any."""
     findings: tuple[Finding, ...] = ()
     repairs: tuple[Repair, ...] = ()
     complete: bool = True
@@ -88,8 +93,12 @@ class _Notes:
         self.repairs.append(Repair(human=human, task=task, what=what, before=(), after=()))
 
 
-def read_configuration(text: str, names: Sequence[str] | None = None) -> Reply:
+def read_configuration(
+    text: str, names: Sequence[str] | None = None, *, actors: Sequence[str] = (), lidar_height_m: float = 0.21
+) -> Reply:
     """The configuration in a reply. `names` are the humans that were asked for, in order; None: any number.
+
+    `actors` are those of the world, and `lidar_height_m` says what a lidar sees of moved objects.
 
     Of several configurations in a reply the last one counts: models put the corrected one last.
     """
@@ -99,7 +108,8 @@ def read_configuration(text: str, names: Sequence[str] | None = None) -> Reply:
         return _unread(text, found)
     people_value, holder, source = chosen
     notes = _Notes()
-    humans = [h for h in (_human(name, value, notes) for name, value in people_value) if h is not None]
+    humans = [h for h in (_human(name, value, notes, actors) for name, value in people_value) if h is not None]
+    moved = moved_in(holder, actors, lidar_height_m, notes.find)
     if not source.complete:
         notes.find(
             "reply-cut-off",
@@ -113,6 +123,7 @@ def read_configuration(text: str, names: Sequence[str] | None = None) -> Reply:
         analysis=_text(holder, _ANALYSIS) or _prose(text, found),
         lesson=" ".join(_text(holder, _LESSON).split())[:LESSON_CHARACTERS],
         plan=_plan_of(people_value),
+        moved=moved,
         findings=tuple(notes.findings),
         repairs=tuple(notes.repairs),
         complete=source.complete,
@@ -242,7 +253,7 @@ def _plan_of(people: _People) -> dict[str, dict[str, float]]:
     return plans
 
 
-def _human(name: str | None, value: Any, notes: _Notes) -> Human | None:
+def _human(name: str | None, value: Any, notes: _Notes, actors: Sequence[str] = ()) -> Human | None:
     if isinstance(value, list):
         value = {"tasks": value}
     if not isinstance(value, dict):
@@ -262,15 +273,18 @@ def _human(name: str | None, value: Any, notes: _Notes) -> Human | None:
     if not tasks:
         return None
     for key in value:
-        if str(key).casefold() not in _KNOWN_HUMAN:
+        if str(key).casefold() not in _KNOWN_HUMAN | known_keys(actors):
             notes.repair(f'the key "{str(key)[:40]}" means nothing here and was left out', name)
+    more = person_of(value, actors, lambda rule, why, how: notes.find(rule, why, how, human=name))
+    usual = LIMITS[more["kind"]].speed_m_s if "kind" in more else 1.5
     return Human(
         name=name,
         tasks=tuple(tasks),
         behaviour=_behaviour(_get(value, ("behaviour", "behavior")), name, notes),
-        speed_m_s=_in_range(_get(value, _SPEED), SPEED_LIMITS_M_S, 1.5, "the speed", "m/s", name, notes),
+        speed_m_s=_in_range(_get(value, _SPEED), SPEED_LIMITS_M_S, usual, "the speed", "m/s", name, notes),
         start_delay_s=_in_range(_get(value, _DELAY), (0.0, LONGEST_DELAY_S), 0.0, "the start delay", "s", name, notes),
         group=_group(_get(value, ("group",)), name, notes),
+        **more,
     )
 
 

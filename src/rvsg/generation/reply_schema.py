@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from rvsg.scenario.bodies import PersonKind
 from rvsg.scenario.scenario import Behaviour
 
 
@@ -21,15 +22,21 @@ def object_schema(properties: dict[str, Any], required: list[str] | None = None)
 TEXT = {"type": "string"}
 NUMBER = {"type": "number"}
 _PATH = {"type": "array", "items": TEXT, "minItems": 1}
+_MOVED = object_schema({"name": TEXT, **dict.fromkeys(("x", "y", "length_m", "width_m", "height_m", "yaw"), NUMBER)})
 _PAUSES = {"type": "array", "items": object_schema({"at": TEXT, "duration_s": NUMBER})}
 
 
 def configuration_schema(
-    *, rich: bool, described: bool = True, behaviours: Sequence[Behaviour] = tuple(Behaviour)
+    *,
+    rich: bool,
+    described: bool = True,
+    behaviours: Sequence[Behaviour] = tuple(Behaviour),
+    actors: Sequence[str] = (),
 ) -> dict[str, Any]:
     """The schema of a configuration; `rich` with analysis, description, speeds, delays, pauses and behaviours.
 
-    Without `rich` it is `described` or holds the people alone. `behaviours` are those that may be chosen.
+    Without `rich` it is `described` or holds the people alone. `behaviours` are those that may be chosen, `actors`
+    who takes part besides adults on foot.
     """
     task = {"task": TEXT, "path": _PATH}
     if not rich:
@@ -45,10 +52,22 @@ def configuration_schema(
             "group": {"type": ["integer", "null"]},
             "plan": {"type": "array", "items": object_schema({"at": TEXT, "time_s": NUMBER})},
             "tasks": {"type": "array", "items": object_schema({**task, "pauses": _PAUSES})},
+            **_of_person(actors),
         }
     )
     texts = {"analysis": TEXT, "lesson": TEXT, "description": TEXT}
-    return object_schema({**texts, "humans": {"type": "array", "items": human}})
+    moved = {"moved": {"type": "array", "items": _MOVED}} if "moved_object" in actors else {}
+    return object_schema({**texts, "humans": {"type": "array", "items": human}, **moved})
+
+
+def _of_person(actors: Sequence[str]) -> dict[str, Any]:
+    """Return what a person may be and push besides."""
+    kinds = [kind.value for kind in PersonKind if kind is PersonKind.ADULT or kind.value in actors]
+    found: dict[str, Any] = {"kind": {"type": "string", "enum": kinds}} if len(kinds) > 1 else {}
+    if "trolley" in actors:
+        trolley = object_schema({"length_m": NUMBER, "width_m": NUMBER})
+        found["trolley"] = {"anyOf": [trolley, {"type": "null"}]}
+    return found
 
 
 def texts_schema(*keys: str) -> dict[str, Any]:
