@@ -35,7 +35,7 @@ OUTLINE_STEP_M = 0.05
 
 
 def wrap(angle: Floats) -> Floats:
-    """Angles brought into [-pi, pi)."""
+    """Bring angles into [-pi, pi)."""
     return (angle + np.pi) % (2 * np.pi) - np.pi
 
 

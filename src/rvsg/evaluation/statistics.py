@@ -126,7 +126,7 @@ def welch(first: Values, second: Values) -> float | None:
 
 
 def seed_of(values: Values) -> int:
-    """A seed that depends on the values only, so that equal data give equal intervals."""
+    """Return a seed that depends on the values only, so that equal data give equal intervals."""
     data = np.ascontiguousarray(values, dtype=np.float64).tobytes()
     return int.from_bytes(hashlib.sha256(data).digest()[:8], "big")
 
@@ -234,7 +234,7 @@ def magnitude_of(a12: float) -> str:
 
 
 def vargha_delaney(first: Values, second: Values) -> float:
-    """A12 = P(first > second) + P(equal) / 2, from the ranks."""
+    """Return A12 = P(first > second) + P(equal) / 2, from the ranks."""
     from scipy import stats
 
     n1, n2 = len(first), len(second)
@@ -243,7 +243,7 @@ def vargha_delaney(first: Values, second: Values) -> float:
 
 
 def compare(first: Values, second: Values) -> Comparison | None:
-    """Mann-Whitney U with A12 and Cliff's delta; None where a sample is empty.
+    """Return Mann-Whitney U with A12 and Cliff's delta; None where a sample is empty.
 
     All values equal gives p = 1 (the test has nothing to rank).
     """
@@ -262,7 +262,7 @@ def compare(first: Values, second: Values) -> Comparison | None:
 
 
 def holm(p_values: Mapping[str, float]) -> dict[str, float]:
-    """Holm's step-down correction over one family of tests (Holm 1979): adjusted p values by the same keys."""
+    """Return Holm's step-down correction over one family of tests (Holm 1979): adjusted p values by the same keys."""
     ordered = sorted(p_values, key=lambda key: p_values[key])
     corrected: dict[str, float] = {}
     running = 0.0

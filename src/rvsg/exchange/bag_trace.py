@@ -141,7 +141,7 @@ class TraceMessages(Messages):
             yield at, "/local_plan", self._path(stamp, "odom", arc(tried.pose, tried.end[tried.best]))
 
     def _critics(self, tried: Evaluation, sample: int) -> list[Any]:
-        """What each critic says of a sample; scale times raw score adds up to the total."""
+        """Return what each critic says of a sample; scale times raw score adds up to the total."""
         rows = zip(tried.critics, tried.scales, tried.raw[sample] if tried.critics else (), strict=True)
         return [
             self.make("dwb_msgs/CriticScore", name=name, raw_score=float(raw), scale=float(scale))
@@ -149,7 +149,7 @@ class TraceMessages(Messages):
         ]
 
     def _lines(self, stamp: Any, tried: Evaluation) -> Any:
-        """The samples as lines from the robot to where they end: green is best, red is worst, grey is forbidden."""
+        """Draw the samples as lines from the robot to their ends: green is best, red is worst, grey is forbidden."""
         finite = np.isfinite(tried.score)
         low = float(tried.score[finite].min()) if finite.any() else 0.0
         spread = max(1e-9, float(tried.score[finite].max()) - low) if finite.any() else 1.0

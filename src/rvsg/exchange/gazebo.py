@@ -63,7 +63,7 @@ def _model(root: ET.Element, thing: SolidObject) -> None:
 
 
 def _rings(thing: SolidObject) -> list[Polygon]:
-    """Outlines without holes that together cover the object: a polyline of SDF is one closed ring."""
+    """Return outlines without holes that together cover the object: a polyline of SDF is one closed ring."""
     if not thing.holes:
         return [thing.footprint]
     pieces = shapely.constrained_delaunay_triangles(shapely.Polygon(thing.footprint, thing.holes))

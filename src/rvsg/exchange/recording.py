@@ -128,7 +128,7 @@ def read_recording(
 def _robot_track(
     path: Path, contents: Contents, frames: Frames, offset: Floats, notes: list[str]
 ) -> tuple[Floats, str]:
-    """The robot in the world frame, (N, 6), and the frame that counts as the map."""
+    """Return the robot in the world frame, (N, 6), and the frame that counts as the map."""
     found = list(contents.odometry)
     if len(found) > 1:
         raise FileError(path, f"the odometry is given in several frames: {', '.join(found)}. Record one robot.")
@@ -154,7 +154,7 @@ def _robot_track(
 
 
 def _track_of_transforms(path: Path, frames: Frames) -> Floats:
-    """The robot's base in the map by transforms alone, (N, 6); its speed is the change of its pose."""
+    """Return the robot's base in the map by transforms alone, (N, 6); its speed is the change of its pose."""
     bases = [frame for frame in frames.children if frame.rpartition("/")[2] in BASE_FRAMES]
     ways = {base: way for base in bases if (way := frames.way(base, MAP))}
     if len({base.rpartition("/")[0] for base in ways}) > 1:
@@ -183,7 +183,7 @@ def _human_arrays(
     offset: Floats,
     notes: list[str],
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """x, y, yaw and speed of people at the robot's times, each (N, H), world frame."""
+    """Return x, y, yaw and speed of people at the robot's times, each (N, H), world frame."""
     shape = (len(times), len(names))
     x, y, yaw, speed = np.zeros(shape), np.zeros(shape), np.zeros(shape), np.zeros(shape)
     given = list(contents.people_frames)
@@ -208,7 +208,7 @@ def _human_arrays(
 
 
 def _in_map(path: Path, track: Floats, frames: Frames, frame: str, there: str, what: str) -> Floats:
-    """A track in the frame that counts as the map; FileError where no transforms lead there."""
+    """Return a track in the frame that counts as the map; FileError where no transforms lead there."""
     if not frame or frame == there:
         return track
     moved = frames.moved(track, frame, there)
@@ -232,7 +232,7 @@ def _note_absence(name: str, seen: Floats, times: Floats, notes: list[str]) -> N
 
 
 def _gaps(times: Floats) -> str:
-    """How many gaps there are and the longest, in words; empty without any."""
+    """Say how many gaps there are and the longest; empty without any."""
     gaps = [float(gap) for gap in np.diff(times) if gap > GAP_S]
     many = "1 gap" if len(gaps) == 1 else f"{len(gaps)} gaps"
     return f"{many} of more than {GAP_S:g} s (longest {max(gaps):.1f} s)" if gaps else ""
@@ -250,7 +250,7 @@ def _acceleration(contents: Contents, times: Floats, v: Floats, shift: float, no
 def _task(
     path: Path, contents: Contents, frames: Frames, there: str, route: Route | None, offset: Floats, times: Floats
 ) -> tuple[tuple[float, float, float], float]:
-    """The goal in the world frame and the time limit."""
+    """Return the goal in the world frame and the time limit."""
     if route is not None:
         return (route.goal.x, route.goal.y, route.goal.yaw), route.time_limit_s
     if contents.goal is None:
@@ -261,7 +261,7 @@ def _task(
 
 
 def _header(path: Path, facts: dict[str, Any]) -> RunHeader:
-    """The run that RVSG wrote into a bag."""
+    """Return the run that RVSG wrote into a bag."""
     try:
         float(facts["t0"])
         return RunHeader.model_validate(facts["header"])

@@ -89,7 +89,7 @@ def _name(text: str) -> str:
 
 
 def _matrix(origin: Element | None) -> Floats:
-    """The transform of an <origin> element."""
+    """Return the transform of an <origin> element."""
     found = np.eye(4)
     if origin is None:
         return found
@@ -112,7 +112,7 @@ def _numbers(text: str | None, count: int) -> list[float]:
 
 
 def _poses(root: Element, path: Path) -> dict[str, Floats]:
-    """Every link's pose in the frame of the base, all joints at zero."""
+    """Return every link's pose in the frame of the base, all joints at zero."""
     links = {link.attributes.get("name", "") for link in root.all("link")}
     joints = [j for j in root.all("joint") if j.find("parent") is not None and j.find("child") is not None]
     edges: dict[str, list[tuple[str, Floats]]] = {}
@@ -135,7 +135,7 @@ def _poses(root: Element, path: Path) -> dict[str, Floats]:
 
 
 def _points(root: Element, poses: dict[str, Floats]) -> tuple[Floats, set[str]]:
-    """Corner points of all collision shapes in the frame of the base, and the links whose shape is a mesh."""
+    """Return corner points of all collision shapes in the frame of the base, and the links whose shape is a mesh."""
     found: list[Floats] = []
     meshes: set[str] = set()
     for link in root.all("link"):
@@ -169,7 +169,7 @@ def _corners(geometry: Element) -> Iterator[tuple[float, float, float]]:
 
 
 def _wheel_speed(root: Element) -> float | None:
-    """Forward speed that the velocity limits of the wheels' joints allow, m/s; None where there are none."""
+    """Return the forward speed that the velocity limits of the wheels' joints allow, m/s; None without limits."""
     radii = {}
     for link in root.all("link"):
         cylinder = _below(link, "collision", "geometry", "cylinder")

@@ -55,7 +55,7 @@ class Answer:
 
 
 def headline(plan: Plan, summary: Summary) -> dict[str, str]:
-    """What a campaign found in one sentence, in a word (`chip`), and the `tone` in which it is shown."""
+    """Return what a campaign found in one sentence, in a word (`chip`), and the `tone` in which it is shown."""
     confirmed = summary.confirmed.verdict if summary.confirmed else None
     name = plan.requirement.name
     if not summary.ranking:
@@ -80,7 +80,7 @@ def headline(plan: Plan, summary: Summary) -> dict[str, str]:
 
 
 def tone_of(verdict: Verdict) -> str:
-    """The tone of a verdict: bad where it is violated, good where it passed."""
+    """Return the tone of a verdict: bad where it is violated, good where it passed."""
     return "bad" if violated(verdict) else "good" if verdict.status is Status.PASS else "quiet"
 
 
@@ -91,7 +91,7 @@ def answer(
     searched: Sequence[AttemptFacts],
     cause: Cause | None,
 ) -> Answer:
-    """The top of the page: verdict, badges and sentences.
+    """Return the top of the page: verdict, badges and sentences.
 
     Args:
         confirmed: The confirmation runs of the finding; None before a confirmation.
@@ -225,7 +225,7 @@ def _why(plan: Plan, cause: Cause) -> tuple[list[Badge], list[Sentence]]:
 
 
 def _seen(runs: Sequence[RunFacts], plan: Plan, kind: str) -> tuple[list[Badge], list[Sentence]]:
-    """What the runs show besides the requirement: contacts, arrivals and the smallest gap."""
+    """Return what the runs show besides the requirement: contacts, arrivals and the smallest gap."""
     badges, sentences = [], []
     total = counted(len(runs), kind)
     touched = [run for run in runs if run.contacts]
@@ -280,7 +280,7 @@ def _seen(runs: Sequence[RunFacts], plan: Plan, kind: str) -> tuple[list[Badge],
 
 
 def _measured(run: RunFacts, metric: str, otherwise: float) -> float:
-    """The metric of a run, which the terminal and the JSON report, too."""
+    """Return the metric of a run, which the terminal and the JSON report, too."""
     value = run.measurement.values.get(metric)
     return otherwise if value is None else value
 

@@ -36,12 +36,12 @@ class Scale:
     end: float
 
     def __call__(self, value: float) -> float:
-        """The pixel of a value."""
+        """Return the pixel of a value."""
         return self.start + (value - self.low) / (self.high - self.low) * (self.end - self.start)
 
 
 def ticks(low: float, high: float, most: int = 6) -> list[float]:
-    """Round values between low and high, at most `most` and a few."""
+    """Return round values between low and high, at most `most` and a few."""
     step = 10.0 ** math.floor(math.log10((high - low) / most))
     step = next(step * k for k in (1, 2, 5, 10) if (high - low) / (step * k) <= most)
     first = math.ceil(low / step - 1e-9)
@@ -49,20 +49,20 @@ def ticks(low: float, high: float, most: int = 6) -> list[float]:
 
 
 def span(values: Sequence[float]) -> tuple[float, float]:
-    """The least and the greatest value with some air around them."""
+    """Return the least and the greatest value with some air around them."""
     low, high = min(values), max(values)
     air = 0.08 * (high - low) or 0.1 * abs(high) or 1.0
     return low - air, high + air
 
 
 def _range(requirement: Requirement, verdicts: Sequence[Verdict]) -> list[float]:
-    """What the axis of a chart of verdicts spans at the least: the limit, the means and the ends of their intervals."""
+    """Return what the axis of a chart of verdicts covers at least: limit, means and ends of their intervals."""
     values = [v for verdict in verdicts for v in (verdict.mean, *(verdict.interval or ()))]
     return [value for value in (requirement.threshold, *values) if value is not None]
 
 
 def confirmation_chart(plan: Plan, selected: Attempt, confirmed: Attempt) -> str:
-    """Every objective by which the scenario was selected and every fresh one, as dots with mean and interval."""
+    """Draw the objectives of the search and of the confirmation as dots, with mean and interval."""
     old, new = selected.verdict, confirmed.verdict
     assert old is not None and new is not None
     limit = plan.requirement.threshold
@@ -91,7 +91,7 @@ def confirmation_chart(plan: Plan, selected: Attempt, confirmed: Attempt) -> str
 
 
 def _dots(attempt: Attempt, x: Scale, y: float, kind: str, unit: str) -> list[str]:
-    """A dot for each run, which opens it in the replay."""
+    """Draw a dot for each run, which opens it in the replay."""
     valued = [(m, m.objective) for m in attempt.measurements if m.objective is not None]
     found = []
     for place, (measurement, value) in enumerate(valued):
@@ -105,7 +105,7 @@ def _dots(attempt: Attempt, x: Scale, y: float, kind: str, unit: str) -> list[st
 
 
 def search_chart(plan: Plan, attempts: Sequence[Attempt]) -> str:
-    """The mean objective of every attempt with its interval, joined within a scenario, in the order of the search."""
+    """Draw the mean objective of every attempt with its interval, in the order of the search."""
     done = [a for a in search_attempts(attempts) if a.verdict is not None and a.verdict.mean is not None]
     if not done:
         return ""
@@ -139,7 +139,7 @@ def search_chart(plan: Plan, attempts: Sequence[Attempt]) -> str:
 
 
 def _course(scenario: int, group: Sequence[Attempt], x: Scale, y: Scale, unit: str, *, named: bool) -> str:
-    """One scenario's attempts, in the order of its configurations, with its number where it is `named`."""
+    """Draw one scenario's attempts in the order of its configurations, with its number where it is `named`."""
     parts = []
     points = " ".join(f"{x(a.index):.1f},{y(a.mean):.1f}" for a in group if a.mean is not None)
     parts.append(f'<polyline class="line" points="{points}"/>')
@@ -163,13 +163,13 @@ def _course(scenario: int, group: Sequence[Attempt], x: Scale, y: Scale, unit: s
 
 
 def _numbers(x: Scale, y: float, last: int) -> list[str]:
-    """The numbers of attempts under the chart, for a strategy that returns to earlier scenarios."""
+    """Draw the numbers of attempts under the chart, for a strategy that returns to earlier scenarios."""
     shown = [int(tick) for tick in ticks(0, last) if tick == int(tick)]
     return [f'<text class="axis" x="{x(k):.1f}" y="{y:.1f}" text-anchor="middle">{k}</text>' for k in shown]
 
 
 def _band(group: Sequence[Attempt], x: Scale, y: Scale) -> str:
-    """The ground under the attempts of a scenario, which tells it from its neighbours."""
+    """Draw the ground under the attempts of a scenario, which separates it from its neighbours."""
     first, last = x(group[0].index - 0.5), x(group[-1].index + 0.5)
     top = y.end
     return f'<rect class="band" x="{first:.1f}" y="{top}" width="{last - first:.1f}" height="{y.start - top:.1f}"/>'
@@ -180,7 +180,7 @@ def _frame(width: int, height: int, title: str) -> str:
 
 
 def _limit(x: float, limit: float, unit: str, top: float, bottom: float, *, room: float) -> str:
-    """The limit as a line with its words, on the side that has room for them up to the pixel `room`."""
+    """Draw the limit as a line with its words, on the side that has room for them up to the pixel `room`."""
     side = f'x="{x + 5:.1f}"' if x + 90 < room else f'x="{x - 5:.1f}" text-anchor="end"'
     return (
         f'<line class="limit" x1="{x:.1f}" x2="{x:.1f}" y1="{top}" y2="{bottom}"/>'

@@ -11,7 +11,7 @@ ROBOT_HUES = (235.0, 285.0)
 
 
 def distinct_colours(count: int) -> list[str]:
-    """`count` different colours as `#rrggbb`."""
+    """Return `count` different colours as `#rrggbb`."""
     if count <= len(FIRST):
         return list(FIRST[:count])
     free = 360.0 - (ROBOT_HUES[1] - ROBOT_HUES[0])
@@ -24,7 +24,7 @@ def distinct_colours(count: int) -> list[str]:
 
 
 def _hex(lightness: float, chroma: float, hue: float) -> str:
-    """OKLCH as sRGB, by the matrices of Ottosson (2020); values outside sRGB are cut off."""
+    """Convert OKLCH to sRGB by the matrices of Ottosson (2020); values outside sRGB are cut off."""
     a, b = chroma * math.cos(hue), chroma * math.sin(hue)
     long = (lightness + 0.3963377774 * a + 0.2158037573 * b) ** 3
     medium = (lightness - 0.1055613458 * a - 0.0638541728 * b) ** 3

@@ -76,7 +76,7 @@ def _panel(name: str, lines: Sequence[Line], colours: dict[str, str]) -> str:
 
 
 def _mean_steps(steps: Sequence[Sequence[tuple[int, float]]], most: int) -> list[tuple[int, float]]:
-    """The mean over seeds of step functions, at every run at which one changes and all are known."""
+    """Return the mean over seeds of step functions, at every run at which one changes and all are known."""
     known = [s for s in steps if s]
     if not known:
         return []

@@ -106,12 +106,12 @@ class AttemptFacts:
         return tuple(run for run in self.runs if not run.arrived)
 
     def worst(self, requirement: Requirement) -> RunFacts | None:
-        """The run with the worst objective; the first of equals."""
+        """Return the run with the worst objective; the first of equals."""
         valued = [run for run in self.runs if run.measurement.objective is not None]
         return max(valued, key=lambda run: requirement.badness(run.measurement.objective or 0.0), default=None)
 
     def nearest(self) -> RunFacts | None:
-        """The run with the smallest gap to a person; the first of equals."""
+        """Return the run with the smallest gap to a person; the first of equals."""
         met = [run for run in self.runs if run.closest_m is not None]
         return min(met, key=lambda run: run.closest_m if run.closest_m is not None else 0.0, default=None)
 
@@ -119,7 +119,7 @@ class AttemptFacts:
 def facts_of(
     attempts: Iterable[Attempt], requirement: Requirement, world: World, run_of: Callable[[str], Run]
 ) -> list[AttemptFacts]:
-    """The facts of every attempt that was simulated, in the order of the attempts."""
+    """Return the facts of every attempt that was simulated, in the order of the attempts."""
     found = []
     known: dict[str, RunFacts] = {}  # a strategy may measure a configuration several times, each time in more runs
     for attempt in attempts:
@@ -136,7 +136,7 @@ def facts_of(
 def run_facts(
     run: Run, measurement: Measurement, requirement: Requirement, world: World, scenario: Scenario | None = None
 ) -> RunFacts:
-    """The facts of one run."""
+    """Return the facts of one run."""
     curve = judged_curve(run, requirement, world)
     events = events_of(run, world=world, scenario=scenario)
     decisive = decisive_time(run, requirement, curve)

@@ -165,7 +165,7 @@ class _Stage:
         return page
 
     def _pixels(self, x: Floats, y: Floats) -> Pixels:
-        """World metres to pixels of the fine picture."""
+        """Convert world metres to pixels of the fine picture."""
         return np.asarray((self.view.pixels(np.stack([x, y], axis=-1)) - self.origin) * FINE)
 
     def _trail(self, draw: ImageDraw.ImageDraw, x: Floats, y: Floats, colour: str) -> None:

@@ -21,7 +21,7 @@ def floor_svg(world: World) -> str:
 
 
 def area_colours(world: World, floor: FloorPlan) -> str:
-    """The style of the areas, as in `rvsg world draw`, and of their names on a narrow screen."""
+    """Return the style of the areas, as in `rvsg world draw`, and of their names on a narrow screen."""
     kinds = (area.kind for area in world.areas)
     names = list(dict.fromkeys(kinds))
     rules = []

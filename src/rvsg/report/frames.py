@@ -46,15 +46,15 @@ class Turn:
         return cls(*(float(v) for v in matrix[7:-1].replace(",", " ").split()))
 
     def points(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
-        """The plan's coordinates of world points."""
+        """Return the plan's coordinates of world points."""
         return self.a * x + self.c * y + self.e, self.b * x + self.d * y + self.f
 
     def point(self, x: float, y: float) -> tuple[float, float]:
-        """The plan's coordinates of one world point."""
+        """Return the plan's coordinates of one world point."""
         return self.a * x + self.c * y + self.e, self.b * x + self.d * y + self.f
 
     def placed(self, x: float, y: float, yaw: float) -> str:
-        """The `transform` that puts a shape in its own frame (x ahead) at a world pose."""
+        """Return the `transform` that puts a shape in its own frame (x ahead) at a world pose."""
         px, py = self.point(x, y)
         return f"matrix({self.a:g} {self.b:g} {self.c:g} {self.d:g} {px:.3f} {py:.3f}) rotate({math.degrees(yaw):.1f})"
 
@@ -70,7 +70,7 @@ class Look:
 
 
 def frame(run: Run, t_s: float, look: Look, label: str) -> str:
-    """The surroundings of the robot at one moment, with the trails up to it."""
+    """Draw the surroundings of the robot at one moment, with the trails up to it."""
     path = run.trajectory
     row = min(int(np.searchsorted(path.t, t_s - 1e-9)), len(path) - 1)
     x, y = look.turn.point(float(path.x[row]), float(path.y[row]))
@@ -88,7 +88,7 @@ def frame(run: Run, t_s: float, look: Look, label: str) -> str:
 
 
 def overview(run: Run, moments: Sequence[float], look: Look, label: str, names: str) -> str:
-    """The whole plan with the way of the robot and of the people it meets; numbered marks for the moments."""
+    """Draw the whole plan with the way of the robot and of the people it meets, and numbers at the moments."""
     path = run.trajectory
     parts = [
         f'<svg class="still overview" viewBox="{look.view_box}" role="img" aria-label="{_e(label)}">',

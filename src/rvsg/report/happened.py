@@ -20,7 +20,7 @@ APART_S = 0.8
 
 
 def what_happens(shown: Shown, subject: AttemptFacts) -> dict[str, Any] | None:
-    """What happens in the run that represents the finding: sentences, an overview and frames."""
+    """Tell what happens in the run that represents the finding: sentences, an overview and frames."""
     run = subject.worst(shown.plan.requirement) or (subject.runs[0] if subject.runs else None)
     if run is None:
         return None
@@ -55,7 +55,7 @@ def _which(run: RunFacts, subject: AttemptFacts) -> str:
 
 
 def still_times(run: RunFacts) -> list[float]:
-    """At most four moments worth a picture: the decisive one, the closest, a contact, the end; in order."""
+    """Return up to four moments worth a picture, in order: the decisive one, the closest, a contact, the end."""
     t = run.run.trajectory.t
     end = float(t[-1])
     wanted = [run.decisive_s, run.closest_s, end, *(event.time_s for event in run.contacts[:1]), end / 2, end / 4]
@@ -67,7 +67,7 @@ def still_times(run: RunFacts) -> list[float]:
 
 
 def caption(run: RunFacts, t_s: float) -> str:
-    """What a frame shows, in words."""
+    """Return what a frame shows, in words."""
     path = run.run.trajectory
     row = min(int(np.searchsorted(path.t, t_s - 1e-9)), len(path) - 1)
     text = f"robot at {path.v[row]:.1f} m/s"

@@ -47,7 +47,7 @@ def _suite(plan: Plan, summary: Summary) -> ET.Element:
 
 
 def _properties(entry: Ranked) -> dict[str, str]:
-    """The state of a scenario, and what its runs show beside the requirement."""
+    """Return the state of a scenario, and what its runs show beside the requirement."""
     seen = entry.seen
     found = {"state": entry.state, "attempt": str(entry.attempt)}
     if seen.contacts.of:

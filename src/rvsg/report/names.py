@@ -17,7 +17,7 @@ _LINE = re.compile(r'<tspan x="(-?[\d.]+)" y="(-?[\d.]+)">(.*?)</tspan>', re.DOT
 
 
 def narrow_size(floor: FloorPlan) -> float:
-    """The size of letters, in units of the plan, that is 11.5 px on a phone."""
+    """Return the size of letters, in units of the plan, that is 11.5 px on a phone."""
     return SMALLEST_PX * float(floor.view_box.split()[2]) / NARROW_PX
 
 

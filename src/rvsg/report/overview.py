@@ -126,7 +126,7 @@ def render_overview(
 
 
 def _matrix(reported: Sequence[Reported]) -> dict[str, Any]:
-    """Routes by requirements: what each campaign found, with its badges."""
+    """Return routes by requirements: what each campaign found, with its badges."""
     routes = list(dict.fromkeys(plan.mission.route.name for _, plan, _ in reported))
     requirements = list(dict.fromkeys(plan.requirement.name for _, plan, _ in reported))
     cells = {(plan.mission.route.name, plan.requirement.name): _cell(*each) for each in reported for plan in [each[1]]}
@@ -154,7 +154,7 @@ def _cell(link: str, plan: Plan, summary: Summary) -> dict[str, Any]:
 
 
 def _map(world: World, pins: Sequence[Pin]) -> dict[str, Any]:
-    """The floor plan with a numbered pin for each finding."""
+    """Draw the floor plan with a numbered pin for each finding."""
     plan = floor_plan(world, tooltips=False)
     turn = Turn.of(plan.matrix)
     marks = []
@@ -179,7 +179,7 @@ def _ends(reported: Sequence[Reported]) -> tuple[int, int]:
 
 
 def _headline(reported: Sequence[Reported]) -> dict[str, str]:
-    """What all campaigns together found, as `headline` says it of one."""
+    """Return what all campaigns together found, as `headline` says it of one."""
     bad, good = _ends(reported)
     campaigns = counted(len(reported), "campaign")
     if bad:
@@ -210,7 +210,7 @@ def _tiles(reported: Sequence[Reported]) -> list[dict[str, str]]:
 
 
 def _row(link: str, plan: Plan, summary: Summary) -> dict[str, str]:
-    """A campaign as the table shows it: by the confirmation runs of its worst scenario, or by the search runs."""
+    """Return the row of a campaign: its worst scenario's confirmation runs, else its search runs."""
     requirement, account = plan.requirement, summary.accounting
     confirmed = summary.confirmed.verdict if summary.confirmed else None
     verdict = confirmed or (summary.ranking[0].verdict if summary.ranking else None)
@@ -233,7 +233,7 @@ def _row(link: str, plan: Plan, summary: Summary) -> dict[str, str]:
 
 
 def _described(summary: Summary) -> str:
-    """The scenario that a row of the table is about: the confirmed one, else the one that ranks first."""
+    """Return the scenario that a row of the table is about: the confirmed one, else the first in the ranking."""
     scenario = summary.confirmed.proposal.scenario if summary.confirmed else None
     if scenario is not None:
         return scenario.description or in_short(scenario)
@@ -241,7 +241,7 @@ def _described(summary: Summary) -> str:
 
 
 def _limit(requirement: Requirement) -> str:
-    """What keeps the requirement, e.g. `≥ 1.2 m`."""
+    """Return what keeps the requirement, e.g. `≥ 1.2 m`."""
     if requirement.threshold is None:
         return "–"
     return f"{'≥' if requirement.worse == 'smaller' else '≤'} {number(requirement.threshold, requirement.unit)}"

@@ -122,7 +122,7 @@ def _door_moves(run: Run) -> dict[str, list[list[float]]]:
 
 
 def people_colours(runs: Sequence[Run]) -> dict[str, str | None]:
-    """A colour for each person of the runs by name; None for a person who is not involved in any of them."""
+    """Return a colour for each person of the runs by name; None for a person who is not involved in any of them."""
     names = list(dict.fromkeys(name for run in runs for name in run.human_names))
     involved = [name for name in names if name in _involved_in(runs)]
     return dict.fromkeys(names) | dict(zip(involved, distinct_colours(len(involved)), strict=True))
@@ -156,7 +156,7 @@ def _group(group: ReplayGroup, footprint: Callable[[Run], Sequence[tuple[float, 
 
 
 def _involved_in(runs: Iterable[Run]) -> set[str]:
-    """The names of the people who come within 2 m of the robot in at least one run."""
+    """Return the names of the people who come within 2 m of the robot in at least one run."""
     found: set[str] = set()
     for run in runs:
         if run.human_names and len(run.trajectory):
@@ -193,7 +193,7 @@ def _run(each: ReplayRun, names: Sequence[str]) -> dict[str, Any]:
 
 
 def _judged(curve: Curve) -> dict[str, Any]:
-    """The curve as numbers of four significant digits; null where there is no judgement yet."""
+    """Return the curve as numbers of four significant digits; null where there is no judgement yet."""
     return {
         "t": [round(float(t), 2) for t in curve.t],
         "value": [float(f"{v:.4g}") if np.isfinite(v) else None for v in curve.value],
@@ -201,7 +201,7 @@ def _judged(curve: Curve) -> dict[str, Any]:
 
 
 def _coded(run: Run, names: Sequence[str]) -> tuple[str, int, list[int]]:
-    """The blob, its samples per channel, and which of the run's people are kept at 2 Hz.
+    """Encode a run: the blob, its samples per channel, and which of the run's people are kept at 2 Hz.
 
     Channels: x, y (cm), yaw (0.01 rad), v (cm/s), gap to the nearest person (mm); then x, y (cm), yaw (0.05 rad) of
     every person of the run.
@@ -225,13 +225,13 @@ def _coded(run: Run, names: Sequence[str]) -> tuple[str, int, list[int]]:
 
 
 def _smallest(values: Floats, rows: NDArray[np.intp]) -> Floats:
-    """The smallest value since the row before, so that thinning hides no contact."""
+    """Return the smallest value since the row before, so that thinning hides no contact."""
     starts = np.concatenate([[0], rows[:-1] + 1])
     return np.array([values[min(a, b) : b + 1].min() for a, b in zip(starts, rows, strict=True)])
 
 
 def varints(values: NDArray[np.int64]) -> bytes:
-    """The first value and the differences of the rest as zigzag varints (7 bits a byte, low bits first)."""
+    """Return the first value and the differences of the rest as zigzag varints (7 bits a byte, low bits first)."""
     steps = np.diff(values, prepend=np.int64(0))
     numbers = ((steps << 1) ^ (steps >> 63)).astype(np.uint64)
     most = max(1, -(-int(numbers.max(initial=0)).bit_length() // 7))

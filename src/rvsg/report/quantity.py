@@ -42,7 +42,7 @@ class Curve:
 
 
 def prefix(run: Run, end: int) -> Run:
-    """The run as if it had ended, at its goal, with sample `end` - 1 of its trajectory."""
+    """Return the run as if it had ended, at its goal, with sample `end` - 1 of its trajectory."""
     if end >= len(run.trajectory):
         return run
     t_s = float(run.trajectory.t[end - 1])
@@ -57,7 +57,7 @@ def prefix(run: Run, end: int) -> Run:
 
 
 def judged_curve(run: Run, requirement: Requirement, world: World | None, *, points: int = POINTS) -> Curve:
-    """The judged quantity at about `points` moments of the run, the last being its end."""
+    """Return the judged quantity at about `points` moments of the run, the last being its end."""
     samples = len(run.trajectory)
     if samples < 2:
         return Curve(np.empty(0), np.empty(0))
@@ -74,7 +74,7 @@ def judged_curve(run: Run, requirement: Requirement, world: World | None, *, poi
 
 
 def decisive_time(run: Run, requirement: Requirement, curve: Curve) -> float:
-    """The time (s) that decides the requirement in this run.
+    """Return the time (s) that decides the requirement in this run.
 
     A quantity that only gets worse (a minimum, a count) is decided where it passes its limit, else where it got its
     final value. A quantity that rises with the clock is decided where the robot loses most time. A mean is decided
@@ -97,7 +97,7 @@ def decisive_time(run: Run, requirement: Requirement, curve: Curve) -> float:
 
 
 def closest_approach(run: Run) -> float:
-    """The time (s) at which robot and people are nearest; 0 without people."""
+    """Return the time (s) at which robot and people are nearest; 0 without people."""
     if not len(run.trajectory) or not run.trajectory.human_x.shape[1]:
         return 0.0
     return float(run.trajectory.t[int(sampled(run).closest_gap.argmin())])

@@ -186,7 +186,7 @@ def _title(text: str) -> str:
 
 
 def _colour(probability: float) -> str:
-    """From white for 0 to red for 1."""
+    """Return a colour from white for 0 to red for 1."""
     red, green, blue = (round(255 + probability * (end - 255)) for end in (222, 92, 80))
     return f"#{red:02x}{green:02x}{blue:02x}"
 

@@ -43,7 +43,7 @@ class Shown:
         return self.candidate_of(self.summary.confirmed) if self.summary.confirmed is not None else None
 
     def candidate_of(self, confirmation: Attempt) -> Attempt | None:
-        """The configuration of the search that an attempt confirms."""
+        """Return the configuration of the search that an attempt confirms."""
         return confirmed_candidate(confirmation, self.attempts)
 
     @property
@@ -77,7 +77,7 @@ def look_of(shown: Shown, facts: AttemptFacts) -> Look:
 
 
 def in_order(shown: Shown) -> list[AttemptFacts]:
-    """The subject first, then other confirmations, then the search, the ranked configurations before the rest.
+    """Sort: the subject first, then other confirmations, then the search by rank, then the rest.
 
     A configuration that the search measured several times, each time in more runs, is shown with all of them.
     """

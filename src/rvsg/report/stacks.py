@@ -117,7 +117,7 @@ def _cell(violated: int, judged: int) -> dict[str, str]:
 
 
 def _map(world: World, scores: Sequence[StackScore], cases: set[str]) -> dict[str, object]:
-    """The floor plan with a dot for each violating run, in the colour of its stack."""
+    """Draw the floor plan with a dot for each violating run, in the colour of its stack."""
     plan = floor_plan(world, tooltips=False)
     turn = Turn.of(plan.matrix)
     dots = []

@@ -94,5 +94,5 @@ def _row(each: CaseChange) -> str:
 
 
 def _cell(text: str) -> str:
-    """Text of a file as it may stand in a table of Markdown."""
+    """Return the text of a file so that it fits into a table of Markdown."""
     return " ".join(text.split()).replace("\\", "\\\\").replace("|", "\\|").replace("<", "&lt;").replace("`", "'")

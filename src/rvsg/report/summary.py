@@ -107,7 +107,7 @@ def _complete(plan: Plan, attempts: Sequence[Attempt], ranked: Sequence[Ranked])
 
 
 def in_short(scenario: Scenario) -> str:
-    """What everybody does first, for a scenario that nobody described."""
+    """Return what everybody does first, for a scenario without a description."""
     return "; ".join(f"{human.name}: {human.tasks[0].name}" for human in scenario.people.humans)
 
 
@@ -136,7 +136,7 @@ def _ranked_scenarios(plan: Plan, attempts: Sequence[Attempt]) -> tuple[tuple[Ra
 
 
 def _place(entry: Ranked) -> tuple[int, float]:
-    """Where an entry stands; entries of the search keep the order of the search."""
+    """Return where an entry stands in the ranking; entries of the search keep their order."""
     if entry.state == "confirmed" and violated(entry.verdict):
         _, always, least = badness(entry.verdict)
         return (0, -float(always) - least)

@@ -28,7 +28,7 @@ def people_rows(subject: AttemptFacts) -> list[dict[str, Any]]:
 
 
 def _tasks(human: Human) -> dict[str, Any]:
-    """A person's work as the page shows it."""
+    """Return a person's work as the page shows it."""
     return {
         "name": human.name,
         "manner": manner(human),
@@ -54,7 +54,7 @@ def manner(human: Human) -> str:
 
 
 def finding_rows(shown: Shown) -> list[dict[str, Any]]:
-    """Findings and candidates, the worst first. A confirmed scenario shows its confirmation verdict.
+    """Return findings and candidates, the worst first. A confirmed scenario shows its confirmation verdict.
 
     Where descriptions begin alike, `short` says instead what everybody does first, which tells the scenarios apart.
     After the scenarios come further configurations that were confirmed.
@@ -78,7 +78,7 @@ def finding_rows(shown: Shown) -> list[dict[str, Any]]:
 
 
 def _finding_row(shown: Shown, attempt: Attempt, facts: AttemptFacts, state: str) -> dict[str, Any]:
-    """One configuration, by its confirmation runs where it has any, else by its runs in the search."""
+    """Return the row of a configuration, by its confirmation runs where it has any, else by its search runs."""
     verdict, scenario = facts.attempt.verdict, attempt.proposal.scenario
     assert verdict is not None and scenario is not None
     return {
@@ -109,7 +109,7 @@ def _judged(verdict: Verdict) -> bool:
 
 
 def run_rows(shown: Shown) -> list[dict[str, Any]]:
-    """Every recorded run of the campaign, for the table at the end."""
+    """Return every recorded run of the campaign, for the table at the end."""
     unit = shown.plan.requirement.unit
     return [
         {

@@ -27,7 +27,7 @@ def thinking(
     colours: Sequence[str],
     conversations: Conversations,
 ) -> list[dict[str, Any]]:
-    """One entry for each scenario of the search, with its configurations in their order."""
+    """Return one entry for each scenario of the search, with its configurations in their order."""
     found: dict[int, dict[str, Any]] = {}
     before: dict[int, HumanConfiguration] = {}
     for attempt in search_attempts(attempts):
@@ -68,7 +68,7 @@ def _configuration(
 
 
 def _feedback(feedback: Feedback | None, unit: str) -> list[str]:
-    """What the generator knew of the configuration before."""
+    """Return what the generator knew of the configuration before."""
     if feedback is None:
         return []
     low, high = feedback.interval
@@ -88,7 +88,7 @@ def _feedback(feedback: Feedback | None, unit: str) -> list[str]:
 
 
 def _calls(calls: Sequence[Call]) -> str:
-    """What the calls of a model took."""
+    """Return what the calls of a model took."""
     if not calls:
         return ""
     tokens = sum(call.input_tokens for call in calls)
@@ -109,7 +109,7 @@ def _paths(
     look: Look,
     colours: Sequence[str],
 ) -> str:
-    """The planned paths on the floor plan; those of the configuration before are dashed."""
+    """Draw the planned paths on the floor plan; those of the configuration before are dashed."""
     if people is None:
         return ""
     at = {w.name: (w.x, w.y) for w in world.grid.waypoints}

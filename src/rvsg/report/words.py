@@ -10,7 +10,7 @@ from rvsg.scenario.requirement import Requirement
 
 
 def quantity(requirement: Requirement) -> str:
-    """The judged quantity in words, with the id of its metric."""
+    """Return the judged quantity in words, with the id of its metric."""
     if requirement.formula is not None:
         return "robustness of the formula"
     known = find_metric(requirement.metric)
@@ -26,7 +26,7 @@ def direction(requirement: Requirement) -> str:
 
 
 def metres(gap: float) -> str:
-    """A gap as people say it: whole centimetres below 1 m, never rounded down to a contact."""
+    """Return a gap in words: whole centimetres below 1 m, never rounded down to a contact."""
     if gap <= 0.0:
         return "0 cm"
     return f"{max(1, round(gap * 100))} cm" if gap < 1.0 else f"{gap:.1f} m"
@@ -42,6 +42,6 @@ def unbroken(text: str) -> str:
 
 
 def untimed(sentence: Sentence) -> str:
-    """The text of a sentence where its time stands beside it already."""
+    """Return the text of a sentence without its time, which stands beside it."""
     text = sentence.text.removeprefix(f"At {sentence.time_s:.1f} s ")
     return text[:1].upper() + text[1:]
