@@ -144,9 +144,13 @@ def describe_spending(spent: Spending) -> str:
 def describe_failure(failure: DistinctFailure) -> Iterator[str]:
     """Describe a distinct failure: how the robot fails, what each person contributes, and its smallest form."""
     yield f"{failure.words} (attempt {', '.join(str(index) for index in failure.attempts)})"
+    without = failure.without_people
+    if failure.about_people == "no" and without is not None:
+        many = f"{without.violated} of {counted(without.of, 'run')}"
+        yield f"  It recurs without people, in {many}, so the person named is not the cause."
     for removal in failure.cause:
-        with_all = f"{removal.before} with everybody"
-        yield f"  Without {removal.without} {removal.violated} of {counted(removal.of, 'run')} violate, {with_all}."
+        many = f"{removal.violated} of {counted(removal.of, 'run')}"
+        yield f"  Without {removal.without}: {many} violate it; with everybody {removal.before}."
     if (smallest := failure.smallest) is not None:
         left = f"{smallest.violated} of {counted(smallest.of, 'run')} violate, {smallest.before} as it was"
         what = "; ".join(smallest.taken_away)

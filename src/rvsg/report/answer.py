@@ -106,7 +106,10 @@ def answer(
     badges, seen = _seen(confirmed.runs, plan, "confirmation run")
     why, because = _why(plan, cause) if cause is not None else ([], [])
     badges = [*why, *badges]
-    sentences = [*_judged(plan, confirmed), *_where(confirmed), *because, *seen]
+    where = _where(confirmed)
+    recurs = cause is not None and cause.finding.about_people == "no"
+    told = [*because, *where] if recurs else [*where, *because]  # who is near matters less where nobody is needed
+    sentences = [*_judged(plan, confirmed), *told, *seen]
     others = _distinct(searched)
     touched = [run for run in others if run.contacts]
     if touched:
