@@ -10,7 +10,8 @@ from PIL.Image import Image
 from pydantic import ValidationError
 
 from rvsg.api.folder import make_folder
-from rvsg.core.errors import FileError, InputError
+from rvsg.core.documents import keys_of
+from rvsg.core.errors import FileError, InputError, InvalidOptions
 from rvsg.robots import Robot, load_robot
 from rvsg.robots.files import DEFAULT_ROBOT
 from rvsg.world.authoring.check import Remark, check_world
@@ -178,7 +179,7 @@ def _grid_spec(spacing: float | None, human_clearance: float, robot_clearance: f
         return GridSpec(spacing_m=spacing, human_clearance_m=human_clearance, robot_clearance_m=robot_clearance)
     except ValidationError as error:
         listed = "; ".join(f"{d['loc'][0]}: {d['msg'].lower()}, got {d['input']}" for d in error.errors())
-        raise InputError(f"these values make no grid: {listed}") from None
+        raise InvalidOptions(f"these values make no grid: {listed}", keys_of(error)) from None
 
 
 def draw_world(

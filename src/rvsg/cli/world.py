@@ -241,7 +241,9 @@ def _window(text: str | None) -> tuple[float, float, float, float] | None:
     try:
         x0, y0, x1, y1 = (float(part) for part in text.split(","))
     except ValueError:
-        raise InputError(f"--window must be four numbers X0,Y0,X1,Y1 in metres, got {text!r}") from None
+        raise InputError(
+            f"--window must be four numbers X0,Y0,X1,Y1 in metres, got {text!r}", code="window-form"
+        ) from None
     return (x0, y0, x1, y1)
 
 

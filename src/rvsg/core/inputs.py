@@ -98,7 +98,7 @@ def _opened(path: Path) -> Iterator[IO[bytes]]:
     try:
         file = path.open("rb")
     except FileNotFoundError:
-        raise FileError(path, "the file does not exist") from None
+        raise FileError(path, "the file does not exist", code="file-missing") from None
     except IsADirectoryError:
         raise FileError(path, "this is a folder; expected a file") from None
     except OSError as error:

@@ -160,10 +160,14 @@ def world_from_objects(
 def _refuse_absurd_sizes(resolution_m: float | None, lidar_height_m: float, floor_m: float = 0.0) -> None:
     """Raise InputError for sizes that world.yaml would not take back, and for NaN."""
     if resolution_m is not None and not FINEST_M <= resolution_m <= COARSEST_M:
-        raise InputError(f"the resolution must be {FINEST_M:g} to {COARSEST_M:g} metres per cell, got {resolution_m:g}")
+        raise InputError(
+            f"the resolution must be {FINEST_M:g} to {COARSEST_M:g} metres per cell, got {resolution_m:g}",
+            code="resolution",
+        )
     if not 0 < lidar_height_m <= HIGHEST_LIDAR_M:
         raise InputError(
-            f"the lidar plane must be above the floor and at most {HIGHEST_LIDAR_M:g} m high, got {lidar_height_m:g} m"
+            f"the lidar plane must be above the floor and at most {HIGHEST_LIDAR_M:g} m high, got {lidar_height_m:g} m",
+            code="lidar-height",
         )
     if not abs(floor_m) <= FARTHEST_M:
         raise InputError(f"the height of the floor must be metres in the world, got {floor_m:g}")

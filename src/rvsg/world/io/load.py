@@ -50,7 +50,7 @@ def world_folder(path: str | Path) -> Path:
     path = Path(path)
     folder = path.parent if path.name == "world.yaml" else path
     if not is_dir(folder) and exists(folder):
-        raise FileError(folder, "this is a file; a world is a folder that holds a world.yaml.")
+        raise FileError(folder, "this is a file; a world is a folder that holds a world.yaml.", code="world-is-file")
     if not is_dir(folder):
         raise UnknownName("world", str(path), shipped_worlds(), hint="Or give the folder of your own world.")
     if not (folder / "world.yaml").is_file():
