@@ -93,6 +93,7 @@ class KinematicSimulator(Simulator):
             human_names=tuple(agent.name for agent in agents),
             human_radius_m=tuple(agent.radius_m for agent in agents),
             human_groups=tuple(agent.group for agent in agents),
+            human_outlines=tuple(agent.outline for agent in agents) if any(agent.outline for agent in agents) else (),
             goal=(route.goal.x, route.goal.y, route.goal.yaw),
             time_limit_s=route.time_limit_s,
         )
