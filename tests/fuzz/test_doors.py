@@ -74,7 +74,7 @@ def test_a_name_no_file_system_can_hold_is_an_input_error(argv: list[str], capsy
 
 
 @pytest.mark.skipif(not Path("/dev/zero").exists(), reason="there is no /dev/zero here")
-@pytest.mark.parametrize("verb", ["simulate", "shrink", "run", "prompt", "report"])
+@pytest.mark.parametrize("verb", ["simulate", "shrink", "run", "prompt", "report", "evaluate"])
 @pytest.mark.parametrize("device", ["/dev/zero", "/dev/full"])
 def test_a_device_without_end_is_refused(verb: str, device: str) -> None:
     assert main([verb, device]) == 2
