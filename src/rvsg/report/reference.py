@@ -65,6 +65,9 @@ Register it in the `pyproject.toml` of your package. A requirement then names it
 reversing = "my_package:REVERSING"
 ```
 
+The curve in the replay measures the beginnings of a run one by one. Where that is slow, give `so_far=`: a function from
+the sampled run to one value for each sample, as if the run ended there.
+
 An entry point may also give a sequence of metrics. Signals are `rvsg.evaluation.signals.RunSignal` records in the group
 `rvsg.signals`. An id that is taken is refused.
 
