@@ -8,9 +8,11 @@ import pytest
 from tests.coded import coded
 from tests.simulation.ros2.isolated import run_isolated
 
-from rvsg.core.errors import InputError, InvalidOptions
+import rvsg
+from rvsg.core.errors import InputError, InvalidOptions, SimulationError
 from rvsg.core.plugins import make
 from rvsg.exchange.ros2_world import Ros2World
+from rvsg.scenario.bodies import Trolley
 
 DRIVE = Path(__file__).with_name("drive_world.py")
 
@@ -47,3 +49,13 @@ def test_the_simulator_is_registered_and_checks_its_options() -> None:
         Ros2World().prepare(print)
     with pytest.raises(InvalidOptions, check=lambda error: error.keys == ("speed",)):
         Ros2World(speed=4)
+
+
+def test_what_a_file_of_agents_cannot_say_is_refused() -> None:
+    world = rvsg.load_world("warehouse")
+    scenario = rvsg.scenario(world, "route_1", [rvsg.walk("Anna", "E15", "H15")])
+    (anna,) = scenario.people.humans
+    pusher = anna.replace(trolley=Trolley())
+    scenario = scenario.replace(people=scenario.people.replace(humans=(pusher,)))
+    with pytest.raises(SimulationError, check=coded("ros2-bodies-unknown")):
+        Ros2World(launch="ros2 launch {agents}").run(scenario, world, seed=0)

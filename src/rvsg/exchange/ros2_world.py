@@ -19,6 +19,7 @@ from rvsg.exchange.hunav import Dialect, export_agents, write_agents
 from rvsg.exchange.ros2_recorder import Recorder, goal_of
 from rvsg.exchange.ros_types import HUNAV_TYPES
 from rvsg.scenario.agents import HumanAgent, decode
+from rvsg.scenario.bodies import PersonKind
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.protocol import Simulator
 from rvsg.simulation.ros2.dds import SUCCEEDED, ActionClient
@@ -112,7 +113,13 @@ class Ros2World(Simulator):
         self._options, self._tell = state["_options"], lambda _: None
 
     def run(self, scenario: Scenario, world: World, *, seed: int) -> Run:
-        """Make one run; SimulationError where the world cannot be started or does not report what is needed."""
+        """Make one run.
+
+        Raises:
+            SimulationError: the world cannot be started, does not report what is needed, or is asked for what a file
+                of agents cannot say: trolleys, wheelchairs, children, doors that move, objects that were moved.
+        """
+        _refuse_bodies(scenario, world)
         agents = decode(scenario.people, world.grid)
         with tempfile.TemporaryDirectory(prefix="rvsg-world-") as folder:
             session = self._start(agents, world, Path(folder))
@@ -212,6 +219,23 @@ class Ros2World(Simulator):
             if recorder.silent_s > limit:
                 return Outcome.STACK_FAILED, {"fault": f"no pose of the robot for {limit:g} s"}
             time.sleep(_STEP_S)
+
+
+def _refuse_bodies(scenario: Scenario, world: World) -> None:
+    """Refuse what the other simulator would leave out without a word."""
+    left_out = [
+        f"{human.name} ({'trolley' if human.trolley is not None else human.kind.value})"
+        for human in scenario.people.humans
+        if human.trolley is not None or human.kind is not PersonKind.ADULT
+    ]
+    left_out += [f"the door {door.name}" for door in world.moving_doors]
+    left_out += [f"the moved object {each.name}" for each in scenario.mission.moved]
+    if left_out:
+        raise SimulationError(
+            f"The simulator {NAME} knows people who walk, and nothing of {', '.join(left_out)}. Leave them out, or use "
+            "the simulator embedded.",
+            code="ros2-bodies-unknown",
+        )
 
 
 def _wait() -> None:
