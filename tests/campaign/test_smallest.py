@@ -10,7 +10,7 @@ from tests.campaign.parts import REQUIREMENT, MemoryLedger, measure, parts, plan
 from rvsg.campaign.accounting import account
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.events import Attempted
-from rvsg.campaign.finding import DistinctFailure, distinct_failures, findings
+from rvsg.campaign.finding import DistinctFailure, Smallest, distinct_failures, findings
 from rvsg.campaign.loop import run_campaign, stream_campaign
 from rvsg.campaign.measuring import Measuring
 from rvsg.campaign.parts import Parts
@@ -98,3 +98,9 @@ def test_an_interrupted_end_resumes_to_the_same_records(whole: tuple[MemoryLedge
             seen += isinstance(event, Attempted)
     assert not shrunk(ledger.kept)
     assert run(ledger) == attempts
+
+
+@pytest.mark.parametrize(("violated", "before", "holds"), [(0, 2, False), (0, 0, False), (4, 10, False), (5, 10, True)])
+def test_what_no_longer_fails_is_not_told_as_the_failure_shrunk(violated: int, before: int, holds: bool) -> None:
+    smallest = Smallest(attempt=7, scenario_id="x", taken_away=("Human 1",), violated=violated, of=10, before=before)
+    assert smallest.holds is holds

@@ -154,7 +154,10 @@ def describe_failure(failure: DistinctFailure) -> Iterator[str]:
     if (smallest := failure.smallest) is not None:
         left = f"{smallest.violated} of {counted(smallest.of, 'run')} violate, {smallest.before} as it was"
         what = "; ".join(smallest.taken_away)
-        yield f"  Shrunk: {what} ({left})." if what else f"  Everything in it matters ({left})."
+        if not smallest.holds:
+            yield f"  Not shrunk: what a few runs left of it does not show the failure ({left})."
+        else:
+            yield f"  Shrunk: {what} ({left})." if what else f"  Everything in it matters ({left})."
 
 
 def describe_unusable(calls: Iterable[Call]) -> str | None:

@@ -58,6 +58,11 @@ class Smallest(Record):
     before: int
     """Violations of the confirmed scenario on the same seeds."""
 
+    @property
+    def holds(self) -> bool:
+        """Whether it still shows the failure: at least half as many violations as before, and one."""
+        return self.violated > 0 and 2 * self.violated >= self.before
+
 
 class Finding(Record):
     """A confirmed scenario. Whether it is a finding about people is `about_people`."""
