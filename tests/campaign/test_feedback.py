@@ -5,7 +5,7 @@ import pytest
 from tests.campaign.parts import REQUIREMENT, KinematicSimulator, WalkGenerator, measure, plan, warehouse
 
 from rvsg.campaign.attempt import Attempt
-from rvsg.campaign.feedback import decisive_moments, feedback_of, gaps, separable, worst_run
+from rvsg.campaign.feedback import decisive_moments, feedback_of, gaps, separable, touches_of, worst_run
 from rvsg.evaluation.judge import judge
 from rvsg.evaluation.verdict import Verdict
 from rvsg.generation.generator import Proposal
@@ -110,6 +110,16 @@ def test_the_closest_approach_is_a_decisive_moment_with_its_place_and_human() ->
     assert closest.gap_m == pytest.approx(0.1)
     assert closest.robot_at == warehouse().grid.nearest(0.0, 0.0)
     assert [m.time_s for m in moments] == sorted(m.time_s for m in moments)
+
+
+def test_touches_are_told_with_time_place_and_person() -> None:
+    gap = np.full(200, 3.0)
+    gap[50:60] = gap[150] = -0.01
+    first, second = touches_of(a_run(gap), warehouse().grid)
+    assert (first.who, first.time_s, first.until_s) == ("Ann", 5.0, 5.9)
+    assert first.at in warehouse().grid.valid
+    assert second.time_s == 15.0
+    assert touches_of(a_run(np.full(200, 3.0)), warehouse().grid) == ()
 
 
 def test_a_stop_and_hard_braking_are_decisive_moments() -> None:

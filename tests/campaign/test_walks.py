@@ -1,5 +1,9 @@
 from __future__ import annotations
 
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
 import pytest
 from tests.campaign.parts import MemoryLedger, parts, plan, warehouse
 
@@ -10,6 +14,7 @@ from rvsg.core import plugins
 from rvsg.scenario.differences import differences
 from rvsg.scenario.scenario import Human, HumanConfiguration, Pause, Scenario, Task
 from rvsg.simulation.kinematic import KinematicSimulator
+from rvsg.simulation.run import Run
 
 
 def walker(**changes: object) -> Human:
@@ -43,6 +48,58 @@ def test_a_walk_is_followed_from_leg_to_leg_with_its_delay_and_pause() -> None:
     for arrival in arrived[:4]:
         assert arrival.time_s == pytest.approx(arrival.unhindered_s, abs=0.8)
     assert float(t[walk.doing.index("pausing")]) == pytest.approx(arrived[1].time_s, abs=0.2)
+
+
+def along(at: np.ndarray) -> tuple[Run, Human]:
+    """Somebody who is `at` metres along the way of `walker`, at 10 Hz."""
+    human = walker()
+    path = human.tasks[0].path
+    (x, y), (to_x, to_y) = (warehouse().grid.position(name) for name in (path[0], path[-1]))
+    share = at / float(np.hypot(to_x - x, to_y - y))
+    run = KinematicSimulator().run(scenario(human), warehouse(), seed=1)
+    none, column = np.zeros(len(at)), np.zeros((len(at), 1))
+    seen = replace(
+        run.trajectory,
+        **dict.fromkeys(("x", "y", "yaw", "v", "omega", "acceleration"), none),
+        t=np.arange(len(at)) / 10,
+        human_x=(x + (to_x - x) * share)[:, None],
+        human_y=(y + (to_y - y) * share)[:, None],
+        human_yaw=column,
+        human_speed=column,
+    )
+    return replace(run, trajectory=seen, log=seen, events=()), human
+
+
+def test_who_stands_still_and_walks_on_is_not_stuck() -> None:
+    run, human = along(np.concatenate([np.arange(25) / 10, np.full(60, 2.5), 2.5 + np.arange(25) / 10]))
+    walk = walk_of(run, 0, human, warehouse().grid)
+    assert walk.stuck_at is None
+    ((start, end, place),) = walk.stood
+    assert (start, end) == pytest.approx((2.5, 8.5), abs=0.4)
+    assert place in human.tasks[0].path
+    assert walk.doing[26 + 3] == walk.doing[60] == "standing still"
+    assert walk.doing[100].startswith("walking") and "stuck" not in walk.doing
+
+
+def test_who_does_not_walk_further_until_the_end_is_stuck() -> None:
+    run, human = along(np.concatenate([np.arange(25) / 10, np.full(60, 2.5)]))
+    walk = walk_of(run, 0, human, warehouse().grid)
+    assert walk.stuck_at is not None and walk.stuck_at[0] == pytest.approx(2.5, abs=0.4)
+    assert walk.stood == () and walk.doing[-1] == "stuck"
+
+
+@pytest.mark.parametrize("simulator", ["kinematic", pytest.param("embedded", marks=pytest.mark.slow)])
+def test_a_pause_where_people_turn_back_is_a_pause_in_every_round(simulator: str) -> None:
+    there = walker().tasks[0].path[:3]
+    tasks = (
+        Task(name=f"{there[0]} → {there[-1]}", path=there),
+        Task(name=f"{there[-1]} → {there[0]}", path=there[::-1]),
+    )
+    human = paused(walker(tasks=tasks), 2, 3.0)
+    run = plugins.make("simulator", simulator, {}).run(scenario(human), warehouse(), seed=1)
+    walk = walk_of(run, 0, human, warehouse().grid)
+    assert walk.stuck_at is None and walk.stood == ()
+    assert sum(b == "pausing" != a for a, b in pairwise(walk.doing)) >= 2
 
 
 @pytest.mark.slow
@@ -80,7 +137,9 @@ def test_a_refinement_reads_a_table_the_best_and_all_that_was_tried() -> None:
     best = attempts[means.index(feedback.best_mean)].proposal.scenario
     assert best is not None
     assert feedback.best in (None, best)
-    assert (feedback.best is None) == (best.people == feedback.scenario.people)
+    assert (feedback.best is None) == (feedback.mean == feedback.best_mean)
+    assert [tried.runs for tried in feedback.tried] == [len(a.measurements) for a in attempts[:3]]
+    assert feedback.best_mean == min(tried.mean for tried in feedback.tried)
     assert 3 <= len(feedback.parts) <= 4
     assert feedback.arrived <= len(feedback.objectives)
 

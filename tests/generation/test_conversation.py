@@ -27,6 +27,7 @@ from rvsg.scenario.brief import (
     Remembered,
     Row,
     Sample,
+    Touched,
     Tried,
 )
 from rvsg.scenario.scenario import Scenario
@@ -330,11 +331,14 @@ def test_feedback_tells_the_truth(brief: Brief, warehouse: World) -> None:
     person = PersonAt(at="D20", doing="walking leg 3 of 12", side="left", distance_m=1.25)
     feedback = asked.feedback.replace(
         rows=(Row(time_s=4.0, robot_at="F13", people={"Human 2": person}, value=0.5),),
-        tried=(Tried(mean=1.4, change="first configuration"), Tried(mean=1.2, change="Human 1 walks at 1 m/s")),
+        tried=(Tried(mean=1.4, change="first configuration", runs=2), Tried(mean=1.2, change="walks at 1 m/s", runs=1)),
         arrived=1,
-        touched=1,
+        touched=2,
+        touches=(Touched(who="Human 2", at="D20", time_s=4.1, until_s=4.6, moved_by="robot"),),
+        touches_elsewhere=(Touched(who="Human 1", at="E3", time_s=9.0, until_s=9.0, moved_by="neither"),),
         best=first.scenario,
         best_mean=1.1,
+        best_runs=1,
     )
     proposal = VlmGenerator(model).propose(asked.replace(feedback=feedback), warehouse)
     text = model.asked[0].messages[-1].text
@@ -344,10 +348,11 @@ def test_feedback_tells_the_truth(brief: Brief, warehouse: World) -> None:
         "50 % of the runs",
         "NOT separable from chance",
         "arrived in 1 of 2 runs",
-        "touched in 1 of 2 runs",
+        'touched in 2 of 2 runs: in the run that was worst for the robot at 4.1 s to 4.6 s "Human 2" at D20 (the robot',
+        'in the other first at 9 s "Human 1" at E3.',
         "| 4 | F13 | 0.5 | D20, walking leg 3 of 12, 1.25 left |",
-        "1.4: first configuration. 1.2: Human 1 walks at 1 m/s",
-        "The best configuration of the scenario so far reached 1.1",
+        "1.4 (2 runs): first configuration. 1.2 (1 run): walks at 1 m/s",
+        "The best configuration of the scenario so far reached 1.1 (1 run)",
         '"task":',
     ):
         assert words in text

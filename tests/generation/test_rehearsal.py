@@ -137,6 +137,12 @@ def test_surprises_name_who_is_stuck_or_never_near_and_who_is_late() -> None:
     assert len(surprises(rehearsal, {"c": {"D4": 4.0}})) == 3
 
 
+def test_who_stands_still_and_walks_on_is_not_said_to_be_stuck() -> None:
+    held_up = Walked(stood=((3.0, 6.0, "B2"), (12.0, 15.0, "C3")), nearest_m=1.0, nearest_s=2.0, met_s=9.0)
+    (told,) = surprises(Rehearsal(robot=(), arrival_s=20.0, people={"a": held_up}), {})
+    assert "B2 from 3 to 6 s" in told and "stuck" not in told
+
+
 def test_a_planned_presence_at_the_first_waypoint_is_no_surprise_until_the_person_leaves() -> None:
     waits = Walked(begins_at="D9", left_s=6.0, nearest_m=1.0, nearest_s=2.0)
     stays = waits.replace(left_s=None)

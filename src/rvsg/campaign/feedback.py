@@ -12,16 +12,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.campaign.attempt import Attempt, Measurement
-from rvsg.campaign.ranking import measured, worst_by_mean
+from rvsg.campaign.ranking import measured
 from rvsg.campaign.walks import Walk, arrivals, side_of, walks_of
 from rvsg.evaluation.aims import series_name, series_of
+from rvsg.evaluation.detection import contacts
+from rvsg.evaluation.events import Place
 from rvsg.evaluation.naming import WaypointNames
 from rvsg.evaluation.sampled import Sampled
 from rvsg.evaluation.statistics import welch
 from rvsg.evaluation.verdict import Verdict
-from rvsg.scenario.brief import Feedback, HumanInfluence, Moment, Part, PersonAt, Row, Sample, Tried
+from rvsg.scenario.brief import Feedback, HumanInfluence, Moment, Part, PersonAt, Row, Sample, Touched, Tried
 from rvsg.scenario.differences import differences
 from rvsg.scenario.requirement import Requirement
+from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.run import Run, Trajectory
 from rvsg.world.grid import Grid
 from rvsg.world.world import World
@@ -68,6 +71,7 @@ def feedback_of(
     before = previous.verdict if previous else None
     times = [float(run.trajectory.t[-1]) for run in runs if run.completed]
     walks = walks_of(worst, scenario.people, grid)
+    touched = {run.id: touches for run in runs if (touches := touches_of(run, grid))}
     return Feedback(
         scenario=scenario,
         analysis="" if attempt.brief.kind == "tune" else attempt.proposal.reasoning,
@@ -93,7 +97,9 @@ def feedback_of(
         arrival_s=float(np.mean(times)) if times else None,
         arrived=sum(run.completed for run in runs),
         capped=verdict.censored,
-        touched=sum(bool((gaps(run) <= 0.0).any()) for run in runs),
+        touched=len(touched),
+        touches=touched.get(worst.id, ()),
+        touches_elsewhere=tuple(touches[0] for run, touches in touched.items() if run != worst.id),
     )
 
 
@@ -102,24 +108,29 @@ def with_history(
 ) -> Feedback:
     """Return the feedback with the best configuration of the scenario so far, and the last ones that were tried.
 
+    The best is of all that were tried, those that a racing strategy ran once among them: the runs stand beside each.
+
     Args:
         attempts: The attempts of the scenario, in order.
         most: How many tried configurations to keep.
     """
-    known = [(a.proposal.scenario, a.mean) for a in measured(attempts)]
-    tried, before = [], None
-    for scenario, mean in known:
-        if scenario is None or mean is None:
-            continue
+    known = [
+        (a.proposal.scenario, a.mean, a.verdict.runs)
+        for a in measured(attempts)
+        if a.proposal.scenario is not None and a.verdict is not None and a.mean is not None
+    ]
+    tried: list[Tried] = []
+    before: Scenario | None = None
+    for scenario, mean, runs in known:
         change = differences(before.people, scenario.people) if before is not None else "first configuration"
-        tried.append(Tried(mean=mean, change=change))
+        tried.append(Tried(mean=mean, change=change, runs=runs))
         before = scenario
-    best = worst_by_mean(attempts, requirement)
-    scenario = best.proposal.scenario if best else None
-    other = scenario is not None and scenario.people != feedback.scenario.people
+    best = max(known, key=lambda each: requirement.badness(each[1]), default=None)
+    worse = best is not None and requirement.badness(best[1]) > requirement.badness(feedback.mean)
     return feedback.replace(
-        best=scenario if other else None,
-        best_mean=best.mean if best else None,
+        best=best[0] if best and worse else None,
+        best_mean=best[1] if best else None,
+        best_runs=best[2] if best else 0,
         tried=tuple(tried[-most:]) if len(tried) > 1 else (),
     )
 
@@ -192,6 +203,25 @@ def separable(before: Verdict, after: Verdict) -> bool:
 def gaps(run: Run) -> Floats:
     """Return (N, H) the gap in metres between robot and each human at every sample of the trajectory."""
     return Sampled(run, run.trajectory).gap
+
+
+def touches_of(run: Run, grid: Grid) -> tuple[Touched, ...]:
+    """Return the touches of the robot and a person in a run, as events tell them, in order."""
+    s, names = Sampled(run, run.trajectory), WaypointNames(grid)
+
+    def at(x: float, y: float) -> Place:
+        return Place(x=x, y=y, waypoint=names.nearest(np.array([x]), np.array([y]))[0])
+
+    return tuple(
+        Touched(
+            who=contact.person,
+            at=contact.place.waypoint,
+            time_s=round(contact.time_s, 1),
+            until_s=round(contact.until_s, 1),
+            moved_by=contact.moved_by,
+        )
+        for contact in sorted(contacts(s, at), key=lambda contact: contact.time_s)
+    )
 
 
 def decisive_moments(run: Run, grid: Grid, *, at_most: int = 4) -> tuple[Moment, ...]:

@@ -72,6 +72,7 @@ def _walked(run: Run, h: int, human: Human, walk: Walk, world: World) -> Walked:
         arrivals=arrivals(walk, human, world.grid),
         stuck_at=stuck_at,
         stuck_s=round(stuck_s, 1) if stuck_s is not None else None,
+        stood=tuple((round(start, 1), round(end, 1), at) for start, end, at in walk.stood),
         nearest_m=round(float(away[nearest]), 2),
         nearest_s=round(float(path.t[nearest]), 1),
         met_s=round(float(path.t[met[0]]), 1) if met.size else None,

@@ -1,24 +1,34 @@
-"""What people do in a run: the leg of their way, pauses, arrivals, and where they are stuck."""
+"""What people do in a run: the leg of their way, pauses, arrivals, and where they stand still or are stuck."""
 
 from __future__ import annotations
 
 import math
+from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.scenario.agents import decode, goal_names
+from rvsg.evaluation.sampled import stretches
+from rvsg.scenario.agents import HumanAgent, decode, goal_names
 from rvsg.scenario.brief import Arrival
 from rvsg.scenario.scenario import Human, HumanConfiguration
-from rvsg.simulation.events import PersonReached, PersonReacted
+from rvsg.simulation.events import PersonPaused, PersonReached, PersonReacted
 from rvsg.simulation.run import Run
 from rvsg.world.grid import Grid
 
+OfWalk = PersonReached | PersonPaused | PersonReacted
 REACHED_M = 0.6
-"""A waypoint counts as reached this near to it; people turn to the next one a little before they stand on it."""
-STILL_M_S, STUCK_S = 0.1, 2.0
-"""Somebody who should walk and moves less than the first for longer than the second is stuck."""
+"""Somebody who is farther than this from the place of the start has left it."""
+MARGIN_M, PASSED_M = 0.1, 0.8
+"""A waypoint counts as reached from the goal radius plus the first, or beyond it within the second."""
+WALKING = "walking"
+STILL_M_S, STOOD_S, STUCK_S = 0.1, 2.0, 5.0
+"""Somebody who should walk and is slower than the first for longer than the second stands still.
+
+Who does so for longer than the third, until the run ends, is stuck.
+"""
 AHEAD, BEHIND = math.radians(45.0), math.radians(135.0)
 
 
@@ -31,8 +41,9 @@ class Walk:
         leg: (N,) Number of goals reached so far at every sample.
         doing: What the person does at every sample; a reaction only where the simulator records it.
         reached: The times at which goals are reached, in order, the start left out.
-        stuck_at: When and where the person is first stuck; None if never.
+        stuck_at: Since when and where the person stands still until the run ends; None for who walks on.
         left_s: When the person leaves the place of the start; None if never.
+        stood: From when to when and where somebody who should walk stands still, and then walks on.
     """
 
     goals: tuple[str, ...]
@@ -41,6 +52,7 @@ class Walk:
     reached: tuple[float, ...]
     stuck_at: tuple[float, str] | None
     left_s: float | None
+    stood: tuple[tuple[float, float, str], ...] = ()
 
 
 def walks_of(run: Run, people: HumanConfiguration, grid: Grid) -> tuple[Walk, ...]:
@@ -51,51 +63,106 @@ def walks_of(run: Run, people: HumanConfiguration, grid: Grid) -> tuple[Walk, ..
 def walk_of(run: Run, h: int, human: Human, grid: Grid) -> Walk:
     """Follow person `h` of a run along the waypoints of their tasks."""
     (agent,) = decode(HumanConfiguration(humans=(human,)), grid)
-    names = goal_names(human)
     times, xs, ys = run.trajectory.t, run.trajectory.human_x[:, h], run.trajectory.human_y[:, h]
-    t, x, y = times.tolist(), xs.tolist(), ys.tolist()  # plain numbers make the loops faster
-    legs: list[int] = []
-    reached: list[float] = []
-    seen = {e.goal: e.time_s for e in run.events if isinstance(e, PersonReached) and e.person == human.name}
-    for k in range(len(t)):
-        # Waypoints may be passed at a distance, or lie closer together than `REACHED_M`: a simulator that records
-        # arrivals knows better, for the first round.
-        while (known := seen.get(len(reached) + 1)) is not None and known <= t[k]:
-            reached.append(known)
-        goal = agent.goals[(len(reached) + 1) % len(agent.goals)]
-        near = t[k] >= agent.start_delay_s and math.dist((x[k], y[k]), goal) <= REACHED_M
-        if near and len(agent.goals) > 1 and (not seen or len(reached) + 1 >= len(agent.goals)):
-            reached.append(t[k])
-        legs.append(len(reached))
-    speed = _speed(times, xs, ys).tolist()
-    doing: list[str] = []
-    stuck_at: tuple[float, str] | None = None
-    still_since: float | None = None
-    reactions = [e for e in run.events if isinstance(e, PersonReacted) and e.person == human.name]
-    for k, time in enumerate(t):
-        leg = legs[k]
-        since = reached[leg - 1] if leg else agent.start_delay_s
-        pauses = agent.pauses_s[leg % len(agent.goals)] if leg else 0.0
-        if any(reaction.time_s <= time <= reaction.until_s for reaction in reactions):
-            doing.append("reacting to the robot")
-            still_since = None
+    recorded = [e for e in run.events if isinstance(e, OfWalk) and e.person == human.name]
+    reached, legs = _followed(times, xs, ys, agent, recorded)
+    doing = _meant(times, legs, reached, agent, recorded)
+    walks = np.array([what.startswith(WALKING) for what in doing], np.bool_)
+    still = walks & (_speed(times, xs, ys) < STILL_M_S)
+    stood, stuck_at = [], None
+    for first, last in stretches(still):
+        if times[last] - times[first] < STOOD_S or len(agent.goals) < 2:
             continue
-        if time < agent.start_delay_s:
-            doing.append("waiting to start")
-            continue
-        if pauses and time <= since + pauses + 1.5:
-            doing.append("pausing")
-            still_since = None
-            continue
-        still_since = (time if still_since is None else still_since) if speed[k] < STILL_M_S else None
-        if still_since is not None and time - still_since >= STUCK_S:
-            doing.append("stuck")
-            stuck_at = stuck_at or (still_since, grid.nearest(x[k], y[k]))
+        place = grid.nearest(float(xs[first]), float(ys[first]))
+        stuck = last == len(times) - 1 and times[last] - times[first] >= STUCK_S
+        doing[first : last + 1] = ["stuck" if stuck else "standing still"] * (last + 1 - first)
+        if stuck:
+            stuck_at = (float(times[first]), place)
         else:
-            doing.append(f"walking leg {leg % len(agent.goals) + 1} of {len(agent.goals)}")
+            stood.append((float(times[first]), float(times[last]), place))
     away = np.flatnonzero(np.hypot(xs - agent.start[0], ys - agent.start[1]) > REACHED_M)
-    began = t[int(away[0])] if away.size else None
-    return Walk(names, np.asarray(legs, np.int64), tuple(doing), tuple(reached), stuck_at, began)
+    began = float(times[int(away[0])]) if away.size else None
+    return Walk(
+        goals=goal_names(human),
+        leg=np.asarray(legs, np.int64),
+        doing=tuple(doing),
+        reached=tuple(reached),
+        stuck_at=stuck_at,
+        left_s=began,
+        stood=tuple(stood),
+    )
+
+
+def _followed(
+    times: NDArray[np.float64],
+    xs: NDArray[np.float64],
+    ys: NDArray[np.float64],
+    agent: HumanAgent,
+    recorded: Sequence[OfWalk],
+) -> tuple[list[float], list[int]]:
+    """Return the times at which goals are reached, and at every sample how many were.
+
+    A simulator that records what people do knows the arrivals of the first round and all pauses. What it does not
+    record is read off the trajectory.
+    """
+    n = len(agent.goals)
+    seen = {e.goal: e.time_s for e in recorded if isinstance(e, PersonReached)}
+    pauses = deque(e for e in recorded if isinstance(e, PersonPaused))
+    reached: list[float] = []
+    legs: list[int] = []
+    for t, x, y in zip(times.tolist(), xs.tolist(), ys.tolist(), strict=True):  # plain numbers make the loop faster
+        while (known := seen.get(len(reached) + 1)) is not None and known <= t:
+            reached.append(known)
+        while pauses and pauses[0].time_s <= t:
+            pause = pauses.popleft()
+            while len(reached) % n != pause.goal:
+                reached.append(pause.time_s)
+        count = len(reached)
+        if n > 1 and (not seen or count + 1 >= n):
+            held = agent.pauses_s[count % n] if count else agent.start_pause_s
+            free_s = (reached[-1] if reached else agent.start_delay_s) + held
+            if t >= free_s and _arrives((x, y), agent, count):
+                reached.append(t)
+        legs.append(len(reached))
+    return reached, legs
+
+
+def _arrives(at: tuple[float, float], agent: HumanAgent, count: int) -> bool:
+    """Return whether somebody who has reached `count` goals turns to the one after the next, as simulated people do."""
+    n = len(agent.goals)
+    before, goal = agent.goals[count % n], agent.goals[(count + 1) % n]
+    away = math.dist(at, goal)
+    if away <= agent.goal_radius_m + MARGIN_M:
+        return True
+    beyond = (at[0] - goal[0]) * (goal[0] - before[0]) + (at[1] - goal[1]) * (goal[1] - before[1]) > 0.0
+    return beyond and away <= PASSED_M and not agent.pauses_s[(count + 1) % n]
+
+
+def _meant(
+    times: NDArray[np.float64],
+    legs: Sequence[int],
+    reached: Sequence[float],
+    agent: HumanAgent,
+    recorded: Sequence[OfWalk],
+) -> list[str]:
+    """Return what the person is about at every sample; somebody who walks may be held up."""
+    n = len(agent.goals)
+    reactions = [(e.time_s, e.until_s) for e in recorded if isinstance(e, PersonReacted)]
+    pauses = [(e.time_s, e.until_s) for e in recorded if isinstance(e, PersonPaused)]
+    known = any(isinstance(e, PersonReached | PersonPaused) for e in recorded)
+    found = []
+    for t, leg in zip(times.tolist(), legs, strict=True):
+        since = reached[leg - 1] if leg else agent.start_delay_s
+        held = agent.pauses_s[leg % n] if leg else agent.start_pause_s
+        if any(start <= t <= end for start, end in reactions):
+            found.append("reacting to the robot")
+        elif t < agent.start_delay_s:
+            found.append("waiting to start")
+        elif any(start <= t <= end for start, end in pauses) or (not known and held and t <= since + held + 1.5):
+            found.append("pausing")
+        else:
+            found.append(f"{WALKING} leg {leg % n + 1} of {n}")
+    return found
 
 
 def arrivals(walk: Walk, human: Human, grid: Grid) -> tuple[Arrival, ...]:

@@ -32,13 +32,23 @@ Pass = tuple[float, float]
 NEWS = 0.1
 """Values of single runs are told where they differ by more than this share of their mean."""
 
+TOLD_AS_MEASURED = frozenset(
+    {"parts", "arrival_s", "arrived", "touched", "touches", "touches_elsewhere", "best_mean", "best_runs", "tried"}
+)
+
 MEANINGS = {
-    Behaviour.REGULAR: "gives way to the robot as to another person, and walks on",
-    Behaviour.IMPASSIVE: "takes the robot for a thing: walks round it as round a wall, and does not step aside",
-    Behaviour.SURPRISED: "stops and looks at the robot for up to 30 s once it is within 4 m and in view",
-    Behaviour.SCARED: "keeps away from the robot at 0.6 m/s for up to 40 s once it is within 3 m and in view",
-    Behaviour.CURIOUS: "leaves the way for up to 40 s to come up to the robot, to 1.5 m",
-    Behaviour.THREATENING: "stands 1.4 m in front of the robot for up to 40 s once it is in view",
+    Behaviour.REGULAR: "makes room for the robot as for another person, and walks on; who waits or pauses steps aside "
+    "when it comes within 0.5 to 0.7 m, and then comes back, which costs it a second or two, not the drive",
+    Behaviour.IMPASSIVE: "takes the robot for a thing: walks round it as round a wall, without making room; who waits "
+    "or pauses stays until it is within 0.5 m, then steps aside and comes back",
+    Behaviour.SURPRISED: "stops and looks at the robot, for up to 30 s while it is within 4 m and in view; does not "
+    "step aside then, and steps back only when it touches",
+    Behaviour.SCARED: "walks on at 0.6 m/s at most and is pushed away from the robot, for up to 40 s while it is "
+    "within 3 m and in view",
+    Behaviour.CURIOUS: "leaves the way and comes up to the robot, slower the nearer, for up to 40 s while it is within "
+    "10 m and in view; stops at 1.5 m, does not step aside then, and steps back only when it touches",
+    Behaviour.THREATENING: "hurries to a point 1.4 m in front of the robot and blocks it, for up to 40 s while it is "
+    "within 4.5 m and in view; does not make room for it then",
 }
 """What HuNavSim's behaviours do, with the default distances and durations of `rvsg.scenario.agents`."""
 PROVOKING = frozenset({Behaviour.THREATENING})
@@ -222,11 +232,7 @@ def feedback_facts(
             for moment in feedback.moments
         ],
         "series_of": feedback.series_of,
-        **{
-            key: value
-            for key, value in feedback.model_dump(mode="json").items()
-            if key in ("parts", "arrival_s", "arrived", "touched", "best_mean", "tried")
-        },
+        **{key: value for key, value in feedback.model_dump(mode="json").items() if key in TOLD_AS_MEASURED},
         "rows": [row.model_dump(mode="json") | {"behind_s": _behind_s(row, passes or {})} for row in feedback.rows],
         "planned": any(feedback.planned.values()),
         "arrivals": {

@@ -32,6 +32,9 @@ class Walked(Record):
     arrivals: tuple[Arrival, ...] = ()
     stuck_at: str | None = None
     stuck_s: float | None = None
+    """Since when the person stands still until the run ends, in seconds; None for who walks on."""
+    stood: tuple[tuple[float, float, str], ...] = ()
+    """From when to when, in seconds, and where somebody who should walk stands still, and then walks on."""
     nearest_m: float
     nearest_s: float
     met_s: float | None = None
@@ -58,7 +61,7 @@ Plan = Mapping[str, Mapping[str, float]]
 
 
 def surprises(rehearsal: Rehearsal, plan: Plan) -> tuple[str, ...]:
-    """Return what does not happen as planned: who is stuck, who never comes near, who arrives at another time.
+    """Return what does not happen as planned: who is held up, who never comes near, who arrives at another time.
 
     Only what goes wrong before the first person meets the robot is a mistake of the plan. Afterwards robot and people
     hold each other up, which is what the test is for: its runs measure it. For the same reason a person who is still
@@ -72,6 +75,11 @@ def surprises(rehearsal: Rehearsal, plan: Plan) -> tuple[str, ...]:
             found.append(
                 f"{name} gets stuck at {walked.stuck_at} from {walked.stuck_s:g} s on and does not walk further."
             )
+        found += [
+            f"{name} stands still at {at} from {start:g} to {end:g} s, held up by what is in the way."
+            for start, end, at in walked.stood
+            if start < met
+        ]
         if walked.nearest_m > NEAR_M and not held_up:
             found.append(
                 f"{name} never comes near the robot: the smallest distance is {walked.nearest_m:.1f} m, at "

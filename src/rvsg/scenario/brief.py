@@ -48,7 +48,7 @@ class PersonAt(Record):
     at: str
     """Nearest waypoint."""
     doing: str
-    """`waiting to start`, `walking leg 3 of 12`, `pausing`, `reacting to the robot` or `stuck`."""
+    """`waiting to start`, `walking leg 3 of 12`, `pausing`, `reacting to the robot`, `standing still` or `stuck`."""
     side: str
     """`ahead`, `left`, `right` or `behind` of the robot."""
     distance_m: float
@@ -72,6 +72,18 @@ class Arrival(Record):
     unhindered_s: float
 
 
+class Touched(Record):
+    """A touch of the robot and a person."""
+
+    who: str
+    at: str
+    """The waypoint nearest to the place."""
+    time_s: float
+    until_s: float
+    moved_by: Literal["robot", "person", "both", "neither"]
+    """Who moved into whom."""
+
+
 class Part(Record):
     """A part of the drive and the mean of the judged value in it."""
 
@@ -85,6 +97,8 @@ class Tried(Record):
 
     mean: float
     change: str
+    runs: int = 0
+    """Runs that the mean is of; 0: not known."""
 
 
 class Encounter(Record):
@@ -132,6 +146,10 @@ class Feedback(Record):
     """Runs in which the robot arrives."""
     touched: int = 0
     """Runs in which the robot and a person touch."""
+    touches: tuple[Touched, ...] = ()
+    """All touches in the run that is worst for the robot."""
+    touches_elsewhere: tuple[Touched, ...] = ()
+    """The first touch of each other run that has one."""
     capped: int = 0
     """Runs whose value is only a bound: it is what the time limit leaves of it."""
     analysis: str = ""
@@ -142,8 +160,11 @@ class Feedback(Record):
     tuned: bool = False
     """Whether a strategy tuned the numbers of the configuration after the generator wrote it."""
     best: Scenario | None = None
-    """The best configuration of the scenario so far, where it is another one than `scenario`."""
+    """The configuration of the scenario that is worst for the robot so far, where `scenario` is not as bad for it."""
     best_mean: float | None = None
+    """The mean of the configuration that is worst for the robot so far, of all that `tried` lists."""
+    best_runs: int = 0
+    """Runs that it is of; 0: not known."""
     encounter: Encounter | None = None
     """Of the run that is worst for the robot; None without people, or where it was not looked at."""
     tried: tuple[Tried, ...] = ()
