@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from tests.campaign.parts import WalkGenerator, plan, warehouse
 
-from rvsg.campaign.attempt import Attempt
+from rvsg.campaign.attempt import Attempt, Measurement
 from rvsg.core.errors import NewerStore, StoreError
 from rvsg.core.records import canonical_json, content_id
 from rvsg.evaluation.metrics import measure
@@ -23,6 +23,7 @@ from rvsg.simulation.archive import PackedRun, arrays_of, run_from_json, run_to_
 from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.simulation.run import Run
 from rvsg.store.migrations import MIGRATIONS
+from rvsg.store.packing import pack
 from rvsg.store.sqlite import SqliteLedger
 
 
@@ -33,6 +34,13 @@ def an_attempt(index: int = 0) -> tuple[Attempt, Run]:
     assert proposal.scenario is not None
     run = KinematicSimulator().run(proposal.scenario, warehouse(), seed=3)
     return Attempt(campaign="test", index=index, strategy="study", brief=brief, proposal=proposal), run
+
+
+def a_measured_attempt(index: int = 0) -> tuple[Attempt, Run]:
+    attempt, run = an_attempt(index)
+    values = {f"a metric with a long name, number {k}": k + index / 7 for k in range(80)}
+    measured = Measurement(run_id=run.id, seed=run.seed, outcome=run.outcome.value, values=values)
+    return attempt.replace(measurements=(measured,)), run
 
 
 def same(a: Run, b: Run) -> bool:
@@ -111,15 +119,16 @@ def test_an_absent_store_is_not_made_where_it_is_only_read(tmp_path: Path) -> No
     assert not (tmp_path / "a.sqlite").exists()
 
 
-def test_an_altered_record_is_noticed(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "altered_record", [canonical_json, lambda record: pack(canonical_json(record).encode())], ids=["text", "packed"]
+)
+def test_an_altered_record_is_noticed(tmp_path: Path, altered_record: Callable[[object], object]) -> None:
     attempt, run = an_attempt()
     path = tmp_path / "a.sqlite"
     with SqliteLedger(path) as ledger:
         ledger.append(attempt, [PackedRun.of(run)])
-    connection = sqlite3.connect(path)
-    connection.execute("UPDATE attempts SET record = replace(record, 'walk 0', 'walk 9')")
-    connection.commit()
-    connection.close()
+    other = attempt.model_dump(mode="json") | {"strategy": "walk 9"}
+    altered(path, ("UPDATE attempts SET record = ?", (altered_record(other),)))
     with SqliteLedger(path) as ledger, pytest.raises(StoreError) as refused:
         list(ledger.attempts("test"))
     assert refused.value.code == "store-damaged"
@@ -149,11 +158,16 @@ def after(statement: str) -> Callable[[Path], None]:
         after("UPDATE campaigns SET settings = CAST(x'7bb4' AS TEXT)"),
         after("UPDATE campaigns SET name = NULL"),
         after("UPDATE attempts SET record = x'00'"),
+        after("UPDATE attempts SET record = substr(record, 1, length(record) - 1)"),
+        after("UPDATE dictionaries SET packed = x'00'"),
+        after("UPDATE dictionaries SET packed = 'text'"),
+        after("DELETE FROM dictionaries"),
+        after("DROP TABLE dictionaries"),
         after("DELETE FROM runs"),
     ],
 )
 def test_a_store_that_lost_a_part_is_called_damaged(tmp_path: Path, damage: Callable[[Path], None]) -> None:
-    attempt, run = an_attempt()
+    attempt, run = a_measured_attempt()
     path = tmp_path / "a.sqlite"
     with SqliteLedger(path) as ledger:
         ledger.begin("test", {"some": "settings"})
@@ -299,11 +313,22 @@ def test_a_single_number_changed_in_the_arrays_of_a_run_is_noticed(tmp_path: Pat
     assert str(path) in str(refused.value) and run.id in str(refused.value)  # which run of which file is lost
 
 
+def unpacked(path: Path, attempt: Attempt, *, version: int) -> None:
+    """Make a store that holds one attempt one of a version that kept records as text."""
+    altered(
+        path,
+        ("UPDATE attempts SET record = ?", (canonical_json(attempt.model_dump(mode="json")),)),
+        ("DROP TABLE dictionaries", ()),
+        (f"PRAGMA user_version={version}", ()),
+    )
+
+
 def older_store(path: Path, attempt: Attempt, run: Run) -> None:
     """A store as the first version made it: without checksums."""
     with SqliteLedger(path) as ledger:
         ledger.append(attempt, [PackedRun.of(run)])
-    altered(path, ("ALTER TABLE runs DROP COLUMN checksum", ()), ("PRAGMA user_version=1", ()))
+    unpacked(path, attempt, version=1)
+    altered(path, ("ALTER TABLE runs DROP COLUMN checksum", ()))
 
 
 def test_a_store_from_before_there_were_checksums_opens_and_new_runs_get_one(tmp_path: Path) -> None:
@@ -371,6 +396,54 @@ def test_damage_anywhere_in_the_file_is_told_when_it_is_opened(tmp_path: Path) -
             with pytest.raises(StoreError) as refused:
                 opened(path)
             assert refused.value.code == "store-damaged"
+
+
+def kept_records(path: Path) -> dict[int, object]:
+    connection = sqlite3.connect(path)
+    found = dict(connection.execute("SELECT position, record FROM attempts WHERE campaign = 'test'"))
+    connection.close()
+    return found
+
+
+def test_records_are_packed_against_the_first_with_measurements_and_one_may_be_lost(tmp_path: Path) -> None:
+    path = tmp_path / "a.sqlite"
+    attempts = [an_attempt()[0], *(a_measured_attempt(index)[0] for index in (1, 2, 3))]
+    with SqliteLedger(path) as ledger:
+        for attempt in attempts:
+            ledger.append(attempt, [])
+            ledger.append(attempt.replace(campaign="Zweite Kampagne: 人"), [])
+        assert list(ledger.attempts("test")) == attempts
+    packed = kept_records(path)
+    texts = [canonical_json(attempt.model_dump(mode="json")) for attempt in attempts]
+    assert all(isinstance(record, bytes) for record in packed.values())
+    for index in (1, 2, 3):
+        assert len(packed[index]) < len(texts[index]) / 5  # type: ignore[arg-type]
+    altered(path, ("DELETE FROM attempts WHERE position = 1", ()))
+    with SqliteLedger(path) as ledger:
+        assert list(ledger.attempts("test")) == [attempts[0], *attempts[2:]]
+        ledger.append(attempts[1], [])
+        assert list(ledger.attempts("test")) == attempts
+    assert kept_records(path) == packed
+
+
+@pytest.mark.parametrize("writable", [True, False])
+def test_a_store_of_version_3_keeps_its_records_as_text_and_goes_on_packed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, writable: bool
+) -> None:
+    (first, _), (second, _) = a_measured_attempt(), a_measured_attempt(1)
+    path = tmp_path / "a.sqlite"
+    with SqliteLedger(path) as ledger:
+        ledger.append(first, [])
+    unpacked(path, first, version=3)
+    if not writable:
+        monkeypatch.setattr("os.access", lambda *_: False)
+    with SqliteLedger.existing(path) as ledger:
+        assert list(ledger.attempts("test")) == [first]
+        if writable:
+            ledger.append(second, [])
+            assert list(ledger.attempts("test")) == [first, second]
+    kept = kept_records(path)
+    assert isinstance(kept[0], str) and (not writable or isinstance(kept[1], bytes))
 
 
 @pytest.mark.parametrize("opened", [SqliteLedger, SqliteLedger.existing])

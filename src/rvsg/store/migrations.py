@@ -1,7 +1,7 @@
 """The store's schema as an ordered list of migrations. Append only: what was released is never edited.
 
 Migration k (from 1) brings a store of `user_version` k - 1 to k. Records are JSON in the shape of their models; a
-new field with a default needs no migration: an id is checked against the stored text, before it is parsed.
+new field with a default needs no migration: an id is checked against the text as it was stored, before it is parsed.
 """
 
 from __future__ import annotations
@@ -24,4 +24,6 @@ MIGRATIONS: tuple[tuple[str, ...], ...] = (
     ("ALTER TABLE runs ADD COLUMN checksum TEXT",),
     # From here on a run is a PackedRun, its header inside the archive and the column `header` empty. No row changes.
     (),
+    # From here on the record of an attempt is packed (see `rvsg.store.packing`). Text that is there stays.
+    ("CREATE TABLE dictionaries (campaign TEXT PRIMARY KEY, packed BLOB NOT NULL)",),
 )

@@ -27,6 +27,7 @@ from rvsg.core.errors import InputError, StoreError
 from rvsg.core.records import canonical_json, text_id
 from rvsg.simulation.archive import PackedRun, unpack, unpack_numpy
 from rvsg.simulation.run import Run
+from rvsg.store import packing
 from rvsg.store.sqlite_file import BUSY, engine_of, has_log, may_write, migrate, result_code, version_of
 
 _meta = sa.MetaData()
@@ -46,7 +47,13 @@ _attempts = sa.Table(
     sa.Column("id", sa.Text),
     sa.Column("purpose", sa.Text),
     sa.Column("scenario_id", sa.Text),
-    sa.Column("record", sa.Text),
+    sa.Column("record"),  # text in stores of version 3 and older
+)
+_dictionaries = sa.Table(
+    "dictionaries",
+    _meta,
+    sa.Column("campaign", sa.Text, primary_key=True),
+    sa.Column("packed"),
 )
 _runs = sa.Table(
     "runs",
@@ -68,6 +75,8 @@ CODES = {
 """What an error of SQLite is called in an error of RVSG."""
 _CHECKSUMS_SINCE = 2
 """The store version from which on runs have a checksum."""
+_PACKED_SINCE = 4
+"""The store version from which on records are packed."""
 
 
 # Given to the driver as they are: SQLAlchemy takes many times longer to prepare a statement than SQLite to execute it,
@@ -210,13 +219,13 @@ class SqliteLedger:
             "id": text_id(Attempt.__name__.lower(), record),
             "purpose": attempt.purpose,
             "scenario_id": scenario.id if scenario else None,
-            "record": record,
         }
         try:
             with self._writing() as connection:
                 for run in runs:
                     _keep(connection, run)
-                connection.execute(_attempts.insert().values(row))
+                packed = self._packed(connection, attempt, record.encode())
+                connection.execute(_attempts.insert().values(row | {"record": packed}))
         except (IntegrityError, sqlite3.IntegrityError):
             raise StoreError(
                 f"{self.path}: attempt {attempt.index} of campaign {attempt.campaign!r} is there already. "
@@ -235,11 +244,36 @@ class SqliteLedger:
         )
         with self._translated(), self._engine.connect() as connection:
             rows = connection.execute(query).all()
-        for position, kept_id, record in rows:
+            dictionary = self._dictionary(connection, campaign)
+        for position, kept_id, kept in rows:
+            try:
+                record = packing.unpack(kept, dictionary).decode() if isinstance(kept, bytes) else kept
+            except ValueError:
+                record = None
             # The text is verified, not the parsed record: an older one lacks the fields that came later.
             if not isinstance(record, str) or text_id(Attempt.__name__.lower(), record) != kept_id:
                 raise self._damaged(f"attempt {position} of campaign {campaign!r} is not what was stored")
             yield self._parsed(record, f"attempt {position} of {campaign!r}")
+
+    def _packed(self, connection: sa.Connection, attempt: Attempt, record: bytes) -> bytes:
+        """Pack a record; the first with measurements, so with the names of all metrics, is what the others repeat."""
+        dictionary = self._dictionary(connection, attempt.campaign)
+        if not dictionary and attempt.measurements:
+            dictionary = packing.dictionary_of(record)
+            row = {"campaign": attempt.campaign, "packed": packing.pack(dictionary)}
+            connection.execute(_dictionaries.insert().values(row))
+        return packing.pack(record, dictionary)
+
+    def _dictionary(self, connection: sa.Connection, campaign: str) -> bytes:
+        """Return what the records of a campaign are packed with; nothing where there is none."""
+        if self._version < _PACKED_SINCE:
+            return b""
+        query = sa.select(_dictionaries.c.packed).where(_dictionaries.c.campaign == campaign)
+        packed = connection.execute(query).scalar_one_or_none()
+        try:
+            return b"" if packed is None else packing.unpack(packed)
+        except (ValueError, TypeError) as error:
+            raise self._damaged(f"the dictionary of campaign {campaign!r} cannot be read: {error}") from None
 
     def run(self, run_id: str) -> Run:
         """Return the run of that id; StoreError where there is none."""
