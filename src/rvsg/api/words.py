@@ -106,6 +106,8 @@ def describe_difference(finding: Finding) -> str | None:
         "no": " The violation recurs without people, so it is not a finding about people.",
         "open": " These runs do not tell whether the people cause it.",
     }
+    if without.violated and finding.about_people == "open":
+        meant["open"] = " It also happens without people; these runs do not tell whether people make it more frequent."
     return said + meant.get(finding.about_people, "")
 
 

@@ -64,6 +64,10 @@ class Smallest(Record):
         return self.violated > 0 and 2 * self.violated >= self.before
 
 
+RECURS_WITHIN = 0.2
+"""A violation recurs without people where it is at most this much rarer then, as a share of the runs."""
+
+
 class Finding(Record):
     """A confirmed scenario. Whether it is a finding about people is `about_people`."""
 
@@ -90,8 +94,8 @@ class Finding(Record):
     """Violation probability with these people less that without them."""
     difference_interval: tuple[float, float] | None = None
     about_people: Literal["yes", "no", "open", "not violated"] = "open"
-    """`yes`: the difference is above 0 beyond chance. `no`: it is not, and the mission alone violates more than
-    rarely. `open`: the runs do not tell."""
+    """`yes`: the difference is above 0 beyond chance. `no`: it is not, it is at most `RECURS_WITHIN`, and the mission
+    alone violates more than rarely. `open`: the runs do not tell."""
     cause: tuple[Removal, ...] = ()
     """What removing each person does."""
     smallest: Smallest | None = None
@@ -230,10 +234,10 @@ def _blame(verdict: Verdict, without: Share | None, bad: bool, procedure: Proced
     share = Share(violated=verdict.violations, of=verdict.runs)
     interval = difference_interval(share, without, procedure.confidence)
     alone = procedure.violated(without.violated, without.of)
+    difference = share.probability - without.probability
     people: str = "not violated"
     if bad:
-        people = "yes" if interval[0] > 0.0 else "no" if alone else "open"
-    difference = share.probability - without.probability
+        people = "yes" if interval[0] > 0.0 else "no" if alone and difference <= RECURS_WITHIN else "open"
     return {"difference": difference, "difference_interval": interval, "about_people": people}
 
 

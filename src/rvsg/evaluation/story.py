@@ -146,7 +146,8 @@ def _what(event: Event) -> str:
 
 def _contact(event: Contact) -> str:
     who, where = event.person, at_place(event.place)
-    lasts = f"they touch for {event.duration_s:.1f} s"
+    short = event.duration_s < 0.05  # a tenth of a second is the finest that is told
+    lasts = "they touch briefly" if short else f"they touch for {event.duration_s:.1f} s"
     speed = f"at {event.closing_speed_m_s:.1f} m/s"
     match event.moved_by:
         case "robot":

@@ -7,10 +7,12 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+from rvsg.campaign.finding import Finding
 from rvsg.campaign.plan import Plan
 from rvsg.evaluation.judge import OPEN, still_open, violated
+from rvsg.evaluation.story import at_place
 from rvsg.evaluation.verdict import Status, Verdict
-from rvsg.report.causes import Cause
+from rvsg.report.causes import Cause, Pair
 from rvsg.report.facts import AttemptFacts, RunFacts
 from rvsg.report.summary import Summary, counted, interval, number
 from rvsg.report.words import direction, metres, quantity
@@ -208,15 +210,12 @@ def _why(plan: Plan, cause: Cause) -> tuple[list[Badge], list[Sentence]]:
     if finding.about_people == "not violated":
         return [], []
     tone, badge, said = CAUSED[finding.about_people]
+    if finding.about_people == "open" and nobody is not None and nobody.violating:
+        said = "It also happens without people, and these runs do not show whether people make it happen more often."
     if nobody is None or finding.difference is None or finding.difference_interval is None:
         return [Badge(tone=tone, text=badge)], [[Piece(said)]]
     badges = [Badge(tone=tone, text=badge, runs=_ids(nobody.runs))]
-    low, high = (round(100 * bound) for bound in finding.difference_interval)
-    sentence = [
-        Piece(f"{said} On the same seeds without people, the robot violates {plan.requirement.name} in "),
-        Piece(f"{len(nobody.violating)} of {counted(len(nobody.runs), 'run')}", _ids(nobody.violating or nobody.runs)),
-        Piece(f" (difference {100 * finding.difference:.0f} points, interval {low} to {high})."),
-    ]
+    sentence = _alone(plan, finding, nobody, said)
     for pair in cause.each:
         with_all = sum(run.violated for run in pair.before)
         sentence += [
@@ -225,6 +224,18 @@ def _why(plan: Plan, cause: Cause) -> tuple[list[Badge], list[Sentence]]:
             Piece(f" (with everybody {with_all})."),
         ]
     return badges, [sentence]
+
+
+def _alone(plan: Plan, finding: Finding, nobody: Pair, said: str) -> Sentence:
+    """Return what the mission without people shows on the same seeds."""
+    if all(run.measurement.objective is None for run in nobody.runs):
+        return [Piece(f"Without people, {plan.requirement.name} measures nothing: it is about the people themselves.")]
+    low, high = (round(100 * bound) for bound in finding.difference_interval or (0.0, 0.0))
+    return [
+        Piece(f"{said} On the same seeds without people, the robot violates {plan.requirement.name} in "),
+        Piece(f"{len(nobody.violating)} of {counted(len(nobody.runs), 'run')}", _ids(nobody.violating or nobody.runs)),
+        Piece(f" (difference {100 * (finding.difference or 0.0):.0f} points, interval {low} to {high})."),
+    ]
 
 
 def _seen(runs: Sequence[RunFacts], plan: Plan, kind: str) -> tuple[list[Badge], list[Sentence]]:
@@ -255,7 +266,20 @@ def _seen(runs: Sequence[RunFacts], plan: Plan, kind: str) -> tuple[list[Badge],
             ]
         )
     elif people:
-        badges.append(Badge(tone="good", text="no contact"))
+        badges.append(Badge(tone="good", text="no contact with people"))
+    struck = [run for run in runs if run.obstacle_contacts]
+    if struck:
+        first = struck[0].obstacle_contacts[0]
+        badges.append(Badge(tone="bad", text=f"hits an obstacle in {len(struck)} of {len(runs)}", runs=_ids(struck)))
+        sentences.append(
+            [
+                Piece("The robot hits an obstacle in "),
+                Piece(f"{len(struck)} of {total}", _ids(struck)),
+                Piece(", first "),
+                Piece(at_place(first.place), (struck[0].id,), first.time_s),
+                Piece("."),
+            ]
+        )
     late = [run for run in runs if not run.arrived]
     if late:
         badges.append(Badge(tone="bad", text=f"{len(late)} of {len(runs)} did not arrive", runs=_ids(late)))
@@ -274,7 +298,7 @@ def _seen(runs: Sequence[RunFacts], plan: Plan, kind: str) -> tuple[list[Badge],
     if nearest is not None and not touched:
         sentences.append(
             [
-                Piece("No run holds a contact; the smallest gap is "),
+                Piece("The robot touches nobody; the smallest gap is "),
                 Piece(metres(nearest.closest_m or 0.0), (nearest.id,), nearest.closest_s),
                 Piece(f", to {nearest.closest_to}."),
             ]

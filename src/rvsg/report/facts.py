@@ -10,7 +10,7 @@ import numpy as np
 
 from rvsg.campaign.attempt import Attempt, Measurement
 from rvsg.evaluation.detection import events_of, place_namer
-from rvsg.evaluation.events import Contact, Event, Place, Recovery, StandStill
+from rvsg.evaluation.events import Contact, Event, ObstacleContact, Place, Recovery, StandStill
 from rvsg.evaluation.sampled import sampled, stretches
 from rvsg.evaluation.story import Sentence, story_of
 from rvsg.report.quantity import Curve, decisive_time, judged_curve
@@ -63,6 +63,11 @@ class RunFacts:
     def contacts(self) -> tuple[Contact, ...]:
         """The contacts of the robot with people."""
         return tuple(event for event in self.events if isinstance(event, Contact))
+
+    @property
+    def obstacle_contacts(self) -> tuple[ObstacleContact, ...]:
+        """The contacts of the robot with walls and things."""
+        return tuple(event for event in self.events if isinstance(event, ObstacleContact))
 
     @property
     def lanes(self) -> dict[str, list[tuple[float, float]]]:
