@@ -264,7 +264,7 @@ def test_a_budget_without_a_single_call_ends_the_search() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("cut", [3, 9, 30])
+@pytest.mark.parametrize("cut", [3, 9, 20])
 def test_turns_resume_to_the_same_records_after_the_budget_was_spent(cut: int) -> None:
     limits = Limits(calls=2)
     whole = searched(MemoryLedger(), Dear(), **TURNS, limits=limits)
