@@ -123,7 +123,7 @@ def confirmed_with(values: list[float], *, limit: float | None = 1.0, confirmati
     value_of = dict(zip(seeds, values, strict=False))
     measuring = Measuring(requirement)
 
-    def measured(made: Run) -> Measurement:
+    def measured(made: Run, _place: object) -> Measurement:
         value = value_of.get(made.seed, 0.5)
         return Measurement(run_id=made.id, seed=made.seed, outcome="goal", values={"dto": value}, objective=value)
 
@@ -160,7 +160,7 @@ def test_a_candidate_that_does_not_always_violate_leaves_runs_for_one_that_does(
     assert worst is not None
     measuring = Measuring(REQUIREMENT)
 
-    def measured(made: Run) -> Measurement:
+    def measured(made: Run, _place: object) -> Measurement:
         value = (2.0 if made.seed == unsure else 0.4) if made.scenario_id == worst.id else 0.5
         return Measurement(run_id=made.id, seed=made.seed, outcome="goal", values={"dto": value}, objective=value)
 
@@ -184,7 +184,7 @@ def test_every_scenario_is_confirmed_and_then_others_until_one_always_violates()
     worst = (0, 3)  # of each scenario; they violate in every other run, the rest in all
     measuring = Measuring(REQUIREMENT)
 
-    def measured(made: Run) -> Measurement:
+    def measured(made: Run, _place: object) -> Measurement:
         index = scenario.get(made.scenario_id, 9)
         clean = index in worst and made.seed in seeds[::2]
         value = 2.0 if clean else 0.4 if index in worst else 0.5 + index / 100
@@ -206,7 +206,7 @@ def test_a_further_configuration_that_cannot_always_violate_is_dropped_early() -
     assert candidate.proposal.scenario is not None
     ledger, measuring = MemoryLedger(), Measuring(REQUIREMENT)
 
-    def measured(made: Run) -> Measurement:
+    def measured(made: Run, _place: object) -> Measurement:
         value = 2.0 if made.seed in (seeds[10], seeds[12]) else 0.5
         return Measurement(run_id=made.id, seed=made.seed, outcome="goal", values={"dto": value}, objective=value)
 

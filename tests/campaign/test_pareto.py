@@ -19,7 +19,7 @@ LATE = Requirement(name="R3", title="Time", text="Arrive.", metric="trg", worse=
 NEAR = REQUIREMENT.replace(limit=10.0)
 
 
-def measured(run: Run) -> Measurement:
+def measured(run: Run, _place: object = None) -> Measurement:
     values = measure_all(run, ["trg"])
     away = np.hypot(
         run.trajectory.human_x - run.trajectory.x[:, None], run.trajectory.human_y - run.trajectory.y[:, None]

@@ -6,13 +6,19 @@ from pathlib import Path
 
 import pytest
 
+from rvsg.api.worlds import doors_in
 from rvsg.core.documents import DocumentError
-from rvsg.scenario.scenario import HumanConfiguration, Mission
+from rvsg.core.errors import UnknownName
+from rvsg.scenario.migrate import migrate
+from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Scenario, Task
 from rvsg.scenario.validity import check
 from rvsg.world.compare import differences
 from rvsg.world.doors import Door
+from rvsg.world.doorways import with_doors
 from rvsg.world.io.load import load_world
 from rvsg.world.io.save import save_world
+from rvsg.world.space import driving_space, robot_space
+from rvsg.world.world import OrientedBox, SolidObject, World
 
 FILES = {
     "world.yaml": "name: rooms\nmap: {from: objects}\nobjects: objects.yaml\ndoors: doors.yaml\n"
@@ -75,3 +81,67 @@ def test_a_leaf_swings_and_slides() -> None:
     sliding = Door(name="b", hinge=(0, 0), end=(1, 0), kind="sliding")
     assert max(x for x, _ in sliding.leaf(1.0)) == pytest.approx(0.0)
     assert sliding.model_copy(update={"state": "open"}).still is None
+
+
+def _two(world: World, path: tuple[str, ...]) -> HumanConfiguration:
+    there = Task.between(path[0], path[-1], path)
+    return HumanConfiguration(humans=(Human(name="Ada", tasks=(there, Task.between(path[-1], path[0], path[::-1]))),))
+
+
+def test_a_scenario_opens_and_closes_doors_and_the_world_stays_the_same(rooms: Path) -> None:
+    world = load_world(rooms)
+    route = world.routes[0]
+    opened = with_doors(world, {"Door": "automatic"})
+    assert (opened.id, opened.parts, opened.doors) == (world.id, world.parts, world.doors)
+    assert opened.place_id != world.id and opened.still_doors == () and len(opened.moving_doors) == 1
+    mission = Mission.of(opened, route)
+    assert mission.doors == {"Door": "automatic"} and mission.id != Mission.of(world, route).id
+    assert mission.place(world).grid == opened.grid
+    assert check(HumanConfiguration(humans=()), mission, world) == ()
+    again = with_doors(opened, {})
+    assert again.grid == world.grid and again.place_id == world.id
+
+
+def test_a_hop_through_a_closed_door_is_refused_with_the_reason(rooms: Path) -> None:
+    (rooms / "doors.yaml").write_text(FILES["doors.yaml"].replace("closed", "automatic"))
+    world = load_world(rooms)
+    route = world.routes[0]
+    way = world.grid.shortest_path(world.grid.nearest(3.0, 2.6), world.grid.nearest(5.0, 2.6))
+    assert way is not None
+    people = _two(world, way)
+    assert check(people, Mission.of(world, route), world) == ()
+    closed = Mission.of(world, route, doors={"Door": "closed"})
+    found = check(people, closed, world)
+    assert {f.rule for f in found} >= {"door-blocks-route"}
+    assert {f.rule for f in found} & {"door-closed", "invalid-waypoint"}
+    assert all("Door" in f.reason for f in found)
+    place = closed.place(world)
+    assert place.grid.shortest_path(way[0], way[-1]) is None
+
+
+def test_a_door_that_does_not_exist_is_a_finding(rooms: Path) -> None:
+    world = load_world(rooms)
+    mission = Mission.of(world, world.routes[0], doors={"Door": "open", "Gate": "closed"})
+    found = check(HumanConfiguration(humans=()), mission, world)
+    assert [f.rule for f in found] == ["unknown-door"] and "Gate" in found[0].reason
+    with pytest.raises(UnknownName):
+        doors_in(world, {"Gate": "closed"})
+
+
+def test_a_migrated_scenario_keeps_its_doors_and_moved_objects(rooms: Path) -> None:
+    world = load_world(rooms)
+    crate = SolidObject(
+        name="crate", kind="crate", origin=(2, 4, 0), box=OrientedBox(center=(2, 4, 0.5), size=(0.5, 0.5, 1.0)),
+        footprint=((1.75, 3.75), (2.25, 3.75), (2.25, 4.25), (1.75, 4.25)), slices=(),
+    )  # fmt: skip
+    mission = Mission.of(world, world.routes[0], moved=(crate,), doors={"Door": "open"})
+    scenario = Scenario(mission=mission, people=HumanConfiguration(humans=()))
+    assert migrate(scenario, world).scenario.mission == mission
+
+
+def test_a_moved_object_and_a_closed_door_count_in_the_distance_to_obstacles(rooms: Path) -> None:
+    world = load_world(rooms)
+    opened = with_doors(world, {"Door": "automatic"})
+    assert driving_space(opened).clearance(4.0, 2.6) > 0.5
+    assert driving_space(world).clearance(4.0, 2.6) == 0.0
+    assert robot_space(world).clearance(4.0, 2.6) > 0.5

@@ -25,6 +25,7 @@ from rvsg.evaluation.judge import DEFAULT, Procedure
 from rvsg.generation.vlm.budget import NO_CALL
 from rvsg.robots.files import DEFAULT_ROBOT
 from rvsg.simulation.stacks.registry import DEFAULT_STACK, runs_own_code
+from rvsg.world.doors import State
 
 Positive = Annotated[int, Field(ge=1, le=100_000, strict=True)]
 NotNegative = Annotated[int, Field(ge=0, strict=True)]
@@ -56,6 +57,7 @@ class CampaignConfig(Record):
     also: list[str] = Field(default_factory=list)
     robot: str = DEFAULT_ROBOT
     moved: Annotated[str | None, Field(min_length=1)] = None
+    doors: dict[str, State] = Field(default_factory=dict)
     knowledge: Annotated[str | None, Field(min_length=1)] = None
     generator: str | None = None
     generator_options: dict[str, Any] = Field(default_factory=dict)

@@ -8,7 +8,7 @@ from itertools import pairwise
 from pathlib import Path
 
 from rvsg.api import records
-from rvsg.api.worlds import as_world, folder_of, load_moved, world_of
+from rvsg.api.worlds import as_world, doors_in, folder_of, load_moved, world_of
 from rvsg.core.errors import InputError, InvalidScenario, UnknownName
 from rvsg.core.files import write_whole
 from rvsg.robots import Robot, load_robot
@@ -16,6 +16,7 @@ from rvsg.scenario import validity
 from rvsg.scenario.scenario import ROBOT, Behaviour, Human, HumanConfiguration, Mission, Pause, Scenario, Task
 from rvsg.scenario.validity import Finding
 from rvsg.simulation.protocol import Simulator
+from rvsg.world.doors import State
 from rvsg.world.fitting import fitted
 from rvsg.world.space import robot_space
 from rvsg.world.world import Route, SolidObject, World
@@ -95,18 +96,19 @@ def scenario(
     description: str = "",
     robot: Robot | str | Path = ROBOT,
     moved: Iterable[SolidObject] | str | Path = (),
+    doors: Mapping[str, State] | None = None,
 ) -> Scenario:
     """Make a scenario: a robot's mission on a route of a world, and the people who walk there.
 
     Without people it is the mission alone. `robot` is a record, the name of a shipped robot or a robot file; the route
     is fitted to it, see `mission_of`. `moved` are objects in the robot's way that its map does not show, or a file of
-    them (like objects.yaml).
+    them (like objects.yaml). `doors` gives the states of doors by name: open, closed or automatic.
 
     Raises:
         InvalidScenario: it breaks a rule; `findings` says which.
-        UnknownName: the world has no such route.
+        UnknownName: the world has no such route or door.
     """
-    place = as_world(world)
+    place = doors_in(as_world(world), doors or {})
     place = place.with_moved(load_moved(moved, place) if isinstance(moved, str | Path) else tuple(moved))
     taken = place.route(route) if isinstance(route, str) else route
     if not isinstance(people, HumanConfiguration):
@@ -129,6 +131,16 @@ def with_moved(scenario: Scenario, path: str | Path, world: World) -> tuple[Scen
     """
     moved = load_moved(path, world)
     return scenario.replace(mission=scenario.mission.replace(moved=moved)), world.with_moved(moved)
+
+
+def with_doors(scenario: Scenario, states: Mapping[str, State], world: World) -> tuple[Scenario, World]:
+    """Return a scenario and its world with some doors in other states.
+
+    Raises:
+        UnknownName: the world has no such door.
+    """
+    place = doors_in(world, states)
+    return scenario.replace(mission=scenario.mission.replace(doors=dict(place.door_states))), place
 
 
 def check(scenario: Scenario, world: World | str | Path | None = None) -> tuple[Finding, ...]:
@@ -241,9 +253,10 @@ def load_changed(
     *,
     robot: str | None = None,
     moved: Path | None = None,
+    doors: Mapping[str, State] | None = None,
     on_message: Callable[[str], None],
 ) -> tuple[Scenario, World]:
-    """Load a scenario and its world, with another robot or other moved objects where given, and check it.
+    """Load a scenario and its world, with another robot, moved objects or door states where given, and check it.
 
     `on_message` gets what of the route was fitted to the robot, and what is doubtful.
 
@@ -257,6 +270,8 @@ def load_changed(
         asked, notes = with_robot(asked, robot, place)
     if moved is not None:
         asked, place = with_moved(asked, moved, place)
+    if doors:
+        asked, place = with_doors(asked, doors, place)
     for note in (*notes, *(f"warning: {doubtful}" for doubtful in check_valid(asked, place))):
         on_message(note)
     return asked, place

@@ -87,6 +87,7 @@ def try_out(
     simulator: str | Spec = "embedded",
 ) -> Tried:
     """Repair a scenario as its generator would, check it, and simulate it once for each seed."""
+    world = scenario.mission.place(world)
     people, repairs = repair(scenario.people, scenario.mission, world)
     scenario = scenario.replace(people=people)
     said = tuple(f"{each.human}: {each.what}" for each in repairs)

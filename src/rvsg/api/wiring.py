@@ -14,7 +14,7 @@ from rvsg.api.remembered import COPY, read_remembered
 from rvsg.api.requirements import load_requirement
 from rvsg.api.scenarios import check_route, mission_of
 from rvsg.api.simulating import make_simulator
-from rvsg.api.worlds import load_moved, load_world
+from rvsg.api.worlds import doors_in, load_moved, load_world
 from rvsg.campaign.accounting import Limits
 from rvsg.campaign.loop import feedback_from
 from rvsg.campaign.measuring import Measuring
@@ -129,6 +129,7 @@ def wire(
     world = load_world(paths.get(config.world, config.world))
     if config.moved is not None:
         world = world.with_moved(load_moved(paths.get(config.moved, config.moved), world))
+    world = doors_in(world, config.doors)
     route = world.route(config.route)
     check_route(route, world)
     strategy_class = plugins.find("strategy", config.strategy)

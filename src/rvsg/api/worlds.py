@@ -7,12 +7,16 @@ beside a scenario.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import get_args
 
 from rvsg.core.documents import read_document
 from rvsg.core.errors import InputError, RvsgError, UnknownName
 from rvsg.scenario.dependence import same_floor
 from rvsg.scenario.scenario import Mission
+from rvsg.world.doors import State
+from rvsg.world.doorways import with_doors
 from rvsg.world.io import load
 from rvsg.world.io.files import ObjectsFile
 from rvsg.world.world import SolidObject, World
@@ -58,6 +62,21 @@ def load_moved(path: str | Path, world: World) -> tuple[SolidObject, ...]:
     return tuple(entry.solid(world.lidar_height_m) for entry in file.objects)
 
 
+def doors_in(world: World, states: Mapping[str, State]) -> World:
+    """Return the world with some doors in other states.
+
+    Raises:
+        UnknownName: the world has no such door.
+        InputError: there is no such state.
+    """
+    for name, state in states.items():
+        if name not in {door.name for door in world.doors}:
+            raise UnknownName("door", name, [door.name for door in world.doors], hint=f"World: {world.name}.")
+        if state not in get_args(State):
+            raise InputError(f"A door is open, closed or automatic; {name} cannot be {state!r}.", code="door-state")
+    return with_doors(world, {**world.door_states, **states})
+
+
 def folder_of(world_id: str) -> Path | None:
     """Return where a world that is not shipped was found; None where that is not known."""
     return _folders.get(world_id)
@@ -74,9 +93,9 @@ def world_of(mission: Mission, given: World | str | Path | None = None, *, near:
         InputError: the world given is another one, or the world has changed or cannot be found.
     """
     if given is not None:
-        return _same(mission, as_world(given), given).with_moved(mission.moved)
+        return mission.place(_same(mission, as_world(given), given))
     if mission.world_id in _worlds:
-        return _worlds[mission.world_id].with_moved(mission.moved)
+        return mission.place(_worlds[mission.world_id])
     other: World | None = None
     places: tuple[str | Path, ...] = (*near, mission.world)
     for place in places:
@@ -89,7 +108,7 @@ def world_of(mission: Mission, given: World | str | Path | None = None, *, near:
                 continue
             raise
         if same_floor(mission, found):
-            return found.with_moved(mission.moved)
+            return mission.place(found)
         other = other or found
     if other is None:
         raise UnknownName(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from rvsg.campaign.attempt import Failure, Measurement
 from rvsg.core.errors import SimulationError
@@ -15,7 +15,7 @@ from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.archive import PackedRun, rounded
 from rvsg.simulation.protocol import Simulator
 from rvsg.simulation.run import Outcome, Run
-from rvsg.world.world import SolidObject, World
+from rvsg.world.world import World
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class FinishedRun:
         return self.packed.unpack()
 
 
-def unmeasured(run: Run) -> Measurement:
+def unmeasured(run: Run, place: World | None = None) -> Measurement:
     """Return a measurement without any metric, for runs that nobody judges."""
     return Measurement(run_id=run.id, seed=run.seed, outcome=run.outcome.value, values={})
 
@@ -52,33 +52,25 @@ class RunMaker:
 
     simulator: Simulator
     world: World
-    measure: Callable[[Run], Measurement] = unmeasured
-    _last: list[World] = field(default_factory=list, repr=False, compare=False)
+    measure: Callable[[Run, World], Measurement] = unmeasured
 
     def __call__(self, scenario: Scenario, seed: int) -> FinishedRun | Failure:
         """Make one run; a Failure where the simulator cannot."""
         try:
-            run = self.simulator.run(scenario, self._place(scenario.mission.moved), seed=seed)
+            run = self.simulator.run(scenario, scenario.mission.place(self.world), seed=seed)
         except SimulationError as error:
             return Failure(seed=seed, reason=str(error))
-        return self.finished(run)
-
-    def _place(self, moved: tuple[SolidObject, ...]) -> World:
-        """Return the world with the objects of a scenario; a generator may add some, so the last one is kept."""
-        if moved == self.world.moved:
-            return self.world
-        if not self._last or self._last[0].moved != moved:
-            self._last[:] = [self.world.with_moved(moved)]
-        return self._last[0]
+        return self.finished(run, scenario)
 
     def close(self) -> None:
         """Release what the simulator holds."""
         self.simulator.close()
 
-    def finished(self, run: Run) -> FinishedRun:
-        """Round, measure and pack a run that was made."""
+    def finished(self, run: Run, scenario: Scenario) -> FinishedRun:
+        """Round, measure and pack a run that was made of a scenario."""
         run = rounded(run)
-        return FinishedRun(run.seed, run.outcome, self.measure(run), PackedRun.of(run))
+        measured = self.measure(run, scenario.mission.place(self.world))
+        return FinishedRun(run.seed, run.outcome, measured, PackedRun.of(run))
 
 
 class Measuring:
@@ -103,9 +95,14 @@ class Measuring:
         self.world = world
         self.procedure = procedure
 
-    def measure(self, run: Run) -> Measurement:
-        """Return every metric of one run, and the requirement's objective."""
-        values, metric = measure(run, world=self.world), self.requirement.metric
+    def measure(self, run: Run, place: World | None = None) -> Measurement:
+        """Return every metric of one run, and the requirement's objective.
+
+        Args:
+            place: the world as the scenario of the run finds it, where that is not the world given.
+        """
+        world = self.world if place is None else place
+        values, metric = measure(run, world=world), self.requirement.metric
         return Measurement(
             run_id=run.id,
             seed=run.seed,
@@ -113,7 +110,7 @@ class Measuring:
             values=values,
             objective=values[metric]
             if metric is not None and metric in values
-            else objective(run, self.requirement, world=self.world),
+            else objective(run, self.requirement, world=world),
         )
 
     def judge(self, measurements: Sequence[Measurement], *, budget: int | None = None) -> Verdict:

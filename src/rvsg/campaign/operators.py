@@ -20,8 +20,8 @@ from rvsg.generation.tuning import Mutations, TuningSpace
 from rvsg.scenario.aim import Aim
 from rvsg.scenario.scenario import HumanConfiguration, Mission
 from rvsg.scenario.validity import check
-from rvsg.scenario.validity.checker import start_gap_m
 from rvsg.scenario.validity.rules import START_CLEARANCE_M
+from rvsg.scenario.validity.starts import start_gap_m
 from rvsg.world.world import World
 
 OPTIONS = 16

@@ -96,7 +96,7 @@ class Simulations:
         simulator: Simulator,
         world: World,
         *,
-        measure: Callable[[Run], Measurement] = unmeasured,
+        measure: Callable[[Run, World], Measurement] = unmeasured,
         jobs: int = 1,
         known: Callable[[str], Run | None] | None = None,
         executor: Executor | None = None,
@@ -130,7 +130,7 @@ class Simulations:
             return pending
         stored = self._known(pending.run_id)
         if stored is not None:
-            pending._found = self._remember(self._maker.finished(stored))
+            pending._found = self._remember(self._maker.finished(stored, scenario))
             return pending
         self._open[pending.run_id] = pending
         if self._executor:

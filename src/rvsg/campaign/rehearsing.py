@@ -29,8 +29,8 @@ def rehearsing(simulator: Simulator, world: World, *, seed: int) -> Rehearse:
 
     def rehearse(mission: Mission, people: HumanConfiguration) -> Rehearsal:
         try:
-            place = world.with_moved(mission.moved)
-            run = simulator.run(Scenario(mission=mission, people=people), place, seed=own)
+            scenario = Scenario(mission=mission, people=people)
+            run = simulator.run(scenario, mission.place(world), seed=own)
         except SimulationError:
             return Rehearsal(robot=(), arrival_s=None)
         return in_short(run, people, world)

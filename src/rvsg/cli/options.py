@@ -21,6 +21,19 @@ def spec(kind: str, name: str, options: list[str] | None) -> Spec:
     return Spec(name, pairs(kind, options))
 
 
+def states(given: list[str] | None) -> dict[str, Any]:
+    """Return `NAME=STATE` of doors; the states are checked where the world is known."""
+    found = {}
+    for pair in given or []:
+        name, equals, state = pair.rpartition("=")
+        if not equals or not name:
+            raise InputError(
+                f"--door {pair[:60]!r}: expected NAME=open, NAME=closed or NAME=automatic", code="door-form"
+            )
+        found[name] = state
+    return found
+
+
 def stack_spec(name: str | None, options: list[str] | None) -> Spec | None:
     """Return the navigation stack under test with its `NAME=VALUE` options; None for the simulator's own."""
     if name is None and not options:

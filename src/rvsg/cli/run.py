@@ -57,6 +57,9 @@ def run(
         str | None,
         typer.Option(metavar="FILE", help="Objects in the robot's way that its map does not show (objects.yaml)."),
     ] = None,
+    door: Annotated[
+        list[str] | None, typer.Option(metavar="NAME=STATE", help="A door that is open, closed or automatic.")
+    ] = None,
     stack: Annotated[
         str | None, typer.Option(help="Navigation stack under test: a name (`rvsg stacks`) or file. [nav2-dwb]")
     ] = None,
@@ -125,11 +128,13 @@ def run(
     from rvsg.api.config import read_campaign_file
     from rvsg.api.matrix import Matrix
     from rvsg.cli.matrix import run_matrix
-    from rvsg.cli.options import pairs
+    from rvsg.cli.options import pairs, states
 
     for kind in ("generator", "simulator", "stack", "executor", "store"):
         if options := given.pop(f"{kind}_option", None):
             given[f"{kind}_options"] = pairs(kind, options)
+    if doors := given.pop("door", None):
+        given["doors"] = states(doors)
     from_file = read_campaign_file(campaign) if campaign else {}
     matrix = Matrix.of(from_file, given)
     if matrix is not None:

@@ -26,6 +26,9 @@ def simulate(
         Path | None,
         typer.Option(metavar="FILE", help="Objects in the robot's way that its map does not show (objects.yaml)."),
     ] = None,
+    door: Annotated[
+        list[str] | None, typer.Option(metavar="NAME=STATE", help="A door that is open, closed or automatic.")
+    ] = None,
     stack: Annotated[
         str | None, typer.Option(help="Navigation stack under test: a name (`rvsg stacks`) or file. [nav2-dwb]")
     ] = None,
@@ -47,11 +50,11 @@ def simulate(
     from rvsg.api.exchange import check_bag, write_bag_of
     from rvsg.api.records import check_writable, runs_text, write_text
     from rvsg.api.scenarios import load_changed
-    from rvsg.cli.options import spec, stack_spec
+    from rvsg.cli.options import spec, stack_spec, states
 
     check_writable(out)
     check_bag(bag, repeats)
-    asked, place = load_changed(scenario, world, robot=robot, moved=moved, on_message=say)
+    asked, place = load_changed(scenario, world, robot=robot, moved=moved, doors=states(door), on_message=say)
 
     def made(run: rvsg.Run) -> None:
         fault = run.stack_fault

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from rvsg.robots.polygons import edges
 from rvsg.simulation.events import RobotContact
 from rvsg.simulation.run import Run, Trajectory
-from rvsg.world.space import human_space, robot_space
+from rvsg.world.space import driving_space, human_space
 from rvsg.world.world import World
 
 Floats = NDArray[np.float64]
@@ -329,10 +329,13 @@ class Sampled:
 
     @cached_property
     def obstacle_distance(self) -> Floats | None:
-        """(N,) metres from the robot's centre to the nearest obstacle of its map; None where the world is unknown."""
+        """(N,) metres from the robot's centre to the nearest obstacle; None where the world is unknown.
+
+        The obstacles are what the robot's map shows, objects that were moved, and doors that stand still.
+        """
         if self.world is None:
             return None
-        return robot_space(self.world).clearances(np.stack([self.series.x, self.series.y], axis=1))
+        return driving_space(self.world).clearances(np.stack([self.series.x, self.series.y], axis=1))
 
     @cached_property
     def human_obstacle_distance(self) -> Floats | None:

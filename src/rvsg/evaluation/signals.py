@@ -37,7 +37,7 @@ def _distance_to_person(s: Sampled) -> Floats:
 
 
 def _clearance(s: Sampled) -> Floats:
-    """Metres between the robot's disc and the nearest person or obstacle of its map; needs the world."""
+    """Metres between the robot's disc and the nearest person or obstacle; needs the world."""
     if s.obstacle_distance is None:
         raise NotKnown
     clear = s.obstacle_distance - s.run.robot_radius_m
@@ -45,7 +45,7 @@ def _clearance(s: Sampled) -> Floats:
 
 
 def _obstacle_distance(s: Sampled) -> Floats:
-    """Metres from the robot's centre to the nearest obstacle of its map; needs the world."""
+    """Metres from the robot's centre to the nearest obstacle; needs the world."""
     if s.obstacle_distance is None:
         raise NotKnown
     return s.obstacle_distance

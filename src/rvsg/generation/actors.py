@@ -36,7 +36,8 @@ def placed(mission: Mission, world: World, moved: Sequence[SolidObject]) -> tupl
     if not moved:
         return mission, world
     things = (*mission.moved, *moved)
-    return mission.replace(moved=things), world.with_moved(things)
+    later = mission.replace(moved=things)
+    return later, later.place(world)
 
 
 def added(mission: Mission, later: Mission) -> tuple[SolidObject, ...]:

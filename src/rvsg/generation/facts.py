@@ -16,8 +16,8 @@ from rvsg.scenario.bodies import PersonKind
 from rvsg.scenario.brief import Arrival, Brief, Feedback, Remembered, Row
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Behaviour, Human, HumanConfiguration, Mission
-from rvsg.scenario.validity.checker import start_gap_m
 from rvsg.scenario.validity.rules import START_CLEARANCE_M
+from rvsg.scenario.validity.starts import start_gap_m
 from rvsg.world.grid import Grid
 from rvsg.world.route_words import route_paragraph
 from rvsg.world.world import Description, Route, SolidObject, World

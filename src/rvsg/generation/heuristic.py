@@ -31,8 +31,8 @@ from rvsg.generation.work import follows, handles_goods, named_in, sentence
 from rvsg.scenario.aim import Aim
 from rvsg.scenario.brief import Brief, Feedback, Remembered
 from rvsg.scenario.scenario import Behaviour, Human, HumanConfiguration, Task
-from rvsg.scenario.validity.checker import spawn_finding, start_gap_m
 from rvsg.scenario.validity.rules import START_CLEARANCE_M
+from rvsg.scenario.validity.starts import spawn_finding, start_gap_m
 from rvsg.world.world import World
 
 MATES = {Aim.DELAY: 0.4}

@@ -164,3 +164,17 @@ def _is_data(found: Found, text: str) -> bool:
     alone = not before and not text[found.end :].strip()
     fenced = before.endswith(("```", "```json", "```JSON"))
     return bool(found.value) and (alone or fenced)
+
+
+def number_of(value: Any) -> float | None:
+    """Return a finite number that a model gives as a number or as text ("1.2", "5 s"); None for anything else."""
+    if isinstance(value, bool):
+        return None
+    if isinstance(value, str):
+        match = re.match(r"\s*(-?\d+(?:\.\d+)?)\s*(?:s|sec|seconds|m/s)?\s*$", value)
+        value = float(match[1]) if match else None
+    try:
+        number = float(value) if isinstance(value, (int, float)) else math.nan
+    except OverflowError:
+        return None
+    return number if math.isfinite(number) else None

@@ -7,13 +7,12 @@ be guessed, cut or put right becomes a Finding that goes back to the model, and 
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from rvsg.generation.lenient_json import Found, find_json
+from rvsg.generation.lenient_json import Found, find_json, number_of
 from rvsg.generation.reply_actors import known_keys, moved_in, person_of
 from rvsg.scenario.bodies import LIMITS
 from rvsg.scenario.scenario import Behaviour, Human, HumanConfiguration, Pause, Task
@@ -247,7 +246,7 @@ def _plan_of(people: _People) -> dict[str, dict[str, float]]:
         moments = [m for m in listed[:MAX_TASKS] if isinstance(m, dict)] if isinstance(listed, list) else []
         called = _name(name or _scalar(_get(value, _NAME)) or "Human", _Notes()) if moments else ""
         for moment in moments:
-            at, time = _scalar(moment.get("at")).strip(), _number(moment.get("time_s"))
+            at, time = _scalar(moment.get("at")).strip(), number_of(moment.get("time_s"))
             if at and time is not None and 0.0 <= time <= LONGEST_S:
                 plans.setdefault(called, {}).setdefault(at, time)
     return plans
@@ -354,7 +353,7 @@ def _pauses(value: Any, human: str, task: str, notes: _Notes) -> tuple[Pause, ..
     pauses: list[Pause] = []
     for item in value if isinstance(value, list) else []:
         at = _scalar(_get(item, ("at", "waypoint", "where"))) if isinstance(item, dict) else ""
-        seconds = _number(_get(item, ("duration_s", "duration", "seconds", "s"))) if isinstance(item, dict) else None
+        seconds = number_of(_get(item, ("duration_s", "duration", "seconds", "s"))) if isinstance(item, dict) else None
         if not at or seconds is None:
             notes.find(
                 "bad-pause", f"a pause needs a waypoint and seconds, got {_shown(item)}.", human=human, task=task
@@ -388,7 +387,7 @@ def _in_range(
 ) -> float:
     if value is None:
         return default
-    number = _number(value)
+    number = number_of(value)
     if number is None:
         notes.find("not-a-number", f"{what} must be a number in {unit}, got {_shown(value)}.", human=human)
         notes.repair(f"{what} became {default:g} {unit}", human)
@@ -402,7 +401,7 @@ def _in_range(
 
 
 def _group(value: Any, human: str, notes: _Notes) -> int | None:
-    number = _number(value)
+    number = number_of(value)
     if number is None:
         if value not in (None, "", "none", "null"):
             notes.find("bad-group", f"a group is a whole number, got {_shown(value)}.", human=human)
@@ -429,19 +428,6 @@ def _scalar(value: Any) -> str:
     if isinstance(value, (str, int, float)) and not isinstance(value, bool):
         return " ".join(str(value).split())
     return ""
-
-
-def _number(value: Any) -> float | None:
-    if isinstance(value, bool):
-        return None
-    if isinstance(value, str):
-        match = re.match(r"\s*(-?\d+(?:\.\d+)?)\s*(?:s|sec|seconds|m/s)?\s*$", value)
-        value = float(match[1]) if match else None
-    try:
-        number = float(value) if isinstance(value, (int, float)) else math.nan
-    except OverflowError:
-        return None
-    return number if math.isfinite(number) else None
 
 
 def _text(value: Mapping[str, Any], keys: Sequence[str]) -> str:

@@ -9,6 +9,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from rvsg.generation.actors import CHILD, MOVED, TROLLEY, WHEELCHAIR, box
+from rvsg.generation.lenient_json import number_of
 from rvsg.scenario.bodies import LIMITS, PersonKind, Trolley
 from rvsg.world.world import SolidObject
 
@@ -66,21 +67,13 @@ def moved_in(
 
 def _box(entry: Any, number: int, lidar_height_m: float) -> SolidObject | None:
     given = entry if isinstance(entry, dict) else {}
-    x, y = _finite(given.get("x")), _finite(given.get("y"))
+    x, y = number_of(given.get("x")), number_of(given.get("y"))
     if x is None or y is None or max(abs(x), abs(y)) > FARTHEST_M:
         return None
     sizes = []
     for key, (low, high, usual) in SIZES_M.items():
-        value = _finite(given.get(key))
+        value = number_of(given.get(key))
         sizes.append(usual if value is None else min(high, max(low, value)))
-    yaw = math.remainder(_finite(given.get("yaw")) or 0.0, 2.0 * math.pi)
+    yaw = math.remainder(number_of(given.get("yaw")) or 0.0, 2.0 * math.pi)
     name = " ".join(str(given.get("name") or "").split())[:60] or f"object {number}"
     return box(name, (round(x, 3), round(y, 3)), (sizes[0], sizes[1], sizes[2]), round(yaw, 3), lidar_height_m)
-
-
-def _finite(value: Any) -> float | None:
-    try:
-        number = float(value) if isinstance(value, int | float) and not isinstance(value, bool) else math.nan
-    except OverflowError:
-        return None
-    return number if math.isfinite(number) else None

@@ -20,8 +20,8 @@ from rvsg.generation.replies import LONGEST_DELAY_S
 from rvsg.generation.walking_graph import WalkingGraph, walking_graph
 from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Pause, Task
 from rvsg.scenario.validity import check
-from rvsg.scenario.validity.checker import start_gap_m
 from rvsg.scenario.validity.rules import START_CLEARANCE_M
+from rvsg.scenario.validity.starts import start_gap_m
 from rvsg.world.world import World
 
 Vector = NDArray[np.float64]

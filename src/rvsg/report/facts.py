@@ -142,6 +142,8 @@ def run_facts(
     run: Run, measurement: Measurement, requirement: Requirement, world: World, scenario: Scenario | None = None
 ) -> RunFacts:
     """Return the facts of one run."""
+    if scenario is not None:
+        world = scenario.mission.place(world)
     curve = judged_curve(run, requirement, world)
     events = events_of(run, world=world, scenario=scenario)
     decisive = decisive_time(run, requirement, curve)

@@ -60,7 +60,8 @@ def migrate(scenario: Scenario, world: World, *, reach_m: float = REACH_M, route
         human.model_copy(update={"tasks": tuple(_renamed(task, successors) for task in human.tasks)})
         for human in scenario.people.humans
     )
-    mission = Mission.of(world, route or scenario.mission.route, robot=scenario.mission.robot)
+    old = scenario.mission
+    mission = Mission.of(world, route or old.route, robot=old.robot, moved=old.moved, doors=old.doors)
     people = scenario.people.model_copy(update={"humans": humans})
     return Migrated(scenario=scenario.replace(mission=mission, people=people), changes=tuple(changes))
 

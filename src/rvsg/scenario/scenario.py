@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from enum import Enum
 from typing import Annotated, Any, Literal, Self
 
@@ -11,6 +12,8 @@ from rvsg.core.records import Record
 from rvsg.robots import Robot, shipped_robots
 from rvsg.robots.files import DEFAULT_ROBOT
 from rvsg.scenario.bodies import LIMITS, Outline, PersonKind, Trolley, outline_of
+from rvsg.world.doors import State
+from rvsg.world.doorways import place_of
 from rvsg.world.grid import Grid
 from rvsg.world.world import Route, SolidObject, World, WorldParts
 
@@ -177,20 +180,39 @@ class Mission(Record):
     parts: WorldParts | None = None
     moved: Annotated[tuple[SolidObject, ...], Field(max_length=MOST_MOVED)] = ()
     """Objects that stand in the way and that the robot's map does not show, such as a pallet left in an aisle."""
+    doors: dict[Name, State] = Field(default_factory=dict)
+    """The states of doors by name; the others are as the world has them."""
 
     @classmethod
     def of(
-        cls, world: World, route: Route, *, robot: str | Robot = ROBOT, moved: tuple[SolidObject, ...] | None = None
+        cls,
+        world: World,
+        route: Route,
+        *,
+        robot: str | Robot = ROBOT,
+        moved: tuple[SolidObject, ...] | None = None,
+        doors: Mapping[str, State] | None = None,
     ) -> Self:
-        """Return the mission of driving a route in a world, with the objects moved there (by default the world's)."""
-        objects = world.moved if moved is None else moved
-        return cls(world=world.name, world_id=world.id, route=route, robot=robot, parts=world.parts, moved=objects)
+        """Return the mission of driving a route in a world, with moved objects and door states, else the world's."""
+        return cls(
+            world=world.name,
+            world_id=world.id,
+            route=route,
+            robot=robot,
+            parts=world.parts,
+            moved=world.moved if moved is None else moved,
+            doors=dict(world.door_states if doors is None else doors),
+        )
+
+    def place(self, world: World) -> World:
+        """Return the mission's world as it finds it: with its moved objects, and its doors in their states."""
+        return place_of(world, self.moved, self.doors)
 
     @model_serializer(mode="wrap")
     def _without_what_is_absent(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave out absent parts and objects, so that a mission saved by an earlier version keeps its id."""
+        """Leave out absent parts, objects and doors, so that a mission saved by an earlier version keeps its id."""
         written: dict[str, Any] = handler(self)
-        for name in ("parts", "moved"):
+        for name in ("parts", "moved", "doors"):
             if not written.get(name):
                 written.pop(name, None)
         return written

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from rvsg.world.doors import Door
+from rvsg.world.doorways import floor_with_open_doors
 from rvsg.world.grid import Grid, GridSpec
 from rvsg.world.lattice import area_waypoints, build_grid
 from rvsg.world.space import Space, human_space, in_same_space, robot_space
@@ -53,7 +54,8 @@ def build_world(
         actors=tuple(actors),
     )
     human, robot = human_space(world), robot_space(world)
-    grid = build_grid(spec, human, robot, seeds=[(route.start.x, route.start.y) for route in routes])
+    seeds = [(route.start.x, route.start.y) for route in routes]
+    grid = build_grid(spec, human, robot, seeds=seeds, floor=floor_with_open_doors(world))
     filled = tuple(area if area.waypoints else _with_waypoints(area, grid, human, world.objects) for area in areas)
     return in_same_space(replace(world, grid=grid, areas=filled), world)
 

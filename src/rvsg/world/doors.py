@@ -11,6 +11,7 @@ from rvsg.core.records import Record
 
 Point = tuple[float, float]
 Who = Literal["people", "robot"]
+State = Literal["open", "closed", "automatic"]
 
 HEIGHT_M = 2.0
 WIDTHS_M = (0.4, 8.0)
@@ -28,7 +29,7 @@ class Door(Record):
     hinge: Point
     end: Point
     kind: Literal["swing", "sliding"] = "swing"
-    state: Literal["open", "closed", "automatic"] = "automatic"
+    state: State = "automatic"
     turns: Literal["left", "right"] = "left"
     thickness_m: Annotated[float, Field(ge=0.01, le=0.5)] = 0.05
     range_m: Annotated[float, Field(gt=0, le=10)] = 2.5

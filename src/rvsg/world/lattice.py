@@ -35,10 +35,18 @@ def row_letters(index: int) -> str:
     return letters
 
 
-def build_grid(spec: GridSpec, human: Space, robot: Space, *, seeds: Sequence[tuple[float, float]] = ()) -> Grid:
+def build_grid(
+    spec: GridSpec,
+    human: Space,
+    robot: Space,
+    *,
+    seeds: Sequence[tuple[float, float]] = (),
+    floor: Space | None = None,
+) -> Grid:
     """The grid of a specification in a world whose free space for people and robot is given.
 
-    `seeds` are places (metres) on the main part of the floor, such as the starts of routes.
+    `seeds` are places (metres) on the main part of the floor, such as the starts of routes. `floor` is where people
+    could be with all doors open, which tells the parts of the floor; by default they are those of `human`.
 
     Raises InputError where nobody fits on any waypoint or the grid has an absurd number of them.
     """
@@ -53,7 +61,7 @@ def build_grid(spec: GridSpec, human: Space, robot: Space, *, seeds: Sequence[tu
     points = np.array(
         [spec.moved.get(f"{r}{c}") or _point(spec, u, v) for r, u in rows.items() for c, v in columns.items()]
     )
-    fits = _fitting(spec, human, points, seeds) if spec.valid is None else np.isin(names, spec.valid)
+    fits = _fitting(spec, human, floor or human, points, seeds) if spec.valid is None else np.isin(names, spec.valid)
     if not fits.any():
         raise InputError(
             f"no waypoint of the grid is {spec.human_clearance_m:g} m clear of all obstacles: "
@@ -72,14 +80,29 @@ def build_grid(spec: GridSpec, human: Space, robot: Space, *, seeds: Sequence[tu
     return Grid(rows=tuple(rows), columns=tuple(str(c) for c in columns), waypoints=waypoints, hops=hops)
 
 
-def _fitting(spec: GridSpec, human: Space, points: Floats, seeds: Sequence[tuple[float, float]]) -> NDArray[np.bool_]:
+def relaid(grid: Grid, spec: GridSpec, human: Space, *, seeds: Sequence[tuple[float, float]], floor: Space) -> Grid:
+    """Return the grid with who fits on its waypoints, and which hops are free, where people's space has changed."""
+    points = np.array([(w.x, w.y) for w in grid.waypoints])
+    names = [w.name for w in grid.waypoints]
+    fits = _fitting(spec, human, floor, points, seeds) if spec.valid is None else np.isin(names, spec.valid)
+    waypoints = tuple(
+        w if w.human == fit else w.model_copy(update={"human": bool(fit)})
+        for w, fit in zip(grid.waypoints, fits, strict=True)
+    )
+    pairs = _hops(points, fits, (len(grid.rows), len(grid.columns)), human, spec.hop_radius_m)
+    return grid.model_copy(update={"waypoints": waypoints, "hops": tuple((names[a], names[b]) for a, b in pairs)})
+
+
+def _fitting(
+    spec: GridSpec, human: Space, floor: Space, points: Floats, seeds: Sequence[tuple[float, float]]
+) -> NDArray[np.bool_]:
     """Return where a person fits, on the main part of the floor or on all parts."""
     clear = human.clearances(points)
     fits = (clear > 0) & (clear >= spec.human_clearance_m)
     if not spec.isolated_parts:
-        parts = human.parts(min(spec.hop_radius_m, spec.human_clearance_m))
-        main = {int(part) for part in human.frame.looked_up(parts, np.array(seeds).reshape(-1, 2))} - {0} or {1}
-        fits &= np.isin(human.frame.looked_up(parts, points), sorted(main))
+        parts = floor.parts(min(spec.hop_radius_m, spec.human_clearance_m))
+        main = {int(part) for part in floor.frame.looked_up(parts, np.array(seeds).reshape(-1, 2))} - {0} or {1}
+        fits &= np.isin(floor.frame.looked_up(parts, points), sorted(main))
     return fits
 
 

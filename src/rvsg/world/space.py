@@ -141,6 +141,7 @@ def main_floor(space: Space, clearance_m: float = 0.3) -> Bools:
 
 _human_spaces: WeakKeyDictionary[World, Space] = WeakKeyDictionary()
 _robot_spaces: WeakKeyDictionary[World, Space] = WeakKeyDictionary()
+_driving_spaces: WeakKeyDictionary[World, Space] = WeakKeyDictionary()
 
 
 def human_space(world: World) -> Space:
@@ -158,9 +159,21 @@ def robot_space(world: World) -> Space:
     return _robot_spaces[world]
 
 
+def driving_space(world: World) -> Space:
+    """Return where the robot really can be: clear of what its map shows, moved objects and doors that stand still."""
+    unseen = world.still_doors + world.moved
+    if not unseen:
+        return robot_space(world)
+    if world not in _driving_spaces:
+        occupancy = world_map(world)
+        frame = frame_of(occupancy)
+        _driving_spaces[world] = space_of((occupancy.cells != FREE) | solid_cells(unseen, frame), frame)
+    return _driving_spaces[world]
+
+
 def in_same_space(changed: World, world: World) -> World:
     """The changed copy of a world whose map and objects are the same: what is computed of its space is kept."""
-    for spaces in (_human_spaces, _robot_spaces):
+    for spaces in (_human_spaces, _robot_spaces, _driving_spaces):
         if world in spaces:
             spaces[changed] = spaces[world]
     return changed

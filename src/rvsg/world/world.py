@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from hashlib import sha256
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,7 @@ from pydantic import Field
 
 from rvsg.core.errors import UnknownName
 from rvsg.core.records import Pose, Record, content_id
-from rvsg.world.doors import HEIGHT_M, Door
+from rvsg.world.doors import HEIGHT_M, Door, State
 from rvsg.world.grid import Grid, GridSpec
 
 FREE, OCCUPIED, UNKNOWN = 0, 100, 255  # the values of an occupancy map's cells
@@ -152,6 +153,9 @@ class World:
     moved: tuple[SolidObject, ...] = ()
     """Objects that a scenario puts into the world. They are solid, but the robot's map does not show them, and they
     are no part of the world's id."""
+    door_states: Mapping[str, State] = field(default_factory=dict)
+    """The states that a scenario gives to doors, by name. They are no part of the world's id; `doors` are as the world
+    has them."""
 
     @property
     def solids(self) -> tuple[SolidObject, ...]:
@@ -161,7 +165,13 @@ class World:
     @cached_property
     def still_doors(self) -> tuple[SolidObject, ...]:
         """The leaves of the doors that are open or closed all the time."""
-        return tuple(_leaf(door, outline) for door in self.doors if (outline := door.still) is not None)
+        return tuple(_leaf(door, outline) for door in self.staged_doors if (outline := door.still) is not None)
+
+    @cached_property
+    def staged_doors(self) -> tuple[Door, ...]:
+        """The doors in the states of the scenario."""
+        states = self.door_states
+        return tuple(d.model_copy(update={"state": states.get(d.name, d.state)}) for d in self.doors)
 
     @cached_property
     def drawn(self) -> tuple[SolidObject, ...]:
@@ -172,7 +182,7 @@ class World:
     @property
     def moving_doors(self) -> tuple[Door, ...]:
         """The automatic doors."""
-        return tuple(door for door in self.doors if door.state == "automatic")
+        return tuple(door for door in self.staged_doors if door.state == "automatic")
 
     def _doors(self) -> dict[str, object]:
         """The part of an id that holds the doors; a world without any keeps the id it had."""
@@ -229,19 +239,24 @@ class World:
 
     @cached_property
     def place_id(self) -> str:
-        """The content id of the world together with the objects that were moved there."""
-        if not self.moved:
-            return self.id
-        return content_id("place", {"world": self.id, "moved": [o.model_dump(mode="json") for o in self.moved]})
+        """The content id of the world together with the objects that were moved there and the states of its doors."""
+        staged: dict[str, object] = {}
+        if self.moved:
+            staged["moved"] = [o.model_dump(mode="json") for o in self.moved]
+        if self.door_states:
+            staged["doors"] = dict(self.door_states)
+        return content_id("place", {"world": self.id, **staged}) if staged else self.id
 
     def with_moved(self, moved: tuple[SolidObject, ...]) -> World:
         """Return the world with these objects moved into it, and no others; its id stays the same."""
-        if moved == self.moved:
-            return self
-        changed = replace(self, moved=moved)
+        return self if moved == self.moved else self.staged(moved=moved)
+
+    def staged(self, **changes: Any) -> World:
+        """Return a copy as a scenario finds it: with other objects in it, door states, or hops; its ids stay."""
+        changed = replace(self, **changes)
         for name in ("id", "floor_id", "parts"):
-            if name in self.__dict__:
-                changed.__dict__[name] = self.__dict__[name]  # they do not depend on what was moved
+            if name in self.__dict__ or "grid" in changes:
+                changed.__dict__[name] = getattr(self, name)  # they do not depend on what is staged
         return changed
 
     def route(self, name: str) -> Route:

@@ -153,7 +153,7 @@ def obstacle_force_on_humans(s: Sampled) -> float | None:
 
 
 def obstacle_force_on_robot(s: Sampled) -> float | None:
-    """Integral over time of 10 exp(-(d - r_robot) / 0.2 m), d to the nearest obstacle of the robot's map."""
+    """Integral over time of 10 exp(-(d - r_robot) / 0.2 m), d to the nearest obstacle."""
     if not len(s) or s.obstacle_distance is None:
         return None
     return _integral(_obstacle_force(s.obstacle_distance, np.asarray(s.run.robot_radius_m)), s)

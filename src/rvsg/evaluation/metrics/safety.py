@@ -115,7 +115,7 @@ def social_space(s: Sampled) -> float | None:
 
 
 def obstacle_distance(s: Sampled) -> float | None:
-    """Smallest distance from the robot's centre to an obstacle of its map; None where the world is not given."""
+    """Smallest distance from the robot's centre to an obstacle; None where the world is not given."""
     return float(s.obstacle_distance.min()) if s.obstacle_distance is not None and len(s) else None
 
 

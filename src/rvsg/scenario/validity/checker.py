@@ -3,28 +3,34 @@
 from __future__ import annotations
 
 import difflib
-import math
 from collections import Counter
 from collections.abc import Iterator
 from itertools import pairwise
 
 from rvsg.robots import Robot
-from rvsg.robots.polygons import distance, inside
 from rvsg.scenario.dependence import changes_that_matter
 from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Task
 from rvsg.scenario.validity.findings import Finding
-from rvsg.scenario.validity.moved import moved_findings
-from rvsg.scenario.validity.rules import MAX_HUMANS, ROBOT_RADIUS_M, START_CLEARANCE_M
-from rvsg.scenario.validity.sizes import outline_on_robot, size_findings, speed_range
+from rvsg.scenario.validity.rules import MAX_HUMANS, START_CLEARANCE_M
+from rvsg.scenario.validity.sizes import size_findings, speed_range
+from rvsg.scenario.validity.staged import staged_findings
+from rvsg.scenario.validity.starts import spawn_findings, start_gap_m
 from rvsg.scenario.validity.task_ends import TaskEnd, near_place, spelled, task_ends
 from rvsg.scenario.validity.walkable import BODY_HALF_WIDTH_M, is_walkable
+from rvsg.world.doors import Door
+from rvsg.world.doorways import closed_between
 from rvsg.world.fitting import fits_through
+from rvsg.world.grid import GridSpec
 from rvsg.world.space import human_space, robot_space
 from rvsg.world.world import World
 
 
 def check(people: HumanConfiguration, mission: Mission, world: World) -> tuple[Finding, ...]:
-    """Return everything that makes a configuration invalid for this mission in this world; empty if it is valid."""
+    """Return everything that makes a configuration invalid for this mission in this world; empty if it is valid.
+
+    The world counts as the mission finds it: with its moved objects and the states of its doors.
+    """
+    world = mission.place(world)
     return (
         *_mission_findings(people, mission, world),
         *_crowd_findings(people),
@@ -39,6 +45,7 @@ def check(people: HumanConfiguration, mission: Mission, world: World) -> tuple[F
 
 def warnings(people: HumanConfiguration, mission: Mission, world: World) -> tuple[Finding, ...]:
     """Return what is simulated but unlikely to be meant: a start close to the robot, areas that were renamed since."""
+    world = mission.place(world)
     found = []
     if not _labels(mission, world):
         for human in people.humans:
@@ -61,26 +68,6 @@ def warnings(people: HumanConfiguration, mission: Mission, world: World) -> tupl
             )
             found.append(near)
     return tuple(found)
-
-
-def robot_reach_m(mission: Mission) -> float:
-    """Return the radius of a disc around the robot's start that holds its body; the study's for the default robot."""
-    return ROBOT_RADIUS_M if isinstance(mission.robot, str) else mission.robot.turning_radius_m
-
-
-def start_gap_m(radius_m: float, at: tuple[float, float], mission: Mission) -> float:
-    """Return the gap between the robot's body at its start and a person at a point, metres; negative: they overlap.
-
-    A robot that is known by name only counts as a disc of `ROBOT_RADIUS_M`.
-    """
-    start, robot = mission.route.start, mission.robot_record
-    if robot is None:
-        return math.dist(at, (start.x, start.y)) - ROBOT_RADIUS_M - radius_m
-    cos, sin = math.cos(start.yaw), math.sin(start.yaw)
-    dx, dy = at[0] - start.x, at[1] - start.y
-    ahead, left = dx * cos + dy * sin, dy * cos - dx * sin
-    away = distance(robot.outline, ahead, left)
-    return (-away if inside(robot.outline, ahead, left) else away) - radius_m
 
 
 def _labels(mission: Mission, world: World) -> bool:
@@ -110,10 +97,13 @@ def waypoint_findings(name: str, world: World) -> Finding | None:
     if name in grid.valid:
         return None
     if name in grid.by_name:
-        near = grid.nearest(*grid.position(name))
+        at = grid.position(name)
+        near = grid.nearest(*at)
+        closed = closed_between(world, at, at, (world.grid_spec or GridSpec()).human_clearance_m)
+        why = f": the door {closed.name} is closed there" if closed is not None else ""
         return Finding(
             rule="invalid-waypoint",
-            reason=f"{name} is not a place where a person can stand.",
+            reason=f"{name} is not a place where a person can stand{why}.",
             suggestion=f"The nearest one that is: {near}.",
         )
     meant = spelled(name, world) or next(iter(difflib.get_close_matches(name, sorted(grid.valid), n=1)), None)
@@ -144,8 +134,16 @@ def hop_finding(a: str, b: str, world: World) -> Finding | None:
     path = grid.shortest_path(a, b)
     way = f"Walk {' '.join(path)}." if path else "There is no way from one to the other."
     if beside:
+        closed = closed_between(world, (first.x, first.y), (second.x, second.y))
+        if closed is not None:
+            return _door_closed(closed, a, b, f"{way} Or open the door.")
         return Finding(rule="leg-through-obstacle", reason=f"An obstacle lies between {a} and {b}.", suggestion=way)
     return Finding(rule="not-neighbours", reason=f"{a} and {b} are not neighbours.", suggestion=way)
+
+
+def _door_closed(door: Door, a: str, b: str, suggestion: str) -> Finding:
+    reason = f"The door {door.name} is closed between {a} and {b}."
+    return Finding(rule="door-closed", reason=reason, suggestion=suggestion)
 
 
 def _too_narrow(a: str, b: str) -> Finding:
@@ -187,6 +185,9 @@ def _leg_finding(human: Human, a: str, b: str, world: World) -> Finding | None:
         )
     if start is None or end is None or human_space(world).segment_free(start, end):
         return None
+    closed = closed_between(world, start, end)
+    if closed is not None:
+        return _door_closed(closed, a, b, "Open the door, or walk another way.")
     return Finding(
         rule="leg-through-obstacle",
         reason=f"An obstacle lies between {a} and {b}.",
@@ -332,56 +333,6 @@ def _crowd_findings(people: HumanConfiguration) -> Iterator[Finding]:
             )
 
 
-def spawn_findings(people: HumanConfiguration, mission: Mission, world: World) -> Iterator[Finding]:
-    """Yield who starts in an obstacle, on the robot, or on somebody who is listed earlier."""
-    placed: list[tuple[Human, tuple[float, float]]] = []
-    for human in people.humans:
-        at = human.starts_at(world.grid)
-        path = human.tasks[0].path
-        if at is None or (human.start is None and path[0] not in world.grid.valid | human.points.keys()):
-            continue
-        wrong = spawn_finding(human, at, placed, mission, world)
-        if wrong is not None:
-            yield wrong.model_copy(update={"human": human.name, "task": human.tasks[0].name, "position": 0})
-        placed.append((human, at))
-
-
-def spawn_finding(
-    human: Human,
-    at: tuple[float, float],
-    others: list[tuple[Human, tuple[float, float]]],
-    mission: Mission,
-    world: World,
-) -> Finding | None:
-    """Return what is wrong with a person starting at a point (metres, world frame), given who is placed; or None."""
-    gap = start_gap_m(human.radius_m, at, mission)
-    if gap < 0.0:
-        start = mission.route.start
-        return Finding(
-            rule="spawn-on-robot",
-            reason=f"The person's body overlaps the robot's by {-gap:.2f} m at the start.",
-            suggestion=f"Start farther from ({start.x:g}, {start.y:g}), where the robot stands.",
-        )
-    if outline_on_robot(human, at, mission, world):
-        return Finding(
-            rule="spawn-on-robot",
-            reason="What the person pushes or sits in stands on the robot at the start.",
-            suggestion="Start farther away, or on the way out.",
-        )
-    for other, where in others:
-        if math.dist(at, where) < human.radius_m + other.radius_m:
-            return Finding(
-                rule="spawn-on-human",
-                reason=f"The start is {math.dist(at, where):.2f} m from that of {other.name}.",
-                suggestion=f"Start at least {human.radius_m + other.radius_m:.2f} m apart.",
-            )
-    if not human_space(world).is_free(*at):
-        return Finding(
-            rule="spawn-in-obstacle", reason="The start lies in an obstacle.", suggestion="Start where it is free."
-        )
-    return None
-
-
 def _mission_findings(people: HumanConfiguration, mission: Mission, world: World) -> Iterator[Finding]:
     for change in changes_that_matter(people, mission, world):
         yield Finding(
@@ -389,7 +340,7 @@ def _mission_findings(people: HumanConfiguration, mission: Mission, world: World
             reason=change,
             suggestion="Give the world the scenario was made for, or adapt it with `rvsg scenario migrate`.",
         )
-    yield from moved_findings(mission, world)
+    yield from staged_findings(mission, world)
     start = mission.route.start
     if not robot_space(world).is_free(start.x, start.y):
         yield Finding(

@@ -64,6 +64,12 @@ _TABLE = (
         repair="The shortest valid path between the two is inserted.",
     ),
     Rule(
+        name="door-closed",
+        demands="No closed door stands between a waypoint of a path and the next.",
+        because="People do not open a door that is closed all the time.",
+        repair="The shortest valid path between the two is inserted, where there is one.",
+    ),
+    Rule(
         name="too-narrow",
         demands="Between two waypoints of a path there is room for a person who turns sideways (0.25 m).",
         because="The person would stand in front of the gap for the rest of the run.",
@@ -223,10 +229,16 @@ _TABLE = (
         repair="None; an object has to be moved or left out.",
     ),
     Rule(
+        name="unknown-door",
+        demands="Every door whose state the mission gives is one of the world's.",
+        because="A door that does not exist changes nothing, so the scenario would not be what it says.",
+        repair="None: name a door of doors.yaml.",
+    ),
+    Rule(
         name="door-blocks-route",
         demands="Doors that stay closed, or stand open into the way, leave the robot a way to its goal.",
         because="A mission that cannot be done says nothing about people.",
-        repair="None: open the door in doors.yaml, or choose another route.",
+        repair="None: open the door in the scenario or in doors.yaml, or choose another route.",
     ),
     Rule(
         name="robot-start-blocked",

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
-import numpy as np
-
+from rvsg.core.records import Pose
 from rvsg.scenario.bodies import LIMITS, TROLLEY_SPEEDS_M_S, PersonKind
 from rvsg.scenario.scenario import Human, Mission
 from rvsg.scenario.validity.findings import Finding
@@ -68,27 +67,20 @@ def _narrow_findings(human: Human, world: World) -> Iterator[Finding]:
             )
 
 
-def outline_at_start(human: Human, at: tuple[float, float], world: World) -> list[tuple[float, float]]:
-    """Return the corners of what a person sits in or pushes at the start, world frame; the person looks along the way.
-
-    Empty for the body alone.
-    """
-    ways = [human.position(name, world.grid) for task in human.tasks for name in task.path]
-    ahead = next((point for point in ways if point is not None and math.dist(point, at) > 1e-6), (at[0] + 1.0, at[1]))
-    yaw = math.atan2(ahead[1] - at[1], ahead[0] - at[0])
-    cos, sin = math.cos(yaw), math.sin(yaw)
-    return [(at[0] + x * cos - y * sin, at[1] + x * sin + y * cos) for x, y in human.outline]
-
-
 def outline_on_robot(human: Human, at: tuple[float, float], mission: Mission, world: World) -> bool:
-    """Return whether what a person sits in or pushes overlaps the robot at the start."""
-    corners = outline_at_start(human, at, world)
+    """Return whether what a person sits in or pushes overlaps the robot at the start; people look along their way."""
     robot = mission.robot_record
-    if not corners or robot is None:
+    if not human.outline or robot is None:
         return False
     from shapely import Polygon
 
-    start = mission.route.start
-    cos, sin = math.cos(start.yaw), math.sin(start.yaw)
-    body = np.array(robot.outline) @ np.array([[cos, sin], [-sin, cos]]) + (start.x, start.y)
-    return bool(Polygon(body).intersects(Polygon(corners)))
+    ways = [human.position(name, world.grid) for task in human.tasks for name in task.path]
+    ahead = next((point for point in ways if point is not None and math.dist(point, at) > 1e-6), (at[0] + 1.0, at[1]))
+    corners = _in_world(human.outline, Pose(x=at[0], y=at[1], yaw=math.atan2(ahead[1] - at[1], ahead[0] - at[0])))
+    return bool(Polygon(_in_world(robot.outline, mission.route.start)).intersects(Polygon(corners)))
+
+
+def _in_world(outline: Sequence[tuple[float, float]], pose: Pose) -> list[tuple[float, float]]:
+    """Return the corners of an outline that stands at a pose, in the world frame."""
+    cos, sin = math.cos(pose.yaw), math.sin(pose.yaw)
+    return [(pose.x + x * cos - y * sin, pose.y + x * sin + y * cos) for x, y in outline]
