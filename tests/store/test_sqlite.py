@@ -389,7 +389,7 @@ def test_damage_anywhere_in_the_file_is_told_when_it_is_opened(tmp_path: Path) -
         ledger.begin("test", {"some": "settings"})
         ledger.append(attempt, [PackedRun.of(run)])
     whole = path.read_bytes()
-    arrays = whole.index(b"RVQ1")
+    arrays = whole.index(b"RVQ2")
     for begin, length in ((arrays + 50, 8), (len(whole) // 2, 9000)):
         path.write_bytes(whole[:begin] + b"\xa5" * length + whole[begin + length :])
         for opened in (SqliteLedger, SqliteLedger.existing):
@@ -465,3 +465,20 @@ def test_a_store_of_version_2_is_read_bit_for_bit_and_goes_on(
         ledger.append(attempt.replace(campaign="old"), [PackedRun.of(run)])
         assert same(ledger.run(run.id), run)
         assert len(list(ledger.attempts("old"))) == 2
+
+
+def test_a_store_of_version_4_is_read_bit_for_bit_and_goes_on(tmp_path: Path) -> None:
+    path = tmp_path / "old.sqlite"
+    path.write_bytes(gzip.decompress((Path(__file__).parent / "version_4.sqlite.gz").read_bytes()))
+    attempt, run = an_attempt(2)
+    with SqliteLedger.existing(path) as ledger:
+        found = [ledger.run(old.measurements[0].run_id) for old in ledger.attempts("old")]
+        digests = []
+        for each in found:
+            digest = hashlib.sha256()
+            for name, array in sorted(arrays_of(each).items()):
+                digest.update(name.encode() + array.tobytes())
+            digests.append(digest.hexdigest()[:16])
+        assert digests == ["038cd8972221b545", "3bb5ae4735fe986d"]
+        ledger.append(attempt.replace(campaign="old"), [PackedRun.of(run)])
+        assert len(list(ledger.attempts("old"))) == 3 and same(ledger.run(run.id), run)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import io
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Any, Self
 
 import numpy as np
@@ -20,7 +20,7 @@ from pydantic import Field
 from rvsg.core.errors import InputError
 from rvsg.core.records import Record, canonical_json
 from rvsg.simulation.events import RecordedEvent
-from rvsg.simulation.quantised import decode, encode, rounded_array
+from rvsg.simulation.quantised import decode, encode, rounded_arrays
 from rvsg.simulation.run import Outcome, Run, Trajectory
 
 PER_SAMPLE = ("t", "x", "y", "yaw", "v", "omega", "acceleration")
@@ -75,10 +75,7 @@ def assemble(header: RunHeader, arrays: dict[str, NDArray[np.float64]]) -> Run:
     """The run of a header and arrays; InputError where their shapes do not fit or a number is not finite."""
     trajectory = _trajectory("trajectory", arrays, len(header.human_names))
     log = trajectory if header.same_log else _trajectory("log", arrays, len(header.human_names))
-    if len(header.human_radius_m) != len(header.human_names):
-        raise InputError("human_radius_m must have one radius for each of human_names")
-    if header.human_groups and len(header.human_groups) != len(header.human_names):
-        raise InputError("human_groups must have one group (or null) for each of human_names, or be empty")
+    _check_people(header)
     fields = {name: getattr(header, name) for name in RunHeader.model_fields if name != "same_log"}
     return Run(**fields, trajectory=trajectory, log=log, imu=arrays.get("imu", np.empty(0)))
 
@@ -104,8 +101,16 @@ class PackedRun:
 
 
 def rounded(run: Run) -> Run:
-    """Return the run with its arrays rounded to the steps in which they are stored, a tenth of a millimetre or so."""
-    return assemble(header_of(run), {name: rounded_array(name, array) for name, array in arrays_of(run).items()})
+    """Return the run with its arrays rounded to the steps in which they are stored, a tenth of a millimetre or so.
+
+    Raises:
+        InputError: The arrays do not fit together, or a number is not finite.
+    """
+    _check_people(run)
+    arrays, humans = rounded_arrays(arrays_of(run)), len(run.human_names)
+    trajectory = _trajectory("trajectory", arrays, humans)
+    log = trajectory if run.log is run.trajectory else _trajectory("log", arrays, humans)
+    return replace(run, trajectory=trajectory, log=log, imu=arrays["imu"])
 
 
 def unpack(data: bytes) -> Run:
@@ -156,6 +161,13 @@ def run_from_value(value: Any) -> Run:
     except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"an array of this run is not made of numbers: {error}") from None
     return assemble(header, arrays)
+
+
+def _check_people(run: Run | RunHeader) -> None:
+    if len(run.human_radius_m) != len(run.human_names):
+        raise InputError("human_radius_m must have one radius for each of human_names")
+    if run.human_groups and len(run.human_groups) != len(run.human_names):
+        raise InputError("human_groups must have one group (or null) for each of human_names, or be empty")
 
 
 def _trajectory(prefix: str, arrays: dict[str, NDArray[np.float64]], humans: int) -> Trajectory:

@@ -1,25 +1,29 @@
 """A compact, lossless encoding of arrays whose values are multiples of a small decimal step.
 
-`rounded_array` rounds to the step of an array; `encode` stores such an array as integers, differenced up to twice,
-split into byte planes and compressed. An array that is not made of such multiples is stored as it is, so `decode`
-returns exactly what `encode` received.
+`rounded_arrays` rounds to the steps of the arrays. `encode` stores such arrays as integers, less what other arrays of
+the same run foretell (`rvsg.simulation.foretold`), in as few bits as they take (`rvsg.simulation.range_coder`). An
+array that is not made of such multiples is stored as it is, so `decode` returns exactly what `encode` received.
+
+An archive is `MAGIC`, the CRC-32 of the rest, a deflate stream and the coded integers. The stream holds one line of
+JSON with the list of the arrays and the length of the text, then the text, then the arrays that are stored as they are.
 """
 
 from __future__ import annotations
 
 import json
-import lzma
-import math
-from collections.abc import Mapping
-from typing import TypeAlias
+import zlib
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rvsg.simulation import first_archive, range_coder
+from rvsg.simulation.archive_head import HEAD
+from rvsg.simulation.first_archive import LARGEST
+from rvsg.simulation.foretold import How, Integers, add_foretold, less_foretold
+
 Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Coded: TypeAlias = "tuple[list[object], bytes]"
-"""An array as it stands in the head of an archive, and its bytes."""
 
 DECIMALS = {
     "t": 6,
@@ -38,184 +42,130 @@ DECIMALS = {
 """Decimals kept, by the last part of an array's name; SI units, so 4 is 0.1 mm, 0.1 mm/s, 0.0001 m/s2.
 
 Jerk is a second difference of the robot's yaw, so yaw has more."""
-MAGIC = b"RVQ1"
-LARGEST = 256_000_000
-"""Bytes that a decoded archive may have at most."""
+ALIKE = {"y": "x", "human_y": "human_x"}
+"""Arrays whose numbers are coded as those of another: what is likely in one is likely in the other."""
+MAGIC = b"RVQ2"
+_SAME = -1
+"""In the list of the arrays: as many rows as the array before."""
 _EXACT = 2**50
 """Integers below this stay exact as float64, with room for two differences."""
-_MOST_DIFFERENCES = 2
-_WORTHWHILE = 0.75
-"""Repeated rows are left out where less than this share of the rows changes."""
-_FILTERS = [{"id": lzma.FILTER_LZMA2, "preset": 3, "lc": 1, "lp": 0, "pb": 0, "dict_size": 1 << 18}]
 
 
-def rounded_array(name: str, array: Floats) -> Floats:
-    """Round an array to the decimals of its name; an array of another name, or with huge values, stays as it is."""
-    decimals = _decimals(name)
-    if decimals is None:
-        return array
-    steps = _steps(array, decimals)
-    return array if steps is None else steps / 10.0**decimals
+def rounded_arrays(arrays: Mapping[str, Floats]) -> dict[str, Floats]:
+    """Round each array to the decimals of its name; one of another name, or with huge values, stays as it is."""
+    found = dict(arrays)
+    for names, values, scale in _groups(arrays):
+        with np.errstate(over="ignore", invalid="ignore"):
+            scaled = values * scale
+            fits = (np.abs(scaled) < _EXACT).all(axis=0)
+            whole = np.rint(scaled) / scale
+        for name, first, end in names:
+            if fits[first:end].all():
+                found[name] = np.ascontiguousarray(whole[:, first:end]).reshape(arrays[name].shape)
+    return found
 
 
 def encode(text: str, arrays: Mapping[str, Floats]) -> bytes:
     """Encode a text and named arrays; equal input gives equal bytes."""
     given = {name: np.atleast_1d(np.asarray(array, np.float64)) for name, array in arrays.items()}
-    alike: dict[int, dict[str, Floats]] = {}
+    steps: dict[str, Integers] = {}
+    for names, values, scale in _groups(given):
+        with np.errstate(over="ignore", invalid="ignore"):
+            scaled = values * scale
+            fits = (np.abs(scaled) < _EXACT).all(axis=0)
+            whole = np.rint(np.where(fits, scaled, 0.0)).astype(np.int64)
+            exact = fits & (whole / scale == values).all(axis=0)
+        steps |= {name: whole[:, first:end] for name, first, end in names if exact[first:end].all()}
+    left, how = less_foretold(steps)
+    listed, before = [], -1
     for name, array in given.items():
-        if array.size and _decimals(name) is not None:
-            alike.setdefault(len(array), {})[name] = array
-    coded: dict[str, Coded] = {}
-    for group in alike.values():
-        coded |= _encode_group(group)
-    columns, planes = [], []
-    for name, array in given.items():
-        entry, data = coded.get(name) or ([name, list(array.shape), None, None, []], array.tobytes())
-        columns.append(entry)
-        planes.append(data)
-    head = json.dumps([text, columns], ensure_ascii=False, separators=(",", ":")).encode()
-    body = len(head).to_bytes(4, "little") + head + b"".join(planes)
-    return MAGIC + lzma.compress(body, format=lzma.FORMAT_RAW, filters=_FILTERS)
+        rows, before = _SAME if len(array) == before else len(array), len(array)
+        rule = [how[name]] if name in how else []
+        listed.append([name, [rows, *array.shape[1:]], _decimals(name) if name in steps else None, *rule])
+    said = text.encode()
+    line = json.dumps([listed, len(said)], separators=(",", ":"))
+    plain = [array.tobytes() for name, array in given.items() if name not in steps]
+    deflate = zlib.compressobj(9, zlib.DEFLATED, -15, 9, zlib.Z_DEFAULT_STRATEGY, HEAD)
+    head = deflate.compress(b"".join([line.encode(), b"\n", said, *plain])) + deflate.flush()
+    ordered = [name for name in given if name in steps]
+    values = np.concatenate([left[name].reshape(-1) for name in ordered]) if ordered else np.empty(0, np.int64)
+    body = head + range_coder.encode(values, *_layout(ordered, [left[name].shape for name in ordered])).tobytes()
+    return MAGIC + zlib.crc32(body).to_bytes(4, "little") + body
 
 
 def decode(data: bytes) -> tuple[str, dict[str, Floats]]:
-    """Decode what `encode` returned.
+    """Decode what `encode` returned, now or in an earlier version.
 
     Raises:
         ValueError: The bytes are not from `encode`.
     """
-    body = _decompress(data)
-    length = int.from_bytes(body[:4], "little")
-    try:
-        text, columns = json.loads(body[4 : 4 + length])
-        arrays, at = {}, 4 + length
-        for name, *entry in columns:
-            arrays[str(name)], at = _decode_array(body, at, *entry)
-    except (TypeError, OverflowError, RecursionError, MemoryError) as error:
-        raise ValueError(f"the archive is damaged ({error})") from None
-    if at != len(body) or not isinstance(text, str):
-        raise ValueError("the archive is damaged (it has another length than it says)")
-    return text, arrays
-
-
-def _decompress(data: bytes) -> bytes:
+    if data.startswith(first_archive.MAGIC):
+        return first_archive.decode(data)
     if not data.startswith(MAGIC):
         raise ValueError("this is no archive of a run")
-    decompressor = lzma.LZMADecompressor(format=lzma.FORMAT_RAW, filters=_FILTERS)
+    body = data[len(MAGIC) + 4 :]
+    if zlib.crc32(body) != int.from_bytes(data[len(MAGIC) : len(MAGIC) + 4], "little"):
+        raise ValueError("the archive is damaged (it lost its check sum)")
     try:
-        body = decompressor.decompress(data[len(MAGIC) :], max_length=LARGEST)
-    except lzma.LZMAError as error:
+        return _decoded(body)
+    except (TypeError, LookupError, ArithmeticError, RecursionError, MemoryError, zlib.error) as error:
         raise ValueError(f"the archive is damaged ({error})") from None
-    if not decompressor.eof:
+
+
+def _decoded(body: bytes) -> tuple[str, dict[str, Floats]]:
+    inflate = zlib.decompressobj(-15, zdict=HEAD)
+    line, _, rest = inflate.decompress(body, LARGEST).partition(b"\n")
+    listed, length = json.loads(line)
+    for (_, before, *_), (_, shape, *_) in pairwise(listed):
+        shape[0] = before[0] if shape[0] == _SAME else shape[0]
+    sizes = [int(np.prod(shape)) for _, shape, *_ in listed]
+    if not inflate.eof or min(sizes, default=0) < 0 or 8 * sum(sizes) > LARGEST:
         raise ValueError("the archive is damaged (it ends too early, or is too large)")
-    return body
+    found: dict[str, Floats] = {}
+    coded: dict[str, tuple[int, int]] = {}
+    at = length
+    for (name, shape, decimals, *_), size in zip(listed, sizes, strict=True):
+        if decimals is not None:
+            coded[name] = (shape[0], size // shape[0])
+            continue
+        found[name] = np.frombuffer(rest[at : at + 8 * size], "<f8").reshape(shape).astype(np.float64)
+        at += 8 * size
+    layout = _layout(list(coded), list(coded.values()))
+    values = range_coder.decode(np.frombuffer(inflate.unused_data, np.uint8).copy(), *layout)
+    parts = np.split(values, np.cumsum(layout[0] * layout[1])[:-1])
+    left = {name: part.reshape(coded[name]) for name, part in zip(coded, parts, strict=False)}
+    how: dict[str, How] = {name: tuple(rule[0]) for name, _, _, *rule in listed if rule}
+    steps = add_foretold(left, how)
+    for name, shape, decimals, *_ in listed:
+        if decimals is not None:
+            found[name] = steps[name].reshape(shape) / 10.0**decimals
+    return rest[:length].decode(), {name: found[name] for name, *_ in listed}
 
 
-def _steps(array: Floats, decimals: int) -> Integers | None:
-    """The array in whole steps; None where a value is not finite or too large."""
-    with np.errstate(over="ignore"):
-        scaled = array * 10.0**decimals
-    if not np.isfinite(scaled).all() or (np.abs(scaled) >= _EXACT).any():
-        return None
-    return np.rint(scaled).astype(np.int64)
+def _layout(names: Sequence[str], shapes: Sequence[tuple[int, ...]]) -> tuple[Integers, Integers, Integers]:
+    """Rows, columns and model of each array, as the range coder takes them; those of the log learn together."""
+    models: dict[str, int] = {}
+    kinds = ["log" if name.startswith("log.") and name != "log.t" else name.rpartition(".")[2] for name in names]
+    order = [models.setdefault(ALIKE.get(kind, kind), len(models)) for kind in kinds]
+    rows, columns = [shape[0] for shape in shapes], [shape[1] for shape in shapes]
+    return np.array(rows, np.int64), np.array(columns, np.int64), np.array(order, np.int64)
 
 
 def _decimals(name: str) -> int | None:
     return DECIMALS.get(name.rpartition(".")[2])
 
 
-def _encode_group(arrays: Mapping[str, Floats]) -> dict[str, Coded]:
-    """Encode arrays of one length, all columns at once; those are left out that are not made of multiples."""
-    flat = {name: array.reshape(len(array), -1) for name, array in arrays.items()}
-    values = np.concatenate(list(flat.values()), axis=1)
-    scale = np.concatenate([np.full(each.shape[1], 10.0 ** (_decimals(name) or 0)) for name, each in flat.items()])
-    with np.errstate(over="ignore", invalid="ignore"):
-        scaled = values * scale
-        fits = (np.abs(scaled) < _EXACT).all(axis=0)
-        steps = np.rint(np.where(fits, scaled, 0.0)).astype(np.int64)
-        exact = fits & (steps / scale == values).all(axis=0)
-    moved = steps[1:] != steps[:-1]
-    alike: dict[bytes, list[tuple[str, int, int]]] = {}
-    begin = 0
-    for name, each in flat.items():
-        first, begin = begin, begin + each.shape[1]
-        if exact[first:begin].all():
-            alike.setdefault(_kept_rows(moved[:, first:begin]), []).append((name, first, begin))
-    found: dict[str, Coded] = {}
-    for kept, members in alike.items():
-        columns = [k for _, first, end in members for k in range(first, end)]
-        rows = np.unpackbits(np.frombuffer(kept, np.uint8), count=len(steps)).astype(np.bool_) if kept else slice(None)
-        part = steps[:, columns][rows]
-        coding, planes = _coded(part)
-        at = 0
-        for name, first, end in members:
-            upto = at + end - first
-            shape = list(arrays[name].shape)
-            entry: list[object] = [name, shape, _decimals(name), len(part) if kept else None, coding[at:upto]]
-            found[name] = (entry, kept + b"".join(planes[at:upto]))
-            at = upto
-    return found
+def _groups(arrays: Mapping[str, Floats]) -> Iterable[tuple[list[tuple[str, int, int]], Floats, Floats]]:
+    """Arrays of one length side by side: their names with first and last column, the values, and each column's scale.
 
-
-def _coded(steps: Integers) -> tuple[list[list[int]], list[bytes]]:
-    """Difference each column as often as makes it smallest, and return how, and its bytes plane by plane."""
-    differences = [steps]
-    for _ in range(_MOST_DIFFERENCES):
-        last = differences[-1]
-        differences.append(np.concatenate([last[:1], last[1:] - last[:-1]]))
-    sizes = [np.log2(np.abs(each).astype(np.float32) + np.float32(1.0)).sum(axis=0) for each in differences]
-    orders = np.argmin(sizes, axis=0)
-    chosen = np.choose(orders, differences)
-    folded = np.ascontiguousarray(_folded(chosen).T).astype("<u8")
-    widths = [max(1, (int(largest).bit_length() + 7) // 8) for largest in folded.max(axis=1)]
-    planes = folded.view(np.uint8).reshape(*folded.shape, 8)
-    coding = [[int(order), width] for order, width in zip(orders, widths, strict=True)]
-    return coding, [plane[:, :width].T.tobytes() for plane, width in zip(planes, widths, strict=True)]
-
-
-def _decode_array(
-    body: bytes, at: int, shape: list[int], decimals: int | None, kept: int | None, coding: list[list[int]]
-) -> tuple[Floats, int]:
-    size = math.prod(shape)
-    if min(shape, default=0) < 0 or size * 8 > LARGEST:
-        raise ValueError("the archive is damaged (an array is too large)")
-    if decimals is None:
-        end = at + 8 * size
-        return np.frombuffer(body[at:end], "<f8").reshape(shape).astype(np.float64), end
-    rows = None
-    if kept is not None:
-        end = at + (shape[0] + 7) // 8
-        rows = np.unpackbits(np.frombuffer(body[at:end], np.uint8), count=shape[0]).cumsum() - 1
-        at = end
-    count = shape[0] if kept is None else kept
-    steps = np.empty((count, len(coding)), np.int64)
-    for k, (order, width) in enumerate(coding):
-        end = at + width * count
-        planes = np.zeros((count, 8), np.uint8)
-        planes[:, :width] = np.frombuffer(body[at:end], np.uint8).reshape(width, count).T
-        differences = _unfolded(planes.view("<u8").reshape(-1))
-        for _ in range(order):
-            differences = np.cumsum(differences)
-        steps[:, k] = differences
-        at = end
-    return (steps if rows is None else steps[rows]).reshape(shape) / 10.0**decimals, at
-
-
-def _kept_rows(moved: NDArray[np.bool_]) -> bytes:
-    """The rows that differ from the row before, as bits; nothing where too few repeat it to be worth leaving out.
-
-    Args:
-        moved: (N - 1, columns) whether a value differs from the one before.
+    Those that are never rounded, and empty ones, are left out.
     """
-    changed = np.ones(len(moved) + 1, np.bool_)
-    changed[1:] = moved[:, 0] if moved.shape[1] == 1 else moved.any(axis=1)
-    return np.packbits(changed).tobytes() if np.count_nonzero(changed) < _WORTHWHILE * len(changed) else b""
-
-
-def _folded(values: Integers) -> NDArray[np.uint64]:
-    """Small numbers of either sign as small numbers without sign."""
-    return ((values << 1) ^ (values >> 63)).astype(np.uint64)
-
-
-def _unfolded(values: NDArray[np.uint64]) -> Integers:
-    return (values >> np.uint64(1)).astype(np.int64) ^ -((values & np.uint64(1)).astype(np.int64))
+    alike: dict[int, list[str]] = {}
+    for name, array in arrays.items():
+        if array.size and _decimals(name) is not None:
+            alike.setdefault(len(array), []).append(name)
+    for length, names in alike.items():
+        flat = [arrays[name].reshape(length, -1) for name in names]
+        ends = np.cumsum([each.shape[1] for each in flat]).tolist()
+        scale = np.repeat([10.0 ** (_decimals(name) or 0) for name in names], [each.shape[1] for each in flat])
+        yield list(zip(names, [0, *ends[:-1]], ends, strict=True)), np.concatenate(flat, axis=1), scale

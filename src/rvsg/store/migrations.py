@@ -26,4 +26,6 @@ MIGRATIONS: tuple[tuple[str, ...], ...] = (
     (),
     # From here on the record of an attempt is packed (see `rvsg.store.packing`). Text that is there stays.
     ("CREATE TABLE dictionaries (campaign TEXT PRIMARY KEY, packed BLOB NOT NULL)",),
+    # From here on archives of runs foretell (see `rvsg.simulation.quantised`). Nothing asks for these indexes.
+    ("DROP INDEX IF EXISTS runs_by_scenario", "DROP INDEX IF EXISTS attempts_by_scenario"),
 )
