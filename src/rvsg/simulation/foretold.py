@@ -91,7 +91,7 @@ class _Known:
         if {"imu", "trajectory.acceleration"} <= known:
             found["trajectory.acceleration"] = (MEAN_SINCE,)
         if "log.t" in known:
-            logged = {name: (rule,) for name, rule in LOGGED.items()}
+            logged: dict[str, How] = {name: (rule,) for name, rule in LOGGED.items()}
             if people and "log.human_x" in known:
                 logged |= dict.fromkeys(LOGGED_PEOPLE, (BEFORE_CHANGE, min(PHASES, key=self._missed)))
             found |= {f"log.{n}": how for n, how in logged.items() if {f"log.{n}", f"trajectory.{n}"} <= known}

@@ -57,7 +57,7 @@ def rounded_arrays(arrays: Mapping[str, Floats]) -> dict[str, Floats]:
     for names, values, scale in _groups(arrays):
         with np.errstate(over="ignore", invalid="ignore"):
             scaled = values * scale
-            fits = (np.abs(scaled) < _EXACT).all(axis=0)
+            fits = np.all(np.abs(scaled) < _EXACT, axis=0)
             whole = np.rint(scaled) / scale
         for name, first, end in names:
             if fits[first:end].all():
@@ -88,8 +88,8 @@ def encode(text: str, arrays: Mapping[str, Floats]) -> bytes:
     deflate = zlib.compressobj(9, zlib.DEFLATED, -15, 9, zlib.Z_DEFAULT_STRATEGY, HEAD)
     head = deflate.compress(b"".join([line.encode(), b"\n", said, *plain])) + deflate.flush()
     ordered = [name for name in given if name in steps]
-    values = np.concatenate([left[name].reshape(-1) for name in ordered]) if ordered else np.empty(0, np.int64)
-    body = head + range_coder.encode(values, *_layout(ordered, [left[name].shape for name in ordered])).tobytes()
+    numbers = np.concatenate([left[name].reshape(-1) for name in ordered]) if ordered else np.empty(0, np.int64)
+    body = head + range_coder.encode(numbers, *_layout(ordered, [left[name].shape for name in ordered])).tobytes()
     return MAGIC + zlib.crc32(body).to_bytes(4, "little") + body
 
 
