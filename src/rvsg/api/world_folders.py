@@ -16,6 +16,7 @@ from rvsg.robots import Robot, load_robot
 from rvsg.robots.files import DEFAULT_ROBOT
 from rvsg.world.authoring.check import Remark, check_world
 from rvsg.world.authoring.create import Created, world_from_map, world_from_objects, world_from_sdf
+from rvsg.world.authoring.outside import Choices
 from rvsg.world.authoring.readme import write_readme
 from rvsg.world.drawing import GRID, LABELLED, draw_plan, png_bytes, tiles
 from rvsg.world.drawing.birdseye import birdseye
@@ -43,6 +44,8 @@ _GOES_WITH: dict[str, tuple[str, ...]] = {
     "floor": ("sdf",),
     "resolution": ("sdf", "objects"),
     "lidar_height": ("sdf", "objects"),
+    "indoors": ("sdf", "objects"),
+    "outdoors": ("sdf", "objects"),
 }
 """The sources for which an option means something."""
 
@@ -65,6 +68,8 @@ def create_world(
     without: Sequence[str] | None = None,
     box_for_unreadable: bool = False,
     lenient: bool = False,
+    indoors: Sequence[tuple[float, float]] | None = None,
+    outdoors: Sequence[tuple[float, float]] | None = None,
     force: bool = False,
     robot: Robot | None = None,
     trial: SimulatedTrial | None = None,
@@ -77,6 +82,7 @@ def create_world(
     Args:
         folder: Where to write the world; its name becomes the world's.
         map_file: A Nav2 map; or give `sdf` or `objects` instead.
+        indoors, outdoors: Points on floor that is inside, or outside the building, whatever it looks like.
         force: Overwrite a world that is in the folder.
         robot: The robot that routes are proposed for; None: the default robot.
         trial: Drives every proposed route; routes that the robot cannot drive alone are not proposed.
@@ -99,6 +105,8 @@ def create_world(
         floor=floor != 0.0,
         resolution=resolution is not None,
         lidar_height=lidar_height != LIDAR_HEIGHT_M,
+        indoors=bool(indoors),
+        outdoors=bool(outdoors),
     )
     _refuse_occupied(folder, force=force)
     if robot_clearance is None:
@@ -106,6 +114,7 @@ def create_world(
     spec = _grid_spec(spacing, human_clearance, robot_clearance)
     shared: dict[str, Any] = {"name": folder.resolve().name, "title": title, "grid_spec": spec}
     shared |= {"trial": trial, "robot": robot}
+    choices = Choices(tuple(indoors or ()), tuple(outdoors or ()))
     if map_file is not None:
         created = world_from_map(map_file, free_thresh=free_thresh, **shared)
     elif sdf is not None:
@@ -118,12 +127,15 @@ def create_world(
             box_for_unreadable=box_for_unreadable,
             lenient=lenient,
             without=without or (),
+            choices=choices,
             progress=progress,
             **shared,
         )
     else:
         assert objects is not None
-        created = world_from_objects(objects, lidar_height_m=lidar_height, resolution_m=resolution, **shared)
+        created = world_from_objects(
+            objects, lidar_height_m=lidar_height, resolution_m=resolution, choices=choices, **shared
+        )
     save_world(created.world, folder)
     remarks = check_world(folder, trial=trial, robot=robot)
     write_readme(created, folder, [f"{'error' if r.serious else 'warning'}: {r.problem.message}" for r in remarks])

@@ -75,6 +75,14 @@ def new(
     lenient: Annotated[
         bool, typer.Option("--lenient", help="With --sdf: leave out models and meshes that are missing or unreadable.")
     ] = False,
+    indoors: Annotated[
+        list[str] | None,
+        typer.Option(metavar="X,Y", help="With --sdf, --objects: floor that is no courtyard; repeatable."),
+    ] = None,
+    outdoors: Annotated[
+        list[str] | None,
+        typer.Option(metavar="X,Y", help="With --sdf, --objects: floor that is a courtyard; repeatable."),
+    ] = None,
     no_simulation: NoSimulation = False,
     force: Annotated[bool, typer.Option("--force", help="Replace the world in a folder that has one.")] = False,
     json: AsJson = False,
@@ -87,6 +95,7 @@ def new(
     Each proposed route is driven once in the simulator; one that the robot cannot drive alone is not proposed.
     """
     given = {key: value for key, value in locals().items() if key not in ("folder", "no_simulation", "json", "robot")}
+    given |= {name: [_numbers(f"--{name}", "X,Y", at) for at in given[name] or ()] for name in ("indoors", "outdoors")}
     from rvsg.api.authoring import trial_of
     from rvsg.api.world_folders import create_world, other_robot, world_summary
 
@@ -234,17 +243,25 @@ def _progress() -> Callable[[str], None]:
 
 
 def _window(text: str | None) -> tuple[float, float, float, float] | None:
-    from rvsg.api.errors import InputError
-
     if text is None:
         return None
-    try:
-        x0, y0, x1, y1 = (float(part) for part in text.split(","))
-    except ValueError:
-        raise InputError(
-            f"--window must be four numbers X0,Y0,X1,Y1 in metres, got {text!r}", code="window-form"
-        ) from None
+    x0, y0, x1, y1 = _numbers("--window", "X0,Y0,X1,Y1", text)
     return (x0, y0, x1, y1)
+
+
+def _numbers(option: str, form: str, text: str) -> tuple[float, ...]:
+    """Return the numbers of an option such as X,Y in metres."""
+    import math
+
+    from rvsg.api.errors import InputError
+
+    try:
+        found = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        found = ()
+    if len(found) != len(form.split(",")) or not all(math.isfinite(v) for v in found):
+        raise InputError(f"{option} must be {form} in metres, got {text!r}", code=f"{option.removeprefix('--')}-form")
+    return found
 
 
 def _show_world(world: World) -> None:

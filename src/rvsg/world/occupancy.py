@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +13,8 @@ from rvsg.world.raster import Frame, covering, inside_cells, outline_cells
 from rvsg.world.world import FREE, OCCUPIED, UNKNOWN, OccupancyMap, SolidObject
 
 MOST_CELLS = 60_000_000
+MainPart = Callable[[NDArray[np.int32], NDArray[np.int64], Frame], int]
+"""Returns the number of the part that is the floor, of the numbers of all open cells and the sizes of the parts."""
 
 
 def occupancy_from_objects(
@@ -21,11 +23,13 @@ def occupancy_from_objects(
     resolution_m: float = 0.05,
     seeds: Iterable[tuple[float, float]] = (),
     margin_m: float = 0.0,
+    main: MainPart | None = None,
 ) -> OccupancyMap:
     """The map a lidar draws of the objects: what it hits is occupied, the floor free, the inside of things unknown.
 
     A cell is occupied where an outline of a slice crosses it and it borders the floor. The floor is every open part
-    that holds one of the `seeds` (places where the robot drives, metres), or the largest open part without any.
+    that holds one of the `seeds` (places where the robot drives, metres), and the part that `main` chooses; with
+    neither the largest open one.
     The map reaches `margin_m` beyond the objects: the floor round things that no wall encloses.
     Raises InputError where no object has a slice.
     """
@@ -45,7 +49,7 @@ def occupancy_from_objects(
     solid = np.zeros(frame.shape, bool)
     for thing in objects:
         solid |= inside_cells(thing.slices, frame)
-    floor = _floor(~edges & ~solid, frame, list(seeds))
+    floor = _floor(~edges & ~solid, frame, list(seeds), main)
     cells = np.full(frame.shape, UNKNOWN, np.uint8)
     cells[floor] = FREE
     cells[edges & _grown(floor)] = OCCUPIED
@@ -53,7 +57,9 @@ def occupancy_from_objects(
     return OccupancyMap(cells=cells, resolution=resolution_m, origin=frame.origin)
 
 
-def _floor(open_cells: NDArray[np.bool_], frame: Frame, seeds: list[tuple[float, float]]) -> NDArray[np.bool_]:
+def _floor(
+    open_cells: NDArray[np.bool_], frame: Frame, seeds: list[tuple[float, float]], main: MainPart | None
+) -> NDArray[np.bool_]:
     from scipy.ndimage import label
 
     parts, count = label(open_cells)
@@ -65,8 +71,10 @@ def _floor(open_cells: NDArray[np.bool_], frame: Frame, seeds: list[tuple[float,
         column, row = np.floor(frame.to_cells(np.array(seed))).astype(int)
         if 0 <= row < rows and 0 <= column < columns and parts[row, column]:
             wanted.add(int(parts[row, column]))
-    if not wanted:
-        wanted.add(int(np.argmax(np.bincount(parts.ravel())[1:])) + 1)
+    if not wanted or main is not None:
+        sizes = np.bincount(parts.ravel())
+        sizes[0] = 0
+        wanted.add(int(sizes.argmax()) if main is None else main(parts, sizes, frame))
     return np.isin(parts, sorted(wanted))
 
 

@@ -115,6 +115,18 @@ def inside_cells(polygons: Iterable[Sequence[tuple[float, float]]], frame: Frame
     return cells
 
 
+def covered_cells(polygons: NDArray[np.float64], frame: Frame) -> Bools:
+    """Every cell that one of many small polygons (n, corners, 2) covers or touches."""
+    from PIL import Image, ImageDraw
+
+    rows, columns = frame.shape
+    image = Image.new("1", (columns, rows))
+    draw = ImageDraw.Draw(image)
+    for corners in frame.to_cells(polygons) - 0.5:
+        draw.polygon(corners.ravel().tolist(), fill=1, outline=1)
+    return np.array(image, bool)
+
+
 def inside_window(polygon: Sequence[tuple[float, float]], frame: Frame) -> tuple[tuple[slice, slice], Bools]:
     """Return the part of a raster that a polygon covers, and which of its cells have their centre in the polygon.
 

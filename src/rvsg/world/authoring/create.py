@@ -14,7 +14,7 @@ from rvsg.core.errors import FileError, InputError
 from rvsg.robots import Robot
 from rvsg.world.authoring.actors import usual_actors
 from rvsg.world.authoring.labels import propose_areas
-from rvsg.world.authoring.rooms import indoors
+from rvsg.world.authoring.outside import Choices, main_part, within
 from rvsg.world.authoring.routes import propose_routes, route_notes
 from rvsg.world.authoring.trial import Trial
 from rvsg.world.build import build_world
@@ -24,15 +24,16 @@ from rvsg.world.io.nav2_map import load_nav2_map, upright
 from rvsg.world.io.sdf import Progress, load_sdf
 from rvsg.world.lattice import build_grid, fitting_spacing
 from rvsg.world.occupancy import occupancy_from_objects
-from rvsg.world.space import Space, human_space_of, main_floor
-from rvsg.world.world import FREE, UNKNOWN, Area, OccupancyMap, SolidObject, World
+from rvsg.world.raster import Bools, Frame, covered_cells
+from rvsg.world.space import Space, frame_of, human_space_of, main_floor
+from rvsg.world.world import Area, OccupancyMap, SolidObject, World
 
 OPEN_M = 2.0
-INDOOR_SHARE = 0.3  # with less floor between walls the place is a yard with things in it
 RESOLUTIONS_M = (0.05, 0.1, 0.2)
 EASY_CELLS = 8_000_000  # a larger map takes minutes and gigabytes
 MOST_LINES = 40  # more rows or columns are hard to read on one picture
 CONNECTED = 0.97
+NO_CHOICES = Choices()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,14 +88,15 @@ def world_from_sdf(
     box_for_unreadable: bool = False,
     lenient: bool = False,
     without: Sequence[str] = (),
+    choices: Choices = NO_CHOICES,
     progress: Progress | None = None,
     trial: Trial | None = None,
     robot: Robot | None = None,
 ) -> Created:
     """Make a world from a Gazebo world: its solid objects, the map a lidar would draw of them, labels and routes.
 
-    The options are those of `load_sdf`. Raises DocumentError with everything that is wrong in the SDF files, and
-    InputError for a size out of range.
+    The options are those of `load_sdf`; `choices` says what of the floor is inside. Raises DocumentError with all that
+    is wrong in the SDF files, and InputError for a size out of range.
     """
     _refuse_absurd_sizes(resolution_m, lidar_height_m, floor_m)
     read = load_sdf(
@@ -111,7 +113,7 @@ def world_from_sdf(
         progress(f"Drawing the map, the grid and proposals for labels and routes from {len(read.objects)} objects")
     try:
         notes = list(read.notes)
-        occupancy = _mapped(read.objects, resolution_m, notes)
+        occupancy = _mapped(read.objects, resolution_m, notes, choices, read.overhead)
         return _created(
             name,
             title,
@@ -138,6 +140,7 @@ def world_from_objects(
     grid_spec: GridSpec | None = None,
     lidar_height_m: float = 0.21,
     resolution_m: float | None = None,
+    choices: Choices = NO_CHOICES,
     trial: Trial | None = None,
     robot: Robot | None = None,
 ) -> Created:
@@ -147,7 +150,7 @@ def world_from_objects(
     objects = tuple(entry.solid(lidar_height_m) for entry in file.objects)
     try:
         notes: list[str] = []
-        occupancy = _mapped(objects, resolution_m, notes)
+        occupancy = _mapped(objects, resolution_m, notes, choices)
         return _created(
             name, title, objects, occupancy, grid_spec, str(path), notes, lidar_height_m=lidar_height_m, trial=trial
         )
@@ -173,10 +176,19 @@ def _refuse_absurd_sizes(resolution_m: float | None, lidar_height_m: float, floo
         raise InputError(f"the height of the floor must be metres in the world, got {floor_m:g}")
 
 
-def _mapped(objects: Sequence[SolidObject], resolution_m: float | None, notes: list[str]) -> OccupancyMap:
+def _mapped(
+    objects: Sequence[SolidObject],
+    resolution_m: float | None,
+    notes: list[str],
+    choices: Choices,
+    overhead: NDArray[np.float64] | None = None,
+) -> OccupancyMap:
     """Return the map a lidar would draw; where no wall encloses the floor, with OPEN_M of floor around the objects.
 
     Without a resolution it is the finest of RESOLUTIONS_M that gives a map of at most EASY_CELLS cells.
+
+    Args:
+        overhead: Faces over people's heads, seen from above (n, 3, 2).
     """
     if resolution_m is None:
         resolution_m = _fitting_resolution(objects)
@@ -185,15 +197,19 @@ def _mapped(objects: Sequence[SolidObject], resolution_m: float | None, notes: l
                 f"the building is large, so the map has {resolution_m:g} m per cell instead of {RESOLUTIONS_M[0]:g} m; "
                 "--resolution sets another."
             )
-    occupancy = occupancy_from_objects(objects, resolution_m=resolution_m)
-    cells = occupancy.cells
-    if not any((edge == FREE).any() for edge in (cells[0], cells[-1], cells[:, 0], cells[:, -1])):
-        return occupancy
-    inside = indoors(occupancy)
-    if inside.sum() >= INDOOR_SHARE * np.count_nonzero(cells == FREE):
-        notes.append("the building has openings to the outside; the floor outside of it is taken as unknown.")
-        bounded = np.where((cells == FREE) & ~inside, UNKNOWN, cells).astype(np.uint8)
-        return OccupancyMap(cells=bounded, resolution=occupancy.resolution, origin=occupancy.origin)
+
+    def ceilings(frame: Frame) -> Bools | None:
+        return None if overhead is None else covered_cells(overhead, frame)
+
+    occupancy = occupancy_from_objects(
+        objects,
+        resolution_m=resolution_m,
+        seeds=choices.indoors,
+        main=lambda parts, sizes, frame: main_part(parts, sizes, ceilings(frame)),
+    )
+    bounded = within(occupancy, objects, ceilings(frame_of(occupancy)), choices, notes)
+    if bounded is not None:
+        return bounded
     notes.append(f"no wall encloses the floor: {OPEN_M:g} m of it around the objects are taken as free.")
     return occupancy_from_objects(objects, resolution_m=resolution_m, margin_m=OPEN_M)
 

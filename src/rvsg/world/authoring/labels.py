@@ -13,6 +13,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from rvsg.world.authoring.outside import without_building
 from rvsg.world.authoring.rooms import areas_of_rooms
 from rvsg.world.io.files import rectangle_outline
 from rvsg.world.raster import Frame
@@ -49,7 +50,6 @@ MOST_FLOOR_AREAS = 12
 MOST_OBSTACLES = 30
 SEARCH_CELLS = 160
 ENCLOSED_FLOOR = 0.5
-BUILDING_SHARE = 0.5  # an object whose box covers this share of the map is the building itself
 FEWEST_ROOMS = 3  # with fewer the floor is one open place, which is labelled by rectangles
 
 
@@ -59,16 +59,9 @@ def propose_areas(objects: Sequence[SolidObject], occupancy: OccupancyMap) -> tu
     An object that is the building itself is no thing to label. `occupancy` lies in the world frame with origin yaw 0.
     """
     space = human_space_of(objects, occupancy)
-    furniture = [thing for thing in objects if _share_of_map(thing, occupancy) < BUILDING_SHARE]
-    things = areas_of_objects(furniture) if objects else areas_of_obstacles(occupancy, space)
+    things = areas_of_objects(without_building(objects, occupancy)) if objects else areas_of_obstacles(occupancy, space)
     rooms = areas_of_rooms(space, main_floor(space))
     return (*things, *(rooms if len(rooms) >= FEWEST_ROOMS else areas_of_floor(space)))
-
-
-def _share_of_map(thing: SolidObject, occupancy: OccupancyMap) -> float:
-    """Return the share of the map that the box around an object covers."""
-    size = float(occupancy.cells.size) * occupancy.resolution**2
-    return thing.box.size[0] * thing.box.size[1] / size
 
 
 # --- things -------------------------------------------------------------------------------------------------------

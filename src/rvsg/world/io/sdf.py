@@ -10,6 +10,7 @@ from itertools import count
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rvsg.core.documents import DocumentError, Problem
 from rvsg.core.errors import FileError, InputError
@@ -20,7 +21,7 @@ from rvsg.world.io.safe_xml import Element
 from rvsg.world.io.sdf_frames import Frames, Matrix, Model, frames_of
 from rvsg.world.io.sdf_shapes import SHAPES, heightmap, numbers
 from rvsg.world.io.sdf_tree import BUILT_IN, SdfTree
-from rvsg.world.io.solid import solid_objects
+from rvsg.world.io.solid import overhead, solid_objects
 from rvsg.world.world import SolidObject
 
 LARGEST_M = 1000.0
@@ -35,6 +36,8 @@ class SdfWorld:
 
     objects: tuple[SolidObject, ...]
     notes: tuple[str, ...] = ()
+    overhead: NDArray[np.float64] | None = None
+    """The faces over people's heads, seen from above (n, 3, 2); None where there are none."""
 
 
 def load_sdf(
@@ -81,7 +84,8 @@ def load_sdf(
     if not objects:
         gone = f"; {len(tree.missing)} models were not found: {_some(list(tree.missing))}" if tree.missing else ""
         raise FileError(path, f"nothing solid stands between the floor and 2 m height, so there is no obstacle{gone}")
-    return SdfWorld(objects=objects, notes=(*notes, *reader.all_notes()))
+    above = np.concatenate(reader.overhead) if reader.overhead else np.empty((0, 3, 2))
+    return SdfWorld(objects=objects, notes=(*notes, *reader.all_notes()), overhead=above if len(above) else None)
 
 
 @dataclass
@@ -96,6 +100,7 @@ class _Reader:
     ignored: dict[str, list[str]] = field(default_factory=dict)
     meshes: dict[tuple[Path, str | None, bool], Triangles | None] = field(default_factory=dict)
     met: list[str] = field(default_factory=list)
+    overhead: list[NDArray[np.float64]] = field(default_factory=list)
 
     def add(self, model: Model, outer: Frames, base: Matrix, name: str) -> None:
         """Add a model's objects and those of the models nested in it."""
@@ -135,6 +140,7 @@ class _Reader:
             return
         whole = mesh.joined(parts)
         size = np.ptp(whole.vertices, axis=0)
+        self.overhead.append(overhead(whole))
         found = solid_objects(
             name, _kind(model), _lowered(self.floor_m) @ pose, whole, lidar_height_m=self.lidar_height_m
         )

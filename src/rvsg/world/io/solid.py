@@ -1,6 +1,7 @@
 """A surface becomes solid objects: what the lidar plane cuts, what stops a person, and the box round it.
 
-A body is filled by the even-odd rule within each connected surface; bodies are joined, and a surface that looks
+A connected surface that is closed and consistently oriented is filled where it winds about a place, so that walls may
+meet, overlap and share faces; any other by the even-odd rule. Bodies are joined, and a surface that looks
 inwards (the inside of a hollow body) is taken away. Numbers in metres, world frame.
 """
 
@@ -9,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import shapely
@@ -25,6 +27,7 @@ MANY_FACES = 20_000
 SQUARE_M = 0.05
 ROOM_M2 = 20.0  # a surface this large that is open at the top is a room, not a container
 SAMPLES = 24
+STEEP = 0.5  # a face that leans more than 60 degrees is a wall
 _WELD_M = 1e-5
 _GRID_M = 1e-6
 
@@ -52,7 +55,7 @@ def solid_objects(
     found = []
     for number, part in enumerate(parts, start=1):
         whole = len(parts) == 1
-        near = part.buffer(0.02)
+        near = part.buffer(0.02, join_style="mitre")
         chosen = surface.vertices if whole else _vertices_within(surface.vertices, near)
         slices = sliced if whole else shapely.intersection(sliced, near)
         found.append(
@@ -67,6 +70,16 @@ def solid_objects(
             )
         )
     return tuple(found)
+
+
+def overhead(surface: Triangles) -> Floats:
+    """Return the faces of a surface that hang over people's heads and are no walls, seen from above (n, 3, 2)."""
+    corners = surface.vertices[surface.faces]
+    corners = corners[(corners[..., 2] >= HEAD_M - 1e-6).all(axis=1)]
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    flat = np.abs(across[:, 2]) > np.maximum(STEEP * np.linalg.norm(across, axis=1), 1e-6)
+    seen: Floats = corners[flat][..., :2]
+    return seen
 
 
 def connected(surface: Triangles) -> list[Triangles]:
@@ -135,8 +148,11 @@ def _cut_one(body: Triangles, height: float) -> Any | None:
         return None
     lines = shapely.union_all(shapely.linestrings(segments), grid_size=_GRID_M)
     faces, cuts, dangles, _ = shapely.polygonize_full(shapely.get_parts(lines))
-    edges = _edges(lines)
-    inside = [face for face in shapely.get_parts(faces) if _odd(face, edges)]
+    is_inside, edges = (_wound, segments) if _is_oriented(body) else (_odd, _edges(lines))
+    inside = [face for face in shapely.get_parts(faces) if is_inside(face, edges)]
+    if not inside and is_inside is _wound:  # a sheet whose faces are there from both sides
+        edges = _edges(lines)
+        inside = [face for face in shapely.get_parts(faces) if _odd(face, edges)]
     open_lines = [g for g in (cuts, dangles) if not g.is_empty]
     inside += [line.buffer(SHEET_M / 2, cap_style="flat") for line in open_lines]
     return shapely.union_all(inside) if inside else None
@@ -157,8 +173,34 @@ def _odd(face: Any, edges: Floats) -> bool:
     return bool(np.count_nonzero(x0 + (point.y - y0) / (y1 - y0) * (x1 - x0) > point.x) % 2)
 
 
+def _wound(face: Any, segments: Floats) -> bool:
+    """Return whether segments (K, 2, 2) with their inside on the left wind about the inside of a face."""
+    point = face.representative_point()
+    low, high = segments[:, 0, 1] > point.y, segments[:, 1, 1] > point.y
+    crossing = segments[low != high]
+    (x0, y0), (x1, y1) = crossing[:, 0].T, crossing[:, 1].T
+    right = x0 + (point.y - y0) / (y1 - y0) * (x1 - x0) > point.x
+    return bool(np.sign(y1 - y0)[right].sum() != 0)
+
+
+_oriented: WeakKeyDictionary[Triangles, bool] = WeakKeyDictionary()
+
+
+def _is_oriented(body: Triangles) -> bool:
+    """Return whether every edge is used as often in one direction as in the other: closed bodies, also several."""
+    if body not in _oriented:
+        ends = np.stack([body.faces, np.roll(body.faces, -1, axis=1)], axis=-1).reshape(-1, 2)
+        _, edge = np.unique(np.sort(ends, axis=1), axis=0, return_inverse=True)
+        balance = np.bincount(edge.reshape(-1), np.where(ends[:, 0] < ends[:, 1], 1.0, -1.0))
+        _oriented[body] = not balance.any()
+    return _oriented[body]
+
+
 def _segments(body: Triangles, height: float) -> Any:
-    """Where the faces cross a height, as segments (K, 2, 2); a shared edge gives both its faces the same point."""
+    """Where the faces cross a height, as segments (K, 2, 2) with the inside on their left.
+
+    A shared edge gives both its faces the same point.
+    """
     z = body.vertices[:, 2]
     above = z[body.faces] > height
     count = above.sum(axis=1)
@@ -175,6 +217,8 @@ def _segments(body: Triangles, height: float) -> Any:
         share = ((height - z[a]) / (z[b] - z[a]))[:, None]
         ends.append(body.vertices[a, :2] * (1.0 - share) + body.vertices[b, :2] * share)
     segments = np.stack(ends, axis=1)
+    below = ~above[row, lone]
+    segments[below] = segments[below, ::-1]
     longer: NDArray[np.bool_] = np.abs(segments[:, 0] - segments[:, 1]).max(axis=1) > _GRID_M
     return segments[longer]
 

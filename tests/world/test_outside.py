@@ -1,0 +1,128 @@
+"""What of the floor is inside a building: courtyards by ceilings, by enclosure and by a person's word."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from shapely import Polygon
+
+from rvsg.core.errors import FileError
+from rvsg.world.authoring.create import Created, world_from_sdf
+from rvsg.world.authoring.outside import Choices
+from rvsg.world.io.sdf import load_sdf
+from rvsg.world.space import human_space
+
+MIDDLE = (12.0, 12.0)
+ROOM = (3.5, 12.0)
+
+
+def box(name: str, x: tuple[float, float], y: tuple[float, float], z: tuple[float, float]) -> str:
+    """A collision that spans these ranges, in metres."""
+    middle, size = (
+        [f"{v:g}" for v in values] for values in zip(*((a / 2 + b / 2, b - a) for a, b in (x, y, z)), strict=True)
+    )
+    return (
+        f'<collision name="{name}"><pose>{" ".join(middle)} 0 0 0</pose>'
+        f"<geometry><box><size>{' '.join(size)}</size></box></geometry></collision>"
+    )
+
+
+def wall(name: str, x: tuple[float, float], y: tuple[float, float]) -> str:
+    return box(name, x, y, (0.0, 2.6))
+
+
+def ring(*, ceilings: bool, door: bool = True, gate: bool = False, yard: str = "") -> str:
+    """Four rooms in a ring, 24 x 24 m, round a court of 11 x 11 m; one model. Walls are 0.2 m thick."""
+    low, high, near, far = 0.0, 24.0, 6.5, 17.5
+    parts = [
+        wall("west", (low, low + 0.2), (low, high)),
+        wall("south", (low, high), (low, low + 0.2)),
+        wall("north", (low, high), (high - 0.2, high)),
+        wall("east", (high - 0.2, high), (low, 11.0 if gate else high)),
+        wall("east 2", (high - 0.2, high), (13.0, high)),
+        wall("inner west", (near - 0.2, near), (near, 11.4 if door else far)),
+        wall("inner west 2", (near - 0.2, near), (12.6, far)),
+        wall("inner east", (far, far + 0.2), (near, far)),
+        wall("inner south", (near - 0.2, far + 0.2), (near - 0.2, near)),
+        wall("inner north", (near - 0.2, far + 0.2), (far, far + 0.2)),
+        # the rooms meet at three corners, through doors of 1.2 m
+        wall("corner 1", (0.0, 3.0), (near - 0.2, near)), wall("corner 1b", (4.2, near), (near - 0.2, near)),
+        wall("corner 2", (far, 20.0), (near - 0.2, near)), wall("corner 2b", (21.2, high), (near - 0.2, near)),
+        wall("corner 3", (far, 20.0), (far, far + 0.2)), wall("corner 3b", (21.2, high), (far, far + 0.2)),
+        wall("corner 4", (0.0, 3.0), (far, far + 0.2)), wall("corner 4b", (4.2, near), (far, far + 0.2)),
+    ]  # fmt: skip
+    if ceilings:
+        spans = {"w": ((low, near), (low, high)), "e": ((far, high), (low, high))}
+        spans |= {"s": ((near, far), (low, near)), "n": ((near, far), (far, high))}
+        parts += [box(f"ceiling {name}", x, y, (2.6, 2.7)) for name, (x, y) in spans.items()]
+    return (
+        '<sdf version="1.7"><world name="w"><model name="building"><static>true</static><link name="l">'
+        f"{''.join(parts)}</link></model>{yard}</world></sdf>"
+    )
+
+
+def made(tmp_path: Path, text: str, **choices: tuple[tuple[float, float], ...]) -> Created:
+    (tmp_path / "b.world").write_text(text)
+    return world_from_sdf(tmp_path / "b.world", name="b", choices=Choices(**choices))
+
+
+def is_floor(created: Created, at: tuple[float, float]) -> bool:
+    return human_space(created.world).is_free(*at)
+
+
+def places(created: Created) -> list[tuple[float, float]]:
+    """All that is proposed: waypoints, and the ends of routes."""
+    world = created.world
+    ends = [(pose.x, pose.y) for route in world.routes for pose in (route.start, route.goal)]
+    return [*(world.grid.position(name) for name in world.grid.valid), *ends]
+
+
+@pytest.mark.parametrize("gate", [False, True])
+@pytest.mark.parametrize("ceilings", [False, True])
+def test_a_courtyard_is_no_floor(tmp_path: Path, ceilings: bool, gate: bool) -> None:
+    created = made(tmp_path, ring(ceilings=ceilings, gate=gate))
+    assert not is_floor(created, MIDDLE) and is_floor(created, ROOM)
+    assert not [at for at in places(created) if 6.5 < at[0] < 17.5 and 6.5 < at[1] < 17.5]
+    assert len(created.world.routes) == 3
+    assert any("--indoors" in note for note in created.notes)
+
+
+def test_a_person_says_that_it_is_floor(tmp_path: Path) -> None:
+    for ceilings in (False, True):
+        created = made(tmp_path, ring(ceilings=ceilings), indoors=(MIDDLE,))
+        assert is_floor(created, MIDDLE) and is_floor(created, ROOM)
+
+
+def test_a_courtyard_without_a_door_is_not_the_building(tmp_path: Path) -> None:
+    created = made(tmp_path, ring(ceilings=False, door=False))
+    assert not is_floor(created, MIDDLE) and is_floor(created, ROOM)
+
+
+def test_a_hall_with_furniture_stays_floor_until_a_person_says_otherwise(tmp_path: Path) -> None:
+    table = (
+        '<model name="table"><static>true</static><pose>12 9 0.4 0 0 0</pose><link name="l"><collision name="c">'
+        "<geometry><box><size>1 2 0.8</size></box></geometry></collision></link></model>"
+    )
+    text = ring(ceilings=False, yard=table)
+    assert is_floor(made(tmp_path, text), MIDDLE)
+    assert not is_floor(made(tmp_path, text, outdoors=(MIDDLE,)), MIDDLE)
+    assert not is_floor(made(tmp_path, text.replace('"table"', '"oak_tree"')), MIDDLE)
+
+
+@pytest.mark.parametrize("choices", [{"indoors": ((0.1, 0.1),)}, {"outdoors": ((50.0, 0.0),)}])
+def test_a_point_off_the_floor_is_refused(tmp_path: Path, choices: dict[str, tuple[tuple[float, float], ...]]) -> None:
+    with pytest.raises(FileError) as caught:
+        made(tmp_path, ring(ceilings=False), **choices)
+    assert caught.value.code == "no-floor"
+
+
+def test_walls_of_one_model_that_meet_and_share_faces_stay_whole(tmp_path: Path) -> None:
+    """Two walls end to end, both flush with a third and overlapping it at the corner."""
+    parts = [wall("a", (0.0, 4.0), (0.0, 0.2)), wall("b", (4.0, 9.0), (0.0, 0.2)), wall("c", (0.0, 0.2), (0.0, 9.0))]
+    (tmp_path / "w.sdf").write_text(
+        f'<sdf version="1.7"><model name="walls"><link name="l">{"".join(parts)}</link></model></sdf>'
+    )
+    (thing,) = load_sdf(tmp_path / "w.sdf").objects
+    for outlines in ((thing.footprint, *thing.holes), thing.slices):
+        assert Polygon(outlines[0], outlines[1:]).area == pytest.approx(9.0 * 0.2 * 2 - 0.04, abs=1e-3)
