@@ -8,12 +8,13 @@
 For every stack the real Nav2 is started with the parameters that the built-in one has (`rvsg ros2 new-params`), and
 the built-in one reads the same file. Without --launch the Nav2 that runs is measured as it is, against every stack.
 Scenarios are the cases of a suite, with their requirements, files, or else the five routes of the warehouse without
-people. --keep keeps the runs in a folder and goes on from there. Exit code 3 where there is no Nav2.
+people. --keep keeps every run in a folder and goes on from there, also with more --runs. Exit code 3 where there is no
+Nav2.
 
-For each scenario: path RMS (m) between mean paths of the same seeds at equal shares of the way, time, recoveries, share
-that reached the goal, the requirement's value and the share that violates it; beside it the same between two halves of
-the real one's runs, which is how far it agrees with itself. Over all: rank correlations of the means, and in how many
-scenarios a Kolmogorov-Smirnov test tells the two apart.
+For each scenario: path RMS (m) between runs of the same seed at equal shares of the way, beside that between two seeds
+of each; time, rounds of recovery, share that reached the goal, the requirement's value and the share that violates it.
+Over all: rank correlations of the means, beside that of the built-in stack's first runs with its others; and in how
+many scenarios a Kolmogorov-Smirnov test tells the two apart.
 """
 
 from __future__ import annotations
@@ -24,8 +25,9 @@ import sys
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import stats
@@ -33,6 +35,9 @@ from scipy import stats
 SAMPLES = 100
 NO_NAV2 = 3
 P_VALUE = 0.05
+PATHS = ("path_m", "path_between_real_m", "path_between_built_in_m")
+ROUND = "RecoveryActions"
+"""Nav2's default trees call the outer recovery so."""
 
 
 @dataclass(frozen=True)
@@ -63,8 +68,9 @@ def main() -> int:
             rows: list[dict[str, Any]] = []
             real = real_runs(name, options, given)
             for question in questions:
-                own = kept(given.keep, f"{question.name}-{name}", question, runs_of(question, own_runs, real.built_in))
-                rows.append(compared(question, kept(given.keep, real.key(question), question, real.of(question)), own))
+                own = kept(given.keep, f"{question.name}-{name}", question, built_in(question, own_runs, real.built_in))
+                driven = kept(given.keep, real.key(question), question, real.of(question))
+                rows.append(compared(question, driven, own))
                 print(json.dumps(rows[-1]), flush=True)
             real.close()
             found["stacks"][name] = {"scenarios": rows, "over_all": over_all(rows)}
@@ -84,6 +90,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--release", default="jazzy")
     parser.add_argument("--stacks", nargs="*", default=["nav2-dwb", "nav2-rpp", "nav2-mppi"])
     parser.add_argument("--suite", type=Path)
+    parser.add_argument("--cases", nargs="*", default=[], help="of the suite [all]")
     parser.add_argument("--scenarios", nargs="*", type=Path, default=[])
     parser.add_argument("--routes", nargs="*", default=[])
     parser.add_argument("--runs", type=int, default=10)
@@ -117,13 +124,23 @@ def asked(given: argparse.Namespace) -> list[Question]:
     questions = [Question(path.stem, rvsg.load_scenario(path)) for path in given.scenarios]
     if given.suite is not None:
         for case in Suite.open(given.suite).cases:
+            if given.cases and case.name not in given.cases:
+                continue
             requirement = requirement_of(case.expectations[0], given.suite, case.scenario.mission.route)
             questions.append(Question(case.name, case.scenario, requirement))
-    if questions:
+    if questions and not given.routes:
         return questions
     world = rvsg.load_world("warehouse")
     routes = [route for route in world.routes if not given.routes or route.name in given.routes]
-    return [Question(f"{route.name}-empty", rvsg.scenario(world, route.name, [])) for route in routes]
+    return questions + [Question(f"{route.name}-empty", rvsg.scenario(world, route.name, [])) for route in routes]
+
+
+class Wanted(NamedTuple):
+    """Runs, and how they are made: so many in one call, by their seeds."""
+
+    runs: int
+    at_once: int
+    make: Callable[[list[int]], list[Any]]
 
 
 class Real:
@@ -139,22 +156,20 @@ class Real:
         """Return the name under which runs are kept."""
         return f"{question.name}-{self.label}"
 
-    def of(self, question: Question) -> Callable[[], list[Any]]:
-        """Return a function that makes the runs of a scenario."""
+    def of(self, question: Question) -> Wanted:
+        """Return the runs of a scenario, which are made one by one."""
+        return Wanted(self.runs, 1, lambda seeds: [self._one(question, seed) for seed in seeds])
 
-        def make() -> list[Any]:
-            import rvsg
-            from rvsg.stacks import StackChoice
+    def _one(self, question: Question, seed: int) -> Any:
+        import rvsg
+        from rvsg.stacks import StackChoice
 
-            if self._stack is None:
-                self._stack = StackChoice.of("ros2", self.options).driver
-            made = list(rvsg.simulate(question.scenario, self.runs, stack=self._stack, on_message=say))
-            for seed, run in enumerate(made):
-                told = run.details["stack"].get("warnings")
-                say(f"{question.name}, {self.label}, run {seed}: {run.outcome.value}, {told}")
-            return made
-
-        return make
+        if self._stack is None:
+            self._stack = StackChoice.of("ros2", self.options).driver
+        run = next(iter(rvsg.simulate(question.scenario, [seed], stack=self._stack, on_message=say)))
+        told = run.details["stack"].get("warnings")
+        say(f"{question.name}, {self.label}, run {seed}: {run.outcome.value}, {told}")
+        return run
 
     def close(self) -> None:
         """End the Nav2 that was started."""
@@ -173,28 +188,24 @@ def real_runs(name: str, options: dict[str, Any], given: argparse.Namespace) -> 
     return Real(f"real-{name}", str(file), {**options, "params": str(file)}, given.runs)
 
 
-def runs_of(question: Question, runs: int, stack: str) -> Callable[[], list[Any]]:
-    """Return a function that makes the runs of a built-in stack."""
+def built_in(question: Question, runs: int, stack: str) -> Wanted:
+    """Return the runs of a built-in stack, which are made at once."""
+    import rvsg
 
-    def make() -> list[Any]:
-        import rvsg
-
-        return list(rvsg.simulate(question.scenario, runs, stack=stack))
-
-    return make
+    return Wanted(runs, runs, lambda seeds: list(rvsg.simulate(question.scenario, seeds, stack=stack)))
 
 
-def kept(folder: Path | None, name: str, question: Question, make: Callable[[], list[Any]]) -> list[Any]:
-    """Return the runs of that name in the folder, made and kept where they are not there yet."""
+def kept(folder: Path | None, name: str, question: Question, wanted: Wanted) -> list[Any]:
+    """Return the runs of that name in the folder; those that are not there yet are made and kept."""
     from rvsg.api.simulating import RunSet, load_runs
 
     file = None if folder is None else folder / f"{name}.jsonl"
-    if file is not None and file.is_file():
-        return list(load_runs(file, scenario=question.scenario))
-    runs = make()
-    if file is not None:
-        RunSet(tuple(runs)).save(file)
-    return runs
+    runs = list(load_runs(file, scenario=question.scenario)) if file is not None and file.is_file() else []
+    while len(runs) < wanted.runs:
+        runs += wanted.make(list(range(len(runs), min(len(runs) + wanted.at_once, wanted.runs))))
+        if file is not None:
+            RunSet(tuple(runs)).save(file)
+    return runs[: wanted.runs]
 
 
 def say(text: str) -> None:
@@ -209,8 +220,9 @@ def compared(question: Question, real: list[Any], own: list[Any]) -> dict[str, A
         "scenario": question.name,
         "real": one,
         "built_in": other,
-        "path_rms_m": path_rms(real, own[: len(real)]),
-        "path_rms_of_halves_m": path_rms(real[::2], real[1::2]),
+        "path_m": [path_rms(a, b) for a, b in zip(real, own, strict=False)],
+        "path_between_real_m": [path_rms(a, b) for a, b in pairwise(real)],
+        "path_between_built_in_m": [path_rms(a, b) for a, b in pairwise(own[: len(real)])],
         "ks_time_p": p_value(one["times_s"], other["times_s"]),
     }
     if question.requirement is not None:
@@ -223,7 +235,7 @@ def figures(runs: list[Any], question: Question) -> dict[str, Any]:
     """Return what is compared of the runs of one stack."""
     found: dict[str, Any] = {
         "times_s": [round(float(run.trajectory.t[-1]), 3) for run in runs],
-        "recoveries": float(np.mean([run.recoveries for run in runs])),
+        "rounds": float(np.mean([rounds(run) for run in runs])),
         "reached": float(np.mean([run.completed for run in runs])),
         "outcomes": sorted({run.outcome.value for run in runs}),
     }
@@ -254,22 +266,25 @@ def p_value(one: Sequence[float], other: Sequence[float]) -> float | None:
     return float(stats.ks_2samp(one, other).pvalue) if one and other else None
 
 
-def mean_path(runs: list[Any]) -> np.ndarray:
-    """Return the mean path at equal shares of the travelled length, (SAMPLES, 2)."""
-    paths = []
-    for run in runs:
-        x, y = run.trajectory.x, run.trajectory.y
-        along = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
-        share = np.linspace(0.0, along[-1], SAMPLES)
-        paths.append(np.column_stack([np.interp(share, along, x), np.interp(share, along, y)]))
-    return np.mean(paths, axis=0)
+def rounds(run: Any) -> int:
+    """Return how often the outer recovery of the default tree came; Nav2's own count has each cleared costmap."""
+    changes = run.details.get("stack", {}).get("behaviour_tree")
+    if changes is None:
+        return int(run.recoveries)
+    return sum(name == ROUND and status in ("SUCCESS", "FAILURE") for _, name, status in changes)
 
 
-def path_rms(one: list[Any], other: list[Any]) -> float | None:
-    """Return the root mean square distance of two mean paths; None where one has no run."""
-    if not one or not other:
-        return None
-    return float(np.sqrt(((mean_path(one) - mean_path(other)) ** 2).sum(axis=1).mean()))
+def path(run: Any) -> np.ndarray:
+    """Return the path at equal shares of the travelled length, (SAMPLES, 2)."""
+    x, y = run.trajectory.x, run.trajectory.y
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
+    share = np.linspace(0.0, along[-1], SAMPLES)
+    return np.column_stack([np.interp(share, along, x), np.interp(share, along, y)])
+
+
+def path_rms(one: Any, other: Any) -> float:
+    """Return the root mean square distance of the paths of two runs, m."""
+    return round(float(np.sqrt(((path(one) - path(other)) ** 2).sum(axis=1).mean())), 4)
 
 
 def over_all(rows: list[dict[str, Any]]) -> dict[str, Any]:
@@ -277,19 +292,26 @@ def over_all(rows: list[dict[str, Any]]) -> dict[str, Any]:
     judged = [row for row in rows if "ks_value_p" in row]
     return {
         "scenarios": len(rows),
-        "path_rms_m": mean([row["path_rms_m"] for row in rows]),
-        "path_rms_of_halves_m": mean([row["path_rms_of_halves_m"] for row in rows]),
+        "path_median_m": {name: median(rows, name) for name in PATHS},
         "time_difference_s": mean([difference(row, "times_s") for row in rows]),
         "rank_correlation_time": correlation(rows, "times_s"),
         "rank_correlation_value": {
             name: correlation([row for row in judged if row["requirement"] == name], "values")
             for name in sorted({row["requirement"] for row in judged})
         },
-        "violated_real": mean([row["real"]["violated"] for row in judged]),
-        "violated_built_in": mean([row["built_in"]["violated"] for row in judged]),
-        "told_apart_by_time": sum((row["ks_time_p"] or 1.0) < P_VALUE for row in rows),
-        "told_apart_by_value": sum((row["ks_value_p"] or 1.0) < P_VALUE for row in judged),
+        **{
+            f"{name}_{side}": mean([row[side].get(name) for row in rows])
+            for name in ("violated", "reached", "rounds")
+            for side in ("real", "built_in")
+        },
+        "told_apart_by_time": told_apart(rows, "ks_time_p"),
+        "told_apart_by_value": told_apart(judged, "ks_value_p"),
     }
+
+
+def told_apart(rows: list[dict[str, Any]], key: str) -> int:
+    """Return in how many scenarios the test tells the two apart."""
+    return sum(row[key] is not None and row[key] < P_VALUE for row in rows)
 
 
 def difference(row: dict[str, Any], key: str) -> float:
@@ -303,12 +325,33 @@ def mean(values: Sequence[float | None]) -> float | None:
     return float(np.mean(known)) if known else None
 
 
-def correlation(rows: list[dict[str, Any]], key: str) -> float | None:
-    """Return Spearman's correlation of the means; None for fewer than three scenarios."""
-    pairs = [(np.mean(r["real"][key]), np.mean(r["built_in"][key])) for r in rows if r["real"][key]]
-    if len(pairs) < 3:
+def median(rows: list[dict[str, Any]], key: str) -> float | None:
+    """Return the median over the runs of all scenarios."""
+    values = [value for row in rows for value in row[key]]
+    return float(np.median(values)) if values else None
+
+
+def correlation(rows: list[dict[str, Any]], key: str) -> dict[str, float] | None:
+    """Return Spearman's correlations of the means over scenarios; None for fewer than three scenarios.
+
+    The built-in stack's runs beyond the number of the real one's are compared with the real one's, and with its own
+    first ones.
+    """
+    rows = [row for row in rows if row["real"][key] and row["built_in"][key]]
+    if len(rows) < 3:
         return None
-    return float(stats.spearmanr([a for a, _ in pairs], [b for _, b in pairs]).statistic)
+    first, others = zip(*(halves(row, key) for row in rows), strict=True)
+    real = [np.mean(row["real"][key]) for row in rows]
+    return {
+        "real": float(stats.spearmanr(real, others).statistic),
+        "built_in": float(stats.spearmanr(first, others).statistic),
+    }
+
+
+def halves(row: dict[str, Any], key: str) -> tuple[float, float]:
+    """Return the means of the built-in stack's first runs, as many as the real one's, and of the others if any."""
+    values, runs = row["built_in"][key], len(row["real"][key])
+    return float(np.mean(values[:runs])), float(np.mean(values[runs:] or values))
 
 
 if __name__ == "__main__":

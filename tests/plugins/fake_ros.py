@@ -8,11 +8,8 @@ from __future__ import annotations
 import math
 import sys
 import time
-from pathlib import Path
 from types import ModuleType
 from typing import Any
-
-ROOT = Path(__file__).parents[2]
 
 
 class Message:
@@ -212,16 +209,6 @@ def install() -> None:
 if __name__ == "__main__":
     SYSTEM = System(sys.argv[1] if len(sys.argv) > 1 else "works")
     install()
-    sys.path[:0] = [
-        str(ROOT / "plugins" / "rvsg-ros2" / "src"),
-        str(ROOT / "src" / "rvsg" / "simulation" / "stacks" / "clients"),
-    ]
-    import rvsg_client
-
-    sys.modules["rvsg_ros2.rvsg_client"] = rvsg_client
-    import rvsg_ros2
-
-    rvsg_ros2.rvsg_client = rvsg_client
-    from rvsg_ros2.bridge import main
+    from run_bridge import main
 
     main()

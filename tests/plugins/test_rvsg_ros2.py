@@ -1,22 +1,33 @@
-"""plugins/rvsg-ros2 behind the stack protocol, with a stand-in for rclpy: it has not been run with ROS 2."""
+"""plugins/rvsg-ros2 behind the stack protocol: with a stand-in for rclpy, and with rclpy and Nav2 where they are.
+
+`RVSG_RCLPY` is a command that runs a Python with rclpy; without it the `python3` of a sourced ROS 2 is taken.
+"""
 
 from __future__ import annotations
 
+import os
+import shlex
+import subprocess
 import sys
 import tomllib
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.simulation.ros2.test_real_nav2 import LAUNCH
 
+from rvsg.api.ros2 import new_nav2_params
 from rvsg.core.records import Pose
 from rvsg.simulation.embedded.rehearsal import empty_room
 from rvsg.simulation.embedded.simulator import simulate_agents
+from rvsg.simulation.ros2.launching import Launched, ros_environment
 from rvsg.simulation.run import Outcome, Run
 from rvsg.simulation.stacks.registry import StackChoice
 from rvsg.world.world import Route
 
 FAKE = Path(__file__).with_name("fake_ros.py")
+BRIDGE = Path(__file__).with_name("run_bridge.py")
 PLUGIN = Path(__file__).parents[2] / "plugins" / "rvsg-ros2"
 
 
@@ -46,6 +57,42 @@ def test_what_goes_wrong_is_an_outcome_with_its_reason() -> None:
         told = run.details["stack"]
         assert isinstance(told, dict)
         assert said in told["fault"]
+
+
+@cache
+def rclpy_command() -> str | None:
+    """How to run a Python with rclpy; None where there is none."""
+    command = os.environ.get("RVSG_RCLPY", "python3")
+    try:
+        done = subprocess.run([*shlex.split(command), "-c", "import rclpy"], capture_output=True, timeout=60.0)
+    except OSError:
+        return None
+    return command if done.returncode == 0 else None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("through", [(), (Pose(x=0.0, y=0.0),)], ids=["goal", "poses"])
+def test_a_real_rclpy_drives_a_real_nav2(
+    through: tuple[Pose, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if LAUNCH is None or rclpy_command() is None:
+        pytest.skip("no Nav2 is found (see test_real_nav2), or no Python with rclpy (RVSG_RCLPY, else python3)")
+    domain = 170 + os.getpid() % 30
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+    params = tmp_path / "nav2.yaml"
+    params.write_text(new_nav2_params(stack="nav2-dwb", release="jazzy"))
+    options = {
+        "timeout_s": 120.0, "period_s": 0.02, "parameters": {"localises": False, "publish_map": True, "speed": 1.0},
+    }  # fmt: skip
+    chosen = StackChoice.of(f"exec-stack:{rclpy_command()} {BRIDGE}", options)
+    route = Route(name="room", start=Pose(x=-2.0, y=0.0), goal=Pose(x=1.5, y=0.5), through=through, time_limit_s=60.0)
+    nav2 = Launched(LAUNCH.replace("{params}", str(params)), ros_environment(domain))
+    try:
+        runs = [simulate_agents(empty_room(), route, [], seed=seed, stack=chosen) for seed in range(2)]
+    finally:
+        chosen.driver.close()
+        nav2.close()
+    assert [run.outcome for run in runs] == [Outcome.REACHED] * 2, [run.details["stack"] for run in runs]
 
 
 def test_the_wheel_takes_the_client_of_this_version() -> None:
