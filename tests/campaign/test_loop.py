@@ -23,6 +23,7 @@ from tests.campaign.parts import (
 )
 from tests.coded import coded
 
+from rvsg.campaign.accounting import account
 from rvsg.campaign.attempt import Attempt, Measurement
 from rvsg.campaign.confirmation import confirm
 from rvsg.campaign.elite import EliteStrategy
@@ -30,7 +31,7 @@ from rvsg.campaign.events import Attempted
 from rvsg.campaign.loop import feedback_from, run_campaign
 from rvsg.campaign.measuring import Measuring
 from rvsg.campaign.parallel import Simulations
-from rvsg.campaign.ranking import best_attempt, ranking, rule, worst_by_mean
+from rvsg.campaign.ranking import best_attempt, confirmations, ranking, rule, worst_by_mean
 from rvsg.campaign.strategies import Ask, ClimbStrategy, RandomStrategy, StudyStrategy, UnguidedStrategy
 from rvsg.core.errors import BudgetSpent, SimulationError
 from rvsg.core.seeds import fresh_seeds
@@ -215,6 +216,40 @@ def test_a_further_configuration_that_cannot_always_violate_is_dropped_early() -
         *_, last = confirm(the_plan, candidate, first, made, budget=30, only_fail=True)
     assert isinstance(last, Attempted) and last.attempt.verdict is not None
     assert (last.attempt.verdict.violations, last.attempt.verdict.runs) == (11, 13)
+
+
+def test_what_ended_without_a_verdict_goes_on_with_the_runs_that_are_left() -> None:
+    the_plan = plan(scenarios=2, refinements=2, repeats=1, confirmations=100, requirement=REQUIREMENT)
+    first = run(MemoryLedger(), the_plan.replace(confirmations=0))
+    used = {m.seed for a in first for m in a.measurements}
+    seeds = fresh_seeds(the_plan.seed, "confirmation", 100, used=used)
+    scenario = {a.proposal.scenario.id: a.index for a in first if a.proposal.scenario}
+    clean = {0: seeds[::2], 3: seeds[::2], 1: seeds[1:]}  # the rest violates in every run
+    measuring = Measuring(REQUIREMENT)
+
+    def measured(made: Run) -> Measurement:
+        index = scenario.get(made.scenario_id, 9)
+        bad = 0.4 if index in (0, 3) else 0.5 + index / 100
+        value = 2.0 if made.seed in clean.get(index, ()) else bad
+        return Measurement(run_id=made.id, seed=made.seed, outcome="goal", values={"dto": value}, objective=value)
+
+    def finished(ledger: MemoryLedger) -> list[Attempt]:
+        made = dataclasses.replace(parts(ledger, measure=measured), judge=measuring.judge)
+        with made.simulations:
+            return run_campaign(the_plan, StudyStrategy(the_plan, feedback_from(ledger, the_plan, warehouse())), made)
+
+    attempts = finished(ledger := MemoryLedger())
+    ended = [(a.confirms, a.verdict.status, a.verdict.runs) for a in confirmations_of(attempts) if a.verdict]
+    assert ended[:3] == [(0, Status.FLAKY, 4), (3, Status.FLAKY, 4), (1, Status.INCONCLUSIVE, 4)]
+    assert ended[3:] == [(2, Status.FAIL, 15), (1, Status.PASS, 28)]
+    assert [a.confirms for a in confirmations(attempts)] == [0, 3, 2, 1]
+    early, late = (a for a in attempts if a.purpose == "confirmation" and a.confirms == 1)
+    assert late.measurements[:4] == early.measurements
+    assert account(attempts).confirmation_runs == 4 + 4 + 15 + 28
+    for kept in range(len(first), len(attempts)):  # after an interruption anywhere the same records follow
+        cut = MemoryLedger()
+        cut.runs, cut.kept = dict(ledger.runs), list(attempts[:kept])
+        assert finished(cut) == attempts
 
 
 @pytest.mark.slow

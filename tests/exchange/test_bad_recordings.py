@@ -170,6 +170,36 @@ def test_a_recording_of_several_runs_is_refused(said: list[Said], tmp_path: Path
         read_recording(recorded(twice(), tmp_path), world=world)
 
 
+def test_people_on_another_clock_are_refused(said: list[Said], tmp_path: Path, world: World) -> None:
+    def change(topic: str, t: float, message: Any) -> Iterator[Said]:
+        if topic == "/human_states":
+            message.header.stamp.sec += 1_700_000_000
+        yield topic, t, message
+
+    with pytest.raises(FileError):
+        read_recording(recorded([deepcopy(each) for each in said], tmp_path, change), world=world)
+
+
+@pytest.mark.parametrize("named", [{"robot_topic": "/tf"}, {"people_topic": "/odom"}])
+def test_a_topic_that_cannot_say_what_it_is_named_for_is_refused(
+    said: list[Said], tmp_path: Path, world: World, named: dict[str, str]
+) -> None:
+    with pytest.raises(FileError):
+        read_recording(recorded(said, tmp_path), world=world, **named)
+
+
+def test_poses_that_are_no_numbers_are_left_out(said: list[Said], tmp_path: Path, world: World) -> None:
+    def change(topic: str, t: float, message: Any) -> Iterator[Said]:
+        if topic == "/tf" and 3.0 < at(t) < 3.5:
+            message.transforms[0].transform.translation.x = math.nan
+        if topic == "/odom" and 5.0 < at(t) < 5.5:
+            message.pose.pose.position.y = math.inf
+        yield topic, t, message
+
+    found = read_recording(recorded([deepcopy(each) for each in said], tmp_path, change), world=world).run.trajectory
+    assert np.isfinite(found.x).all() and np.isfinite(found.y).all() and np.isfinite(found.human_x).all()
+
+
 def test_what_others_write_as_our_facts_is_refused(said: list[Said], tmp_path: Path, world: World) -> None:
     message = Messages(rosbags_types()).make("std_msgs/String", data='{"t0": 0.0, "header": {}}')
     with pytest.raises(FileError):

@@ -38,7 +38,13 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
             found["traced"].write_text(page(the_plan, attempts, ledger, traces=[view]), encoding="utf-8")
             (folder / "one.trace.json").write_text(trace_json(made(run), warehouse()), encoding="utf-8")
     link, the_plan, summary = reported()
-    row = {"campaign": "route_1, R1", "scenario": "1. Two people", "happens": "A person stands.", "chip": "FAIL"}
+    row = {
+        "campaign": "route_1, R1",
+        "scenario": "1. Two people",
+        "where": "Shelf 1",
+        "happens": "A person stands.",
+        "chip": "FAIL",
+    }
     row |= {"violated": "15 of 15", "contacts": "0 of 15", "people": "yes"}
     pin = Pin(link=link, address="#run=a&t=1.0", name="route_1, R1, scenario 1", x=1.0, y=2.0, row=row)
     found["overview"] = folder / "overview.html"

@@ -66,7 +66,7 @@ class Judgement:
     def __str__(self) -> str:
         unit = self.requirement.unit
         head = f"{self.requirement.name} {self.requirement.title}: {status_in_words(self.verdict)}"
-        return f"{head}; {interval(self.verdict, unit)}. {self.verdict.reason}"
+        return f"{head}; {interval(self.verdict, unit)}. {self.verdict.reason}."
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything as plain data."""

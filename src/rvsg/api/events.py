@@ -15,7 +15,7 @@ from rvsg.campaign.events import (
     Shrinks,
 )
 from rvsg.campaign.plan import Plan
-from rvsg.campaign.ranking import best_attempt, rule, search_attempts
+from rvsg.campaign.ranking import best_attempt, confirmations, rule, search_attempts
 
 __all__ = [
     "Attempt",
@@ -30,6 +30,7 @@ __all__ = [
     "RunMade",
     "Shrinks",
     "best_attempt",
+    "confirmations",
     "rule",
     "search_attempts",
 ]

@@ -70,8 +70,10 @@ class FoundCampaign(Record):
 
     @property
     def tried(self) -> str:
-        """How many configurations were tried, of how many; a strategy that plans in runs may try more."""
-        return f"{self.attempts} of {self.planned}" if self.attempts <= self.planned else str(self.attempts)
+        """How many configurations were tried, of how many."""
+        from rvsg.report.summary import tried_of
+
+        return tried_of(self.attempts, self.planned)
 
 
 class Listing(Record):
@@ -306,11 +308,12 @@ def _found(campaign: Any, place: str, changed: float) -> FoundCampaign:
 
 
 def _confirmations(attempts: list[Any]) -> Iterator[FoundFinding]:
+    from rvsg.campaign.ranking import confirmations
     from rvsg.evaluation.judge import violated
 
-    for attempt in attempts:
+    for attempt in confirmations(attempts):
         verdict, scenario = attempt.verdict, attempt.proposal.scenario
-        if attempt.purpose != "confirmation" or verdict is None or scenario is None:
+        if verdict is None or scenario is None:
             continue
         yield FoundFinding(
             attempt=attempt.index,

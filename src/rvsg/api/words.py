@@ -11,10 +11,11 @@ from rvsg.campaign.finding import DistinctFailure, Finding
 from rvsg.evaluation.judge import DEFAULT, OPEN, still_open
 from rvsg.evaluation.metrics import METRICS, measure, metric
 from rvsg.evaluation.verdict import Status, Verdict
+from rvsg.evaluation.wording import difference_in_words, how_sure, percent, why_ended
 from rvsg.generation.generator import Call, Proposal
 from rvsg.generation.vlm.budget import Spending
 from rvsg.report.junit import junit_xml
-from rvsg.report.summary import Ranked, Summary, counted, interval, number, status_in_words
+from rvsg.report.summary import Ranked, Summary, counted, interval, number, status_in_words, tried_of
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.validity import warnings
 from rvsg.world.world import World
@@ -35,6 +36,7 @@ __all__ = [
     "Verdict",
     "calls_of",
     "counted",
+    "how_sure",
     "interval",
     "junit_xml",
     "measure",
@@ -42,6 +44,7 @@ __all__ = [
     "number",
     "status_in_words",
     "still_open",
+    "tried_of",
 ]
 
 
@@ -69,8 +72,8 @@ def describe_finding(finding: Finding, requirement: Requirement, *, brief: bool 
     runs = counted(verdict.runs + verdict.undefined, "confirmation run")
     yield (
         f"Scenario {finding.scenario + 1} in {runs}: {status_in_words(verdict)}; {interval(verdict, requirement.unit)}"
-        f"{_often(finding)}"
     )
+    yield f"  {how_sure(verdict)}.{'' if brief else ' ' + why_ended(verdict)}".rstrip()
     if not brief and (compared := describe_difference(finding)) is not None:
         yield f"  {compared}"
     contacts, arrived = finding.contacts, finding.arrived
@@ -93,29 +96,18 @@ def describe_finding(finding: Finding, requirement: Requirement, *, brief: bool 
 
 def describe_difference(finding: Finding) -> str | None:
     """Return how often the requirement is violated with and without people; None where that was not measured."""
-    without = finding.without_people
-    if without is None or finding.difference is None or finding.difference_interval is None:
+    compared, probability = finding.compared, finding.violation_probability
+    if compared is None or probability is None:
         return None
-    low, high = finding.difference_interval
-    points = "point" if abs(round(100 * finding.difference)) == 1 else "points"
-    said = (
-        f"{finding.violation_probability:.0%} with these people, {without.probability:.0%} without (difference "
-        f"{100 * finding.difference:.0f} {points}, interval {100 * low:.0f} to {100 * high:.0f})."
-    )
+    said = difference_in_words(compared.difference, compared.interval, finding.verdict.confidence)
     meant = {
         "no": " The violation recurs without people, so it is not a finding about people.",
         "open": " These runs do not tell whether the people cause it.",
     }
-    if without.violated and finding.about_people == "open":
+    if finding.also_alone:
         meant["open"] = " It also happens without people; these runs do not tell whether people make it more frequent."
-    return said + meant.get(finding.about_people, "")
-
-
-def _often(finding: Finding) -> str:
-    if finding.violation_probability is None or finding.interval is None:
-        return ""
-    low, high = finding.interval
-    return f"; violated with probability {finding.violation_probability:.2f} [{low:.2f}, {high:.2f}]"
+    without = percent(compared.without.probability)
+    return f"{percent(probability)} with these people, {without} without ({said}).{meant.get(finding.about_people, '')}"
 
 
 def describe_proposal(proposal: Proposal, world: World) -> Iterator[str]:

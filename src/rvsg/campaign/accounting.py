@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from rvsg.campaign.attempt import Attempt
-from rvsg.campaign.ranking import search_attempts
+from rvsg.campaign.ranking import confirmations, search_attempts
 from rvsg.core.errors import BudgetSpent
 from rvsg.core.records import Record
 from rvsg.generation.generator import Call
@@ -69,7 +69,7 @@ def account(attempts: Iterable[Attempt]) -> Accounting:
     return Accounting(
         search_attempts=len(searched),
         search_runs=runs_of(searched),
-        confirmation_runs=sum(len(a.measurements) for a in attempts if a.purpose == "confirmation"),
+        confirmation_runs=sum(len(a.measurements) for a in confirmations(attempts)),
         baseline_runs=sum(len(a.measurements) for a in attempts if a.purpose in ("baseline", "removal")),
         shrinking_runs=sum(a.trial_runs + len(a.measurements) for a in attempts if a.purpose == "shrinking"),
         failed_runs=sum(len(a.failures) for a in attempts),

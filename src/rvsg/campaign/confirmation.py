@@ -10,9 +10,10 @@ from collections.abc import Iterator, Sequence
 
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.events import Attempted, Confirming, Event, Explaining
+from rvsg.campaign.finding import badness
 from rvsg.campaign.parts import Made, Parts, collect, store, submit
 from rvsg.campaign.plan import Plan
-from rvsg.campaign.ranking import candidates, search_attempts
+from rvsg.campaign.ranking import candidates, confirmations, search_attempts
 from rvsg.core.seeds import fresh_seeds
 from rvsg.evaluation.judge import next_repeats, violated
 from rvsg.evaluation.verdict import Procedure, Status
@@ -30,7 +31,8 @@ def confirm_all(plan: Plan, attempts: Sequence[Attempt], parts: Parts) -> Iterat
     """Confirm the candidates in order until the budget is spent, then run the mission with fewer people.
 
     First comes the worst configuration of every scenario, the worst scenario first. Where none of them is shown to
-    violate nearly always (FAIL), the other configurations follow until one is. What is stored already is not repeated.
+    violate nearly always (FAIL), the other configurations follow until one is. Then the runs that are left decide what
+    ended early without a verdict. What is stored already is not repeated.
     """
     done = list(attempts)
     if not plan.confirmations:
@@ -44,7 +46,7 @@ def confirm_all(plan: Plan, attempts: Sequence[Attempt], parts: Parts) -> Iterat
         if _is_confirmed(candidate, done):
             continue
         another = number > scenarios
-        left = plan.confirmations - sum(a.runs for a in done if a.purpose == "confirmation")
+        left = plan.confirmations - sum(a.runs for a in _begun(done))
         if left <= 0 or (number > 1 and not parts.procedure.replace(max_runs=left).fewest_for(0, 0)):
             break
         if another and any(_fails(attempt) for attempt in done):
@@ -57,7 +59,35 @@ def confirm_all(plan: Plan, attempts: Sequence[Attempt], parts: Parts) -> Iterat
         spare = max(0, reserve - (left - budget))
         run = confirm(plan, candidate, done, parts, budget=budget, reserve=spare, only_fail=another)
         yield from _noted(run, done)
+    yield from _noted(_decide(plan, order_of, done, parts, share), done)
     yield from _noted(explain(plan, done, parts), done)
+
+
+def _decide(
+    plan: Plan, order_of: Sequence[Attempt], attempts: Sequence[Attempt], parts: Parts, most: int
+) -> Iterator[Event]:
+    """Continue the confirmations without a verdict, the worst first, where the runs that are left can decide them.
+
+    Args:
+        most: runs of one confirmation at most, unless an equal part of what is left is more.
+    """
+    done, by_index = list(attempts), {candidate.index: candidate for candidate in order_of}
+    undecided = [a for a in _begun(done) if a.verdict is not None and a.verdict.status is Status.INCONCLUSIVE]
+    undecided.sort(key=lambda a: badness(a.verdict, parts.procedure), reverse=True)
+    latest = {a.confirms: a for a in confirmations(done)}
+    for number, attempt in enumerate(undecided, 1):
+        candidate = by_index.get(attempt.confirms if attempt.confirms is not None else -1)
+        left = plan.confirmations - sum(a.runs for a in latest.values())
+        part = left // (len(undecided) - number + 1)
+        budget = min(attempt.runs + left, max(most, attempt.runs + part))
+        if candidate is None or latest[attempt.confirms] is not attempt:
+            continue
+        if not _reachable(plan, _objectives(attempt), parts.procedure.replace(max_runs=max(1, budget))):
+            continue
+        yield Confirming(campaign=plan.name, candidate=candidate, number=number, of=len(undecided), runs=budget)
+        run = confirm(plan, candidate, done, parts, budget=budget, known=attempt)
+        yield from _noted(run, done)
+        latest[attempt.confirms] = done[-1]
 
 
 def confirm(
@@ -69,6 +99,7 @@ def confirm(
     budget: int,
     reserve: int = 0,
     only_fail: bool = False,
+    known: Attempt | None = None,
 ) -> Iterator[Event]:
     """Repeat a candidate in at most `budget` runs with new seeds.
 
@@ -82,6 +113,7 @@ def confirm(
             are left for it. Where it is certain that this one violates, but not always, and telling how often would use
             them up, it ends.
         only_fail: End as soon as it cannot be shown any more, within the budget, to violate nearly always.
+        known: An earlier confirmation that ended without a verdict; its runs count towards the budget.
     """
     seeds = confirmation_seeds(plan, attempts, budget)
     again = candidate.replace(
@@ -94,8 +126,9 @@ def confirm(
     )
     procedure = parts.procedure.replace(max_runs=budget)
     judged = plan.requirement.threshold is not None
-    made = Made()
-    count = next_repeats(plan.requirement, [], procedure=procedure) if judged else budget
+    made = Made(measurements=list(known.measurements), failures=list(known.failures)) if known else Made()
+    objectives = _objectives(known) if known else []
+    count = next_repeats(plan.requirement, objectives, procedure=procedure) if judged else budget
     ahead = min(max(0, parts.simulations.lookahead - 1), MOST_AHEAD)
     while count:
         pending = submit(again, seeds[made.count : made.count + count + ahead], parts)
@@ -111,6 +144,19 @@ def confirm(
             budget = made.count
             break
     yield Attempted(campaign=plan.name, attempt=store(again, made, parts, budget=budget))
+
+
+def _objectives(attempt: Attempt) -> list[float | None]:
+    return [m.objective for m in attempt.measurements] + [None] * len(attempt.failures)
+
+
+def _begun(attempts: Sequence[Attempt]) -> list[Attempt]:
+    """Return the confirmations as they first ended: what is decided from them is the same after an interruption."""
+    first: dict[int | None, Attempt] = {}
+    for attempt in attempts:
+        if attempt.purpose == "confirmation":
+            first.setdefault(attempt.confirms, attempt)
+    return list(first.values())
 
 
 def _reachable(plan: Plan, objectives: Sequence[float | None], procedure: Procedure) -> dict[Status, int]:
@@ -142,16 +188,16 @@ def _is_confirmed(candidate: Attempt, attempts: Sequence[Attempt]) -> bool:
 def explain(plan: Plan, attempts: Sequence[Attempt], parts: Parts) -> Iterator[Event]:
     """Run the mission without people, and every confirmed violation without each of its people in turn."""
     done = list(attempts)
-    confirmations = [a for a in done if a.purpose == "confirmation" and a.measurements]
-    if not confirmations:
+    confirmed = [a for a in confirmations(done) if a.measurements]
+    if not confirmed:
         return
-    longest = max(confirmations, key=lambda a: len(a.measurements))
+    longest = max(confirmed, key=lambda a: len(a.measurements))
     known = [a for a in done if a.purpose == "baseline"]
     if not known or len(known[-1].measurements) < len(longest.measurements):
         yield from _noted(_with_people(plan, longest, (), "baseline", done, parts), done)
     if plan.requirement.threshold is None:
         return
-    for confirmation in confirmations:
+    for confirmation in confirmed:
         scenario, verdict = confirmation.proposal.scenario, confirmation.verdict
         if scenario is None or verdict is None or not violated(verdict, procedure=parts.procedure):
             continue

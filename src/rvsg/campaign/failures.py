@@ -15,6 +15,7 @@ import numpy as np
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.ranking import in_full, measured, standing
 from rvsg.core.records import Record
+from rvsg.evaluation.naming import place_name
 from rvsg.evaluation.sampled import sampled
 from rvsg.scenario.requirement import Requirement
 from rvsg.simulation.run import Outcome, Run
@@ -43,7 +44,7 @@ class FailureMode(Record):
     """A way in which the robot fails.
 
     Attributes:
-        place: The labelled area nearest to the robot at the closest approach, or the part of its way.
+        place: Where the robot is at the closest approach, as `place_name` names it.
         person: Where the person is and how they move, as seen from the robot.
         robot: What the robot does.
     """
@@ -55,7 +56,7 @@ class FailureMode(Record):
     @property
     def words(self) -> str:
         """The failure in one sentence."""
-        return f"At {self.place} a person {met(self.person)}; the robot {self.robot}."
+        return f"Near {self.place}, a person {met(self.person)}; the robot {self.robot}."
 
 
 def met(kind: str) -> str:
@@ -75,7 +76,7 @@ def mode_of(run: Run, world: World) -> FailureMode | None:
     index, human = (int(i) for i in np.unravel_index(int(seen.gap.argmin()), seen.gap.shape))
     touched = any(touch.person == human and touch.first <= index <= touch.last for touch in seen.contacts)
     return FailureMode(
-        place=_place(float(path.x[index]), float(path.y[index]), world),
+        place=place_name(world, float(path.x[index]), float(path.y[index])),
         person=_person(run, index, human),
         robot=_robot(run, index, touched=touched),
     )
@@ -104,17 +105,6 @@ def candidates(
         rank.append((kinds.get(kind, 0), attempt))
         kinds[kind] = kinds.get(kind, 0) + 1
     return [attempt for _, attempt in sorted(rank, key=lambda pair: pair[0])]
-
-
-def _place(x: float, y: float, world: World) -> str:
-    """The labelled area whose waypoints are nearest; the nearest waypoint where nothing is labelled."""
-    grid = world.grid
-    nearest = [
-        (min(math.dist((x, y), grid.position(name)) for name in names), area.name)
-        for area in world.areas
-        if (names := [name for name in area.waypoints if name in grid.by_name])
-    ]
-    return min(nearest)[1] if nearest else grid.nearest(x, y)
 
 
 def _person(run: Run, index: int, human: int) -> str:

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from rvsg.campaign.attempt import Attempt, Measurement
 from rvsg.campaign.failures import FailureMode, usual_mode
 from rvsg.campaign.feedback import worst_run
 from rvsg.campaign.plan import Plan
+from rvsg.campaign.ranking import confirmations
 from rvsg.core.records import Record
 from rvsg.evaluation.judge import DEFAULT, Procedure, violated
 from rvsg.evaluation.safety_summary import Arrivals, Contacts, summarise_safety
 from rvsg.evaluation.statistics import share_difference
 from rvsg.evaluation.story import story_of
 from rvsg.evaluation.verdict import Status, Verdict
+from rvsg.evaluation.wording import how_sure
 from rvsg.scenario.requirement import Requirement
 from rvsg.simulation.run import Run
 from rvsg.world.world import World
@@ -64,6 +66,16 @@ class Smallest(Record):
         return self.violated > 0 and 2 * self.violated >= self.before
 
 
+class Compared(NamedTuple):
+    """A finding against the mission without people on the same seeds."""
+
+    without: Share
+    difference: float
+    """Violation probability with these people less that without them."""
+    interval: tuple[float, float]
+    """Of the difference, two-sided."""
+
+
 RECURS_WITHIN = 0.2
 """A violation recurs without people where it is at most this much rarer then, as a share of the runs."""
 
@@ -84,7 +96,9 @@ class Finding(Record):
     """Whether the requirement is violated more than rarely, with the error rate of the procedure."""
     violation_probability: float | None
     interval: tuple[float, float] | None
-    """The Clopper-Pearson interval of the violation probability."""
+    """The two-sided Clopper-Pearson interval of the violation probability."""
+    how_sure: str = ""
+    """How sure the verdict is: the share with its interval, and what the tests of the verdict rule out."""
     contacts: Contacts
     arrived: Arrivals
     least_clearance_m: float | None
@@ -107,6 +121,18 @@ class Finding(Record):
     story_run: str | None = None
     """The id of that run."""
 
+    @property
+    def also_alone(self) -> bool:
+        """Whether it also happens without people, and the runs do not tell whether they make it more frequent."""
+        return self.about_people == "open" and self.without_people is not None and self.without_people.violated > 0
+
+    @property
+    def compared(self) -> Compared | None:
+        """The comparison with the mission without people; None where that was not run or there is no limit."""
+        if self.without_people is None or self.difference is None or self.difference_interval is None:
+            return None
+        return Compared(self.without_people, self.difference, self.difference_interval)
+
 
 def findings(
     plan: Plan, attempts: Sequence[Attempt], *, run_of: RunOf, world: World, procedure: Procedure = DEFAULT
@@ -116,7 +142,7 @@ def findings(
     Args:
         run_of: finds a run by its id.
     """
-    confirmed = [a for a in attempts if a.purpose == "confirmation" and a.verdict is not None]
+    confirmed = [a for a in confirmations(attempts) if a.verdict is not None]
     made = [_finding(plan, attempt, attempts, run_of, world, procedure) for attempt in confirmed]
     by_index = sorted(made, key=lambda f: f.confirmation)
     return tuple(sorted(by_index, key=lambda f: badness(f.verdict, procedure), reverse=True))
@@ -168,9 +194,7 @@ def at_least(interval: tuple[float, float] | None) -> float:
 
 def worst_confirmation(attempts: Sequence[Attempt], procedure: Procedure = DEFAULT) -> Attempt | None:
     """Return the confirmation that says most against the robot; None without one."""
-    confirmed = [a for a in attempts if a.purpose == "confirmation"]
-
-    return max(confirmed, key=lambda a: (badness(a.verdict, procedure), -a.index), default=None)
+    return max(confirmations(attempts), key=lambda a: (badness(a.verdict, procedure), -a.index), default=None)
 
 
 def badness(verdict: Verdict | None, procedure: Procedure = DEFAULT) -> tuple[bool, bool, float]:
@@ -214,6 +238,7 @@ def _finding(
         "violated": bad,
         "violation_probability": verdict.violation_probability,
         "interval": verdict.violation_interval,
+        "how_sure": how_sure(verdict),
         "contacts": safety.contacts,
         "arrived": safety.arrived,
         "least_clearance_m": safety.least_clearance_m,

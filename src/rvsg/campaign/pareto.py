@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from rvsg.campaign.attempt import Attempt, Measurement
 from rvsg.campaign.plan import Plan
-from rvsg.campaign.ranking import in_full
+from rvsg.campaign.ranking import confirmations, in_full
 from rvsg.core.records import Record
 from rvsg.scenario.requirement import Requirement
 
@@ -131,8 +131,8 @@ def hypervolume(points: Sequence[Sequence[float]]) -> float:
 
 
 def _confirmed(scenario_id: str, plan: Plan, attempts: Sequence[Attempt]) -> tuple[Tried, ...]:
-    for attempt in attempts:
+    for attempt in confirmations(attempts):
         scenario = attempt.proposal.scenario
-        if attempt.purpose == "confirmation" and scenario is not None and scenario.id == scenario_id:
+        if scenario is not None and scenario.id == scenario_id:
             return tried_by(attempt.measurements, plan) or ()
     return ()

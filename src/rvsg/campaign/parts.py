@@ -55,7 +55,10 @@ class Parts:
 
 @dataclass
 class Made:
-    """The runs of an attempt as they come in, with their measurements, and those that could not be made."""
+    """The runs of an attempt as they come in, with their measurements, and those that could not be made.
+
+    Of an attempt that continues another one, `runs` holds the new runs only.
+    """
 
     runs: list[PackedRun] = field(default_factory=list)
     measurements: list[Measurement] = field(default_factory=list)
@@ -64,7 +67,7 @@ class Made:
     @property
     def count(self) -> int:
         """Return how many runs were asked for."""
-        return len(self.runs) + len(self.failures)
+        return len(self.measurements) + len(self.failures)
 
 
 def submit(attempt: Attempt, seeds: Sequence[int], parts: Parts) -> list[PendingRun]:
@@ -93,7 +96,7 @@ def store(attempt: Attempt, made: Made, parts: Parts, *, budget: int | None = No
     Raises:
         SimulationError: none of its runs could be made; the simulator would make none of the next either.
     """
-    if made.failures and not made.runs:
+    if made.failures and not made.measurements:
         raise SimulationError(
             f"The simulator made none of the {len(made.failures)} runs of attempt {attempt.index}: "
             f"{made.failures[0].reason}",

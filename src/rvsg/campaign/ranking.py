@@ -112,6 +112,15 @@ def ranking(attempts: Iterable[Attempt], requirement: Requirement) -> list[Attem
     return sorted(chosen, key=lambda a: standing(a, requirement), reverse=True)
 
 
+def confirmations(attempts: Iterable[Attempt]) -> list[Attempt]:
+    """Return the confirmations, in order; of one that was continued, the attempt that holds all of its runs."""
+    latest: dict[int, Attempt] = {}
+    for attempt in attempts:
+        if attempt.purpose == "confirmation":
+            latest[attempt.confirms if attempt.confirms is not None else -1 - attempt.index] = attempt
+    return sorted(latest.values(), key=lambda a: a.index)
+
+
 def candidates(attempts: Iterable[Attempt], requirement: Requirement) -> list[Attempt]:
     """Return the configurations worth confirming, in order.
 

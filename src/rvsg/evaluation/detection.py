@@ -199,13 +199,18 @@ def near_misses(s: Sampled, at: PlaceAt) -> Iterator[NearMiss]:
 
 
 def hard_brakes(s: Sampled, at: PlaceAt) -> Iterator[HardBrake]:
-    """Yield one event for each stretch of braking harder than `HARD_BRAKE_M_S2` over half a second, en route."""
+    """Yield one event for each stretch of braking harder than `HARD_BRAKE_M_S2` over half a second, en route.
+
+    Speed that a contact takes from the robot is not braking: it counts only up to the moment at which they touch.
+    """
     t, speed = s.series.t, np.abs(s.series.v)
     later = np.searchsorted(t, t + BRAKE_WINDOW_S - 1e-9)
     usable = later < len(t)
     if s.run.completed:
         usable &= t <= t[-1] - ARRIVING_S
     window = np.minimum(later, len(t) - 1)
+    touched = np.concatenate([[0], np.cumsum(_in_contact(s))])
+    usable &= touched[window + 1] == touched[np.arange(len(t))]
     span = np.where(usable, t[window] - t, 1.0)
     drop = np.where(usable, (speed - speed[window]) / np.where(span > 0, span, 1.0), 0.0)
     for first, last in stretches(drop >= HARD_BRAKE_M_S2 - 1e-9):
@@ -219,6 +224,17 @@ def hard_brakes(s: Sampled, at: PlaceAt) -> Iterator[HardBrake]:
             to_speed_m_s=round(float(speed[window[hardest]]), 3),
             person=_nearest(s, hardest, NEAR_M),
         )
+
+
+def _in_contact(s: Sampled) -> Flags:
+    """(N,) whether the robot touches a person, a wall or an object, or has just begun to when a sample is taken."""
+    flags: Flags = s.touching.any(axis=1) if s.people else np.zeros(len(s), np.bool_)
+    t = s.series.t
+    for event in s.run.events:
+        if isinstance(event, recorded.ObstacleContact | RobotContact):
+            first, last = np.searchsorted(t, [event.time_s - 1e-9, event.until_s + 1e-9])
+            flags[min(int(first), len(t) - 1) : int(last) + 1] = True
+    return flags
 
 
 def standstills(s: Sampled, at: PlaceAt) -> Iterator[StandStill]:

@@ -34,7 +34,7 @@ from rvsg.evaluation.metrics import find_metric, measure, metric
 from rvsg.evaluation.signals import formula, robustness
 from rvsg.evaluation.statistics import censored_median, clopper_pearson, mean_interval
 from rvsg.evaluation.verdict import DEFAULT, Procedure, Status, Verdict
-from rvsg.evaluation.wording import OPEN, reason_of
+from rvsg.evaluation.wording import OPEN, how_sure
 from rvsg.scenario.requirement import Requirement
 from rvsg.simulation.run import Outcome, Run
 from rvsg.world.world import World
@@ -148,7 +148,7 @@ def judge(
     judged = requirement.threshold is not None
     undefined = len(objectives) - len(known)
     status = procedure.status(violations, len(known)) if judged else Status.UNJUDGED
-    return Verdict(
+    verdict = Verdict(
         requirement=requirement.name,
         status=status,
         objectives=known,
@@ -163,11 +163,11 @@ def judge(
         violation_interval=clopper_pearson(violations, len(known), procedure.confidence) if known and judged else None,
         confidence=procedure.confidence,
         error_rate=procedure.error_rate if judged else None,
-        reason=reason_of(status, violations, len(known), undefined, procedure),
         censored=sum(late),
         median=censored_median(known, late),
         procedure=procedure,
     )
+    return verdict.replace(reason=how_sure(verdict))
 
 
 def violated(verdict: Verdict, *, procedure: Procedure | None = None) -> bool:

@@ -107,11 +107,12 @@ class Verdict(Record):
     violation_probability: float | None = None
     """Share of violating runs; None without a limit."""
     violation_interval: tuple[float, float] | None = None
-    """Clopper-Pearson interval of the share at `confidence`."""
+    """Two-sided Clopper-Pearson interval of the share at `confidence`; the status comes from one-sided tests."""
     confidence: float = 0.95
     error_rate: float | None = None
     """How often such a status is wrong at most; None without a limit."""
     reason: str = ""
+    """How sure the verdict is, in words: `rvsg.evaluation.wording.how_sure`."""
     censored: int = 0
     """Runs that did not arrive and whose value is therefore only a lower bound."""
     median: float | None = None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rvsg.evaluation.verdict import Procedure, Status, Verdict
+from rvsg.evaluation.verdict import Status, Verdict
 
 OPEN = "FAIL or FLAKY is still open"
 """What is added to a verdict that is violated for sure, but not yet FAIL or FLAKY."""
@@ -56,25 +56,70 @@ def status_in_words(verdict: Verdict) -> str:
     return verdict.status.value
 
 
-def reason_of(status: Status, violations: int, runs: int, undefined: int, procedure: Procedure) -> str:
-    """Return one sentence that says why the status is what it is."""
+def share_in_words(verdict: Verdict) -> str:
+    """Return the share of violating runs with its interval, e.g. `93 %, two-sided 95 % interval 68 to 100 %`."""
+    if verdict.violation_probability is None or verdict.violation_interval is None:
+        return ""
+    low, high = verdict.violation_interval
+    between = f"{100 * low:.0f} to {percent(high)}"
+    return f"{percent(verdict.violation_probability)}, two-sided {percent(verdict.confidence)} interval {between}"
+
+
+def difference_in_words(difference: float, interval: tuple[float, float], confidence: float) -> str:
+    """Return how much larger one share is than another, e.g. `difference 24 points, two-sided 95 % interval 3 to 41`.
+
+    Args:
+        difference: Of two shares, from -1 to 1.
+    """
+    low, high = (round(100 * bound) for bound in interval)
+    points = counted(round(100 * difference), "point")
+    return f"difference {points}, two-sided {percent(confidence)} interval {low} to {high}"
+
+
+def how_sure(verdict: Verdict) -> str:
+    """Return how sure a verdict is: the share of violating runs with its interval, and what the tests rule out.
+
+    The interval has two sides. The status comes from sequential tests that have one each. So their bounds differ, and
+    each is named.
+    """
     without = ""
-    if undefined:
-        without = f"; {counted(undefined, 'run')} {'has' if undefined == 1 else 'have'} no value"
-    if status is Status.UNJUDGED:
-        return f"{counted(runs, 'run')} measured; the requirement has no limit, so none is judged{without}"
-    verb = "violates" if violations == 1 else "violate"
-    count = f"{violations} of {counted(runs, 'run')} {verb} the requirement{without}"
-    sure = f"such a verdict is wrong in at most {percent(procedure.error_rate)} of cases"
-    match status:
+    if verdict.undefined:
+        without = f"; {counted(verdict.undefined, 'run')} {'has' if verdict.undefined == 1 else 'have'} no value"
+    if verdict.status is Status.UNJUDGED:
+        runs = counted(verdict.runs, "run")
+        return f"{runs} measured; the requirement has no limit, so none is judged{without}"
+    verb = "violates" if verdict.violations == 1 else "violate"
+    share = f" ({said})" if (said := share_in_words(verdict)) else ""
+    count = f"{verdict.violations} of {counted(verdict.runs, 'run')} {verb} the requirement{share}{without}"
+    return f"{count}. {_decision(verdict)}"
+
+
+def _decision(verdict: Verdict) -> str:
+    """Return what the tests behind a status rule out, or why none has decided."""
+    procedure = verdict.judged_by
+    sure = f"wrong in at most {percent(procedure.error_rate)} of cases"
+    often, rare = procedure.often, procedure.rare
+    match verdict.status:
         case Status.PASS:
-            return f"{count}: fewer than {percent(procedure.often)} of runs violate it ({sure})"
+            return f"PASS: a one-sided test rules out that {percent(often)} of runs or more violate it ({sure})"
         case Status.FAIL:
-            return f"{count}: more than {percent(1 - procedure.often)} of runs violate it ({sure})"
+            return f"FAIL: a one-sided test rules out that {percent(1 - often)} of runs or fewer violate it ({sure})"
         case Status.FLAKY:
-            return f"{count}: some runs violate it and some do not ({sure})"
-    spent = runs + undefined >= procedure.max_runs
+            return (
+                f"FLAKY: one-sided tests rule out that {percent(rare)} of runs or fewer violate it, and that "
+                f"{percent(1 - rare)} or more do ({sure})"
+            )
+    spent = verdict.runs + verdict.undefined >= procedure.max_runs
     open_ = f"the budget of {counted(procedure.max_runs, 'run')} is spent" if spent else "too few runs for a verdict"
-    if procedure.violated(violations, runs):
-        return f"{count}: more than {percent(procedure.rare)} of runs violate it ({sure}); {OPEN}, {open_}"
-    return f"{count}: {open_}"
+    if procedure.violated(verdict.violations, verdict.runs):
+        ruled = f"a one-sided test rules out that {percent(rare)} of runs or fewer violate it ({sure})"
+        return f"INCONCLUSIVE: {ruled}; {OPEN}, {open_}"
+    return f"INCONCLUSIVE: no test has decided; {open_}"
+
+
+def why_ended(verdict: Verdict) -> str:
+    """Return why a confirmation made no more runs, where its verdict is decided; `how_sure` says it of the others."""
+    if verdict.status in (Status.INCONCLUSIVE, Status.UNJUDGED):
+        return ""
+    made, most = verdict.runs + verdict.undefined, verdict.judged_by.max_runs
+    return f"The runs ended after {made} of at most {most} because the verdict was decided."

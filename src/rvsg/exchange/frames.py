@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
-Rows = Sequence[tuple[float, float, float, float]]
-"""Time s, x m, y m, yaw rad of a child frame in its parent."""
 
 
 class Frames:
     """The transforms of a recording. Between two of them the earlier one holds."""
 
-    def __init__(self, transforms: Mapping[tuple[str, str], Rows]) -> None:
-        self._edges = {pair: np.array(sorted(rows), np.float64) for pair, rows in transforms.items() if rows}
+    def __init__(self, transforms: Mapping[tuple[str, str], Floats]) -> None:
+        """Take the poses of each child frame in its parent by (parent, child): time s, x m, y m, yaw rad, (N, 4)."""
+        self._edges = {pair: rows for pair, rows in transforms.items() if len(rows)}
 
     @property
     def children(self) -> tuple[str, ...]:

@@ -38,8 +38,6 @@ CODES: dict[Behaviour, int] = {behaviour: code for code, behaviour in TYPES.item
 DEFAULT_CONFIGURATION, CUSTOM_CONFIGURATION = 0, 1
 DRAWN: dict[int, Literal["random_normal", "random_uniform"]] = {2: "random_normal", 3: "random_uniform"}
 
-"""The goal radius of HuNavSim's sample files, and the one that our simulators use."""
-
 
 class GoalPoint(Record):
     """A goal: x and y in metres, `h` the heading in radians, which HuNavSim carries and does not use."""

@@ -69,7 +69,7 @@ def read_recording(
         UnknownName: a topic that you name is not in the recording.
     """
     contents, notes = read_contents(path, people_topic, robot_topic)
-    frames = Frames(contents.transforms)
+    frames = Frames({pair: rows.array() for pair, rows in contents.transforms.items()})
     offset = np.array(world.map_offset if world is not None else (0.0, 0.0))
     facts = contents.facts
     header = _header(path, facts) if facts is not None else None
@@ -95,7 +95,7 @@ def read_recording(
         human_yaw=humans[2],
         human_speed=humans[3],
     )
-    imu = np.array([value for _, value in sorted(contents.imu)])
+    imu = contents.imu.array()[:, 1]
     if header is not None and facts is not None:
         log = log_of(facts, len(names))
         imu = np.array(facts.get("imu", imu), dtype=np.float64)
@@ -195,6 +195,7 @@ def _human_arrays(
             raise FileError(path, f"the recording holds no pose of {name}.")
         track = _in_map(path, track, frames, given[0], there, "people")
         track[:, 0] += shift
+        _check_overlap(path, name, track[:, 0], times)
         _note_absence(name, track[:, 0], times, notes)
         if np.isnan(track[:, 4]).any() and len(track) > 1:
             step = np.hypot(np.gradient(track[:, 1], track[:, 0]), np.gradient(track[:, 2], track[:, 0]))
@@ -220,6 +221,17 @@ def _in_map(path: Path, track: Floats, frames: Frames, frame: str, there: str, w
     raise FileError(path, f"{said} Record /tf and /tf_static, too.")
 
 
+def _check_overlap(path: Path, name: str, seen: Floats, times: Floats) -> None:
+    """Refuse people whose stamps say that they were not there while the robot drove."""
+    if seen[0] > times[-1] or seen[-1] < times[0]:
+        raise FileError(
+            path,
+            f"the stamps of {name} are {seen[0] - times[0]:.0f} to {seen[-1] - times[0]:.0f} s after the robot's first "
+            f"pose, and the robot is recorded for {times[-1] - times[0]:.0f} s. Both must use one clock: record with "
+            "use_sim_time in all nodes, or in none.",
+        )
+
+
 def _note_absence(name: str, seen: Floats, times: Floats, notes: list[str]) -> None:
     """Note when a person is not seen: there the recording does not say where the person is."""
     if seen[0] - times[0] > GAP_S or times[-1] - seen[-1] > GAP_S:
@@ -239,9 +251,9 @@ def _gaps(times: Floats) -> str:
 
 
 def _acceleration(contents: Contents, times: Floats, v: Floats, shift: float, notes: list[str]) -> Floats:
-    source = contents.acceleration or contents.imu
-    if source:
-        found = np.array(sorted(source))
+    source = contents.acceleration if len(contents.acceleration) else contents.imu
+    if len(source):
+        found = source.array()
         return np.asarray(np.interp(times, found[:, 0] + shift, found[:, 1]), dtype=np.float64)
     notes.append("The recording has no acceleration; it is derived from the measured speed.")
     return np.abs(np.gradient(v, times)) if len(times) > 1 else np.zeros(len(times))

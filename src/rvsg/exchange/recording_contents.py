@@ -6,8 +6,8 @@ Messages are read one at a time and other topics are skipped, so the size of a r
 from __future__ import annotations
 
 import math
+from array import array
 from collections import defaultdict
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -27,16 +27,37 @@ BACK_S = 1.0
 """Stamps that go back by more than this begin another run."""
 
 
-@dataclass
-class Track:
-    """Poses and speeds of one body over time: time s, x m, y m, yaw rad, speed m/s, turning rad/s."""
+class Rows:
+    """Rows of `width` numbers that begin with a time, s, in 8 bytes a number: a recording may hold millions."""
 
-    rows: list[tuple[float, float, float, float, float, float]]
+    def __init__(self, width: int) -> None:
+        self._width = width
+        self._values = array("d")
+
+    def __len__(self) -> int:
+        return len(self._values) // self._width
+
+    def add(self, *row: float) -> None:
+        """Add a row."""
+        assert len(row) == self._width
+        self._values.extend(row)
 
     def array(self) -> Floats:
-        """Return the rows with a finite pose in the order of time, one for each time, (N, 6)."""
-        found = np.array(sorted(self.rows), dtype=np.float64).reshape(-1, 6)
+        """Return the rows in the order of time, (N, width), without those whose time or pose is no finite number."""
+        found = np.array(self._values, dtype=np.float64).reshape(-1, self._width)
         found = found[np.isfinite(found[:, :4]).all(axis=1)]
+        return found[np.argsort(found[:, 0], kind="stable")]
+
+
+class Track(Rows):
+    """Poses and speeds of one body over time: time s, x m, y m, yaw rad, speed m/s, turning rad/s."""
+
+    def __init__(self) -> None:
+        super().__init__(6)
+
+    def array(self) -> Floats:
+        """Return the rows in the order of time, one for each time, (N, 6)."""
+        found = super().array()
         return found[np.concatenate([[True], np.diff(found[:, 0]) > 0])] if len(found) else found
 
 
@@ -44,14 +65,15 @@ class Contents:
     """What of a recording matters, read in one pass."""
 
     def __init__(self) -> None:
-        self.odometry: dict[str, Track] = defaultdict(lambda: Track([]))
-        self.transforms: dict[tuple[str, str], list[tuple[float, float, float, float]]] = defaultdict(list)
-        self.people: dict[str, Track] = defaultdict(lambda: Track([]))
+        self.odometry: dict[str, Track] = defaultdict(Track)
+        self.transforms: dict[tuple[str, str], Rows] = defaultdict(lambda: Rows(4))
+        """Time s, x m, y m, yaw rad by parent and child frame."""
+        self.people: dict[str, Track] = defaultdict(Track)
         self.people_frames: dict[str, None] = {}
         self.radii: dict[str, float] = {}
         self.groups: dict[str, int | None] = {}
-        self.acceleration: list[tuple[float, float]] = []
-        self.imu: list[tuple[float, float]] = []
+        self.acceleration = Rows(2)
+        self.imu = Rows(2)
         self.goal: tuple[float, float, float] | None = None
         self.goal_frame = ""
         self.latest: dict[str, float] = {}
@@ -67,6 +89,8 @@ def read_contents(path: Path, people_topic: str | None, robot_topic: str | None)
         for name in (people_topic, robot_topic):
             if name is not None and name not in kinds:
                 raise UnknownName("topic", name, kinds)
+        _check_kind(path, kinds, robot_topic, "--robot-topic", (ODOMETRY,))
+        _check_kind(path, kinds, people_topic, "--people-topic", (AGENTS, PEOPLE, MARKERS))
         odometry = robot_topic or _only(path, [t for t, k in kinds.items() if k == ODOMETRY], "--robot-topic")
         people = people_topic or _people_topic(path, kinds)
         if people is None:
@@ -85,6 +109,18 @@ def read_contents(path: Path, people_topic: str | None, robot_topic: str | None)
                 _check_order(path, contents, connection.topic, stamp_of(message, received))
             _take(contents, connection.topic, connection.msgtype, received, message, odometry, people)
     return contents, notes
+
+
+def _check_kind(path: Path, kinds: dict[str, str], topic: str | None, option: str, known: tuple[str, ...]) -> None:
+    """Refuse a topic whose messages cannot say what it is named for."""
+    if topic is None or kinds[topic] in known:
+        return
+    fitting = sorted(each for each, kind in kinds.items() if kind in known)
+    there = f"There is {', '.join(fitting)}" if fitting else "The recording holds none"
+    wanted = " or ".join(kind.replace("/msg", "") for kind in known)
+    raise FileError(
+        path, f"{option} {topic}: its messages are {kinds[topic].replace('/msg', '')}, not {wanted}. {there}."
+    )
 
 
 def _no_people(markers: list[str]) -> str:
@@ -133,7 +169,7 @@ def _take(
     if topic == odometry:
         pose, twist = message.pose.pose, message.twist.twist
         row = (pose.position.x, pose.position.y, _yaw(pose.orientation), twist.linear.x, twist.angular.z)
-        contents.odometry[message.header.frame_id.lstrip("/")].rows.append((t, *row))
+        contents.odometry[message.header.frame_id.lstrip("/")].add(t, *row)
     elif topic == people:
         _take_people(contents, kind, t, message)
     elif kind == TRANSFORMS:
@@ -141,11 +177,11 @@ def _take(
             at = each.header.stamp.sec + each.header.stamp.nanosec / 1e9
             move, turn = each.transform.translation, _yaw(each.transform.rotation)
             pair = (each.header.frame_id.lstrip("/"), each.child_frame_id.lstrip("/"))
-            contents.transforms[pair].append((at, move.x, move.y, turn))
+            contents.transforms[pair].add(at, move.x, move.y, turn)
     elif kind == ACCELERATION:
-        contents.acceleration.append((t, math.hypot(message.accel.linear.x, message.accel.linear.y)))
+        contents.acceleration.add(t, math.hypot(message.accel.linear.x, message.accel.linear.y))
     elif kind == IMU:
-        contents.imu.append((t, math.hypot(message.linear_acceleration.x, message.linear_acceleration.y)))
+        contents.imu.add(t, math.hypot(message.linear_acceleration.x, message.linear_acceleration.y))
     elif kind == GOAL:
         contents.goal_frame = message.header.frame_id.lstrip("/")
         contents.goal = (message.pose.position.x, message.pose.position.y, _yaw(message.pose.orientation))
@@ -156,9 +192,8 @@ def _take_people(contents: Contents, kind: str, t: float, message: Any) -> None:
         contents.people_frames[message.header.frame_id.lstrip("/")] = None
         for agent in message.agents:
             place = agent.position.position
-            contents.people[agent.name].rows.append(
-                (t, place.x, place.y, _yaw(agent.position.orientation), agent.linear_vel, agent.angular_vel)
-            )
+            yaw = _yaw(agent.position.orientation)
+            contents.people[agent.name].add(t, place.x, place.y, yaw, agent.linear_vel, agent.angular_vel)
             if agent.radius > 0:
                 contents.radii[agent.name] = float(agent.radius)
             contents.groups[agent.name] = None if agent.group_id < 0 else agent.group_id
@@ -167,14 +202,14 @@ def _take_people(contents: Contents, kind: str, t: float, message: Any) -> None:
         for person in message.people:
             vx, vy = person.velocity.x, person.velocity.y
             row = (t, person.position.x, person.position.y, math.atan2(vy, vx), math.hypot(vx, vy), 0.0)
-            contents.people[person.name].rows.append(row)
+            contents.people[person.name].add(*row)
     else:
         for marker in message.markers:
             contents.people_frames[marker.header.frame_id.lstrip("/")] = None
             at = marker.header.stamp.sec + marker.header.stamp.nanosec / 1e9
             place = marker.pose.position
             name = marker.text or f"{marker.ns or 'person'} {marker.id}"
-            contents.people[name].rows.append((at or t, place.x, place.y, _yaw(marker.pose.orientation), math.nan, 0.0))
+            contents.people[name].add(at or t, place.x, place.y, _yaw(marker.pose.orientation), math.nan, 0.0)
 
 
 def _yaw(q: Any) -> float:

@@ -7,11 +7,11 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from rvsg.campaign.finding import Finding
 from rvsg.campaign.plan import Plan
 from rvsg.evaluation.judge import OPEN, still_open, violated
 from rvsg.evaluation.story import at_place
 from rvsg.evaluation.verdict import Status, Verdict
+from rvsg.evaluation.wording import difference_in_words, share_in_words
 from rvsg.report.causes import Cause, Pair
 from rvsg.report.facts import AttemptFacts, RunFacts
 from rvsg.report.summary import Summary, counted, interval, number
@@ -150,14 +150,13 @@ def _judged(plan: Plan, confirmed: AttemptFacts) -> list[Sentence]:
     if worst is not None and worst.arrived and worst.measurement.objective is not None:
         value = number(worst.measurement.objective, requirement.unit)
         measured += [Piece(" The worst run measures "), Piece(value, (worst.id,), worst.decisive_s), Piece(".")]
-    if verdict.violation_probability is None or verdict.violation_interval is None:
+    if not share_in_words(verdict):
         return [measured]
-    low, high = verdict.violation_interval
     bad = confirmed.violating
     often = [
         Piece(f"{requirement.name} is violated in "),
         Piece(f"{len(bad)} of {counted(len(confirmed.runs), 'confirmation run')}", _ids(bad or confirmed.runs)),
-        Piece(f": {verdict.violation_probability:.0%} ({verdict.confidence:.0%} interval {low:.0%} to {high:.0%})."),
+        Piece(f": {share_in_words(verdict)}."),
     ]
     return [often, measured]
 
@@ -170,27 +169,24 @@ def _where(facts: AttemptFacts) -> list[Sentence]:
         return []
     name, count = who[0]
     with_them = [run for run in runs if run.decisive_with == name]
-    places = Counter(run.decisive_at.waypoint for run in with_them)
-    usual = [place for place, _ in places.most_common(2) if place]
-    areas = [area for area, _ in Counter(run.decisive_area for run in with_them).most_common(2) if area]
     times = sorted(run.decisive_s for run in with_them)
     when = f"{times[0]:.0f} s" if round(times[0]) == round(times[-1]) else f"{times[0]:.0f} to {times[-1]:.0f} s"
     return [
         [
             Piece("At the decisive moment the nearest person is "),
             Piece(f"{name} in {count} of {counted(len(runs), 'run')}", _ids(with_them)),
-            Piece(_near(areas, usual)),
-            Piece(f", {when} after the start."),
+            Piece(f", near {_near(with_them)}, {when} after the start."),
         ]
     ]
 
 
-def _near(areas: Sequence[str], waypoints: Sequence[str]) -> str:
-    """Return the place in words: labelled areas where there are any, and the waypoints."""
-    if not areas:
-        return f", near {' and '.join(waypoints)}" if waypoints else ""
-    known = f" (waypoint{'s' if len(waypoints) > 1 else ''} {' and '.join(waypoints)})" if waypoints else ""
-    return f", near {' and '.join(areas)}{known}"
+def _near(runs: Sequence[RunFacts]) -> str:
+    """Return where the robot is at the decisive moments: the one or two most frequent places, and the waypoints."""
+    places = [place for place, _ in Counter(run.decisive_near for run in runs).most_common(2)]
+    waypoints = [name for name, _ in Counter(run.decisive_at.waypoint for run in runs).most_common(2) if name]
+    if places == waypoints or not waypoints:
+        return " and ".join(places)
+    return f"{' and '.join(places)} (waypoint{'s' if len(waypoints) > 1 else ''} {' and '.join(waypoints)})"
 
 
 CAUSED = {
@@ -210,12 +206,14 @@ def _why(plan: Plan, cause: Cause) -> tuple[list[Badge], list[Sentence]]:
     if finding.about_people == "not violated":
         return [], []
     tone, badge, said = CAUSED[finding.about_people]
-    if finding.about_people == "open" and nobody is not None and nobody.violating:
+    if finding.also_alone:
         said = "It also happens without people, and these runs do not show whether people make it happen more often."
-    if nobody is None or finding.difference is None or finding.difference_interval is None:
+    compared = finding.compared
+    if nobody is None or compared is None:
         return [Badge(tone=tone, text=badge)], [[Piece(said)]]
     badges = [Badge(tone=tone, text=badge, runs=_ids(nobody.runs))]
-    sentence = _alone(plan, finding, nobody, said)
+    confidence = finding.verdict.confidence
+    sentence = _alone(plan, nobody, said, difference_in_words(compared.difference, compared.interval, confidence))
     for pair in cause.each:
         with_all = sum(run.violated for run in pair.before)
         sentence += [
@@ -226,15 +224,14 @@ def _why(plan: Plan, cause: Cause) -> tuple[list[Badge], list[Sentence]]:
     return badges, [sentence]
 
 
-def _alone(plan: Plan, finding: Finding, nobody: Pair, said: str) -> Sentence:
+def _alone(plan: Plan, nobody: Pair, said: str, difference: str) -> Sentence:
     """Return what the mission without people shows on the same seeds."""
     if all(run.measurement.objective is None for run in nobody.runs):
         return [Piece(f"Without people, {plan.requirement.name} measures nothing: it is about the people themselves.")]
-    low, high = (round(100 * bound) for bound in finding.difference_interval or (0.0, 0.0))
     return [
         Piece(f"{said} On the same seeds without people, the robot violates {plan.requirement.name} in "),
         Piece(f"{len(nobody.violating)} of {counted(len(nobody.runs), 'run')}", _ids(nobody.violating or nobody.runs)),
-        Piece(f" (difference {100 * (finding.difference or 0.0):.0f} points, interval {low} to {high})."),
+        Piece(f" ({difference})."),
     ]
 
 

@@ -11,17 +11,14 @@ import numpy as np
 from rvsg.campaign.attempt import Attempt, Measurement
 from rvsg.evaluation.detection import events_of, place_namer
 from rvsg.evaluation.events import Contact, Event, ObstacleContact, Place, Recovery, StandStill
+from rvsg.evaluation.naming import place_name
 from rvsg.evaluation.sampled import sampled, stretches
 from rvsg.evaluation.story import Sentence, story_of
 from rvsg.report.quantity import Curve, decisive_time, judged_curve
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.run import Run
-from rvsg.world.route_words import nearest_area
 from rvsg.world.world import World
-
-BESIDE_AREA_M = 2.5
-"""A place is told by the labelled area that is at most this far away."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -49,10 +46,9 @@ class RunFacts:
         return self.run.id
 
     @cached_property
-    def decisive_area(self) -> str:
-        """The labelled area beside the decisive place; empty where none is near."""
-        area, away = nearest_area(self.world.areas, self.decisive_at.x, self.decisive_at.y)
-        return area.name if area is not None and away <= BESIDE_AREA_M else ""
+    def decisive_near(self) -> str:
+        """The name of the place where the robot is at the decisive moment, as failures and maps name it."""
+        return place_name(self.world, self.decisive_at.x, self.decisive_at.y)
 
     @property
     def arrived(self) -> bool:

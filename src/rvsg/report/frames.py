@@ -14,6 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.evaluation.sampled import sampled
+from rvsg.report.labels import Box, beside, box_around, free_place, spread
+from rvsg.report.names import LETTER, NARROW_PX, SMALLEST_PX
 from rvsg.simulation.run import Run
 
 Floats = NDArray[np.float64]
@@ -24,6 +26,7 @@ HIGH_M = 5.0
 LETTER_M = 0.32
 """Height of letters in a frame, metres: 11 px and more where a frame is at least 300 px wide."""
 GREY = "#8a94a0"
+SMALLEST_PIN_M = 0.34
 TRAIL_S = 6.0
 SHOWN_PEOPLE = 4
 """In a crowd, names and trails of more people cover each other."""
@@ -81,7 +84,7 @@ def frame(run: Run, t_s: float, look: Look, label: str) -> str:
         f'<svg class="still" viewBox="{x0:.2f} {y0:.2f} {ACROSS_M:g} {HIGH_M:g}" role="img" aria-label="{_e(label)}">',
         '<use href="#rvsg-floor"/>',
         *_trails(run, max(0, row - _samples(run, TRAIL_S)), row + 1, look, nearest(run, row)),
-        *_bodies(run, row, look, nearest(run, row)),
+        *_bodies(run, row, look, nearest(run, row), (x0, y0, x0 + ACROSS_M, y0 + HIGH_M)),
         "</svg>",
     ]
     return "".join(parts)
@@ -96,14 +99,33 @@ def overview(run: Run, moments: Sequence[float], look: Look, label: str, names: 
         names,
         *_trails(run, 0, len(path), look, nearest(run)),
     ]
-    for number, t_s in enumerate(moments, 1):
-        row = min(int(np.searchsorted(path.t, t_s - 1e-9)), len(path) - 1)
-        x, y = look.turn.point(float(path.x[row]), float(path.y[row]))
-        parts.append(
-            f'<g class="pin" transform="translate({x:.2f} {y:.2f})"><circle r="0.34"/>'
-            f'<text font-size="0.46">{number}</text></g>'
-        )
+    rows = [min(int(np.searchsorted(path.t, t_s - 1e-9)), len(path) - 1) for t_s in moments]
+    points = [look.turn.point(float(path.x[row]), float(path.y[row])) for row in rows]
+    parts += pins(points, [str(number) for number, _ in enumerate(moments, 1)], look.view_box)
     return "".join([*parts, "</svg>"])
+
+
+def pin_radius(view_box: str) -> float:
+    """Return the radius of a numbered pin, in units of the plan: its number can be read on a phone."""
+    return max(SMALLEST_PIN_M, 0.75 * SMALLEST_PX * float(view_box.split()[2]) / NARROW_PX)
+
+
+def pins(points: Sequence[tuple[float, float]], texts: Sequence[str], view_box: str) -> list[str]:
+    """Draw pins that do not cover each other; one that had to move has a line to its point."""
+    left, top, width, height = (float(v) for v in view_box.split())
+    radius = pin_radius(view_box)
+    found = []
+    for (x, y), (px, py), text in zip(
+        points, spread(points, radius, (left, top, left + width, top + height)), texts, strict=True
+    ):
+        moved = (px, py) != (x, y)
+        line = f'<path class="leader" d="M{x:.2f} {y:.2f}L{px:.2f} {py:.2f}"/><circle class="tip" cx="{x:.2f}" '
+        line += f'cy="{y:.2f}" r="{radius / 5:.2f}"/>'
+        found.append(
+            f'{line if moved else ""}<g class="pin" transform="translate({px:.2f} {py:.2f})"><circle r="{radius:.2f}"/>'
+            f'<text font-size="{1.35 * radius:.2f}">{_e(text)}</text></g>'
+        )
+    return found
 
 
 def _kept(value: float, low: float, high: float) -> float:
@@ -137,9 +159,17 @@ def _trails(run: Run, begin: int, end: int, look: Look, people: Sequence[int]) -
     return found
 
 
-def _bodies(run: Run, row: int, look: Look, people: Sequence[int]) -> list[str]:
+def _bodies(run: Run, row: int, look: Look, people: Sequence[int], inside: Box) -> list[str]:
     path = run.trajectory
     found, names = [], []
+    robot = look.turn.point(float(path.x[row]), float(path.y[row]))
+    across = max(math.hypot(*corner) for corner in look.outline)
+    taken = [box_around(*robot, across, across)]
+    for h in people:
+        radius = run.human_radius_m[h]
+        taken.append(
+            box_around(*look.turn.point(float(path.human_x[row, h]), float(path.human_y[row, h])), radius, radius)
+        )
     for h, name in enumerate(run.human_names):
         colour = look.colours.get(name)
         x, y, radius = float(path.human_x[row, h]), float(path.human_y[row, h]), run.human_radius_m[h]
@@ -153,12 +183,17 @@ def _bodies(run: Run, row: int, look: Look, people: Sequence[int]) -> list[str]:
         )
         if colour and h in people:
             px, py = look.turn.point(x, y)
+            half = (len(name) * LETTER_M * LETTER / 2, LETTER_M * 0.6)
+            at = free_place(beside(px, py, radius + 0.04, half), half, taken, inside)
+            taken.append(box_around(*at, *half))
+            if math.hypot(at[0] - px, at[1] - py) > radius + max(half) + 0.2:
+                names.append(f'<path class="leader" stroke="{colour}" d="M{px:.2f} {py:.2f}L{at[0]:.2f} {at[1]:.2f}"/>')
             names.append(
-                f'<text class="who" x="{px:.2f}" y="{py - radius - 0.12:.2f}" font-size="{LETTER_M}" fill="{colour}">'
-                f"{_e(name)}</text>"
+                f'<text class="who" x="{at[0]:.2f}" y="{at[1] + LETTER_M * 0.35:.2f}" font-size="{LETTER_M}" '
+                f'fill="{colour}">{_e(name)}</text>'
             )
-    half = max(x for x, _ in look.outline)
-    nose = f"M{half * 0.9:.2f} 0L{half * 0.1:.2f} {half * 0.5:.2f}L{half * 0.1:.2f} {-half * 0.5:.2f}Z"
+    front = max(x for x, _ in look.outline)
+    nose = f"M{front * 0.9:.2f} 0L{front * 0.1:.2f} {front * 0.5:.2f}L{front * 0.1:.2f} {-front * 0.5:.2f}Z"
     corners = " ".join(f"{x:.3f},{y:.3f}" for x, y in look.outline)
     pose = look.turn.placed(float(path.x[row]), float(path.y[row]), float(path.yaw[row]))
     found.append(

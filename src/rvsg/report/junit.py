@@ -9,6 +9,7 @@ from collections.abc import Iterable
 from rvsg.campaign.plan import Plan
 from rvsg.evaluation.judge import violated
 from rvsg.evaluation.verdict import Status
+from rvsg.evaluation.wording import how_sure
 from rvsg.report.summary import Ranked, Summary, counted, interval, number, status_in_words
 from rvsg.report.words import metres
 
@@ -65,7 +66,7 @@ def _case(suite: str, name: str, entry: Ranked, plan: Plan, *, decides: bool) ->
     said = f"{status_in_words(verdict)}: {interval(verdict, plan.requirement.unit)}"
     if plan.requirement.threshold is not None:
         said += f", limit {number(plan.requirement.threshold, plan.requirement.unit)}"
-    whole = f"{said}. {verdict.reason}"
+    whole = f"{said}. {how_sure(verdict)}"
     if "contacts" in properties and "arrived" in properties:
         whole += f". Contact with people in {properties['contacts']}; {properties['arrived']} arrived"
     case = ET.Element("testcase", classname=suite, name=clean(f"{name}: {entry.description[:120]}"))

@@ -23,7 +23,8 @@ from rvsg.evaluation.verdict import Status
 from rvsg.report.answer import CAUSE_WORDS
 from rvsg.report.facts import run_facts
 from rvsg.report.floors import area_colours
-from rvsg.report.frames import Turn
+from rvsg.report.frames import Turn, pin_radius
+from rvsg.report.labels import spread
 from rvsg.report.names import narrow_names
 from rvsg.report.page import environment, headline
 from rvsg.report.robot import robot_words
@@ -77,6 +78,7 @@ def _pin(
         "campaign": campaign,
         "scenario": f"{scenario}. {finding.description}",
         "happens": finding.failure.words if finding.failure else "",
+        "where": facts.decisive_near,
         "chip": "violated" if still_open(verdict) else verdict.status.value,
         "violated": f"{verdict.violations} of {verdict.runs}",
         "contacts": f"{finding.contacts.runs} of {finding.contacts.of}",
@@ -157,17 +159,29 @@ def _map(world: World, pins: Sequence[Pin]) -> dict[str, Any]:
     """Draw the floor plan with a numbered pin for each finding."""
     plan = floor_plan(world, tooltips=False)
     turn = Turn.of(plan.matrix)
-    marks = []
-    for number_, pin in enumerate(pins, 1):
-        x, y = turn.point(pin.x, pin.y)
-        link = quote(pin.link) + pin.address
-        marks.append({"number": number_, "name": pin.name, "link": link, "x": f"{x:.2f}", "y": f"{y:.2f}"})
+    left, top, width, height = (float(v) for v in plan.view_box.split())
+    points = [turn.point(pin.x, pin.y) for pin in pins]
+    radius = pin_radius(plan.view_box)
+    places = spread(points, radius, (left, top, left + width, top + height))
+    marks = [
+        {
+            "number": number_,
+            "name": pin.name,
+            "link": quote(pin.link) + pin.address,
+            "x": f"{px:.2f}",
+            "y": f"{py:.2f}",
+            "from": f"{x:.2f} {y:.2f}" if (px, py) != (x, y) else "",
+        }
+        for number_, (pin, (x, y), (px, py)) in enumerate(zip(pins, points, places, strict=True), 1)
+    ]
     return {
         "box": plan.view_box,
         "floor": Markup(plan.shapes),  # noqa: S704 - made by us, its names escaped
         "names": Markup(narrow_names(plan)),  # noqa: S704
         "look": Markup(area_colours(world, plan)),  # noqa: S704
         "pins": marks,
+        "radius": f"{radius:.2f}",
+        "letter": f"{1.35 * radius:.2f}",
     }
 
 

@@ -25,6 +25,7 @@ from rvsg.campaign.plan import Plan
 from rvsg.campaign.ranking import rule
 from rvsg.core.files import write_whole
 from rvsg.evaluation.verdict import Verdict
+from rvsg.evaluation.wording import how_sure, why_ended
 from rvsg.generation.vlm.recording import Recording
 from rvsg.report.answer import answer, headline
 from rvsg.report.broken import broken
@@ -38,7 +39,7 @@ from rvsg.report.names import narrow_names
 from rvsg.report.replay import component, replay_data
 from rvsg.report.robot import robot_words
 from rvsg.report.shown import Shown, look_of
-from rvsg.report.summary import Summary, counted, number, summarise
+from rvsg.report.summary import Summary, counted, number, summarise, tried_of
 from rvsg.report.tables import finding_rows, people_rows, run_rows
 from rvsg.report.thinking import thinking
 from rvsg.report.words import direction, quantity, unbroken
@@ -90,6 +91,7 @@ def render_page(
         floor=floor_plan(world, tooltips=False),
     )
     requirement, subject = plan.requirement, shown.subject
+    final = shown.summary.confirmed.verdict if shown.summary.confirmed is not None else None
     return (
         environment()
         .get_template("page.html")
@@ -107,6 +109,8 @@ def render_page(
             happened=what_happens(shown, subject) if subject else None,
             people=people_rows(subject) if subject else [],
             shown_tasks=SHOWN_TASKS,
+            sure=how_sure(final) if final is not None else "",
+            ended=why_ended(final) if final is not None else "",
             curse=_curse(plan, shown.summary, shown.candidate.verdict if shown.candidate else None),
             confirmation_svg=_confirmation_svg(shown),
             rows=finding_rows(shown),
@@ -146,6 +150,7 @@ def environment() -> jinja2.Environment:
     )
     environment.filters["number"] = number
     environment.filters["met"] = met
+    environment.globals["tried_of"] = tried_of
     return environment
 
 

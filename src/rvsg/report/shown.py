@@ -95,16 +95,18 @@ def in_order(shown: Shown) -> list[AttemptFacts]:
 
 
 def _fullest(facts: Sequence[AttemptFacts], subject: AttemptFacts | None) -> list[AttemptFacts]:
-    """Leave out what the search measured of a configuration where a later attempt holds the same runs and more."""
+    """Leave out attempts whose runs a later one of the same purpose holds, with more.
+
+    A search may measure a configuration several times, and a confirmation may be continued.
+    """
     runs = {each.attempt.index: {run.id for run in each.runs} for each in facts}
-    held: dict[str, list[AttemptFacts]] = {}
+    held: dict[tuple[str, str], list[AttemptFacts]] = {}
     for each in facts:
-        if each.attempt.purpose == "search" and each.attempt.proposal.scenario is not None:
-            held.setdefault(each.attempt.proposal.scenario.id, []).append(each)
+        if each.attempt.purpose in ("search", "confirmation"):
+            held.setdefault(_kind(each), []).append(each)
 
     def superseded(each: AttemptFacts) -> bool:
-        scenario = each.attempt.proposal.scenario
-        others = held.get(scenario.id, []) if scenario is not None and each.attempt.purpose == "search" else []
+        others = held.get(_kind(each), [])
         mine, index = runs[each.attempt.index], each.attempt.index
         return any(
             mine < runs[other.attempt.index] or (mine == runs[other.attempt.index] and other.attempt.index < index)
@@ -112,6 +114,12 @@ def _fullest(facts: Sequence[AttemptFacts], subject: AttemptFacts | None) -> lis
         )
 
     return [each for each in facts if each is subject or not superseded(each)]
+
+
+def _kind(facts: AttemptFacts) -> tuple[str, str]:
+    """Return what the runs of a configuration are for, and its scenario."""
+    scenario = facts.attempt.proposal.scenario
+    return facts.attempt.purpose, scenario.id if scenario is not None else ""
 
 
 def group_label(facts: AttemptFacts) -> str:

@@ -9,7 +9,7 @@ from rvsg.campaign.accounting import Accounting, account, runs_of
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.finding import badness, worst_confirmation
 from rvsg.campaign.plan import Plan
-from rvsg.campaign.ranking import confirmed_candidate, ranking, search_attempts
+from rvsg.campaign.ranking import confirmations, confirmed_candidate, ranking, search_attempts
 from rvsg.core.records import Record
 from rvsg.evaluation.judge import violated
 from rvsg.evaluation.safety_summary import SafetySummary, summarise_safety
@@ -28,6 +28,7 @@ __all__ = [
     "number",
     "status_in_words",
     "summarise",
+    "tried_of",
 ]
 
 
@@ -111,6 +112,11 @@ def in_short(scenario: Scenario) -> str:
     return "; ".join(f"{human.name}: {human.tasks[0].name}" for human in scenario.people.humans)
 
 
+def tried_of(tried: int, planned: int) -> str:
+    """Return how many configurations were tried, of how many; a strategy that plans in runs may try more."""
+    return f"{tried} of {planned}" if tried <= planned else str(tried)
+
+
 interval = value_in_words
 """The name by which the tables know it."""
 
@@ -119,8 +125,8 @@ def _ranked_scenarios(plan: Plan, attempts: Sequence[Attempt]) -> tuple[tuple[Ra
     """Return an entry for each scenario in order, and the other confirmed configurations."""
     searched = search_attempts(attempts)
     by_scenario: dict[int, list[tuple[Attempt, Attempt]]] = {}
-    for attempt in attempts:
-        candidate = confirmed_candidate(attempt, attempts) if attempt.purpose == "confirmation" else None
+    for attempt in confirmations(attempts):
+        candidate = confirmed_candidate(attempt, attempts)
         if candidate is not None and attempt.verdict is not None:
             by_scenario.setdefault(candidate.brief.scenario_index, []).append((candidate, attempt))
     shown: list[Ranked] = []

@@ -391,10 +391,10 @@
       if (!ghost) found.near = svg(drawn, "line", { class: "rp-near" });
       found.people.forEach(function (each) { if (each) each.node = actor("rp-person" + (each.person.colour ? "" : " rp-uninvolved") + suffix, each.person); });
       found.robot = actor("rp-robot" + suffix, null);
-      if (!ghost) found.people.forEach(function (each) { if (each && each.person.colour) { each.name = svg(drawn, "text", { class: "rp-name" }, each.person.name); each.name.style.color = each.person.colour; } });
+      if (!ghost) found.people.forEach(function (each) { if (each && each.person.colour) { each.leader = svg(drawn, "line", { class: "rp-leader" }); each.name = svg(drawn, "text", { class: "rp-name" }, each.person.name); each.name.style.color = each.person.colour; } });
       return found;
     }
-    let leaves = [];
+    let leaves = [], ends = [];
     function corners(outline) { return outline.map(function (q) { return P(q[0], q[1]).join(","); }).join(" "); }
     function opened(door, moves, t) {
       let share = 0;
@@ -419,8 +419,9 @@
       svg(drawn, "circle", { class: "rp-end", cx: s[0], cy: s[1], r: 0.2 });
       svg(drawn, "rect", { class: "rp-end", x: g[0] - 0.2, y: g[1] - 0.2, width: 0.4, height: 0.4 });
       data.route.through.forEach(function (q) { const p = P(q[0], q[1]); svg(drawn, "circle", { class: "rp-end", cx: p[0], cy: p[1], r: 0.1 }); });
-      svg(drawn, "text", { class: "rp-end-name", x: s[0], y: s[1] - 0.35 }, "start");
-      svg(drawn, "text", { class: "rp-end-name", x: g[0], y: g[1] - 0.35 }, "goal");
+      ends = [["start", s], ["goal", g]].map(function (each) {
+        return { at: each[1], leader: svg(drawn, "line", { class: "rp-leader" }), name: svg(drawn, "text", { class: "rp-end-name" }, each[0]) };
+      });
       parts = { ghost: state.otherSeries ? cast(state.otherSeries, true) : null, main: cast(state.series, false) };
     }
     function nearest(series, t) {
@@ -433,6 +434,38 @@
       });
       return best;
     }
+    const WAYS = [[0, -1], [0, 1], [1, 0], [-1, 0], [1, -1], [-1, -1], [1, 1], [-1, 1]];
+    /** Put the names of people, and "start" and "goal", where they cover neither each other nor a body; `far` ones get a line. */
+    function label(actors, robot, unit) {
+      const shown = map.getAttribute("viewBox").split(/[ ,]+/).map(Number), size = 12.5 / unit, air = 3 / unit, taken = [];
+      const boxed = function (x, y, rx, ry) { return [x - rx, y - ry, x + rx, y + ry]; };
+      const free = function (box) {
+        return box[0] >= shown[0] && box[1] >= shown[1] && box[2] <= shown[0] + shown[2] && box[3] <= shown[1] + shown[3] &&
+          taken.every(function (o) { return box[2] <= o[0] || o[2] <= box[0] || box[3] <= o[1] || o[3] <= box[1]; });
+      };
+      const put = function (each, at, radius) {
+        const rx = each.name.textContent.length * size * 0.29, ry = size * 0.6, tries = [];
+        [radius + air, 2.5 * radius + 4 * air, 4 * radius + 10 * air].forEach(function (away, ring) {
+          WAYS.forEach(function (way, k) {
+            const x = at[0] + way[0] * (away + rx), y = at[1] + way[1] * (away + ry);
+            tries.push({ key: 8 * ring + k, x: x, y: y, box: boxed(x, y, rx, ry), far: ring > 0 });
+          });
+        });
+        const before = tries[each.placed || 0];  /* a name stays where it is as long as it can */
+        const found = free(before.box) && !before.far ? before : tries.find(function (one) { return free(one.box); }) || tries[0];
+        each.placed = found.key;
+        taken.push(found.box);
+        each.name.setAttribute("x", found.x); each.name.setAttribute("y", found.y + size * 0.35);
+        each.leader.style.display = found.far ? "" : "none";
+        each.leader.setAttribute("x1", at[0]); each.leader.setAttribute("y1", at[1]); each.leader.setAttribute("x2", found.x); each.leader.setAttribute("y2", found.y);
+      };
+      const reach = state.group.robot.outline.reduce(function (most, q) { return Math.max(most, Math.hypot(q[0], q[1])); }, state.group.robot.radius);
+      const named = actors.people.filter(function (each) { return each && each.name; });
+      taken.push(boxed(robot[0], robot[1], reach, reach));
+      named.forEach(function (each) { taken.push(boxed(each.at[0], each.at[1], each.person.radius, each.person.radius)); });
+      named.forEach(function (each) { put(each, each.at, each.person.radius); });
+      ends.forEach(function (each) { put(each, each.at, 0.2); });
+    }
     function place(actors, series, t) {
       const k = Math.floor(clamp((t - series.t0) / series.period, 0, series.n - 1)) + 1, unit = scale();
       const robot = put(actors.robot, series, series, t);
@@ -441,8 +474,9 @@
         if (!each) return;
         const p = put(each.node, series, each.who, t);
         if (each.past) each.past.setAttribute("points", show.trails ? points(each.who, k) : "");
-        if (each.name) { each.name.setAttribute("x", p[0]); each.name.setAttribute("y", p[1] - each.person.radius - 5 / unit); }
+        each.at = p;
       });
+      if (actors.robotPast) label(actors, robot, unit);
       if (actors.near) {
         const h = nearest(series, t);
         actors.near.style.display = h < 0 ? "none" : "";

@@ -12,10 +12,10 @@ from nicegui import ui
 import rvsg
 from rvsg.api.commands import confirm_command, resume_command, runs_command
 from rvsg.api.errors import InputError, RvsgError
-from rvsg.api.events import Attempt, best_attempt
+from rvsg.api.events import Attempt, best_attempt, confirmations
 from rvsg.api.scenarios import save_scenario
 from rvsg.api.showing import search_chart
-from rvsg.api.words import Summary, counted, interval, number
+from rvsg.api.words import Summary, counted, interval, number, tried_of
 from rvsg.studio.frame import Page, address, chip, link, load, page, problem, svg, tag
 from rvsg.studio.jobs import Job
 from rvsg.studio.pages.finding import FRESH_SEED, MORE
@@ -188,8 +188,8 @@ class Live:
         if failed and job is not None:
             self.page.say(job.result.get("reason", ""), wrong=True)
         made = account.search_runs
-        tried = f"{counted(account.search_attempts, 'configuration')} of {plan.attempts}"
-        self.progress.set_text(f"{tried} tried, {made} of {plan.search_runs} search runs, "
+        tried = tried_of(account.search_attempts, plan.attempts)
+        self.progress.set_text(f"{tried} configurations tried, {made} of {plan.search_runs} search runs, "
                                f"{account.confirmation_runs} of at most {plan.confirmations} to confirm")  # fmt: skip
         share = 1.0 if self.state.summary.complete else min(1.0, made / max(1, plan.search_runs)) * 0.9
         self.bar._props["value"] = f"{share:.3f}"
@@ -260,7 +260,7 @@ class Live:
         state = self.state
         self.lists.clear()
         with self.lists:
-            confirmed = [a for a in state.attempts if a.purpose == "confirmation"]
+            confirmed = confirmations(state.attempts)
             if confirmed:
                 tag("h2", "Findings")
                 for attempt in confirmed:

@@ -17,7 +17,7 @@ from rvsg.api.errors import InputError, RvsgError
 from rvsg.api.events import Attempt
 from rvsg.api.notes import STATES, Note, note, notes_of
 from rvsg.api.scenarios import save_scenario, without_people
-from rvsg.api.words import counted, describe_finding, status_in_words
+from rvsg.api.words import counted, describe_finding, how_sure, status_in_words
 from rvsg.studio.frame import Page, address, chip, field, link, load, page, problem, select, tag
 from rvsg.studio.jobs import Job
 from rvsg.studio.workspace import Workspace
@@ -148,7 +148,7 @@ def _verdict(shown: Shown) -> None:
                 if line.strip() != told:  # it has a section of its own
                     tag("p", line.strip())
         else:
-            tag("p", f"{status_in_words(verdict)}. {verdict.reason}")
+            tag("p", f"{status_in_words(verdict)}. {how_sure(verdict)}.")
 
 
 def _actions(made: Page, shown: Shown) -> None:
