@@ -10,8 +10,10 @@ from tests.report.test_page import NastyGenerator, Reader, campaign, default_cam
 
 from rvsg.campaign.finding import findings
 from rvsg.evaluation.judge import judge
+from rvsg.evaluation.naming import place_name
 from rvsg.evaluation.verdict import Status
 from rvsg.report.overview import Reported, pins_of, render_overview, write_overview
+from rvsg.report.page import render_page
 from rvsg.report.summary import summarise
 from rvsg.world.drawing.view import known_window
 
@@ -117,6 +119,10 @@ def test_every_finding_has_a_pin_where_it_happens_and_a_row_that_opens_it() -> N
     runs = {measured.run_id for measured in bad.measurements}
     assert pin.address.startswith("#run=") and pin.address[5:].split("&")[0] in runs
     assert (pin.row["chip"], pin.row["violated"]) == ("FAIL", "15 of 15")
+    assert pin.row["where"] == place_name(warehouse(), pin.x, pin.y)
+    assert f"near {pin.row['where']}" in render_page(
+        the_plan, changed, world=warehouse(), run_of=ledger.run, command="rvsg run"
+    )
     shown = [("a/report.html", the_plan, summarise(the_plan, changed))]
     other = dataclasses.replace(pin, address="#run=x&t=1.0", x=pin.x + 1.0)
     text = render_overview(shown, command="rvsg run", world=warehouse(), pins=[pin, other])

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import html
 import html.parser
 import io
 import json
@@ -13,13 +14,16 @@ from rich.console import Console
 from tests.campaign.parts import REQUIREMENT, MemoryLedger, WalkGenerator, parts, plan, warehouse
 from tests.report.test_conversation import call
 
+from rvsg.api.words import describe_finding
 from rvsg.campaign.attempt import Attempt
+from rvsg.campaign.finding import findings
 from rvsg.campaign.loop import feedback_from, run_campaign
 from rvsg.campaign.plan import Plan
 from rvsg.campaign.strategies import RandomStrategy, StudyStrategy
 from rvsg.cli.tables import ranked_table
 from rvsg.evaluation.judge import judge
 from rvsg.evaluation.verdict import Status
+from rvsg.evaluation.wording import how_sure
 from rvsg.generation.generator import Proposal
 from rvsg.generation.vlm.recording import Recording
 from rvsg.report.answer import CAUSE_WORDS
@@ -131,6 +135,18 @@ def test_the_page_says_what_the_confirmation_measured() -> None:
     assert "rvsg run --seed 7" in text
 
 
+def test_page_terminal_json_and_junit_say_in_the_same_words_how_sure_the_verdict_is() -> None:
+    the_plan, attempts, ledger = default_campaign()
+    summary = summarise(the_plan, attempts)
+    (found,) = findings(the_plan, attempts, run_of=ledger.run, world=warehouse())
+    said = how_sure(found.verdict)
+    assert found.model_dump(mode="json")["how_sure"] == said == found.verdict.reason
+    assert said in " ".join(describe_finding(found, the_plan.requirement))
+    assert unbroken(said) in html.unescape(default_page())
+    case = _scenario_case(ET.fromstring(junit_xml(the_plan, summary))[0], summary.ranking[0])
+    assert said in "".join((*case.itertext(), *(each.attrib.get("message", "") for each in case)))
+
+
 def test_every_link_of_the_page_opens_runs_that_the_replay_holds() -> None:
     text = default_page()
     known = {run["id"] for group in data_of(text)["groups"] for run in group["runs"]}
@@ -227,7 +243,7 @@ def test_in_junit_a_violation_of_which_fail_or_flaky_is_open_is_a_failure_that_s
 @pytest.mark.parametrize("status", list(Status))
 def test_in_junit_the_confirmation_decides_and_what_is_not_sure_is_skipped_with_its_reason(status: Status) -> None:
     the_plan, attempts, _ = default_campaign()
-    flaky = {"status": Status.FLAKY, "violations": 1, "reason": "so"}
+    flaky = {"status": Status.FLAKY, "violations": 1}
     changed = [
         a.replace(verdict=a.verdict.replace(**(flaky | {"status": status} if a.purpose == "confirmation" else flaky)))
         for a in attempts
@@ -241,7 +257,7 @@ def test_in_junit_the_confirmation_decides_and_what_is_not_sure_is_skipped_with_
         assert _properties(case)["state"] == entry.state
         expected = {"FAIL": "failure", "FLAKY": "failure", "PASS": "system-out"}.get(status.value, "skipped")
         assert case[-1].tag == (expected if entry.state == "confirmed" else "skipped")
-        assert "so" in case[-1].attrib.get("message", "") + (case[-1].text or "")
+        assert how_sure(entry.verdict) in case[-1].attrib.get("message", "") + (case[-1].text or "")
     alone = summarise(the_plan, [a for a in changed if a.purpose == "search"])
     unconfirmed = ET.fromstring(junit_xml(the_plan, alone))[0]
     assert int(unconfirmed.attrib["failures"]) == len(unconfirmed) == the_plan.scenarios

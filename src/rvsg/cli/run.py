@@ -115,10 +115,11 @@ def run(
     the share of runs that violate the limit, then by the mean objective. Strategies like `study` run each of
     `scenarios` x (1 + `refinements`) configurations `repeats` times; `hybrid` drops early what has lost. Scenarios that
     violated the limit are confirmed, worst first, in runs with new seeds until each verdict is certain (wrong in at
-    most --error-rate of cases) or its part of --confirmations is spent; then other configurations, until one is a FAIL.
-    The mission without people, and each confirmed scenario without each of its people, show what the people
-    contribute. Confirmed violations are grouped into distinct failures, and the worst scenario of each is shrunk in
-    --shrink-runs. Everything is stored in the folder --out; run the same command to resume.
+    most --error-rate of cases) or its part of --confirmations is spent; then other configurations, until one is a FAIL;
+    then what ended without a verdict, in the runs that are left. The mission without people, and each confirmed
+    scenario without each of its people, show what the people contribute. Confirmed violations are grouped into distinct
+    failures, and the worst scenario of each is shrunk in --shrink-runs. Everything is stored in the folder --out; run
+    the same command to resume.
 
     An installed plug-in is given by its name, like a built-in one.
 
