@@ -136,13 +136,14 @@ def test_the_page_says_what_the_confirmation_measured() -> None:
 
 
 def test_page_terminal_json_and_junit_say_in_the_same_words_how_sure_the_verdict_is() -> None:
-    the_plan, attempts, ledger = default_campaign()
+    the_plan, made, ledger = default_campaign()
+    attempts = [_with_objectives(a, 0.5) if a.purpose == "confirmation" else a for a in made]
     summary = summarise(the_plan, attempts)
     (found,) = findings(the_plan, attempts, run_of=ledger.run, world=warehouse())
     said = how_sure(found.verdict)
     assert found.model_dump(mode="json")["how_sure"] == said == found.verdict.reason
     assert said in " ".join(describe_finding(found, the_plan.requirement))
-    assert unbroken(said) in html.unescape(default_page())
+    assert unbroken(said) in html.unescape(page(the_plan, attempts, ledger))
     case = _scenario_case(ET.fromstring(junit_xml(the_plan, summary))[0], summary.ranking[0])
     assert said in "".join((*case.itertext(), *(each.attrib.get("message", "") for each in case)))
 

@@ -228,7 +228,9 @@ def hard_brakes(s: Sampled, at: PlaceAt) -> Iterator[HardBrake]:
 
 def _in_contact(s: Sampled) -> Flags:
     """(N,) whether the robot touches a person, a wall or an object, or has just begun to when a sample is taken."""
-    flags: Flags = s.touching.any(axis=1) if s.people else np.zeros(len(s), np.bool_)
+    flags: Flags = np.zeros(len(s), np.bool_)
+    if s.people:
+        flags |= s.touching.any(axis=1)
     t = s.series.t
     for event in s.run.events:
         if isinstance(event, recorded.ObstacleContact | RobotContact):
