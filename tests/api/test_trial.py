@@ -109,6 +109,14 @@ class TestProposals:
         slow = Drive(arrived=True, outcome="the goal was reached", time_s=100.0, x=0.0, y=0.0)
         assert {route.time_limit_s for route in propose_routes(world, trial=ScriptedTrial(slow))} == {125.0}
 
+    def test_the_waypoints_passed_and_the_time_limit_are_those_of_the_drive(self) -> None:
+        world = load_world("warehouse")
+        way = ("G12", "F12", "F13", "F14")
+        points = tuple(world.grid.position(name) for name in way)
+        drive = Drive(arrived=True, outcome="the goal was reached", time_s=60.0, x=0.0, y=0.0, way=points)
+        routes = propose_routes(world, trial=ScriptedTrial(drive))
+        assert {(route.via, route.time_limit_s) for route in routes} == {(way, 75.0)}
+
     def test_the_proposals_differ_and_each_has_a_note(self) -> None:
         world = load_world("warehouse")
         routes = propose_routes(world)

@@ -11,6 +11,7 @@ from rvsg.core.errors import FileError, UnknownName
 from rvsg.generation.facts import route_facts
 from rvsg.generation.prompts import SHIPPED, Prompts, block, declared_variables, number, quoted, shipped_prompts
 from rvsg.scenario.requirements import shipped_requirements
+from rvsg.scenario.scenario import Mission
 from rvsg.world.io.load import load_world
 
 
@@ -109,9 +110,9 @@ def test_numbers_are_told_as_people_read_them() -> None:
 def test_the_route_is_told_in_the_users_words_or_in_ours_from_the_route_itself() -> None:
     world = load_world("warehouse")
     route = world.route("route_1")
-    ours = Prompts().render("_route", {"route": route_facts(route, world)})
+    ours = Prompts().render("_route", {"route": route_facts(Mission.of(world, route), world)})
     assert "waypoint G12 in Area 3" in ours and "then right from F12" in ours and "within 25 s" in ours
     assert ours.count("E21") == 2  # as the goal and in the list of waypoints, not said twice over
     told = route.replace(description="Past the <bell>.")
-    theirs = Prompts().render("_route", {"route": route_facts(told, world)})
+    theirs = Prompts().render("_route", {"route": route_facts(Mission.of(world, told), world)})
     assert "Past the" in theirs and "starts at G12" in theirs and "right from" not in theirs

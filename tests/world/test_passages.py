@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from rvsg.core.records import Pose
+from rvsg.robots import load_robot
 from rvsg.world.build import build_world
 from rvsg.world.grid import GridSpec
-from rvsg.world.passages import free_width_m, narrow_passages, narrowest_passage, widths_m
+from rvsg.world.passages import free_width_m, narrow_passages, narrowest_passage, passing_m, widths_m
 from rvsg.world.route_words import describe_route
 from rvsg.world.space import human_space
 from rvsg.world.world import Area, OccupancyMap, Route, World
@@ -87,3 +88,16 @@ def test_positions_and_directions_follow_the_axis_that_points_up(up: str) -> Non
     words = describe_route(world, world.route("through"))
     assert f"it drives {'up' if up == 'x' else 'right'} " in words
     assert "beside Post (free width 1.2 m)" in words
+
+
+@pytest.mark.parametrize(
+    ("robot", "width_m"), [("tiago_omni", 1.3), ("industrial_amr", 1.65), ("turtlebot3_waffle", 1.18)]
+)
+def test_the_width_to_pass_follows_the_robot(robot: str, width_m: float) -> None:
+    """Measured: the default robot passes from 1.3 m on, the AMR, which cannot step aside, from 1.7 m on."""
+    assert passing_m(load_robot(robot)) == pytest.approx(width_m, abs=0.03)
+
+
+def test_a_place_is_narrow_for_one_robot_and_not_for_another() -> None:
+    assert len(narrow_passages(two_rooms(), WAY)) == 1
+    assert narrow_passages(two_rooms(), WAY, robot=load_robot("turtlebot3_waffle")) == ()

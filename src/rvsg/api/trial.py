@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
 from rvsg.core.errors import FileError
@@ -35,6 +36,7 @@ PATIENCE = 2.0
 """The robot gets this many times the route's time limit, so that a trial tells how long it takes."""
 
 
+STEP_M = 0.25
 CLEAR_M = 1.0
 POINTS = 20
 """Points along a hop at which its clearance is read."""
@@ -84,8 +86,12 @@ class SimulatedTrial:
         patient = route.model_copy(update={"time_limit_s": min(PATIENCE * route.time_limit_s, LONGEST_S)})
         mission = Mission.of(world, patient, robot=self.robot or ROBOT)
         scenario = Scenario(mission=mission, people=HumanConfiguration(humans=()))
-        key = content_id("drive", self._floor(world) | {"route": patient.model_dump(mode="json")})
-        known = self._known(key, _DRIVE)
+        poses = patient.model_dump(mode="json", include={"start", "through", "goal"})
+        on_time = content_id("driven", self._floor(world) | poses)
+        late = content_id("driven", self._floor(world) | poses | {"time_limit_s": patient.time_limit_s})
+        known = self._known(on_time, _DRIVE)
+        if known is None or known.time_s > patient.time_limit_s:
+            known = self._known(late, _DRIVE)
         if known is not None:
             return known
         self.progress(f"Driving {route.name} {route.purpose}".rstrip() + ", with nobody about")
@@ -98,8 +104,9 @@ class SimulatedTrial:
             x=float(path.x[-1]),
             y=float(path.y[-1]),
             touched_s=tuple(event.time_s for event in run.events if event.kind == "obstacle_contact"),
+            way=_way(path.x, path.y),
         )
-        self._keep(key, drive.model_dump(mode="json"))
+        self._keep(on_time if drive.arrived else late, drive.model_dump(mode="json"))
         return drive
 
     def not_walked(self, world: World, hops: Sequence[Hop]) -> tuple[Hop, ...]:
@@ -164,6 +171,15 @@ class SimulatedTrial:
             write_whole(self.cache / f"{key}.json", json.dumps(result))
         except (OSError, FileError) as error:
             self.progress(f"The result is not kept for the next time: {error}")
+
+
+def _way(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[tuple[float, float], ...]:
+    """Return a driven way in points at least `STEP_M` apart, rounded to centimetres."""
+    kept = [0]
+    for k in range(1, len(x)):
+        if np.hypot(x[k] - x[kept[-1]], y[k] - y[kept[-1]]) >= STEP_M:
+            kept.append(k)
+    return tuple((round(float(x[k]), 2), round(float(y[k]), 2)) for k in [*kept, len(x) - 1])
 
 
 def _beside_obstacles(world: World, hops: Sequence[Hop]) -> list[Hop]:

@@ -20,7 +20,7 @@ from rvsg.scenario.validity.rules import START_CLEARANCE_M
 from rvsg.scenario.validity.starts import start_gap_m
 from rvsg.world.grid import Grid
 from rvsg.world.route_words import route_paragraph
-from rvsg.world.world import Description, Route, SolidObject, World
+from rvsg.world.world import Description, SolidObject, World
 
 SPEED_RANGE_M_S = (0.3, 2.0)
 LONGEST_SERIES = 120
@@ -111,7 +111,7 @@ def brief_facts(
         for name, feedback in (("feedback", brief.feedback), ("untold", brief.untold))
     }
     return {
-        "route": route_facts(brief.mission.route, world, undisturbed) | start_facts(brief.mission, world.grid),
+        "route": route_facts(brief.mission, world, undisturbed) | start_facts(brief.mission, world.grid),
         "drive": drive_facts(undisturbed),
         "requirement": requirement_facts(requirement) | {"moved_by": brief.moved_by} if requirement else None,
         "robot": robot_facts(brief.mission),
@@ -141,14 +141,14 @@ def start_facts(mission: Mission, grid: Grid) -> dict[str, Any]:
     return {"taken": taken or [grid.nearest(start.x, start.y)], "nearest_starts": nearest}
 
 
-def route_facts(route: Route, world: World, undisturbed: Rehearsal | None = None) -> dict[str, Any]:
+def route_facts(mission: Mission, world: World, undisturbed: Rehearsal | None = None) -> dict[str, Any]:
     """A route as prompts tell it; `start` and `goal` are the nearest waypoints, `length_m` follows `via`.
 
     `description` is the user's own, else the paragraph written from the way that the robot drives without people, or
     from the route where that is not known: areas, turns, narrow places.
     The latter holds start, goal, purpose, way and time limit; a user's words (`described_by_user`) may not.
     """
-    grid = world.grid
+    route, grid = mission.route, world.grid
     inner = [grid.position(name) for name in route.via if name in grid.by_name]
     points = [(route.start.x, route.start.y), *inner, (route.goal.x, route.goal.y)]
     driven = None
@@ -160,7 +160,7 @@ def route_facts(route: Route, world: World, undisturbed: Rehearsal | None = None
         "start": grid.nearest(route.start.x, route.start.y),
         "goal": grid.nearest(route.goal.x, route.goal.y),
         "via": list(route.via),
-        "description": route_paragraph(world, route, driven),
+        "description": route_paragraph(world, route, driven, robot=mission.robot_record),
         "described_by_user": bool(route.description),
         "time_limit_s": route.time_limit_s,
         "length_m": sum(math.dist(a, b) for a, b in itertools.pairwise(points)),

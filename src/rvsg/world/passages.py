@@ -10,19 +10,35 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.core.records import Record
+from rvsg.robots import Robot, load_robot
+from rvsg.robots.files import DEFAULT_ROBOT
 from rvsg.world.space import Space, human_space
 from rvsg.world.world import World
 
 Floats = NDArray[np.float64]
 
-PASSING_M = 1.6
-"""Width a robot (0.5 m) and a person (0.8 m with arms) need to pass each other with 0.3 m to spare."""
+PERSON_M = 0.8
+"""Diameter of a person."""
+SWERVE_RAD = math.radians(20.0)
 WIDEST_M = 20.0  # a chord is not followed farther than this to either side
 FAN_RAD = math.radians(30.0)  # a chord may lean this far from the perpendicular; more would cut corners
 FAN_STEPS = 13
 SAMPLE_M = 0.1
 TOUCHING_M = 0.4  # an area this close to the end of a chord is the thing that bounds the passage
 SEPARATE_M = 1.0  # two narrow places closer together than this on the way are one
+
+
+def passing_m(robot: Robot | None = None) -> float:
+    """Return the width below which a robot and a person who meet often cannot pass each other.
+
+    It is what both take side by side. A robot that cannot move sideways takes what it takes turned by `SWERVE_RAD`.
+    The documentation says how this compares with meetings in the simulator.
+    """
+    robot = robot or load_robot(DEFAULT_ROBOT)
+    taken = robot.width_m
+    if robot.drive.kind != "omnidirectional":
+        taken = taken * math.cos(SWERVE_RAD) + robot.length_m * math.sin(SWERVE_RAD)
+    return round(taken + PERSON_M, 2)
 
 
 class Passage(Record):
@@ -74,17 +90,17 @@ def widths_m(space: Space, points: Floats, yaws: Floats) -> Floats:
 
 
 def narrow_passages(
-    world: World, line: Floats, *, narrower_than_m: float = PASSING_M, most: int | None = None
+    world: World, line: Floats, *, robot: Robot | None = None, most: int | None = None
 ) -> tuple[Passage, ...]:
     """Return the narrow places along a line, in the order of travel, one per stretch at its narrowest point.
 
     Args:
         line: The way as points (N, 2) in metres.
-        narrower_than_m: Wider places are not passages. The default is what a robot and a person need to pass.
+        robot: Places that are wider than it and a person need are not passages; None: the default robot.
         most: Keep only this many, the narrowest ones.
     """
     found = [
-        min(stretch, key=lambda sample: (sample[1], sample[0])) for stretch in _stretches(world, line, narrower_than_m)
+        min(stretch, key=lambda sample: (sample[1], sample[0])) for stretch in _stretches(world, line, passing_m(robot))
     ]
     if most is not None:
         found = sorted(sorted(found, key=lambda sample: sample[1])[:most])

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.core.records import Pose
+from rvsg.robots import Robot
 from rvsg.world.grid import Grid
 from rvsg.world.passages import narrow_passages
 from rvsg.world.world import Area, Route, World
@@ -24,12 +25,12 @@ NEAR_M = 1.5
 MOST_NAMED = 14
 
 
-def route_paragraph(world: World, route: Route, driven: Floats | None = None) -> str:
+def route_paragraph(world: World, route: Route, driven: Floats | None = None, *, robot: Robot | None = None) -> str:
     """Return the user's own description of the route if it has one, else the generated paragraph."""
-    return route.description or describe_route(world, route, driven)
+    return route.description or describe_route(world, route, driven, robot=robot)
 
 
-def describe_route(world: World, route: Route, driven: Floats | None = None) -> str:
+def describe_route(world: World, route: Route, driven: Floats | None = None, *, robot: Robot | None = None) -> str:
     """Describe a route in one paragraph: start, goal, waypoints on the way, turns and narrow places.
 
     All directions are those of the picture. The same world and route give the same words.
@@ -37,6 +38,7 @@ def describe_route(world: World, route: Route, driven: Floats | None = None) -> 
     Args:
         driven: Points (N, 2) of the way that the robot drives without people. A robot plans its own way, which may be
             another one than the route's `via`; with it, no waypoints are named.
+        robot: The robot that drives, which tells where people cannot pass it; None: the default one.
     """
     way = waypoints_of(world, route) if driven is None else ()
     line = line_of(world, route) if driven is None else simplified(driven)
@@ -55,7 +57,7 @@ def describe_route(world: World, route: Route, driven: Floats | None = None) -> 
     if passed:
         sentences.append(f"On its way it passes {_joined(passed)}.")
     sentences += _turns(world.grid, line)
-    sentences += _narrow_places(world, line)
+    sentences += _narrow_places(world, line, robot)
     sentences.append(f"At the goal it faces {_facing(world.grid, route.goal.yaw)}.")
     return " ".join(sentences)
 
@@ -182,16 +184,16 @@ def _turns(grid: Grid, line: Floats) -> list[str]:
     return [f"On the picture it drives {first} first, then {_joined(turns)}."]
 
 
-def _narrow_places(world: World, line: Floats) -> list[str]:
-    """Return where the free width across the way is too small for the robot and a person to pass each other."""
+def _narrow_places(world: World, line: Floats, robot: Robot | None) -> list[str]:
+    """Return where the robot and a person often cannot pass each other, by the free width across the way."""
     words = []
-    for passage in narrow_passages(world, line, most=MOST_NARROW):
+    for passage in narrow_passages(world, line, robot=robot, most=MOST_NARROW):
         between = passage.between
         where = f", between {_joined(between)}" if len(between) > 1 else f", beside {between[0]}" if between else ""
         words.append(f"near {passage.waypoint}{where} (free width {passage.width_m:.1f} m)")
     if not words:
         return []
-    return [f"The robot and a person cannot pass each other {_joined(words)}."]
+    return [f"The robot and a person often cannot pass each other {_joined(words)}."]
 
 
 def sampled(line: Floats, step_m: float) -> Floats:

@@ -10,6 +10,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rvsg.core.records import Pose
 from rvsg.robots import Robot, load_robot
@@ -30,6 +31,7 @@ SECONDS_PER_M = 2.5  # the study gives its robot 2 to 2.5 s for a metre
 SHORTEST_LIMIT_S = 15.0
 SPARE_TIME = 1.25  # the time limit is at least this many times what the robot takes alone
 CROSSING = 0.5  # a way that crosses the building is at least this share of the longest one
+PASSED = 0.5  # a way passes a waypoint that is nearer than this share of the spacing
 MOST_DRIVES = 6  # ways tried for one proposal
 WIDE_M = 5.0  # a narrowest place wider than this is not worth a word
 TURNING_M = 0.45  # room in which a robot of 0.7 x 0.5 m turns on the spot
@@ -118,14 +120,35 @@ def _width_m(world: World, a: str, b: str) -> float:
 
 
 def _driven(world: World, route: Route, trial: Trial | None) -> Route | None:
-    """Return the route with a time limit that fits the trial; None where the robot does not drive it alone."""
+    """Return the route as it is driven in the trial: the waypoints passed, and a time limit that fits the way.
+
+    None where the robot does not drive it alone.
+    """
     if trial is None:
         return route
     drive = trial.drive(world, route)
     if not drive.arrived or drive.touched_s:
         return None
     needed = 5.0 * math.ceil(SPARE_TIME * drive.time_s / 5.0)
-    return route.model_copy(update={"time_limit_s": max(route.time_limit_s, needed)})
+    way = np.array(drive.way)
+    if len(way) < 2:
+        return route.model_copy(update={"time_limit_s": max(route.time_limit_s, needed)})
+    return route.model_copy(
+        update={"via": passed(world.grid, way), "time_limit_s": max(time_limit_s(length_m(way)), needed)}
+    )
+
+
+def passed(grid: Grid, way: NDArray[np.float64]) -> tuple[str, ...]:
+    """Return the waypoints that a driven way (N, 2) passes, in order: the nearest one within half of the spacing."""
+    valid = [w for w in grid.waypoints if w.human]
+    points = np.array([(w.x, w.y) for w in valid])
+    names: list[str] = []
+    for at in way:
+        away = np.hypot(*(points - at).T)
+        nearest = int(away.argmin())
+        if away[nearest] <= PASSED * grid.spacing_m and (not names or names[-1] != valid[nearest].name):
+            names.append(valid[nearest].name)
+    return tuple(names)
 
 
 def route_notes(world: World, trial: Trial | None) -> tuple[str, ...]:

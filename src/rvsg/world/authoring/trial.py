@@ -25,6 +25,8 @@ class Drive(Record):
     """Where the robot is at the end, metres, world frame."""
     touched_s: tuple[float, ...] = ()
     """When the robot's body touches an obstacle."""
+    way: tuple[tuple[float, float], ...] = ()
+    """Points of the way it drove, metres, world frame; empty where it is not known."""
 
 
 class Trial(Protocol):
