@@ -9,8 +9,8 @@ import pytest
 from rvsg.campaign.measuring import RunMaker
 from rvsg.generation.actors import MOVED, TROLLEY
 from rvsg.generation.heuristic import HeuristicGenerator
-from rvsg.generation.places import Place, places_of
-from rvsg.generation.work import follows, handles_goods, named_in, sentence
+from rvsg.generation.places import Place, handles_goods, places_of
+from rvsg.generation.work import follows, named_in, sentence
 from rvsg.scenario.aim import Aim
 from rvsg.scenario.bodies import PersonKind
 from rvsg.scenario.brief import Brief

@@ -106,7 +106,7 @@ class Campaign(StoredCampaign):
         for note in wired.notes:
             on_message(note)
         begun_in = (stored.provenance.begun_in if stored else None) or begun_in or str(Path.cwd())
-        record = CampaignRecord.of(config, wired.plan, wired.simulator_spec, begun_in)
+        record = CampaignRecord.of(config, wired.plan, wired.strategy_spec, wired.simulator_spec, begun_in)
         if stored is not None:
             record, reworded = stored.kept_words(record)
             if reworded:
@@ -193,7 +193,7 @@ class Campaign(StoredCampaign):
             with wired.simulations(ledger, tell, jobs=workers, executor=executor) as simulations:
                 parts = wired.parts(plan, self.record.judging, ledger, simulations, self._cancelled.is_set)
                 try:
-                    for event in stream_campaign(plan, wired.strategy(ledger, plan), parts):
+                    for event in stream_campaign(plan, wired.strategy(ledger, plan, self.record.strategy), parts):
                         note(event)
                         while pending:
                             yield pending.popleft()

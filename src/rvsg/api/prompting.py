@@ -11,6 +11,7 @@ from rvsg.api.config import CampaignConfig, effective, read_campaign_file
 from rvsg.api.events import search_attempts
 from rvsg.api.files import write_whole
 from rvsg.api.folder import CONFIG, make_folder, reading, store_of
+from rvsg.api.record import CampaignRecord
 from rvsg.api.wiring import Wired, let_rehearse, proposals_of, wire
 from rvsg.core.errors import InputError
 from rvsg.generation.conversation import VlmGenerator
@@ -97,8 +98,9 @@ def _next_brief(config: CampaignConfig) -> tuple[Brief, Wired]:
     if store_of(config.folder) is None:
         return wired.strategy(None, plan).ask()[0].brief, wired
     with reading(config.folder) as ledger:
-        strategy = wired.strategy(ledger, plan)
         known = ledger.campaigns()
+        record = CampaignRecord.read(ledger.settings(known[0]) or {}) if known else None
+        strategy = wired.strategy(ledger, plan, record.strategy if record else None)
         for attempt in search_attempts(list(ledger.attempts(known[0] if known else wired.plan.name))):
             strategy.tell(attempt)
         asks = [ask for ask in strategy.ask() if ask.proposal is None]

@@ -40,6 +40,7 @@ class CampaignRecord(Record):
     """The error rates of every verdict."""
     generator: Spec
     strategy: Spec
+    """With the options that tell its form from earlier ones."""
     simulator: Spec
     """With its effective options."""
     config: dict[str, Any]
@@ -47,13 +48,13 @@ class CampaignRecord(Record):
     provenance: Provenance = Provenance()
 
     @classmethod
-    def of(cls, config: CampaignConfig, plan: Plan, simulator: Spec, begun_in: str) -> Self:
+    def of(cls, config: CampaignConfig, plan: Plan, strategy: Spec, simulator: Spec, begun_in: str) -> Self:
         """Return the record of a new campaign."""
         return cls(
             plan=plan,
             judging=config.judging,
             generator=config.generator_spec,
-            strategy=Spec(config.strategy),
+            strategy=strategy,
             simulator=simulator,
             config=config.deciding(),
             provenance=Provenance(begun_in=begun_in, version=rvsg.__version__),
@@ -100,7 +101,7 @@ class CampaignRecord(Record):
         """Return `now` with this record's words, and which words of the requirement differ.
 
         The words of a requirement decide no verdict, and the name of a world decides no run, but records hold them:
-        a resumed campaign keeps those it was begun with.
+        a resumed campaign keeps those it was begun with, and the form that its strategy had then.
         """
         then, asked = self.plan.requirement, now.plan.requirement
         differ = tuple(word for word in WORDS if getattr(then, word) != getattr(asked, word))
@@ -112,7 +113,8 @@ class CampaignRecord(Record):
         mission = self.plan.mission
         if mission.replace(world=plan.mission.world) == plan.mission:
             plan = plan.replace(mission=mission, name=self.plan.name)
-        return now.replace(plan=plan), differ
+        same = self.strategy.name == now.strategy.name
+        return now.replace(plan=plan, strategy=self.strategy if same else now.strategy), differ
 
 
 def differences(known: Mapping[str, Any], asked: Mapping[str, Any], prefix: str = "") -> dict[str, str]:

@@ -61,10 +61,21 @@ class Wired:
         """The simulator with its effective options."""
         return Spec(self.simulator.name, self.simulator.options)
 
-    def strategy(self, ledger: Any, plan: Plan | None = None) -> Strategy:
-        """Return a new strategy that reads its feedback from the ledger."""
-        plan = plan or self.plan
-        made: Strategy = self.strategy_class(plan, feedback_from(ledger, plan, self.world), self.world)
+    @property
+    def strategy_spec(self) -> Spec:
+        """The strategy with the options that tell its present form from earlier ones."""
+        return Spec(self.config.strategy, getattr(self.strategy_class, "recorded", {}))
+
+    def strategy(self, ledger: Any, plan: Plan | None = None, recorded: Spec | None = None) -> Strategy:
+        """Return a new strategy that reads its feedback from the ledger.
+
+        Args:
+            recorded: What the record of a stored campaign says of it, so that the campaign goes on as it began.
+        """
+        plan, options = plan or self.plan, {}
+        if recorded is not None and recorded.name == self.config.strategy:
+            options = {**getattr(self.strategy_class, "unrecorded", {}), **recorded.options}
+        made: Strategy = self.strategy_class(plan, feedback_from(ledger, plan, self.world), self.world, **options)
         return made
 
     def simulations(

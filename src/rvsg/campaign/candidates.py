@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 
 import numpy as np
 
 from rvsg.campaign.attempt import Attempt
+from rvsg.campaign.kinds import Met
 from rvsg.campaign.operators import Operators, key
 from rvsg.campaign.plan import Plan
 from rvsg.campaign.racing import Candidate
@@ -60,10 +61,15 @@ class CandidateStrategy(BatchStrategy):
         )
 
     def _changed(
-        self, parent: Candidate, rng: np.random.Generator, known: set[str], seeds: tuple[int, ...]
+        self,
+        parent: Candidate,
+        rng: np.random.Generator,
+        known: set[str],
+        seeds: tuple[int, ...],
+        avoid: Set[Met] = frozenset(),
     ) -> Ask | None:
         """The ask for a changed configuration that was not tried yet; None where none is found."""
-        change = self._operators.change(parent, [c for c in self.candidates if c.runs], rng, known)
+        change = self._operators.change(parent, [c for c in self.candidates if c.runs], rng, known, avoid)
         if change is None:
             return None
         known.add(key(change.people))

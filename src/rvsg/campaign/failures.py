@@ -93,11 +93,12 @@ def candidates(
 ) -> list[Attempt]:
     """Return the attempts worth confirming: those that violated the requirement, one of every kind of failure first.
 
-    Within a kind, and among the first of each kind, those measured in full come first, then the worst for the robot.
+    Within a kind, and among the first of each kind, those measured in full come first, then those that violate surely
+    (2 of 2 runs say more than 1 of 1), then the worst for the robot.
     """
     full = {attempt.index for attempt in in_full(attempts)}
     violating = [a for a in measured(attempts) if a.verdict is not None and a.verdict.violations]
-    violating.sort(key=lambda a: (a.index not in full, *(-v for v in standing(a, requirement)), a.index))
+    violating.sort(key=lambda a: (a.index not in full, -_surely(a), -standing(a, requirement)[1], a.index))
     kinds: dict[FailureMode | None, int] = {}
     rank = []
     for attempt in violating:
@@ -107,6 +108,12 @@ def candidates(
     return [attempt for _, attempt in sorted(rank, key=lambda pair: pair[0])]
 
 
+def _surely(attempt: Attempt) -> float:
+    """The share of violations, pulled towards one half by one run of each kind."""
+    assert attempt.verdict is not None
+    return (attempt.verdict.violations + 1.0) / (attempt.verdict.runs + 2.0)
+
+
 def _person(run: Run, index: int, human: int) -> str:
     """Return where the person is and how they move, as seen from the robot."""
     path = run.trajectory
@@ -114,15 +121,22 @@ def _person(run: Run, index: int, human: int) -> str:
     elapsed = max(float(path.t[index] - path.t[before]), 1e-6)
     vx = float(path.human_x[index, human] - path.human_x[before, human]) / elapsed
     vy = float(path.human_y[index, human] - path.human_y[before, human]) / elapsed
-    yaw = float(path.yaw[index])
-    bearing = _angle(
-        math.atan2(float(path.human_y[index, human] - path.y[index]), float(path.human_x[index, human] - path.x[index]))
-        - yaw
-    )
+    apart = (float(path.human_x[index, human] - path.x[index]), float(path.human_y[index, human] - path.y[index]))
+    return seen_as(apart, (vx, vy), float(path.yaw[index]))
+
+
+def seen_as(apart: tuple[float, float], velocity: tuple[float, float], yaw: float) -> str:
+    """Return where a person is and how they move, as seen from a robot with this yaw (rad).
+
+    Args:
+        apart: From the robot to the person, m.
+        velocity: Of the person, m/s.
+    """
+    bearing = _angle(math.atan2(apart[1], apart[0]) - yaw)
     side = "ahead of it" if bearing < ALONG else "behind it" if bearing > AGAINST else "beside it"
-    if math.hypot(vx, vy) < STANDS_M_S:
+    if math.hypot(*velocity) < STANDS_M_S:
         return f"stands {side}"
-    heading = _angle(math.atan2(vy, vx) - yaw)
+    heading = _angle(math.atan2(velocity[1], velocity[0]) - yaw)
     if heading < ALONG:
         return f"walks the same way {side}"
     return f"comes towards it {side}" if heading > AGAINST else f"crosses its way {side}"

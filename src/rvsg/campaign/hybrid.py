@@ -19,13 +19,16 @@ Some of what is changed is not the best but the worst for the robot among those 
 from __future__ import annotations
 
 import math
-from collections.abc import Generator, Sequence
+from collections import Counter
+from collections.abc import Generator, Mapping, Sequence, Set
+from typing import Any, ClassVar
 
 import numpy as np
 
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.candidates import CandidateStrategy
 from rvsg.campaign.feedback import with_history
+from rvsg.campaign.kinds import Kinds, Met
 from rvsg.campaign.operators import key
 from rvsg.campaign.plan import Plan
 from rvsg.campaign.racing import Candidate, estimate, in_the_race
@@ -53,12 +56,19 @@ class HybridStrategy(CandidateStrategy):
             share follows how often each of the two makes a configuration worse for the robot.
         turns: Share of the runs, less those of the finalists, that go to the turns of a generator with few proposals.
         explore: Share of the changed configurations that are the worst with their kind of encounter, whichever it is.
+        spread: Whether that share looks for kinds of failure that no configuration shows yet, and one half of the
+            races for certainty of those that one run shows.
         batch: Attempts that may be made side by side.
+        races: Further runs after every batch of changes.
         finalists: Configurations that are run until their order is settled.
         final_runs: Runs of each finalist.
     """
 
     name = "hybrid"
+    recorded: ClassVar[Mapping[str, Any]] = {}
+    """What a campaign's record keeps of this form of the strategy."""
+    unrecorded: ClassVar[Mapping[str, Any]] = {}
+    """The form that campaigns have whose record keeps nothing."""
 
     def __init__(
         self,
@@ -70,14 +80,17 @@ class HybridStrategy(CandidateStrategy):
         refine: float = 0.25,
         turns: float = 0.6,
         explore: float = 0.5,
+        spread: bool = False,
         batch: int = 8,
+        races: int = 8,
         finalists: int = 4,
         final_runs: int = 10,
     ) -> None:
         super().__init__(plan, feedback_of, world, final_runs=final_runs)
         self.drafts, self.refine, self.explore, self.batch = drafts, refine, explore, batch
         self.turns, self.spent = turns, False
-        self.finalists = finalists
+        self.finalists, self.races = finalists, races
+        self.kinds = Kinds() if spread and plan.requirement.threshold is not None else None
         self._batches = 0
         self._tried = {"refine": [0, 0], "tune": [0, 0]}
 
@@ -94,7 +107,7 @@ class HybridStrategy(CandidateStrategy):
         while self.left > reserve:
             before, known = self.left, len(self.candidates)
             yield from self._change(self.batch)
-            yield from self._race(self.batch)
+            yield from self._race(self.races)
             if self.left == before or len(self.candidates) == known:
                 break
         yield from self._settle()
@@ -221,12 +234,11 @@ class HybridStrategy(CandidateStrategy):
         asks: list[Ask] = []
         origins: list[tuple[Candidate, str]] = []
         known = {key(c.scenario.people) for c in self.candidates}
-        parents = self._parents(rng, count) if among is None else self._best(among, rng, count)
-        for parent in parents:
+        for parent, avoid in self._choices(rng, count, among):
             if self.plan.proposals is None and rng.random() < self._refine_share():
                 asks.append(self._refining(parent, seeds))
                 origins.append((parent, "refine"))
-            elif (ask := self._changed(parent, rng, known, seeds)) is not None:
+            elif (ask := self._changed(parent, rng, known, seeds, avoid)) is not None:
                 asks.append(ask)
                 origins.append((parent, "tune"))
         results = yield asks
@@ -244,6 +256,24 @@ class HybridStrategy(CandidateStrategy):
         rate = {name: (1 + good) / (2 + bad + good) for name, (bad, good) in self._tried.items()}
         refine, tune = self.refine * rate["refine"], (1.0 - self.refine) * rate["tune"]
         return refine / (refine + tune)
+
+    def _choices(
+        self, rng: np.random.Generator, count: int, among: Sequence[Candidate] | None
+    ) -> list[tuple[Candidate, Set[Met]]]:
+        """The configurations to change, each with the ways of meeting the robot that a change should leave."""
+        if among is not None:
+            return [(parent, frozenset()) for parent in self._best(among, rng, count)]
+        if self.kinds is None or not self.kinds.met():
+            return [(parent, frozenset()) for parent in self._parents(rng, count)]
+        known = [c for c in self.candidates if c.runs]
+        changes = Counter(c.parent.index for c in self.candidates if c.parent is not None)
+        chosen: list[tuple[Candidate, Set[Met]]] = []
+        for _ in range(count):
+            parent = self.kinds.least_changed(known, changes) if rng.random() < self.explore else None
+            if parent is not None:
+                changes[parent.index] += 1
+            chosen.append((parent, self.kinds.met()) if parent else (self._best(known, rng, 1)[0], frozenset()))
+        return chosen
 
     @staticmethod
     def _best(among: Sequence[Candidate], rng: np.random.Generator, count: int) -> list[Candidate]:
@@ -276,12 +306,18 @@ class HybridStrategy(CandidateStrategy):
         limit = self.plan.requirement.threshold
         return limit is None or candidate.upper >= self.plan.requirement.badness(limit)
 
+    def _measured(self, candidate: Candidate, attempt: Attempt) -> None:
+        super()._measured(candidate, attempt)
+        if self.kinds is not None and candidate.runs:
+            self.kinds.place(candidate, self.failures_of(attempt))
+
     def _race(self, count: int, among: Sequence[Candidate] | None = None) -> Batch:
         """Give one more run to a number of the configurations, of all or of some, that may still be the best."""
         racing = in_the_race(self.candidates if among is None else among)
         hopeful = [c for c in racing if len(self._seen(c)) < self.final_runs]
         hopeful.sort(key=lambda c: (-(c.estimate + 0.5 * c.deviation), c.index))
-        chosen = hopeful[:count]
+        doubtful = self.kinds.doubtful(self.candidates)[: count // 2] if self.kinds and among is None else []
+        chosen = [*doubtful, *(c for c in hopeful if c not in doubtful)][:count]
         results = yield [self._again(c, 1) for c in chosen]
         for attempt, candidate in zip(results, chosen, strict=False):
             self._measured(candidate, attempt)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, ClassVar
 
 from rvsg.campaign.hybrid import Batch, HybridStrategy
 from rvsg.campaign.racing import Candidate, estimate
@@ -18,8 +19,11 @@ class KeepingStrategy(HybridStrategy):
         options: Those of `hybrid`.
     """
 
+    recorded: ClassVar[Mapping[str, Any]] = {}
+    unrecorded: ClassVar[Mapping[str, Any]] = {}
+
     def __init__(self, *args: Any, repeated: float, **options: Any) -> None:
-        super().__init__(*args, **options)
+        super().__init__(*args, spread=False, **options)
         self.repeated = repeated
 
     @abstractmethod

@@ -14,6 +14,7 @@ from rvsg.campaign.attempt import Attempt, Ledger
 from rvsg.campaign.confirmation import confirm_all
 from rvsg.campaign.encounter import encounter_of
 from rvsg.campaign.events import Attempted, Event, Finished, Message, Proposing, Started
+from rvsg.campaign.failures import FailureMode, mode_of
 from rvsg.campaign.feedback import feedback_of, worst_measurement, worst_run
 from rvsg.campaign.parallel import PendingRun
 from rvsg.campaign.parts import Cancelled, Made, Parts, collect, store, submit
@@ -64,6 +65,7 @@ class FeedbackFrom:
 
     def __init__(self, ledger: Ledger, plan: Plan, world: World) -> None:
         self._ledger, self._plan, self._world = ledger, plan, world
+        self._modes: dict[str, FailureMode | None] = {}
 
     def __call__(self, attempt: Attempt, previous: Attempt | None) -> Feedback:
         """Return the feedback."""
@@ -76,6 +78,17 @@ class FeedbackFrom:
         """Return the encounter alone, which is a small part of the work."""
         worst = worst_measurement(attempt, self._plan.requirement)
         return encounter_of(self._ledger.run(worst.run_id), self._world)
+
+    def failures(self, attempt: Attempt) -> tuple[FailureMode, ...]:
+        """Return how each run that violates the requirement fails."""
+        found = []
+        for measurement in attempt.measurements:
+            if measurement.objective is None or not self._plan.requirement.violated_by(measurement.objective):
+                continue
+            if measurement.run_id not in self._modes:
+                self._modes[measurement.run_id] = mode_of(self._ledger.run(measurement.run_id), self._world)
+            found.append(self._modes[measurement.run_id])
+        return tuple(mode for mode in found if mode is not None)
 
 
 def feedback_from(ledger: Ledger, plan: Plan, world: World) -> FeedbackOf:

@@ -6,15 +6,17 @@ worst for the robot.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rvsg.campaign.kinds import Met, foreseen
 from rvsg.campaign.racing import Candidate
 from rvsg.campaign.surrogate import Surrogate
 from rvsg.core.records import Record
-from rvsg.generation.descriptions import Described, describe_changed
+from rvsg.generation.descriptions import Described, describe_changed, describe_tuned, same_work, tells_of
+from rvsg.generation.places import handles_goods, places_of
 from rvsg.generation.screening import Screen
 from rvsg.generation.tuning import Mutations, TuningSpace
 from rvsg.scenario.aim import Aim
@@ -46,17 +48,24 @@ class Operators:
     def __init__(self, mission: Mission, world: World, aim: Aim | None) -> None:
         self.mission, self.world = mission, world
         self._screen = Screen(mission, world, aim or Aim.SHARE)
+        self._goods = handles_goods(places_of(world, reachable_from=mission.route.start))
         self._spaces: dict[int, TuningSpace] = {}
         self._features: dict[int, NDArray[np.float64]] = {}
 
     def change(
-        self, parent: Candidate, others: Sequence[Candidate], rng: np.random.Generator, known: set[str]
+        self,
+        parent: Candidate,
+        others: Sequence[Candidate],
+        rng: np.random.Generator,
+        known: set[str],
+        avoid: Set[Met] = frozenset(),
     ) -> Change | None:
         """Return a changed configuration of the parent that was not tried; None where none is found.
 
         Args:
             others: The candidates with runs, which teach the forecast and lend people.
             known: Keys of configurations that were tried, as `key` makes them.
+            avoid: Where and how nobody should meet the robot, if the forecast sees another way.
         """
         options: dict[str, Change] = {}
         for _ in range(OPTIONS):
@@ -69,8 +78,11 @@ class Operators:
         changes = list(options.values())
         surrogate = Surrogate(others, np.array([self._features_of(c) for c in others]))
         gains = surrogate.differences(self._screen([c.people for c in changes]), self._features_of(parent))
-        order = np.argsort(-np.round(gains / (np.abs(gains).max() or 1.0), 6), kind="stable")
-        return changes[int(order[int(rng.integers(min(SHORTLIST, len(order))))])]
+        order = [int(k) for k in np.argsort(-np.round(gains / (np.abs(gains).max() or 1.0), 6), kind="stable")]
+        if avoid:
+            met = foreseen(self._screen.forecaster, [c.people for c in changes], self.world)
+            order = [k for k in order if met[k] not in avoid] or order
+        return changes[order[int(rng.integers(min(SHORTLIST, len(order))))]]
 
     def _tuned(self, parent: Candidate, rng: np.random.Generator) -> Change | None:
         scenario = parent.scenario
@@ -80,27 +92,35 @@ class Operators:
         people, words = Mutations(space, rng).draw()
         if people is None:
             return None
-        described = Described(scenario.description, scenario.idea)
+        described = describe_tuned(scenario, people, goods=self._goods)
         return Change(people=people, described=described, words=f"with other numbers: {words}")
 
     def _crossed(self, parent: Candidate, others: Sequence[Candidate], rng: np.random.Generator) -> Change | None:
-        """Replace one person of the parent by one of another scenario."""
+        """Replace one person of the parent by one of another scenario.
+
+        What a model wrote of its people cannot be written anew. There, only a person with the same name and tasks, of
+        another configuration of the scenario, takes the place, so that the text stays true.
+        """
         humans = parent.scenario.people.humans
-        lenders = [c for c in others if c.brief.scenario_index != parent.brief.scenario_index]
+        ours = tells_of(parent.scenario, goods=self._goods)
+        own = parent.brief.scenario_index
+        lenders = [c for c in others if (c.brief.scenario_index != own) == ours and c is not parent]
         if len(humans) < 2 or not lenders:
             return None
         ranked = sorted(lenders, key=lambda c: (-c.estimate, c.index))
         lender = ranked[min(len(ranked), int(rng.geometric(0.3))) - 1]
         out, into = int(rng.integers(len(humans))), int(rng.integers(len(lender.scenario.people.humans)))
         lent = lender.scenario.people.humans[into]
-        if lent.group is not None or humans[out].group is not None:
+        if lent.group is not None or humans[out].group is not None or not (ours or same_work(humans[out], lent)):
             return None
         new = lent.model_copy(update={"name": humans[out].name})
         people = HumanConfiguration(humans=(*humans[:out], new, *humans[out + 1 :]))
         if not self._starts_clear(people) or check(people, self.mission, self.world):
             return None
         words = f"with {lent.name} of attempt {lender.index} as {new.name}"
-        return Change(people=people, described=describe_changed(parent.scenario, people.humans), words=words)
+        changed = describe_changed(parent.scenario, people.humans, goods=self._goods)
+        described = changed if ours else describe_tuned(parent.scenario, people, goods=self._goods)
+        return Change(people=people, described=described, words=words)
 
     def _starts_clear(self, people: HumanConfiguration) -> bool:
         starts = [(human.radius_m, human.starts_at(self.world.grid)) for human in people.humans]

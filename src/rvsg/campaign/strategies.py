@@ -11,6 +11,7 @@ from collections.abc import Callable, Generator, Iterable
 from typing import Protocol
 
 from rvsg.campaign.attempt import Attempt
+from rvsg.campaign.failures import FailureMode
 from rvsg.campaign.feedback import with_history
 from rvsg.campaign.plan import Plan
 from rvsg.campaign.ranking import last_untold, lessons_of, remember, seeds_of, worst_by_mean
@@ -92,6 +93,16 @@ class BatchStrategy:
         """Return the encounter that an attempt shows, without the rest of its feedback where that can be had."""
         alone: Callable[[Attempt], Encounter | None] | None = getattr(self.feedback_of, "encounter", None)
         return alone(attempt) if alone is not None else self.feedback_of(attempt, None).encounter
+
+    def failures_of(self, attempt: Attempt) -> tuple[FailureMode, ...]:
+        """Return how the violating runs of an attempt fail; of the worst its encounter where no more can be had."""
+        known: Callable[[Attempt], tuple[FailureMode, ...]] | None = getattr(self.feedback_of, "failures", None)
+        if known is not None:
+            return known(attempt)
+        if attempt.verdict is None or not attempt.verdict.violations:
+            return ()
+        met = self.encounter_of(attempt)
+        return (FailureMode(place=met.place, person=met.kind, robot=""),) if met is not None else ()
 
     def search(self) -> Batches:
         """Yield batches of asks; receive their attempts."""

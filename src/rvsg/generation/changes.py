@@ -152,7 +152,7 @@ def _anew(changing: Changing, human: Human) -> tuple[Human, str] | None:
     kept: dict[str, object] = {"factors": human.factors}
     if human.behaviour is Behaviour.THREATENING:
         kept["behaviour"] = human.behaviour
-    return changed.model_copy(update=kept), work_of(changed)
+    return changed.model_copy(update=kept), work_of(changed, goods=changing.work.goods)
 
 
 def _elsewhere(changing: Changing, human: Human) -> tuple[Human, str] | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from enum import Enum
 from typing import NamedTuple
 
 from rvsg.generation.people_sampler import at_places, ends_of
@@ -12,6 +13,7 @@ from rvsg.scenario.scenario import Behaviour, Human, HumanConfiguration, Scenari
 MOST_DESCRIBED = 6
 """At most this many people are described one by one."""
 EARLIER = "(This describes an earlier configuration of the scenario; the tasks have changed since.)"
+TUNED = "(Start delays, speeds, pauses and where people begin were tuned since.)"
 
 
 class Described(NamedTuple):
@@ -21,15 +23,40 @@ class Described(NamedTuple):
     idea: str = ""
 
 
-def describe_new(humans: Sequence[Human], idea: str, *, goods: bool = True) -> Described:
+def describe_new(humans: Sequence[Human], idea: str, *, goods: bool) -> Described:
     """Describe a new scenario by its idea and by what its people do; `goods`: in a place where goods are handled."""
     return Described(f"{idea} {describe(humans, goods=goods)}.".strip(), idea)
 
 
-def describe_changed(before: Scenario, humans: Sequence[Human], *, goods: bool = True) -> Described:
+def describe_changed(before: Scenario, humans: Sequence[Human], *, goods: bool) -> Described:
     """Describe a changed scenario by the idea of the one before and by what its own people do."""
     idea = before.idea or before.description
     return Described(f"{idea} In this configuration {describe(humans, goods=goods)}.".strip(), idea)
+
+
+def tells_of(scenario: Scenario, *, goods: bool) -> bool:
+    """Return whether the description of a scenario is of this module, or there is none: it can be written anew."""
+    humans, idea = scenario.people.humans, scenario.idea
+    own = (describe_new(humans, idea, goods=goods), describe_changed(scenario, humans, goods=goods)) if idea else ()
+    return not scenario.description or Described(scenario.description, idea) in own
+
+
+def describe_tuned(before: Scenario, people: HumanConfiguration, *, goods: bool) -> Described:
+    """Describe a scenario whose tasks are those of the one before and whose numbers are not.
+
+    A text that this module cannot write anew, as it is a model's, says so at its end.
+    """
+    if not before.description:
+        return Described("", before.idea)
+    if tells_of(before, goods=goods):
+        return describe_changed(before, people.humans, goods=goods)
+    said = before.description if before.description.endswith(TUNED) else f"{before.description} {TUNED}"
+    return Described(said, before.idea)
+
+
+def same_work(human: Human, other: Human) -> bool:
+    """Return whether two people have the same name and the same tasks, so that one text is true of both."""
+    return _work(human) == _work(other)
 
 
 def inherited(refined: Scenario, people: HumanConfiguration) -> Described:
@@ -43,7 +70,7 @@ def inherited(refined: Scenario, people: HumanConfiguration) -> Described:
     return Described(f"{idea} {EARLIER}", idea)
 
 
-def describe(humans: Sequence[Human], *, goods: bool = True) -> str:
+def describe(humans: Sequence[Human], *, goods: bool) -> str:
     """Return who does what where, without a full stop: `Human 1 carries goods: Shelf 1, Boxes 3 and Area 2; ...`."""
     parts = [f"{human.name} {_doing(human, humans[:k], goods)}: {_where(human)}" for k, human in enumerate(humans)]
     more = f", and {len(humans) - MOST_DESCRIBED} others work nearby" if len(humans) > MOST_DESCRIBED else ""
@@ -63,38 +90,65 @@ def in_company_of(name: str) -> str:
     return f"works together with {name}"
 
 
-def work_of(human: Human, *, goods: bool = True) -> str:
-    """Return the work that fits a person: by what they push, pauses, speed (m/s) and the number of places."""
+class Manner(Enum):
+    """How somebody goes about their work."""
+
+    TROLLEY = "trolley"
+    WHEELCHAIR = "wheelchair"
+    CHILD = "child"
+    STOPS = "stops on the way"
+    CREEPS = "creeps"
+    SLOW = "slow"
+    TO_AND_FRO = "to and fro"
+    BRISK = "brisk"
+    STEADY = "steady"
+
+
+def manner_of(human: Human) -> Manner:
+    """Return how a person goes about it: by what they push, pauses, speed (m/s) and the number of places."""
     if human.trolley is not None:
-        return "pushes a trolley"
+        return Manner.TROLLEY
     if human.kind is PersonKind.WHEELCHAIR:
-        return "goes by wheelchair"
+        return Manner.WHEELCHAIR
     if human.kind is PersonKind.CHILD:
-        return "is a child who goes about"
-    if not goods:
-        return _errand(human)
+        return Manner.CHILD
     if any(task.pauses for task in human.tasks):
-        return "checks goods on the way and stops to note what is missing"
+        return Manner.STOPS
     if human.speed_m_s <= 0.5:
-        return "moves a heavy load step by step"
+        return Manner.CREEPS
     if human.speed_m_s <= 0.8:
-        return "pushes a loaded trolley at a slow walk"
+        return Manner.SLOW
     if len(at_places(human.tasks)) == 2:
-        return "sorts and tidies, going to and fro"
-    return f"carries goods at a {'brisk' if human.speed_m_s >= 1.0 else 'steady'} walk"
+        return Manner.TO_AND_FRO
+    return Manner.BRISK if human.speed_m_s >= 1.0 else Manner.STEADY
 
 
-def _errand(human: Human) -> str:
-    """Return what somebody does in a place without goods, by pauses and speed (m/s)."""
-    if any(task.pauses for task in human.tasks):
-        return "walks about and stops on the way"
-    if human.speed_m_s <= 0.5:
-        return "walks slowly, step by step"
-    if human.speed_m_s <= 0.8:
-        return "walks at a slow pace"
-    if len(at_places(human.tasks)) == 2:
-        return "goes to and fro"
-    return f"walks round at a {'brisk' if human.speed_m_s >= 1.0 else 'steady'} pace"
+ERRANDS = {
+    Manner.TROLLEY: "pushes a trolley",
+    Manner.WHEELCHAIR: "goes by wheelchair",
+    Manner.CHILD: "is a child who goes about",
+    Manner.STOPS: "walks about and stops on the way",
+    Manner.CREEPS: "walks slowly, step by step",
+    Manner.SLOW: "walks at a slow pace",
+    Manner.TO_AND_FRO: "goes to and fro",
+    Manner.BRISK: "walks round at a brisk pace",
+    Manner.STEADY: "walks round at a steady pace",
+}
+"""What somebody does in a place without goods."""
+WORK = ERRANDS | {
+    Manner.STOPS: "checks goods on the way and stops to note what is missing",
+    Manner.CREEPS: "moves a heavy load step by step",
+    Manner.SLOW: "pushes a loaded trolley at a slow walk",
+    Manner.TO_AND_FRO: "sorts and tidies, going to and fro",
+    Manner.BRISK: "carries goods at a brisk walk",
+    Manner.STEADY: "carries goods at a steady walk",
+}
+"""What somebody does where goods are handled."""
+
+
+def work_of(human: Human, *, goods: bool) -> str:
+    """Return the work that fits a person; `goods`: in a place where goods are handled."""
+    return (WORK if goods else ERRANDS)[manner_of(human)]
 
 
 def _work(human: Human) -> tuple[str, list[str]]:

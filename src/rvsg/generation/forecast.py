@@ -94,6 +94,18 @@ class Forecaster:
         measured, _ = self._run(variants, [self.robot_speed] * len(variants), [self.pace] * len(variants))
         return [_forecast(row) for row in measured]
 
+    def tracks(self, variants: Sequence[Sequence[Human]]) -> list[Complexes]:
+        """Return for each configuration where robot and people are every `STEP_S` until the robot is done, (N, 1 + H).
+
+        Points are complex numbers, x + iy metres.
+        """
+        if not variants:
+            return []
+        count = len(variants)
+        measured, tracks = self._run(variants, [self.robot_speed] * count, [self.pace] * count, keep=True)
+        ends = np.round(measured[:, DURATION] / STEP_S).astype(int)
+        return [tracks[:end, b] for b, end in enumerate(ends)]
+
     def fitted(self, feedback: Feedback) -> Forecaster:
         """The forecaster whose paces and speed come nearest to where everybody was measured to be."""
         humans = feedback.scenario.people.humans

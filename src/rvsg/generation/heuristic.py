@@ -27,7 +27,7 @@ from rvsg.generation.people_sampler import PeopleSampler, ends_of
 from rvsg.generation.places import Place, places_of
 from rvsg.generation.seeding import rng_of
 from rvsg.generation.walking_graph import walking_graph
-from rvsg.generation.work import follows, handles_goods, named_in, sentence
+from rvsg.generation.work import follows, named_in, sentence
 from rvsg.scenario.aim import Aim
 from rvsg.scenario.brief import Brief, Feedback, Remembered
 from rvsg.scenario.scenario import Behaviour, Human, HumanConfiguration, Task
@@ -72,7 +72,7 @@ class HeuristicGenerator(Generator):
         if brief.kind == "refine" and brief.feedback is not None and plan.refinable(brief.feedback):
             humans, reasoning = plan.refined(self.changes)
             moved = added(brief.mission, brief.feedback.scenario.mission)
-            described = describe_changed(brief.feedback.scenario, humans, goods=plan.goods)
+            described = describe_changed(brief.feedback.scenario, humans, goods=plan.work.goods)
         else:
             humans, reasoning = plan.drafted(self.tries)
             humans, described = plan.described(humans)
@@ -104,7 +104,6 @@ class _Plan:
         self.ground = walking_graph(self.world, self.brief.mission.route)
         self.uses = _uses(self.brief.memory)
         self.others = rng_of(self.brief, "heuristic/actors")
-        self.goods = handles_goods(self.places)
         self.work = PeopleSampler(self.ground, self.places, self.aim, self.rng, self.uses)
         self.forecaster = forecaster_of(self.brief.mission, self.world)
 
@@ -199,7 +198,7 @@ class _Plan:
             worker = next((human.name for human in humans if named and follows(human, named)), None)
             humans = cast(humans, activity, worker, self.brief.mission, self.world, self.others)
         work = f"The work of the hour: {sentence(activity)}. " if activity else ""
-        return humans, describe_new(humans, f"{work}{robot}", goods=self.goods)
+        return humans, describe_new(humans, f"{work}{robot}", goods=self.work.goods)
 
     def _activity(self, humans: list[Human]) -> str | None:
         """The work of the place that somebody does and that names most of what people visit, rather one that fits

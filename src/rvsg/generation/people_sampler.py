@@ -14,7 +14,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.generation.places import Place
+from rvsg.generation.places import Place, handles_goods
 from rvsg.generation.walking_graph import WalkingGraph
 from rvsg.scenario.aim import Aim
 from rvsg.scenario.scenario import Behaviour, ForceFactors, Human, Pause, Task
@@ -95,6 +95,7 @@ class PeopleSampler:
         self, ground: WalkingGraph, places: Sequence[Place], aim: Aim, rng: np.random.Generator, uses: dict[str, int]
     ) -> None:
         self.ground, self.places, self.aim, self.rng = ground, places, aim, rng
+        self.goods = handles_goods(places)
         self.near = {name: ground.along(name) for place in places for name in place.waypoints}
         self.closest = [min((self.near[name] for name in p.waypoints), key=lambda at: at[1]) for p in places]
         self._known: dict[tuple[str, str, bool], NDArray[np.float64]] = {}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from rvsg.core.records import Pose
@@ -16,6 +17,22 @@ class Place:
     name: str
     kind: str
     waypoints: tuple[str, ...]
+
+
+GOODS = frozenset(
+    {
+        *("shelf", "shelves", "rack", "racks", "boxes", "box", "pallet", "pallets", "crate", "crates", "store"),
+        *("storage", "goods", "machine", "machines", "equipment", "loading", "dock", "packing", "waste", "workshop"),
+        *("warehouse", "area", "waypoint"),
+    }
+)
+"""Words in the kinds of places where people handle goods; elsewhere nobody is said to sort them or push them about."""
+
+
+def handles_goods(places: Sequence[Place]) -> bool:
+    """Return whether the kinds of most places are kinds of a place of goods."""
+    kinds = [place for place in places if GOODS & set(place.kind.lower().split())]
+    return 2 * len(kinds) >= len(places)
 
 
 def reachable(grid: Grid, start: str) -> frozenset[str]:

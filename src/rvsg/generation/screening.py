@@ -28,7 +28,7 @@ class Screen:
 
     def __init__(self, mission: Mission, world: World, aim: Aim) -> None:
         self.aim = aim
-        self._forecaster: Forecaster = forecaster_of(mission, world)
+        self.forecaster: Forecaster = forecaster_of(mission, world)
 
     def __call__(self, configurations: Sequence[HumanConfiguration]) -> Floats:
         """Return the features of each configuration, (n, FEATURES)."""
@@ -39,7 +39,7 @@ class Screen:
         for size, members in sizes.items():
             if not size:
                 continue
-            forecasts = self._forecaster.compare([configurations[k].humans[:size] for k in members])
+            forecasts = self.forecaster.compare([configurations[k].humans[:size] for k in members])
             for k, forecast in zip(members, forecasts, strict=True):
                 heedless = sum(human.behaviour != "regular" for human in configurations[k].humans)
                 features[k] = (

@@ -9,21 +9,6 @@ from rvsg.generation.people_sampler import ends_of
 from rvsg.generation.places import Place
 from rvsg.scenario.scenario import Human
 
-GOODS = frozenset(
-    {
-        *("shelf", "shelves", "rack", "racks", "boxes", "box", "pallet", "pallets", "crate", "crates", "store"),
-        *("storage", "goods", "machine", "machines", "equipment", "loading", "dock", "packing", "waste", "workshop"),
-        *("warehouse", "area", "waypoint"),
-    }
-)
-"""Words in the kinds of places where people handle goods; elsewhere nobody is said to sort them or push them about."""
-
-
-def handles_goods(places: Sequence[Place]) -> bool:
-    """Return whether the kinds of most places are kinds of a place of goods."""
-    kinds = [place for place in places if GOODS & set(place.kind.lower().split())]
-    return 2 * len(kinds) >= len(places)
-
 
 def named_in(activity: str, places: Sequence[Place]) -> list[tuple[Place, ...]]:
     """Return the places that an activity names, in its order: one by its name, or all of a kind.
