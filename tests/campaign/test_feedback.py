@@ -1,15 +1,19 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tests.campaign.parts import REQUIREMENT, KinematicSimulator, WalkGenerator, measure, plan, warehouse
 
 from rvsg.campaign.attempt import Attempt
+from rvsg.campaign.driving import passings_of, stops_of
 from rvsg.campaign.feedback import decisive_moments, feedback_of, gaps, separable, touches_of, worst_run
 from rvsg.evaluation.judge import judge
 from rvsg.evaluation.verdict import Verdict
 from rvsg.generation.generator import Proposal
 from rvsg.scenario.brief import Brief
+from rvsg.simulation.events import Recovery
 from rvsg.simulation.run import Outcome, Run, Trajectory
 
 
@@ -174,3 +178,69 @@ def test_an_attempt_without_an_objective_has_no_feedback() -> None:
 def test_only_bodies_that_touch_are_said_to_be_in_contact(gap_m: float, said: str) -> None:
     run = a_run(np.abs(np.linspace(-2.0, 2.0, 41)) + gap_m)
     assert decisive_moments(run, warehouse().grid)[0].note == said
+
+
+def test_the_robot_stands_because_of_the_person_ahead() -> None:
+    n = 200
+    still = np.full(n, 0.5)
+    still[80:140] = 0.0
+    run = a_run(np.full(n, 0.6), still)
+    (stop,) = stops_of(run, warehouse())
+    assert (stop.time_s, stop.reason, stop.who) == (8.0, "person_ahead", "Ann")
+    assert stop.until_s == pytest.approx(13.9, abs=0.2)
+
+
+@pytest.mark.parametrize(("gap", "reason"), [(1.5, "person_near"), (3.0, "unknown")])
+def test_a_person_farther_off_may_occupy_the_costmap_or_explains_nothing(gap: float, reason: str) -> None:
+    n = 200
+    still = np.full(n, 0.5)
+    still[80:140] = 0.0
+    (stop,) = stops_of(a_run(np.full(n, gap), still), warehouse())
+    assert stop.reason == reason and stop.who == ("Ann" if reason == "person_near" else "")
+
+
+def test_a_recovery_is_the_reason_where_nobody_is_near() -> None:
+    n = 200
+    still = np.full(n, 0.5)
+    still[80:140] = 0.0
+    run = replace(
+        a_run(np.full(n, 3.0), still), events=(Recovery(time_s=9.0, x=0.0, y=0.0, until_s=12.0, action="spin"),)
+    )
+    (stop,) = stops_of(run, warehouse())
+    assert stop.reason == "recovery"
+
+
+def test_a_person_on_the_goal_is_the_reason() -> None:
+    n = 200
+    still = np.full(n, 0.5)
+    still[80:140] = 0.0
+    run = replace(a_run(np.full(n, 0.6), still), goal=(1.35, 0.0, 0.0))
+    (stop,) = stops_of(run, warehouse())
+    assert (stop.reason, stop.who) == ("goal_taken", "Ann")
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_the_side_on_which_somebody_is_passed_is_told(side: float) -> None:
+    n = 200
+    run = a_run(np.full(n, 0.0))
+    path = replace(
+        run.trajectory,
+        human_x=np.linspace(5.0, -5.0, n)[:, None],
+        human_y=np.full((n, 1), side),
+        human_yaw=np.full((n, 1), np.pi),
+        human_speed=np.full((n, 1), 0.5),
+    )
+    (passing,) = passings_of(replace(run, trajectory=path, log=path), warehouse())
+    assert passing.left is (side > 0)
+    assert passing.how == "head-on"
+    assert passing.time_s == pytest.approx(10.0, abs=0.3)
+
+
+def test_the_mildest_run_stands_beside_the_worst() -> None:
+    attempt, runs = attempt_of(1)
+    told = feedback_of(attempt, runs, requirement=REQUIREMENT, grid=warehouse().grid, world=warehouse())
+    assert told.mildest == max(told.objectives)
+    assert told.mildest_parts
+    attempt, runs = attempt_of(1, runs=1)
+    told = feedback_of(attempt, runs, requirement=REQUIREMENT, grid=warehouse().grid, world=warehouse())
+    assert told.mildest is None and told.mildest_parts == ()

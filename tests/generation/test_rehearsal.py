@@ -160,3 +160,12 @@ def test_a_rehearsal_knows_when_somebody_leaves_the_first_waypoint(
     assert walked.begins_at == first.tasks[0].path[0]
     assert walked.left_s is not None
     assert 4.0 < walked.left_s < 7.0
+
+
+def test_who_left_the_first_waypoint_early_is_not_said_never_to_reach_it() -> None:
+    walked = Walked(begins_at="G14", left_s=2.0, nearest_m=1.0, nearest_s=3.0)
+    (told,) = surprises(Rehearsal(robot=(), arrival_s=20.0, people={"Ann": walked}), {"Ann": {"G14": 8.0}})
+    assert told == "Ann leaves G14 at 2.0 s and does not come back; you planned 8 s."
+    assert surprises(Rehearsal(robot=(), arrival_s=20.0, people={"Ann": walked}), {"Ann": {"G14": 1.0}}) == ()
+    waits = walked.replace(left_s=None)
+    assert surprises(Rehearsal(robot=(), arrival_s=20.0, people={"Ann": waits}), {"Ann": {"G14": 15.0}}) == ()

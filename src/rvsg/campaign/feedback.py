@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.campaign.attempt import Attempt, Measurement
+from rvsg.campaign.driving import passings_of, stops_of
 from rvsg.campaign.ranking import measured
 from rvsg.campaign.walks import Walk, arrivals, side_of, walks_of
 from rvsg.evaluation.aims import series_name, series_of
@@ -59,7 +60,7 @@ def feedback_of(
     Args:
         runs: The runs of the attempt.
         previous: The attempt before it of the same scenario.
-        world: Needed where the requirement concerns obstacles.
+        world: Needed where the requirement concerns obstacles, and for stops and passings.
 
     Raises:
         ValueError: The attempt has no objective or no run.
@@ -71,6 +72,7 @@ def feedback_of(
     before = previous.verdict if previous else None
     times = [float(run.trajectory.t[-1]) for run in runs if run.completed]
     walks = walks_of(worst, scenario.people, grid)
+    mild = mildest_run(attempt, runs, requirement)
     touched = {run.id: touches for run in runs if (touches := touches_of(run, grid))}
     return Feedback(
         scenario=scenario,
@@ -91,6 +93,10 @@ def feedback_of(
         series_of=series_name(requirement),
         rows=rows_of(worst, walks, grid, series_of(worst, requirement, world=world)),
         parts=parts_of(worst, requirement, world),
+        stops=stops_of(worst, world) if world is not None else (),
+        passings=passings_of(worst, world) if world is not None else (),
+        mildest=mild[1] if mild is not None else None,
+        mildest_parts=parts_of(mild[0], requirement, world) if mild is not None else (),
         arrivals={
             human.name: arrivals(walk, human, grid) for walk, human in zip(walks, scenario.people.humans, strict=True)
         },
@@ -115,22 +121,24 @@ def with_history(
         most: How many tried configurations to keep.
     """
     known = [
-        (a.proposal.scenario, a.mean, a.verdict.runs)
+        (a.proposal.scenario, a.mean, a.verdict)
         for a in measured(attempts)
         if a.proposal.scenario is not None and a.verdict is not None and a.mean is not None
     ]
     tried: list[Tried] = []
     before: Scenario | None = None
-    for scenario, mean, runs in known:
+    judged = requirement.threshold is not None
+    for scenario, mean, verdict in known:
         change = differences(before.people, scenario.people) if before is not None else "first configuration"
-        tried.append(Tried(mean=mean, change=change, runs=runs))
+        violations = verdict.violations if judged else None
+        tried.append(Tried(mean=mean, change=change, runs=verdict.runs, violations=violations))
         before = scenario
     best = max(known, key=lambda each: requirement.badness(each[1]), default=None)
     worse = best is not None and requirement.badness(best[1]) > requirement.badness(feedback.mean)
     return feedback.replace(
         best=best[0] if best and worse else None,
         best_mean=best[1] if best else None,
-        best_runs=best[2] if best else 0,
+        best_runs=best[2].runs if best else 0,
         tried=tuple(tried[-most:]) if len(tried) > 1 else (),
     )
 
@@ -189,6 +197,15 @@ def worst_run(attempt: Attempt, runs: Sequence[Run], requirement: Requirement) -
 def worst_measurement(attempt: Attempt, requirement: Requirement) -> Measurement:
     """Return the measurement of the attempt whose objective is worst for the robot; the first of equals."""
     return max(attempt.measurements, key=lambda m: -np.inf if m.objective is None else requirement.badness(m.objective))
+
+
+def mildest_run(attempt: Attempt, runs: Sequence[Run], requirement: Requirement) -> tuple[Run, float] | None:
+    """Return the run that is least bad for the robot with its objective; None where there is only one to choose."""
+    known = {m.run_id: m.objective for m in attempt.measurements if m.objective is not None}
+    if len(known) < 2:
+        return None
+    least = min(known, key=lambda name: requirement.badness(known[name]))
+    return next(run for run in runs if run.id == least), known[least]
 
 
 def separable(before: Verdict, after: Verdict) -> bool:

@@ -23,7 +23,6 @@ REACHED_M = 0.6
 """Somebody who is farther than this from the place of the start has left it."""
 MARGIN_M, PASSED_M = 0.1, 0.8
 """A waypoint counts as reached from the goal radius plus the first, or beyond it within the second."""
-WALKING = "walking"
 STILL_M_S, STOOD_S, STUCK_S = 0.1, 2.0, 5.0
 """Somebody who should walk and is slower than the first for longer than the second stands still.
 
@@ -66,9 +65,10 @@ def walk_of(run: Run, h: int, human: Human, grid: Grid) -> Walk:
     times, xs, ys = run.trajectory.t, run.trajectory.human_x[:, h], run.trajectory.human_y[:, h]
     recorded = [e for e in run.events if isinstance(e, OfWalk) and e.person == human.name]
     reached, legs = _followed(times, xs, ys, agent, recorded)
-    doing = _meant(times, legs, reached, agent, recorded)
-    walks = np.array([what.startswith(WALKING) for what in doing], np.bool_)
-    still = walks & (_speed(times, xs, ys) < STILL_M_S)
+    busy = _busy(times, legs, reached, agent, recorded)
+    count = len(agent.goals)
+    doing = [what or f"walking leg {leg % count + 1} of {count}" for what, leg in zip(busy, legs, strict=True)]
+    still = np.array([what is None for what in busy], np.bool_) & (_speed(times, xs, ys) < STILL_M_S)
     stood, stuck_at = [], None
     for first, last in stretches(still):
         if times[last] - times[first] < STOOD_S or len(agent.goals) < 2:
@@ -138,19 +138,19 @@ def _arrives(at: tuple[float, float], agent: HumanAgent, count: int) -> bool:
     return beyond and away <= PASSED_M and not agent.pauses_s[(count + 1) % n]
 
 
-def _meant(
+def _busy(
     times: NDArray[np.float64],
     legs: Sequence[int],
     reached: Sequence[float],
     agent: HumanAgent,
     recorded: Sequence[OfWalk],
-) -> list[str]:
-    """Return what the person is about at every sample; somebody who walks may be held up."""
+) -> list[str | None]:
+    """Return what else than walking the person is about at every sample; None: walking, though perhaps held up."""
     n = len(agent.goals)
     reactions = [(e.time_s, e.until_s) for e in recorded if isinstance(e, PersonReacted)]
     pauses = [(e.time_s, e.until_s) for e in recorded if isinstance(e, PersonPaused)]
     known = any(isinstance(e, PersonReached | PersonPaused) for e in recorded)
-    found = []
+    found: list[str | None] = []
     for t, leg in zip(times.tolist(), legs, strict=True):
         since = reached[leg - 1] if leg else agent.start_delay_s
         held = agent.pauses_s[leg % n] if leg else agent.start_pause_s
@@ -161,7 +161,7 @@ def _meant(
         elif any(start <= t <= end for start, end in pauses) or (not known and held and t <= since + held + 1.5):
             found.append("pausing")
         else:
-            found.append(f"{WALKING} leg {leg % n + 1} of {n}")
+            found.append(None)
     return found
 
 
@@ -180,14 +180,22 @@ def arrivals(walk: Walk, human: Human, grid: Grid) -> tuple[Arrival, ...]:
 
 def side_of(run: Run, k: int, h: int) -> str:
     """Return on which side of the robot person `h` is at sample `k`."""
-    path = run.trajectory
-    bearing = math.remainder(
-        math.atan2(float(path.human_y[k, h] - path.y[k]), float(path.human_x[k, h] - path.x[k])) - float(path.yaw[k]),
-        2.0 * math.pi,
-    )
+    bearing = _bearing(run, k, h)
     if abs(bearing) < AHEAD:
         return "ahead"
     return "behind" if abs(bearing) > BEHIND else "left" if bearing > 0.0 else "right"
+
+
+def left_of(run: Run, k: int, h: int) -> bool:
+    """Return whether person `h` is on the robot's left at sample `k`, ahead and behind included."""
+    return _bearing(run, k, h) > 0.0
+
+
+def _bearing(run: Run, k: int, h: int) -> float:
+    """Direction of person `h` off the robot's heading at sample `k`, rad; positive to the left."""
+    path = run.trajectory
+    towards = math.atan2(float(path.human_y[k, h] - path.y[k]), float(path.human_x[k, h] - path.x[k]))
+    return math.remainder(towards - float(path.yaw[k]), 2.0 * math.pi)
 
 
 def _speed(t: NDArray[np.float64], x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:

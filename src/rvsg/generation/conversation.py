@@ -36,7 +36,7 @@ from rvsg.generation.facts import (
     world_facts,
 )
 from rvsg.generation.generator import Generator, Proposal
-from rvsg.generation.pictures import pictures_of
+from rvsg.generation.pictures import pictures_of, small_map_of
 from rvsg.generation.prompts import Prompts, number
 from rvsg.generation.rehearsal import Rehearsal, Rehearse, surprises
 from rvsg.generation.replies import Reply, read_configuration, read_description, read_path_lines
@@ -186,7 +186,9 @@ class VlmGenerator(Generator):
         drive = self._undisturbed_drive(brief)
         facts = world_facts(world, description_of(world))
         facts |= brief_facts(brief, world, provoking=self.provoking, undisturbed=drive)
-        pictures = pictures_of(world, brief.mission.route, drive.way if drive else ())
+        route, way = brief.mission.route, drive.way if drive else ()
+        small = self.conversation == "compact" and brief.feedback is not None
+        pictures = (small_map_of(world, route, way),) if small else pictures_of(world, route, way)
         dialogue = Dialogue(self.wiring.model, self.prompts, session_of(brief), facts, pictures=pictures)
         if self.conversation == "study":
             history = self._history(brief)

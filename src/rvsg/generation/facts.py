@@ -25,15 +25,18 @@ from rvsg.world.world import Description, SolidObject, World
 SPEED_RANGE_M_S = (0.3, 2.0)
 LONGEST_SERIES = 120
 NEAREST_STARTS = 4
-LONGEST_ANALYSIS = 2000
-"""Characters of an analysis that are told back."""
+LONGEST_ANALYSIS = 800
+"""Characters of an analysis that are told back: its end, which says what was changed and why."""
 Pass = tuple[float, float]
 """First and last time, in seconds."""
 NEWS = 0.1
 """Values of single runs are told where they differ by more than this share of their mean."""
 
 TOLD_AS_MEASURED = frozenset(
-    {"parts", "arrival_s", "arrived", "touched", "touches", "touches_elsewhere", "best_mean", "best_runs", "tried"}
+    {
+        *("parts", "passings", "arrival_s", "arrived", "touched", "touches", "touches_elsewhere"),
+        *("best_mean", "best_runs", "tried"),
+    }
 )
 
 MEANINGS = {
@@ -92,8 +95,32 @@ def world_facts(world: World, description: Description | None = None) -> dict[st
         "column_axis": grid.across,
         "neighbours": [{"name": name, "to": list(others)} for name, others in grid.neighbours.items()],
         **neighbour_rule(grid),
-        "invalid": [waypoint.name for waypoint in grid.waypoints if not waypoint.human],
+        "invalid": _invalid(grid),
     }
+
+
+def _invalid(grid: Grid) -> list[str]:
+    """Where nobody can stand: rows with the same columns together, as in `rows A B: 2 to 8, 10`."""
+    taken: dict[str, list[int]] = {}
+    for waypoint in grid.waypoints:
+        if not waypoint.human:
+            taken.setdefault(grid.rows[waypoint.row], []).append(waypoint.column)
+    alike: dict[tuple[int, ...], list[str]] = {}
+    for row, found in taken.items():
+        alike.setdefault(tuple(sorted(found)), []).append(row)
+    return [
+        f"row{'s' if len(rows) > 1 else ''} {' '.join(rows)}: {', '.join(_in_words(columns, grid.columns))}"
+        for columns, rows in alike.items()
+    ]
+
+
+def _in_words(numbers: Sequence[int], names: Sequence[str]) -> list[str]:
+    """Names of ascending numbers, with `2 to 8` for three and more in a row."""
+    words: list[str] = []
+    for _, group in itertools.groupby(enumerate(numbers), key=lambda pair: pair[1] - pair[0]):
+        run = [names[number] for _, number in group]
+        words += [f"{run[0]} to {run[-1]}"] if len(run) > 2 else run
+    return words
 
 
 def brief_facts(
@@ -211,6 +238,7 @@ def feedback_facts(
     previous = feedback.previous_mean
     better = previous is not None and (feedback.mean < previous if worse == "smaller" else feedback.mean > previous)
     limit = requirement.threshold if requirement else None
+    spread = max(feedback.objectives) - min(feedback.objectives) > NEWS * abs(feedback.mean)
     return {
         "beyond": None if limit is None else (limit - feedback.mean) * (1 if worse == "smaller" else -1),
         "at_limit": feedback.capped == len(feedback.objectives),
@@ -218,7 +246,9 @@ def feedback_facts(
         "tuned": feedback.tuned,
         "runs": len(feedback.objectives),
         "objectives": list(feedback.objectives),
-        "spread": max(feedback.objectives) - min(feedback.objectives) > NEWS * abs(feedback.mean),
+        "spread": spread,
+        "mildest": feedback.mildest,
+        "mildest_parts": [part.model_dump() for part in feedback.mildest_parts] if spread else [],
         "mean": feedback.mean,
         "low": feedback.interval[0],
         "high": feedback.interval[1],
@@ -233,11 +263,15 @@ def feedback_facts(
         ],
         "series_of": feedback.series_of,
         **{key: value for key, value in feedback.model_dump(mode="json").items() if key in TOLD_AS_MEASURED},
-        "rows": [row.model_dump(mode="json") | {"behind_s": _behind_s(row, passes or {})} for row in feedback.rows],
+        "rows": [
+            row.model_dump(mode="json") | {"behind_s": _behind_s(row, passes or {}), "stop": _stop_at(row, feedback)}
+            for row in feedback.rows
+        ],
+        "stops_between": _stops_between(feedback),
         "planned": any(feedback.planned.values()),
         "arrivals": {
             name: [a.model_dump() | {"planned_s": feedback.planned.get(name, {}).get(a.at)} for a in arrived]
-            for name, arrived in _first(feedback).items()
+            for name, arrived in _telling(feedback).items()
         },
         "missed": _missed(feedback),
         "configuration": configuration_object(feedback.scenario.people),
@@ -246,15 +280,34 @@ def feedback_facts(
     }
 
 
-def _first(feedback: Feedback) -> dict[str, list[Arrival]]:
-    """The first arrival of everybody at every waypoint, in order."""
+def _telling(feedback: Feedback) -> dict[str, list[Arrival]]:
+    """The first arrivals of everybody where they planned to be, pause, end a task or come last, in order.
+
+    The table shows the way between.
+    """
     found = {}
-    for name, arrived in feedback.arrivals.items():
+    for human in feedback.scenario.people.humans:
+        wanted = {at for task in human.tasks for at in (*task.path[-1:], *(pause.at for pause in task.pauses))}
+        wanted |= set(feedback.planned.get(human.name, {}))
         earliest: dict[str, Arrival] = {}
-        for arrival in arrived:
+        for arrival in feedback.arrivals.get(human.name, ()):
             earliest.setdefault(arrival.at, arrival)
-        found[name] = list(earliest.values())
+        last = list(earliest)[-1:]
+        found[human.name] = [arrival for at, arrival in earliest.items() if at in wanted or at in last]
     return found
+
+
+def _stop_at(row: Row, feedback: Feedback) -> dict[str, Any] | None:
+    """Why the robot stands at the time of a row; None where it drives."""
+    stop = next((stop for stop in feedback.stops if stop.time_s <= row.time_s <= stop.until_s), None)
+    return stop.model_dump(mode="json") if stop is not None else None
+
+
+def _stops_between(feedback: Feedback) -> list[dict[str, Any]]:
+    """The stops at which the table has no line."""
+    times = [row.time_s for row in feedback.rows]
+    between = (s for s in feedback.stops if not any(s.time_s <= time <= s.until_s for time in times))
+    return [stop.model_dump(mode="json") for stop in between]
 
 
 def _missed(feedback: Feedback) -> list[dict[str, Any]]:
@@ -279,7 +332,7 @@ def passes_of(undisturbed: Rehearsal | None, grid: Grid) -> dict[str, Pass]:
 
 def rehearsal_facts(rehearsal: Rehearsal, passes: Mapping[str, Pass]) -> dict[str, Any]:
     """A rehearsal as prompts tell it."""
-    rows = [row.model_dump(mode="json") | {"behind_s": _behind_s(row, passes)} for row in rehearsal.rows]
+    rows = [row.model_dump(mode="json") | {"behind_s": _behind_s(row, passes), "stop": None} for row in rehearsal.rows]
     return {"arrival_s": rehearsal.arrival_s, "rows": rows}
 
 
@@ -311,8 +364,9 @@ def configuration_object(
             "behaviour": human.behaviour.value,
             "speed_m_s": human.speed_m_s,
             "start_delay_s": human.start_delay_s,
-            "group": human.group,
         }
+        if human.group is not None:
+            chosen["group"] = human.group
         if human.kind is not PersonKind.ADULT:
             chosen["kind"] = human.kind.value
         if human.trolley is not None:
@@ -330,12 +384,21 @@ def _moved(thing: SolidObject) -> dict[str, Any]:
 
 
 def answer_object(feedback: Feedback, moved: Sequence[SolidObject] = ()) -> Any:
-    """The configuration that was simulated as its generator answered it, with its analysis and its plan."""
+    """The configuration that was simulated as its generator answered it, with its analysis.
+
+    The plan is told beside the arrivals.
+    """
     found = configuration_object(feedback.scenario.people, feedback.scenario.description, moved=moved)
-    for human in found["humans"]:
-        if moments := feedback.planned.get(human["name"]):
-            human["plan"] = [{"at": at, "time_s": time} for at, time in moments.items()]
-    return ({"analysis": feedback.analysis[:LONGEST_ANALYSIS]} if feedback.analysis else {}) | found
+    return ({"analysis": _end_of(feedback.analysis)} if feedback.analysis else {}) | found
+
+
+def _end_of(text: str) -> str:
+    """The last sentences of a text, `LONGEST_ANALYSIS` characters at most."""
+    if len(text) <= LONGEST_ANALYSIS:
+        return text
+    end = text[-LONGEST_ANALYSIS:]
+    begin = end.find(". ") + 2 if ". " in end else end.find(" ") + 1
+    return f"... {end[begin:]}"
 
 
 def _remembered(earlier: Remembered) -> dict[str, Any]:

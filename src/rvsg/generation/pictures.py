@@ -7,8 +7,10 @@ from rvsg.world.world import Route, World
 
 Way = tuple[tuple[float, float, float], ...]
 PICTURE_WIDTH_PX = 1600
+MAP_WIDTH_PX, SMALL_MAP_WIDTH_PX = 1024, 512
+"""Widths of the labelled map. Services cut pictures into tiles of 512 x 512 and charge for each."""
 _MOST_DRAWN = 8
-_DRAWN: dict[tuple[str, str, str, Way], tuple[Picture, Picture]] = {}
+_DRAWN: dict[tuple[str, str, str, Way], tuple[Picture, Picture, Picture]] = {}
 _SEEN: dict[tuple[str, str], Picture] = {}
 
 
@@ -19,16 +21,31 @@ def pictures_of(world: World, route: Route | None = None, way: Way = ()) -> tupl
         way: The drive without people as (seconds, x, y). The labelled map shows it with a mark every 5 s, instead of
             the straight lines between the points of the route.
     """
+    return _drawn(world, route, way)[:2]
+
+
+def small_map_of(world: World, route: Route | None = None, way: Way = ()) -> Picture:
+    """The labelled map drawn small, with all of its names, for a third of the price.
+
+    It is enough for a refinement, which knows its areas and waypoints; the text holds the grid.
+    """
+    return _drawn(world, route, way)[2]
+
+
+def _drawn(world: World, route: Route | None, way: Way) -> tuple[Picture, Picture, Picture]:
     key = (world.id, world.title, route.id if route else "", way)
     if key not in _DRAWN:
         from rvsg.world.drawing import grid_picture, labelled_map, png_bytes
 
         drive = way if _moves(way) else None
-        labelled = png_bytes(labelled_map(world, width_px=PICTURE_WIDTH_PX, route=route, way=drive))
-        grid = png_bytes(grid_picture(world, width_px=PICTURE_WIDTH_PX))
+        labelled, small = (
+            Picture(name="labelled map", png=png_bytes(labelled_map(world, width_px=width, route=route, way=drive)))
+            for width in (MAP_WIDTH_PX, SMALL_MAP_WIDTH_PX)
+        )
+        grid = Picture(name="grid of waypoints", png=png_bytes(grid_picture(world, width_px=PICTURE_WIDTH_PX)))
         while len(_DRAWN) >= _MOST_DRAWN:
             _DRAWN.pop(next(iter(_DRAWN)))
-        _DRAWN[key] = (Picture(name="labelled map", png=labelled), Picture(name="grid of waypoints", png=grid))
+        _DRAWN[key] = (labelled, grid, small)
     return _DRAWN[key]
 
 

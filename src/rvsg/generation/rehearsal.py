@@ -87,12 +87,15 @@ def surprises(rehearsal: Rehearsal, plan: Plan) -> tuple[str, ...]:
             )
         reached = {arrival.at: arrival.time_s for arrival in reversed(walked.arrivals)}
         for at, planned in plan.get(name, {}).items():
-            if at == walked.begins_at and planned < (math.inf if walked.left_s is None else walked.left_s + LATE_S):
+            left = math.inf if walked.left_s is None else walked.left_s
+            if at == walked.begins_at and planned < left + LATE_S:
                 continue  # there from the start on
             actual = reached.get(at)
             if min(planned, math.inf if actual is None else actual) >= met:
                 continue
-            if actual is None:
+            if actual is None and at == walked.begins_at:
+                found.append(f"{name} leaves {at} at {left:.1f} s and does not come back; you planned {planned:g} s.")
+            elif actual is None:
                 found.append(f"{name} does not reach {at} during the run; you planned {planned:g} s.")
             elif abs(actual - planned) >= LATE_S:
                 found.append(f"{name} reaches {at} at {actual:.1f} s; you planned {planned:g} s.")

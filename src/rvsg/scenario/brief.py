@@ -84,6 +84,38 @@ class Touched(Record):
     """Who moved into whom."""
 
 
+class Stop(Record):
+    """The robot stands on its way."""
+
+    time_s: float
+    until_s: float
+    at: str
+    """The nearest waypoint."""
+    reason: Literal[
+        "contact", "person_ahead", "person_close", "person_near", "goal_taken", "obstacle", "recovery", "unknown"
+    ]
+    """`goal_taken`: somebody stands on its goal. `person_near`: nothing is next to it, but a person within 2 m may
+    occupy its costmap."""
+    who: str = ""
+    """The person of the reason; else empty."""
+
+
+class Passing(Record):
+    """A person near the robot: how they come, and on which side of it they are at the smallest gap."""
+
+    time_s: float
+    """When the gap is smallest."""
+    at: str
+    """The waypoint nearest to the robot."""
+    who: str
+    how: str
+    """`head-on`, `crossing from the left`, `person stands`, ..."""
+    left: bool
+    """On the robot's left; else on its right."""
+    gap_m: float
+    """The smallest gap between the bodies."""
+
+
 class Part(Record):
     """A part of the drive and the mean of the judged value in it."""
 
@@ -99,6 +131,8 @@ class Tried(Record):
     change: str
     runs: int = 0
     """Runs that the mean is of; 0: not known."""
+    violations: int | None = None
+    """How many of them violate the requirement; None: not known, or there is no limit."""
 
 
 class Encounter(Record):
@@ -139,6 +173,14 @@ class Feedback(Record):
     rows: tuple[Row, ...] = ()
     """The run that is worst for the robot, every two seconds."""
     parts: tuple[Part, ...] = ()
+    stops: tuple[Stop, ...] = ()
+    """Where the robot stands in that run, and why."""
+    passings: tuple[Passing, ...] = ()
+    """The closest encounters of that run."""
+    mildest: float | None = None
+    """The value of the run that is least bad for the robot; None with a single run."""
+    mildest_parts: tuple[Part, ...] = ()
+    """The parts of that run."""
     arrivals: dict[str, tuple[Arrival, ...]] = Field(default_factory=dict)
     arrival_s: float | None = None
     """When the robot arrives on average; None where it never does."""

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from rvsg.scenario.scenario import Human, HumanConfiguration
 
+MOST_PAUSES = 3
+"""More pauses than this are told in sum."""
+
 
 def differences(before: HumanConfiguration, after: HumanConfiguration) -> str:
     """Return what changed from one configuration to another; `no change` where they are equal."""
@@ -36,5 +39,9 @@ def _changed(was: Human, human: Human) -> list[str]:
         words.append(f"starts at {human.tasks[0].path[0]} (was {was.tasks[0].path[0]})")
     pauses, before = ([(p.at, p.duration_s) for t in h.tasks for p in t.pauses] for h in (human, was))
     if pauses != before:
-        words.append("pauses " + (", ".join(f"{s:g} s at {at}" for at, s in pauses) or "nowhere"))
+        listed = ", ".join(f"{s:g} s at {at}" for at, s in pauses) or "nowhere"
+        many = len(pauses) > MOST_PAUSES
+        words.append(
+            f"pauses {len(pauses)} times, {sum(s for _, s in pauses):g} s in all" if many else f"pauses {listed}"
+        )
     return words
