@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from rvsg.api.records import WORLD_FOLDER, check_writable, write_text
 from rvsg.api.requirements import load_requirement
-from rvsg.api.scenarios import check_robot, scenario_json
-from rvsg.api.simulating import ignore, make_simulator
+from rvsg.api.scenarios import scenario_json
+from rvsg.api.simulating import ignore, simulator_of
 from rvsg.api.worlds import world_of
 from rvsg.campaign.attempt import Failure
 from rvsg.campaign.exploration import FEWEST, Exploration, Point, shares_of
 from rvsg.campaign.measuring import Measuring
-from rvsg.campaign.parallel import Simulations
+from rvsg.campaign.parallel import PendingRun, Simulations
 from rvsg.core.errors import FileError, InputError, SimulationError
 from rvsg.core.files import write_whole
 from rvsg.core.inputs import parse_json, read_text
@@ -91,45 +92,17 @@ def explore(
     asked = load_requirement(requirement, family.middle.mission.route)
     if asked.threshold is None:
         raise InputError(f"{asked.name} has no limit, so no run violates it. Choose a requirement with a limit.")
-    made = make_simulator(simulator)
-    check_robot(family.middle, made)
-    made.prepare(on_message)
-    points = _run(
-        family,
-        _hypercube(family.ranges, runs, seed),
-        asked,
-        place,
-        made,
-        seed,
-        jobs,
-        on_point,
-        on_message,
-        closes=made is not simulator,
-    )
-    judged = [point for point in points if point.violated is not None]
-    if not judged:
-        raise InputError(f"No point of the ranges can be judged: {'; '.join(points[0].problems) or 'no value'}.")
-    violations = sum(bool(point.violated) for point in judged)
-    surface: Surface | None = None
-    told: tuple[Sensitivity, ...] = ()
-    if len(judged) >= FEWEST:
-        shares = shares_of(family.ranges, judged)
-        surface = fit_surface(shares, [bool(point.violated) for point in judged])
-        badness = [None if p.objective is None else asked.badness(p.objective) for p in judged]
-        told = sensitivities(surface, [each.name for each in family.ranges], shares, badness, seed=seed)
-    return Exploration(
-        scenario=family.middle,
-        ranges=family.ranges,
-        requirement=asked,
-        simulator=made.name,
-        seed=seed,
-        points=tuple(points),
-        violations=violations,
-        runs=len(judged),
-        interval=clopper_pearson(violations, len(judged)),
-        surface=surface,
-        sensitivities=told,
-    )
+    measuring = Measuring(asked, place)
+    with (
+        simulator_of(simulator, scenario=family.middle, on_message=on_message) as made,
+        Simulations(made, place, measure=measuring.measure, jobs=jobs, notify=on_message) as simulations,
+    ):
+        submitted = [
+            _submit(simulations, family, values, seed_for(seed, "run", k))
+            for k, values in enumerate(_hypercube(family.ranges, runs, seed))
+        ]
+        points = [_collect(each, asked, on_point) for each in submitted]
+    return _explored(family, asked, points, seed=seed, simulator=made.name)
 
 
 def check_exploration_format(path: Path) -> None:
@@ -184,42 +157,64 @@ def _hypercube(ranges: Sequence[Range], count: int, seed: int) -> list[tuple[flo
     return [tuple(round(r.at(float(s)), 6) for r, s in zip(ranges, row, strict=True)) for row in shares]
 
 
-def _run(
-    family: ScenarioFamily,
-    values: Sequence[tuple[float, ...]],
-    requirement: Requirement,
-    world: World,
-    simulator: Simulator,
-    seed: int,
-    jobs: int,
-    on_point: Callable[[Point], None],
-    on_message: Callable[[str], None],
-    *,
-    closes: bool,
-) -> list[Point]:
-    measuring = Measuring(requirement, world)
-    points = []
-    with Simulations(simulator, world, jobs=jobs, notify=on_message, closes=closes) as simulations:
-        submitted = []
-        for k, each in enumerate(values):
-            scenario = family.at(each)
-            problems = validity.check(scenario.people, scenario.mission, world)
-            run_seed = seed_for(seed, "run", k)
-            waiting = None if problems else simulations.submit(scenario, run_seed)
-            submitted.append((each, run_seed, tuple(str(problem) for problem in problems), waiting))
-        for each, run_seed, said, waiting in submitted:
-            if waiting is None:
-                point = Point(values=each, seed=run_seed, problems=said)
-            else:
-                run = waiting.result()
-                if isinstance(run, Failure):
-                    raise SimulationError(f"seed {run.seed}: {run.reason}")
-                value = measuring.measure(run.unpack()).objective
-                violated = None if value is None else requirement.violated_by(value)
-                point = Point(values=each, seed=run_seed, objective=value, violated=violated, outcome=run.outcome.value)
-            points.append(point)
-            on_point(point)
-    return points
+@dataclass(frozen=True)
+class _Submitted:
+    """A point of the ranges whose run was submitted, or that is no valid scenario."""
+
+    values: tuple[float, ...]
+    seed: int
+    problems: tuple[str, ...]
+    pending: PendingRun | None
+
+
+def _submit(simulations: Simulations, family: ScenarioFamily, values: tuple[float, ...], seed: int) -> _Submitted:
+    scenario = family.at(values)
+    problems = tuple(str(each) for each in validity.check(scenario.people, scenario.mission, simulations.world))
+    return _Submitted(values, seed, problems, None if problems else simulations.submit(scenario, seed))
+
+
+def _collect(submitted: _Submitted, requirement: Requirement, on_point: Callable[[Point], None]) -> Point:
+    """Return a point with what its run measured."""
+    point = Point(values=submitted.values, seed=submitted.seed, problems=submitted.problems)
+    if submitted.pending is not None:
+        run = submitted.pending.result()
+        if isinstance(run, Failure):
+            raise SimulationError(f"seed {run.seed}: {run.reason}")
+        value = run.measurement.objective
+        violated = None if value is None else requirement.violated_by(value)
+        point = point.replace(objective=value, violated=violated, outcome=run.outcome.value)
+    on_point(point)
+    return point
+
+
+def _explored(
+    family: ScenarioFamily, requirement: Requirement, points: Sequence[Point], *, seed: int, simulator: str
+) -> Exploration:
+    """Return what the points say: how often they violate, the surface and which range matters."""
+    judged = [point for point in points if point.violated is not None]
+    if not judged:
+        raise InputError(f"No point of the ranges can be judged: {'; '.join(points[0].problems) or 'no value'}.")
+    violations = sum(bool(point.violated) for point in judged)
+    surface: Surface | None = None
+    sensitive: tuple[Sensitivity, ...] = ()
+    if len(judged) >= FEWEST:
+        shares = shares_of(family.ranges, judged)
+        surface = fit_surface(shares, [bool(point.violated) for point in judged])
+        badness = [None if p.objective is None else requirement.badness(p.objective) for p in judged]
+        sensitive = sensitivities(surface, [each.name for each in family.ranges], shares, badness, seed=seed)
+    return Exploration(
+        scenario=family.middle,
+        ranges=family.ranges,
+        requirement=requirement,
+        simulator=simulator,
+        seed=seed,
+        points=tuple(points),
+        violations=violations,
+        runs=len(judged),
+        interval=clopper_pearson(violations, len(judged)),
+        surface=surface,
+        sensitivities=sensitive,
+    )
 
 
 def describe_exploration(found: Exploration) -> str:

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from rvsg.api.requirements import load_requirement
-from rvsg.api.scenarios import check_robot, check_valid
-from rvsg.api.simulating import ignore, make_simulator
+from rvsg.api.scenarios import check_valid
+from rvsg.api.simulating import ignore, simulator_of
 from rvsg.api.worlds import world_of
 from rvsg.campaign.measuring import Measuring
 from rvsg.campaign.parallel import Simulations
@@ -51,13 +51,11 @@ def shrink(
     place = world_of(scenario.mission, world)
     check_valid(scenario, place)
     asked = load_requirement(requirement, scenario.mission.route)
-    made = make_simulator(simulator)
-    check_robot(scenario, made)
-    made.prepare(on_message)
     measuring = Measuring(asked, place)
-    with Simulations(
-        made, place, measure=measuring.measure, jobs=jobs, notify=on_message, closes=made is not simulator
-    ) as simulations:
+    with (
+        simulator_of(simulator, scenario=scenario, on_message=on_message) as made,
+        Simulations(made, place, measure=measuring.measure, jobs=jobs, notify=on_message) as simulations,
+    ):
         return Shrinking(
             requirement=asked,
             simulations=simulations,

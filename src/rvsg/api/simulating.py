@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, overload
@@ -43,15 +44,45 @@ def make_simulator(given: str | Spec | Simulator, stack: StackLike | None = None
         stack: the navigation stack under test, for a simulator that is given by name or Spec.
     """
     if isinstance(given, str | Spec):
-        spec = Spec.of(given)
-        options = spec.options if stack is None else {**spec.options, "stack": stack}
-        simulator: Simulator = plugins.make("simulator", spec.name, options)
+        spec = with_stack(given, stack)
+        simulator: Simulator = plugins.make("simulator", spec.name, spec.options)
     elif stack is not None:
         raise InputError(f"The simulator {given.name} is given as an instance. Give it the stack when you make it.")
     else:
         simulator = given
     plugins.check_complete("simulator", simulator, Simulator)
     return simulator
+
+
+def with_stack(given: str | Spec, stack: StackLike | None) -> Spec:
+    """Return a simulator's Spec with the stack under test among its options: as data, or as the object it is."""
+    spec = Spec.of(given)
+    if stack is None:
+        return spec
+    if isinstance(stack, Spec):
+        stack = stack.model_dump(mode="json")
+    return Spec(spec.name, {**spec.options, "stack": str(stack) if isinstance(stack, Path) else stack})
+
+
+@contextmanager
+def simulator_of(
+    given: str | Spec | Simulator,
+    stack: StackLike | None = None,
+    *,
+    scenario: Scenario | None = None,
+    on_message: Callable[[str], None] = ignore,
+) -> Iterator[Simulator]:
+    """Make a simulator and prepare it; on leaving, close it unless it was given as an instance.
+
+    Args:
+        scenario: refuse its robot before the simulator is prepared, where the simulator does not know it.
+    """
+    made = make_simulator(given, stack)
+    with nullcontext(made) if made is given else closing(made):
+        if scenario is not None:
+            check_robot(scenario, made)
+        made.prepare(on_message)
+        yield made
 
 
 def described(spec: Spec) -> str:
@@ -173,12 +204,12 @@ def simulate(
     """
     place = world_of(scenario.mission, world)
     check_valid(scenario, place)
-    made = make_simulator(simulator, stack)
-    check_robot(scenario, made)
-    made.prepare(on_message)
     wanted = range(seeds) if isinstance(seeds, int) else tuple(seeds)
     runs = []
-    with Simulations(made, place, jobs=jobs, notify=on_message, closes=made is not simulator) as simulations:
+    with (
+        simulator_of(simulator, stack, scenario=scenario, on_message=on_message) as made,
+        Simulations(made, place, jobs=jobs, notify=on_message) as simulations,
+    ):
         for pending in [simulations.submit(scenario, seed) for seed in wanted]:
             result = pending.result()
             if isinstance(result, Failure):

@@ -13,7 +13,7 @@ from rvsg.api.folder import BEST, LEDGER, MATRIX, REPORT, reading
 from rvsg.api.paths import paths_of
 from rvsg.api.record import CampaignRecord
 from rvsg.api.scenarios import scenario_json
-from rvsg.api.simulating import described
+from rvsg.api.simulating import described, with_stack
 from rvsg.api.tracing import traces_beside
 from rvsg.api.worlds import world_of
 from rvsg.campaign.attempt import Attempt, Ledger
@@ -79,8 +79,7 @@ class StoredCampaign:
     @property
     def simulator(self) -> Spec:
         """What makes its runs, with the stack under test, as `simulate` and `shrink` take it."""
-        spec, stack = self.config.simulator_spec, self.config.stack_spec(self._paths)
-        return spec if stack is None else Spec(spec.name, {**spec.options, "stack": stack})
+        return with_stack(self.config.simulator_spec, self.config.stack_spec(self._paths))
 
     @property
     def command(self) -> str:

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import closing, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,7 +20,7 @@ from pydantic import Field
 
 from rvsg.api.requirements import load_requirement
 from rvsg.api.scenarios import as_robot, check_robot, check_valid, load_scenario_in, with_robot
-from rvsg.api.simulating import ignore, make_simulator
+from rvsg.api.simulating import ignore, simulator_of, with_stack
 from rvsg.api.suite_cases import CaseWork
 from rvsg.api.worlds import folder_of, world_of
 from rvsg.campaign.suite import (
@@ -188,25 +187,15 @@ class Suite:
             UnknownName: there is no such case, or the simulator does not know a robot.
             SimulationError: a run could not be made.
         """
-        names = {case.name for case in self.cases}
-        for name in only:
-            if name not in names:
-                raise UnknownName("case", name, names, hint=f"Suite: {self.folder}.")
-        made = make_simulator(simulator, stack)
-        made.prepare(on_message)
-        other = None if robot is None else as_robot(robot, made)
+        chosen = self._chosen(only)
         results = []
-        with nullcontext() if made is simulator else closing(made):
-            for case in self.cases:
-                if not only or case.name in only:
-                    case = case if other is None else driven_by(case, other, self.worlds[case.name])
-                    check_robot(case.scenario, made)
-                    asked = [requirement_of(e, self.folder, case.scenario.mission.route) for e in case.expectations]
-                    procedure = self.head.judging.replace(max_runs=runs or case.max_runs)
-                    work = CaseWork(case, self.worlds[case.name], tuple(asked), procedure, made)
-                    for result in work.results(runs=runs, jobs=jobs, pictures=pictures, on_message=on_message):
-                        results.append(result)
-                        on_result(result)
+        with simulator_of(simulator, stack, on_message=on_message) as made:
+            other = None if robot is None else as_robot(robot, made)
+            for case in chosen:
+                work = self._work(case, made, other, runs)
+                for result in work.results(runs=runs, jobs=jobs, pictures=pictures, on_message=on_message):
+                    results.append(result)
+                    on_result(result)
         return SuiteResult(
             suite=self.head.title,
             version=version or str(made.name),
@@ -216,6 +205,22 @@ class Suite:
             robot=other,
             cases=tuple(results),
         )
+
+    def _chosen(self, only: Sequence[str]) -> list[Case]:
+        """Return the named cases in the order of the suite; all where none is named."""
+        names = {case.name for case in self.cases}
+        for name in only:
+            if name not in names:
+                raise UnknownName("case", name, names, hint=f"Suite: {self.folder}.")
+        return [case for case in self.cases if not only or case.name in only]
+
+    def _work(self, case: Case, made: Simulator, robot: Robot | str | None, runs: int | None) -> CaseWork:
+        """Return what runs and judges a case, driven by `robot` where there is another."""
+        world = self.worlds[case.name]
+        case = case if robot is None else driven_by(case, robot, world)
+        check_robot(case.scenario, made)
+        asked = tuple(requirement_of(e, self.folder, case.scenario.mission.route) for e in case.expectations)
+        return CaseWork(case, world, asked, self.head.judging.replace(max_runs=runs or case.max_runs), made)
 
     def update(self, result: SuiteResult) -> tuple[CaseResult, ...]:
         """Write the verdicts of a run as the new expectations, where they changed; return the changed ones.
@@ -244,17 +249,9 @@ class Suite:
 
 def _asked(simulator: str | Spec | Simulator, stack: StackLike | None) -> Spec | None:
     """Return what was asked for as data, or None where an object was given."""
-    if not isinstance(simulator, str | Spec):
+    if not isinstance(simulator, str | Spec) or not isinstance(stack, str | Path | Spec | Mapping | None):
         return None
-    spec = Spec.of(simulator)
-    if stack is None:
-        return spec
-    if isinstance(stack, str | Path):
-        return Spec(spec.name, {**spec.options, "stack": str(stack)})
-    if isinstance(stack, Spec | Mapping):
-        data = stack.model_dump(mode="json") if isinstance(stack, Spec) else dict(stack)
-        return Spec(spec.name, {**spec.options, "stack": data})
-    return None
+    return with_stack(simulator, stack)
 
 
 def driven_by(case: Case, robot: Robot | str, world: World) -> Case:

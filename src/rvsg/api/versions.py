@@ -9,7 +9,7 @@ from typing import Any
 
 import yaml
 
-from rvsg.api.simulating import ignore, make_simulator, simulate
+from rvsg.api.simulating import ignore, simulate
 from rvsg.api.suites import Suite, driven_by, read_results, requirement_of
 from rvsg.campaign.measuring import Measuring
 from rvsg.campaign.suite import CaseChange, Change, SuiteResult, compare_results, counts
@@ -140,9 +140,8 @@ def _pair(suite: Suite, first: SuiteResult, second: SuiteResult, change: CaseCha
     for result in (first, second):
         if result.asked is None:
             raise InputError(f"{result.version}: the results do not say how to make this version again.")
-        made = make_simulator(result.asked)
         driven = case if result.robot is None else driven_by(case, result.robot, world)
-        (run,) = simulate(driven.scenario, [seed], simulator=made, world=world)
+        (run,) = simulate(driven.scenario, [seed], simulator=result.asked, world=world)
         shown.append(run_facts(run, measuring.measure(run), requirement, world, driven.scenario))
     return ShownPair(
         change=change,

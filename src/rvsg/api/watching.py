@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 from rvsg.api.folder import alone_in
@@ -30,6 +31,7 @@ from rvsg.core.errors import InputError
 from rvsg.core.plugins import Spec
 from rvsg.generation.generator import Generator
 from rvsg.simulation.protocol import Simulator
+from rvsg.store.knowledge import KnowledgeBase
 from rvsg.world.world import World
 
 RULES = "rules.yaml"
@@ -99,38 +101,57 @@ def watch(
         return end is not None and clock() >= end
 
     with alone_in(folder), open_knowledge(knowledge or folder / KNOWLEDGE) as known:
-        journal = Journal(folder / JOURNAL)
-        loop = Loop(
-            monitor=watching,
-            analyser=SuiteAnalyser(
-                cases,
-                world,
-                chosen.near,
-                lambda: _versions(journal),
-                lambda: subject.version,
-                lambda: known.entries(world=world.name),
-            ),
-            planner=SuitePlanner(cases, world, chosen, writer, known, seed),
-            legitimator=DeclaredRules(chosen, world, lambda: approved(folder)),
-            executor=SimulationExecutor(cases, world, subject, jobs),
-            knowledge=known,
-            keeper=cases,
-            journal=journal,
-            plans=folder / PLANS,
-            place=world.floor_id,
-            simulator=subject.simulator.name,
-            renew=lambda: [*cases.renew(), *subject.renew()],
-            version=lambda: subject.version,
-            tell=on_note,
-            stop=over,
-        )
+        parts = _Parts(cases, subject, watching, writer, chosen, known, folder)
+        loop = parts.loop(jobs=jobs, seed=seed, on_note=on_note, stop=over)
         done = 0
         while not over() and (cycles is None or done < cycles):
             busy = loop.cycle()
             done += 1
             if not busy and (cycles is None or done < cycles) and not over():
                 sleep(every_s if end is None else min(every_s, max(0.0, end - clock())))
-    return journal
+    return loop.journal
+
+
+@dataclass(frozen=True)
+class _Parts:
+    """What a loop over a suite is made of."""
+
+    cases: LiveSuite
+    subject: Subject
+    monitor: Monitor
+    writer: Generator
+    rules: RuleSet
+    known: KnowledgeBase
+    folder: Path
+
+    def loop(self, *, jobs: int, seed: int, on_note: Callable[[Note], None], stop: Callable[[], bool]) -> Loop:
+        """Return the loop that monitors, analyses, plans, asks and executes."""
+        cases, subject, rules, world = self.cases, self.subject, self.rules, self.cases.world
+        journal = Journal(self.folder / JOURNAL)
+        return Loop(
+            monitor=self.monitor,
+            analyser=SuiteAnalyser(
+                cases,
+                world,
+                rules.near,
+                lambda: _versions(journal),
+                lambda: subject.version,
+                lambda: self.known.entries(world=world.name),
+            ),
+            planner=SuitePlanner(cases, world, rules, self.writer, self.known, seed),
+            legitimator=DeclaredRules(rules, world, lambda: approved(self.folder)),
+            executor=SimulationExecutor(cases, world, subject, jobs),
+            knowledge=self.known,
+            keeper=cases,
+            journal=journal,
+            plans=self.folder / PLANS,
+            place=world.floor_id,
+            simulator=subject.simulator.name,
+            renew=lambda: [*cases.renew(), *subject.renew()],
+            version=lambda: subject.version,
+            tell=on_note,
+            stop=stop,
+        )
 
 
 def approve(out: str | Path, plan: str, *, on_message: Callable[[str], None] = ignore) -> None:

@@ -33,7 +33,7 @@ from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission
 from rvsg.simulation.protocol import Simulator
 from rvsg.simulation.stacks.protocol import NavigationStack
-from rvsg.world.world import World
+from rvsg.world.world import Route, World
 
 VLM_OPTIONS = ("model", "base_url", "conversation", "prompts", "replay")
 
@@ -137,40 +137,23 @@ def wire(
         InputError: the first thing that cannot be used.
     """
     paths = paths or {}
-    world = load_world(paths.get(config.world, config.world))
-    if config.moved is not None:
-        world = world.with_moved(load_moved(paths.get(config.moved, config.moved), world))
-    world = doors_in(world, config.doors)
-    route = world.route(config.route)
-    check_route(route, world)
+    world, route = _route_of(config, paths)
     strategy_class = plugins.find("strategy", config.strategy)
     own = simulator is None
     simulator = make_simulator(simulator or config.simulator_spec, stack or config.stack_spec(paths))
     mission, notes = mission_of(world, route, paths.get(config.robot, config.robot), simulator)
     requirement = load_requirement(paths.get(config.requirement, config.requirement), mission.route)
     also = also_of(config, requirement, mission, paths, several=getattr(strategy_class, "needs_several", False))
-    if generator is None:
-        generator = plugins.make("generator", config.generator_name, generator_options(config, paths))
-    plugins.check_complete("generator", generator, Generator)
-    let_rehearse(generator, simulator, world, seed=config.seed)
-    if config.knowledge is not None:
-        generator = InformedGenerator(generator, read_remembered(remembered_file(config, paths)))
+    generator = _generator_of(config, paths, generator, simulator, world)
     plugins.check_options("store", config.store, config.store_options, given=1)
-    plan = Plan(
+    plan = _plan_of(
+        config,
         name=f"{world.name}-{route.name}-{requirement.name}-{config.generator_name}-{config.strategy}-{config.seed}",
         mission=mission,
         requirement=requirement,
         also=also,
-        humans=config.humans,
         scenarios=scenarios_of(config),
-        refinements=config.refinements,
-        repeats=config.repeats,
-        confirmations=config.confirmations,
-        budget_runs=config.budget_runs,
         proposals=proposals_of(config) if generator.asks_a_model else None,
-        memory=config.memory,
-        max_in_flight=config.max_in_flight,
-        seed=config.seed,
     )
     return Wired(
         config=config,
@@ -184,6 +167,37 @@ def wire(
         notes=notes,
         own_simulator=own,
     )
+
+
+def _route_of(config: CampaignConfig, paths: Mapping[str, str]) -> tuple[World, Route]:
+    """Return the world, with objects and doors as asked, and the route in it."""
+    world = load_world(paths.get(config.world, config.world))
+    if config.moved is not None:
+        world = world.with_moved(load_moved(paths.get(config.moved, config.moved), world))
+    world = doors_in(world, config.doors)
+    route = world.route(config.route)
+    check_route(route, world)
+    return world, route
+
+
+def _generator_of(
+    config: CampaignConfig, paths: Mapping[str, str], given: Generator | None, simulator: Simulator, world: World
+) -> Generator:
+    """Return the generator that is given or named, with what it may rehearse in and what it should remember."""
+    generator = given
+    if generator is None:
+        generator = plugins.make("generator", config.generator_name, generator_options(config, paths))
+    plugins.check_complete("generator", generator, Generator)
+    let_rehearse(generator, simulator, world, seed=config.seed)
+    if config.knowledge is None:
+        return generator
+    return InformedGenerator(generator, read_remembered(remembered_file(config, paths)))
+
+
+def _plan_of(config: CampaignConfig, **made: Any) -> Plan:
+    """Return the plan: the settings of the same names, and what was made of the others."""
+    same = Plan.model_fields.keys() & CampaignConfig.model_fields.keys()
+    return Plan(**{name: getattr(config, name) for name in same} | made)
 
 
 def also_of(
