@@ -85,7 +85,6 @@ def test_of_several_campaigns_each_that_was_cut_off_or_never_began_is_told(tmp_p
     assert "no scenario" not in told
     assert "route_1 R1 is not finished: 0 of 6 attempts of the search.\n" in told
     assert "route_2 R1 is not finished: 3 of 6 attempts of the search.\n" in told
-    assert "1 more has not begun.\n" in told
     assert f"Resume with: rvsg run --out {folder}\n" in told
     assert main(["run", "--out", str(folder)]) == 0
     assert records(folder / "route_2-R1") == whole

@@ -228,7 +228,7 @@ def test_a_campaign_that_never_got_to_an_attempt_is_not_told_to_have_zero(
     capsys.readouterr()
     assert main(["run", "--out", str(out)]) == 0
     told = capsys.readouterr().err
-    assert "Beginning again" in told and "0 attempts" not in told
+    assert "0 attempts" not in told
 
 
 def test_two_processes_do_not_share_a_folder(tmp_path: Path, errors: list[RvsgError]) -> None:
@@ -311,7 +311,7 @@ def test_a_simulator_that_fails_says_that_what_there_is_is_kept(
     before = signal.getsignal(signal.SIGTERM)
     assert main(["run", *SMALL, "--out", str(tmp_path / "one")]) == 2
     told = capsys.readouterr().err
-    assert "the display is gone" in told and "Everything so far is kept. Resume with" in told
+    assert "the display is gone" in told and f"Resume with: rvsg run --out {tmp_path / 'one'}" in told
     assert signal.getsignal(signal.SIGTERM) is before
     monkeypatch.setattr(KinematicSimulator, "run", run)
     assert main(["run", "--out", str(tmp_path / "one")]) == 0

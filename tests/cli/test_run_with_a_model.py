@@ -69,7 +69,7 @@ def test_refusals_and_rubbish_become_attempts_with_problems_and_the_campaign_goe
     assert result["accounting"]["calls"] == 4
     assert len(result["ranking"]) == 1
     nothing_leaks(printed.out, printed.err)
-    assert "1 attempt of 2 came without a scenario" in printed.err
+    assert result["accounting"]["invalid_proposals"] == 1
     assert "1 was refused (by the model or a safety filter): try another model" in printed.err
     assert "1 was empty" in printed.err
 
@@ -103,7 +103,6 @@ def test_a_service_that_cannot_answer_stops_the_campaign_with_one_message_and_it
         server.script[:] = [says(GOOD)]
         assert main(["run", "--out", "c", "--jobs", "1"]) == 0
         assert len(server.requests) == asked + 1
-    assert "1 attempt is there already" in capsys.readouterr().err
 
 
 def test_a_spent_budget_ends_with_code_3_and_a_larger_one_goes_on(capsys: pytest.CaptureFixture[str]) -> None:
@@ -172,7 +171,6 @@ def test_a_description_that_fails_half_way_keeps_what_was_paid_for_and_goes_on_f
     with serving(says("the layout"), says("the grid"), fails(401, f"bad key {KEY}"), says(texts)) as server:
         assert main([*describe, "--base-url", server.url]) == 2
         stopped = capsys.readouterr().err
-        assert "the same command goes on from there" in stopped
         assert "layout: answered after" in stopped
         assert main([*describe, "--base-url", server.url]) == 0
         told = capsys.readouterr().err
@@ -200,7 +198,7 @@ def test_an_answer_that_describes_nothing_is_told_and_kept(
         assert main([*describe, "--out", "d.yaml"]) == 2
     said = capsys.readouterr().err
     assert told in said
-    assert "kept in runs/describe-warehouse; to ask again give another --record" in said
+    assert "The answers so far are in runs/describe-warehouse." in said
     assert not Path("d.yaml").exists()
 
 
@@ -209,11 +207,12 @@ def test_a_proposal_says_what_it_spends_and_that_nothing_came_of_it(capsys: pyte
         priced = ["--generator-option", "prices=2.0,0.5,8.0"]
         model = ["--model", "openai-chat:vision-1", "--base-url", server.url]
         assert main(["propose", *model, *priced, "--budget-calls", "2", "--generator-option", "corrections=1"]) == 0
-    said = capsys.readouterr().err
+    printed = capsys.readouterr()
+    said = printed.err
     assert "Asking openai-chat:vision-1: new" in said
     assert "correct: answered after 0 s; 0.0023 USD so far" in said
     assert "2 were cut off by the limit of tokens: raise max_output_tokens" in said
-    assert "No scenario came of it." in said
+    assert json.loads(printed.out)["scenario"] is None
 
 
 def test_progress_shows_the_call_under_way_why_it_waits_and_what_was_spent(

@@ -1,9 +1,9 @@
 """The command line: one verb per stage, each in its own module, loaded only when it is used.
 
-To add a verb: write `app/cli/<module>.py` with a Typer named `app` (made by `frame.verb()`; one command, or
-several for a verb with sub-verbs) and add one line to `VERBS`. Raise errors of `rvsg.core.errors`; the frame prints
-them as one message and ends with their exit code. Standard output carries machine-readable results only
-(`console.print_json`); everything for people goes to standard error (`console.say`).
+To add a verb, write `rvsg/cli/<module>.py` with a Typer named `app` (made by `frame.verb()`; with several commands
+for a verb that has sub-verbs), and add one line to `VERBS`. The front door raises the errors; the frame prints each
+as one message and exits with its code. Standard output carries machine-readable results only (`console.print_json`);
+everything for people goes to standard error (`console.say`).
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ VERBS: dict[str, Verb] = {
     "confirm": Verb("confirm", "Confirm one more candidate of a campaign"),
     "report": Verb("report", "Write the page of a stored campaign, and print its ranked scenarios"),
     "export": Verb("export", "Write a scenario or runs for Foxglove, HuNavSim, Nav2, Gazebo, pandas"),
-    "import-agents": Verb("import_agents", "Make a scenario of a HuNavSim agents file"),
-    "suite": Verb("suite", "Keep scenarios, run them against every version, tell what broke"),
+    "import-agents": Verb("import_agents", "Make a scenario from a HuNavSim agents file"),
+    "suite": Verb("suite", "Keep scenarios, run them against every version, report what broke"),
     "compare-versions": Verb("compare_versions", "Compare two versions on the same scenarios and seeds"),
     "explore": Verb("explore", "Run a scenario with ranges, and show where in them it violates a requirement"),
     "coverage": Verb("coverage", "Show what suites and campaigns exercise, and what is untested"),
-    "trace": Verb("trace", "Simulate a run again with everything recorded, for the report and Foxglove"),
-    "knowledge": Verb("knowledge", "Keep what campaigns and suites teach, search it, tell generators of it"),
-    "watch": Verb("watch", "Watch a robot, and let what is seen decide what is tested next"),
+    "trace": Verb("trace", "Repeat a run and record everything, for the report and Foxglove"),
+    "knowledge": Verb("knowledge", "Collect what campaigns find, search it, and give it to generators"),
+    "watch": Verb("watch", "Monitor a robot, and test next what its runs suggest"),
     "replay": Verb("replay", "Write a run as a film or a strip of pictures"),
-    "demo": Verb("demo", "Run a recorded campaign again, whose scenarios a vision language model wrote"),
-    "describe": Verb("describe", "Describe a world in words, by a vision language model that looks at it"),
-    "prompt": Verb("prompt", "Print what a model would be asked next in a campaign, without asking it"),
-    "studio": Verb("studio", "Work in a local web page: worlds, campaigns, findings, scenarios"),
+    "demo": Verb("demo", "Replay a recorded campaign whose scenarios a vision language model wrote"),
+    "describe": Verb("describe", "Let a vision language model describe a world"),
+    "prompt": Verb("prompt", "Print the next prompt of a campaign without calling a model"),
+    "studio": Verb("studio", "Open a local web page for worlds, campaigns, findings and scenarios"),
     "robots": Verb("robots", "List the robots that can be tested, check a robot file, or draw them"),
     "stacks": Verb("stacks", "List the navigation stacks that can be tested, or compare several"),
     "ros2": Verb("ros2", "Check a running ROS 2 navigation, or scale Nav2's parameters for a faster clock"),
@@ -48,7 +48,7 @@ VERBS: dict[str, Verb] = {
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line and return its exit code; without `argv` it is that of this process, signals included.
+    """Run the command line and return its exit code. Without `argv`, use the arguments and signals of this process.
 
     0 done; 1 done, and a requirement is violated (with --fail-on-violation); 2 usage or input error;
     3 interrupted but resumable; 4 an error in RVSG itself.

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rvsg.cli import console
+from rvsg.cli.arguments import JobsPerCore
 from rvsg.cli.frame import verb
 
 if TYPE_CHECKING:
@@ -36,12 +37,12 @@ def compare(
     budget_runs: Annotated[int, typer.Option(min=10, help="Runs of each search.")] = 250,
     budget_calls: Annotated[int | None, typer.Option(help="Calls of the generator in each search, at most.")] = None,
     budget_tokens: Annotated[int | None, typer.Option(help="Tokens in each search, at most.")] = None,
-    budget_usd: Annotated[float | None, typer.Option(help="What the calls of each search may cost.")] = None,
+    budget_usd: Annotated[float | None, typer.Option(help="Limit on the cost of the calls in each search.")] = None,
     model: Annotated[str | None, typer.Option(help="Model of the generator vlm, e.g. openai-chat:gpt-4.1.")] = None,
     base_url: Annotated[str | None, typer.Option(help="Address of an OpenAI-compatible server.")] = None,
-    jobs: Annotated[int | None, typer.Option(min=1, help="Worker processes. Default: one per core.")] = None,
+    jobs: JobsPerCore = None,
     json: Annotated[
-        Path | None, typer.Option(help="File of the rows. Give the same file again to resume or to add cells.")
+        Path | None, typer.Option(help="File for the rows. Give the same file again to resume or to add cells.")
     ] = None,
     figure: Annotated[Path | None, typer.Option(help="SVG file of the curves.")] = None,
 ) -> None:
@@ -92,13 +93,13 @@ def _line(row: Row) -> str:
 
 
 def _print_tables(rows: list[Row], first: str, base: Any) -> None:
-    """Print the means of every method and how the first one does against the others."""
+    """Print the means of every method, and the first method against each other one."""
     from rich.table import Table
 
     from rvsg.api import compare as comparing
 
     means = comparing.table(rows)
-    for title, left_out in (("Means over seeds", DIVERSITY), ("How different what was found is", RESULTS)):
+    for title, left_out in (("Means over seeds", DIVERSITY), ("Diversity of what was found", RESULTS)):
         keys = [key for key in means[0] if key not in left_out]
         table = Table(title=title, title_justify="left", pad_edge=False)
         for key in keys:

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from rvsg.cli.arguments import AsJson, Jobs
 from rvsg.cli.console import print_json, say
 from rvsg.cli.frame import verb
 
@@ -24,7 +25,7 @@ def compare_versions(
         ),
     ] = None,
     runs: Annotated[int, typer.Option(min=1, help="Runs of every case and version, on the same seeds.")] = 20,
-    jobs: Annotated[int, typer.Option(min=1, help="Worker processes.")] = 1,
+    jobs: Jobs = 1,
     error_rate: Annotated[
         float, typer.Option(min=0.0001, max=0.5, help="Probability of one false alarm in the whole comparison.")
     ] = 0.05,
@@ -33,7 +34,7 @@ def compare_versions(
         Path | None,
         typer.Option(metavar="FILE", help="Write a page; with --suite it replays both on one clock."),
     ] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print the comparison as JSON on standard output.")] = False,
+    json: AsJson = False,
 ) -> None:
     """Compare two versions on the same scenarios and seeds: fixed, broken, unchanged, unclear.
 

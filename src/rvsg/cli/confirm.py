@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from rvsg.cli.arguments import AsJson, JobsPerCore
 from rvsg.cli.console import print_json, say
 from rvsg.cli.frame import verb
 
@@ -18,13 +19,13 @@ def confirm(
     campaign: Annotated[Path, typer.Argument(help="The folder of a campaign.")],
     candidate: Annotated[int, typer.Argument(help="The attempt to confirm, as `rvsg run` and `rvsg report` list it.")],
     runs: Annotated[int | None, typer.Option(min=1, help="Confirmation runs, at most. [30]")] = None,
-    jobs: Annotated[int | None, typer.Option(min=1, help="Worker processes. [one per core]")] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print the finding as JSON on standard output.")] = False,
+    jobs: JobsPerCore = None,
+    json: AsJson = False,
 ) -> None:
     """Confirm a candidate of a finished search in runs with new seeds, and write the report again.
 
-    A candidate is a configuration that violated the requirement in the search. The campaign confirms the worst of every
-    scenario itself, as far as its budget of confirmation runs goes.
+    A candidate is a configuration that violated the requirement in the search. The campaign itself confirms the worst
+    configuration of every scenario, until its budget of confirmation runs is spent.
     """
     import rvsg
     from rvsg.api.words import describe_finding

@@ -1,4 +1,4 @@
-"""What verbs print with: results for machines on standard output, words for people on standard error."""
+"""Output of the verbs: results for machines on standard output, text for people on standard error."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def print_json(value: Any) -> None:
 
 
 def say(*what: Any, **how: Any) -> None:
-    """Print for people on standard error: text as it stands (no markup), or anything rich can draw."""
+    """Print for people on standard error: plain text without markup, or anything rich can draw."""
     plain = {"markup": False, "emoji": False, "highlight": False}
     console().print(*what, **plain | {"soft_wrap": all(isinstance(w, str) for w in what)} | how)
 
@@ -33,19 +33,19 @@ def _console(stream: Any) -> Console:
 
     class Teller(Console):
         def on_broken_pipe(self) -> None:
-            """Leave it to the frame: by itself rich ends with exit code 1, which means "violated"."""
+            """Leave it to the frame: rich would exit with code 1, which means "violated"."""
             raise
 
     return Teller(file=stream, stderr=True)
 
 
 def console() -> Console:
-    """The rich console on the present standard error."""
+    """Return the rich console on the current standard error."""
     return _console(sys.stderr)
 
 
 def as_started(command: str) -> str:
-    """A command line `rvsg ...` as it is typed here: begun in the way this program was, e.g. as `.venv/bin/rvsg`.
+    """Return a command line `rvsg ...` with the program as the user started it, e.g. `.venv/bin/rvsg`.
 
     For messages only: no record and no report depends on how the program was started.
     """
@@ -56,8 +56,8 @@ def as_started(command: str) -> str:
 
 
 def _typed(program: Path) -> str:
-    """The name of a program where the shell finds it by that; else its path, from here where it lies below."""
-    # Links are not followed: what one in a virtual environment leads to is another program.
+    """Return the name of a program that is on PATH; else its path, relative where it is below the current folder."""
+    # Do not follow links: a link in a virtual environment points to another program.
     found, whole = shutil.which(program.name), program.absolute()
     if found and Path(found).absolute() == whole:
         return program.name

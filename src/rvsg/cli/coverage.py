@@ -1,4 +1,4 @@
-"""`rvsg coverage`: what suites and campaigns have exercised, and what is untested."""
+"""`rvsg coverage`: what suites and campaigns exercise, and what is untested."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from rvsg.cli.arguments import AsJson, Jobs, Simulator, SimulatorOption
 from rvsg.cli.console import print_json, say
 from rvsg.cli.frame import verb
 
@@ -20,17 +21,17 @@ def coverage(
         Path | None, typer.Option(metavar="FILE", help="Write a page (.html), a map (.png) or .json.")
     ] = None,
     runs: Annotated[
-        int, typer.Option(min=0, help="Runs of each scenario of a suite, to see encounters; campaigns store theirs.")
+        int, typer.Option(min=0, help="Runs of each scenario of a suite, to detect encounters; campaigns store theirs.")
     ] = 1,
-    simulator: Annotated[str, typer.Option(help="What runs the scenarios of a suite.")] = "embedded",
-    simulator_option: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="For the simulator.")] = None,
-    jobs: Annotated[int, typer.Option(min=1, help="Worker processes.")] = 1,
-    json: Annotated[bool, typer.Option("--json", help="Print the coverage as JSON on standard output.")] = False,
+    simulator: Simulator = "embedded",
+    simulator_option: SimulatorOption = None,
+    jobs: Jobs = 1,
+    json: AsJson = False,
 ) -> None:
-    """Show which places, routes, encounters, behaviours and requirements are exercised, and what is untested.
+    """Show which places, routes, encounters, behaviours and requirements are exercised, and which are not.
 
-    Places, behaviours and requirements are those that the scenarios ask for. Encounters are read from runs: who comes
-    within 1.5 m of the robot, and from which side.
+    Places, behaviours and requirements come from the scenarios. Encounters come from the runs: a person within 1.5 m of
+    the robot, and the side the person comes from.
     """
     from rvsg.api.coverage import check_format, write_coverage
     from rvsg.api.coverage import coverage as measure

@@ -1,4 +1,4 @@
-"""`rvsg demo`: a recorded campaign, run again without a model."""
+"""`rvsg demo`: replay a recorded campaign without a model."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from rvsg.cli.arguments import AsJson, JobsPerCore
 from rvsg.cli.console import print_json, say
 from rvsg.cli.frame import verb
 
@@ -24,17 +25,16 @@ def demo(
     out: Annotated[str | None, typer.Option(help="Folder of the campaign. [runs/demo-NAME]")] = None,
     repeats: Annotated[int | None, typer.Option(min=1, help="Runs of each configuration. [as recorded]")] = None,
     confirmations: Annotated[int | None, typer.Option(min=0, help="Budget of confirmation runs. [as recorded]")] = None,
-    jobs: Annotated[int | None, typer.Option(min=1, help="Worker processes. [one per core]")] = None,
+    jobs: JobsPerCore = None,
     strict: Annotated[
-        bool, typer.Option("--strict", help="Stop where the present prompts differ from the recorded ones.")
+        bool, typer.Option("--strict", help="Stop where a prompt differs from the recorded one.")
     ] = False,
-    json: Annotated[bool, typer.Option("--json", help="Print the result as JSON on standard output.")] = False,
+    json: AsJson = False,
 ) -> None:
-    """Run a shipped campaign from the recorded replies of a vision language model: no model, no key, no network.
+    """Replay a shipped campaign with the recorded replies of a vision language model: no model, no key, no network.
 
-    The replies are the recorded ones; reading, checking, simulating, judging and reporting happen now. Where today's
-    prompts differ from the recorded ones, the first differences are listed at the end, and where the simulator measures
-    otherwise than then.
+    Only the replies are recorded: RVSG reads, checks, simulates, judges and reports them now. At the end it lists the
+    first prompts that differ from the recorded ones, and measurements that differ from those of the recording.
     """
     from rvsg.api.config import read_campaign_file
     from rvsg.api.demos import CAMPAIGN, demo_folder, demos
@@ -50,13 +50,13 @@ def demo(
     given |= {key: value for key, value in asked.items() if value is not None}
     if strict:
         given["generator_options"] = {"strict": True}
-    say(f"The recorded campaign {chosen}: the replies are those of a vision language model, the runs are made now.")
+    say(f"Recorded campaign {chosen}: a vision language model wrote the scenarios earlier; the runs are made now.")
     from_file = read_campaign_file(folder / CAMPAIGN)
     raise typer.Exit(run_campaign_of(from_file, given, as_json=json, remark=what_it_means))
 
 
 def what_it_means(plan: Plan, summary: Summary) -> str:
-    """What the verdict says, and what it does not, in words for somebody who sees one for the first time."""
+    """Return what the verdict says and what it does not say, for a reader who sees one for the first time."""
     from rvsg.api.words import Status, counted, number, still_open
 
     confirmed, name = summary.confirmed, plan.requirement.name
@@ -65,19 +65,19 @@ def what_it_means(plan: Plan, summary: Summary) -> str:
     verdict = confirmed.verdict if confirmed is not None else None
     if verdict is None:
         return (
-            f"What it means: the search ranked {tried}; nothing was confirmed, so the values above are "
-            "those selected for being bad, and overstate it. --confirmations 20 confirms the first."
+            f"What it means: the search ranked {tried}, and nothing was confirmed. The values above were selected for "
+            "being bad, so they overstate the failure. --confirmations 20 confirms the worst one."
         )
     runs = counted(verdict.runs, "confirmation run")
     limit = number(plan.requirement.limit, plan.requirement.unit) if plan.requirement.limit is not None else "its limit"
     said = {
         Status.PASS: (
-            f"in {runs} of the scenario that was worst in the search the robot kept {name} ({limit}). That is about "
-            f"this scenario alone: {tried} did not break the requirement. It does not show that no scenario can"
+            f"in {runs} of the worst scenario of the search, the robot kept {name} ({limit}). That holds for this "
+            f"scenario only: {tried} did not violate the requirement, but another scenario may"
         ),
         Status.FAIL: (
             f"{worst} makes the robot violate {name} ({limit}) reliably, in {verdict.violations} of "
-            f"{runs}: a weakness to look at. The report replays the runs"
+            f"{runs}. The report replays the runs"
         ),
         Status.FLAKY: (
             f"{worst} makes the robot violate {name} ({limit}) in some runs, {verdict.violations} of "

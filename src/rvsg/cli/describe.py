@@ -1,4 +1,4 @@
-"""`rvsg describe`: the environment in words, by a model that looks at the pictures, judged by a person."""
+"""`rvsg describe`: a model describes a world from its pictures, and a person reviews the text."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from rvsg.cli.arguments import AsJson
 from rvsg.cli.console import as_started, print_json, say
 from rvsg.cli.frame import verb
 from rvsg.cli.model_options import (
@@ -36,7 +37,7 @@ if TYPE_CHECKING:
     from rvsg.api.models import CallNews, Wiring
 
 app = verb()
-REVIEWER = Annotated[str | None, typer.Option(help="Who reviews, kept with the description.")]
+REVIEWER = Annotated[str | None, typer.Option(help="Name of the reviewer, stored with the description.")]
 
 
 @app.command()
@@ -44,7 +45,7 @@ def describe(
     world: Annotated[str, typer.Argument(help="A shipped world or a world folder.")],
     model: Model = None,
     base_url: BaseUrl = None,
-    review: Annotated[bool, typer.Option("--review", help="Accept, edit or reject what is written.")] = False,
+    review: Annotated[bool, typer.Option("--review", help="Accept, edit or reject the description.")] = False,
     reviewer: REVIEWER = None,
     out: Annotated[Path | None, typer.Option(help="Store it here: a world folder, or a .yaml of its own.")] = None,
     prompts: Annotated[Path | None, typer.Option(help="Folder of your own prompt templates.")] = None,
@@ -56,13 +57,13 @@ def describe(
     budget_tokens: BudgetTokens = None,
     budget_usd: BudgetUsd = None,
     prices: Prices = None,
-    json: Annotated[bool, typer.Option("--json", help="Print the description as JSON on standard output.")] = False,
+    json: AsJson = False,
 ) -> None:
-    """Describe a world in words, by a vision language model that looks at its pictures.
+    """Let a vision language model describe a world from its pictures.
 
-    Three turns: the labelled map, the grid of waypoints, a summary. The description is stored in the world's
-    world.yaml (for a shipped world in your data folder) and goes into every prompt from then on. Without --model the
-    stored description is shown, and with --review reviewed.
+    The model sees the labelled map, then the grid of waypoints, then writes a summary. The description is stored in
+    world.yaml (for a shipped world, in your data folder) and is part of every later prompt. Without --model, show the
+    stored description; with --review, review it.
     """
     names = ("base_url", "replay", "budget_calls", "budget_tokens", "budget_usd", "prices")
     access = {key: value for key, value in locals().items() if key in names}
@@ -86,7 +87,7 @@ def describe(
         say(f"Stored in {store(loaded, description, out=out, name=world)}")
         if not description.reviewed:
             review_it = as_started(shlex.join(["rvsg", "describe", world, "--review"]))
-            say(f"Nobody has reviewed it yet: {review_it}")
+            say(f"It is not reviewed yet. Review it with: {review_it}")
     if json:
         print_json(description.model_dump(mode="json"))
 
@@ -103,7 +104,7 @@ def _watch(wiring: Wiring) -> Callable[[Callable[[CallNews], None] | None], None
 
 @contextlib.contextmanager
 def _kept(wiring: Wiring) -> Iterator[None]:
-    """Say that all answers are kept where a call fails or an answer cannot be used."""
+    """Tell the user where the answers are kept when a call fails or an answer cannot be used."""
     from rvsg.api.errors import BudgetSpent, GenerationError, ModelUnavailable
 
     try:
@@ -112,8 +113,8 @@ def _kept(wiring: Wiring) -> Iterator[None]:
         recording = wiring.recording
         if recording is not None and not wiring.replaying and recording.spent().calls:
             outside = isinstance(error, (ModelUnavailable, BudgetSpent))
-            next_step = "the same command goes on from there" if outside else "to ask again give another --record"
-            say(f"What was answered is kept in {recording.folder}; {next_step}.")
+            next_step = "Run the same command to resume" if outside else "To ask again, give another --record"
+            say(f"The answers so far are in {recording.folder}. {next_step}.")
         raise
 
 
@@ -139,7 +140,7 @@ def _show(description: Description) -> None:
 def _reviewed(
     description: Description, reviewer: str | None, revise: Callable[[str], Description] | None
 ) -> Description:
-    """Ask the person until the description is accepted or the review is left."""
+    """Ask until the reviewer accepts the description or quits."""
     from rvsg.api.errors import InputError
     from rvsg.api.models import editable, edited
 
@@ -157,7 +158,7 @@ def _reviewed(
             except InputError as error:
                 say(f"Not changed: {error}")
         elif choice == "r" and revise is None:
-            say("A rejection goes back to a model: run this again with --model, or edit the text yourself.")
+            say("A rejection goes to a model, and none is set. Run the command with --model, or edit the text.")
         elif choice == "r":
             reason = typer.prompt("What is wrong", err=True)
             description = revise(reason) if revise is not None else description
@@ -168,7 +169,7 @@ def _reviewed(
 
 
 def _in_editor(text: str) -> str:
-    """The text after the user's editor ($VISUAL or $EDITOR) has closed; InputError where that fails."""
+    """Return the text as the user's editor ($VISUAL or $EDITOR) saved it; InputError if that fails."""
     from rvsg.api.errors import InputError
 
     editor = os.environ.get("VISUAL") or os.environ.get("EDITOR")
@@ -182,5 +183,5 @@ def _in_editor(text: str) -> str:
         except OSError as error:
             raise InputError(f"the editor {editor!r} cannot be started: {error}") from None
         if ended.returncode != 0:
-            raise InputError(f"the editor {editor!r} ended with code {ended.returncode}.")
+            raise InputError(f"the editor {editor!r} exited with code {ended.returncode}.")
         return file.read_text(encoding="utf-8")

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from rvsg.cli.arguments import AsJson, FailOnViolation, Requirement
 from rvsg.cli.console import print_json, say
 from rvsg.cli.frame import verb
 
@@ -19,26 +20,24 @@ def evaluate(
         list[Path],
         typer.Argument(help="Files of runs, as `rvsg simulate` writes them (- is stdin), or recordings (rosbag2)."),
     ],
-    requirement: Annotated[str, typer.Option(help="A shipped requirement, or FILE.yaml#NAME.")] = "R1",
+    requirement: Requirement = "R1",
     scenario: Annotated[
-        Path | None, typer.Option(help="The scenario of the runs; metrics of obstacles and --feedback need it.")
+        Path | None, typer.Option(help="The scenario of the runs; obstacle metrics and --feedback need it.")
     ] = None,
-    world: Annotated[str | None, typer.Option(help="The world of the runs, where the scenario is not given.")] = None,
-    route: Annotated[str | None, typer.Option(help="The route of the world that a recorded robot drove.")] = None,
+    world: Annotated[str | None, typer.Option(help="The world of the runs, if you give no --scenario.")] = None,
+    route: Annotated[str | None, typer.Option(help="The route that the recorded robot drove.")] = None,
     people_topic: Annotated[str | None, typer.Option(help="The topic with the people of a recording.")] = None,
     robot_topic: Annotated[str | None, typer.Option(help="The odometry topic of a recording.")] = None,
     feedback: Annotated[
-        Path | None, typer.Option(help="Write what a generator learns from the runs, for `rvsg propose --feedback`.")
+        Path | None, typer.Option(help="Write the feedback for a generator, for `rvsg propose --feedback`.")
     ] = None,
-    fail_on_violation: Annotated[
-        bool, typer.Option("--fail-on-violation", help="Exit code 1 if the requirement is violated.")
-    ] = False,
-    json: Annotated[bool, typer.Option("--json", help="Print the result as JSON on standard output.")] = False,
+    fail_on_violation: FailOnViolation = False,
+    json: AsJson = False,
 ) -> None:
     """Measure runs of one scenario by every metric, and judge them by a requirement.
 
-    A recording of your robot is judged like a simulated run: a rosbag2 folder, an .mcap or a .db3 file. What it lacks
-    is printed, and stands in `notes` of --json.
+    A recording of your robot is judged like a simulated run: a rosbag2 folder, an .mcap or a .db3 file. RVSG prints
+    what the recording lacks; with --json it is in `notes`.
     """
     import rvsg
     from rvsg.api import evaluating

@@ -1,4 +1,4 @@
-"""`rvsg explore`: a scenario with ranges, and where in them it violates a requirement."""
+"""`rvsg explore`: find where in its ranges a scenario violates a requirement."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from rvsg.cli.arguments import AsJson, Jobs, OtherWorld, Requirement, Simulator, SimulatorOption
 from rvsg.cli.console import print_json, say
 from rvsg.cli.frame import verb
 
@@ -16,22 +17,22 @@ app = verb()
 @app.command()
 def explore(
     scenario: Annotated[Path, typer.Argument(help='A scenario as JSON; a number of a person may be "0.8 to 1.4".')],
-    requirement: Annotated[str, typer.Option(help="A shipped requirement, or FILE.yaml#NAME.")] = "R1",
+    requirement: Requirement = "R1",
     vary: Annotated[
         list[str] | None,
         typer.Option(metavar="PERSON.KEY=LOW to HIGH", help="A range, e.g. 'Human 1.speed_m_s=0.8 to 1.4'."),
     ] = None,
     runs: Annotated[int, typer.Option(min=1, max=100_000, help="Points of the Latin hypercube, one run each.")] = 60,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the points and the runs.")] = 0,
-    world: Annotated[str | None, typer.Option(help="Instead of the world the scenario names.")] = None,
-    simulator: Annotated[str, typer.Option(help="What runs the scenario.")] = "embedded",
-    simulator_option: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="For the simulator.")] = None,
-    jobs: Annotated[int, typer.Option(min=1, help="Worker processes.")] = 1,
+    world: OtherWorld = None,
+    simulator: Simulator = "embedded",
+    simulator_option: SimulatorOption = None,
+    jobs: Jobs = 1,
     out: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write a page (.html), the picture (.svg) or .json.")
     ] = None,
     worst: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the worst point as a scenario.")] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print everything as JSON on standard output.")] = False,
+    json: AsJson = False,
 ) -> None:
     """Run a scenario with ranges, and show where in them it violates a requirement and which range matters.
 

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from rvsg.cli.arguments import OtherWorld, Simulator, SimulatorOption
 from rvsg.cli.console import say
 from rvsg.cli.frame import verb
 
@@ -22,9 +23,9 @@ def export(
     out: Annotated[Path, typer.Option(help="The file to write.")],
     source: Annotated[Path | None, typer.Argument(help="A scenario or runs, as JSON.")] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the run that a scenario is simulated with.")] = 0,
-    simulator: Annotated[str, typer.Option(help="What simulates it.")] = "embedded",
-    simulator_option: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="For the simulator.")] = None,
-    world: Annotated[str | None, typer.Option(help="Where the world is.")] = None,
+    simulator: Simulator = "embedded",
+    simulator_option: SimulatorOption = None,
+    world: OtherWorld = None,
     dialect: Annotated[str, typer.Option(help="Of hunav: flat, block or v2.")] = "block",
     release: Annotated[str, typer.Option(help="Of nav2-goals: humble, jazzy or kilted.")] = "jazzy",
     trace: Annotated[bool, typer.Option("--trace", help="For mcap: record scans, costmaps and plans, too.")] = False,

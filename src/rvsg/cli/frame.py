@@ -1,4 +1,4 @@
-"""The frame every verb stands in: lazy verbs, global options, and one place where an error becomes a message."""
+"""The frame around every verb: lazy loading, global options, and errors turned into messages."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from rvsg.cli.interruption import interruptible
 
 HELP = """Find, confirm and explain human behaviours that make a mobile robot violate its requirements, in simulation.
 
-`rvsg run` is the main job; the other verbs are its stages, reading and writing the same records as files.
+`rvsg run` does the main job. The other verbs are its stages; they read and write the same records as files.
 Standard output carries machine-readable results only; everything for people goes to standard error.
 """
 EPILOG = (
@@ -31,7 +31,7 @@ EPILOG = (
 )
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
 NO_NAME = (errno.ENAMETOOLONG, errno.ELOOP)
-"""What no file system can hold as a name, wherever it was given."""
+"""Errors for a name that no file system can hold."""
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
 
 
@@ -43,7 +43,7 @@ class Verb(NamedTuple):
 
 
 def verb(**settings: Any) -> typer.Typer:
-    """A Typer for a verb's module: plain help, no completion commands, errors left to the frame."""
+    """Return a Typer for a verb's module: plain help, no completion commands, errors left to the frame."""
     return typer.Typer(
         rich_markup_mode=None,
         add_completion=False,
@@ -54,7 +54,7 @@ def verb(**settings: Any) -> typer.Typer:
 
 
 def command_line(verbs: Mapping[str, Verb], argv: Sequence[str] | None = None) -> int:
-    """Parse, load the one verb that is asked for, run it, and return the exit code; never raises."""
+    """Load the verb that is named, run it, and return the exit code; never raises."""
     arguments = list(sys.argv[1:] if argv is None else argv)
     return guarded(lambda: _root(verbs).main(args=arguments, prog_name="rvsg"), arguments)
 
@@ -80,7 +80,7 @@ def guarded(work: Callable[[], object], arguments: Sequence[str]) -> int:
 
 
 def full_command(verbs: Mapping[str, Verb], name: str) -> Any:
-    """The real command of a verb, its module imported: for the generated reference."""
+    """Return the command of a verb after importing its module."""
     module = importlib.import_module(f"rvsg.cli.{verbs[name].module}")
     command = typer.main.get_command(module.app)
     command.name = name
@@ -88,7 +88,7 @@ def full_command(verbs: Mapping[str, Verb], name: str) -> Any:
 
 
 def _root(verbs: Mapping[str, Verb]) -> Any:
-    """The top command over lazily loaded verbs."""
+    """Return the top command, which loads verbs lazily."""
 
     class Frame(TyperGroup):
         """Lists verbs from the table alone and imports a verb's module only to run it."""
@@ -109,10 +109,10 @@ def _root(verbs: Mapping[str, Verb]) -> Any:
             try:
                 return super().invoke(ctx)
             except KeyboardInterrupt:
-                raise Interrupted("Interrupted. What was finished is kept.") from None
+                raise Interrupted("Interrupted. Finished work is kept.") from None
             except BrokenPipeError:  # before Click makes of it exit code 1, which means "violated"
                 _nobody_reads()
-                raise Interrupted("Nobody reads the output any more. What was finished is kept.") from None
+                raise Interrupted("The reader of the output has closed it. Finished work is kept.") from None
 
     app = typer.Typer(
         cls=Frame,
@@ -128,7 +128,7 @@ def _root(verbs: Mapping[str, Verb]) -> Any:
     @app.callback()
     def options(
         version: Annotated[
-            bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and end.")
+            bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
         ] = False,
         debug: Annotated[
             bool, typer.Option("--debug", envvar="RVSG_DEBUG", help="Show the traceback of an error.")
@@ -158,19 +158,19 @@ def _tell(message: str) -> None:
 
 
 def _nobody_reads() -> None:
-    """The reader of our output went away (`rvsg ... | head`): no defect, but not done either. Write to nowhere."""
+    """Discard all further output: the reader has closed it (`rvsg ... | head`)."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     for stream in (sys.stdout, sys.stderr):
         os.dup2(nowhere, stream.fileno())
 
 
 def _report_defect(error: Exception, arguments: Sequence[str]) -> int:
-    """Say what happened, how to see more and where to report it: this is our mistake, not the user's."""
+    """Print what happened and how to report it; return the exit code."""
     if isinstance(error, BrokenPipeError):
         _nobody_reads()
         return 3
     if isinstance(error, OSError) and error.errno in NO_ROOM:
-        _tell(f"Error: {error.strerror}: {error.filename or 'the output'} could not be written whole. Make room there.")
+        _tell(f"Error: {error.strerror}: cannot write all of {error.filename or 'the output'}. Free some space there.")
         return 2
     if isinstance(error, OSError) and error.errno in NO_NAME:
         name = str(error.filename or "")
@@ -183,7 +183,7 @@ def _report_defect(error: Exception, arguments: Sequence[str]) -> int:
     shown = as_started(shlex.join(["rvsg", "--debug", *(a for a in arguments if a != "--debug")]))
     _tell(
         f"Error in RVSG itself: {type(error).__name__}: {error} (line {where.lineno} of {where.filename})\n"
-        f"This is a defect of the program, not of your input. To see all of it: {shown}\n"
-        f"Please report it with that output and `rvsg --version` ({rvsg.__version__}) to the project's issue tracker."
+        f"This is a defect in RVSG, not in your input. To see the traceback: {shown}\n"
+        f"Please report it with that traceback and the version ({rvsg.__version__}) in the project's issue tracker."
     )
     return 4

@@ -18,12 +18,12 @@ def import_agents(
     agents: Annotated[Path, typer.Argument(help="An agents file of HuNavSim 1.x or 2.0.")],
     world: Annotated[str, typer.Option(help="A shipped world or a world folder.")],
     route: Annotated[str, typer.Option(help="The route of the robot.")],
-    out: Annotated[Path, typer.Option(help="Where the scenario is written; - is standard output.")] = Path("-"),
+    out: Annotated[Path, typer.Option(help="Write the scenario here; - is standard output.")] = Path("-"),
     description: Annotated[str, typer.Option(help="What the scenario is about.")] = "",
 ) -> None:
-    """Make a scenario of a HuNavSim agents file. People keep their coordinates, speeds, behaviours and reactions.
+    """Make a scenario from a HuNavSim agents file. People keep their coordinates, speeds, behaviours and reactions.
 
-    Settings that are not reproduced are printed, one line each.
+    RVSG prints each setting that it does not reproduce.
     """
     from rvsg.api import exchange
     from rvsg.api.records import check_writable, write_text

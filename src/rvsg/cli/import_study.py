@@ -1,4 +1,4 @@
-"""`rvsg import-study`: published results become a store like that of a campaign."""
+"""`rvsg import-study`: import published results into a store."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ app = verb()
 
 @app.command()
 def import_study(
-    folder: Annotated[Path, typer.Argument(help="Root of the results: holds distance/route_1/0, no_req/..., ...")],
+    folder: Annotated[Path, typer.Argument(help="Root of the results, with distance/route_1/0, no_req/..., ...")],
     out: Annotated[Path, typer.Option(help="Folder of the store (DIR/ledger.sqlite), or the file itself.")],
     world: Annotated[str, typer.Option(help="The world of the results: its routes and waypoints.")] = "warehouse",
 ) -> None:
-    """Import results in the layout of the published study into a store, with a file of findings beside it.
+    """Import results in the layout of the published study into a store, and write a file of findings beside it.
 
-    Every metric is computed again from the logs and compared with the logged one. What cannot be trusted is not
-    imported and listed with its reason; unknown waypoint names are kept and listed.
+    Every metric is computed again from the logs and compared with the logged value. Data that cannot be trusted is
+    listed with the reason and not imported. Unknown waypoint names are listed and kept.
     """
     from rvsg.api.study import import_study as read
 

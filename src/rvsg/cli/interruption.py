@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM: finish in order at the first, stop at once at the second."""
+"""Ctrl-C and SIGTERM: the first one ends in order, the second one at once."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from typing import Any
 from rvsg.api.errors import Interrupted
 
 ENDING = (signal.SIGINT, signal.SIGTERM)
-"""A CI service that cancels sends SIGTERM: it is treated like Ctrl-C."""
+"""A CI service cancels with SIGTERM; treat it like Ctrl-C."""
 LEAVING_S = 5.0
-"""So long a process that was interrupted may take to leave after its last word."""
-AT_ONCE = "Ended at once. What was finished is kept."
+"""Seconds that an interrupted process may take to exit after its last message."""
+AT_ONCE = "Stopped at once. Finished work is kept."
 SHOW_CURSOR = "\x1b[?25h"
 
 
 class Interruption:
-    """Whether somebody asked for the end.
+    """Remembers that a signal asked the process to end.
 
-    The first signal raises KeyboardInterrupt wherever the program is, and code that ignores every error (a destructor,
-    a callback of a library) may swallow it. It is therefore remembered too, and raised again by the next `check`. The
-    second signal ends the process without waiting for anything: records are kept whole, and workers end without us.
+    The first signal raises KeyboardInterrupt wherever the program is. Code that ignores every error (a destructor, a
+    callback of a library) may swallow it, so the next `check` raises it again. The second signal ends the process at
+    once: stored records stay whole, and the workers exit by themselves.
     """
 
     def __init__(self) -> None:
@@ -35,13 +35,13 @@ class Interruption:
         self._last_word: str | None = None
 
     def check(self) -> None:
-        """Raise KeyboardInterrupt where somebody asked for the end."""
+        """Raise KeyboardInterrupt if a signal has arrived."""
         if self.asked:
             raise KeyboardInterrupt
 
     @contextlib.contextmanager
     def at_once(self, last_word: str) -> Iterator[None]:
-        """While nothing is under way that could be lost, the first signal ends the process, after a last word.
+        """Let the first signal end the process at once, after a last message; for work that may be lost.
 
         A compiler that is interrupted within its callbacks may hang or crash.
         """
@@ -52,9 +52,9 @@ class Interruption:
             self._last_word = None
 
     def leave(self, code: int) -> None:
-        """The work is done. Where it was interrupted, nothing can change its code any more, nor hold it for long.
+        """Fix the exit code. An interrupted process ignores further signals and exits within `LEAVING_S`.
 
-        Python, while it ends, would give the signals back their own effect, but for those that are ignored.
+        While Python shuts down, it restores the default effect of every signal that is not ignored.
         """
         self.code, self.asked = code, True
         if code == Interrupted.exit_code:
@@ -79,9 +79,9 @@ _listening: Interruption | None = None
 
 @contextlib.contextmanager
 def interruptible() -> Iterator[Interruption]:
-    """Listen to the signals that ask for the end; only the main thread can hear them. Within another one, the same.
+    """Handle the signals that ask the process to end; only the main thread can. Nested calls share one Interruption.
 
-    An error that only follows from an interruption (a compiler's callback that lost it) becomes KeyboardInterrupt.
+    An error that follows from an interruption (a compiler's callback that lost it) becomes KeyboardInterrupt.
     """
     begun = _listening is None and threading.current_thread() is threading.main_thread()
     interruption = _listening or Interruption()
@@ -99,7 +99,7 @@ def interruptible() -> Iterator[Interruption]:
 
 
 def until_gone(work: Callable[[], int]) -> int:
-    """Do all the work of this process, listening to the signals until it is gone; the exit code."""
+    """Do all the work of this process, handle signals until it exits, and return the exit code."""
     if threading.current_thread() is not threading.main_thread():
         return work()
     interruption = Interruption()
@@ -114,7 +114,7 @@ def until_gone(work: Callable[[], int]) -> int:
 
 
 def _listen(interruption: Interruption) -> Callable[[], None]:
-    """Let the interruption hear the signals; what is returned undoes it."""
+    """Install the signal handlers; return a function that removes them."""
     global _listening
     _listening, hook = interruption, sys.unraisablehook
     handlers = {number: signal.signal(number, interruption._heard) for number in ENDING}

@@ -1,4 +1,4 @@
-"""`rvsg knowledge`: what campaigns and suites teach, in one place."""
+"""`rvsg knowledge`: collect and search what campaigns found."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from rvsg.cli.arguments import AsJson
 from rvsg.cli.console import print_json, say
 from rvsg.cli.frame import verb
 
@@ -27,7 +28,7 @@ def add(
     sources: Annotated[list[Path], typer.Argument(help="Folders of campaigns, or of several of them.")],
     base: Base = None,
 ) -> None:
-    """Add attempts, findings, lessons and rejected proposals of campaigns. What is known already is not added again."""
+    """Add attempts, findings, lessons and rejected proposals of campaigns. Known entries are not added twice."""
     from rvsg.api.knowledge import learn_campaign, open_knowledge
 
     with open_knowledge(base) as known:
@@ -37,23 +38,26 @@ def add(
 
 @app.command()
 def search(
-    text: Annotated[str, typer.Argument(help="What to look for in the descriptions.")] = "",
-    world: Annotated[str | None, typer.Option(help="Only of this world.")] = None,
-    route: Annotated[str | None, typer.Option(help="Only of this route.")] = None,
-    requirement: Annotated[str | None, typer.Option(help="Only of this requirement.")] = None,
+    text: Annotated[str, typer.Argument(help="Text to look for in the descriptions.")] = "",
+    world: Annotated[str | None, typer.Option(help="Entries of this world only.")] = None,
+    route: Annotated[str | None, typer.Option(help="Entries of this route only.")] = None,
+    requirement: Annotated[str | None, typer.Option(help="Entries of this requirement only.")] = None,
     kind: Annotated[str | None, typer.Option(help="attempt, finding, rejected or watched.")] = None,
-    at: Annotated[str | None, typer.Option(metavar="WAYPOINT", help="Only where a person passes it.")] = None,
+    at: Annotated[
+        str | None, typer.Option(metavar="WAYPOINT", help="Entries in which a person passes this waypoint.")
+    ] = None,
     violated: Annotated[
-        bool | None, typer.Option("--violated/--not-violated", help="Only what violates its requirement, or does not.")
+        bool | None,
+        typer.Option("--violated/--not-violated", help="Entries that violate their requirement, or do not."),
     ] = None,
     limit: Annotated[int, typer.Option(min=1, help="Entries at most.")] = 20,
     out: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write them for `rvsg run --knowledge FILE`.")
+        Path | None, typer.Option(metavar="FILE", help="Write the entries for `rvsg run --knowledge FILE`.")
     ] = None,
     base: Base = None,
-    json: Annotated[bool, typer.Option("--json", help="Print the entries as JSON on standard output.")] = False,
+    json: AsJson = False,
 ) -> None:
-    """Search what is known of a place: the most similar descriptions first, or the worst without a text."""
+    """Search the knowledge base: the most similar descriptions first; without a text, the worst entries first."""
     from rvsg.api.knowledge import describe_match, open_knowledge, tell
     from rvsg.api.knowledge import search as look
     from rvsg.api.records import check_writable
@@ -73,19 +77,19 @@ def search(
             limit=limit,
         )
     if out is not None:
-        say(f"{tell(found, out)} scenarios written to {out}. Tell a generator of them with: rvsg run --knowledge {out}")
+        say(f"{tell(found, out)} scenarios written to {out}. Give them to a generator with: rvsg run --knowledge {out}")
     if json:
         print_json([each.model_dump(mode="json") for each in found])
         return
     for each in found:
         say(describe_match(each))
     if not found:
-        say("Nothing is known that fits.")
+        say("No entry matches.")
 
 
 @app.command()
 def status(base: Base = None) -> None:
-    """Count what is known of each world."""
+    """Count the entries of each world."""
     from rvsg.api.knowledge import open_knowledge
 
     with open_knowledge(base) as known:

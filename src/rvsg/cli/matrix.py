@@ -1,4 +1,4 @@
-"""Several campaigns of one `rvsg run`: progress, and what they found."""
+"""Several campaigns of one `rvsg run`: progress and results."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def run_matrix(matrix: Matrix, *, as_json: bool) -> int:
     for folder, (message, _) in failed.items():
         say(f"{Path(folder).name}: not finished. {message}")
     if failed:
-        say(f"The same command resumes what is not finished: {resume}")
+        say(f"Resume the others with: {resume}")
         return max(code for _, code in failed.values())
     violated = any(each.summary().violated for each in done)
     return 1 if matrix.settings.get("fail_on_violation") and violated else 0
@@ -47,12 +47,12 @@ def run_matrix(matrix: Matrix, *, as_json: bool) -> int:
 
 def _announce(matrix: Matrix, campaigns: Sequence[Campaign], resume: str) -> None:
     count = len(campaigns)
-    say(f"Campaigns in {matrix.folder}: {count}, of which {min(matrix.jobs, count)} run side by side.")
+    say(f"Campaigns in {matrix.folder}: {count}; {min(matrix.jobs, count)} run at a time.")
     if others := len(matrix.all_pairs) - count:
-        say(f"{others} more in this folder were not asked for now; resume them with: {resume}")
+        say(f"{others} more in this folder are not part of this command; resume them with: {resume}")
     if share := matrix.budget:
         listed = ", ".join(f"--{key.replace('_', '-')} {value:g}" for key, value in share.items())
-        say(f"The budget is for all of them together; each may spend its part: {listed}.")
+        say(f"The campaigns share the budget equally; each may spend: {listed}.")
 
 
 def _run(matrix: Matrix, campaigns: Sequence[Campaign], check: Callable[[], None]) -> dict[str, tuple[str, int]]:

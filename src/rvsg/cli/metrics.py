@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from rvsg.cli import console
+from rvsg.cli.arguments import AsJson
 from rvsg.cli.frame import verb
 
 app = verb()
@@ -15,11 +16,11 @@ app = verb()
 
 @app.command()
 def metrics(
-    name: Annotated[str | None, typer.Argument(help="One metric; all where none is named.")] = None,
+    name: Annotated[str | None, typer.Argument(help="A metric. [all]")] = None,
     run: Annotated[
-        Path | None, typer.Option(help="Measure the runs of this file, as `rvsg simulate` writes them.")
+        Path | None, typer.Option(help="Measure the runs of this file, which `rvsg simulate` wrote.")
     ] = None,
-    json: Annotated[bool, typer.Option("--json", help="The list as JSON on standard output.")] = False,
+    json: AsJson = False,
 ) -> None:
     """List the metrics with formula, unit, direction and source, or measure a run by them."""
     from rvsg.api.words import METRICS, measure, metric

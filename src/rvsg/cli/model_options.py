@@ -20,21 +20,24 @@ Model = Annotated[str | None, typer.Option(help="The model, PROVIDER:NAME, e.g. 
 BaseUrl = Annotated[str | None, typer.Option(help="Address of an OpenAI-compatible server (key: RVSG_API_KEY).")]
 Record = Annotated[Path | None, typer.Option(help="Keep every call in this folder.")]
 Replay = Annotated[Path | None, typer.Option(help="Answer from the calls recorded in this folder, without a model.")]
-Strict = Annotated[bool, typer.Option("--strict", help="With --replay: any difference from the record is an error.")]
+Strict = Annotated[
+    bool, typer.Option("--strict", help="With --replay, treat any difference from the record as an error.")
+]
 CallTimeout = Annotated[float, typer.Option(min=0.1, help="Seconds to wait for an answer.")]
 BudgetCalls = Annotated[int | None, typer.Option(help="Stop before more calls of the model.")]
 BudgetTokens = Annotated[int | None, typer.Option(help="Stop before more tokens.")]
 BudgetUsd = Annotated[float | None, typer.Option(help="Stop before the calls cost more.")]
 Prices = Annotated[
-    str | None, typer.Option(metavar="IN,CACHED,OUT", help="Dollars per million tokens, where not listed.")
+    str | None,
+    typer.Option(metavar="IN,CACHED,OUT", help="Dollars per million tokens, for a model without a listed price."),
 ]
 
 
 class CallsShown:
-    """Shows the calls of a model while they are made: on a terminal as a moving line, else as a line for each.
+    """Shows the calls of a model while they run: on a terminal as a status line, else as one line per call.
 
     Args:
-        watch: sets what receives every call, e.g. `Generator.watch`; None ends it.
+        watch: sets the receiver of every call, e.g. `Generator.watch`; None removes it.
     """
 
     def __init__(self, watch: Callable[[Callable[[CallNews], None] | None], None]) -> None:

@@ -1,4 +1,4 @@
-"""Options that several verbs share, from text to values."""
+"""Turns the text of options into values."""
 
 from __future__ import annotations
 

@@ -32,8 +32,8 @@ class CampaignProgress:
     """Shows how far a campaign is; give it every event of the campaign.
 
     Args:
-        attempts: those made before.
-        name: of a campaign that runs beside others; its lines begin with it, and there is no bar.
+        attempts: the attempts stored earlier.
+        name: of a campaign that runs beside others; prefixes its lines, and no bar is shown.
         check: called with every event; it may raise KeyboardInterrupt.
     """
 
@@ -66,7 +66,7 @@ class CampaignProgress:
                 TextColumn("runs,", table_column=Column(no_wrap=True)),
                 TimeRemainingColumn(table_column=Column(no_wrap=True)),
                 TextColumn("left", table_column=Column(no_wrap=True)),
-                # What is in progress gives way on a narrow terminal; how far it is does not.
+                # On a narrow terminal, shorten the description and keep the numbers.
                 TextColumn("{task.description}", table_column=Column(ratio=1, no_wrap=True, overflow="ellipsis")),
                 console=console(),
                 transient=True,
@@ -87,7 +87,7 @@ class CampaignProgress:
         """Show an event."""
         self.check()
         if self.begin is None and isinstance(event, Proposing | RunMade):
-            self.begin = time.monotonic()  # campaigns side by side are prepared together and start one after the other
+            self.begin = time.monotonic()  # campaigns of a matrix are prepared together and start one after the other
         match event:
             case Message():
                 say(f"{self.name}{event.text}")
@@ -107,7 +107,7 @@ class CampaignProgress:
                 self._describe("shrinking a failure")
 
     def _made(self, event: RunMade) -> None:
-        """Count a run; one that was made before, for another attempt, does not count again."""
+        """Count a run, unless an earlier attempt made it."""
         run_id = getattr(event.run, "id", None)
         if run_id is not None and run_id in self.known:
             return
@@ -124,7 +124,7 @@ class CampaignProgress:
             self.bar.update(self.task, description=self.place)
 
     def _proposing(self, brief: Brief) -> None:
-        """Show which configuration is in progress."""
+        """Show the configuration in progress."""
         if self.bar:
             place = f"scenario {brief.scenario_index + 1}"
             if self.plan.refinements:
@@ -136,10 +136,10 @@ class CampaignProgress:
             self.bar.update(self.task, description=self.place + self._spent())
 
     def _calling(self, news: CallNews) -> None:
-        """Show a call of a model in the bar; that it waits, and why, is a line of its own."""
+        """Show a call of a model in the bar; print a line when it waits."""
         self.spent = news.spent
         if self.bar:
-            doing = {"asked": f": asks {news.model}", "waiting": f": waits for {news.model}", "answered": ""}
+            doing = {"asked": f": asking {news.model}", "waiting": f": waiting for {news.model}", "answered": ""}
             self.bar.update(self.task, description=self.place + doing[news.what] + self._spent())
         if news.what == "waiting":
             say(f"{self.name}{news.model}, {news.purpose}: {news.why}")
@@ -148,9 +148,9 @@ class CampaignProgress:
         return f"; model {describe_spending(self.spent)}" if self.spent is not None and self.spent.calls else ""
 
     def _attempted(self, attempt: Attempt) -> None:
-        """Without a terminal, print a line with an estimate at the end of every scenario."""
+        """Without a terminal, print a line with an estimate after every scenario."""
         if attempt.same_as is not None:
-            say(f"{self.name}Attempt {attempt.index} is attempt {attempt.same_as} again; the runs of that one stand.")
+            say(f"{self.name}Attempt {attempt.index} repeats attempt {attempt.same_as} and shares its runs.")
         self._note(attempt)
         if attempt.purpose == "confirmation" and not self.bar and attempt.verdict is not None:
             verdict = attempt.verdict

@@ -1,4 +1,4 @@
-"""`rvsg prompt`: what a model would be asked, without asking it."""
+"""`rvsg prompt`: print the next prompt of a campaign."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from rvsg.cli.arguments import AsJson
 from rvsg.cli.console import print_json, say
 from rvsg.cli.frame import verb
 
@@ -27,17 +28,17 @@ def prompt(
     conversation: Annotated[str | None, typer.Option(help="compact or study. [compact]")] = None,
     prompts: Annotated[Path | None, typer.Option(help="Folder of your own prompt templates.")] = None,
     listed: Annotated[bool, typer.Option("--list", help="List the templates and their variables.")] = False,
-    copy: Annotated[str | None, typer.Option(metavar="NAME", help="Copy a template, to change it, into --to.")] = None,
+    copy: Annotated[str | None, typer.Option(metavar="NAME", help="Copy a template into --to, to change it.")] = None,
     to: Annotated[Path | None, typer.Option(help="Folder for --copy. [the campaign folder's prompts]")] = None,
     pictures: Annotated[
         Path | None, typer.Option(help="Also write the pictures of the prompt into this folder.")
     ] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print the messages as JSON.")] = False,
+    json: AsJson = False,
 ) -> None:
     """Print the messages of the next call of a campaign, without calling a model.
 
-    For a campaign folder that is the attempt the campaign would ask for next, with its memory and feedback; else the
-    first one. The text goes to standard output.
+    For a campaign folder, that is the next attempt with its memory and feedback; otherwise the first attempt. The text
+    goes to standard output.
     """
     keys = ("world", "route", "requirement", "strategy", "humans", "conversation")
     given = {key: value for key, value in locals().items() if key in keys and value is not None}

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from rvsg.cli.arguments import Requirement
 from rvsg.cli.console import say
 from rvsg.cli.frame import verb
 
@@ -16,35 +17,35 @@ if TYPE_CHECKING:
 
 app = verb()
 OWN = ("feedback", "unguided", "record", "generator_option", "out")
-"""Options that are no settings of a campaign."""
+"""Options that are not settings of a campaign."""
 
 
 @app.command()
 def propose(
     world: Annotated[str, typer.Option(help="A shipped world or a world folder.")] = "warehouse",
     route: Annotated[str, typer.Option(help="A route of the world.")] = "route_1",
-    requirement: Annotated[str, typer.Option(help="A shipped requirement, or FILE.yaml#NAME.")] = "R1",
+    requirement: Requirement = "R1",
     robot: Annotated[str, typer.Option(help="A shipped robot (`rvsg robots`) or a robot file.")] = "tiago_omni",
     generator: Annotated[str | None, typer.Option(help="heuristic, random, vlm. [heuristic]")] = None,
     humans: Annotated[int, typer.Option(min=1, max=100, help="People in the scenario.")] = 2,
-    seed: Annotated[int, typer.Option(min=0, help="Everything random follows from it.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of everything random.")] = 0,
     feedback: Annotated[
-        Path | None, typer.Option(help="Refine from this feedback, as `rvsg evaluate --feedback` writes it.")
+        Path | None, typer.Option(help="Refine with this feedback, which `rvsg evaluate --feedback` wrote.")
     ] = None,
-    unguided: Annotated[bool, typer.Option("--unguided", help="Tell the generator of no requirement.")] = False,
+    unguided: Annotated[bool, typer.Option("--unguided", help="Do not tell the generator the requirement.")] = False,
     model: Annotated[str | None, typer.Option(help="VLM, e.g. openai-chat:gpt-4.1.")] = None,
     base_url: Annotated[str | None, typer.Option(help="Address of an OpenAI-compatible server.")] = None,
     conversation: Annotated[str, typer.Option(help="compact or study.")] = "compact",
     prompts: Annotated[str | None, typer.Option(help="Folder of prompt templates that replace ours.")] = None,
     replay: Annotated[str | None, typer.Option(help="Answer from these recordings, without a model.")] = None,
     record: Annotated[str | None, typer.Option(help="Folder to record the model's calls in. [runs/proposals]")] = None,
-    budget_usd: Annotated[float | None, typer.Option(help="Stop before the calls in --record cost more.")] = None,
-    budget_calls: Annotated[int | None, typer.Option(help="Stop before more calls in --record.")] = None,
-    budget_tokens: Annotated[int | None, typer.Option(help="Stop before more tokens in --record.")] = None,
+    budget_usd: Annotated[float | None, typer.Option(help="Limit on the cost of the calls in --record.")] = None,
+    budget_calls: Annotated[int | None, typer.Option(help="Limit on the calls in --record.")] = None,
+    budget_tokens: Annotated[int | None, typer.Option(help="Limit on the tokens in --record.")] = None,
     generator_option: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="For the generator.")] = None,
-    out: Annotated[Path, typer.Option(help="Where the proposal is written; - is standard output.")] = Path("-"),
+    out: Annotated[Path, typer.Option(help="Write the proposal here; - is standard output.")] = Path("-"),
 ) -> None:
-    """Ask a generator for one scenario, and show what the checker said.
+    """Ask a generator for one scenario, and show what the checker found.
 
     Writes the proposal as JSON; `rvsg simulate` reads it. With --feedback the proposal refines an earlier scenario.
     """
@@ -67,7 +68,7 @@ def propose(
 
 
 def _show(wired: Wired, proposal: Proposal) -> None:
-    """Print what the checker said, and what the calls of a model cost."""
+    """Print what the checker found, and what the calls of a model cost."""
     from rvsg.api.words import describe_calls, describe_proposal, describe_unusable
 
     for line in describe_proposal(proposal, wired.world):
@@ -81,4 +82,4 @@ def _show(wired: Wired, proposal: Proposal) -> None:
         for note in wired.generator.notes:
             say(note)
     if proposal.scenario is None:
-        say("No scenario came of it.")
+        say("The generator wrote no scenario.")

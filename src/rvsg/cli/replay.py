@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from rvsg.cli.arguments import OtherWorld, Simulator, SimulatorOption
 from rvsg.cli.console import say
 from rvsg.cli.frame import verb
 
@@ -20,12 +21,12 @@ def replay(
     run: Annotated[
         str | None, typer.Option(help="The id of a run. [the worst run of the worst finding; the first of a file]")
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="The seed with which a scenario is simulated.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the run of a scenario.")] = 0,
     speed: Annotated[float, typer.Option(min=0.1, max=20, help="Simulated seconds per second of the film.")] = 2.0,
     width: Annotated[int, typer.Option(min=480, max=3840, help="Width of the film in pixels.")] = 960,
-    world: Annotated[str | None, typer.Option(help="The world, where it was moved or is not known.")] = None,
-    simulator: Annotated[str, typer.Option(help="For a scenario: embedded; kinematic: no physics.")] = "embedded",
-    simulator_option: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="For the simulator.")] = None,
+    world: OtherWorld = None,
+    simulator: Simulator = "embedded",
+    simulator_option: SimulatorOption = None,
 ) -> None:
     """Write a run as a film, or as a PNG strip of its decisive moments.
 

@@ -1,4 +1,4 @@
-"""`rvsg report`: write and print what stored campaigns found."""
+"""`rvsg report`: write the page of stored campaigns, and print their results."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from rvsg.cli.arguments import AsJson, FailOnViolation, Junit
 from rvsg.cli.console import as_started, console, print_json, say
 from rvsg.cli.frame import verb
 
@@ -21,23 +22,21 @@ app = verb()
 @app.command()
 def report(
     store: Annotated[Path, typer.Argument(help="The folder of a campaign or of several, or a ledger.")],
-    html: Annotated[Path | None, typer.Option(help="Where the page is written. [report.html in the folder]")] = None,
-    junit: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the verdicts as JUnit XML.")] = None,
+    html: Annotated[Path | None, typer.Option(help="Write the page here. [report.html in the folder]")] = None,
+    junit: Junit = None,
     tables: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Write the study's tables: DIR/published and DIR/honest.")
     ] = None,
     also: Annotated[
-        list[Path] | None, typer.Option(metavar="STORE", help="For --tables: read this store too (repeatable).")
+        list[Path] | None, typer.Option(metavar="STORE", help="For --tables, read this store too; repeatable.")
     ] = None,
-    world: Annotated[str | None, typer.Option(help="Where the world is now, if it was moved.")] = None,
-    fail_on_violation: Annotated[
-        bool, typer.Option("--fail-on-violation", help="Exit code 1 if the requirement is violated.")
-    ] = False,
-    json: Annotated[bool, typer.Option("--json", help="Print the result as JSON on standard output.")] = False,
+    world: Annotated[str | None, typer.Option(help="Folder of the world, if it was moved.")] = None,
+    fail_on_violation: FailOnViolation = False,
+    json: AsJson = False,
 ) -> None:
     """Write the page of a campaign, finished or not, and print its ranked scenarios.
 
-    For the folder of several campaigns: the page of each, and an overview that leads to them.
+    For a folder of several campaigns, write the page of each and an overview with links.
     """
     from rvsg.api.folder import is_matrix
     from rvsg.api.matrix import Matrix
@@ -65,7 +64,7 @@ def report(
 
 
 def _show(campaign: Campaign, page: Path) -> None:
-    """Print what one campaign found; where it is unfinished, how far it came and how to resume it."""
+    """Print the results of one campaign; for an unfinished one, its progress and how to resume it."""
     from rvsg.cli.tables import how_far, ranked_table, show_findings
 
     plan, summary = campaign.plan, campaign.summary()
@@ -80,7 +79,7 @@ def _show(campaign: Campaign, page: Path) -> None:
 
 
 def _show_matrix(matrix: Matrix, campaigns: list[Campaign]) -> None:
-    """Write the overview and print the table of several campaigns, and which of them are unfinished."""
+    """Write the overview of several campaigns; print their table and which of them are unfinished."""
     from rvsg.cli.tables import how_far, matrix_table
 
     page = matrix.report()
@@ -90,12 +89,12 @@ def _show_matrix(matrix: Matrix, campaigns: list[Campaign]) -> None:
     for plan, summary in unfinished:
         say(f"{plan.mission.route.name} {plan.requirement.name} is not finished: {how_far(plan, summary)}.")
     if missing := len(matrix.all_pairs) - len(found):
-        say(f"{missing} more {'has' if missing == 1 else 'have'} not begun.")
+        say(f"{missing} more {'has' if missing == 1 else 'have'} not started.")
     if unfinished or missing:
         say(_resume(matrix.folder).lstrip())
     say(f"Reports: {page}")
 
 
 def _resume(folder: Path) -> str:
-    """Return the command that resumes what a folder holds."""
+    """Return the sentence with the command that resumes a folder."""
     return f" Resume with: {as_started(shlex.join(['rvsg', 'run', '--out', str(folder)]))}"

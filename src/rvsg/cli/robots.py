@@ -1,4 +1,4 @@
-"""`rvsg robots`: the robots that scenarios can name, their numbers and plan views."""
+"""`rvsg robots`: list, check, draw and import robots."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from rvsg.cli import console
+from rvsg.cli.arguments import AsJson
 from rvsg.cli.frame import verb
 
 app = verb()
@@ -15,15 +16,15 @@ app = verb()
 
 @app.command()
 def robots(
-    robot: Annotated[str | None, typer.Argument(help="A shipped robot or a robot file; all shipped ones.")] = None,
+    robot: Annotated[str | None, typer.Argument(help="A shipped robot or a robot file. [all shipped ones]")] = None,
     draw: Annotated[Path | None, typer.Option(metavar="DIR", help="Write a plan view of each as DIR/NAME.svg.")] = None,
     from_urdf: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Print what a URDF file says as a robot file, and what it lacks."),
+        typer.Option(metavar="FILE", help="Print a URDF file as a robot file, and what it lacks."),
     ] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print the records as JSON on standard output.")] = False,
+    json: AsJson = False,
 ) -> None:
-    """List robots with size, drive, limits and sensors, check a robot file, draw them, or read a URDF file."""
+    """List robots with size, drive, limits and sensors; check a robot file, draw robots, or read a URDF file."""
     from rvsg.api.files import write_whole
     from rvsg.api.robots import draw_robot, load_robot, shipped_robots
 

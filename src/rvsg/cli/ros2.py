@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from rvsg.cli import console
+from rvsg.cli.arguments import AsJson, StackOption
 from rvsg.cli.frame import verb
 from rvsg.cli.options import pairs
 
@@ -17,15 +18,14 @@ app = verb(no_args_is_help=True, help="Check a running ROS 2 navigation; write o
 @app.command()
 def check(
     robot: Annotated[str, typer.Option(help="A shipped robot (`rvsg robots`) or a robot file.")] = "tiago_omni",
-    stack_option: Annotated[
-        list[str] | None, typer.Option(metavar="NAME=VALUE", help="An option of the stack ros2.")
-    ] = None,
-    seconds: Annotated[float, typer.Option(min=0.5, max=60, help="How long to look.")] = 5.0,
-    json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON on standard output.")] = False,
+    stack_option: StackOption = None,
+    seconds: Annotated[float, typer.Option(min=0.5, max=60, help="How long to listen.")] = 5.0,
+    json: AsJson = False,
 ) -> None:
-    """Say what of the running ROS 2 system is found, missing, or of another type; exit code 1 where it cannot drive.
+    """Report what the running ROS 2 system offers, what is missing and what has another type.
 
-    Run it in the environment of your system (ROS_DOMAIN_ID, CYCLONEDDS_URI). It starts and changes nothing.
+    Exits with code 1 if the system cannot drive. Run it in the environment of your system (ROS_DOMAIN_ID,
+    CYCLONEDDS_URI). It starts and changes nothing.
     """
     from rvsg.api.ros2 import check_ros2
 
@@ -58,9 +58,9 @@ def params(
         Path | None, typer.Option(metavar="DIR", help="Write params.yaml and the behaviour trees there.")
     ] = None,
 ) -> None:
-    """Scale the wall-clock rates of a Nav2 parameter file for a faster clock, and say what was changed.
+    """Scale the wall-clock rates of a Nav2 parameter file for a faster clock, and list the changes.
 
-    Nav2 before Lyrical runs its loops on wall time, also with use_sim_time.
+    Nav2 before Lyrical runs its loops on wall time even with use_sim_time.
     """
     from rvsg.api.ros2 import release_named, scale_nav2_params
 
@@ -68,7 +68,7 @@ def params(
     if out is None:
         print(scaled.text(), end="")
         if scaled.trees:
-            console.say("The behaviour trees must be scaled, too: write them with --out DIR.")
+            console.say("The behaviour trees need scaling, too. Write them with --out DIR.")
     else:
         out.mkdir(parents=True, exist_ok=True)
         console.say(f"wrote {scaled.write(out)}")
@@ -81,16 +81,16 @@ def params(
 @app.command("new-params")
 def new_params(
     robot: Annotated[str, typer.Option(help="A shipped robot (`rvsg robots`) or a robot file.")] = "tiago_omni",
-    stack: Annotated[str, typer.Option(help="nav2-dwb, nav2-rpp or nav2-mppi: whose controller.")] = "nav2-dwb",
-    stack_option: Annotated[
-        list[str] | None, typer.Option(metavar="NAME=VALUE", help="An option of that stack.")
-    ] = None,
+    stack: Annotated[
+        str, typer.Option(help="The stack whose controller is used: nav2-dwb, nav2-rpp or nav2-mppi.")
+    ] = "nav2-dwb",
+    stack_option: StackOption = None,
     release: Annotated[str, typer.Option(help="humble, jazzy, kilted or lyrical.")] = "jazzy",
-    out: Annotated[Path | None, typer.Option(metavar="FILE", help="Write it there. [standard output]")] = None,
+    out: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the file here. [standard output]")] = None,
 ) -> None:
-    """Write the Nav2 parameter file of a robot: what a built-in stack drives it with, for the real Nav2.
+    """Write a Nav2 parameter file for a robot, with the parameters that a built-in stack uses.
 
-    Frames and topics are those that the stack ros2 publishes, so `rvsg run --stack ros2` works with it at once.
+    Frames and topics match those of the stack ros2, so `rvsg run --stack ros2` works with the file as it is.
     """
     from rvsg.api.files import write_whole
     from rvsg.api.ros2 import new_nav2_params, release_named

@@ -1,4 +1,4 @@
-"""`rvsg run`: the main job."""
+"""`rvsg run`: find, confirm and report violating scenarios."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from rvsg.cli.arguments import AsJson, Doors, JobsPerCore, SimulatorOption, Stack, StackOption
 from rvsg.cli.console import as_started, console, print_json, say
 from rvsg.cli.frame import verb
 
@@ -20,12 +21,10 @@ if TYPE_CHECKING:
 
 app = verb()
 
-Text = Annotated[str | None, typer.Option()]
-
 
 @app.command()
 def run(
-    campaign: Annotated[Path | None, typer.Argument(help="A campaign file; every option is a key of it.")] = None,
+    campaign: Annotated[Path | None, typer.Argument(help="A campaign file; its keys are the options below.")] = None,
     world: Annotated[str | None, typer.Option(help="A shipped world or a world folder. [warehouse]")] = None,
     route: Annotated[
         list[str] | None, typer.Option(help="A route of the world; repeat it for several, or `all`. [route_1]")
@@ -34,17 +33,20 @@ def run(
         list[str] | None, typer.Option(help="A shipped requirement, or FILE.yaml#NAME; repeat it for several. [R1]")
     ] = None,
     also: Annotated[
-        list[str] | None, typer.Option(help="A further requirement for the strategy multi; several times for several.")
+        list[str] | None, typer.Option(help="A further requirement for the strategy multi; repeatable.")
     ] = None,
     robot: Annotated[
         str | None, typer.Option(help="A shipped robot (`rvsg robots`) or a robot file. [tiago_omni]")
     ] = None,
     generator: Annotated[
-        str | None, typer.Option(help="Who writes scenarios: heuristic, random, vlm, or a plug-in.")
+        str | None, typer.Option(help="Writes the scenarios: heuristic, random, vlm, or a plug-in. [heuristic]")
     ] = None,
     knowledge: Annotated[
         str | None,
-        typer.Option(metavar="FILE", help="Earlier scenarios to differ from (`rvsg knowledge search --out FILE`)."),
+        typer.Option(
+            metavar="FILE",
+            help="Earlier scenarios that new ones must differ from (`rvsg knowledge search --out FILE`).",
+        ),
     ] = None,
     strategy: Annotated[
         str | None,
@@ -57,12 +59,8 @@ def run(
         str | None,
         typer.Option(metavar="FILE", help="Objects in the robot's way that its map does not show (objects.yaml)."),
     ] = None,
-    door: Annotated[
-        list[str] | None, typer.Option(metavar="NAME=STATE", help="A door that is open, closed or automatic.")
-    ] = None,
-    stack: Annotated[
-        str | None, typer.Option(help="Navigation stack under test: a name (`rvsg stacks`) or file. [nav2-dwb]")
-    ] = None,
+    door: Doors = None,
+    stack: Stack = None,
     humans: Annotated[int | None, typer.Option(min=1, max=100, help="People in a scenario. [2]")] = None,
     scenarios: Annotated[int | None, typer.Option(min=1, help="Scenarios to find. [10]")] = None,
     refinements: Annotated[int | None, typer.Option(min=0, help="Refinements of each scenario. [4]")] = None,
@@ -74,19 +72,25 @@ def run(
     budget_runs: Annotated[
         int | None, typer.Option(min=1, help="Runs of the search. [scenarios x configurations x repeats]")
     ] = None,
-    memory: Annotated[int | None, typer.Option(min=0, help="Earlier scenarios a new one differs from. [10]")] = None,
+    memory: Annotated[
+        int | None, typer.Option(min=0, help="Earlier scenarios that a new one must differ from. [10]")
+    ] = None,
     max_in_flight: Annotated[
         int | None, typer.Option(min=1, help="Attempts in progress at a time; more keep more cores busy. [1]")
     ] = None,
     abreast: Annotated[int | None, typer.Option(min=1, hidden=True)] = None,
-    error_rate: Annotated[float | None, typer.Option(help="How often a verdict may be wrong. [0.05]")] = None,
-    rare: Annotated[float | None, typer.Option(help="A violation rate up to this is rare. [0.02]")] = None,
-    often: Annotated[float | None, typer.Option(help="PASS excludes a violation rate from this on. [0.2]")] = None,
+    error_rate: Annotated[
+        float | None, typer.Option(help="Probability that a verdict is wrong, at most. [0.05]")
+    ] = None,
+    rare: Annotated[
+        float | None, typer.Option(help="Violation rate up to which violations count as rare. [0.02]")
+    ] = None,
+    often: Annotated[float | None, typer.Option(help="Violation rate that a PASS excludes. [0.2]")] = None,
     confidence: Annotated[float | None, typer.Option(help="Confidence level of intervals. [0.95]")] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Seed of everything random. [0]")] = None,
-    jobs: Annotated[int | None, typer.Option(min=1, help="Worker processes. [one per core]")] = None,
+    jobs: JobsPerCore = None,
     executor: Annotated[
-        str | None, typer.Option(help="Where runs are made: processes (of --jobs), cluster, or a plug-in. [processes]")
+        str | None, typer.Option(help="Makes the runs: processes (see --jobs), cluster, or a plug-in. [processes]")
     ] = None,
     store: Annotated[str | None, typer.Option(help="Store of the campaign: sqlite, or a plug-in. [sqlite]")] = None,
     out: Annotated[str | None, typer.Option(help="Folder of the campaign; an existing one is resumed.")] = None,
@@ -95,33 +99,41 @@ def run(
     conversation: Annotated[str | None, typer.Option(help="compact or study. [compact]")] = None,
     prompts: Annotated[str | None, typer.Option(help="Folder of prompt templates that replace ours.")] = None,
     replay: Annotated[str | None, typer.Option(help="Answer from these recordings, without a model.")] = None,
-    budget_usd: Annotated[float | None, typer.Option(help="Stop before the calls of the generator cost more.")] = None,
-    budget_calls: Annotated[int | None, typer.Option(help="Stop before more calls of a model.")] = None,
-    budget_tokens: Annotated[int | None, typer.Option(help="Stop before more tokens.")] = None,
-    generator_option: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="For the generator.")] = None,
-    simulator_option: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="For the simulator.")] = None,
-    stack_option: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="For the stack.")] = None,
-    executor_option: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="For the executor.")] = None,
-    store_option: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="For the store.")] = None,
+    budget_usd: Annotated[float | None, typer.Option(help="Limit on the cost of the calls of a model.")] = None,
+    budget_calls: Annotated[int | None, typer.Option(help="Limit on the calls of a model.")] = None,
+    budget_tokens: Annotated[int | None, typer.Option(help="Limit on the tokens of a model.")] = None,
+    generator_option: Annotated[
+        list[str] | None, typer.Option(metavar="NAME=VALUE", help="An option of the generator; repeatable.")
+    ] = None,
+    simulator_option: SimulatorOption = None,
+    stack_option: StackOption = None,
+    executor_option: Annotated[
+        list[str] | None, typer.Option(metavar="NAME=VALUE", help="An option of the executor; repeatable.")
+    ] = None,
+    store_option: Annotated[
+        list[str] | None, typer.Option(metavar="NAME=VALUE", help="An option of the store; repeatable.")
+    ] = None,
     fail_on_violation: Annotated[
-        bool | None, typer.Option("--fail-on-violation", help="Exit code 1 if the requirement is violated.")
+        bool | None, typer.Option("--fail-on-violation", help="Exit with code 1 if the requirement is violated.")
     ] = None,
     junit: Annotated[str | None, typer.Option(metavar="FILE", help="Write the verdicts as JUnit XML.")] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print the result as JSON on standard output.")] = False,
+    json: AsJson = False,
 ) -> None:
     """Find, confirm and report scenarios that make the robot violate a requirement.
 
     The search spends `scenarios` x (1 + `refinements`) x `repeats` runs, or --budget-runs, and ranks configurations by
     the share of runs that violate the limit, then by the mean objective. Strategies like `study` run each of
-    `scenarios` x (1 + `refinements`) configurations `repeats` times; `hybrid` drops early what has lost. Scenarios that
-    violated the limit are confirmed, worst first, in runs with new seeds until each verdict is certain (wrong in at
-    most --error-rate of cases) or its part of --confirmations is spent; then other configurations, until one is a FAIL;
-    then what ended without a verdict, in the runs that are left. The mission without people, and each confirmed
-    scenario without each of its people, show what the people contribute. Confirmed violations are grouped into distinct
-    failures, and the worst scenario of each is shrunk in --shrink-runs. Everything is stored in the folder --out; run
-    the same command to resume.
+    `scenarios` x (1 + `refinements`) configurations `repeats` times; `hybrid` drops losing configurations early.
 
-    An installed plug-in is given by its name, like a built-in one.
+    Scenarios that violated the limit are confirmed, worst first, in runs with new seeds. Each confirmation ends when
+    its verdict is certain (wrong in at most --error-rate of cases) or its part of --confirmations is spent. Other
+    configurations follow until one is a FAIL; then those that ended without a verdict, in the runs that are left. Runs
+    of the mission without people, and of each confirmed scenario without each of its people, show what the people
+    contribute. Confirmed violations are grouped into distinct failures, and the worst scenario of each is shrunk in
+    --shrink-runs.
+
+    Everything is stored in the folder --out; run the same command to resume. Name an installed plug-in like a built-in
+    one.
 
     Several routes or requirements make a campaign for each pair, in parallel, each in its own folder in --out.
     """
@@ -154,7 +166,7 @@ def run_campaign_of(
     as_json: bool,
     remark: Callable[[Plan, Summary], str] | None = None,
 ) -> int:
-    """Run or resume the campaign of a file's keys and of options, show what it found, and return the exit code."""
+    """Run or resume the campaign of a campaign file and options, show its results, and return the exit code."""
     started = time.monotonic()
     campaign = run_one(from_file, given)
     summary = campaign.summary()
@@ -187,7 +199,7 @@ def run_one(from_file: dict[str, Any], given: dict[str, Any]) -> Campaign:
 
 
 def _run(campaign: Campaign, *, resumed: bool) -> None:
-    """Run the campaign with progress; an interruption says how to resume."""
+    """Run the campaign with progress; on interruption, print how to resume."""
     from rvsg.api.commands import resume_command
     from rvsg.api.config import BUDGETS
     from rvsg.api.errors import BudgetSpent, GenerationError, Interrupted, SimulationError
@@ -200,7 +212,7 @@ def _run(campaign: Campaign, *, resumed: bool) -> None:
     say(_what_it_does(campaign))
     if resumed:
         there = counted(len(known), "attempt is", "attempts are")
-        say(f"Resuming {folder}: {there} there already." if known else f"Beginning again in {folder}.")
+        say(f"Resuming {folder}: {there} stored." if known else f"Starting again in {folder}.")
     how = f"Resume with: {as_started(resume_command(campaign.config))}"
     try:
         with interruptible() as interruption:
@@ -213,12 +225,12 @@ def _run(campaign: Campaign, *, resumed: bool) -> None:
     except KeyboardInterrupt:
         kept = counted(len(campaign.attempts()), "finished attempt is", "finished attempts are")
         so_far = as_started(shlex.join(["rvsg", "report", str(folder)]))
-        raise Interrupted(f"Interrupted; {kept} kept. {how}\nWhat there is so far: {so_far}") from None
+        raise Interrupted(f"Interrupted; {kept} kept. {how}\nResults so far: {so_far}") from None
     except BudgetSpent as spent:
         larger = as_started(resume_command(campaign.config, without=BUDGETS))
-        raise BudgetSpent(f"{spent} Everything so far is kept. Resume with: {larger} --budget-...") from None
+        raise BudgetSpent(f"{spent} Finished work is kept. Resume with: {larger} --budget-...") from None
     except (GenerationError, SimulationError):
-        say(f"Everything so far is kept. {how}")
+        say(f"Finished work is kept. {how}")
         raise
 
 
@@ -240,19 +252,19 @@ def _what_it_does(campaign: Campaign) -> str:
 
 
 def _show_lost(attempts: list[Attempt]) -> None:
-    """Say which replies of a model were unusable, and why attempts have no scenario."""
+    """Print how many attempts have no scenario and why, and which replies of a model were unusable."""
     from rvsg.api.words import calls_of, counted, describe_unusable
 
     search = [attempt for attempt in attempts if attempt.purpose == "search"]
     lost = [attempt for attempt in search if attempt.proposal.scenario is None]
     if lost and (problems := lost[0].proposal.problems):
-        say(f"{counted(len(lost), 'attempt')} of {len(search)} came without a scenario; the first: {problems[0]}")
+        say(f"{counted(len(lost), 'attempt')} of {len(search)} brought no scenario; the first reason: {problems[0]}")
     if unusable := describe_unusable(calls_of(search)):
         say(unusable)
 
 
 def _show(campaign: Campaign, summary: Summary, spent_s: float, *, as_json: bool) -> None:
-    """Print the ranked table, the confirmation, where the report is, and the command that repeats it."""
+    """Print the ranked table, the findings, the path of the report, and the command that repeats the campaign."""
     from rvsg.api.commands import command_for_more
     from rvsg.api.folder import REPORT
     from rvsg.api.words import Status, counted
@@ -268,14 +280,14 @@ def _show(campaign: Campaign, summary: Summary, spent_s: float, *, as_json: bool
         scenarios = sum(entry.state == "confirmed" for entry in summary.ranking)
         each = max(summary.accounting.confirmation_runs, verdict.runs * scenarios)
         more = as_started(command_for_more(campaign.config, each))
-        say(f"More confirmation runs can decide it; the same campaign with more: {more}")
+        say(f"More confirmation runs can decide it: {more}")
     account = summary.accounting
     say(
         f"{counted(account.search_runs, 'run')} of search and {account.confirmation_runs} of confirmation in "
         f"{spent_s:.0f} s; stored in {folder}"
     )
     if account.calls:
-        asked = "In the record the model" if campaign.config.replay else "The model"
+        asked = "In the recording, the model" if campaign.config.replay else "The model"
         cost = f"{account.cost_usd:.4f} USD" if account.cost_usd is not None else "cost unknown"
         say(
             f"{asked} was asked {counted(account.calls, 'time')}: {account.input_tokens} input tokens "

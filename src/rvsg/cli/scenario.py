@@ -22,13 +22,15 @@ def _several() -> None:
 def migrate(
     scenario: Annotated[Path, typer.Argument(metavar="FILE", help="A scenario or a proposal as JSON.")],
     world: Annotated[str, typer.Option(help="The world to adapt it to: a shipped world or a world folder.")],
-    route: Annotated[str | None, typer.Option(help="Drive this route of the world instead of the saved one.")] = None,
+    route: Annotated[str | None, typer.Option(help="Use this route of the world instead of the saved one.")] = None,
     reach: Annotated[float, typer.Option(min=0.0, help="How far a waypoint may move, metres.")] = 1.0,
-    out: Annotated[Path, typer.Option(metavar="FILE", help="The new scenario; - is standard output.")] = Path("-"),
+    out: Annotated[
+        Path, typer.Option(metavar="FILE", help="Write the new scenario here; - is standard output.")
+    ] = Path("-"),
 ) -> None:
-    """Adapt a scenario to a world that has changed since it was saved.
+    """Adapt a scenario to a world that has changed since the scenario was saved.
 
-    Every waypoint becomes the one nearest to where it was. The result is checked before it is written.
+    Each waypoint becomes the one nearest to its old position. RVSG checks the result before it writes it.
     """
     from rvsg.api.migration import migrate_scenario
     from rvsg.api.records import check_writable, write_text

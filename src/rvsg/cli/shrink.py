@@ -1,4 +1,4 @@
-"""`rvsg shrink`: a violating scenario becomes the smallest one that violates as often."""
+"""`rvsg shrink`: find the smallest scenario that violates a requirement about as often."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from rvsg.cli.arguments import Jobs, OtherWorld, Requirement, Simulator, SimulatorOption
 from rvsg.cli.console import print_json, say
 from rvsg.cli.frame import verb
 
@@ -19,25 +20,21 @@ app = verb()
 @app.command()
 def shrink(
     scenario: Annotated[Path, typer.Argument(help="A scenario or a proposal as JSON; - is standard input.")],
-    requirement: Annotated[str, typer.Option(help="A shipped requirement, or FILE.yaml#NAME.")] = "R1",
+    requirement: Requirement = "R1",
     repeats: Annotated[int, typer.Option(min=1, help="Runs of every simpler scenario.")] = 12,
     confirmations: Annotated[int, typer.Option(min=1, help="Confirmation runs of the original and the smallest.")] = 20,
-    keep: Annotated[float, typer.Option(min=0.01, max=1.0, help="Share of the violations that has to stay.")] = 0.8,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of everything.")] = 0,
-    world: Annotated[str | None, typer.Option(help="Instead of the world the scenario names.")] = None,
-    simulator: Annotated[str, typer.Option(help="embedded; kinematic: no physics.")] = "embedded",
-    simulator_option: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="For the simulator.")] = None,
-    jobs: Annotated[int, typer.Option(min=1, help="Worker processes for the confirmation.")] = 1,
-    out: Annotated[Path, typer.Option(help="Where the smallest scenario is written; - is standard output.")] = Path(
-        "-"
-    ),
-    json: Annotated[
-        bool, typer.Option("--json", help="Write everything that was tried, not only the scenario.")
-    ] = False,
+    keep: Annotated[float, typer.Option(min=0.01, max=1.0, help="Share of the violations that must stay.")] = 0.8,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of everything random.")] = 0,
+    world: OtherWorld = None,
+    simulator: Simulator = "embedded",
+    simulator_option: SimulatorOption = None,
+    jobs: Jobs = 1,
+    out: Annotated[Path, typer.Option(help="Write the smallest scenario here; - is standard output.")] = Path("-"),
+    json: Annotated[bool, typer.Option("--json", help="Print every step as JSON on standard output.")] = False,
 ) -> None:
     """Find the smallest scenario that violates a requirement about as often.
 
-    People, tasks, pauses and delays are removed one by one as long as the violations stay. What is left explains the
+    RVSG removes people, tasks, pauses and delays one by one as long as the violations stay. What is left explains the
     violation. Confirmation runs with new seeds show how often the original and the smallest scenario violate it.
     """
     import rvsg

@@ -1,4 +1,4 @@
-"""`rvsg simulate`: a scenario becomes runs, as a file."""
+"""`rvsg simulate`: simulate a scenario and write its runs."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from rvsg.cli.arguments import Doors, Jobs, OtherWorld, Simulator, SimulatorOption, Stack, StackOption
 from rvsg.cli.console import say
 from rvsg.cli.frame import verb
 
@@ -16,9 +17,11 @@ app = verb()
 @app.command()
 def simulate(
     scenario: Annotated[Path, typer.Argument(help="A scenario or a proposal as JSON; - is standard input.")],
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the first run; the next have the next.")] = 0,
+    seed: Annotated[
+        int, typer.Option(min=0, help="Seed of the first run; each further run takes the next integer.")
+    ] = 0,
     repeats: Annotated[int, typer.Option(min=1, help="Number of runs.")] = 1,
-    world: Annotated[str | None, typer.Option(help="Instead of the world the scenario names.")] = None,
+    world: OtherWorld = None,
     robot: Annotated[
         str | None, typer.Option(help="Instead of the scenario's robot: a shipped one (`rvsg robots`) or a robot file.")
     ] = None,
@@ -26,25 +29,21 @@ def simulate(
         Path | None,
         typer.Option(metavar="FILE", help="Objects in the robot's way that its map does not show (objects.yaml)."),
     ] = None,
-    door: Annotated[
-        list[str] | None, typer.Option(metavar="NAME=STATE", help="A door that is open, closed or automatic.")
-    ] = None,
-    stack: Annotated[
-        str | None, typer.Option(help="Navigation stack under test: a name (`rvsg stacks`) or file. [nav2-dwb]")
-    ] = None,
-    simulator: Annotated[str, typer.Option(help="embedded; kinematic: no physics.")] = "embedded",
-    simulator_option: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="For the simulator.")] = None,
-    stack_option: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="For the stack.")] = None,
-    jobs: Annotated[int, typer.Option(min=1, help="Worker processes.")] = 1,
-    out: Annotated[Path, typer.Option(help="Where the runs are written; - is standard output.")] = Path("-"),
+    door: Doors = None,
+    stack: Stack = None,
+    simulator: Simulator = "embedded",
+    simulator_option: SimulatorOption = None,
+    stack_option: StackOption = None,
+    jobs: Jobs = 1,
+    out: Annotated[Path, typer.Option(help="Write the runs here; - is standard output.")] = Path("-"),
     bag: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Write the run as a rosbag2 (MCAP) too, with all that the robot sees."),
+        typer.Option(metavar="FILE", help="Also write the run as a rosbag2 (MCAP), with everything the robot senses."),
     ] = None,
 ) -> None:
     """Simulate a scenario and write its runs, one JSON object per line.
 
-    The scenario is checked first: an unknown waypoint or a path through an obstacle never reaches a simulator.
+    RVSG checks the scenario first: it simulates no unknown waypoint and no path through an obstacle.
     """
     import rvsg
     from rvsg.api.exchange import check_bag, write_bag_of

@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from rvsg.cli import console
+from rvsg.cli.arguments import AsJson, Jobs
 from rvsg.cli.frame import verb
 
 app = verb()
@@ -20,32 +21,32 @@ def stacks(
         Path | None,
         typer.Argument(
             metavar="[SUITE|CAMPAIGN|FILE]",
-            help="With --stack: the suite or the campaigns whose scenarios are driven. A nav2_params.yaml: list what "
-            "becomes of each of its keys.",
+            help="With --stack, the suite or the campaigns whose scenarios are driven. For a nav2_params.yaml, list "
+            "what each key does.",
         ),
     ] = None,
     stack: Annotated[
         list[str] | None, typer.Option(help="A stack to compare, as for `rvsg run --stack`; repeat it for each.")
     ] = None,
     robot: Annotated[
-        list[str] | None, typer.Option(help="Drive this robot instead of the scenarios'; repeat it for several.")
+        list[str] | None, typer.Option(help="Use this robot instead of that of the scenarios; repeatable.")
     ] = None,
     runs: Annotated[int, typer.Option(min=1, help="Seeds of every scenario.")] = 10,
     scenarios: Annotated[int, typer.Option(min=1, help="How many scenarios of campaigns, the worst first.")] = 10,
-    jobs: Annotated[int, typer.Option(min=1, help="Worker processes.")] = 1,
+    jobs: Jobs = 1,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Write the comparison as a page, a figure, Markdown and JSON.")
     ] = None,
     write_clients: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Write the clients of exec: stacks, in Python and C++, and do no more."),
+        typer.Option(metavar="DIR", help="Write the clients of exec: stacks, in Python and C++, and exit."),
     ] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print the result as JSON on standard output.")] = False,
+    json: AsJson = False,
 ) -> None:
     """List the navigation stacks, or compare several on the same scenarios and seeds.
 
-    Without an argument it lists the stacks with their options; --stack of `run`, `simulate` and `suite run` takes one.
-    Your own is given as module:Class, file.py:Class or exec:COMMAND; see docs/how-to/test-your-own-stack.md.
+    Without an argument, list the stacks with their options; --stack of `run`, `simulate` and `suite run` takes one.
+    Name your own as module:Class, file.py:Class or exec:COMMAND; see docs/how-to/test-your-own-stack.md.
     """
     from rvsg.api.stacks import listed_stacks, write_clients_to
 
@@ -100,7 +101,7 @@ def _compare(
 
 
 def _print_params(path: Path, *, as_json: bool) -> None:
-    """Print what becomes of every key of a parameter file, and the stack it asks for."""
+    """Print what every key of a parameter file does, and the stack it asks for."""
     from rvsg.api.stacks import StackChoice, read_nav2_params
 
     read, chosen = read_nav2_params(path), StackChoice.of(path)

@@ -1,4 +1,4 @@
-"""`rvsg studio`: the local web page of a folder of work."""
+"""`rvsg studio`: a local web page for a folder of work."""
 
 from __future__ import annotations
 
@@ -25,21 +25,21 @@ def studio(
 ) -> None:
     """Open the studio: work with worlds, campaigns and findings in a local web page.
 
-    It shows what lies in DIR: worlds (folders with world.yaml), campaigns, suites, and running jobs.
+    It shows the worlds (folders with world.yaml), campaigns and suites in DIR, and running jobs.
 
     \b
     Home           worlds, campaigns, suites, jobs, newest findings
     Campaign       settings with an estimate; watch, pause, stop, resume; confirm a candidate now
     Finding        replay, timeline, charts; shrink, 30 more runs, without people, export, comment
-    Scenario       move people, and see what it does to the robot at once
-    World          label areas, draw routes, mend what the check finds; the YAML keeps its comments
-    Description    review what a model wrote of a world
+    Scenario       move people, and see at once what the robot does
+    World          label areas, draw routes, fix what the check finds; the YAML keeps its comments
+    Description    review what a model wrote about a world
     Compare        two campaigns side by side
-    Conversations  what a model was asked and answered, and what the checker said
+    Conversations  the prompts and replies of a model, and what the checker found
 
-    The page is served to this machine alone, and only to who has the token in the printed address. Nothing is loaded
-    from the network. Campaigns run in processes of their own: they go on when you close the page or the studio.
-    Every action shows the command line that does the same.
+    The studio serves only this machine, and only a browser with the token in the printed address. It loads nothing from
+    the network. Campaigns run in processes of their own and continue when you close the page or the studio. Every
+    action shows the command line that does the same.
 
     Needs the extra `studio`.
     """

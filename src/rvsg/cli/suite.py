@@ -1,4 +1,4 @@
-"""`rvsg suite`: scenarios that stay, run against every version."""
+"""`rvsg suite`: keep scenarios and run them against every version."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from rvsg.cli.arguments import AsJson, Jobs, Junit, OtherWorld, Simulator, SimulatorOption, Stack, StackOption
 from rvsg.cli.console import print_json, say
 from rvsg.cli.frame import verb
 
@@ -20,13 +21,13 @@ def add(
     scenario: Annotated[
         Path, typer.Argument(help="A scenario, proposal or attempt as JSON, e.g. runs/first/best.json.")
     ],
-    suite: Annotated[Path, typer.Option(help="The folder of the suite; it is made where it is not there.")],
+    suite: Annotated[Path, typer.Option(help="The folder of the suite; created if missing.")],
     requirement: Annotated[str, typer.Option(help="A shipped requirement, or FILE.yaml#NAME beside the suite.")] = "R1",
     name: Annotated[str | None, typer.Option(help="Name of the case, and of its file.")] = None,
-    title: Annotated[str | None, typer.Option(help="What people read.")] = None,
+    title: Annotated[str | None, typer.Option(help="Title of the case.")] = None,
     expect: Annotated[str, typer.Option(help="`violation` for a known failure, or `pass`.")] = "violation",
     reason: Annotated[str, typer.Option(help="Why the failure is known.")] = "",
-    world: Annotated[str | None, typer.Option(help="Where the world of the scenario is.")] = None,
+    world: OtherWorld = None,
 ) -> None:
     """Add a scenario to a suite, or one more requirement to a case that holds the same scenario."""
     from rvsg import Suite
@@ -40,12 +41,10 @@ def add(
 @app.command()
 def run(
     suite: Folder,
-    simulator: Annotated[str, typer.Option(help="What runs the scenarios.")] = "embedded",
-    simulator_option: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="For the simulator.")] = None,
-    stack: Annotated[
-        str | None, typer.Option(help="Navigation stack under test: a name (`rvsg stacks`) or file. [nav2-dwb]")
-    ] = None,
-    stack_option: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="For the stack.")] = None,
+    simulator: Simulator = "embedded",
+    simulator_option: SimulatorOption = None,
+    stack: Stack = None,
+    stack_option: StackOption = None,
     version: Annotated[str, typer.Option(help="A label for the results, e.g. a commit.")] = "",
     only: Annotated[
         list[str] | None, typer.Option(metavar="CASE", help="Only this case; repeat it for several.")
@@ -54,18 +53,20 @@ def run(
         str | None, typer.Option(help="Drive every case with this robot: a shipped one or a robot file.")
     ] = None,
     runs: Annotated[int | None, typer.Option(min=1, help="Runs of every case. [as few as decide each verdict]")] = None,
-    jobs: Annotated[int, typer.Option(min=1, help="Worker processes.")] = 1,
-    junit: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the results as JUnit XML.")] = None,
+    jobs: Jobs = 1,
+    junit: Junit = None,
     pictures: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Draw the worst run of each violating case; JUnit names the files."),
+        typer.Option(
+            metavar="DIR", help="Draw the worst run of each violating case; the JUnit file names the pictures."
+        ),
     ] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print the results as JSON on standard output.")] = False,
+    json: AsJson = False,
 ) -> None:
     """Run a suite. The exit code is 1 where a case that should pass violates its requirement.
 
-    Runs are spent where they decide: each case stops as soon as its verdict is sure. A known failure does not fail
-    the build; a fixed one is reported, and `rvsg suite update` writes it into the suite.
+    Each case stops as soon as its verdict is certain. A known failure does not fail the build. A fixed one is reported,
+    and `rvsg suite update` writes it into the suite.
     """
     from rvsg import Suite
     from rvsg.api.records import check_writable, write_text

@@ -1,4 +1,4 @@
-"""What a campaign found, as people read it in a terminal."""
+"""The results of a campaign as tables for a terminal."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def _marked(verdict: Verdict) -> str:
 
 
 def _shown_verdict(entry: Ranked) -> str:
-    """The verdict of a confirmed scenario; what the search alone found is a candidate, or nothing."""
+    """Return the verdict of a confirmed scenario, or whether the search made it a candidate."""
     said = _marked(entry.verdict) if entry.state == "confirmed" else CANDIDATE if entry.state == CANDIDATE else "–"
     return said + ("‡" if entry.seen.contacts.runs else "")
 
@@ -67,7 +67,7 @@ def _style(verdict: Verdict) -> str:
 
 
 def ranked_table(plan: Plan, summary: Summary, *, width: int = 80, rows: int = 10) -> Table:
-    """The scenarios, the one that is worst for the robot first, in `width` characters."""
+    """Return the table of scenarios, worst first, in `width` characters."""
     requirement = plan.requirement
     worse = f"{requirement.worse} is worse".replace("smaller", "lower").replace("larger", "higher")
     limit = f", limit {number(requirement.limit, requirement.unit)}" if requirement.limit is not None else ""
@@ -109,12 +109,12 @@ def _left_out(summary: Summary, rows: int) -> str:
 
 
 def _legend(summary: Summary, rows: int) -> str:
-    """What the words and marks of the rows mean, as far as they occur."""
+    """Return the legend of the words and marks that occur in the rows."""
     shown = summary.ranking[:rows]
     confirmed = [entry.verdict for entry in shown if entry.state == "confirmed"]
     said = []
     if confirmed:
-        said.append("A verdict is that of the confirmation runs.")
+        said.append("Verdicts are those of the confirmation runs.")
     if any(entry.state == CANDIDATE for entry in shown):
         said.append("A candidate violated in the search and is not confirmed.")
     if any(map(still_open, confirmed)):
@@ -127,7 +127,7 @@ def _legend(summary: Summary, rows: int) -> str:
 
 
 def matrix_table(found: Sequence[tuple[Plan, Summary]]) -> Table:
-    """What campaigns on several routes and requirements found, one a line: its worst confirmed scenario."""
+    """Return the table of several campaigns, with the worst confirmed scenario of each."""
     table = Table(box=SIMPLE_HEAD, pad_edge=False, caption_justify="left")
     table.add_column("campaign", overflow="fold", min_width=len("campaign"))
     table.add_column("worst [95 %]", justify="right", no_wrap=True)
@@ -153,14 +153,14 @@ def matrix_table(found: Sequence[tuple[Plan, Summary]]) -> Table:
         table.add_row(name, interval(verdict, unit), Text(said, style=_style(verdict)), often)
         opened = opened or still_open(verdict)
     notes = [MARK_OPEN] if opened else []
-    notes += ["* of the search alone, not confirmed"] if unconfirmed else []
+    notes += ["* from the search only, not confirmed"] if unconfirmed else []
     notes += [TOUCHED] if touched else []
     table.caption = "\n".join(notes) or None
     return table
 
 
 def without_common_beginning(texts: list[str]) -> list[str]:
-    """The texts without the words that all of them begin with, where there are two or more."""
+    """Return the texts without the words that all of them begin with, if there are two or more."""
     words = [text.split(" ") for text in texts]
     same = 0
     if len(words) > 1:
@@ -178,7 +178,7 @@ def how_far(plan: Plan, summary: Summary) -> str:
 
 
 def show_findings(campaign: Campaign, summary: Summary) -> None:
-    """Print what the worst confirmation means, a line for each other one, and the candidates."""
+    """Print the worst finding in full, one line for each other finding, and the candidates."""
     if not summary.ranking:
         say("No valid scenario was found.")
         return
@@ -207,7 +207,7 @@ def show_findings(campaign: Campaign, summary: Summary) -> None:
 
 
 def show_front(front: Front) -> None:
-    """Print the configurations that none beats by every requirement."""
+    """Print the configurations that no other one beats on every requirement."""
     title = (
         f"{counted(len(front.points), 'configuration')} on the Pareto front, hypervolume {number(front.hypervolume)}"
     )
@@ -222,7 +222,7 @@ def show_front(front: Front) -> None:
 
 
 def show_map(cells: Sequence[MapCell]) -> None:
-    """Print what breaks where: the kinds of encounters in which the requirement was violated."""
+    """Print the kinds of encounters in which the requirement was violated."""
     broken = [cell for cell in cells if cell.violations]
     table = Table(title=f"{len(broken)} of {counted(len(cells), 'kind')} of encounters violate", title_justify="left")
     for name in ("way", "place", "who", "encounter", "mean", "violations", "attempt"):

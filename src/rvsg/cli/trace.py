@@ -1,4 +1,4 @@
-"""`rvsg trace`: simulate a run again with everything recorded."""
+"""`rvsg trace`: repeat a run and record everything."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from rvsg.cli.arguments import OtherWorld, SimulatorOption, Stack, StackOption
 from rvsg.cli.console import say
 from rvsg.cli.frame import verb
 
@@ -18,22 +19,22 @@ def trace(
     source: Annotated[Path, typer.Argument(help="The folder of a campaign, a file of runs, or a scenario.")],
     out: Annotated[
         list[Path] | None,
-        typer.Option(help="The file to write: .mcap or .json (repeatable). [traces/RUN.trace.json in the folder]"),
+        typer.Option(help="The file to write, .mcap or .json; repeatable. [traces/RUN.trace.json in the folder]"),
     ] = None,
     run: Annotated[
         str | None, typer.Option(help="The id of a run. [the worst run of the worst finding; the first of a file]")
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="The seed with which a scenario is simulated.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the run of a scenario.")] = 0,
     scenario: Annotated[Path | None, typer.Option(help="The scenario of a file of runs.")] = None,
-    world: Annotated[str | None, typer.Option(help="Where the world is now, if it was moved.")] = None,
-    simulator_option: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="For a scenario.")] = None,
-    stack: Annotated[str | None, typer.Option(help="For a scenario: the stack under test. [nav2-dwb]")] = None,
-    stack_option: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="For the stack.")] = None,
+    world: OtherWorld = None,
+    simulator_option: SimulatorOption = None,
+    stack: Stack = None,
+    stack_option: StackOption = None,
 ) -> None:
-    """Simulate a run again with everything recorded: scans, costmaps, plans, trajectories tried, behaviour tree.
+    """Repeat a run and record everything: scans, costmaps, plans, candidate trajectories, behaviour tree.
 
-    Runs are deterministic, so this is the run that was stored; one that cannot be repeated is refused. A .json file
-    is shown by the report: in the folder of a campaign, the page is written again with it.
+    Runs are deterministic, so this is the stored run; a run that cannot be repeated is refused. The report shows a
+    .json trace: in the folder of a campaign, RVSG writes the page again with it.
     """
     from rvsg.api.tracing import check_trace_files, trace_file_beside, trace_source
     from rvsg.cli.options import spec, stack_spec

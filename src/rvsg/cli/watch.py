@@ -1,4 +1,4 @@
-"""`rvsg watch`: what a robot does decides what is tested next."""
+"""`rvsg watch`: monitor a robot, and test next what its runs suggest."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from rvsg.cli.arguments import Jobs, Simulator, SimulatorOption, StackOption
 from rvsg.cli.console import as_started, say
 from rvsg.cli.frame import verb
 
@@ -20,9 +21,9 @@ def watch(
         Path | None, typer.Option(metavar="DIR", help="A folder of recordings (rosbag2, MCAP), or of campaigns.")
     ] = None,
     out: Annotated[
-        Path, typer.Option(help="Folder of the journal, the log and the plans; resumed where it is.")
+        Path, typer.Option(help="Folder of the journal, the log and the plans; an existing one is resumed.")
     ] = Path("runs/watch"),
-    cycles: Annotated[int | None, typer.Option(min=1, help="Stop after so many cycles.")] = None,
+    cycles: Annotated[int | None, typer.Option(min=1, help="Stop after this many cycles.")] = None,
     duration: Annotated[
         str | None, typer.Option("--for", metavar="TIME", help="Stop after a time, e.g. 90s, 15m or 1h.")
     ] = None,
@@ -32,28 +33,28 @@ def watch(
         Path | None, typer.Option(metavar="FILE", help="What makes a plan legitimate. [SUITE/rules/rules.yaml]")
     ] = None,
     approve: Annotated[
-        str | None, typer.Option(metavar="PLAN", help="Approve a plan or change that waits, and end.")
+        str | None, typer.Option(metavar="PLAN", help="Approve a waiting plan or change, and exit.")
     ] = None,
-    generator: Annotated[str, typer.Option(help="Who writes variants.")] = "heuristic",
-    simulator: Annotated[str, typer.Option(help="What runs the plans.")] = "embedded",
-    simulator_option: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="For the simulator.")] = None,
+    generator: Annotated[str, typer.Option(help="Generator that writes variants.")] = "heuristic",
+    simulator: Simulator = "embedded",
+    simulator_option: SimulatorOption = None,
     stack: Annotated[
         str | None,
         typer.Option(help="Navigation stack under test; a parameter file is read again when it changes. [nav2-dwb]"),
     ] = None,
-    stack_option: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="For the stack.")] = None,
+    stack_option: StackOption = None,
     knowledge: Annotated[
         str | None, typer.Option(metavar="FILE|URL", help="The knowledge base. [OUT/knowledge.sqlite]")
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of what is planned.")] = 0,
-    jobs: Annotated[int, typer.Option(min=1, help="Worker processes.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the plans.")] = 0,
+    jobs: Jobs = 1,
 ) -> None:
-    """Watch a robot, and let what is seen decide what is tested next.
+    """Monitor a robot, and test next what its runs suggest.
 
-    Monitor reads new runs, Analyse judges them by the requirements of the suite, Plan writes scenarios for what is near
-    its limit, for places never tested and for a new version, Legitimate accepts or refuses each by declared rules,
-    Execute runs it, Knowledge keeps it and writes new failures into the suite. OUT/watch.log says what was done and
-    why.
+    Each cycle has five parts. Monitor reads new runs. Analyse judges them by the requirements of the suite. Plan writes
+    scenarios for values near a limit, for untested places and for a new version. Legitimate accepts or refuses each
+    plan by declared rules. Execute runs it, stores the result in the knowledge base and adds new failures to the suite.
+    OUT/watch.log records what was done and why.
     """
     from rvsg.api import watching
     from rvsg.api.errors import Interrupted
@@ -83,5 +84,5 @@ def watch(
         )
     except KeyboardInterrupt:
         command = as_started(f"rvsg watch {suite} --monitor {monitor} --out {out}")
-        raise Interrupted(f"Interrupted; everything finished is kept. Go on with: {command}") from None
+        raise Interrupted(f"Interrupted; finished work is kept. Resume with: {command}") from None
     say(f"{journal.cycle} cycles, {journal.spent} runs; the log is {journal.words}")

@@ -1,4 +1,4 @@
-"""`rvsg world`: make a world from a map, check it, draw it, show it."""
+"""`rvsg world`: make, check, draw, show and compare worlds."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from rvsg.cli.arguments import AsJson
 from rvsg.cli.console import as_started, print_json, say
 from rvsg.cli.frame import verb
 from rvsg.cli.model_options import BaseUrl, BudgetCalls, BudgetUsd, Model, Prices, Record, Replay
@@ -17,16 +18,14 @@ from rvsg.cli.model_options import BaseUrl, BudgetCalls, BudgetUsd, Model, Price
 if TYPE_CHECKING:
     from rvsg.api.authoring import Created, Remark, World
 
-app = verb(no_args_is_help=True, help="Make a world from a map, check it, draw it, show it.")
+app = verb(no_args_is_help=True, help="Make, check, draw, show and compare worlds.")
 
 WorldName = Annotated[str, typer.Argument(metavar="WORLD", help="A shipped world or a world folder.")]
 Robot = Annotated[
-    str | None, typer.Option(help="A shipped robot (`rvsg robots`) or a robot file that drives here. [tiago_omni]")
+    str | None,
+    typer.Option(help="The robot that drives here: a shipped one (`rvsg robots`) or a robot file. [tiago_omni]"),
 ]
-AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON on standard output.")]
-NoSimulation = Annotated[
-    bool, typer.Option("--no-simulation", help="Do not drive routes and walk hops in the simulator.")
-]
+NoSimulation = Annotated[bool, typer.Option("--no-simulation", help="Do not try routes and hops in the simulator.")]
 
 
 @app.command("new")
@@ -39,17 +38,18 @@ def new(
         Path | None, typer.Option(metavar="FILE", help="A Gazebo world (.world, .sdf) or a room in URDF.")
     ] = None,
     objects: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Our own objects.yaml: oriented boxes and polygons.")
+        Path | None, typer.Option(metavar="FILE", help="An objects.yaml: oriented boxes and polygons.")
     ] = None,
-    title: Annotated[str, typer.Option(help="How the world is called in pictures and reports.")] = "",
+    title: Annotated[str, typer.Option(help="Title of the world in pictures and reports.")] = "",
     spacing: Annotated[float | None, typer.Option(help="Metres between waypoints. [1, more in a large map]")] = None,
     human_clearance: Annotated[float, typer.Option(help="Metres a person keeps from obstacles on a waypoint.")] = 0.3,
     robot_clearance: Annotated[
-        float | None, typer.Option(help="Metres the robot needs to fit. [0.3, or half of its width and 0.05]")
+        float | None,
+        typer.Option(help="Metres from an obstacle at which the robot fits. [0.3, or half its width plus 0.05]"),
     ] = None,
     robot: Robot = None,
     free_thresh: Annotated[
-        float | None, typer.Option(min=0, max=1, help="With --map: instead of the map's own free_thresh.")
+        float | None, typer.Option(min=0, max=1, help="With --map: use this instead of the map's free_thresh.")
     ] = None,
     model_path: Annotated[
         list[Path] | None, typer.Option(metavar="DIR", help="With --sdf: a folder of models; repeatable.")
@@ -64,7 +64,7 @@ def new(
     ] = None,
     without: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME", help="With --sdf: leave out models of this name (robot*); repeatable."),
+        typer.Option(metavar="NAME", help="With --sdf: leave out models with this name (robot*); repeatable."),
     ] = None,
     box_for_unreadable: Annotated[
         bool,
@@ -91,8 +91,8 @@ def new(
 
     The map is a Nav2 map, a Gazebo world or a file of objects.
 
-    Labels and routes are proposals: read the README in the folder, edit them, then `rvsg world check DIR`.
-    Each proposed route is driven once in the simulator; one that the robot cannot drive alone is not proposed.
+    Labels and routes are proposals: read the README in the folder, edit them, then run `rvsg world check DIR`. RVSG
+    drives each route once in the simulator before it proposes it.
     """
     given = {key: value for key, value in locals().items() if key not in ("folder", "no_simulation", "json", "robot")}
     given |= {name: [_numbers(f"--{name}", "X,Y", at) for at in given[name] or ()] for name in ("indoors", "outdoors")}
@@ -114,12 +114,12 @@ def check(
     no_simulation: NoSimulation = False,
     json: AsJson = False,
 ) -> None:
-    """List everything that is wrong or suspicious in a world folder, with file and line.
+    """List every error and warning in a world folder, with file and line.
 
-    The robot drives every route and a person walks every hop in the simulator, with nobody else about. The results are
-    kept, so that a world that has not changed is checked at once.
+    The robot drives every route and a person walks every hop in the simulator, alone. The results are cached, so
+    checking an unchanged world takes no time.
 
-    Exit code 2 if something is wrong, 0 if there are only warnings or nothing.
+    Exits with code 2 if there is an error, with 0 if there are only warnings or nothing.
     """
     from rvsg.api.authoring import check_world, trial_of
     from rvsg.api.world_folders import folder_named, other_robot
@@ -136,9 +136,11 @@ def check(
 @app.command()
 def draw(
     world: WorldName,
-    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Where to. [pictures in the world folder]")] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Write the pictures here. [pictures in the world folder]")
+    ] = None,
     what: Annotated[Literal["all", "labels", "grid", "birdseye", "svg"], typer.Option(help="Which picture.")] = "all",
-    route: Annotated[str | None, typer.Option(help="Draw this route of the world on them.")] = None,
+    route: Annotated[str | None, typer.Option(help="Also draw this route.")] = None,
     width: Annotated[int, typer.Option(help="Width in pixels, 400 to 6000.")] = 1600,
     colours: Annotated[str, typer.Option(help="Palette: light, grey or dark.")] = "light",
     window: Annotated[
@@ -148,8 +150,8 @@ def draw(
 ) -> None:
     """Draw the pictures that people and VLMs see.
 
-    Labelled map, grid of waypoints and bird's-eye view as PNG, or an SVG plan.
-    Where the names of the waypoints are too many for one picture of the grid, it is also drawn in parts.
+    Labelled map, grid of waypoints and bird's-eye view as PNG, or an SVG plan. A grid with too many names for one
+    picture is also drawn in parts.
     """
     from rvsg.api.authoring import load_world
     from rvsg.api.world_folders import draw_world
@@ -208,7 +210,7 @@ def diff(
 ) -> None:
     """Compare two versions of a world.
 
-    Changes that can make a saved scenario invalid or different are marked with an asterisk: map, objects, waypoints.
+    An asterisk marks changes that can make a saved scenario invalid or different: map, objects, waypoints.
     """
     from rvsg.api.authoring import differences, load_world
 
@@ -223,14 +225,11 @@ def diff(
         print_json([difference.model_dump(mode="json") for difference in found])
 
 
-# --- parts --------------------------------------------------------------------------------------------------------
-
-
 PROGRESS_EVERY_S = 2.0
 
 
 def _progress() -> Callable[[str], None]:
-    """Return a function that shows a line of progress, at most one every two seconds."""
+    """Return a function that prints a line of progress, at most one every two seconds."""
     last = time.monotonic()
 
     def show(line: str) -> None:
@@ -301,7 +300,7 @@ def _show_created(created: Created, remarks: tuple[Remark, ...], folder: Path) -
     for note in created.notes:
         say(f"Note: {note}")
     if str(folder) in shipped_worlds():
-        say(f"Note: a world that ships has this name too; where a world is asked for, write ./{folder}.")
+        say(f"Note: a shipped world has the same name. Write ./{folder} to use this one.")
     _show_remarks(remarks)
     draw = as_started(shlex.join(["rvsg", "world", "draw", str(folder)]))
     say(f"Next: edit labels.yaml and routes.yaml (they are proposals), then: {draw}")
@@ -321,8 +320,8 @@ def name(
 ) -> None:
     """Let a vision language model propose names for the areas of a world, and accept them one by one.
 
-    Accepted names are written into labels.yaml; its comments stay. With --json the proposals are printed, and nothing
-    is written.
+    RVSG writes accepted names into labels.yaml and keeps its comments. With --json, it prints the proposals and writes
+    nothing.
     """
     from rvsg.api.authoring import load_world
     from rvsg.api.describing import propose_names
@@ -348,7 +347,7 @@ def name(
         if typer.confirm("Accept", default=False, err=True):
             edit_world(folder, {"what": "change area", "name": each.area, "values": {"name": each.name}}).apply()
     if not proposed.names:
-        say("No other name is proposed.")
+        say("The model proposes no other name.")
 
 
 def _show_remarks(remarks: tuple[Remark, ...]) -> None:
@@ -356,9 +355,9 @@ def _show_remarks(remarks: tuple[Remark, ...]) -> None:
         say(f"{remark}")
     serious = sum(remark.serious for remark in remarks)
     if not remarks:
-        say("Nothing is wrong.")
+        say("No errors and no warnings.")
     else:
-        say(f"{serious} wrong, {len(remarks) - serious} suspicious.")
+        say(f"{serious} errors, {len(remarks) - serious} warnings.")
 
 
 def _remark_json(remark: Remark) -> dict[str, Any]:
