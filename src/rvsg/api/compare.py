@@ -49,7 +49,7 @@ class Row(Record):
     """The result of one campaign of a comparison.
 
     Attributes:
-        confirmed_mean: Mean objective of the best configuration in confirmation runs; None where nothing was measured.
+        confirmed_mean: Mean objective of the best configuration in confirmation runs; None if nothing was measured.
         search_mean: What the search measured of the same configuration.
         violation_probability: Share of those confirmation runs that violate the requirement.
         distinct_failures: Number of failure modes among the confirmed candidates.
@@ -95,7 +95,7 @@ class Row(Record):
 
 
 def read_rows(path: Path) -> list[Row]:
-    """Return the rows of a file; none where there is no such file."""
+    """Return the rows of a file; none if there is no such file."""
     if not path.exists():
         return []
     try:
@@ -232,7 +232,7 @@ class _Confirmed:
         self._best: tuple[Attempt, FailureMode | None] | None = None
 
     def best(self, attempt: Attempt) -> Verdict:
-        """The verdict on the best configuration."""
+        """Return the verdict on the best configuration."""
         scenario = attempt.proposal.scenario
         assert scenario is not None
         runs, measurements = self._run(scenario, self.seeds)
@@ -242,7 +242,7 @@ class _Confirmed:
         return verdict
 
     def failure_modes(self) -> list[FailureMode]:
-        """The failure modes that are confirmed, in order, with at most `confirmations` further runs."""
+        """Return the failure modes that are confirmed, in order, with at most `confirmations` further runs."""
         requirement = self.wired.plan.requirement
         modes = [self._best[1]] if self._best and self._best[1] else []
         begun = self.runs
@@ -272,7 +272,7 @@ class _Confirmed:
         return usual_mode(runs, self.wired.world)
 
     def _mode(self, runs: Sequence[Run], measurements: Sequence[Measurement]) -> FailureMode | None:
-        """The mode that most of the violating runs show."""
+        """Return the mode that most of the violating runs show."""
         bad = {m.run_id for m in measurements if self._violates(m)}
         shown = [run for run in runs if run.id in bad]
         self.shown += shown[:1]
@@ -366,7 +366,7 @@ def table(rows: Sequence[Row]) -> list[dict[str, Any]]:
 
 
 def _values(rows: Iterable[Row]) -> list[float]:
-    """The confirmed means, with the sign turned so that larger is worse for the robot."""
+    """Return the confirmed means, with the sign turned so that larger is worse for the robot."""
     known = [(row.worse, row.confirmed_mean) for row in rows]
     return [-mean if worse == "smaller" else mean for worse, mean in known if mean is not None]
 
@@ -394,6 +394,6 @@ def _mean(values: Sequence[float | None]) -> float | None:
 
 
 def _ratio(first: Sequence[Row], second: Sequence[Row]) -> float | None:
-    """Return how many times as many distinct failures per campaign; None where the second finds none."""
+    """Return how many times as many distinct failures per campaign; None if the second finds none."""
     a, b = (_mean([float(row.distinct_failures) for row in rows]) for rows in (first, second))
     return a / b if a is not None and b else None

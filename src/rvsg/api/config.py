@@ -100,7 +100,7 @@ class CampaignConfig(Record):
     @model_validator(mode="before")
     @classmethod
     def _usual_strategy(cls, values: Any) -> Any:
-        """Where a model writes, a strategy that is left out is the study's."""
+        """Return where a model writes, a strategy that is left out is the study's."""
         if isinstance(values, dict) and "strategy" not in values:
             asked = values.get("generator") == "vlm" or values.get("model") or values.get("replay")
             return {**values, "strategy": "study"} if asked else values

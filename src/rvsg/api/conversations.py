@@ -53,7 +53,7 @@ class Conversation(Record):
     """Empty where the calls were not recorded."""
 
     def holds(self, words: str) -> bool:
-        """Whether a text stands anywhere in it, in whatever case."""
+        """Return whether a text stands anywhere in it, in whatever case."""
         texts = [self.reasoning, self.description, *self.findings, *self.problems]
         texts += [text for turn in self.turns for text in (turn.answer, turn.error, *(t for _, t in turn.given))]
         return any(words.casefold() in text.casefold() for text in texts)
@@ -91,7 +91,7 @@ def conversations_of(campaign: Campaign) -> tuple[Conversation, ...]:
 
 
 def recording_of(campaign: Campaign) -> Recording | None:
-    """Return the record of a campaign's calls: beside it, or the one it was replayed from; None where there is none."""
+    """Return the record of a campaign's calls: beside it, or the one it was replayed from; None if there is none."""
     replayed = campaign.config.replay
     for folder in (campaign.folder / "vlm", *([Path(replayed)] if replayed else [])):
         if (folder / "calls.jsonl").is_file():

@@ -48,7 +48,7 @@ class EnvironmentSession:
 def open_session(
     world: World, model: str | None, record: Path | None, prompts: Path | None, **access: Any
 ) -> EnvironmentSession | None:
-    """Return a session with a model, or None where neither a model nor a replay is named.
+    """Return a session with a model, or None if neither a model nor a replay is named.
 
     Calls are recorded, by default in `runs/describe-WORLD`, so that the same call resumes without paying twice.
     """

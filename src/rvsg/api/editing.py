@@ -102,11 +102,11 @@ class History:
         self._write({"done": done, "undone": []})
 
     def undo(self) -> None:
-        """Undo the last change; InputError where there is none."""
+        """Undo the last change; InputError if there is none."""
         self._move("done", "undone", undo=True)
 
     def redo(self) -> None:
-        """Make the change again that was undone last; InputError where there is none."""
+        """Make the change again that was undone last; InputError if there is none."""
         self._move("undone", "done", undo=False)
 
     @property

@@ -17,7 +17,7 @@ TRIAL_RUNS = 2
 
 
 class Estimate(Record):
-    """What a campaign will take, at most. None where nothing is known to estimate it from."""
+    """What a campaign will take, at most. None if nothing is known to estimate it from."""
 
     runs: int
     """Runs of search and confirmation."""

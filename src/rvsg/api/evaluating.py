@@ -49,7 +49,7 @@ class Judgement:
 
     @property
     def violation_probability(self) -> float | None:
-        """The share of runs that violate the requirement; None where none is judged."""
+        """The share of runs that violate the requirement; None if none is judged."""
         return self.verdict.violation_probability
 
     @property
@@ -59,7 +59,7 @@ class Judgement:
 
     @property
     def more_runs(self) -> int:
-        """The fewest further runs that can decide the verdict; 0 where it is decided or the budget is spent."""
+        """The fewest further runs that can decide the verdict; 0 if it is decided or the budget is spent."""
         objectives = [measured.objective for measured in self.measurements]
         return next_repeats(self.requirement, objectives, procedure=self.procedure)
 

@@ -161,7 +161,7 @@ def import_agents(
 
 
 def _human(agent: HumanAgent) -> Human:
-    """A person whose free points are the goals of an agent."""
+    """Return a person whose free points are the goals of an agent."""
     points = {f"goal {k}": goal for k, goal in enumerate(agent.goals, start=1)}
     names = tuple(points)
     stays = len(names) == 1

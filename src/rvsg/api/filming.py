@@ -87,7 +87,7 @@ def shot_of_run(run: Run, measured: Measurement, requirement: Requirement, world
 
 
 def worst_run(campaign: Campaign, attempts: list[Attempt]) -> tuple[Attempt, Measurement]:
-    """Return the worst run of the worst finding of a campaign, and its attempt; InputError where there is none."""
+    """Return the worst run of the worst finding of a campaign, and its attempt; InputError if there is none."""
     chosen = campaign.summary().confirmed or best_attempt(attempts, campaign.requirement)
     if chosen is None or not chosen.measurements:
         raise InputError(f"{campaign.folder}: this campaign holds no run yet.")
@@ -101,7 +101,7 @@ def worst_run(campaign: Campaign, attempts: list[Attempt]) -> tuple[Attempt, Mea
 
 
 def chosen_run(runs: list[Run], run: str | None) -> Run:
-    """Return the run of an id, or the first; UnknownName where there is none of that id."""
+    """Return the run of an id, or the first; UnknownName if there is none of that id."""
     known = {each.id: each for each in runs}
     if run is None:
         return runs[0]
@@ -117,7 +117,7 @@ def _plain(run: Run, world: World, robot: Robot | None) -> Shot:
 
 
 def _judged(facts: RunFacts, requirement: Requirement, t_s: float) -> str:
-    """What the requirement measures up to a time, with its limit."""
+    """Return what the requirement measures up to a time, with its limit."""
     known = [float(v) for t, v in zip(facts.curve.t, facts.curve.value, strict=True) if t <= t_s and v == v]
     if not known:
         return ""

@@ -32,7 +32,7 @@ BEFOREHAND = ("prompts", "vlm")
 
 
 def store_of(folder: Path) -> tuple[str, dict[str, Any]] | None:
-    """Name and options of the store that keeps the campaign of a folder; None where there is no campaign."""
+    """Name and options of the store that keeps the campaign of a folder; None if there is no campaign."""
     try:
         if not exists(folder / STORE):
             return ("sqlite", {}) if exists(folder / LEDGER) else None
@@ -61,7 +61,7 @@ def opened(folder: Path, store: str, options: Mapping[str, Any]) -> Iterator[Led
 
 @contextlib.contextmanager
 def reading(store: Path) -> Iterator[Ledger]:
-    """The store of a campaign's folder, or the ledger file itself, opened to be read; StoreError where none is."""
+    """The store of a campaign's folder, or the ledger file itself, opened to be read; StoreError if none is."""
     known = store_of(store) if store.is_dir() else None
     if known is not None and known[0] != "sqlite":
         ledger: Ledger = plugins.make("store", known[0], known[1], store / f"ledger.{known[0]}")
@@ -100,7 +100,7 @@ def check_out(folder: Path) -> None:
 
 
 def make_folder(folder: Path, *, option: str = "--out") -> None:
-    """Make the folder that an option names and prove that files can be written in it; FileError where not."""
+    """Make the folder that an option names and prove that files can be written in it; FileError if that fails."""
     probe = folder / f".writable-{os.getpid()}"
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -31,7 +31,7 @@ class Match(Record):
 
     entry: Entry
     similarity: float | None = None
-    """Of its description with what was searched for, at most 1; None where nothing was."""
+    """Of its description with what was searched for, at most 1; None if nothing was."""
     origins: tuple[str, ...] = ()
 
 

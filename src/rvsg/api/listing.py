@@ -208,7 +208,7 @@ class _Kept(Record):
 
 
 def _read_cache(path: Path) -> dict[str, _Kept]:
-    """Return what was kept; nothing where the file is missing, cut off or of another version: it is only a cache."""
+    """Return what was kept; nothing if the file is missing, cut off or of another version: it is only a cache."""
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
         if found["format"] != FORMAT:

@@ -58,7 +58,7 @@ ENDING_S = 20.0
 
 @dataclass(frozen=True, kw_only=True)
 class Ended:
-    """A campaign of a matrix ended: with an error, or None where it is finished or was cancelled."""
+    """A campaign of a matrix ended: with an error, or None if it is finished or was cancelled."""
 
     error: BaseException | None
 
@@ -114,7 +114,7 @@ class Matrix:
 
     @classmethod
     def open(cls, folder: Path) -> Matrix:
-        """Open the matrix stored in a folder; InputError where there is none."""
+        """Open the matrix stored in a folder; InputError if there is none."""
         found = cls.of({}, {"out": str(folder)})
         if found is None:
             raise InputError(f"{folder}: this folder holds no campaigns on several routes or requirements.")
@@ -300,7 +300,7 @@ def _asked(every: Sequence[Pair], given: Sequence[bool], stored: Sequence[Pair])
 
 
 def _stored(folder: Path) -> dict[str, Any]:
-    """Return the settings of the matrix stored in a folder; empty where there is none."""
+    """Return the settings of the matrix stored in a folder; empty if there is none."""
     file = next((folder / name for name in (MATRIX, CELLS) if exists(folder / name)), folder / MATRIX)
     try:
         if not exists(file):

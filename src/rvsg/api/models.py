@@ -56,7 +56,7 @@ __getattr__ = lazily(
 
 
 def reach(model: str | None, record: Path | None, **access: Any) -> Wiring:
-    """Return a model ready to be asked; InputError where neither a model nor a replay is named."""
+    """Return a model ready to be asked; InputError if neither a model nor a replay is named."""
     given = {key: value for key, value in access.items() if value is not None}
     return wired(model, Access.of(given, record=record))
 
@@ -79,7 +79,7 @@ def named_in(text: str, world: World) -> list[tuple[str, Literal["text", "known"
 
 
 def answered_from_record(wiring: Wiring) -> str | None:
-    """Return that answers were taken from the record of an earlier session; None where none was."""
+    """Return that answers were taken from the record of an earlier session; None if none was."""
     known, recording = wiring.model.from_record, wiring.recording
     if wiring.replaying or recording is None or not known:
         return None

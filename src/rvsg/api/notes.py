@@ -34,7 +34,7 @@ class Notes(Record):
 
 
 def notes_of(folder: Path) -> Notes:
-    """Return the notes beside a campaign; none where there is no such file.
+    """Return the notes beside a campaign; none if there is no such file.
 
     Raises:
         FileError: the file cannot be used; names the line.

@@ -51,7 +51,7 @@ def propose(
         feedback: what an earlier scenario measured; the proposal refines that one.
 
     Returns:
-        The proposal. Its `scenario` is None where nothing valid came of it; `problems` says why.
+        The proposal. Its `scenario` is None if nothing valid came of it; `problems` says why.
     """
     place = as_world(world)
     taken = place.route(route) if isinstance(route, str) else route

@@ -62,7 +62,7 @@ class CampaignRecord(Record):
 
     @classmethod
     def read(cls, settings: Mapping[str, Any]) -> Self | None:
-        """Return the record stored as the settings of a campaign; None where they are of an import or a script.
+        """Return the record stored as the settings of a campaign; None if they are of an import or a script.
 
         Records of RVSG 0.1 are read, too.
 

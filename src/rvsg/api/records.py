@@ -123,7 +123,7 @@ def read_runs(paths: Iterable[Path]) -> list[Run]:
 
 
 def _impossible(run: Run) -> str:
-    """Return why a run is impossible; empty where it is not."""
+    """Return why a run is impossible; empty if it is not."""
     if not len(run.trajectory) or not len(run.log):
         return "this run holds no moment; its arrays are empty."
     named = {name: getattr(run, name) for name in ("time_limit_s", "clock_ratio", "robot_radius_m")}

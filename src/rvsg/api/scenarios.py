@@ -144,7 +144,7 @@ def with_doors(scenario: Scenario, states: Mapping[str, State], world: World) ->
 
 
 def check(scenario: Scenario, world: World | str | Path | None = None) -> tuple[Finding, ...]:
-    """Return every rule the scenario breaks; empty where it is valid."""
+    """Return every rule the scenario breaks; empty if it is valid."""
     place = world_of(scenario.mission, world)
     return validity.check(scenario.people, scenario.mission, place)
 

@@ -125,7 +125,7 @@ class RunSet:
 
     @property
     def measurements(self) -> Sequence[Mapping[str, float | None]]:
-        """Every metric of every run; None where a metric has no value for a run."""
+        """Every metric of every run; None if a metric has no value for a run."""
         if "all" not in self._values:
             from rvsg.evaluation.metrics import measure
 

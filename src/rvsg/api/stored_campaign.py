@@ -72,7 +72,7 @@ class StoredCampaign:
 
     @property
     def world(self) -> World:
-        """The world of its mission; InputError where that world has changed since."""
+        """The world of its mission; InputError if that world has changed since."""
         typed = self.record.config["world"]
         return world_of(self.plan.mission, near=(Path(self._paths.get(typed, typed)),))
 
@@ -129,7 +129,7 @@ class StoredCampaign:
 
     @property
     def front(self) -> Front | None:
-        """The Pareto front of its requirements and its hypervolume; None where it has only one requirement."""
+        """The Pareto front of its requirements and its hypervolume; None if it has only one requirement."""
         return front_of(self.plan, self.attempts()) if self.plan.also else None
 
     def result(self) -> dict[str, Any]:

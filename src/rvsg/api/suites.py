@@ -248,7 +248,7 @@ class Suite:
 
 
 def _asked(simulator: str | Spec | Simulator, stack: StackLike | None) -> Spec | None:
-    """Return what was asked for as data, or None where an object was given."""
+    """Return what was asked for as data, or None if an object was given."""
     if not isinstance(simulator, str | Spec) or not isinstance(stack, str | Path | Spec | Mapping | None):
         return None
     return with_stack(simulator, stack)
@@ -315,7 +315,7 @@ def requirement_of(expectation: Expectation, folder: Path, route: Route | None =
 
 
 def _requirement(name: str, folder: Path) -> str:
-    """A requirement's file is looked for beside the suite."""
+    """Return a requirement's file is looked for beside the suite."""
     file, hash_, key = name.partition("#")
     return f"{folder / file}{hash_}{key}" if file.endswith((".yaml", ".yml")) else name
 

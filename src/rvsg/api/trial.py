@@ -154,7 +154,7 @@ class SimulatedTrial:
         }
 
     def _known(self, key: str, kind: TypeAdapter[T]) -> T | None:
-        """Return a result that is kept; None where there is none, or where its file is damaged."""
+        """Return a result that is kept; None if there is none, or where its file is damaged."""
         if self.cache is None or not exists(self.cache / f"{key}.json"):
             return None
         path = self.cache / f"{key}.json"

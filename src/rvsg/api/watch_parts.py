@@ -132,7 +132,7 @@ class SuiteAnalyser:
     versions: Callable[[], Sequence[str]]
     """The versions that were acted on, in their order."""
     subject: Callable[[], str] = lambda: ""
-    """The version of the stack under test; empty where it has none."""
+    """The version of the stack under test; empty if it has none."""
     learned: Callable[[], Sequence[Entry]] = lambda: ()
     """What is known already; places in it are tested."""
 
@@ -144,7 +144,7 @@ class SuiteAnalyser:
         return signs + self._places(watched)
 
     def _new_version(self, watched: Sequence[Watched]) -> Iterator[Sign]:
-        """The stack under test tells its version; where it has none, the recordings do."""
+        """Yield the stack under test tells its version; where it has none, the recordings do."""
         seen = next((each for each in reversed(watched) if each.version), None)
         version, source = self.subject(), "the stack under test"
         if not version and seen is not None:

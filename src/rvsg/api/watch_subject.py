@@ -180,7 +180,7 @@ def _label(stack: Spec) -> str:
 
 
 def _content(stack: Spec) -> bytes | None:
-    """Return the parameter file of a stack; None where it has none, or the file cannot be read at present."""
+    """Return the parameter file of a stack; None if it has none, or the file cannot be read at present."""
     path = Path(stack.name)
     try:
         return path.read_bytes() if path.suffix in (".yaml", ".yml") else None

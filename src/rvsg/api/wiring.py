@@ -112,7 +112,7 @@ class Wired:
         )
 
     def _limits(self) -> Limits:
-        """What the calls may cost; a replay costs nothing."""
+        """Return what the calls may cost; a replay costs nothing."""
         config = self.config
         if config.replay is not None:
             return Limits()

@@ -78,7 +78,7 @@ def doors_in(world: World, states: Mapping[str, State]) -> World:
 
 
 def folder_of(world_id: str) -> Path | None:
-    """Return where a world that is not shipped was found; None where that is not known."""
+    """Return where a world that is not shipped was found; None if that is not known."""
     return _folders.get(world_id)
 
 

@@ -16,7 +16,7 @@ from rvsg.generation.generator import Call
 
 
 class Accounting(Record):
-    """What the campaign spent. `cost_usd` is None where the price of a call is unknown."""
+    """What the campaign spent. `cost_usd` is None if the price of a call is unknown."""
 
     search_attempts: int
     search_runs: int

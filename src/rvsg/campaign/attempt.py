@@ -14,7 +14,7 @@ from rvsg.simulation.run import Run
 
 
 class Measurement(Record):
-    """The metrics of one run; None where a metric has no value for it."""
+    """The metrics of one run; None if a metric has no value for it."""
 
     run_id: str
     seed: int
@@ -63,7 +63,7 @@ class Attempt(Record):
 
     @property
     def mean(self) -> float | None:
-        """The mean objective over the runs; None where there is none."""
+        """The mean objective over the runs; None if there is none."""
         return self.verdict.mean if self.verdict else None
 
     @property
@@ -81,11 +81,11 @@ class Ledger(Protocol):
     """
 
     def begin(self, campaign: str, settings: Mapping[str, Any]) -> None:
-        """Store the settings of a new campaign; StoreError where others are stored under that name."""
+        """Store the settings of a new campaign; StoreError if others are stored under that name."""
         ...
 
     def settings(self, campaign: str) -> dict[str, Any] | None:
-        """Return the settings of a campaign; None where it was never begun."""
+        """Return the settings of a campaign; None if it was never begun."""
         ...
 
     def campaigns(self) -> tuple[str, ...]:
@@ -105,7 +105,7 @@ class Ledger(Protocol):
         ...
 
     def append(self, attempt: Attempt, runs: Sequence[PackedRun]) -> None:
-        """Store an attempt with its runs, all or nothing; StoreError where its index is taken."""
+        """Store an attempt with its runs, all or nothing; StoreError if its index is taken."""
         ...
 
     def attempts(self, campaign: str) -> Iterator[Attempt]:
@@ -113,7 +113,7 @@ class Ledger(Protocol):
         ...
 
     def run(self, run_id: str) -> Run:
-        """Return the run of that id; StoreError where there is none."""
+        """Return the run of that id; StoreError if there is none."""
         ...
 
     def find(self, run_id: str) -> Run | None:

@@ -134,7 +134,7 @@ class Cluster:
         return Submitted(scenario, seed, future)
 
     def result(self, submitted: Submitted) -> FinishedRun | Failure:
-        """Wait for a run; SimulationError where the whole cluster is gone."""
+        """Wait for a run; SimulationError if the whole cluster is gone."""
         killed = _distributed().KilledWorker
         try:
             return self._wait(submitted.future)
@@ -182,7 +182,7 @@ class Cluster:
                 seen = self._last_seen(seen, error)
 
     def _last_seen(self, seen: float, error: BaseException) -> float:
-        """Return when there was a worker last, after waiting for one; SimulationError where the cluster is gone."""
+        """Return when there was a worker last, after waiting for one; SimulationError if the cluster is gone."""
         if not isinstance(error, TimeoutError) or self._client.status not in ("running", "connecting"):
             raise SimulationError(LOST, code="cluster-lost") from None
         if self._look():

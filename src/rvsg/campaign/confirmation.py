@@ -109,7 +109,7 @@ def confirm(
     is spent.
 
     Args:
-        reserve: Runs of the budget in which the next candidate can be shown to violate nearly always; 0 where others
+        reserve: Runs of the budget in which the next candidate can be shown to violate nearly always; 0 if others
             are left for it. Where it is certain that this one violates, but not always, and telling how often would use
             them up, it ends.
         only_fail: End as soon as it cannot be shown any more, within the budget, to violate nearly always.
@@ -169,7 +169,7 @@ def _reachable(plan: Plan, objectives: Sequence[float | None], procedure: Proced
 def _leaves_open(
     plan: Plan, objectives: Sequence[float | None], procedure: Procedure, count: int, reserve: int
 ) -> bool:
-    """Whether the next candidate is worth the runs more than telling how often this one violates."""
+    """Return whether the next candidate is worth the runs more than telling how often this one violates."""
     known = [value for value in objectives if value is not None]
     violations = sum(plan.requirement.violated_by(value) for value in known)
     left = procedure.max_runs - len(objectives)

@@ -90,7 +90,7 @@ def _play(made: Made, plan: Plan, scenario: Scenario | None, world: World) -> li
 
 
 def _answered(plan: Plan, strategy: str, index: int, ask: Ask, scenario: Scenario | None) -> Attempt:
-    """The attempt of an ask with made-up measurements that differ from attempt to attempt."""
+    """Return the attempt of an ask with made-up measurements that differ from attempt to attempt."""
     proposal = ask.proposal or Proposal(generator="conformance", scenario=scenario)
     seeds = ask.seeds or [seed_for(plan.seed, "search", index, repeat) for repeat in range(plan.repeats)]
     value = 1.0 + 0.1 * (index % 3)

@@ -21,7 +21,7 @@ class Count(Record):
     scenarios: int = 0
     """Different scenarios that ask for it."""
     runs: int = 0
-    """Runs in which it happens; 0 where no run is known."""
+    """Runs in which it happens; 0 if no run is known."""
 
     @property
     def tested(self) -> bool:

@@ -27,12 +27,12 @@ class EliteStrategy(StudyStrategy):
     name = "elite"
 
     def _known(self, index: int) -> int:
-        """All drafts have to be known before the first refinement, and else all but those under way."""
+        """Return all drafts have to be known before the first refinement, and else all but those under way."""
         drafts = self.plan.scenarios
         return max(0, drafts if index >= drafts else 0, index + 1 - self.plan.max_in_flight)
 
     def _next(self, index: int, known: list[Attempt]) -> Brief:
-        """A draft as long as there are scenarios to begin, then a refinement of one of the best."""
+        """Return a draft as long as there are scenarios to begin, then a refinement of one of the best."""
         standing = self._standing(known)
         if index < self.plan.scenarios or not standing:
             begun = 1 + max((brief.scenario_index for brief in self._briefs), default=-1)
@@ -46,7 +46,7 @@ class EliteStrategy(StudyStrategy):
         return self._refinement(index, (scenario, tried), feedback, known)
 
     def _standing(self, known: list[Attempt]) -> list[list[Attempt]]:
-        """The measured attempts of every scenario, the scenario that did worst by the robot first."""
+        """Return the measured attempts of every scenario, the scenario that did worst by the robot first."""
         groups: dict[int, list[Attempt]] = {}
         for attempt in known:
             if attempt.mean is not None:

@@ -340,7 +340,7 @@ def _moment(run: Run, gap: Floats, index: int, note: str, names: WaypointNames) 
 
 
 def _hardest_braking(path: Trajectory) -> tuple[int, float] | None:
-    """The sample of the strongest deceleration over half a second before the robot arrives, from 0.3 m/s2 on."""
+    """Return the sample of the strongest deceleration over half a second before the robot arrives, from 0.3 m/s2 on."""
     end = float(path.t[-1]) - 1.5
     later = np.searchsorted(path.t, path.t + 0.5)
     usable = (later < len(path)) & (path.t <= end)

@@ -103,7 +103,7 @@ class Finding(Record):
     arrived: Arrivals
     least_clearance_m: float | None
     without_people: Share | None
-    """The mission without people on the same seeds; None where it was not run."""
+    """The mission without people on the same seeds; None if it was not run."""
     difference: float | None = None
     """Violation probability with these people less that without them."""
     difference_interval: tuple[float, float] | None = None
@@ -113,9 +113,9 @@ class Finding(Record):
     cause: tuple[Removal, ...] = ()
     """What removing each person does."""
     smallest: Smallest | None = None
-    """Its smallest form; None where it was not shrunk."""
+    """Its smallest form; None if it was not shrunk."""
     failure: FailureMode | None = None
-    """How most of the violating runs fail; None where none violates."""
+    """How most of the violating runs fail; None if none violates."""
     story: tuple[str, ...] = ()
     """What happens in the run that is worst for the robot."""
     story_run: str | None = None
@@ -163,7 +163,7 @@ class DistinctFailure(Record):
     cause: tuple[Removal, ...] = ()
     """What removing each person from the worst of them does."""
     smallest: Smallest | None = None
-    """The worst of them, shrunk; None where it was not."""
+    """The worst of them, shrunk; None if it was not."""
 
 
 def distinct_failures(found: Sequence[Finding]) -> tuple[DistinctFailure, ...]:

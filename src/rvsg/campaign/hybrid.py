@@ -168,7 +168,7 @@ class HybridStrategy(CandidateStrategy):
                 return
 
     def _best_of_each(self) -> list[Candidate]:
-        """The best configuration of every scenario."""
+        """Return the best configuration of every scenario."""
         found: dict[int, Candidate] = {}
         for candidate in self.candidates:
             known = found.get(candidate.brief.scenario_index)
@@ -177,7 +177,7 @@ class HybridStrategy(CandidateStrategy):
         return list(found.values())
 
     def _new_ask(self, scenario: int) -> Ask:
-        """The ask for a new scenario, with what the best configuration of the one before measured."""
+        """Return the ask for a new scenario, with what the best configuration of the one before measured."""
         memory = remember(self.attempts, self.plan.requirement, last=self.plan.memory)
         last = next((c for c in self._best_of_each() if c.brief.scenario_index == scenario - 1), None)
         untold = self._feedback(last) if last is not None and memory else None
@@ -208,13 +208,13 @@ class HybridStrategy(CandidateStrategy):
         return ask
 
     def _feedback(self, candidate: Candidate) -> Feedback:
-        """What a configuration measured, with the others of its scenario."""
+        """Return what a configuration measured, with the others of its scenario."""
         scenario = candidate.brief.scenario_index
         siblings = [a for a in self.attempts if a.brief.scenario_index == scenario]
         return with_history(self.feedback_of(self._attempt_of(candidate), None), siblings, self.plan.requirement)
 
     def _refining(self, parent: Candidate, seeds: tuple[int, ...]) -> Ask:
-        """The ask for a refinement by the generator."""
+        """Return the ask for a refinement by the generator."""
         scenario = parent.brief.scenario_index
         others = [a for a in self.attempts if a.brief.scenario_index != scenario]
         lessons = lessons_of(remember(others, self.plan.requirement, last=self.plan.memory))
@@ -252,7 +252,7 @@ class HybridStrategy(CandidateStrategy):
                 self._tried[candidate.operator][candidate.estimate > candidate.parent.estimate] += 1
 
     def _refine_share(self) -> float:
-        """How often the generator refines: the share at first, weighed by how often each operator succeeded."""
+        """Return how often the generator refines: the share at first, weighed by how often each operator succeeded."""
         rate = {name: (1 + good) / (2 + bad + good) for name, (bad, good) in self._tried.items()}
         refine, tune = self.refine * rate["refine"], (1.0 - self.refine) * rate["tune"]
         return refine / (refine + tune)
@@ -282,7 +282,7 @@ class HybridStrategy(CandidateStrategy):
         return [ranked[min(len(ranked), int(rng.geometric(KEEN))) - 1] for _ in range(count)]
 
     def _parents(self, rng: np.random.Generator, count: int) -> list[Candidate]:
-        """The configurations to change: the best most often, or the best with their kind of encounter."""
+        """Return the configurations to change: the best most often, or the best with their kind of encounter."""
         ranked = sorted((c for c in self.candidates if c.runs), key=lambda c: (-c.estimate, c.index))
         open_ = [c for c in self.elites().values() if self._may_violate(c)]
         chosen = []

@@ -33,7 +33,7 @@ class Entry(Record):
     description: str
     scenario: Scenario | None = None
     simulator: str = ""
-    """What made the runs; empty where there is none."""
+    """What made the runs; empty if there is none."""
     verdict: Verdict | None = None
     lessons: tuple[str, ...] = ()
     """What to learn from it: who causes it, why it was rejected."""
@@ -41,7 +41,7 @@ class Entry(Record):
 
     @property
     def violates(self) -> bool | None:
-        """Return whether the requirement is violated more than rarely; None where the runs do not tell."""
+        """Return whether the requirement is violated more than rarely; None if the runs do not tell."""
         if self.verdict is None:
             return None
         return True if violated(self.verdict) else False if self.verdict.status is Status.PASS else None

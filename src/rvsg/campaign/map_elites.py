@@ -33,7 +33,7 @@ class MapElitesStrategy(KeepingStrategy):
         super().__init__(*args, drafts=drafts, repeated=repeated, **options)
 
     def _parents(self, rng: np.random.Generator, count: int) -> list[Candidate]:
-        """The configurations to change: the elites of cells, each cell as likely as the other."""
+        """Return the configurations to change: the elites of cells, each cell as likely as the other."""
         elites = list(self.elites().values())
         return [elites[int(rng.integers(len(elites)))] for _ in range(count)] if elites else []
 

@@ -60,7 +60,7 @@ class Operators:
         known: set[str],
         avoid: Set[Met] = frozenset(),
     ) -> Change | None:
-        """Return a changed configuration of the parent that was not tried; None where none is found.
+        """Return a changed configuration of the parent that was not tried; None if none is found.
 
         Args:
             others: The candidates with runs, which teach the forecast and lend people.

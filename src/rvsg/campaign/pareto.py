@@ -41,7 +41,7 @@ class FrontPoint(Record):
     tried: tuple[Tried, ...]
     """By requirement, in the order of the plan."""
     confirmed: tuple[Tried, ...] = ()
-    """The same in the confirmation runs; empty where it was not confirmed."""
+    """The same in the confirmation runs; empty if it was not confirmed."""
 
 
 class Front(Record):
@@ -64,14 +64,14 @@ def share_of(requirement: Requirement, value: float) -> float:
 
 
 def value_of(measurement: Measurement, requirement: Requirement, plan: Plan) -> float | None:
-    """Return what a run's objective is by one of the plan's requirements; None where it has no value."""
+    """Return what a run's objective is by one of the plan's requirements; None if it has no value."""
     if requirement == plan.requirement:
         return measurement.objective
     return measurement.values.get(requirement.metric) if requirement.metric is not None else None
 
 
 def tried_by(measurements: Sequence[Measurement], plan: Plan) -> tuple[Tried, ...] | None:
-    """Return how runs do by every requirement of the plan; None where one has no value at all."""
+    """Return how runs do by every requirement of the plan; None if one has no value at all."""
     found = []
     for requirement in (plan.requirement, *plan.also):
         values = [v for m in measurements if (v := value_of(m, requirement, plan)) is not None]

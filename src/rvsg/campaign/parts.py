@@ -71,7 +71,7 @@ class Made:
 
 
 def submit(attempt: Attempt, seeds: Sequence[int], parts: Parts) -> list[PendingRun]:
-    """Submit one run of an attempt's scenario for each seed; none where it has no scenario."""
+    """Submit one run of an attempt's scenario for each seed; none if it has no scenario."""
     scenario = attempt.proposal.scenario
     return [parts.simulations.submit(scenario, seed) for seed in seeds] if scenario else []
 

@@ -76,7 +76,7 @@ class Processes:
         return task
 
     def result(self, submitted: Task) -> FinishedRun | Failure:
-        """Wait for a run; SimulationError where workers cannot start."""
+        """Wait for a run; SimulationError if workers cannot start."""
         return submitted.future.result()
 
     def stop(self, *, kill: bool) -> None:

@@ -18,7 +18,7 @@ from rvsg.scenario.requirement import Requirement
 
 
 def search_attempts(attempts: Iterable[Attempt]) -> list[Attempt]:
-    """The attempts of the search; a confirmation never takes part in a selection."""
+    """Return the attempts of the search; a confirmation never takes part in a selection."""
     return [attempt for attempt in attempts if attempt.purpose == "search"]
 
 
@@ -30,9 +30,9 @@ def rule(requirement: Requirement) -> str:
 
 
 def standing(attempt: Attempt, requirement: Requirement) -> tuple[float, float]:
-    """The share of runs that violate the limit (0 without one) and the badness of the mean; larger is worse.
+    """Return the share of runs that violate the limit (0 without one) and the badness of the mean; larger is worse.
 
-    ValueError where nothing of the attempt was measured.
+    ValueError if nothing of the attempt was measured.
     """
     verdict = attempt.verdict
     if verdict is None or verdict.mean is None:
@@ -86,7 +86,7 @@ def worst_by_mean(attempts: Iterable[Attempt], requirement: Requirement) -> Atte
 
 
 def confirmed_candidate(confirmation: Attempt, attempts: Iterable[Attempt]) -> Attempt | None:
-    """Return the attempt of the search whose scenario a confirmation runs again; None where it is not stored.
+    """Return the attempt of the search whose scenario a confirmation runs again; None if it is not stored.
 
     They belong together by the scenario. A racing strategy may have measured it in several attempts: the one with most
     runs stands for them.
@@ -98,7 +98,7 @@ def confirmed_candidate(confirmation: Attempt, attempts: Iterable[Attempt]) -> A
 
 
 def by_scenario(attempts: Iterable[Attempt]) -> list[list[Attempt]]:
-    """The attempts of the search that have an objective, scenario by scenario."""
+    """Return the attempts of the search that have an objective, scenario by scenario."""
     groups: dict[int, list[Attempt]] = {}
     for attempt in measured(attempts):
         groups.setdefault(attempt.brief.scenario_index, []).append(attempt)

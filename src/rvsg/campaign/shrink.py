@@ -68,7 +68,7 @@ class Shrinking:
     _violates: bool = field(default=False, init=False)
 
     def __call__(self, scenario: Scenario) -> Shrunk:
-        """Shrink a scenario. InputError where the requirement has no limit or the scenario does not violate it."""
+        """Shrink a scenario. InputError if the requirement has no limit or the scenario does not violate it."""
         if self.requirement.threshold is None:
             raise InputError(
                 f'Requirement "{self.requirement.name}" has no limit, so nothing violates it. Give it one.',
@@ -131,7 +131,7 @@ class Shrinking:
         return scenario, steps
 
     def _valid(self, scenario: Scenario, people: HumanConfiguration) -> Scenario | None:
-        """The scenario with these people, its loops closed again; None where that is not possible."""
+        """Return the scenario with these people, its loops closed again; None if that is not possible."""
         world = self.simulations.world
         mended, _ = repair(people, scenario.mission, world)
         if check(mended, scenario.mission, world):
@@ -150,7 +150,7 @@ class Shrinking:
         return violations, len(seeds)
 
     def _measured(self, scenario: Scenario, seeds: Sequence[int]) -> list[Measurement]:
-        """The measurements of the runs that could be made."""
+        """Return the measurements of the runs that could be made."""
         pending = [self.simulations.submit(scenario, seed) for seed in seeds]
         found = [run.result() for run in pending]
         self.runs += len(found)
@@ -219,7 +219,7 @@ def _simpler_human(human: Human, grid: Grid) -> Iterator[tuple[str, Human]]:
 
 def _without_stop(tasks: tuple[Task, ...], i: int, grid: Grid) -> tuple[Task, ...] | None:
     """The tasks without the stop at which task `i` starts: one task leads straight past it, or, where that would lead
-    nowhere, neither of the two is done. None where fewer than two tasks would be left or there is no way."""
+    nowhere, neither of the two is done. None if fewer than two tasks would be left or there is no way."""
     before, after = tasks[i - 1], tasks[i]
     start, end = before.path[0], after.path[-1]
     if start == end:

@@ -15,7 +15,7 @@ class ScoredRun(Record):
     """Scenario and requirement."""
     seed: int
     violated: bool | None
-    """None where the run holds no judgement."""
+    """None if the run holds no judgement."""
     outcome: str
     contact: bool
     """Whether the robot touches a person."""

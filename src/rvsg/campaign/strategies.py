@@ -188,7 +188,7 @@ class StudyStrategy:
         return max(0, index + 1 - self._place(index)[2])
 
     def _next(self, index: int, known: list[Attempt]) -> Brief:
-        """The brief of attempt `index`, from the attempts known."""
+        """Return the brief of attempt `index`, from the attempts known."""
         scenario, configuration, _ = self._place(index)
         measured = [a for a in known if a.brief.scenario_index == scenario and a.mean is not None]
         if not measured:
@@ -198,14 +198,14 @@ class StudyStrategy:
         return self._refinement(index, (scenario, configuration), feedback, known)
 
     def _new(self, index: int, place: tuple[int, int], known: list[Attempt]) -> Brief:
-        """The brief of a new scenario: with the memory, and what the last configuration measured."""
+        """Return the brief of a new scenario: with the memory, and what the last configuration measured."""
         memory = remember(known, self.plan.requirement, last=self.plan.memory)
         last = last_untold(known) if memory else None
         untold = self.feedback_of(last, None) if last is not None else None
         return self._brief(index, place, memory=memory, untold=untold)
 
     def _refinement(self, index: int, place: tuple[int, int], feedback: Feedback, known: list[Attempt]) -> Brief:
-        """The brief of a refinement: with what was tried in its scenario, and the lessons of the others."""
+        """Return the brief of a refinement: with what was tried in its scenario, and the lessons of the others."""
         own = [a for a in known if a.brief.scenario_index == place[0]]
         others = [a for a in known if a.brief.scenario_index != place[0]]
         lessons = lessons_of(remember(others, self.plan.requirement, last=self.plan.memory))
@@ -247,7 +247,7 @@ class StudyStrategy:
         )
 
     def _refines(self, measured: list[Attempt]) -> int:
-        """The position of the attempt that is refined: the last."""
+        """Return the position of the attempt that is refined: the last."""
         return len(measured) - 1
 
 

@@ -73,7 +73,7 @@ class CaseResult(Record):
     verdict: Verdict
     seeds: tuple[int, ...]
     violations: tuple[bool | None, ...]
-    """For each seed whether the run violates the requirement; None where it holds no judgement."""
+    """For each seed whether the run violates the requirement; None if it holds no judgement."""
     contacts: int = 0
     """Runs in which the robot touches a person, whatever the requirement measures."""
     arrived: int = 0
@@ -85,7 +85,7 @@ class CaseResult(Record):
     worst_seed: int | None = None
     """The seed of that run."""
     picture: str | None = None
-    """The file with pictures of that run, as it was written; None where none was asked for."""
+    """The file with pictures of that run, as it was written; None if none was asked for."""
 
 
 class SuiteResult(Record):
@@ -97,7 +97,7 @@ class SuiteResult(Record):
     simulator: str
     options: dict[str, Any] = Field(default_factory=dict)
     asked: Spec | None = None
-    """What makes the simulator again, with the stack under test; None where it was given as an object."""
+    """What makes the simulator again, with the stack under test; None if it was given as an object."""
     robot: Robot | str | None = None
     """The robot that drove every case instead of its own."""
     cases: tuple[CaseResult, ...]

@@ -28,7 +28,7 @@ Model = TypeVar("Model", bound=BaseModel)
 class Problem:
     """A mistake in a file: where, and what.
 
-    `key` is the path of keys of the value it is about; empty where it is about the file as a whole.
+    `key` is the path of keys of the value it is about; empty if it is about the file as a whole.
     """
 
     path: Path

@@ -79,7 +79,7 @@ class FileError(InputError):
 
 
 class UnknownName(InputError):
-    """A name that is not among those known; `nearest` is the one to suggest, None where none is near."""
+    """A name that is not among those known; `nearest` is the one to suggest, None if none is near."""
 
     code = "unknown-name"
 

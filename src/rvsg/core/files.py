@@ -10,7 +10,7 @@ from rvsg.core.errors import FileError
 
 
 def write_whole(path: Path, content: str | bytes) -> None:
-    """Write a file so that it is there whole or not at all, its folder made; FileError where it cannot be."""
+    """Write a file so that it is there whole or not at all, its folder made; FileError if it cannot be."""
     data = content.encode() if isinstance(content, str) else content
     draft = path.with_name(f".{path.name}.{os.getpid()}")
     try:

@@ -113,7 +113,7 @@ def check_options(kind: str, name: str, options: Mapping[str, Any], *, given: in
 
 
 def check_accepted(kind: str, name: str, plugin: Any, options: Mapping[str, Any], *, given: int = 0) -> None:
-    """Raise InputError where the class of a plug-in does not accept one of the options."""
+    """Raise InputError if the class of a plug-in does not accept one of the options."""
     if unknown := _not_accepted(plugin, options, given):
         known = _accepted(plugin)[given:]
         near = difflib.get_close_matches(unknown[0], known, n=1, cutoff=0.5)
@@ -123,7 +123,7 @@ def check_accepted(kind: str, name: str, plugin: Any, options: Mapping[str, Any]
 
 
 def check_complete(kind: str, plugin: object, protocol: type) -> None:
-    """Raise InputError where a plug-in lacks a member of its protocol; names every missing one."""
+    """Raise InputError if a plug-in lacks a member of its protocol; names every missing one."""
     members = [name for name in dir(protocol) if not name.startswith("_")]
     missing = [name for name in members if not hasattr(plugin, name)]
     if missing:
@@ -141,7 +141,7 @@ def _accepted(plugin: Any) -> tuple[str, ...]:
 
 
 def _not_accepted(plugin: Any, options: Mapping[str, Any], given: int) -> list[str]:
-    """Return the options that a plug-in does not accept; none where it accepts any."""
+    """Return the options that a plug-in does not accept; none if it accepts any."""
     if any(p.kind is p.VAR_KEYWORD for p in signature(plugin).parameters.values()):
         return []
     return sorted(options.keys() - set(_accepted(plugin)[given:]))

@@ -9,7 +9,7 @@ import numpy as np
 
 
 def seed_for(campaign_seed: int, purpose: str, *index: int) -> int:
-    """The seed (0 to 2**32 - 1) for one purpose and index, e.g. `seed_for(7, "search", attempt, repeat)`.
+    """Return the seed (0 to 2**32 - 1) for one purpose and index, e.g. `seed_for(7, "search", attempt, repeat)`.
 
     Other purposes, other indices and other campaign seeds give independent seeds; so the same scenario meets the
     same noise whether runs are made one after the other, in parallel, or after a resume.
@@ -32,7 +32,7 @@ def fresh_seeds(campaign_seed: int, purpose: str, count: int, *, used: Collectio
 
 
 def stream(seed: int, name: str) -> np.random.Generator:
-    """The random numbers of one source of noise in one run.
+    """Return the random numbers of one source of noise in one run.
 
     Streams of different names are independent, so switching one source off does not change another.
     """

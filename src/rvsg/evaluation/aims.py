@@ -33,7 +33,7 @@ def aim_of(requirement: Requirement | None) -> Aim | None:
 
 
 def moved_by(requirement: Requirement) -> str:
-    """Return one plain sentence on what makes a requirement worse; empty where nothing declares it."""
+    """Return one plain sentence on what makes a requirement worse; empty if nothing declares it."""
     known = find_metric(requirement.metric)
     return known.moved_by if known is not None else ""
 

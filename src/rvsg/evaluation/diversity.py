@@ -1,6 +1,6 @@
 """Diversity of a set of scenarios: of their descriptions (sdd), their tasks (htd) and their runs (ssd).
 
-Each is a mean over all unordered pairs, and None where there are fewer than two members. Source: the RVSG study.
+Each is a mean over all unordered pairs, and None if there are fewer than two members. Source: the RVSG study.
 """
 
 from __future__ import annotations

@@ -24,7 +24,7 @@ class Place(Record):
     y: float
     """Metres, world frame."""
     waypoint: str = ""
-    """The nearest waypoint of the world's grid; empty where the world is not given."""
+    """The nearest waypoint of the world's grid; empty if the world is not given."""
 
     def __str__(self) -> str:
         return self.waypoint or f"({self.x:.1f}, {self.y:.1f})"
@@ -61,13 +61,13 @@ class Contact(_Lasting):
     kind: Literal["contact"] = "contact"
     person: str
     closing_speed_m_s: float
-    """Speed of approach along the line between the two when they first touch; 0 where they do not approach."""
+    """Speed of approach along the line between the two when they first touch; 0 if they do not approach."""
     robot_speed_m_s: float
     """Largest speed of the robot while they touch."""
     bearing_rad: float
     """Direction of the person off the robot's heading at first touch; 0 ahead, positive to the left."""
     overlap_m: float
-    """How far the bodies overlap at most; 0 where the simulator keeps them apart."""
+    """How far the bodies overlap at most; 0 if the simulator keeps them apart."""
     moved_by: Literal["robot", "person", "both", "neither"]
     """Who moved into whom; `both` where each contributes at least a third of the approach."""
 

@@ -18,9 +18,9 @@ class Contacts(Record):
     of: int
     """Number of runs in which people were measured."""
     longest_s: float | None
-    """Duration of the longest contact; None where there is none."""
+    """Duration of the longest contact; None if there is none."""
     worst_speed_m_s: float | None
-    """Largest relative speed in contact; None where there is none."""
+    """Largest relative speed in contact; None if there is none."""
     which: tuple[int, ...] = ()
     """Indices of the runs with contact, in the order given."""
 

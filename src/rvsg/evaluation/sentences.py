@@ -33,7 +33,7 @@ HOW_TO = (
 
 
 def model_folder() -> Path | None:
-    """Return the model folder of the installed package, or None where it is not installed."""
+    """Return the model folder of the installed package, or None if it is not installed."""
     spec = importlib.util.find_spec(PACKAGE)
     if spec is None or spec.origin is None:
         return None
@@ -47,7 +47,7 @@ def available() -> bool:
 
 
 def embed(texts: Sequence[str], model_dir: Path | None = None) -> Floats32:
-    """Return (len(texts), 384) float32 embeddings of unit length; InputError where model or readers are missing."""
+    """Return (len(texts), 384) float32 embeddings of unit length; InputError if model or readers are missing."""
     folder = model_dir or model_folder()
     if folder is None:
         raise InputError(f"The package {PACKAGE.replace('_', '-')} is not installed. {HOW_TO}", code="package-missing")

@@ -132,7 +132,7 @@ class RunSignal:
     of: Callable[[Sampled], Floats]
     """Computes it, (N,) for N samples; raises NotKnown where a run does not have it."""
     aim: Aim | None = None
-    """What people should do to change it; None where it says nothing of what people do."""
+    """What people should do to change it; None if it says nothing of what people do."""
     of_people: bool = False
     """It needs at least one person."""
 
@@ -209,7 +209,7 @@ class _Lazily(Mapping[str, Floats]):
 def robustness(run: Run, text: str, *, world: World | None = None) -> float | None:
     """Return the robustness of a formula at the start of the run, over its trajectory.
 
-    It is None where it has no finite value: no samples, no person for a signal of people, no `world` for one of
+    It is None if it has no finite value: no samples, no person for a signal of people, no `world` for one of
     obstacles, or an interval beyond the end.
     """
     sampled = Sampled(run, run.trajectory, world)

@@ -69,7 +69,7 @@ class ShareDifference(Record):
 def share_difference(
     first: Sequence[bool], second: Sequence[bool], *, paired: bool = False, confidence: float = 0.95
 ) -> ShareDifference | None:
-    """Return the difference of two shares of True with Newcombe's interval; None where a sample is empty.
+    """Return the difference of two shares of True with Newcombe's interval; None if a sample is empty.
 
     It joins Wilson's intervals of the two shares (Newcombe, Statistics in Medicine 17, 1998: method 10 of 873-890 for
     independent samples, and of 2635-2650 for `paired` ones, whose correlation narrows it). It stays within -1 and 1.
@@ -190,7 +190,7 @@ def _mean_interval(data: NDArray[np.float64], confidence: float, seed: int) -> t
 
 
 def censored_median(values: Values, censored: Sequence[bool]) -> float | None:
-    """Return the Kaplan-Meier median of values of which some are only lower bounds; None where it is not reached.
+    """Return the Kaplan-Meier median of values of which some are only lower bounds; None if it is not reached.
 
     With all bounds at one time limit it is the median of the values as long as it lies below the limit. With an even
     number of values it is the lower of the two in the middle: the first time by which half have arrived.
@@ -243,7 +243,7 @@ def vargha_delaney(first: Values, second: Values) -> float:
 
 
 def compare(first: Values, second: Values) -> Comparison | None:
-    """Return Mann-Whitney U with A12 and Cliff's delta; None where a sample is empty.
+    """Return Mann-Whitney U with A12 and Cliff's delta; None if a sample is empty.
 
     All values equal gives p = 1 (the test has nothing to rank).
     """

@@ -98,7 +98,7 @@ class Verdict(Record):
     mean: float | None
     """Mean of `objectives`. Where some are `censored` it is the mean restricted to the time limit."""
     interval: tuple[float, float] | None
-    """Interval of `mean` at `confidence`, within what is possible; None where there are too few runs."""
+    """Interval of `mean` at `confidence`, within what is possible; None if there are too few runs."""
     violations: int
     runs: int
     """Runs with a value."""
@@ -116,7 +116,7 @@ class Verdict(Record):
     censored: int = 0
     """Runs that did not arrive and whose value is therefore only a lower bound."""
     median: float | None = None
-    """Median of the values; None where it lies beyond the time limit, or without values."""
+    """Median of the values; None if it lies beyond the time limit, or without values."""
     procedure: Procedure | None = None
     """The procedure that judged; None in verdicts of RVSG 0.1, which used the default one."""
 

@@ -20,7 +20,7 @@ def area(polygon: Sequence[Point]) -> float:
 
 
 def crosses_itself(polygon: Sequence[Point]) -> bool:
-    """Whether two sides meet other than at the corner they share, or the outline encloses nothing."""
+    """Return whether two sides meet other than at the corner they share, or the outline encloses nothing."""
     sides = edges(polygon)
     if abs(area(polygon)) < 1e-6 or any(a == b for a, b in sides):
         return True
@@ -31,7 +31,7 @@ def crosses_itself(polygon: Sequence[Point]) -> bool:
 
 
 def inside(polygon: Sequence[Point], x: float, y: float) -> bool:
-    """Whether a point lies inside a polygon."""
+    """Return whether a point lies inside a polygon."""
     found = False
     for (ax, ay), (bx, by) in edges(polygon):
         if (ay > y) != (by > y) and x < ax + (y - ay) / (by - ay) * (bx - ax):
@@ -84,7 +84,7 @@ def _lies_on(side: tuple[Point, Point], p: Point) -> bool:
 
 
 def _folds(one: tuple[Point, Point], following: tuple[Point, Point]) -> bool:
-    """Whether a side runs back along the one before."""
+    """Return whether a side runs back along the one before."""
     (ax, ay), (bx, by) = one
     _, (cx, cy) = following
     return abs(_side(one[0], one[1], (cx, cy))) < 1e-12 and (bx - ax) * (cx - bx) + (by - ay) * (cy - by) < 0

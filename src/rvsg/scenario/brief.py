@@ -183,7 +183,7 @@ class Feedback(Record):
     """The parts of that run."""
     arrivals: dict[str, tuple[Arrival, ...]] = Field(default_factory=dict)
     arrival_s: float | None = None
-    """When the robot arrives on average; None where it never does."""
+    """When the robot arrives on average; None if it never does."""
     arrived: int = 0
     """Runs in which the robot arrives."""
     touched: int = 0
@@ -195,7 +195,7 @@ class Feedback(Record):
     capped: int = 0
     """Runs whose value is only a bound: it is what the time limit leaves of it."""
     analysis: str = ""
-    """What the generator thought when it wrote the configuration; empty where it said nothing, or the numbers were
+    """What the generator thought when it wrote the configuration; empty if it said nothing, or the numbers were
     tuned since."""
     planned: dict[str, dict[str, float]] = Field(default_factory=dict)
     """When the generator meant each person to reach which waypoint, in seconds: name, waypoint, time."""
@@ -222,7 +222,7 @@ class Remembered(Record):
     interval: tuple[float, float]
     scenario: Scenario
     lesson: str = ""
-    """What its generator learnt from it, in its own words; empty where it said nothing."""
+    """What its generator learnt from it, in its own words; empty if it said nothing."""
     capped: int = 0
     """Runs of the best configuration whose value is only a bound, as the time limit cuts it off."""
     runs: int = 0

@@ -48,7 +48,7 @@ def load_requirement(name_or_path: str | Path, *, check: Check | None = None) ->
     installed, blocks the requirement that asks for it and no other of its file.
 
     Args:
-        check: Completes a requirement of a file, and raises InputError where it cannot be measured.
+        check: Completes a requirement of a file, and raises InputError if it cannot be measured.
 
     Raises:
         UnknownName: There is no such requirement.

@@ -137,14 +137,14 @@ class Human(Record):
         return outline_of(self.kind, self.trolley, self.radius_m)
 
     def starts_at(self, grid: Grid) -> Point | None:
-        """Return where the person starts; None where the first path is empty or names no place."""
+        """Return where the person starts; None if the first path is empty or names no place."""
         if self.start is not None:
             return self.start
         path = self.tasks[0].path
         return self.position(path[0], grid) if path else None
 
     def position(self, name: str, grid: Grid) -> Point | None:
-        """Return where a waypoint or a free point of this person is; None where there is none of that name."""
+        """Return where a waypoint or a free point of this person is; None if there is none of that name."""
         if name in self.points:
             return self.points[name]
         return grid.position(name) if name in grid.by_name else None
@@ -229,7 +229,7 @@ class Mission(Record):
 
     @property
     def robot_record(self) -> Robot | None:
-        """The robot as a record; None where only its name is known."""
+        """The robot as a record; None if only its name is known."""
         return shipped_robots().get(self.robot) if isinstance(self.robot, str) else self.robot
 
 

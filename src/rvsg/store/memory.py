@@ -22,13 +22,13 @@ class MemoryLedger:
         self._settings: dict[str, str] = {}
 
     def begin(self, campaign: str, settings: Mapping[str, Any]) -> None:
-        """Keep the settings of a new campaign; StoreError where others are kept under that name."""
+        """Keep the settings of a new campaign; StoreError if others are kept under that name."""
         text = canonical_json(dict(settings))
         if self._settings.setdefault(campaign, text) != text:
             raise StoreError(f"campaign {campaign!r} was begun with other settings")
 
     def settings(self, campaign: str) -> dict[str, Any] | None:
-        """Return the settings of a campaign; None where it was never begun."""
+        """Return the settings of a campaign; None if it was never begun."""
         text = self._settings.get(campaign)
         return None if text is None else dict(json.loads(text))
 
@@ -51,7 +51,7 @@ class MemoryLedger:
         self.runs.setdefault(run.id, run)
 
     def append(self, attempt: Attempt, runs: Sequence[PackedRun]) -> None:
-        """Keep an attempt with its runs; StoreError where its index is taken."""
+        """Keep an attempt with its runs; StoreError if its index is taken."""
         if any((kept.campaign, kept.index) == (attempt.campaign, attempt.index) for kept in self.kept):
             raise StoreError(f"attempt {attempt.index} of campaign {attempt.campaign!r} exists already")
         for run in runs:
@@ -64,7 +64,7 @@ class MemoryLedger:
         yield from sorted(own, key=lambda attempt: attempt.index)
 
     def run(self, run_id: str) -> Run:
-        """Return the run of that id; StoreError where there is none."""
+        """Return the run of that id; StoreError if there is none."""
         found = self.find(run_id)
         if found is None:
             raise StoreError(f"there is no run {run_id!r}")

@@ -108,7 +108,7 @@ class SqliteLedger:
 
     @classmethod
     def existing(cls, path: str | Path) -> Self:
-        """Open an existing ledger, read-only where it cannot be written; StoreError where there is none."""
+        """Open an existing ledger, read-only where it cannot be written; StoreError if there is none."""
         path = Path(path)
         if not path.exists():
             raise StoreError(
@@ -186,7 +186,7 @@ class SqliteLedger:
         return True
 
     def settings(self, campaign: str) -> dict[str, Any] | None:
-        """Return the settings of a campaign; None where it was never begun."""
+        """Return the settings of a campaign; None if it was never begun."""
         query = sa.select(_campaigns.c.settings).where(_campaigns.c.name == campaign)
         with self._translated(), self._engine.connect() as connection:
             text = connection.execute(query).scalar_one_or_none()
@@ -210,7 +210,7 @@ class SqliteLedger:
             _keep(connection, run)
 
     def append(self, attempt: Attempt, runs: Sequence[PackedRun]) -> None:
-        """Keep an attempt with its runs in one transaction; StoreError where its index is taken."""
+        """Keep an attempt with its runs in one transaction; StoreError if its index is taken."""
         scenario = attempt.proposal.scenario
         record = canonical_json(attempt.model_dump(mode="json"))
         row = {
@@ -236,7 +236,7 @@ class SqliteLedger:
             raise self._error(error) from None
 
     def attempts(self, campaign: str) -> Iterator[Attempt]:
-        """Yield the attempts of a campaign in the order of their index; StoreError where a record was altered."""
+        """Yield the attempts of a campaign in the order of their index; StoreError if a record was altered."""
         query = (
             sa.select(_attempts.c.position, _attempts.c.id, _attempts.c.record)
             .where(_attempts.c.campaign == campaign)
@@ -265,7 +265,7 @@ class SqliteLedger:
         return packing.pack(record, dictionary)
 
     def _dictionary(self, connection: sa.Connection, campaign: str) -> bytes:
-        """Return what the records of a campaign are packed with; nothing where there is none."""
+        """Return what the records of a campaign are packed with; nothing if there is none."""
         if self._version < _PACKED_SINCE:
             return b""
         query = sa.select(_dictionaries.c.packed).where(_dictionaries.c.campaign == campaign)
@@ -276,7 +276,7 @@ class SqliteLedger:
             raise self._damaged(f"the dictionary of campaign {campaign!r} cannot be read: {error}") from None
 
     def run(self, run_id: str) -> Run:
-        """Return the run of that id; StoreError where there is none."""
+        """Return the run of that id; StoreError if there is none."""
         found = self.find(run_id)
         if found is None:
             raise self._damaged(f"there is no run {run_id!r}")
@@ -318,7 +318,7 @@ class SqliteLedger:
         )
 
     def _writing(self) -> AbstractContextManager[sa.Connection]:
-        """Return a transaction; StoreError where the file was opened to be read only."""
+        """Return a transaction; StoreError if the file was opened to be read only."""
         if self.readonly:
             raise StoreError(f"{self.path}: the file cannot be written, only read.", code="store-readonly")
         return self._engine.begin()

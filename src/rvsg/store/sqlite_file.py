@@ -47,7 +47,7 @@ def engine_of(path: Path, *, readonly: bool) -> sa.Engine:
 
 
 def result_code(error: BaseException | None) -> int | None:
-    """Return the primary result code of an SQLite error; None where Python raised it."""
+    """Return the primary result code of an SQLite error; None if Python raised it."""
     code = getattr(error, "sqlite_errorcode", None)
     return None if code is None else code & 0xFF
 
@@ -85,7 +85,7 @@ def migrate(connection: sa.Connection, path: Path) -> None:
 
 
 def version_of(connection: sa.Connection, path: Path) -> int:
-    """Return how many migrations the file has seen; StoreError where it is not ours or newer."""
+    """Return how many migrations the file has seen; StoreError if it is not ours or newer."""
     # One statement reads one state of the file: another process may be making it.
     row = connection.exec_driver_sql(
         "SELECT (SELECT user_version FROM pragma_user_version), (SELECT application_id FROM pragma_application_id), "

@@ -26,7 +26,7 @@ class Unreadable(Exception):
 
 
 def children(folder: Path) -> list[Path]:
-    """Return what a folder holds, sorted by name; FileError where it cannot be listed."""
+    """Return what a folder holds, sorted by name; FileError if it cannot be listed."""
     try:
         return sorted(folder.iterdir())
     except OSError as error:
@@ -34,7 +34,7 @@ def children(folder: Path) -> list[Path]:
 
 
 def folders(folder: Path) -> list[Path]:
-    """Return the folders in a folder, sorted by name; FileError where it cannot be listed."""
+    """Return the folders in a folder, sorted by name; FileError if it cannot be listed."""
     return [path for path in children(folder) if path.is_dir()]
 
 
@@ -45,7 +45,7 @@ def shown(path: Path, root: Path | None = None) -> str:
 
 
 def small_number(text: str) -> int | None:
-    """Return the number that ASCII digits stand for; None where it is none or has more than `MOST_DIGITS` digits."""
+    """Return the number that ASCII digits stand for; None if it is none or has more than `MOST_DIGITS` digits."""
     return int(text) if text.isascii() and text.isdecimal() and len(text) <= MOST_DIGITS else None
 
 

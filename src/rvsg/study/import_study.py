@@ -67,7 +67,7 @@ class Imported:
 
 
 def import_study(root: Path, ledger: Ledger, world: World, tell: Callable[[str], None] = lambda _: None) -> Imported:
-    """Read everything under `root` into the ledger; FileError where nothing has the layout.
+    """Read everything under `root` into the ledger; FileError if nothing has the layout.
 
     A campaign that the ledger already holds is skipped, so that an import can be repeated or added to.
     """
@@ -86,7 +86,7 @@ def import_study(root: Path, ledger: Ledger, world: World, tell: Callable[[str],
 
 
 def find_campaigns(root: Path, findings: list[ImportFinding]) -> dict[str, list[Batch]]:
-    """Return the scenarios under `root` by campaign; FileError where nothing has the layout."""
+    """Return the scenarios under `root` by campaign; FileError if nothing has the layout."""
     if not root.is_dir():
         raise FileError(root, "this is not a folder; expected the root of the study's results")
     groups: dict[str, list[Batch]] = {}
@@ -298,7 +298,7 @@ def write_findings(findings: Iterable[ImportFinding], path: Path, *, keep: bool 
     """Write findings as CSV (file, kind, message) and return how many the file holds.
 
     With `keep` those already in the file stay, so that a store that is added to keeps the defects of its runs.
-    Raises FileError where the file cannot be read or written.
+    Raises FileError if the file cannot be read or written.
     """
     rows: list[tuple[str, ...]] = [(finding.file, finding.kind, finding.message) for finding in findings]
     if keep and path.is_file():

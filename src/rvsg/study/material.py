@@ -37,7 +37,7 @@ class Sample:
 class Trial:
     """One configuration of a scenario with its runs.
 
-    `doubtful` is the reason why its runs may belong to another configuration; empty where there is none.
+    `doubtful` is the reason why its runs may belong to another configuration; empty if there is none.
     """
 
     scenario: tuple[str, int]
@@ -48,7 +48,7 @@ class Trial:
     doubtful: str = ""
 
     def mean(self, metric: str) -> float | None:
-        """Return the mean of a metric over the runs; None where no run has it."""
+        """Return the mean of a metric over the runs; None if no run has it."""
         values = [sample.values[metric] for sample in self.samples if metric in sample.values]
         return math.fsum(values) / len(values) if values else None
 
@@ -83,7 +83,7 @@ class Material:
         return self._positions[run_id]
 
     def run(self, run_id: str) -> Run:
-        """Return the run of that id from any of the stores; StoreError where none holds it."""
+        """Return the run of that id from any of the stores; StoreError if none holds it."""
         for ledger in self.ledgers:
             found = ledger.find(run_id)
             if found is not None:

@@ -39,7 +39,7 @@ def jerk_logged(s: Sampled) -> float | None:
 
 
 def expected_jerk(s: Sampled) -> float | None:
-    """What `jerk_logged` is on average over the phase at which the log samples the inertial sensor.
+    """Return what `jerk_logged` is on average over the phase at which the log samples the inertial sensor.
 
     E = 1/(K-m) sum_k |a(k+m) - a(k)| / (m 0.01 / RTF), over all K samples at 100 Hz, m = 0.509 RTF / 0.01 rounded:
     the mean over phases and over intervals commute. The log's short last interval is left out.
@@ -65,7 +65,7 @@ def time_not_moving_logged(s: Sampled) -> float | None:
 
 
 def minimum_distance_clamped(s: Sampled) -> float | None:
-    """Smallest gap to a person over the run, 0 where the discs overlap."""
+    """Smallest gap to a person over the run, 0 if the discs overlap."""
     return float(s.clamped_gap.min()) if s.people else None
 
 

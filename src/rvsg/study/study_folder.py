@@ -192,7 +192,7 @@ def read_description(folder: Path) -> tuple[str, str | None]:
 class ReadPeople:
     """The content of a configuration file.
 
-    `people` is None where the file is not a valid configuration; `tasks` are those that could be read; `odd` are the
+    `people` is None if the file is not a valid configuration; `tasks` are those that could be read; `odd` are the
     defects, as pairs of kind and message.
     """
 
@@ -228,7 +228,7 @@ def _worker_number(key: object) -> str | None:
 
 
 def _human(listed: Any, number: int, known: frozenset[str], read: ReadPeople) -> Human | None:
-    """Return the human of that number, or None where the file holds none; defects go to `read.odd`."""
+    """Return the human of that number, or None if the file holds none; defects go to `read.odd`."""
     name = f"Human {number}"
     if not isinstance(listed, list) or not all(isinstance(task, dict) for task in listed):
         read.odd.append(("configuration", f"the tasks of {name} are not a list of tasks"))

@@ -48,7 +48,7 @@ class StudyConfiguration(Record):
     dropped: tuple[Dropped, ...] = ()
 
     def people(self) -> HumanConfiguration:
-        """Return it as a HumanConfiguration; raises InputError where a human has no waypoint left.
+        """Return it as a HumanConfiguration; raises InputError if a human has no waypoint left.
 
         Human 1 has the default force factors; human 2 (and any further one) draws its own at every launch, as the
         study configured HuNavSim.
@@ -95,7 +95,7 @@ class StudyConfiguration(Record):
 
 
 def read_study_configuration(path: Path, grid: Grid) -> StudyConfiguration:
-    """Read a configuration file of the study; raises FileError where it is not one."""
+    """Read a configuration file of the study; raises FileError if it is not one."""
     value = parse_json(read_text(path), path)
     try:
         return decode_study(value, grid)
@@ -104,7 +104,7 @@ def read_study_configuration(path: Path, grid: Grid) -> StudyConfiguration:
 
 
 def decode_study(value: Any, grid: Grid) -> StudyConfiguration:
-    """Decode the JSON value of such a file; raises InputError where it has another shape."""
+    """Decode the JSON value of such a file; raises InputError if it has another shape."""
     if not isinstance(value, dict):
         raise InputError('expected an object with "Worker 1 Tasks" and "Worker 2 Tasks"')
     numbers = sorted(int(found.group(1)) for key in value if (found := _WORKER.fullmatch(key)))

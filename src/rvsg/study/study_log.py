@@ -31,7 +31,7 @@ SHORTEST_STEP_S = 1e-6
 
 
 def read_log(path: Path) -> tuple[Trajectory, bool | None]:
-    """Return the trajectory of a log, and whether its last row says `completed` (None where it does not say).
+    """Return the trajectory of a log, and whether its last row says `completed` (None if it does not say).
 
     Raises Unreadable where a column is missing, a number is missing or not finite, there are fewer than two rows,
     time does not increase, or an orientation is no unit quaternion.

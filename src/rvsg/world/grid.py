@@ -162,7 +162,7 @@ class Grid(Record):
         }
 
     def position(self, name: str) -> tuple[float, float]:
-        """The waypoint's (x, y) in metres, or UnknownName. Invalid waypoints have a position too."""
+        """Return the waypoint's (x, y) in metres, or UnknownName. Invalid waypoints have a position too."""
         try:
             waypoint = self.by_name[name]
         except KeyError:
@@ -170,12 +170,12 @@ class Grid(Record):
         return (waypoint.x, waypoint.y)
 
     def nearest(self, x: float, y: float) -> str:
-        """The name of the valid waypoint nearest to a point; ties go to the earlier one in grid order."""
+        """Return the name of the valid waypoint nearest to a point; ties go to the earlier one in grid order."""
         best = min((w for w in self.waypoints if w.human), key=lambda w: (w.x - x) ** 2 + (w.y - y) ** 2)
         return best.name
 
     def shortest_path(self, start: str, end: str) -> tuple[str, ...] | None:
-        """The shortest walk over free hops by length in metres, both ends included; None where there is none."""
+        """Return the shortest walk over free hops by length in metres, both ends included; None where there is none."""
         if start not in self.neighbours or end not in self.neighbours:
             return None
         best = {start: 0.0}

@@ -44,7 +44,7 @@ class Frame:
         return np.asarray(scaled + np.array([self.origin.x, self.origin.y]))
 
     def looked_up(self, cells: NDArray[Any], points: Floats) -> NDArray[Any]:
-        """The values of the cells in which the points (..., 2) in metres lie; 0 off the raster."""
+        """Return the values of the cells in which the points (..., 2) in metres lie; 0 off the raster."""
         at = np.floor(self.to_cells(np.asarray(points, float)) + 1e-9).astype(int)
         rows, columns = self.shape
         on_map = (at[..., 0] >= 0) & (at[..., 0] < columns) & (at[..., 1] >= 0) & (at[..., 1] < rows)
@@ -52,7 +52,7 @@ class Frame:
         return np.asarray(np.where(on_map, values, np.zeros((), cells.dtype)))
 
     def looked_up_at(self, cells: NDArray[Any], x: float, y: float) -> Any:
-        """The value of the cell in which one point in metres lies; 0 off the raster."""
+        """Return the value of the cell in which one point in metres lies; 0 off the raster."""
         if self.origin.yaw:
             return self.looked_up(cells, np.array([x, y]))
         column = math.floor((x - self.origin.x) / self.resolution + 1e-9)
@@ -68,7 +68,7 @@ class Frame:
 
 
 def covering(points: Floats, resolution: float, margin: float = 0.0) -> Frame:
-    """The smallest frame on multiples of `resolution` that holds the points (n, 2) and a margin in metres."""
+    """Return the smallest frame on multiples of `resolution` that holds the points (n, 2) and a margin in metres."""
     low = np.floor((points.min(axis=0) - margin) / resolution + 1e-9)
     high = np.ceil((points.max(axis=0) + margin) / resolution - 1e-9)
     columns, rows = (int(n) for n in np.maximum(high - low, 1))
@@ -77,7 +77,7 @@ def covering(points: Floats, resolution: float, margin: float = 0.0) -> Frame:
 
 
 def outermost(cells: Bools) -> NDArray[np.int_]:
-    """The first and last marked cell of every row that has one, as (n, 2) of column and row.
+    """Return the first and last marked cell of every row that has one, as (n, 2) of column and row.
 
     Whatever way one looks, the farthest marked cells are among them.
     """
@@ -88,7 +88,7 @@ def outermost(cells: Bools) -> NDArray[np.int_]:
 
 
 def outline_cells(polygons: Iterable[Sequence[tuple[float, float]]], frame: Frame) -> Bools:
-    """Every cell that an edge of a closed polygon crosses; (rows, columns)."""
+    """Return every cell that an edge of a closed polygon crosses; (rows, columns)."""
     cells = np.zeros(frame.shape, bool)
     for polygon in polygons:
         corners = frame.to_cells(np.asarray(polygon, float))
@@ -107,7 +107,7 @@ def _mark(cells: Bools, at: NDArray[np.int_]) -> None:
 
 
 def inside_cells(polygons: Iterable[Sequence[tuple[float, float]]], frame: Frame) -> Bools:
-    """Every cell whose centre is inside an odd number of the polygons (a ring is its outline and its hole)."""
+    """Return every cell whose centre is inside an odd number of the polygons (a ring is its outline and its hole)."""
     cells = np.zeros(frame.shape, bool)
     for polygon in polygons:
         corners = frame.to_cells(np.asarray(polygon, float)) - 0.5  # cell centres have whole numbers

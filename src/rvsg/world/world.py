@@ -185,7 +185,7 @@ class World:
         return tuple(door for door in self.staged_doors if door.state == "automatic")
 
     def _doors(self) -> dict[str, object]:
-        """The part of an id that holds the doors; a world without any keeps the id it had."""
+        """Return the part of an id that holds the doors; a world without any keeps the id it had."""
         return {"doors": [d.model_dump(mode="json") for d in self.doors]} if self.doors else {}
 
     @cached_property

@@ -11,17 +11,17 @@ CAMPAIGN = "campaign.yaml"
 
 
 def demos() -> tuple[str, ...]:
-    """The names of the recorded campaigns."""
+    """Return the names of the recorded campaigns."""
     return tuple(sorted(path.parent.name for path in FOLDER.glob(f"*/{CAMPAIGN}")))
 
 
 def demo_folder(name: str) -> Path:
-    """The folder of a recorded campaign; UnknownName where there is none."""
+    """Return the folder of a recorded campaign; UnknownName if there is none."""
     if name not in demos():
         raise UnknownName("recorded campaign", name, demos())
     return FOLDER / name
 
 
 def recorded_description(world: str) -> Path:
-    """The folder with the recorded calls in which a shipped world was described."""
+    """Return the folder with the recorded calls in which a shipped world was described."""
     return FOLDER / f"describe-{world}"

@@ -82,7 +82,7 @@ class Journal:
         return sum(note.part == "loop" and note.outcome == "complete" for note in self.notes)
 
     def version_in_words(self) -> str:
-        """Return what the cases say of the version that was acted on last; empty where that is said already."""
+        """Return what the cases say of the version that was acted on last; empty if that is said already."""
         version, results = "", dict[str, str]()
         for note in self.notes:
             if note.symptom is not None and note.symptom.kind == "new version":

@@ -59,7 +59,7 @@ class Loop:
     renew: Callable[[], Sequence[str]] = lambda: ()
     """Read anew what a person may have changed, the suite and the stack; return what could not be read, in words."""
     version: Callable[[], str] = lambda: ""
-    """The version under test; empty where nothing says so."""
+    """The version under test; empty if nothing says so."""
     tell: Tell = lambda _: None
     clock: Callable[[], str] = now
     stop: Callable[[], bool] = lambda: False

@@ -21,7 +21,7 @@ class Watched:
     """What it is known by, e.g. a file; a source is watched once."""
     route: str
     version: str
-    """Label of the stack that drove; empty where nothing says so."""
+    """Label of the stack that drove; empty if nothing says so."""
     run: Run
 
 
@@ -129,7 +129,7 @@ class Planner(Protocol):
     """Turns symptoms into scenarios."""
 
     def plan(self, symptom: Symptom, *, index: int) -> Sequence[Planned]:
-        """Return scenarios for a symptom; none where nothing can be planned. Equal arguments give equal plans."""
+        """Return scenarios for a symptom; none if nothing can be planned. Equal arguments give equal plans."""
         ...
 
 

@@ -139,7 +139,7 @@ def social_work(s: Sampled) -> float | None:
 
 
 def _obstacle_force(distance: Floats, radius_m: Floats) -> Floats:
-    """The size of an obstacle's push on a body: 10 exp(-(d - r) / 0.2 m), d from its centre to the obstacle."""
+    """Return the size of an obstacle's push on a body: 10 exp(-(d - r) / 0.2 m), d from its centre to the obstacle."""
     force: Floats = OBSTACLE_FACTOR * np.exp(-(distance - radius_m) / OBSTACLE_SIGMA_M)
     return force
 
@@ -168,7 +168,7 @@ def _group_share(s: Sampled, low: float, high: float) -> float | None:
 def group_intimate_space(s: Sampled) -> float | None:
     """Percent of samples with the robot's edge nearer than 0.45 m to a group's centre.
 
-    The centre is the mean of the points 1.5 m ahead of its members. None where no two people make a group.
+    The centre is the mean of the points 1.5 m ahead of its members. None if no two people make a group.
     """
     return _group_share(s, -np.inf, INTIMATE_M)
 

@@ -61,9 +61,9 @@ class Metric:
         return " ".join((self.of.__doc__ or "").split())
 
     def bounds(self, time_limit_s: float | None = None) -> tuple[float | None, float | None]:
-        """Return the smallest and the largest possible value; None where there is no bound or it is not known."""
+        """Return the smallest and the largest possible value; None if there is no bound or it is not known."""
         return self.least, time_limit_s if self.most == "time_limit" else self.most
 
     def measure(self, run: Run, world: World | None = None) -> float | None:
-        """Return this metric of one run, or None where the run holds no judgement."""
+        """Return this metric of one run, or None if the run holds no judgement."""
         return self.of(Sampled(run, run.log if self.series == "log" else run.trajectory, world))

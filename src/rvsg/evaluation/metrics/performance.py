@@ -1,6 +1,6 @@
 """The study's objectives and performance metrics, by their correct formulas over our own samples.
 
-Source of the definitions: the RVSG study. None where a run holds no judgement.
+Source of the definitions: the RVSG study. None if a run holds no judgement.
 """
 
 from __future__ import annotations

@@ -27,12 +27,12 @@ def metric(name: str) -> Metric:
 
 
 def find_metric(name: str | None) -> Metric | None:
-    """Return the metric of that id, or None where there is none."""
+    """Return the metric of that id, or None if there is none."""
     return METRICS.get(name) if name is not None else None
 
 
 def measure(run: Run, names: Iterable[str] | None = None, *, world: World | None = None) -> dict[str, float | None]:
-    """Return metrics of one run by id, None where the run holds no judgement.
+    """Return metrics of one run by id, None if the run holds no judgement.
 
     Args:
         names: Ids of the metrics; all where None. Raises UnknownName.

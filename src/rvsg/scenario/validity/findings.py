@@ -41,7 +41,7 @@ class Repair(Record):
     what: str
     """The change in words."""
     before: tuple[str, ...]
-    """The path before; both paths are empty where no path changed."""
+    """The path before; both paths are empty if no path changed."""
     after: tuple[str, ...]
 
     def __str__(self) -> str:

@@ -62,7 +62,7 @@ def joined(path: Path, grid: Grid) -> Path:
 
 
 def nearest_of(start: str, allowed: frozenset[str], grid: Grid) -> Path | None:
-    """Return the shortest valid path from a waypoint to one of several; None where none can be reached."""
+    """Return the shortest valid path from a waypoint to one of several; None if none can be reached."""
     ways = (grid.shortest_path(start, other) for other in sorted(allowed))
     return min((way for way in ways if way), key=lambda way: (walk_length(way, grid), way), default=None)
 
@@ -142,7 +142,7 @@ class _Repairer:
         return walk
 
     def task(self, task: Task, human: str, came_from: str | None) -> Task | None:
-        """Repair one task by itself; return None where it has to be dropped."""
+        """Repair one task by itself; return None if it has to be dropped."""
         path = self.names(task, human)
         task = self.areas(task.model_copy(update={"path": path}), human)
         start, end = task_ends(task, self.world)
@@ -206,7 +206,7 @@ class _Repairer:
         return joined(path, self.grid)
 
     def first_waypoint(self, start: TaskEnd, end: TaskEnd, came_from: str | None) -> Path:
-        """Return where a task without any valid waypoint begins; empty where it is not known."""
+        """Return where a task without any valid waypoint begins; empty if it is not known."""
         if came_from is not None and start.allows(came_from) and end.waypoints:
             return (came_from,)
         return (min(start.waypoints),) if start.waypoints and end.waypoints else ()

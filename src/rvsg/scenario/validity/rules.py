@@ -259,7 +259,7 @@ RULES: dict[str, Rule] = {rule.name: rule for rule in _TABLE}
 
 
 def rules_page() -> str:
-    """The reference page of the rules as Markdown (written by docs/generate.py)."""
+    """Return the reference page of the rules as Markdown (written by docs/generate.py)."""
     rows = "\n".join(
         f"| `{r.name}`{' *warning*' if r.warning else ''} | {r.demands} | {r.because} | {r.repair} |" for r in _TABLE
     )

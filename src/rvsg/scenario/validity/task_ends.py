@@ -95,7 +95,7 @@ def near_place(text: str, world: World, cutoff: float = 0.6) -> str | None:
     """Return what an unknown place most likely means.
 
     That is the one area or waypoint its text contains ("Area 3 entry"), else the area with the most similar name;
-    None where the text contains two ("Shelf 2/Shelf 3") or no name is similar.
+    None if the text contains two ("Shelf 2/Shelf 3") or no name is similar.
     """
     contained = _contained(text, [area.name for area in world.areas]) or _contained(text, sorted(world.grid.valid))
     if contained:

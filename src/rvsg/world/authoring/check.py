@@ -342,7 +342,7 @@ class _Checker:
     # --- the grid ---
 
     def _reachable_parts(self) -> list[set[str]]:
-        """The waypoints in groups between which people can walk, the largest first."""
+        """Return the waypoints in groups between which people can walk, the largest first."""
         neighbours = self.world.grid.neighbours
         left = set(neighbours)
         parts = []
@@ -404,7 +404,7 @@ class _Checker:
             self._say(self.head, message, "grid")
 
     def _strip(self, first: str, second: str) -> Any:
-        """The floor between two areas."""
+        """Return the floor between two areas."""
         both = self.shapes[first].union(self.shapes[second])
         return both.convex_hull.difference(both)
 
@@ -516,7 +516,7 @@ class _Checker:
 
 
 def _coarser(space: Space) -> Space:
-    """The space in cells of at least 0.1 m and at most a million of them, each as clear as its clearest cell."""
+    """Return the space in cells of at least 0.1 m and at most a million of them, each as clear as its clearest cell."""
     from rvsg.world.raster import Frame
 
     rows, columns = space.field.shape

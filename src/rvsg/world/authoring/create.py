@@ -55,7 +55,7 @@ def world_from_map(
     trial: Trial | None = None,
     robot: Robot | None = None,
 ) -> Created:
-    """A world from a Nav2 map: labels from free-standing obstacles and open floor, routes between them.
+    """Return a world from a Nav2 map: labels from free-standing obstacles and open floor, routes between them.
 
     A map with a turned origin is laid along the axes of its frame. Raises FileError for a map that cannot be used.
     """
@@ -144,7 +144,7 @@ def world_from_objects(
     trial: Trial | None = None,
     robot: Robot | None = None,
 ) -> Created:
-    """A world from our own file of objects (oriented boxes and polygons), mapped as a lidar would see them."""
+    """Return a world from our own file of objects (oriented boxes and polygons), mapped as a lidar would see them."""
     _refuse_absurd_sizes(resolution_m, lidar_height_m)
     file, _ = read_document(Path(path), ObjectsFile)
     objects = tuple(entry.solid(lidar_height_m) for entry in file.objects)
@@ -304,7 +304,7 @@ def fitting_spec(spec: GridSpec, space: Space) -> GridSpec:
 
 
 def _best_origin(space: Space, floor: NDArray[np.bool_], spacing: float) -> tuple[float, float]:
-    """The point through which grid lines meet most floor, narrow places counting most."""
+    """Return the point through which grid lines meet most floor, narrow places counting most."""
     step = max(1, round(spacing / space.frame.resolution))
     weight = np.where(floor, 1.0 / np.maximum(space.field, 0.1) ** 2, 0.0)
     rows, columns = weight.shape
@@ -317,7 +317,7 @@ def _best_origin(space: Space, floor: NDArray[np.bool_], spacing: float) -> tupl
 
 
 def largest_part(grid: Grid) -> set[str]:
-    """The names of the largest group of waypoints between which people can walk."""
+    """Return the names of the largest group of waypoints between which people can walk."""
     left = dict.fromkeys(grid.neighbours)
     largest: set[str] = set()
     while left:

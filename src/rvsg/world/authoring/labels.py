@@ -68,7 +68,7 @@ def propose_areas(objects: Sequence[SolidObject], occupancy: OccupancyMap) -> tu
 
 
 def readable_kind(kind: str) -> str:
-    """The words of a model's name: "aws_ShelfD_01" is "Aws Shelf", "PalletJackB_01" is "Pallet Jack"."""
+    """Return the words of a model's name: "aws_ShelfD_01" is "Aws Shelf", "PalletJackB_01" is "Pallet Jack"."""
     words = re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+", kind)
     while len(words) > 1 and (words[-1].isdigit() or len(words[-1]) == 1):
         words.pop()
@@ -76,7 +76,7 @@ def readable_kind(kind: str) -> str:
 
 
 def areas_of_objects(objects: Sequence[SolidObject]) -> tuple[Area, ...]:
-    """One area per cluster of neighbouring things of one kind; what is longer than 7 m in equal parts."""
+    """Return one area per cluster of neighbouring things of one kind; what is longer than 7 m in equal parts."""
     by_kind: dict[str, list[SolidObject]] = defaultdict(list)
     for thing in objects:
         word = readable_kind(thing.kind)
@@ -91,7 +91,7 @@ def areas_of_objects(objects: Sequence[SolidObject]) -> tuple[Area, ...]:
 
 
 def _large_apart(by_kind: dict[str, list[SolidObject]]) -> Iterable[tuple[str, list[SolidObject]]]:
-    """The kinds, with those several times as large as their namesakes as "Large ..." ("Shelf", "Large Shelf")."""
+    """Yield the kinds, with those several times as large as their namesakes as "Large ..." ("Shelf", "Large Shelf")."""
     for word, things in by_kind.items():
         sizes = [thing.box.size[0] * thing.box.size[1] for thing in things]
         large = [size >= LARGE * min(sizes) for size in sizes]
@@ -124,7 +124,7 @@ def _clusters(things: Sequence[SolidObject]) -> list[list[SolidObject]]:
 
 
 def _outlines(cluster: Sequence[SolidObject]) -> list[Polygon]:
-    """The outline of a cluster: a rectangle where it nearly is one, else the convex hull; long ones in parts."""
+    """Return the outline of a cluster: a rectangle where it nearly is one, else the convex hull; long ones in parts."""
     from shapely import Polygon, get_coordinates, unary_union
 
     whole = unary_union([Polygon(thing.footprint) for thing in cluster])
@@ -137,7 +137,7 @@ def _outlines(cluster: Sequence[SolidObject]) -> list[Polygon]:
 
 
 def _parts(rectangle: Rectangle, longest: float, part: float) -> list[Rectangle]:
-    """The rectangle, cut across its sides that are longer than `longest` into equal parts of about `part`."""
+    """Return the rectangle, cut across its sides that are longer than `longest` into equal parts of about `part`."""
     x0, y0, x1, y1 = rectangle
     columns = max(1, math.ceil((x1 - x0) / part - 0.5)) if x1 - x0 > longest else 1
     rows = max(1, math.ceil((y1 - y0) / part - 0.5)) if y1 - y0 > longest else 1
@@ -173,7 +173,7 @@ def _plural(word: str) -> str:
 
 
 def areas_of_obstacles(occupancy: OccupancyMap, space: Space) -> tuple[Area, ...]:
-    """The obstacles that stand free on the main floor as areas "Obstacle 1", ...: the largest thirty, long ones
+    """Return the obstacles that stand free on the main floor as areas "Obstacle 1", ...: the largest thirty, long ones
     in parts.
 
     Occupied cells less than a person's passage apart are one obstacle; walls (thin, or with
@@ -257,7 +257,7 @@ def areas_of_floor(space: Space, *, most: int = MOST_FLOOR_AREAS) -> tuple[Area,
 
 
 def _coarse(floor: Bools, frame: Frame) -> tuple[Bools, Frame]:
-    """The floor in cells of at least 0.2 m, free only where every cell is, small enough to search."""
+    """Return the floor in cells of at least 0.2 m, free only where every cell is, small enough to search."""
     rows, columns = floor.shape
     step = max(1, round(0.2 / frame.resolution), math.ceil(max(rows, columns) / SEARCH_CELLS))
     high, wide = rows // step, columns // step

@@ -13,7 +13,7 @@ _ARROW = re.compile(r"→|->")
 
 
 def unknown_areas(text: str, known: Sequence[str]) -> list[str]:
-    """The names in a text that look like those of areas and are none of the known ones, in no order.
+    """Return the names in a text that look like those of areas and are none of the known ones, in no order.
 
     A name looks so where it stands at an end of an arrow, where it is one of a known kind with another number
     (`Shelf 9` beside `Shelf 1`), or where capital letters and a likeness say so (`Wast Area`).
@@ -39,7 +39,7 @@ _END = r"(?!\w)"
 
 
 def _pattern(name: str) -> str:
-    """A name as a whole word, however its words are spaced."""
+    """Return a name as a whole word, however its words are spaced."""
     return r"(?<!\w)" + r"\s+".join(re.escape(word) for word in name.split()) + _END
 
 

@@ -28,7 +28,7 @@ def write_readme(created: Created, folder: Path, remarks: Sequence[str] = ()) ->
 
 
 def readme(created: Created, remarks: Sequence[str] = ()) -> str:
-    """The text of the README."""
+    """Return the text of the README."""
     world = created.world
     rows, columns = world.occupancy.cells.shape
     high, wide = rows * world.occupancy.resolution, columns * world.occupancy.resolution

@@ -187,7 +187,7 @@ def _ends(world: World, robot: Robot | None) -> list[tuple[str, str]]:
 
 
 def grid_of_robot(grid: Grid) -> Grid:
-    """The part of the grid on which the robot fits."""
+    """Return the part of the grid on which the robot fits."""
     fits = {w.name for w in grid.waypoints if w.human and w.robot}
     waypoints = tuple(w if w.name in fits else w.model_copy(update={"human": False}) for w in grid.waypoints)
     return grid.model_copy(
@@ -239,5 +239,5 @@ def robot_stands(space: Space, pose: Pose, robot: Robot | None = None) -> bool:
 
 
 def time_limit_s(length_m: float) -> float:
-    """A sensible time limit for a way of this length, in steps of 5 s."""
+    """Return a sensible time limit for a way of this length, in steps of 5 s."""
     return max(SHORTEST_LIMIT_S, 5.0 * math.ceil(SECONDS_PER_M * length_m / 5.0))

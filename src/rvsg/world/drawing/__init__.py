@@ -42,7 +42,7 @@ def labelled_map(
     window: Window | None = None,
     way: Way | None = None,
 ) -> Image.Image:
-    """The floor plan with its labelled areas, seen from above, about `width_px` pixels wide."""
+    """Return the floor plan with its labelled areas, seen from above, about `width_px` pixels wide."""
     title = f"{world.title}: labelled areas" + (f" and {route.name}" if route else "")
     return draw_plan(
         world, show=show, width_px=width_px, route=route, colours=colours, window=window, title=title, way=way
@@ -67,7 +67,7 @@ def grid_picture(
 
 
 def png_bytes(image: Image.Image) -> bytes:
-    """The picture as PNG; the same picture gives the same bytes."""
+    """Return the picture as PNG; the same picture gives the same bytes."""
     buffer = io.BytesIO()
     image.save(buffer, format="PNG", optimize=False, compress_level=6)
     return buffer.getvalue()

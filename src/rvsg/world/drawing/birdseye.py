@@ -182,7 +182,7 @@ def _written(
     route: Route | None,
     unit: float,
 ) -> Image.Image:
-    """The page with title, names of areas, the route and a line that says how to read it."""
+    """Return the page with title, names of areas, the route and a line that says how to read it."""
     width, height = page.size
     sheet = Sheet(View((0.0, 0.0, 1.0, 1.0), "y", 1.0, 0, 0, width, height), ink)
     sheet.paste(np.asarray(page.resize((width * 2, height * 2), Image.Resampling.NEAREST)), 0, 0)

@@ -133,7 +133,7 @@ def _compass(sheet: Sheet, x: float, y: float) -> float:
 def _legend(
     sheet: Sheet, world: World, show: frozenset[str], kinds: dict[str, Colour], route: Route | None
 ) -> list[tuple[Sign, str]]:
-    """The entries of the legend: how to draw each symbol, and its meaning."""
+    """Return the entries of the legend: how to draw each symbol, and its meaning."""
     unit, ink = sheet.unit, sheet.palette
 
     def swatch(colour: Colour) -> Sign:

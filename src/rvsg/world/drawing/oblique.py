@@ -49,7 +49,7 @@ class Oblique:
         )
 
     def floor_at(self, pixels: Floats) -> Floats:
-        """The floor points (..., 2) that lie under page pixels (..., 2)."""
+        """Return the floor points (..., 2) that lie under page pixels (..., 2)."""
         across = (pixels[..., 0] - self.left) / self.scale
         away = -(pixels[..., 1] - self.top) / self.scale / math.sin(ELEVATION)
         c, s = math.cos(AZIMUTH), math.sin(AZIMUTH)

@@ -123,7 +123,7 @@ PALETTES = {"light": LIGHT, "grey": GREY, "dark": DARK}
 
 
 def palette(name: str | Palette) -> Palette:
-    """The palette of that name, or UnknownName."""
+    """Return the palette of that name, or UnknownName."""
     if isinstance(name, Palette):
         return name
     if name not in PALETTES:

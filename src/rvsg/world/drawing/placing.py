@@ -92,7 +92,7 @@ class Taken:
 
 
 def wrapped(text: str) -> Iterator[str]:
-    """A name on one line, then on two lines of about equal length, then one word a line."""
+    """Yield a name on one line, then on two lines of about equal length, then one word a line."""
     yield text
     words = text.split()
     if len(words) > 2:
@@ -104,7 +104,7 @@ def wrapped(text: str) -> Iterator[str]:
 
 
 def place_inside(text: str, ring: Floats, taken: Taken, sizes: Sequence[int]) -> Word | None:
-    """The largest readable place of a name inside a polygon (n, 2) in pixels that covers nothing, or None.
+    """Return the largest readable place of a name inside a polygon (n, 2) in pixels that covers nothing, or None.
 
     Level text is preferred to turned text unless it would be much smaller.
     """
@@ -129,7 +129,7 @@ class _Room:
 
 
 def _inside(text: str, size: int, turned: bool, room: _Room, taken: Taken) -> Word | None:
-    """The place nearest to the middle where the name fits in this size, on one line if it can."""
+    """Return the place nearest to the middle where the name fits in this size, on one line if it can."""
     import shapely
 
     x0, y0, x1, y1 = room.bounds
@@ -151,7 +151,7 @@ def _inside(text: str, size: int, turned: bool, room: _Room, taken: Taken) -> Wo
 
 
 def place_beside(text: str, ring: Floats, taken: Taken, sizes: Iterable[int], page: Box) -> Word | None:
-    """A place near a polygon for a name that does not fit into it; None where all is taken."""
+    """Return a place near a polygon for a name that does not fit into it; None where all is taken."""
     low, high = ring.min(axis=0), ring.max(axis=0)
     middle = (low + high) / 2
     for size in sizes:

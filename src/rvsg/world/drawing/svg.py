@@ -55,7 +55,7 @@ def floor_plan(
     shown_px: int = SHOWN_PX,
     tooltips: bool = True,
 ) -> FloorPlan:
-    """The floor plan of a world or of a window of it (x_min, y_min, x_max, y_max in metres).
+    """Return the floor plan of a world or of a window of it (x_min, y_min, x_max, y_max in metres).
 
     The areas' names are sized and placed to be read where the plan is shown about `shown_px` pixels wide. `tooltips`
     gives the objects their names as titles.
@@ -94,7 +94,7 @@ def floor_plan_svg(
     waypoints: bool = False,
     colours: str | Palette = "light",
 ) -> str:
-    """The floor plan as an SVG document that stands alone, `width_px` CSS pixels wide."""
+    """Return the floor plan as an SVG document that stands alone, `width_px` CSS pixels wide."""
     plan = floor_plan(world, window=window, areas=areas, waypoints=waypoints, shown_px=width_px)
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="{plan.view_box}" width="{width_px}" role="img" '
@@ -104,7 +104,7 @@ def floor_plan_svg(
 
 
 def style(world: World, ink: Palette) -> str:
-    """The style sheet that gives the shapes of a floor plan the colours of a palette."""
+    """Return the style sheet that gives the shapes of a floor plan the colours of a palette."""
     rules = [
         f".plan .floor{{fill:{_css(ink.floor)}}}",
         f".plan .wall{{fill:{_css(ink.wall)}}}",
@@ -137,7 +137,7 @@ def _objects(world: World, tooltips: bool) -> list[str]:
 
 
 def _cells(world: World) -> list[str]:
-    """The free floor, and what the map shows occupied without an object standing there, as merged rectangles."""
+    """Return the free floor, and what the map shows occupied without an object standing there, as merged rectangles."""
     occupancy = world_map(world)
     frame = frame_of(occupancy)
     occupied = occupancy.cells == OCCUPIED
@@ -174,7 +174,7 @@ def rectangles(cells: NDArray[np.bool_]) -> list[tuple[int, int, int, int]]:
 
 
 def _text(word: Word, view: View, box: Sequence[float]) -> str:
-    """A placed word as text of the same size and length."""
+    """Return a placed word as text of the same size and length."""
     x = box[0] + (word.centre[0] - view.left) / view.scale
     y = box[1] + (word.centre[1] - view.top) / view.scale
     size = word.size / view.scale

@@ -47,7 +47,7 @@ class View:
         return np.stack([self.left + across * self.scale, self.top + down * self.scale], axis=-1)
 
     def metres(self, pixels: Floats) -> Floats:
-        """The inverse of `pixels`."""
+        """Return the inverse of `pixels`."""
         x0, _, x1, y1 = self.window
         across = (np.asarray(pixels, float)[..., 0] - self.left) / self.scale
         down = (np.asarray(pixels, float)[..., 1] - self.top) / self.scale

@@ -54,7 +54,7 @@ class ObjectEntry(Record):
         return self
 
     def solid(self, lidar_height_m: float) -> SolidObject:
-        """The object with all that follows from what is given."""
+        """Return the object with all that follows from what is given."""
         box = self.box or _box_around(self.footprint or (), self.height or 0.0)
         footprint: Polygon = self.footprint or box_corners(box)
         bottom, top = box.center[2] - box.size[2] / 2, box.center[2] + box.size[2] / 2
@@ -73,7 +73,7 @@ class ObjectEntry(Record):
 
     @classmethod
     def of(cls, thing: SolidObject) -> Self:
-        """The entry that gives exactly this object."""
+        """Return the entry that gives exactly this object."""
         return cls(
             name=thing.name,
             kind=thing.kind,
@@ -97,7 +97,7 @@ def _near(point: tuple[float, ...]) -> bool:
 
 
 def box_corners(box: OrientedBox) -> Polygon:
-    """The four corners of a box seen from above, counter-clockwise, metres rounded to 0.1 mm."""
+    """Return the four corners of a box seen from above, counter-clockwise, metres rounded to 0.1 mm."""
     c, s = math.cos(box.yaw), math.sin(box.yaw)
     half_x, half_y = box.size[0] / 2, box.size[1] / 2
     corners = [(-half_x, -half_y), (half_x, -half_y), (half_x, half_y), (-half_x, half_y)]
@@ -146,7 +146,7 @@ class AreaEntry(Record):
         return self
 
     def area(self) -> Area:
-        """The area; its waypoints are empty where none are given."""
+        """Return the area; its waypoints are empty where none are given."""
         outline = self.outline or rectangle_outline(self.rectangle or (0, 0, 0, 0))
         return Area(
             name=self.name,
@@ -159,7 +159,7 @@ class AreaEntry(Record):
 
     @classmethod
     def of(cls, area: Area) -> Self:
-        """The entry that gives exactly this area."""
+        """Return the entry that gives exactly this area."""
         xs, ys = [p[0] for p in area.outline], [p[1] for p in area.outline]
         rectangle = (min(xs), min(ys), max(xs), max(ys))
         is_rectangle = area.outline == rectangle_outline(rectangle)
@@ -214,7 +214,7 @@ class RouteEntry(Record):
 
     @classmethod
     def of(cls, route: Route) -> Self:
-        """The entry that gives exactly this route."""
+        """Return the entry that gives exactly this route."""
         return cls.model_validate(route.model_dump())
 
 

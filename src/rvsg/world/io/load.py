@@ -27,12 +27,12 @@ SHIPPED = Path(__file__).parents[1] / "worlds"
 
 
 def shipped_worlds() -> tuple[str, ...]:
-    """The names of the worlds that ship with RVSG."""
+    """Return the names of the worlds that ship with RVSG."""
     return tuple(sorted(folder.name for folder in SHIPPED.iterdir() if (folder / "world.yaml").is_file()))
 
 
 def load_world(name_or_path: str | Path) -> World:
-    """A shipped world by its name, or the world in a folder (or its world.yaml).
+    """Return a shipped world by its name, or the world in a folder (or its world.yaml).
 
     Raises UnknownName where there is no such world, FileError (DocumentError: everything at once) where its files
     cannot be used.
@@ -43,7 +43,7 @@ def load_world(name_or_path: str | Path) -> World:
 
 
 def world_folder(path: str | Path) -> Path:
-    """The folder of a world, given by itself or by its world.yaml.
+    """Return the folder of a world, given by itself or by its world.yaml.
 
     Raises UnknownName where there is no such folder, FileError where it is a file or holds no world.
     """
@@ -110,7 +110,7 @@ def read_world(folder: Path, problems: list[Problem] | None = None) -> World:
 
 
 def _readable_head(document: Document) -> WorldFile:
-    """What a faulty world.yaml still says of the files beside it; nothing else of it is used."""
+    """Return what a faulty world.yaml still says of the files beside it; nothing else of it is used."""
     said = document.value if isinstance(document.value, dict) else {}
     names = {
         key: said[key] for key in ("objects", "labels", "routes", "doors", "map") if isinstance(said.get(key), str)
@@ -165,7 +165,7 @@ class _Parts:
         return tuple(a.model_copy(update={"name": name}) for a, name in zip(areas, names, strict=True)), read[1]
 
     def routes(self) -> tuple[dict[int, RouteEntry], Document | None]:
-        """The routes by their place in the file; where mistakes are noted, without those that have one."""
+        """Return the routes by their place in the file; where mistakes are noted, without those that have one."""
         try:
             document = read_yaml(_beside(self.folder, self.head.routes))
         except FileError as error:
@@ -218,19 +218,19 @@ class _Parts:
 
 
 def routes_in(document: Document | None) -> list[object]:
-    """What is listed in routes.yaml, sound or not; empty where there is no list."""
+    """Return what is listed in routes.yaml, sound or not; empty where there is no list."""
     listed = document.value.get("routes") if document and isinstance(document.value, dict) else None
     return listed if isinstance(listed, list) else []
 
 
 def route_names(document: Document) -> list[str]:
-    """The names of what is listed in routes.yaml, by their place where there is none."""
+    """Return the names of what is listed in routes.yaml, by their place where there is none."""
     found = [entry.get("name") if isinstance(entry, dict) else None for entry in routes_in(document)]
     return [name if isinstance(name, str) else f"routes[{index}]" for index, name in enumerate(found)]
 
 
 def places_in(entry: object) -> list[tuple[Key, Pose | str]]:
-    """Every place of a route's entry that can be read, with its keys: also of one that is wrong elsewhere."""
+    """Return every place of a route's entry that can be read, with its keys: also of one that is wrong elsewhere."""
     given = entry if isinstance(entry, dict) else {}
     listed: list[tuple[Key, object]] = [((key,), given[key]) for key in ("start", "goal") if key in given]
     for key in ("through", "via"):
@@ -241,7 +241,7 @@ def places_in(entry: object) -> list[tuple[Key, Pose | str]]:
 
 
 def _place(given: object) -> Pose | str | None:
-    """A pose or the name of a waypoint as a route may hold it; None for anything else."""
+    """Return a pose or the name of a waypoint as a route may hold it; None for anything else."""
     try:
         return RouteEntry.model_validate({"name": "any", "start": given, "goal": "any", "time_limit_s": 1}).start
     except ValidationError:
@@ -249,7 +249,7 @@ def _place(given: object) -> Pose | str | None:
 
 
 def _sound_routes(document: Document) -> dict[int, RouteEntry]:
-    """The entries of routes.yaml that have no mistake, by their place in the file."""
+    """Return the entries of routes.yaml that have no mistake, by their place in the file."""
     found = {}
     for index, entry in enumerate(routes_in(document)):
         with contextlib.suppress(ValidationError):
@@ -266,7 +266,7 @@ def told_apart(document: Document, key: str, names: Sequence[str]) -> list[str]:
 
 
 def _beside(folder: Path, name: str) -> Path:
-    """A file of the world folder; a world is moved and shared as a whole, so it holds its files."""
+    """Return a file of the world folder; a world is moved and shared as a whole, so it holds its files."""
     path = folder / name
     if not path.resolve().is_relative_to(folder.resolve()):
         raise FileError(
@@ -276,7 +276,7 @@ def _beside(folder: Path, name: str) -> Path:
 
 
 def _draft(entry: RouteEntry) -> Route:
-    """The route with named ends not yet looked up; `_checked` replaces them once the grid is known."""
+    """Return the route with named ends not yet looked up; `_checked` replaces them once the grid is known."""
     here = Pose(x=0, y=0)
     start = entry.start if isinstance(entry.start, Pose) else here
     goal = entry.goal if isinstance(entry.goal, Pose) else here

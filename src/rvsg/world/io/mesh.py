@@ -33,7 +33,7 @@ class Triangles:
     faces: NDArray[np.int64]
 
     def moved(self, matrix: Floats) -> Triangles:
-        """The surface under a 4 x 4 transform."""
+        """Return the surface under a 4 x 4 transform."""
         return Triangles(vertices=self.vertices @ matrix[:3, :3].T + matrix[:3, 3], faces=self.faces)
 
     def scaled(self, factors: Floats) -> Triangles:
@@ -52,14 +52,14 @@ def joined(parts: list[Triangles]) -> Triangles:
 
 
 def box(size: Floats) -> Triangles:
-    """A box about the origin; `size` (3,) in metres."""
+    """Return a box about the origin; `size` (3,) in metres."""
     half = np.asarray(size, np.float64) / 2.0
     outline = np.array([(-half[0], -half[1]), (half[0], -half[1]), (half[0], half[1]), (-half[0], half[1])])
     return prism(outline, -float(half[2]), float(half[2]))
 
 
 def prism(outline: Floats, low: float, high: float) -> Triangles:
-    """An upright prism over a simple outline (N, 2), counter-clockwise or not, from height `low` to `high`."""
+    """Return an upright prism over a simple outline (N, 2), counter-clockwise or not, from height `low` to `high`."""
     import shapely
 
     if _signed_area(outline) < 0:
@@ -79,7 +79,7 @@ def prism(outline: Floats, low: float, high: float) -> Triangles:
 
 
 def cylinder(radius: float, length: float) -> Triangles:
-    """An upright cylinder about the origin, as a prism of 32 sides whose area is that of the circle."""
+    """Return an upright cylinder about the origin, as a prism of 32 sides whose area is that of the circle."""
     step = math.tau / ROUND_SIDES
     fitted = radius * math.sqrt(step / math.sin(step))
     angles = np.arange(ROUND_SIDES) * step
@@ -103,20 +103,20 @@ def turned_profile(profile: Floats) -> Triangles:
 
 
 def sphere(radius: float) -> Triangles:
-    """A sphere about the origin."""
+    """Return a sphere about the origin."""
     angles = np.linspace(-math.pi / 2, math.pi / 2, ROUND_SIDES // 2 + 1)
     return turned_profile(radius * np.column_stack([np.cos(angles).clip(0.0), np.sin(angles)]))
 
 
 def capsule(radius: float, length: float) -> Triangles:
-    """An upright capsule: a cylinder of `length` with half spheres on both ends."""
+    """Return an upright capsule: a cylinder of `length` with half spheres on both ends."""
     angles = np.linspace(0.0, math.pi / 2, ROUND_SIDES // 4 + 1)
     upper = radius * np.column_stack([np.cos(angles).clip(0.0), np.sin(angles)]) + (0.0, length / 2)
     return turned_profile(np.concatenate([upper[::-1] * (1.0, -1.0), upper]))
 
 
 def cone(radius: float, length: float) -> Triangles:
-    """An upright cone, its base down."""
+    """Return an upright cone, its base down."""
     return turned_profile(np.array([(0.0, -length / 2), (radius, -length / 2), (0.0, length / 2)]))
 
 

@@ -89,7 +89,7 @@ def load_nav2_map(
 
 
 def classify(shade: NDArray[np.float64], opaque: NDArray[np.bool_], header: Any) -> NDArray[np.int16]:
-    """The value of every cell as nav2_map_server publishes it: 0 to 100, -1 unknown.
+    """Return the value of every cell as nav2_map_server publishes it: 0 to 100, -1 unknown.
 
     `shade` (rows, columns) is the brightness from 0 to 1, `opaque` whether the pixel is fully opaque; `header` has
     mode, negate, occupied_thresh and free_thresh. Rows stay in the image's order (top first).
@@ -116,12 +116,12 @@ def trinary(values: NDArray[np.int16]) -> NDArray[np.uint8]:
 
 
 def read_map(path: str | Path) -> OccupancyMap:
-    """The map with its cells along the axes of the map frame; raises as `load_nav2_map` does."""
+    """Return the map with its cells along the axes of the map frame; raises as `load_nav2_map` does."""
     return upright(load_nav2_map(path).occupancy)
 
 
 def upright(occupancy: OccupancyMap) -> OccupancyMap:
-    """The same map with its cells along the axes of the map frame (origin yaw 0), at the same resolution.
+    """Return the same map with its cells along the axes of the map frame (origin yaw 0), at the same resolution.
 
     A turned map is sampled at 3 x 3 points per cell: occupied where three or more of them are, else unknown where
     most are, else free; what lies outside the original is unknown.
@@ -213,7 +213,7 @@ def _header(document: Document, free_thresh: float | None, occupied_thresh: floa
 
 
 def _as_float(value: Any) -> float | None:
-    """A finite number; YAML 1.1 reads `5e-2` as text, Nav2's reader as a number, so text is tried too."""
+    """Return a finite number; YAML 1.1 reads `5e-2` as text, Nav2's reader as a number, so text is tried too."""
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         return None
     try:
@@ -329,7 +329,7 @@ def _refuse_absurd_sides(document: Document, header: _Header, rows: int, columns
 
 
 def _grey_notes(shade: NDArray[np.float64], header: _Header) -> list[str]:
-    """What to know when the grey that map savers write for unknown is taken for free."""
+    """Return what to know when the grey that map savers write for unknown is taken for free."""
     if header.mode != "trinary" or header.negate:
         return []
     grey = np.isclose(shade, SAVERS_UNKNOWN / 255.0, atol=1e-6)

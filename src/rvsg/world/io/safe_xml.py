@@ -25,15 +25,15 @@ class Element:
     children: list[Element] = field(default_factory=list)
 
     def find(self, tag: str) -> Element | None:
-        """The first child of that tag."""
+        """Return the first child of that tag."""
         return next((child for child in self.children if child.tag == tag), None)
 
     def all(self, *tags: str) -> list[Element]:
-        """All children with one of the tags, in document order."""
+        """Return all children with one of the tags, in document order."""
         return [child for child in self.children if child.tag in tags]
 
     def text_of(self, tag: str, otherwise: str = "") -> str:
-        """The stripped text of the first child of that tag."""
+        """Return the stripped text of the first child of that tag."""
         child = self.find(tag)
         return child.text.strip() if child is not None else otherwise
 
@@ -49,7 +49,7 @@ def read_xml(path: str | Path) -> Element:
 
 
 def parse_xml(path: Path, content: bytes, *, keep: bool = True) -> Element:
-    """The root element of XML text; with `keep` False only its shape is checked and the root returned empty."""
+    """Return the root element of XML text; with `keep` False only its shape is checked and the root returned empty."""
     content, line_offset = _tidied(content)
     root: list[Element] = []
     stack: list[Element] = []
@@ -119,5 +119,5 @@ def _tidied(content: bytes) -> tuple[bytes, int]:
 
 
 def read_bytes(path: Path) -> bytes:
-    """The content of a file of at most LARGEST_FILE_BYTES, or a FileError that says why it cannot be read."""
+    """Return the content of a file of at most LARGEST_FILE_BYTES, or a FileError that says why it cannot be read."""
     return inputs.read_bytes(path, largest=LARGEST_FILE_BYTES)

@@ -45,7 +45,7 @@ def save_world(world: World, folder: str | Path) -> None:
 
 
 def world_files(world: World) -> dict[str, str]:
-    """The text of every file of the world's folder but the map, by file name."""
+    """Return the text of every file of the world's folder but the map, by file name."""
     files = {
         "world.yaml": _world_text(world),
         "labels.yaml": _entries_text(
@@ -151,7 +151,7 @@ def _wrapped(line: str, indent: str) -> Iterable[str]:
 
 
 def _flow(value: Any) -> str:
-    """A value in YAML's flow style on one line, strings quoted where they must be."""
+    """Return a value in YAML's flow style on one line, strings quoted where they must be."""
     if isinstance(value, dict):
         return "{" + ", ".join(f"{_flow(k)}: {_flow(v)}" for k, v in value.items()) + "}"
     if isinstance(value, list | tuple):
@@ -165,7 +165,7 @@ def _flow(value: Any) -> str:
 
 
 def one_line(text: str) -> str:
-    """The text without line breaks, fit for a comment."""
+    """Return the text without line breaks, fit for a comment."""
     return " ".join(text.split())
 
 

@@ -272,12 +272,12 @@ def _lowered(floor_m: float) -> Matrix:
 
 
 def _kind(model: Model) -> str:
-    """What a model is an instance of: the model it includes, or its own name without a trailing number."""
+    """Return what a model is an instance of: the model it includes, or its own name without a trailing number."""
     return model.source or re.sub(r"([_\- ]*(clone|copy)?[_\- ]*\d+)+$", "", model.name) or model.name
 
 
 def _short_names(objects: Sequence[SolidObject]) -> tuple[SolidObject, ...]:
-    """Names and kinds without the leading words that all kinds share (`aws_robomaker_warehouse_`)."""
+    """Return names and kinds without the leading words that all kinds share (`aws_robomaker_warehouse_`)."""
     kinds = sorted({thing.kind for thing in objects})
     if len(kinds) < 2:
         return tuple(objects)

@@ -35,7 +35,7 @@ _GRID_M = 1e-6
 def solid_objects(
     name: str, kind: str, pose: Floats, surface: Triangles, *, lidar_height_m: float
 ) -> tuple[SolidObject, ...]:
-    """The solid objects of one model; none where all of it is floor or hangs above people.
+    """Return the solid objects of one model; none where all of it is floor or hangs above people.
 
     `pose` is the model's 4 x 4 pose in the world, `surface` its collision surface in the world. Parts that stand far
     apart (the separate walls of a building) become objects of their own, "name 1", "name 2", ...
@@ -83,7 +83,7 @@ def overhead(surface: Triangles) -> Floats:
 
 
 def connected(surface: Triangles) -> list[Triangles]:
-    """The surface's connected parts, their vertices welded where they lie within a hundredth of a millimetre."""
+    """Return the surface's connected parts, their vertices welded where they lie within a hundredth of a millimetre."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -159,7 +159,7 @@ def _cut_one(body: Triangles, height: float) -> Any | None:
 
 
 def _edges(lines: Any) -> Floats:
-    """All straight pieces of some lines as (K, 2, 2)."""
+    """Return all straight pieces of some lines as (K, 2, 2)."""
     points, line = shapely.get_coordinates(shapely.get_parts(lines), return_index=True)
     joined = line[:-1] == line[1:]
     return np.stack([points[:-1][joined], points[1:][joined]], axis=1)
@@ -245,7 +245,7 @@ def _footprint(bodies: Sequence[Triangles], low: float, high: float) -> Any:
 
 
 def _seen_from_above(bodies: Sequence[Triangles], low: float, high: float) -> Any:
-    """The faces that lie wholly between two heights, seen from above; very many of them as 5 cm squares."""
+    """Return the faces that lie wholly between two heights, seen from above; very many of them as 5 cm squares."""
     corners = np.concatenate([body.vertices[body.faces] for body in bodies])
     corners = corners[((corners[..., 2] >= low) & (corners[..., 2] <= high)).all(axis=1)][..., :2]
     if len(corners) <= MANY_FACES:
@@ -277,7 +277,7 @@ def _vertices_within(vertices: Floats, region: Any) -> Floats:
 
 
 def bounding_box(vertices: Floats, yaw: float) -> OrientedBox:
-    """The box turned by `yaw` that holds the vertices (N, 3)."""
+    """Return the box turned by `yaw` that holds the vertices (N, 3)."""
     cos, sin = math.cos(yaw), math.sin(yaw)
     u = cos * vertices[:, 0] + sin * vertices[:, 1]
     v = cos * vertices[:, 1] - sin * vertices[:, 0]
@@ -291,12 +291,12 @@ def bounding_box(vertices: Floats, yaw: float) -> OrientedBox:
 
 
 def ring(line: Any) -> Polygon:
-    """The corners of a closed shapely ring, the last not repeated, rounded to a hundredth of a millimetre."""
+    """Return the corners of a closed shapely ring, the last not repeated, rounded to a hundredth of a millimetre."""
     return tuple((round(float(x), 5), round(float(y), 5)) for x, y in shapely.get_coordinates(line)[:-1])
 
 
 def rings(region: Any) -> tuple[Polygon, ...]:
-    """All rings of a region; filled by the even-odd rule they give it back. Straight corners are dropped."""
+    """Return all rings of a region; filled by the even-odd rule they give it back. Straight corners are dropped."""
     found = []
     for part in shapely.get_parts(region):
         if part.geom_type != "Polygon" or part.area < 1e-7:
