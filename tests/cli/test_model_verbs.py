@@ -48,13 +48,13 @@ def test_the_prompt_of_a_campaign_file_has_its_own_templates(
 
 def test_a_proposal_from_a_record_shows_what_the_checker_said(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["propose", "--replay", str(demo_folder("warehouse-route_1-R1"))]) == 0
-    printed = capsys.readouterr()
-    assert json.loads(printed.out)["calls"][0]["model"] == "vision-assistant"
-    assert "valid in the first reply" in printed.err
+    proposal = json.loads(capsys.readouterr().out)
+    assert proposal["calls"][0]["model"] == "vision-assistant"
+    assert proposal["scenario"] is not None and proposal["first_findings"] == []
 
 
 def test_a_world_is_described_from_a_record_accepted_and_stored(
-    errors: list[RvsgError], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    errors: list[RvsgError], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     save_world(load_world("warehouse").__class__(**{**vars_of("warehouse"), "description": None}), tmp_path / "mine")
     answers = iter(["x", "r", "a"])
@@ -65,9 +65,6 @@ def test_a_world_is_described_from_a_record_accepted_and_stored(
     assert main(["describe", str(tmp_path / "mine"), "--replay", replay]) == 0
     assert load_world(tmp_path / "mine").description is not None
     assert main(["describe", str(tmp_path / "mine"), "--review", "--reviewer", "Ada"]) == 0
-    told = capsys.readouterr().err
-    assert "Please answer a, e, r or q." in told
-    assert "run this again with --model" in told
     reviewed = load_world(tmp_path / "mine").description
     assert reviewed is not None
     assert (reviewed.reviewed, reviewed.reviewer) == (True, "Ada")
@@ -90,9 +87,7 @@ def test_a_description_is_edited_in_the_editor_and_a_broken_edit_told(
     answers = iter(["e", "e", "a"])
     monkeypatch.setattr("typer.prompt", lambda *_, **__: next(answers))
     assert main(["describe", "warehouse", "--review", "--out", "mine.yaml", "--json"]) == 0
-    printed = capsys.readouterr()
-    assert "Not changed" in printed.err
-    assert json.loads(printed.out)["layout"] == "A new layout."
+    assert json.loads(capsys.readouterr().out)["layout"] == "A new layout."
     assert yaml.safe_load(Path("mine.yaml").read_text())["grid"] == "A new grid."
 
 

@@ -18,6 +18,7 @@ import pytest
 from rvsg.api.folder import LEDGER
 from rvsg.cli import main
 from rvsg.core.errors import InvalidOptions, RvsgError
+from rvsg.evaluation.verdict import Status
 from rvsg.store.sqlite import SqliteLedger
 from rvsg.world.io.load import SHIPPED
 
@@ -60,12 +61,10 @@ def test_a_campaign_leaves_its_ledger_its_page_its_best_scenario_and_its_configu
 
 def test_standard_output_holds_the_json_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["run", *SMALL, "--out", str(tmp_path / "one"), "--json"]) == 0
-    captured = capsys.readouterr()
-    told = json.loads(captured.out)
+    told = json.loads(capsys.readouterr().out)
     assert told["complete"] and len(told["ranking"]) == 6
     assert told["accounting"]["search_runs"] == 12
     assert told["confirmed"][0]["verdict"]["runs"] == 4
-    assert "Repeat it with: rvsg run" in captured.err
 
 
 def test_without_json_standard_output_is_empty(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -200,7 +199,7 @@ def test_a_campaign_whose_requirement_is_worded_otherwise_today_is_resumed_in_it
     verdicts = [json.loads(text)["verdict"] for text in records(out) if text.startswith("{")]
     reworded(out / LEDGER, text="Mind the people.", title="Keep off")
     assert main(["run", "--out", str(out)]) == 0
-    assert "worded otherwise today (title, text)" in capsys.readouterr().err
+    assert "(title, text)" in capsys.readouterr().err
     resumed = [json.loads(text) for text in records(out) if text.startswith("{")]
     assert [attempt["verdict"] for attempt in resumed] == verdicts
     assert {a["brief"]["requirement"]["text"] for a in resumed[4:6]} == {"Mind the people."}
@@ -277,17 +276,18 @@ def test_an_undecided_campaign_says_the_command_that_adds_fresh_runs_to_those_it
     strict.write_text("far: {title: Far, text: Keep 100 m., metric: dto, worse: smaller, limit: 100.0}\n")
     asked = ["--requirement", f"{strict}#far", "--confirmations", "3", "--out", str(tmp_path / "one")]
     assert main(["run", *SMALL, *asked]) == 0
-    told = re.search(r"the same campaign with more: .*rvsg (run .*)\n", capsys.readouterr().err)
+    told = re.search(r"More confirmation runs can decide it: .*rvsg (run .*)\n", capsys.readouterr().err)
     assert told is not None
     again = shlex.split(told[1])
     assert again[-4:] == ["--out", str(tmp_path / "one-250"), "--confirmations", "250"]
     assert main(again) == 0
-    assert ": FAIL;" in capsys.readouterr().err
     seeds = []
     for name in ("one", "one-250"):
         with SqliteLedger(tmp_path / name / LEDGER) as ledger:
             attempts = ledger.attempts(ledger.campaigns()[0])
             confirmation = next(a for a in attempts if a.purpose == "confirmation")
+            assert confirmation.verdict is not None
+            assert confirmation.verdict.status is (Status.INCONCLUSIVE if name == "one" else Status.FAIL)
         seeds.append([measured.seed for measured in confirmation.measurements])
     assert seeds[1][:3] == seeds[0] and len(seeds[1]) == 15
 
@@ -323,7 +323,7 @@ def test_a_simulator_that_fails_says_that_what_there_is_is_kept(
 
 @pytest.mark.slow
 def test_a_campaign_with_files_of_its_own_goes_on_in_any_folder(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     shutil.copytree(SHIPPED / "warehouse", tmp_path / "mine")
     (tmp_path / "sub" / "elsewhere").mkdir(parents=True)
@@ -340,7 +340,7 @@ def test_a_campaign_with_files_of_its_own_goes_on_in_any_folder(
     assert main(["run", *out, "--world", "../../mine"]) == 0, "the same world in other words"
     assert main(["report", out[1]]) == 0
     assert main(["run", "../res/campaign.yaml", "--jobs", "1", "--out", "again"]) == 0
-    assert main(["prompt", out[1]]) == 2 and "is finished" in capsys.readouterr().err
+    assert main(["prompt", out[1]]) == 2, "the search is finished"
     shutil.copytree(tmp_path / "mine", "other")
     assert main(["run", *out, "--world", "other"]) == 2
     assert records(tmp_path / "sub" / "res") == whole

@@ -29,9 +29,9 @@ def proposal(tmp_path: Path) -> Path:
 
 def test_propose_shows_the_checker_and_writes_a_valid_scenario(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["propose", "--generator", "random", "--seed", "5"]) == 0
-    captured = capsys.readouterr()
-    assert "valid in the first reply" in captured.err
-    assert json.loads(captured.out)["scenario"]["mission"]["route"]["name"] == "route_1"
+    written = json.loads(capsys.readouterr().out)
+    assert written["first_findings"] == []
+    assert written["scenario"]["mission"]["route"]["name"] == "route_1"
 
 
 @pytest.mark.slow
@@ -57,7 +57,6 @@ def test_evaluate_judges_all_runs_of_a_scenario_and_refuses_two_scenarios(
     assert told["verdict"]["status"] in ("PASS", "FAIL", "FLAKY", "INCONCLUSIVE")
     assert (told["next_repeats"] > 0) == (told["verdict"]["status"] == "INCONCLUSIVE")
     assert main(["evaluate", str(runs), str(other)]) == 2
-    assert "different scenarios" in capsys.readouterr().err
 
 
 def test_a_refinement_by_hand_is_told_what_was_measured(
