@@ -45,7 +45,7 @@ def test_the_help_of_an_option_names_the_true_default() -> None:
     config = CampaignConfig()
     told = {name: default[0] for name, default in shown.items() if default and name != "jobs"}
     assert {"world", "scenarios", "refinements", "repeats", "confirmations", "seed", "memory"} <= set(told)
-    derived = {"budget_runs": "scenarios x configurations x repeats", "stack": DEFAULT_STACK}
+    derived = {"budget_runs": "scenarios x configurations x repeats", "stack": DEFAULT_STACK, "generator": "heuristic"}
     wrong = {name for name, default in told.items() if str(getattr(config, name)) != derived.get(name, default)}
     assert wrong <= derived.keys()
 

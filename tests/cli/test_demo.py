@@ -70,7 +70,7 @@ def test_recorded_campaigns_hold_no_pictures_keys_or_paths_of_a_machine() -> Non
 @pytest.mark.parametrize(
     ("status", "told"),
     [
-        (Status.PASS, "That is about this scenario alone: the model's 2 scenarios did not break the requirement"),
+        (Status.PASS, "the model's 2 scenarios did not violate the requirement, but another scenario may"),
         (Status.FAIL, "makes the robot violate R1 (1.2 m) reliably, in 15 of 15 confirmation runs"),
         (Status.FLAKY, "in some runs, 15 of 15, and not in others"),
         (Status.INCONCLUSIVE, "in 15 of 15 confirmation runs, which does not decide between always and sometimes"),
