@@ -83,7 +83,9 @@ def run_steps(folder: Path, steps: list[tuple[str, str]], branch: str) -> list[i
 
 
 @pytest.mark.parametrize("steps", [github_steps, gitlab_steps])
-def test_the_first_run_keeps_its_results_and_the_next_is_compared_with_them(steps, repository: Path) -> None:  # type: ignore[no-untyped-def]
+def test_results_are_kept_and_compared_and_a_broken_case_fails_the_build_with_a_picture(  # type: ignore[no-untyped-def]
+    steps, repository: Path
+) -> None:
     assert set(run_steps(repository, steps(), "main")) == {0}
     assert (repository / "pip.log").read_text() == "install rvsg\n"
     result = SuiteResult.from_json((repository / "main.json").read_text())
@@ -92,11 +94,6 @@ def test_the_first_run_keeps_its_results_and_the_next_is_compared_with_them(step
     assert (suite.get("tests"), suite.get("failures")) == ("2", "0")
     assert set(run_steps(repository, steps(), "feature")) == {0}
     assert (repository / "comment.md").read_text().count("**unchanged**") == 2
-
-
-@pytest.mark.parametrize("steps", [github_steps, gitlab_steps])
-def test_a_broken_case_fails_the_build_with_a_picture_of_it(steps, repository: Path) -> None:  # type: ignore[no-untyped-def]
-    assert set(run_steps(repository, steps(), "main")) == {0}
     case = yaml.safe_load((repository / "suite" / "aisle.yaml").read_text())
     case["scenario"]["mission"]["route"]["time_limit_s"] = 2.0  # the new version does not arrive in time
     (repository / "suite" / "aisle.yaml").write_text(yaml.safe_dump(case))

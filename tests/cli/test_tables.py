@@ -36,7 +36,7 @@ def test_several_campaigns_with_long_names_and_values_fit_a_terminal(found: tupl
     assert lines[1].split() == ["campaign", "worst", "[95", "%]", "verdict", "violated"]
     assert "…" not in "".join(lines)
     assert sum("*" in line for line in lines) == 2  # the one that is not confirmed, and what that means
-    assert lines[-1].rstrip() == "* of the search alone, not confirmed"
+    assert lines[-1].startswith("* ")
 
 
 def test_campaigns_that_are_all_confirmed_need_no_remark(found: tuple[Plan, Summary]) -> None:

@@ -38,42 +38,50 @@ def run(folder: Path, cache: Path, code: str) -> str:
 CALL = "from rvsg.simulation import kernels_of_test as m; from rvsg.core.compiled import is_cached\n"
 LOOK = CALL + "print(is_cached(m.limited), is_cached(m.scaled))"
 USE = CALL + "print(m.limited(1.5))"
+LOOK_AND_USE = LOOK + "; print(m.limited(1.5))"
 
 
-@pytest.fixture
-def place(tmp_path: Path) -> Path:
-    folder = tmp_path / "one"
+def written(folder: Path) -> Path:
     folder.mkdir()
     (folder / "kernels_of_test.py").write_text(MODULE)
     (folder / "constants_of_test.py").write_text("FACTOR = 1.0\n")
     return folder
 
 
+@pytest.fixture
+def place(tmp_path: Path) -> Path:
+    return written(tmp_path / "one")
+
+
+@pytest.fixture(scope="module")
+def _used(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    root = tmp_path_factory.mktemp("used")
+    assert run(written(root / "one"), root / "cache", LOOK_AND_USE) == "False False\n1.5"
+    return root
+
+
+@pytest.fixture
+def used(_used: Path, tmp_path: Path) -> Path:
+    """A copy of the module in another place, with a cache that holds it compiled."""
+    return Path(shutil.copytree(_used, tmp_path / "used")) / "one"
+
+
 @pytest.mark.slow
 class TestCache:
-    def test_a_copy_of_the_sources_elsewhere_and_younger_loads_what_is_compiled(self, place: Path) -> None:
-        cache = place.parent / "cache"
-        assert run(place, cache, LOOK) == "False False"
-        assert run(place, cache, USE) == "1.5"
-        other = place.parent / "two"
-        shutil.copytree(place, other)
-        (other / "kernels_of_test.py").touch()
-        assert run(other, cache, LOOK) == "True True"
+    def test_a_copy_of_the_sources_elsewhere_and_younger_loads_what_is_compiled(self, used: Path) -> None:
+        (used / "kernels_of_test.py").touch()
+        assert run(used, used.parent / "cache", LOOK) == "True True"
 
-    def test_a_changed_constant_of_another_module_makes_code_obsolete(self, place: Path) -> None:
-        cache = place.parent / "cache"
-        run(place, cache, USE)
-        (place / "constants_of_test.py").write_text("FACTOR = 1.2\n")
-        assert run(place, cache, LOOK) == "False False"
-        assert run(place, cache, USE) == "1.7999999999999998"
+    def test_a_changed_constant_of_another_module_makes_code_obsolete(self, used: Path) -> None:
+        (used / "constants_of_test.py").write_text("FACTOR = 1.2\n")
+        assert run(used, used.parent / "cache", LOOK_AND_USE) == "False False\n1.7999999999999998"
 
-    def test_a_changed_callee_makes_its_callers_obsolete_and_not_the_reverse(self, place: Path) -> None:
-        cache = place.parent / "cache"
-        run(place, cache, USE)
-        (place / "kernels_of_test.py").write_text(MODULE.replace("LIMIT = 2.0", "LIMIT = 1.0"))
-        assert run(place, cache, LOOK) == "False True"
-        (place / "kernels_of_test.py").write_text(MODULE.replace("FACTOR * x", "FACTOR + x"))
-        assert run(place, cache, LOOK) == "False False"
+    def test_a_changed_callee_makes_its_callers_obsolete_and_not_the_reverse(self, used: Path) -> None:
+        cache = used.parent / "cache"
+        (used / "kernels_of_test.py").write_text(MODULE.replace("LIMIT = 2.0", "LIMIT = 1.0"))
+        assert run(used, cache, LOOK) == "False True"
+        (used / "kernels_of_test.py").write_text(MODULE.replace("FACTOR * x", "FACTOR + x"))
+        assert run(used, cache, LOOK) == "False False"
 
     def test_a_patched_constant_does_not_reach_other_processes(self, place: Path) -> None:
         cache = place.parent / "cache"
