@@ -282,5 +282,8 @@ def world_summary(world: World) -> dict[str, Any]:
             }
             for r in world.routes
         ],
+        "doors": [
+            {"name": d.name, "kind": d.kind, "state": d.state, "width_m": round(d.width_m, 3)} for d in world.doors
+        ],
         "activities": list(world.activities),
     }

@@ -278,6 +278,11 @@ def _show_world(world: World) -> None:
     for area in world.areas:
         listed = ", ".join(area.waypoints[:12]) + (", ..." if len(area.waypoints) > 12 else "")
         say(f"  {area.name} ({area.kind}): {listed or 'no waypoint'}")
+    if world.doors:
+        say("\nDoors")
+    for door in world.doors:
+        x, y = door.middle
+        say(f"  {door.name} ({door.kind}, {door.width_m:.1f} m wide) about ({x:.1f}, {y:.1f}): {door.state}")
     say("\nRoutes")
     for route in world.routes:
         say(f"  {route.name}: {route_paragraph(world, route)}\n")

@@ -18,6 +18,7 @@ from rvsg.world.authoring.outside import Choices, main_part, within
 from rvsg.world.authoring.routes import propose_routes, route_notes
 from rvsg.world.authoring.trial import Trial
 from rvsg.world.build import build_world
+from rvsg.world.doors import Door
 from rvsg.world.grid import Grid, GridSpec
 from rvsg.world.io.files import COARSEST_M, FARTHEST_M, FINEST_M, HIGHEST_LIDAR_M, ObjectsFile
 from rvsg.world.io.nav2_map import load_nav2_map, upright
@@ -122,6 +123,7 @@ def world_from_sdf(
             grid_spec,
             str(path),
             notes,
+            doors=read.doors,
             lidar_height_m=lidar_height_m,
             trial=trial,
             robot=robot,
@@ -230,6 +232,7 @@ def _created(
     source: str,
     notes: list[str],
     *,
+    doors: Sequence[Door] = (),
     lidar_height_m: float = 0.21,
     trial: Trial | None = None,
     robot: Robot | None = None,
@@ -244,6 +247,7 @@ def _created(
         areas=areas,
         grid_spec=spec,
         lidar_height_m=lidar_height_m,
+        doors=doors,
     )
     main = largest_part(world.grid)
     reached = tuple(area for area in world.areas if main & set(area.waypoints))

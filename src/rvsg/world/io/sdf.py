@@ -14,10 +14,12 @@ from numpy.typing import NDArray
 
 from rvsg.core.documents import DocumentError, Problem
 from rvsg.core.errors import FileError, InputError
+from rvsg.world.doors import Door
 from rvsg.world.io import mesh
 from rvsg.world.io.mesh import Triangles
 from rvsg.world.io.model_files import ModelFiles
 from rvsg.world.io.safe_xml import Element
+from rvsg.world.io.sdf_doors import Leaf, in_walls, leaves_of
 from rvsg.world.io.sdf_frames import Frames, Matrix, Model, frames_of
 from rvsg.world.io.sdf_shapes import SHAPES, heightmap, numbers
 from rvsg.world.io.sdf_tree import BUILT_IN, SdfTree
@@ -36,6 +38,7 @@ class SdfWorld:
 
     objects: tuple[SolidObject, ...]
     notes: tuple[str, ...] = ()
+    doors: tuple[Door, ...] = ()
     overhead: NDArray[np.float64] | None = None
     """The faces over people's heads, seen from above (n, 3, 2); None where there are none."""
 
@@ -80,12 +83,15 @@ def load_sdf(
     if tree.problems:
         raise DocumentError(tree.problems)
     notes = [*tree.notes]
+    doors = reader.doors()
     objects = _numbered_names(_short_names(reader.objects), notes)
     if not objects:
         gone = f"; {len(tree.missing)} models were not found: {_some(list(tree.missing))}" if tree.missing else ""
         raise FileError(path, f"nothing solid stands between the floor and 2 m height, so there is no obstacle{gone}")
     above = np.concatenate(reader.overhead) if reader.overhead else np.empty((0, 3, 2))
-    return SdfWorld(objects=objects, notes=(*notes, *reader.all_notes()), overhead=above if len(above) else None)
+    return SdfWorld(
+        objects=objects, notes=(*notes, *reader.all_notes()), doors=doors, overhead=above if len(above) else None
+    )
 
 
 @dataclass
@@ -101,6 +107,7 @@ class _Reader:
     meshes: dict[tuple[Path, str | None, bool], Triangles | None] = field(default_factory=dict)
     met: list[str] = field(default_factory=list)
     overhead: list[NDArray[np.float64]] = field(default_factory=list)
+    leaves: list[Leaf] = field(default_factory=list)
 
     def add(self, model: Model, outer: Frames, base: Matrix, name: str) -> None:
         """Add a model's objects and those of the models nested in it."""
@@ -127,18 +134,32 @@ class _Reader:
             self.tree.problems.append(Problem(path, None, message))
 
     def _add_links(self, model: Model, frames: Frames, pose: Matrix, name: str) -> None:
-        parts = []
-        for placed in model.links.values():
+        surfaces = self._surfaces(model, frames, pose)
+        if not surfaces:
+            self._ignore("left out: no solid collision", name)
+            return
+        leaves = leaves_of(model, frames, _lowered(self.floor_m) @ pose, surfaces, name, _kind(model))
+        self.leaves += leaves.values()
+        parts = [surface for link, surface in surfaces.items() if link not in leaves]
+        if parts:
+            self._add_solid(model, pose, name, mesh.joined(parts))
+
+    def _surfaces(self, model: Model, frames: Frames, pose: Matrix) -> dict[str, Triangles]:
+        """Return the collision surface of every link that has one, above the floor."""
+        found = {}
+        for link, placed in model.links.items():
+            parts = []
             link_pose = pose @ frames.pose(placed)
             for collision in placed.element.all("collision"):
                 where = frames.pose_of_inner(self.tree.placed(collision, model.path), placed)
                 surface = self._surface(collision, placed.element, model)
                 if surface is not None:
                     parts.append(surface.moved(_lowered(self.floor_m) @ link_pose @ where))
-        if not parts:
-            self._ignore("left out: no solid collision", name)
-            return
-        whole = mesh.joined(parts)
+            if parts:
+                found[link] = mesh.joined(parts)
+        return found
+
+    def _add_solid(self, model: Model, pose: Matrix, name: str, whole: Triangles) -> None:
         size = np.ptp(whole.vertices, axis=0)
         self.overhead.append(overhead(whole))
         found = solid_objects(
@@ -155,6 +176,30 @@ class _Reader:
                 self.notes.append(
                     f'model "{name}" carries sensors or a plug-in: if it is the robot, leave it out with --without.'
                 )
+
+    def doors(self) -> tuple[Door, ...]:
+        """Return the doors; a leaf that stands in no wall becomes a solid object."""
+        kept = in_walls(self.leaves, self.objects)
+        for leaf in self.leaves:
+            if leaf not in kept:
+                self.objects.extend(
+                    solid_objects(
+                        leaf.door.name, leaf.kind, leaf.pose, leaf.surface, lidar_height_m=self.lidar_height_m
+                    )
+                )
+        if kept:
+            many = f"{len(kept)} doors" if len(kept) > 1 else "a door"
+            self.notes.append(
+                f"{many} proposed: {_some([leaf.door.name for leaf in kept])}. They open for people and the robot; "
+                "state and opens_for in doors.yaml say otherwise."
+            )
+        taken: dict[str, int] = {}
+        named = []
+        for door in (leaf.door for leaf in kept):
+            taken[door.name] = taken.get(door.name, 0) + 1
+            number = taken[door.name]
+            named.append(door if number == 1 else door.model_copy(update={"name": f"{door.name} {number}"}))
+        return tuple(named)
 
     # --- geometry ---
 

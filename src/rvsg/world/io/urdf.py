@@ -28,6 +28,8 @@ def as_sdf_model(root: Element, path: Path) -> Element:
         for number, collision in enumerate(link.all("collision")):
             made.children.append(_collision(collision, number))
         model.children.append(made)
+        if joint is not None and joint.attributes.get("type") != "fixed":
+            model.children.append(_joint(joint, name))
     return model
 
 
@@ -55,6 +57,17 @@ def _collision(collision: Element, number: int) -> Element:
         shapes = [_shape(shape) for shape in geometry.children]
         made.children.append(Element("geometry", {}, geometry.line, children=shapes))
     return made
+
+
+def _joint(joint: Element, child: str) -> Element:
+    """Return a joint with its axis and limits; it lies in the frame of its child, as in SDF."""
+    axis, limit = joint.find("axis"), joint.find("limit")
+    xyz = axis.attributes.get("xyz", "1 0 0") if axis is not None else "1 0 0"
+    ends = [] if limit is None else [Element(k, {}, joint.line, text=v) for k, v in limit.attributes.items()]
+    parts = [Element("xyz", {}, joint.line, text=xyz), Element("limit", {}, joint.line, children=ends)]
+    children = [Element("child", {}, joint.line, text=child), Element("axis", {}, joint.line, children=parts)]
+    attributes = {"name": f"joint of {child}", "type": joint.attributes.get("type", "")}
+    return Element("joint", attributes, joint.line, children=children)
 
 
 _NAMES = {"filename": "uri"}
