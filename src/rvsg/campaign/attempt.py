@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Literal, Protocol
 
+from rvsg.campaign.values import Metrics
 from rvsg.core.records import Record
 from rvsg.evaluation.verdict import Verdict
 from rvsg.generation.generator import Proposal
@@ -19,9 +21,14 @@ class Measurement(Record):
     run_id: str
     seed: int
     outcome: str
-    values: dict[str, float | None]
+    values: Metrics
     objective: float | None = None
     """The value of the requirement's metric, or the robustness of its formula."""
+
+    def __setstate__(self, state: dict[Any, Any]) -> None:
+        """Receive one from a worker: the words that say how a run ended are those of all other runs."""
+        super().__setstate__(state)
+        self.__dict__["outcome"] = sys.intern(self.outcome)
 
 
 class Failure(Record):

@@ -19,7 +19,7 @@ from rvsg.evaluation.aims import series_name, series_of
 from rvsg.evaluation.detection import contacts
 from rvsg.evaluation.events import Place
 from rvsg.evaluation.naming import WaypointNames
-from rvsg.evaluation.sampled import Sampled
+from rvsg.evaluation.sampled import sampled
 from rvsg.evaluation.statistics import welch
 from rvsg.evaluation.verdict import Verdict
 from rvsg.scenario.brief import Feedback, HumanInfluence, Moment, Part, PersonAt, Row, Sample, Touched, Tried
@@ -73,7 +73,7 @@ def feedback_of(
     times = [float(run.trajectory.t[-1]) for run in runs if run.completed]
     walks = walks_of(worst, scenario.people, grid)
     mild = mildest_run(attempt, runs, requirement)
-    touched = {run.id: touches for run in runs if (touches := touches_of(run, grid))}
+    touched = {run.id: touches for run in runs if (touches := touches_of(run, grid, world))}
     return Feedback(
         scenario=scenario,
         analysis="" if attempt.brief.kind == "tune" else attempt.proposal.reasoning,
@@ -87,8 +87,8 @@ def feedback_of(
         else None,
         previous_mean=before.mean if before else None,
         separable=separable(before, verdict) if before and before.mean is not None else None,
-        moments=decisive_moments(worst, grid, at_most=moments),
-        influences=influences(attempt, runs, grid),
+        moments=decisive_moments(worst, grid, world, at_most=moments),
+        influences=influences(attempt, runs, grid, world),
         series=series(worst, grid, requirement, world),
         series_of=series_name(requirement),
         rows=rows_of(worst, walks, grid, series_of(worst, requirement, world=world)),
@@ -217,14 +217,14 @@ def separable(before: Verdict, after: Verdict) -> bool:
     return p is not None and p < 0.05
 
 
-def gaps(run: Run) -> Floats:
+def gaps(run: Run, world: World | None = None) -> Floats:
     """Return (N, H) the gap in metres between robot and each human at every sample of the trajectory."""
-    return Sampled(run, run.trajectory).gap
+    return sampled(run, world).gap
 
 
-def touches_of(run: Run, grid: Grid) -> tuple[Touched, ...]:
+def touches_of(run: Run, grid: Grid, world: World | None = None) -> tuple[Touched, ...]:
     """Return the touches of the robot and a person in a run, as events tell them, in order."""
-    s, names = Sampled(run, run.trajectory), WaypointNames(grid)
+    s, names = sampled(run, world), WaypointNames(grid)
 
     def at(x: float, y: float) -> Place:
         return Place(x=x, y=y, waypoint=names.nearest(np.array([x]), np.array([y]))[0])
@@ -241,12 +241,12 @@ def touches_of(run: Run, grid: Grid) -> tuple[Touched, ...]:
     )
 
 
-def decisive_moments(run: Run, grid: Grid, *, at_most: int = 4) -> tuple[Moment, ...]:
+def decisive_moments(run: Run, grid: Grid, world: World | None = None, *, at_most: int = 4) -> tuple[Moment, ...]:
     """Return the closest approaches, the hardest braking and the longest stop, in order of time."""
     path = run.trajectory
     if len(path) == 0 or path.human_x.shape[1] == 0:
         return ()
-    gap = gaps(run)
+    gap = gaps(run, world)
     nearest = gap.min(axis=1)
     found = [
         (index, "contact" if nearest[index] <= 0.0 else "closest approach")
@@ -265,13 +265,15 @@ def decisive_moments(run: Run, grid: Grid, *, at_most: int = 4) -> tuple[Moment,
     return tuple(_moment(run, gap, index, note, names) for index, note in sorted(chosen.items()))
 
 
-def influences(attempt: Attempt, runs: Sequence[Run], grid: Grid) -> tuple[HumanInfluence, ...]:
+def influences(
+    attempt: Attempt, runs: Sequence[Run], grid: Grid, world: World | None = None
+) -> tuple[HumanInfluence, ...]:
     """Return what each human contributed over all runs: closest gap, share of time near, waypoints without effect."""
     scenario = attempt.proposal.scenario
     assert scenario is not None
     planned = {human.name: human for human in scenario.people.humans}
     names = WaypointNames(grid)
-    all_gaps = [gaps(run) for run in runs]
+    all_gaps = [gaps(run, world) for run in runs]
     found = []
     for h, name in enumerate(runs[0].human_names):
         closest = min(float(gap[:, h].min()) for gap in all_gaps)

@@ -20,9 +20,11 @@ from rvsg.campaign.parallel import PendingRun
 from rvsg.campaign.parts import Cancelled, Made, Parts, collect, store, submit
 from rvsg.campaign.plan import Plan
 from rvsg.campaign.ranking import search_attempts
+from rvsg.campaign.sharing import Sharing
 from rvsg.campaign.smallest import shrink_all
 from rvsg.campaign.strategies import Ask, FeedbackOf, Strategy
 from rvsg.core.errors import BudgetSpent, GenerationError, NotRecorded
+from rvsg.core.records import text_id
 from rvsg.core.seeds import seed_for
 from rvsg.generation.generator import Call
 from rvsg.scenario.brief import Encounter, Feedback
@@ -45,16 +47,17 @@ def stream_campaign(plan: Plan, strategy: Strategy, parts: Parts) -> Iterator[Ev
     ends with the same records. An error of the generator is raised after everything proposed before it is simulated
     and stored.
     """
-    attempts = list(parts.ledger.attempts(plan.name))
+    shared = Sharing()
+    attempts = [shared(attempt) for attempt in parts.ledger.attempts(plan.name)]
     yield Started(campaign=plan.name, plan=plan, attempts=len(attempts), runs=sum(a.runs for a in attempts))
     for known in search_attempts(attempts):
         strategy.tell(known)
     complete = True
     try:
         if len(search_attempts(attempts)) == len(attempts):
-            yield from _noted(_search(plan, strategy, attempts, parts), attempts)
-        yield from _noted(confirm_all(plan, tuple(attempts), parts), attempts)
-        yield from _noted(shrink_all(plan, tuple(attempts), parts), attempts)
+            yield from _noted(_search(plan, strategy, attempts, parts), attempts, shared)
+        yield from _noted(confirm_all(plan, tuple(attempts), parts), attempts, shared)
+        yield from _noted(shrink_all(plan, tuple(attempts), parts), attempts, shared)
     except Cancelled:
         complete = False
     yield Finished(campaign=plan.name, complete=complete, attempts=len(attempts))
@@ -96,11 +99,11 @@ def feedback_from(ledger: Ledger, plan: Plan, world: World) -> FeedbackOf:
     return FeedbackFrom(ledger, plan, world)
 
 
-def _noted(events: Iterator[Event], attempts: list[Attempt]) -> Iterator[Event]:
+def _noted(events: Iterator[Event], attempts: list[Attempt], shared: Sharing) -> Iterator[Event]:
     """Pass events on, adding every finished attempt to `attempts`."""
     for event in events:
         if isinstance(event, Attempted):
-            attempts.append(event.attempt)
+            attempts.append(shared(event.attempt))
         yield event
 
 
@@ -154,8 +157,9 @@ class _Tried:
     def first(self, attempt: Attempt, seeds: tuple[int, ...]) -> tuple[Attempt, tuple[int, ...]]:
         """Return the first attempt with the same people, which may be this one, and its seeds."""
         scenario = attempt.proposal.scenario
-        key = scenario.people.model_dump_json() if scenario is not None else ""
-        return self._first.setdefault(key, (attempt, seeds)) if scenario is not None else (attempt, seeds)
+        if scenario is None:
+            return attempt, seeds
+        return self._first.setdefault(text_id("people", scenario.people.model_dump_json()), (attempt, seeds))
 
 
 def _begin(

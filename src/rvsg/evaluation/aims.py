@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from rvsg.evaluation.metrics import find_metric
-from rvsg.evaluation.sampled import Floats, Sampled
+from rvsg.evaluation.sampled import Floats, sampled
 from rvsg.evaluation.signals import SIGNALS, NotKnown, formula, known_signals
 from rvsg.evaluation.temporal import body_of, signals_of
 from rvsg.scenario.aim import Aim
@@ -52,7 +52,7 @@ def series_of(run: Run, requirement: Requirement, *, world: World | None = None)
     For a metric it is the signal that the metric declares. For a formula it is the robustness of the part that must
     always hold. NaN where nothing is known.
     """
-    s = Sampled(run, run.trajectory, world)
+    s = sampled(run, world)
     if not len(s):
         return np.empty(0)
     try:

@@ -123,7 +123,7 @@ def _along(outline: Sequence[tuple[float, float]]) -> Floats:
     return np.concatenate(found)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Sampled:
     """One series of one run: N samples, H humans. Everything below is in SI units and the world frame.
 
@@ -373,7 +373,7 @@ class Sampled:
         return np.hypot(self.series.x - goal_x, self.series.y - goal_y)
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=32)
 def sampled(run: Run, world: World | None = None) -> Sampled:
     """Return a run seen through its trajectory.
 

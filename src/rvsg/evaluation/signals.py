@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.core.registry import Registry
-from rvsg.evaluation.sampled import Sampled
+from rvsg.evaluation.sampled import Sampled, sampled
 from rvsg.evaluation.temporal import Node
 from rvsg.evaluation.temporal_syntax import parse
 from rvsg.scenario.aim import Aim
@@ -212,12 +212,12 @@ def robustness(run: Run, text: str, *, world: World | None = None) -> float | No
     It is None if it has no finite value: no samples, no person for a signal of people, no `world` for one of
     obstacles, or an interval beyond the end.
     """
-    sampled = Sampled(run, run.trajectory, world)
+    seen = sampled(run, world)
     node = formula(text)
-    if not len(sampled):
+    if not len(seen):
         return None
     try:
-        value = float(node.values(run.trajectory.t, _Lazily(sampled))[0])
+        value = float(node.values(run.trajectory.t, _Lazily(seen))[0])
     except NotKnown:
         return None
     return value if math.isfinite(value) else None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from enum import Enum
+from functools import lru_cache
 from typing import Annotated
 
 from pydantic import Field, model_validator
@@ -19,6 +20,10 @@ class Status(str, Enum):
     FLAKY = "FLAKY"
     INCONCLUSIVE = "INCONCLUSIVE"
     UNJUDGED = "no limit is set"
+
+
+_SHOWN = (Status.PASS, Status.FAIL, Status.FLAKY, Status.INCONCLUSIVE)
+"""What the counts of runs can show."""
 
 
 class Procedure(Record):
@@ -69,12 +74,7 @@ class Procedure(Record):
 
     def fewest_for(self, violations: int, runs: int) -> dict[Status, int]:
         """Return for each status within the budget the smallest number of further runs; the fewest first."""
-        found: dict[Status, int] = {}
-        for more in range(self.max_runs - runs + 1):
-            for bad in range(more + 1):
-                found.setdefault(self.status(violations + bad, runs + more), more)
-        found.pop(Status.INCONCLUSIVE, None)
-        return found
+        return dict(_fewest_for(self, violations, runs))
 
     def fewest_more(self, violations: int, runs: int) -> int:
         """Return the smallest number of further runs that can decide the status; 0 if it is decided."""
@@ -83,6 +83,17 @@ class Procedure(Record):
                 if self.status(violations + bad, runs + more) is not Status.INCONCLUSIVE:
                     return more
         return max(0, self.max_runs - runs)
+
+
+@lru_cache(maxsize=1024)
+def _fewest_for(procedure: Procedure, violations: int, runs: int) -> dict[Status, int]:
+    found: dict[Status, int] = {}
+    for more in range(procedure.max_runs - runs + 1):
+        for bad in range(more + 1):
+            found.setdefault(procedure.status(violations + bad, runs + more), more)
+        if len(found) == len(_SHOWN):
+            break
+    return {status: more for status, more in found.items() if status is not Status.INCONCLUSIVE}
 
 
 DEFAULT = Procedure()

@@ -23,6 +23,7 @@ from sqlalchemy.exc import DatabaseError, IntegrityError
 
 import rvsg
 from rvsg.campaign.attempt import Attempt
+from rvsg.campaign.sharing import Sharing
 from rvsg.core.errors import InputError, StoreError
 from rvsg.core.records import canonical_json, text_id
 from rvsg.simulation.archive import PackedRun, unpack, unpack_numpy
@@ -245,6 +246,7 @@ class SqliteLedger:
         with self._translated(), self._engine.connect() as connection:
             rows = connection.execute(query).all()
             dictionary = self._dictionary(connection, campaign)
+        shared = Sharing()
         for position, kept_id, kept in rows:
             try:
                 record = packing.unpack(kept, dictionary).decode() if isinstance(kept, bytes) else kept
@@ -253,7 +255,7 @@ class SqliteLedger:
             # The text is verified, not the parsed record: an older one lacks the fields that came later.
             if not isinstance(record, str) or text_id(Attempt.__name__.lower(), record) != kept_id:
                 raise self._damaged(f"attempt {position} of campaign {campaign!r} is not what was stored")
-            yield self._parsed(record, f"attempt {position} of {campaign!r}")
+            yield shared(self._parsed(record, f"attempt {position} of {campaign!r}"))
 
     def _packed(self, connection: sa.Connection, attempt: Attempt, record: bytes) -> bytes:
         """Pack a record; the first with measurements, so with the names of all metrics, is what the others repeat."""

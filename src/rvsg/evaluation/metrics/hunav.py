@@ -7,7 +7,7 @@ each person, which lies towards the origin of a Gazebo model and which a run doe
 
 from __future__ import annotations
 
-from functools import partial
+from functools import lru_cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -103,6 +103,7 @@ def _social_force(offset: Pair, relative: Pair, swapped: bool) -> Pair:
     return FORCE_FACTOR * (along * tx - across * ty), FORCE_FACTOR * (along * ty + across * tx)
 
 
+@lru_cache(maxsize=4)
 def _forces(s: Sampled, swapped: bool) -> tuple[Pair, Pair]:
     """((N, H) x, y) of the force on each human from the robot, and on the robot from each human."""
     dx, dy = s.offset

@@ -11,7 +11,7 @@ from collections.abc import Iterable
 from rvsg.core.registry import Registry
 from rvsg.evaluation.metrics import hunav, performance, safety
 from rvsg.evaluation.metrics.metric import Metric
-from rvsg.evaluation.sampled import Sampled
+from rvsg.evaluation.sampled import Sampled, sampled
 from rvsg.simulation.run import Run
 from rvsg.world.world import World
 
@@ -38,6 +38,6 @@ def measure(run: Run, names: Iterable[str] | None = None, *, world: World | None
         names: Ids of the metrics; all where None. Raises UnknownName.
         world: Where the run took place; without it distances to obstacles are None.
     """
-    seen = {"trajectory": Sampled(run, run.trajectory, world), "log": Sampled(run, run.log, world)}
+    seen = {"trajectory": sampled(run, world), "log": Sampled(run, run.log, world)}
     infos = list(METRICS.values()) if names is None else [metric(name) for name in names]
     return {info.id: info.of(seen[info.series]) for info in infos}

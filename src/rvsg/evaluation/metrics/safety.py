@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from rvsg.evaluation.metrics.metric import Metric
-from rvsg.evaluation.sampled import STILL_SPEED_M_S, Flags, Sampled
+from rvsg.evaluation.sampled import STILL_SPEED_M_S, Flags, Sampled, stretches
 from rvsg.scenario.aim import Aim
 
 REACTION_S = 0.3
@@ -141,11 +141,7 @@ def longest_standstill(s: Sampled) -> float | None:
     """Longest time the robot neither drives nor turns between its start and its end, seconds."""
     if len(s) < 2:
         return None
-    longest = current = 0.0
-    for still, dt in zip(s.still[1:], s.dt, strict=True):
-        current = current + float(dt) if still else 0.0
-        longest = max(longest, current)
-    return longest
+    return max((float(np.cumsum(s.dt[a : b + 1])[-1]) for a, b in stretches(s.still[1:])), default=0.0)
 
 
 def detour_ratio(s: Sampled) -> float | None:
