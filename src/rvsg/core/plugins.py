@@ -60,15 +60,17 @@ def find(kind: str, name: str) -> Any:
 
     Raises:
         UnknownName: no plug-in of this kind has this name.
-        InputError: two have it, or its module cannot be imported.
+        InputError: several packages register it, or its module cannot be imported.
     """
     registered = _registered(kind)
     if name not in registered:
         raise UnknownName(kind, name, registered)
-    same = sorted({point.value for point in _points(kind, tuple(sys.path)) if point.name == name})
+    same = sorted({origin(point) for point in _points(kind, tuple(sys.path)) if point.name == name})
     if len(same) > 1:
         raise InputError(
-            f'Two plug-ins register the {kind} "{name}": {" and ".join(same)}. Rename one, or uninstall its package.'
+            f'{len(same)} installed packages register the {kind} "{name}": {" and ".join(same)}. Rename it in one of '
+            "them, or uninstall that package.",
+            code="plug-in-name-taken",
         )
     try:
         return registered[name].load()
@@ -76,6 +78,17 @@ def find(kind: str, name: str) -> Any:
         raise InputError(
             f'Cannot load the {kind} "{name}" ({registered[name].value}): {error}. Check that its package is installed.'
         ) from error
+
+
+def origin(point: EntryPoint) -> str:
+    """Return which package registers an entry point, and what it stands for."""
+    package = f"{point.dist.name} {point.dist.version}" if point.dist is not None else "a package without a name"
+    return f"{package} ({point.value})"
+
+
+def origins(kind: str, name: str) -> str:
+    """Return which packages register a name, for a message."""
+    return " and ".join(sorted({origin(point) for point in _points(kind, tuple(sys.path)) if point.name == name}))
 
 
 def make(kind: str, name: str, options: Mapping[str, Any], *given: Any) -> Any:

@@ -52,15 +52,18 @@ class Registry(Mapping[str, Thing], Generic[Thing]):
     def _everything(self) -> dict[str, Thing]:
         if self._all is None:
             found = dict(self._built_in)
+            owners = dict.fromkeys(found, "RVSG itself")
             for name in plugins.names(self.kind):
+                origin = plugins.origins(self.kind, name)
                 for thing in self._of_plug_in(name):
                     if thing.id in found:
                         raise InputError(
-                            f'The plug-in "{name}" registers the {self.kind} "{thing.id}", but that id is taken. '
-                            "Rename it there, or uninstall the plug-in.",
+                            f'The {self.kind} "{thing.id}" is registered twice, by {owners[thing.id]} and by {origin}. '
+                            "Rename it in the plug-in, or uninstall its package.",
                             code="plug-in-name-taken",
                         )
                     found[thing.id] = thing
+                    owners[thing.id] = origin
             self._all = found
         return self._all
 
