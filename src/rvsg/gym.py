@@ -32,7 +32,7 @@ from rvsg.core.records import Record
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.embedded.simulator import EmbeddedSimulator
 from rvsg.simulation.run import Outcome, Run
-from rvsg.simulation.stacks.protocol import LocalObservation, LocalPlanner, Task
+from rvsg.simulation.stacks.protocol import Command, LocalObservation, LocalPlanner, Task, Twist
 from rvsg.world.world import World
 
 try:
@@ -78,12 +78,12 @@ class _Bridge(LocalPlanner):
 
     def __init__(self) -> None:
         self.seen: queue.Queue[Any] = queue.Queue()
-        self.answers: queue.Queue[tuple[float, float] | None] = queue.Queue()
+        self.answers: queue.Queue[Command | None] = queue.Queue()
 
     def reset(self, task: Task) -> None:
         self.task = task
 
-    def command(self, seen: LocalObservation) -> tuple[float, float] | None:
+    def command(self, seen: LocalObservation) -> Command | None:
         self.seen.put(seen)
         answer = self.answers.get()
         if answer is None:
@@ -99,6 +99,8 @@ class DriveEnv(gymnasium.Env[dict[str, Singles], Singles]):
     people that a lidar sees, (10, 10, 0, 0) where there are fewer.
 
     Action: (2,) within -1 and 1: the share of the robot's highest (reverse) speed and yaw rate.
+
+    Where a robot of the scenarios moves sideways, `velocity` is (3,) vx, vy, w, and so is the action.
 
     Args:
         scenarios: the tasks.
@@ -116,6 +118,8 @@ class DriveEnv(gymnasium.Env[dict[str, Singles], Singles]):
             raise InputError("DriveEnv needs at least one scenario.")
         self.scenarios = tuple(scenarios)
         self.worlds = tuple(worlds) if worlds is not None else tuple(world_of(s.mission) for s in self.scenarios)
+        robots = [scenario.mission.robot_record for scenario in self.scenarios]
+        self.sideways = any(robot is not None and robot.limits.lateral_m_s > 0.0 for robot in robots)
         self.reward = reward or Reward()
         self._options = dict(simulator_options or {})
         self._bridge: _Bridge | None = None
@@ -128,10 +132,10 @@ class DriveEnv(gymnasium.Env[dict[str, Singles], Singles]):
             "scan": box(0.0, far, (RAYS,), np.float32),
             "plan": box(-far, far, (PLAN_POINTS, 2), np.float32),
             "goal": box(np.array([-far, -far, -4.0], np.float32), np.array([far, far, 4.0], np.float32)),
-            "velocity": box(-far, far, (2,), np.float32),
+            "velocity": box(-far, far, (2 + self.sideways,), np.float32),
             "people": box(-far, far, (PEOPLE, 4), np.float32),
         })  # fmt: skip
-        self.action_space = box(-1.0, 1.0, (2,), np.float32)
+        self.action_space = box(-1.0, 1.0, (2 + self.sideways,), np.float32)
         EmbeddedSimulator(**self._options).prepare(lambda _: None)
 
     @classmethod
@@ -167,9 +171,10 @@ class DriveEnv(gymnasium.Env[dict[str, Singles], Singles]):
         if self._bridge is None or self._seen is None:
             raise gymnasium.error.ResetNeeded("Call reset() before step().")
         limits = self._bridge.task.robot.limits
-        forward, turn = (float(np.clip(value, -1.0, 1.0)) for value in action)
+        forward, *left, turn = (float(np.clip(value, -1.0, 1.0)) for value in action)
         v = forward * (limits.speed_m_s if forward > 0.0 else limits.reverse_m_s)
-        self._bridge.answers.put((v, turn * limits.yaw_rate_rad_s))
+        side = sum(left) * limits.lateral_m_s
+        self._bridge.answers.put(Twist(v, side, turn * limits.yaw_rate_rad_s))
         after = self._next()
         if isinstance(after, Run):
             return self._ended(after)
@@ -252,7 +257,7 @@ class DriveEnv(gymnasium.Env[dict[str, Singles], Singles]):
             "scan": self._scan(seen),
             "plan": in_base(_spaced(seen.plan, x, y)),
             "goal": np.array([goal[0], goal[1], math.remainder(seen.goal[2] - yaw, math.tau)]),
-            "velocity": np.array(seen.velocity),
+            "velocity": np.array([seen.velocity[0], *([seen.lateral] if self.sideways else []), seen.velocity[1]]),
             "people": people,
         }
         return {key: np.clip(value, -FAR_M, FAR_M).astype(np.float32) for key, value in values.items()}

@@ -4,6 +4,7 @@ See docs/how-to/test-your-own-stack.md. `rvsg.testing.check_stack` examines one.
 """
 
 from rvsg.simulation.stacks import (
+    Command,
     Costmap,
     Ended,
     LocalObservation,
@@ -15,12 +16,14 @@ from rvsg.simulation.stacks import (
     StackChoice,
     StackError,
     Task,
+    Twist,
     Velocity,
     WholeStack,
     stack_names,
 )
 
 __all__ = [
+    "Command",
     "Costmap",
     "Ended",
     "LocalObservation",
@@ -32,6 +35,7 @@ __all__ = [
     "StackChoice",
     "StackError",
     "Task",
+    "Twist",
     "Velocity",
     "WholeStack",
     "stack_names",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import warnings
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -66,6 +67,22 @@ def test_a_policy_that_follows_the_plan_gets_nearer_and_one_that_stands_ends(env
     assert ended and info["outcome"] != "REACHED" and info["run"].trajectory.t[-1] > 5.0
     with pytest.raises(gymnasium.error.ResetNeeded):
         env.step(np.zeros(2, np.float32))
+
+
+def test_a_robot_that_moves_sideways_has_a_third_action() -> None:
+    from gymnasium.utils.env_checker import check_env
+
+    robot = Path(__file__).parents[2] / "examples" / "robots" / "mecanum.yaml"
+    scenario = rvsg.scenario(rvsg.load_world("warehouse"), "route_1", people=[], robot=robot)
+    env = DriveEnv([scenario])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        check_env(env, skip_render_check=True)
+    env.reset(seed=1, options={"scenario": 0, "run_seed": 5})
+    for _ in range(20):
+        seen, *_ = env.step(np.array([0.0, 0.5, 0.0], np.float32))
+    assert seen["velocity"] == pytest.approx((0.0, 0.25, 0.0), abs=0.01)
+    env.close()
 
 
 def test_environments_run_side_by_side_and_leave_no_thread(scenario: Any) -> None:

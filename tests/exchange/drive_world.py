@@ -6,6 +6,7 @@ import json
 import sys
 import tempfile
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,7 @@ HUMANS = (
 
 class Mission:
     route = Route(name="room", start=Pose(x=-2.0, y=0.0), goal=Pose(x=1.5, y=0.5), time_limit_s=25.0)
+    moved = ()
 
 
 class Scenario:
@@ -35,7 +37,7 @@ class Scenario:
 
     id = "scenario-room"
     mission = Mission()
-    people = None
+    people = SimpleNamespace(humans=())
 
 
 def main(given: dict[str, Any]) -> dict[str, Any]:

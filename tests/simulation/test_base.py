@@ -12,7 +12,7 @@ from rvsg.robots import Robot, load_robot
 from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded.stack import refer, stack_of
 
-NONE = np.zeros((1, 2))
+NONE = np.zeros((1, 3))
 
 
 def body(**values: float) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
@@ -74,7 +74,7 @@ def driven(robot: Robot, ticks: int, v: float, w: float, **begin: float) -> np.n
     """States of the base, one per tick, whose smoother has long reached (v, w)."""
     stack = stack_of(robot)
     state = body(smooth_v=v, smooth_w=w, **begin)
-    waiting = np.zeros((max(1, stack.latency_ticks), 2))
+    waiting = np.zeros((max(1, stack.latency_ticks), 3))
     rows = []
     for k in range(ticks):
         base.advance(state, 1.0, waiting, k, refer(stack))

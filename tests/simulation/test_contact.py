@@ -18,9 +18,11 @@ from rvsg.simulation.embedded.contact import touch_people
 from rvsg.simulation.embedded.options import profile
 from rvsg.simulation.embedded.people import Crowd, reference
 from rvsg.simulation.embedded.people.recorded import events_of
+from rvsg.simulation.embedded.rehearsal import empty_room
 from rvsg.simulation.embedded.simulator import simulate_agents
-from rvsg.simulation.events import RobotContact
+from rvsg.simulation.events import ObstacleContact, Recovery, RobotContact
 from rvsg.simulation.run import Outcome, Run
+from rvsg.stacks import LocalObservation, LocalPlanner, StackChoice, Task
 from rvsg.world.io.load import load_world
 from rvsg.world.world import Route, World
 
@@ -134,6 +136,27 @@ class TestBase:
         body[base.SMOOTH_V], body[base.SMOOTH_W] = 0.5, 0.5
         drive(reference(crowd), body, 100)
         assert body[base.YAW] > 0.02
+
+
+class Bump(LocalPlanner):
+    """Drives straight on for some time, then has no command, so that Nav2 recovers."""
+
+    def reset(self, task: Task) -> None:
+        self.until_s = 7.0
+
+    def command(self, seen: LocalObservation) -> tuple[float, float] | None:
+        return (0.3, 0.0) if seen.t < self.until_s else None
+
+
+@pytest.mark.parametrize("people", [0, 1], ids=["wall", "person at a wall"])
+def test_the_recovery_backs_out_of_a_contact(people: int) -> None:
+    pinned = [HumanAgent(name="ann", start=(2.5, 0.0), goals=((2.5, 0.0),), pauses_s=(99.0,))][:people]
+    route = Route(name="bump", start=Pose(x=1.2, y=0.0), goal=Pose(x=2.0, y=-2.0), time_limit_s=21.0)
+    run = simulate_agents(empty_room(), route, pinned, stack=StackChoice.of(Bump()))
+    assert any(isinstance(event, RobotContact if people else ObstacleContact) for event in run.events)
+    (back,) = [event for event in run.events if isinstance(event, Recovery) and event.action == "back_up"]
+    t, x = run.trajectory.t, run.trajectory.x
+    assert np.interp(back.time_s, t, x) - np.interp(back.until_s, t, x) == pytest.approx(0.3, abs=0.03)
 
 
 PINCHED = pytest.mark.xfail(strict=True, reason="two people overlap by 10.8 mm in a run of simulator version 9")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -69,7 +70,7 @@ def slow_totals(
         return abs(nearest[0] - c[0]) + abs(nearest[1] - c[1])
 
     totals: list[float | None] = []
-    for v1, w1, steps, dt in TABLE:
+    for v1, w1, steps, dt, _ in TABLE:
         rolled = slow_rollout(v0, w0, v1, w1, int(steps), dt)
         cos, sin = math.cos(pose[2]), math.sin(pose[2])
         world = np.column_stack(
@@ -102,7 +103,7 @@ def choose(
     count = len(TABLE)
     return dwb.choose(
         state, np.zeros(dwb.CONTROLLER_REALS), dwb.scratch(count, 60), rollouts(count), TABLE, master, 0, 0, path,
-        goal_yaw, *pose, v0, w0, STACK,
+        goal_yaw, *pose, v0, 0.0, w0, STACK,
     )  # fmt: skip
 
 
@@ -119,8 +120,8 @@ def test_there_are_419_samples_in_dwbs_order() -> None:
 @pytest.mark.parametrize(("v0", "w0"), [(0.0, 0.0), (0.5, 0.3), (0.26, -0.755)])
 def test_rollouts_end_where_the_slow_reading_ends(v0: float, w0: float) -> None:
     ends = np.zeros((len(TABLE), 5))
-    roll_out_ends(ends, v0, w0, TABLE, STACK)
-    slow = np.array([slow_rollout(v0, w0, v, w, int(n), dt)[-1] for v, w, n, dt in TABLE])
+    roll_out_ends(ends, v0, 0.0, w0, TABLE, STACK)
+    slow = np.array([slow_rollout(v0, w0, v, w, int(n), dt)[-1] for v, w, n, dt, _ in TABLE])
     assert np.allclose(ends[:, :3], slow, atol=1e-12)
     ahead = slow[:, :2] + 0.1 * np.column_stack([np.cos(slow[:, 2]), np.sin(slow[:, 2])])
     assert np.allclose(ends[:, 3:], ahead, atol=1e-12)
@@ -176,14 +177,14 @@ def test_near_the_goal_the_robot_slows_down_then_turns_on_the_spot_towards_the_g
 def test_a_reversed_turn_on_the_spot_bans_the_way_back_until_the_robot_has_moved() -> None:
     state = np.zeros(dwb.CONTROLLER_INTS, np.int64)
     reals = np.zeros(dwb.CONTROLLER_REALS)
-    dwb.remember_turn(state, reals, 0.0, -0.5, 0.0, 0.0, 0.0, STACK)
-    dwb.remember_turn(state, reals, 0.4, 0.5, 0.0, 0.0, 0.0, STACK)
+    dwb.remember_turn(state, reals, 0.0, 0.0, -0.5, 0.0, 0.0, 0.0, STACK)
+    dwb.remember_turn(state, reals, 0.4, 0.0, 0.5, 0.0, 0.0, 0.0, STACK)
     assert state[dwb.BAN_RIGHT] == 0
-    dwb.remember_turn(state, reals, 0.05, 0.5, 0.0, 0.0, 0.0, STACK)
+    dwb.remember_turn(state, reals, 0.05, 0.0, 0.5, 0.0, 0.0, 0.0, STACK)
     assert state[dwb.BAN_RIGHT] == 1
-    dwb.remember_turn(state, reals, 0.5, 0.5, 0.04, 0.0, 0.1, STACK)
+    dwb.remember_turn(state, reals, 0.5, 0.0, 0.5, 0.04, 0.0, 0.1, STACK)
     assert state[dwb.BAN_RIGHT] == 1
-    dwb.remember_turn(state, reals, 0.5, 0.5, 0.06, 0.0, 0.1, STACK)
+    dwb.remember_turn(state, reals, 0.5, 0.0, 0.5, 0.06, 0.0, 0.1, STACK)
     assert state[dwb.BAN_RIGHT] == 0
     assert state[dwb.LAST_SIGN] == 0
 
@@ -213,9 +214,9 @@ def slow_robot(**limits: float) -> Robot:
 class TestDynamicWindow:
     def test_the_tiago_samples_its_whole_range_at_any_velocity(self) -> None:
         assert stack_of(TIAGO).dwb_whole_range
-        samples = np.zeros((500, 4))
+        samples = np.zeros((500, 5))
         for v, w in ((0.0, 0.0), (0.5, -1.0), (0.31, 0.7)):
-            count = fill_window(samples, v, w, STACK)
+            count = fill_window(samples, v, 0.0, w, STACK)
             assert np.allclose(samples[:count], TABLE, atol=1e-12)
 
     @pytest.mark.parametrize(("v", "w"), [(0.0, 0.0), (0.4, 0.0), (0.95, 0.6), (1.3, -0.95)])
@@ -224,7 +225,7 @@ class TestDynamicWindow:
         stack = stack_of(robot)
         assert not stack.dwb_whole_range
         samples = sample_table(stack)
-        count = fill_window(samples, v, w, refer(stack))
+        count = fill_window(samples, v, 0.0, w, refer(stack))
         expected = [
             (speed, rate)
             for speed in nav2_axis(v, 0.0, 1.0, 0.2, 1.7, 20)
@@ -237,7 +238,7 @@ class TestDynamicWindow:
     def test_a_tugger_samples_only_what_its_steering_allows(self) -> None:
         stack = stack_of(load_robot("tugger"))
         samples = sample_table(stack)
-        count = fill_window(samples, 0.3, 0.0, refer(stack))
+        count = fill_window(samples, 0.3, 0.0, 0.0, refer(stack))
         v, w = samples[:count, 0], samples[:count, 1]
         assert (np.abs(w) <= np.abs(v) * math.tan(1.05) / 0.95 + 1e-9).all()
         assert (np.abs(w) > 0.9 * np.minimum(np.abs(v) * math.tan(1.05) / 0.95, 1.0)).any()
@@ -246,14 +247,62 @@ class TestDynamicWindow:
     def test_scores_of_an_earlier_larger_window_do_not_count(self) -> None:
         stack = stack_of(slow_robot(acceleration_m_s2=0.2, deceleration_m_s2=0.2, yaw_acceleration_rad_s2=0.3))
         samples = sample_table(stack)
-        count = fill_window(samples, 0.0, 0.0, refer(stack))
+        count = fill_window(samples, 0.0, 0.0, 0.0, refer(stack))
         assert count < len(samples)
         path = np.column_stack([np.linspace(1.5, 3.0, 60), np.full(60, 1.5)])
         state = np.zeros(dwb.CONTROLLER_INTS, np.int64)
         state[dwb.PLAN_END] = len(path)
         best = dwb.choose(
             state, np.zeros(dwb.CONTROLLER_REALS), dwb.scratch(len(samples), 60), rollouts(len(samples)),
-            samples[:count], np.zeros((60, 60), np.uint8), 0, 0, path, 0.0, 1.51, 1.51, 0.0, 0.0, 0.0, refer(stack),
+            samples[:count], np.zeros((60, 60), np.uint8), 0, 0, path, 0.0, 1.51, 1.51, 0.0, 0.0, 0.0, 0.0,
+            refer(stack),
         )  # fmt: skip
         assert 0 <= best < count
         assert samples[best, 0] > 0.2
+
+
+class TestLateral:
+    def mecanum(self) -> Robot:
+        return load_robot(Path(__file__).parents[2] / "examples" / "robots" / "mecanum.yaml")
+
+    def test_lateral_speeds_are_sampled_as_nav2_samples_them(self) -> None:
+        robot = self.mecanum()
+        stack = stack_of(robot)
+        samples = sample_table(stack)
+        v, side, w = 0.2, -0.1, 0.4
+        count = fill_window(samples, v, side, w, refer(stack))
+        expected = [
+            (speed, rate, aside)
+            for speed in nav2_axis(v, 0.0, 0.6, 1.0, 1.7, 10)
+            for aside in nav2_axis(side, -0.3, 0.3, 1.0, 1.7, 5)
+            for rate in nav2_axis(w, -1.5, 1.5, 3.0, 1.7, 20)
+            if (speed != 0.0 or aside != 0.0 or rate != 0.0) and math.hypot(speed, aside) <= 0.6 + 1e-12
+        ]
+        assert np.allclose(samples[:count][:, [0, 1, 4]], expected, atol=1e-9)
+        assert np.allclose(samples[:count, 2] * samples[:count, 3], 1.7)
+
+    def test_rollouts_end_where_a_slow_reading_ends(self) -> None:
+        stack = stack_of(self.mecanum())
+        samples = sample_table(stack)
+        count = fill_window(samples, 0.2, -0.1, 0.4, refer(stack))
+        ends = np.zeros((count, 5))
+        roll_out_ends(ends, 0.2, -0.1, 0.4, samples[:count], refer(stack))
+        for (v1, w1, steps, dt, side1), end in zip(samples[:count:97], ends[::97], strict=True):
+            v, side, w, x, y, yaw = 0.2, -0.1, 0.4, 0.0, 0.0, 0.0
+            for _ in range(int(steps)):
+                v += max(-1.5 * dt, min(1.0 * dt, v1 - v))
+                side += max(-1.0 * dt, min(1.0 * dt, side1 - side))
+                w += max(-3.0 * dt, min(3.0 * dt, w1 - w))
+                x += (v * math.cos(yaw) - side * math.sin(yaw)) * dt
+                y += (v * math.sin(yaw) + side * math.cos(yaw)) * dt
+                yaw += w * dt
+            assert end[:3] == pytest.approx((x, y, yaw), abs=1e-12)
+
+    def test_a_reversed_step_aside_bans_the_way_back(self) -> None:
+        state, reals = np.zeros(dwb.CONTROLLER_INTS, np.int64), np.zeros(dwb.CONTROLLER_REALS)
+        dwb.remember_turn(state, reals, 0.0, 0.2, 0.0, 0.0, 0.0, 0.0, STACK)
+        assert state[dwb.BAN_ASIDE_LEFT] == 0
+        dwb.remember_turn(state, reals, 0.0, -0.2, 0.0, 0.0, 0.0, 0.0, STACK)
+        assert state[dwb.BAN_ASIDE_LEFT] == 1 and state[dwb.BAN_LEFT] == 0
+        dwb.remember_turn(state, reals, 0.0, -0.2, 0.0, 0.0, 0.06, 0.0, STACK)
+        assert state[dwb.BAN_ASIDE_LEFT] == 0

@@ -78,10 +78,19 @@ def test_an_answer_that_is_none_is_refused(answer: bytes) -> None:
 
 
 def test_the_answer_to_the_hello_says_what_is_sent() -> None:
-    assert frames.read_hello(b'H{"protocol": 1, "scans": false}') == frames.Wanted(False, True, True)
-    for answer in (b"", b"H", b"H{}", b'H{"protocol": 2}', b"R", b"H[1]", b"H\xff"):
+    assert frames.read_hello(b'H{"protocol": 1, "scans": false}') == frames.Wanted(False, True, True, 1)
+    for answer in (b"", b"H", b"H{}", b'H{"protocol": 3}', b'H{"protocol": true}', b"R", b"H[1]", b"H\xff"):
         with pytest.raises(StackError):
             frames.read_hello(answer)
+
+
+def test_protocol_2_adds_the_speed_to_the_left() -> None:
+    assert frames.read_hello(b'H{"protocol": 2}').protocol == 2
+    assert frames.read_answer(struct.pack("<cIB2d", b"V", 7, 1, 0.5, 0.2), 7) == (1, (0.5, 0.2))
+    wide = struct.pack("<cIB3d", b"V", 7, 1, 0.5, 0.2, -0.3)
+    assert frames.read_answer(wide, 7, 2) == (1, (0.5, -0.3, 0.2))
+    with pytest.raises(StackError):
+        frames.read_answer(wide, 7, 1)
 
 
 def test_a_channel_never_waits_for_ever() -> None:

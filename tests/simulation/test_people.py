@@ -81,7 +81,7 @@ def crowd_of(*agents: HumanAgent, options: PeopleOptions = PUBLISHED, world: Wor
 
 
 def tick(crowd: Crowd, *arguments: float) -> None:
-    tick_by_reference(reference(crowd), *arguments)
+    tick_by_reference(reference(crowd), *arguments, 0.0)
 
 
 def walk(crowd: Crowd, ticks: int, robot: tuple[float, float, float, float] = FAR, dt: float = 0.1) -> list[float]:
@@ -90,7 +90,7 @@ def walk(crowd: Crowd, ticks: int, robot: tuple[float, float, float, float] = FA
     found = []
     by_reference = reference(crowd)
     for k in range(ticks):
-        tick_by_reference(by_reference, k * dt, dt, x, y, yaw, v)
+        tick_by_reference(by_reference, k * dt, dt, x, y, yaw, v, 0.0)
         x += v * math.cos(yaw) * dt
         y += v * math.sin(yaw) * dt
         found.append(math.hypot(crowd.x[0] - x, crowd.y[0] - y))

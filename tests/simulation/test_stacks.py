@@ -96,7 +96,7 @@ def test_a_whole_stack_may_give_up_or_fall_silent(end: Any, outcome: Outcome) ->
     assert run.trajectory.t[-1] < 2.2 or run.trajectory.v[-1] == 0.0
 
 
-@pytest.mark.parametrize("answer", ["raise", "fast", (1.0,), (1.0, 2.0, 3.0)])
+@pytest.mark.parametrize("answer", ["raise", "fast", (1.0,), (1.0, 2.0, 3.0, 4.0)])
 def test_a_planner_that_fails_ends_its_run(answer: Any) -> None:
     run = drive(Straight(answer))
     assert run.outcome is Outcome.STACK_FAILED

@@ -146,7 +146,7 @@ def _robot(run: Run, index: int, *, touched: bool) -> str:
     """What the robot does around the closest approach."""
     path = run.trajectory
     window = (path.t >= path.t[index] - WINDOW_S) & (path.t <= path.t[index] + WINDOW_S)
-    speed = np.abs(path.v)
+    speed = path.speed
     slowest = float(speed[window].min())
     moving = speed[speed > STOPS_M_S]
     usual = float(np.median(moving)) if len(moving) else 0.0

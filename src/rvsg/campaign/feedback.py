@@ -336,7 +336,7 @@ def _moment(run: Run, gap: Floats, index: int, note: str, names: WaypointNames) 
         humans_at=dict(zip(run.human_names, names.nearest(path.human_x[index], path.human_y[index]), strict=True)),
         closest_human=run.human_names[closest],
         gap_m=round(float(gap[index, closest]), 3),
-        robot_speed_m_s=round(float(path.v[index]), 3),
+        robot_speed_m_s=round(float(path.signed_speed[index]), 3),
         note=note,
     )
 
@@ -349,14 +349,14 @@ def _hardest_braking(path: Trajectory) -> tuple[int, float] | None:
     if not usable.any():
         return None
     index = np.flatnonzero(usable)
-    drop = (path.v[index] - path.v[later[index]]) / (path.t[later[index]] - path.t[index])
+    drop = (path.signed_speed[index] - path.signed_speed[later[index]]) / (path.t[later[index]] - path.t[index])
     hardest = int(drop.argmax())
     return (int(index[hardest]), float(drop[hardest])) if drop[hardest] >= 0.3 else None
 
 
 def _longest_stop(path: Trajectory) -> tuple[int, float] | None:
     """The first sample and the duration (s) of the longest standstill of at least 1 s after the robot first moved."""
-    moving = (np.abs(path.v) >= 0.01) | (np.abs(path.omega) >= 0.02)
+    moving = (path.speed >= 0.01) | (np.abs(path.omega) >= 0.02)
     if not moving.any():
         return None
     best: tuple[int, float] | None = None

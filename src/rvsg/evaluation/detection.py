@@ -164,7 +164,7 @@ def _recorded_contact(s: Sampled, touch: Touch, recorded: RobotContact, at: Plac
 
 def _fastest(s: Sampled, touch: Touch) -> float:
     """Return the robot's largest speed during a contact, from the sample before it on."""
-    return round(float(np.abs(s.series.v[max(0, touch.first - 1) : touch.last + 1]).max()), 3)
+    return round(float(s.series.speed[max(0, touch.first - 1) : touch.last + 1].max()), 3)
 
 
 def _mover(s: Sampled, index: int, person: int) -> Literal["robot", "person", "both", "neither"]:
@@ -203,7 +203,7 @@ def hard_brakes(s: Sampled, at: PlaceAt) -> Iterator[HardBrake]:
 
     Speed that a contact takes from the robot is not braking: it counts only up to the moment at which they touch.
     """
-    t, speed = s.series.t, np.abs(s.series.v)
+    t, speed = s.series.t, s.series.speed
     later = np.searchsorted(t, t + BRAKE_WINDOW_S - 1e-9)
     usable = later < len(t)
     if s.run.completed:

@@ -271,7 +271,7 @@ class Sampled:
     def still(self) -> Flags:
         """(N,) whether the robot neither drives nor turns: |v| < 0.01 m/s and |omega| < 0.02 rad/s."""
         s = self.series
-        return (np.abs(s.v) < STILL_SPEED_M_S) & (np.abs(s.omega) < STILL_TURN_RAD_S)
+        return (s.speed < STILL_SPEED_M_S) & (np.abs(s.omega) < STILL_TURN_RAD_S)
 
     @cached_property
     def bearing_of_robot(self) -> Floats:
@@ -292,8 +292,11 @@ class Sampled:
 
     @cached_property
     def robot_velocity(self) -> tuple[Floats, Floats]:
-        """(N,) twice: the robot's velocity in the world frame, m/s (it drives along its heading)."""
+        """(N,) twice: the robot's velocity in the world frame, m/s."""
         s = self.series
+        if s.lateral.size:
+            cos, sin = np.cos(s.yaw), np.sin(s.yaw)
+            return s.v * cos - s.lateral * sin, s.v * sin + s.lateral * cos
         return s.v * np.cos(s.yaw), s.v * np.sin(s.yaw)
 
     @cached_property
@@ -322,10 +325,14 @@ class Sampled:
     def acceleration(self) -> tuple[Floats, Floats]:
         """(N-1,) twice: the robot's mean acceleration per interval along and across its heading, m/s^2.
 
-        Along: change of speed over time. Across: mean speed times mean turn rate.
+        Along: change of speed over time. Across: mean speed times mean turn rate. Likewise for lateral motion.
         """
         s = self.series
-        return np.diff(s.v) / self.dt, (s.v[1:] + s.v[:-1]) / 2 * self.turns / self.dt
+        along, across = np.diff(s.v) / self.dt, (s.v[1:] + s.v[:-1]) / 2 * self.turns / self.dt
+        if s.lateral.size:
+            along = along - (s.lateral[1:] + s.lateral[:-1]) / 2 * self.turns / self.dt
+            across = across + np.diff(s.lateral) / self.dt
+        return along, across
 
     @cached_property
     def obstacle_distance(self) -> Floats | None:

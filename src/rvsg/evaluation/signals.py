@@ -74,8 +74,7 @@ def _person_bearing(s: Sampled) -> Floats:
 
 def _speed(s: Sampled) -> Floats:
     """m/s, the magnitude of the robot's speed."""
-    speed: Floats = np.abs(s.series.v)
-    return speed
+    return s.series.speed
 
 
 def _forward_speed(s: Sampled) -> Floats:

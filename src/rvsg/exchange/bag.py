@@ -23,7 +23,7 @@ from rvsg.core.errors import FileError
 from rvsg.exchange.bag_trace import TraceMessages
 from rvsg.exchange.messages import BASE_FRAME, Messages
 from rvsg.exchange.ros_types import rosbags_types
-from rvsg.simulation.archive import PER_HUMAN, PER_SAMPLE, header_of
+from rvsg.simulation.archive import LATERAL, PER_HUMAN, PER_SAMPLE, header_of, series_of
 from rvsg.simulation.run import Run, Trajectory
 from rvsg.world.world import OCCUPIED, UNKNOWN, World
 
@@ -117,7 +117,9 @@ class _Bag(Messages):
             yield at, "/clock", self.make("rosgraph_msgs/Clock", clock=stamp)
             moved = self.transform(stamp, "odom", BASE_FRAME, x, y, yaw)
             yield at, "/tf", self.make("tf2_msgs/TFMessage", transforms=[moved])
-            yield at, "/odom", self._odometry(stamp, x, y, yaw, float(path.v[k]), float(path.omega[k]))
+            side = float(path.lateral[k]) if path.lateral.size else 0.0
+            twist = self.twist(float(path.v[k]), float(path.omega[k]), side)
+            yield at, "/odom", self._odometry(stamp, x, y, yaw, twist)
             accel = self.make(
                 "geometry_msgs/Accel", linear=self.vector(float(path.acceleration[k])), angular=self.vector()
             )
@@ -138,30 +140,33 @@ class _Bag(Messages):
         period are no measure of what a robot feels.
         """
         path, none = run.trajectory, np.zeros(9)
-        forward = np.diff(path.v, prepend=path.v[:1]) / np.maximum(np.diff(path.t, prepend=path.t[:1] - 1.0), 1e-9)
+        step = np.maximum(np.diff(path.t, prepend=path.t[:1] - 1.0), 1e-9)
+        forward, left = np.diff(path.v, prepend=path.v[:1]) / step, path.v * path.omega
+        if path.lateral.size:
+            forward = forward - path.lateral * path.omega
+            left = left + np.diff(path.lateral, prepend=path.lateral[:1]) / step
         for k in range(len(path)):
             stamp, at = self.time(float(path.t[k]))
-            v, omega = float(path.v[k]), float(path.omega[k])
             message = self.make(
                 "sensor_msgs/Imu",
                 header=self.header(stamp, BASE_FRAME),
                 orientation=self.turn(float(path.yaw[k])),
                 orientation_covariance=none,
-                angular_velocity=self.vector(0.0, 0.0, omega),
+                angular_velocity=self.vector(0.0, 0.0, float(path.omega[k])),
                 angular_velocity_covariance=none,
-                linear_acceleration=self.vector(float(forward[k]), v * omega, GRAVITY_M_S2),
+                linear_acceleration=self.vector(float(forward[k]), float(left[k]), GRAVITY_M_S2),
                 linear_acceleration_covariance=none,
             )
             yield at, "/imu", message
 
-    def _odometry(self, stamp: Any, x: float, y: float, yaw: float, v: float, omega: float) -> Any:
+    def _odometry(self, stamp: Any, x: float, y: float, yaw: float, twist: Any) -> Any:
         none = np.zeros(36)
         return self.make(
             "nav_msgs/Odometry",
             header=self.header(stamp, "odom"),
             child_frame_id=BASE_FRAME,
             pose=self.make("geometry_msgs/PoseWithCovariance", pose=self.pose(x, y, yaw), covariance=none),
-            twist=self.make("geometry_msgs/TwistWithCovariance", twist=self.twist(v, omega), covariance=none),
+            twist=self.make("geometry_msgs/TwistWithCovariance", twist=twist, covariance=none),
         )
 
     def _map(self, stamp: Any, world: World) -> Any:
@@ -230,7 +235,7 @@ def run_facts(run: Run) -> dict[str, Any]:
     facts: dict[str, Any] = {"header": header_of(run).model_dump(mode="json"), "t0": float(run.trajectory.t[0])}
     facts["imu"] = run.imu.tolist()
     if run.log is not run.trajectory:
-        facts["log"] = {name: getattr(run.log, name).tolist() for name in (*PER_SAMPLE, *PER_HUMAN)}
+        facts["log"] = {name: array.tolist() for name, array in series_of(run.log).items()}
     return facts
 
 
@@ -239,7 +244,8 @@ def log_of(facts: dict[str, Any], humans: int) -> Trajectory | None:
     kept = facts.get("log")
     if kept is None:
         return None
-    arrays = {name: np.asarray(kept[name], dtype=np.float64) for name in (*PER_SAMPLE, *PER_HUMAN)}
+    names = (*PER_SAMPLE, *PER_HUMAN, *((LATERAL,) if LATERAL in kept else ()))
+    arrays = {name: np.asarray(kept[name], dtype=np.float64) for name in names}
     rows = len(arrays["t"])
     return Trajectory(**{k: v.reshape(rows, humans) if k in PER_HUMAN else v for k, v in arrays.items()})
 

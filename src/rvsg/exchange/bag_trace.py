@@ -111,19 +111,20 @@ class TraceMessages(Messages):
         finite = np.flatnonzero(np.isfinite(tried.score))
         worst = int(finite[np.argmax(tried.score[finite])]) if len(finite) else 0
         start = self.make("geometry_msgs/Pose2D", x=x, y=y, theta=yaw)
+        samples = zip(tried.velocity, tried.end, tried.score, strict=True)
         twists = [
             self.make(
                 "dwb_msgs/TrajectoryScore",
                 traj=self.make(
                     "dwb_msgs/Trajectory2D",
-                    velocity=self.make("nav_2d_msgs/Twist2D", x=float(v), y=0.0, theta=float(w)),
+                    velocity=self.make("nav_2d_msgs/Twist2D", x=float(v), y=float(sum(side)), theta=float(w)),
                     time_offsets=[],
                     poses=[start, self.make("geometry_msgs/Pose2D", x=float(ex), y=float(ey), theta=0.0)],
                 ),
                 scores=self._critics(tried, k) if math.isfinite(score) else [],
                 total=float(score) if math.isfinite(score) else -1.0,
             )
-            for k, ((v, w), (ex, ey), score) in enumerate(zip(tried.velocity, tried.end, tried.score, strict=True))
+            for k, ((v, w, *side), (ex, ey), score) in enumerate(samples)
         ]
         yield (
             at,

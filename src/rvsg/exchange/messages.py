@@ -49,9 +49,9 @@ class Messages:
         """Return a pose."""
         return self.make("geometry_msgs/Pose", position=self.point(x, y, z), orientation=self.turn(yaw))
 
-    def twist(self, forward: float, turning: float) -> Any:
+    def twist(self, forward: float, turning: float, left: float = 0.0) -> Any:
         """Return a velocity: m/s and rad/s."""
-        return self.make("geometry_msgs/Twist", linear=self.vector(forward), angular=self.vector(z=turning))
+        return self.make("geometry_msgs/Twist", linear=self.vector(forward, left), angular=self.vector(z=turning))
 
     def transform(self, stamp: Any, parent: str, child: str, x: float, y: float, yaw: float) -> Any:
         """Return the transform from a child frame to its parent."""

@@ -24,7 +24,7 @@ from rvsg.core.errors import FileError
 from rvsg.core.records import text_id
 from rvsg.exchange.bag import log_of
 from rvsg.exchange.frames import Frames
-from rvsg.exchange.recording_contents import Contents, read_contents
+from rvsg.exchange.recording_contents import SIDEWAYS_M_S, Contents, read_contents
 from rvsg.simulation.archive import RunHeader
 from rvsg.simulation.run import Outcome, Run, Trajectory
 from rvsg.world.world import Route, World
@@ -89,6 +89,7 @@ def read_recording(
         yaw=robot[:, 3],
         v=robot[:, 4],
         omega=robot[:, 5],
+        lateral=robot[:, 6] if np.abs(robot[:, 6]).max() > SIDEWAYS_M_S else np.empty(0),
         acceleration=_acceleration(contents, times, robot[:, 4], shift, notes),
         human_x=humans[0],
         human_y=humans[1],
@@ -128,7 +129,7 @@ def read_recording(
 def _robot_track(
     path: Path, contents: Contents, frames: Frames, offset: Floats, notes: list[str]
 ) -> tuple[Floats, str]:
-    """Return the robot in the world frame, (N, 6), and the frame that counts as the map."""
+    """Return the robot in the world frame, (N, 7), and the frame that counts as the map."""
     found = list(contents.odometry)
     if len(found) > 1:
         raise FileError(path, f"the odometry is given in several frames: {', '.join(found)}. Record one robot.")
@@ -154,7 +155,7 @@ def _robot_track(
 
 
 def _track_of_transforms(path: Path, frames: Frames) -> Floats:
-    """Return the robot's base in the map by transforms alone, (N, 6); its speed is the change of its pose."""
+    """Return the robot's base in the map by transforms alone, (N, 7); its speed is the change of its pose."""
     bases = [frame for frame in frames.children if frame.rpartition("/")[2] in BASE_FRAMES]
     ways = {base: way for base in bases if (way := frames.way(base, MAP))}
     if len({base.rpartition("/")[0] for base in ways}) > 1:
@@ -164,7 +165,7 @@ def _track_of_transforms(path: Path, frames: Frames) -> Floats:
         raise FileError(path, f'{said} from "{MAP}" to {" or ".join(BASE_FRAMES)}.')
     base, way = next(iter(ways.items()))
     times = np.unique(frames.times(way))
-    moved = frames.moved(np.column_stack([times, np.zeros((len(times), 5))]), base, MAP)
+    moved = frames.moved(np.column_stack([times, np.zeros((len(times), 6))]), base, MAP)
     assert moved is not None, "there is a way"
     if len(moved) > 1:
         moved[:, 4] = np.hypot(np.gradient(moved[:, 1], times), np.gradient(moved[:, 2], times))

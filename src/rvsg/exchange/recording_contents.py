@@ -23,6 +23,8 @@ Floats = NDArray[np.float64]
 ODOMETRY, IMU, ACCELERATION = "nav_msgs/msg/Odometry", "sensor_msgs/msg/Imu", "geometry_msgs/msg/AccelStamped"
 AGENTS, PEOPLE, MARKERS = "hunav_msgs/msg/Agents", "people_msgs/msg/People", "visualization_msgs/msg/MarkerArray"
 TRANSFORMS, GOAL, TEXT = "tf2_msgs/msg/TFMessage", "geometry_msgs/msg/PoseStamped", "std_msgs/msg/String"
+SIDEWAYS_M_S = 0.02
+"""Less lateral speed than this in an odometry is noise: the base does not move sideways."""
 BACK_S = 1.0
 """Stamps that go back by more than this begin another run."""
 
@@ -50,13 +52,16 @@ class Rows:
 
 
 class Track(Rows):
-    """Poses and speeds of one body over time: time s, x m, y m, yaw rad, speed m/s, turning rad/s."""
+    """Poses and speeds of one body over time: time s, x m, y m, yaw rad, speed m/s, turning rad/s.
 
-    def __init__(self) -> None:
-        super().__init__(6)
+    The robot's have a seventh number: its speed to the left, m/s.
+    """
+
+    def __init__(self, width: int = 6) -> None:
+        super().__init__(width)
 
     def array(self) -> Floats:
-        """Return the rows in the order of time, one for each time, (N, 6)."""
+        """Return the rows in the order of time, one for each time, (N, width)."""
         found = super().array()
         return found[np.concatenate([[True], np.diff(found[:, 0]) > 0])] if len(found) else found
 
@@ -65,7 +70,7 @@ class Contents:
     """What of a recording matters, read in one pass."""
 
     def __init__(self) -> None:
-        self.odometry: dict[str, Track] = defaultdict(Track)
+        self.odometry: dict[str, Track] = defaultdict(lambda: Track(7))
         self.transforms: dict[tuple[str, str], Rows] = defaultdict(lambda: Rows(4))
         """Time s, x m, y m, yaw rad by parent and child frame."""
         self.people: dict[str, Track] = defaultdict(Track)
@@ -168,7 +173,8 @@ def _take(
     t = stamp_of(message, received)
     if topic == odometry:
         pose, twist = message.pose.pose, message.twist.twist
-        row = (pose.position.x, pose.position.y, _yaw(pose.orientation), twist.linear.x, twist.angular.z)
+        place, turned = pose.position, _yaw(pose.orientation)
+        row = (place.x, place.y, turned, twist.linear.x, twist.angular.z, twist.linear.y)
         contents.odometry[message.header.frame_id.lstrip("/")].add(t, *row)
     elif topic == people:
         _take_people(contents, kind, t, message)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.core.errors import SimulationError
+from rvsg.exchange.recording_contents import SIDEWAYS_M_S
 from rvsg.simulation.ros2.dds import ActionClient, Bus, Subscription
 from rvsg.simulation.run import Trajectory
 from rvsg.world.world import Route, World
@@ -41,8 +42,8 @@ class Recorder:
         self._people: Subscription | None = None
         self._links: dict[str, tuple[str, tuple[float, float, float]]] = {}
         self._now = 0.0
-        self._velocity = (0.0, 0.0)
-        self._rows: list[tuple[float, float, float, float, float, float]] = []
+        self._velocity = (0.0, 0.0, 0.0)
+        self._rows: list[tuple[float, ...]] = []
         self._humans: dict[str, list[tuple[float, float, float, float, float]]] = {name: [] for name in names}
         self._others: set[str] = set()
         self._begin: float | None = None
@@ -97,7 +98,7 @@ class Recorder:
                     self._from_transforms(each.header.stamp.sec + each.header.stamp.nanosec / 1e9)
         for message in self._robot.take():
             twist = message.twist.twist
-            self._velocity = (twist.linear.x, twist.angular.z)
+            self._velocity = (twist.linear.x, twist.angular.z, twist.linear.y)
             if self._options.robot is not None:
                 place = message.pose.pose
                 stamp = message.header.stamp.sec + message.header.stamp.nanosec / 1e9
@@ -172,9 +173,10 @@ class Recorder:
             t=t, x=rows[:, 1].copy(), y=rows[:, 2].copy(), yaw=rows[:, 3].copy(), v=v.copy(), omega=w.copy(),
             acceleration=np.hypot(change, v * w), human_x=parts[0], human_y=parts[1], human_yaw=parts[2],
             human_speed=parts[3],
+            lateral=rows[:, 6].copy() if np.abs(rows[:, 6]).max() > SIDEWAYS_M_S else np.empty(0),
         )  # fmt: skip
         marks = np.unique(np.append(np.searchsorted(t, np.arange(0.0, t[-1], LOG_S)), len(t) - 1))
-        log = Trajectory(**{name: getattr(path, name)[marks] for name in Trajectory.__dataclass_fields__})
+        log = path.at(marks)
         return path, log
 
     def _person(self, name: str, t: Floats) -> tuple[Floats, Floats, Floats, Floats]:

@@ -217,7 +217,7 @@ class _Stage:
     def _words(self, draw: ImageDraw.ImageDraw, row: int) -> None:
         run = self.shot.run
         t_s = float(run.trajectory.t[row])
-        first = f"{t_s:.1f} s   robot {run.trajectory.v[row]:.2f} m/s"
+        first = f"{t_s:.1f} s   robot {run.trajectory.signed_speed[row]:.2f} m/s"
         if self.gap is not None:
             person = int(self.gap[row].argmin())
             gap = float(self.gap[row, person])

@@ -70,7 +70,7 @@ def caption(run: RunFacts, t_s: float) -> str:
     """Return what a frame shows, in words."""
     path = run.run.trajectory
     row = min(int(np.searchsorted(path.t, t_s - 1e-9)), len(path) - 1)
-    speed = round(float(path.v[row]), 1) + 0.0  # no "-0.0"
+    speed = round(float(path.signed_speed[row]), 1) + 0.0  # no "-0.0"
     text = f"robot at {speed:.1f} m/s"
     if run.run.human_names:
         gap = sampled(run.run).gap[row]

@@ -214,7 +214,7 @@ def _coded(run: Run, names: Sequence[str]) -> tuple[str, int, list[int]]:
     gap = sampled(run).gap
     people = len(run.human_names)
     nearest = gap.min(axis=1) if people else np.zeros(len(path))
-    channels = [path.x[rows] * 100, path.y[rows] * 100, np.unwrap(path.yaw)[rows] * 100, path.v[rows] * 100]
+    channels = [path.x[rows] * 100, path.y[rows] * 100, np.unwrap(path.yaw)[rows] * 100, path.signed_speed[rows] * 100]
     channels.append(_smallest(nearest, rows) * 1000)
     far = [h for h in range(people) if gap[:, h].min() > INVOLVED_M]
     for h in range(people):

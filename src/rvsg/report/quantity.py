@@ -114,8 +114,5 @@ def _longest_standstill(run: Run) -> float:
     return float(path.t[usable[int((travelled[later[usable]] - travelled[usable]).argmin())]])
 
 
-_SERIES = tuple(field.name for field in dataclasses.fields(Trajectory))
-
-
 def _first(series: Trajectory, count: int) -> Trajectory:
-    return Trajectory(**{name: getattr(series, name)[: max(1, count)] for name in _SERIES})
+    return series.at(slice(max(1, count)))

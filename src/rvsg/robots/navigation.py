@@ -36,6 +36,9 @@ class Dwb(Record):
     yaw_acceleration_rad_s2: Positive | None = None
     speed_samples: Annotated[int, Field(ge=2, le=200)] = 20
     yaw_rate_samples: Annotated[int, Field(ge=2, le=200)] = 20
+    max_lateral_m_s: Annotated[float, Field(ge=0, exclude_if=lambda speed: speed == 0.0)] = 0.0
+    """How fast the planner moves to either side; 0: it samples no lateral speed."""
+    lateral_samples: Annotated[int, Field(ge=2, le=50, exclude_if=lambda count: count == 5)] = 5
     sim_time_s: Annotated[float, Field(gt=0, le=10)] = 1.7
     linear_granularity_m: Positive = 0.05
     angular_granularity_rad: Positive = 0.025

@@ -54,6 +54,8 @@ class Limits(Record):
     speed_m_s: Annotated[float, Field(gt=0, le=5)]
     reverse_m_s: Annotated[float, Field(ge=0, le=5)]
     yaw_rate_rad_s: Annotated[float, Field(gt=0, le=20)]
+    lateral_m_s: Annotated[float, Field(ge=0, le=5, exclude_if=lambda speed: speed == 0.0)] = 0.0
+    """Highest speed to either side; over 0 only for an omnidirectional drive. It keeps to the accelerations below."""
     acceleration_m_s2: Annotated[float, Field(gt=0, le=50)]
     deceleration_m_s2: Annotated[float, Field(gt=0, le=50)]
     yaw_acceleration_rad_s2: Annotated[float, Field(gt=0, le=100)]
@@ -192,6 +194,10 @@ class Robot(Record):
                     f"lidars: {lidar.name} lies inside the body, more than {HIDDEN_M:g} m from its outline and below "
                     "its top, so it sees nothing but the body"
                 )
+        if self.limits.lateral_m_s > 0.0 and self.drive.kind != "omnidirectional":
+            raise ValueError(f"limits: a {self.drive.kind} drive does not move sideways; leave out lateral_m_s")
+        if self.navigation.dwb.max_lateral_m_s > 0.0 and self.limits.lateral_m_s == 0.0:
+            raise ValueError("navigation: dwb.max_lateral_m_s needs limits.lateral_m_s over 0")
         names = [lidar.name for lidar in self.lidars]
         if len(set(names)) < len(names):
             raise ValueError("lidars: two lidars have the same name")

@@ -24,6 +24,8 @@ from rvsg.simulation.quantised import decode, encode, rounded_arrays
 from rvsg.simulation.run import Outcome, Run, Trajectory
 
 PER_SAMPLE = ("t", "x", "y", "yaw", "v", "omega", "acceleration")
+LATERAL = "lateral"
+"""An array per sample that only runs of a base that moves sideways have."""
 PER_HUMAN = ("human_x", "human_y", "human_yaw", "human_speed")
 
 
@@ -64,11 +66,16 @@ def header_of(run: Run) -> RunHeader:
 
 def arrays_of(run: Run) -> dict[str, NDArray[np.float64]]:
     """The run's arrays by name: `trajectory.x`, `log.x`, ..., `imu`."""
-    found = {f"trajectory.{name}": getattr(run.trajectory, name) for name in PER_SAMPLE + PER_HUMAN}
-    if run.log is not run.trajectory:
-        found |= {f"log.{name}": getattr(run.log, name) for name in PER_SAMPLE + PER_HUMAN}
+    parts = {"trajectory": run.trajectory} | ({} if run.log is run.trajectory else {"log": run.log})
+    found = {f"{part}.{name}": array for part, path in parts.items() for name, array in series_of(path).items()}
     found["imu"] = run.imu
     return {name: np.asarray(array, dtype=np.float64) for name, array in found.items()}
+
+
+def series_of(path: Trajectory) -> dict[str, NDArray[np.float64]]:
+    """The arrays of a trajectory by name, in the order in which they are stored."""
+    names = (*PER_SAMPLE, *PER_HUMAN, *((LATERAL,) if path.lateral.size else ()))
+    return {name: getattr(path, name) for name in names}
 
 
 def assemble(header: RunHeader, arrays: dict[str, NDArray[np.float64]]) -> Run:
@@ -172,7 +179,8 @@ def _check_people(run: Run | RunHeader) -> None:
 
 def _trajectory(prefix: str, arrays: dict[str, NDArray[np.float64]], humans: int) -> Trajectory:
     found: dict[str, NDArray[np.float64]] = {}
-    for name in PER_SAMPLE + PER_HUMAN:
+    sideways = (LATERAL,) if f"{prefix}.{LATERAL}" in arrays else ()
+    for name in PER_SAMPLE + PER_HUMAN + sideways:
         array = arrays.get(f"{prefix}.{name}")
         if array is None:
             raise InputError(f"the run lacks the array {prefix}.{name}")

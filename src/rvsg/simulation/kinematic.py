@@ -216,4 +216,4 @@ def _rate(values: Floats, time: Floats) -> Floats:
 def _every(path: Trajectory, step: int) -> Trajectory:
     """Return every `step`-th sample and the last."""
     rows = np.unique(np.append(np.arange(0, len(path), step), len(path) - 1))
-    return Trajectory(**{name: getattr(path, name)[rows] for name in Trajectory.__dataclass_fields__})
+    return path.at(rows)

@@ -37,6 +37,7 @@ DECIMALS = {
     "human_y": 4,
     "human_yaw": 4,
     "human_speed": 4,
+    "lateral": 4,
     "imu": 4,
 }
 """Decimals kept, by the last part of an array's name; SI units, so 4 is 0.1 mm, 0.1 mm/s, 0.0001 m/s2.

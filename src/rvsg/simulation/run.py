@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,7 +40,8 @@ class Trajectory:
 
     `t` (N,) s since the start; `x`, `y`, `yaw` (N,) robot pose; `v`, `omega` (N,) robot forward speed and yaw
     rate; `acceleration` (N,) horizontal acceleration magnitude as an inertial sensor shows it;
-    `human_x`, `human_y`, `human_yaw`, `human_speed` (N, H).
+    `human_x`, `human_y`, `human_yaw`, `human_speed` (N, H); `lateral` (N,) the robot's speed to its left, empty where
+    its base does not move sideways.
     """
 
     t: Floats
@@ -53,9 +55,25 @@ class Trajectory:
     human_y: Floats
     human_yaw: Floats
     human_speed: Floats
+    lateral: Floats = field(default_factory=lambda: np.empty(0))
 
     def __len__(self) -> int:
         return len(self.t)
+
+    @property
+    def speed(self) -> Floats:
+        """(N,) the robot's speed, whichever way it moves."""
+        return np.hypot(self.v, self.lateral) if self.lateral.size else np.abs(self.v)
+
+    @property
+    def signed_speed(self) -> Floats:
+        """(N,) the robot's speed, negative where it drives backwards."""
+        return np.copysign(self.speed, self.v) if self.lateral.size else self.v
+
+    def at(self, rows: Any) -> Trajectory:
+        """Return the samples of these rows: a slice, indices or a mask."""
+        arrays = {name: getattr(self, name) for name in self.__dataclass_fields__}
+        return Trajectory(**{name: array[rows] if len(array) else array for name, array in arrays.items()})
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -97,7 +97,7 @@ def goal_distance_final(s: Sampled) -> float | None:
 
 def mean_speed(s: Sampled) -> float | None:
     """Mean over samples of |v|."""
-    return float(np.abs(s.series.v).mean()) if len(s) else None
+    return float(s.series.speed.mean()) if len(s) else None
 
 
 def mean_turn_rate(s: Sampled) -> float | None:

@@ -52,7 +52,7 @@ def contact_robot_speed(s: Sampled) -> float | None:
     if not s.people:
         return None
     touching = s.touching.any(axis=1)
-    return float(np.abs(s.series.v[touching]).max()) if touching.any() else 0.0
+    return float(s.series.speed[touching].max()) if touching.any() else 0.0
 
 
 def time_to_collision(s: Sampled) -> float | None:
@@ -88,7 +88,7 @@ def stopping_margin(s: Sampled) -> float | None:
     if not s.people:
         return None
     reaction, braking = REACTION_S + s.run.robot_latency_s, s.run.robot_deceleration_m_s2
-    speed = np.abs(s.series.v)[:, None]
+    speed = s.series.speed[:, None]
     stopping = np.where(s.closing_speed > 0.0, speed * reaction + speed**2 / (2 * braking), 0.0)
     return float((s.gap - stopping).min())
 
@@ -128,7 +128,7 @@ def emergency_stops(s: Sampled) -> float | None:
     """Stops into which the robot brakes harder than 2 m/s^2 before it stands (|v| < 0.01 m/s), the arrival left out."""
     if len(s) < 2:
         return None
-    speed = np.abs(s.series.v)
+    speed = s.series.speed
     braking = np.diff(speed) / s.dt < -EMERGENCY_DECELERATION_M_S2
     moving = speed >= STILL_SPEED_M_S
     stopped = np.flatnonzero(moving[:-1] & ~moving[1:])

@@ -17,10 +17,11 @@ STEP_S = 0.01
 
 # Indices of the state vector of the base: pose, velocity, last output of the smoother, command with its time and
 # whether it goes past the smoother, acceleration and steering angle now, highest forward and reverse speed that the
-# safety scanners allow, until when a touched bumper stops the drive, by what the collision monitor scales the command.
+# safety scanners allow, until when a touched bumper stops the drive, by what the collision monitor scales the command;
+# and of the motion to the left: speed, last output of the smoother, command, acceleration.
 (X, Y, YAW, V, W, SMOOTH_V, SMOOTH_W, COMMAND_V, COMMAND_W, COMMAND_T, DIRECT, ACCELERATION, STEERING, CAP_AHEAD,
- CAP_BEHIND, STOPPED_T, RATIO) = range(17)  # fmt: skip
-BODY_SIZE = 17
+ CAP_BEHIND, STOPPED_T, RATIO, SIDE, SMOOTH_SIDE, COMMAND_SIDE, SIDE_ACCELERATION) = range(21)  # fmt: skip
+BODY_SIZE = 21
 NO_CAP = 1e9
 
 
@@ -57,29 +58,35 @@ def smooth(body: Floats, t_s: float, stack: Stack) -> None:
     """Tick of the velocity smoother; a command older than 1 s counts as zero."""
     v = body[COMMAND_V]
     w = body[COMMAND_W]
+    side = body[COMMAND_SIDE]
     if t_s - body[COMMAND_T] > stack.command_timeout:
         v = 0.0
         w = 0.0
+        side = 0.0
     body[SMOOTH_V] = smoothed(v, body[SMOOTH_V], stack.min_v, stack.max_v, stack.step_v, stack.step_down_v)
     body[SMOOTH_W] = smoothed(w, body[SMOOTH_W], -stack.max_w, stack.max_w, stack.step_w, stack.step_w)
+    if stack.base_side > 0.0:
+        body[SMOOTH_SIDE] = smoothed(
+            side, body[SMOOTH_SIDE], -stack.base_side, stack.base_side, stack.step_v, stack.step_down_v
+        )
 
 
 @inner
-def delayed(body: Floats, waiting: Floats, k: int, v: float, w: float) -> tuple[float, float]:
-    """Return the command of `latency_ticks` ago; `waiting` (ticks, 2) is the ring of commands on their way."""
+def delayed(waiting: Floats, k: int, v: float, side: float, w: float) -> tuple[float, float, float]:
+    """Return the command of `latency_ticks` ago; `waiting` (ticks, 3) is the ring of commands on their way."""
     row = waiting[k % waiting.shape[0]]
     old_v = row[0]
     old_w = row[1]
+    old_side = row[2]
     row[0] = v
     row[1] = w
-    return old_v, old_w
+    row[2] = side
+    return old_v, old_side, old_w
 
 
 @inner
-def speed_up(body: Floats, wanted: float, stack: Stack) -> float:
-    """Return the forward speed after a step towards `wanted`, within the base's limits of acceleration and jerk."""
-    now = body[V]
-    wanted = min(stack.base_v, max(-stack.base_reverse, wanted))
+def speed_up(now: float, acceleration: float, wanted: float, stack: Stack) -> tuple[float, float]:
+    """Return a speed after a step towards `wanted`, within the base's limits of acceleration and jerk, and its rate."""
     braking = abs(wanted) < abs(now) or wanted * now < 0.0
     limit = stack.base_dec if braking else stack.base_acc
     rate = (wanted - now) / STEP_S
@@ -90,11 +97,10 @@ def speed_up(body: Floats, wanted: float, stack: Stack) -> float:
     rate = min(limit, max(-limit, rate))
     if stack.base_jerk > 0.0:
         change = stack.base_jerk * STEP_S
-        rate = min(body[ACCELERATION] + change, max(body[ACCELERATION] - change, rate))
+        rate = min(acceleration + change, max(acceleration - change, rate))
         if abs(rate) * STEP_S > abs(wanted - now) and rate * (wanted - now) > 0.0:
             rate = (wanted - now) / STEP_S
-    body[ACCELERATION] = rate
-    return float(now + rate * STEP_S)
+    return now + rate * STEP_S, rate
 
 
 @inner
@@ -114,50 +120,71 @@ def steer(body: Floats, v: float, wanted_v: float, wanted_w: float, stack: Stack
 
 
 @inner
-def follow_command(body: Floats, v: float, w: float, t_s: float, stack: Stack) -> tuple[float, float]:
-    """Return the velocities after a step: what the drive, its limits, scanners and bumper make of (v, w)."""
+def follow_command(
+    body: Floats, v: float, side: float, w: float, t_s: float, stack: Stack
+) -> tuple[float, float, float]:
+    """Return the velocities after a step: what the drive, its limits, scanners and bumper make of (v, side, w).
+
+    A zone of the scanners that limits the speed ahead or behind limits the lateral one, too.
+    """
     v = min(body[CAP_AHEAD], max(-body[CAP_BEHIND], v))
+    cap = min(stack.base_side, body[CAP_AHEAD], body[CAP_BEHIND])
+    side = min(cap, max(-cap, side))
     if t_s < body[STOPPED_T]:
         v = 0.0
+        side = 0.0
         w = 0.0
     if not stack.enforced:
-        return v, w
+        return v, side, w
     wanted = v
-    v = speed_up(body, v, stack)
+    v = min(stack.base_v, max(-stack.base_reverse, v))
+    v, body[ACCELERATION] = speed_up(body[V], body[ACCELERATION], v, stack)
     if stack.wheelbase > 0.0:
-        return v, steer(body, v, wanted, w, stack)
+        return v, 0.0, steer(body, v, wanted, w, stack)
+    if stack.base_side > 0.0:
+        side, body[SIDE_ACCELERATION] = speed_up(body[SIDE], body[SIDE_ACCELERATION], side, stack)
     w = min(stack.base_w, max(-stack.base_w, w))
     step = stack.base_acc_w * STEP_S
-    return v, min(body[W] + step, max(body[W] - step, w))
+    return v, side, min(body[W] + step, max(body[W] - step, w))
 
 
 @kernel
 def advance(body: Floats, yaw_gain: float, waiting: Floats, k: int, stack: Stack) -> tuple[float, float]:
     """Move the base by one step; return the (forward, left) acceleration that the inertial sensor shows, m/s².
 
-    The yaw rate is the commanded one times `yaw_gain`. With α and v̇ the changes per step and r the sensor's distance
-    behind the base frame: forward v̇ + r ω², left v ω - r α. A recovery commands the base directly, past the smoother.
+    The yaw rate is the commanded one times `yaw_gain`. With α, v̇ and u̇ the changes per step of yaw rate, forward and
+    lateral speed and r the sensor's distance behind the base frame: forward v̇ + r ω² - u ω, left v ω - r α + u̇.
+    A recovery commands the base directly, past the smoother.
 
     Args:
-        waiting: commands on their way to the base, (latency in ticks, 2).
+        waiting: commands on their way to the base, (latency in ticks, 3).
         k: number of the tick.
     """
     v = body[SMOOTH_V]
+    side = body[SMOOTH_SIDE]
     w = yaw_gain * body[SMOOTH_W]
     if body[DIRECT] != 0.0:
         v = body[COMMAND_V]
+        side = body[COMMAND_SIDE]
         w = yaw_gain * body[COMMAND_W]
     v *= body[RATIO]
+    side *= body[RATIO]
     w *= body[RATIO]
     if stack.latency_ticks > 0:
-        v, w = delayed(body, waiting, k, v, w)
-    v, w = follow_command(body, v, w, k * STEP_S, stack)
+        v, side, w = delayed(waiting, k, v, side, w)
+    v, side, w = follow_command(body, v, side, w, k * STEP_S, stack)
     forward = (v - body[V]) / STEP_S + stack.imu_behind * w * w
     left = v * w - stack.imu_behind * (w - body[W]) / STEP_S
     middle = body[YAW] + 0.5 * w * STEP_S
     body[X] += v * math.cos(middle) * STEP_S
     body[Y] += v * math.sin(middle) * STEP_S
+    if side != 0.0 or body[SIDE] != 0.0:
+        forward -= side * w
+        left += (side - body[SIDE]) / STEP_S
+        body[X] -= side * math.sin(middle) * STEP_S
+        body[Y] += side * math.cos(middle) * STEP_S
     body[YAW] = wrap(body[YAW] + w * STEP_S)
     body[V] = v
+    body[SIDE] = side
     body[W] = w
     return forward, left

@@ -44,7 +44,11 @@ def touch_people(crowd: CrowdRef, t: float, body: Floats, x: float, y: float, ya
         if gap > TOUCH_M:
             continue
         touched = True
-        note_touch(crowd, i, t, body[base.X], body[base.Y], body[base.YAW], body[base.V], body[base.W])
+        cos = math.cos(body[base.YAW])
+        sin = math.sin(body[base.YAW])
+        vx = body[base.V] * cos - body[base.SIDE] * sin
+        vy = body[base.V] * sin + body[base.SIDE] * cos
+        note_touch(crowd, i, t, body[base.X], body[base.Y], body[base.YAW], vx, vy, body[base.W])
         if gap <= LEAST_M and bumper_s > 0.0:
             body[base.STOPPED_T] = max(body[base.STOPPED_T], t + bumper_s)
         if gap < 0.0 and crowd.stands[i] == 0:
@@ -122,6 +126,7 @@ def _hold_back(crowd: CrowdRef, body: Floats, x: float, y: float, yaw: float) ->
     body[base.YAW] = base.wrap(yaw + turned * turn)
     change = (moved - 1.0) * body[base.V]
     body[base.V] *= moved
+    body[base.SIDE] *= moved
     body[base.W] *= turned
     return change
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from rvsg.core.compiled import kernel
 from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded import state as st
-from rvsg.simulation.embedded.episode import Episode, Outside
+from rvsg.simulation.embedded.episode import Answer, Episode, Outside
 from rvsg.simulation.embedded.navigation.controllers.dwb import PLAN_BEGIN, PLAN_END
 from rvsg.simulation.embedded.sensing.lidar import LEG_RADIUS_M, cast_disc, cast_edge
 from rvsg.simulation.embedded.sensing.localisation import MAP_X, MAP_Y, MAP_YAW
@@ -42,6 +42,7 @@ from rvsg.simulation.stacks.protocol import (
     Scan,
     StackError,
     Task,
+    Twist,
     Velocity,
     WholeStack,
 )
@@ -71,6 +72,7 @@ class Observed(LocalObservation):
         x, y, yaw, v, w = body[base.X : base.W + 1].tolist()
         self.pose = (x, y, yaw)
         self.velocity = (v, w)
+        self.lateral = float(body[base.SIDE])
         self.map_from_odom = tuple(state.own.present[MAP_X : MAP_YAW + 1].tolist())
         self.plan = state.path[1, state.nav[PLAN_BEGIN] : state.nav[PLAN_END]]
         goal_x, goal_y, goal_yaw = self._goal
@@ -187,7 +189,7 @@ class Driving:
         told = {**self.counts, **facts}
         return told if self.fault is None else {**told, "fault": self.fault, "fault_t": self._fault_t}
 
-    def _control(self, episode: Episode) -> tuple[float, float] | None:
+    def _control(self, episode: Episode) -> Answer | None:
         planner = self.driver
         assert isinstance(planner, LocalPlanner)
         answer = self._ask(episode, planner.command)
@@ -200,7 +202,7 @@ class Driving:
         self.counts["without_command"] += velocity is None
         return velocity
 
-    def _step(self, episode: Episode) -> tuple[float, float] | bool | None:
+    def _step(self, episode: Episode) -> Answer | bool | None:
         stack = self.driver
         assert isinstance(stack, WholeStack)
         answer = self._ask(episode, stack.step)
@@ -227,26 +229,28 @@ class Driving:
             self._fail(error, self._seen.t)
             return None
 
-    def _velocity(self, answer: Any) -> tuple[float, float] | None:
+    def _velocity(self, answer: Any) -> Answer | None:
         """Return a velocity within the limits of the robot; None where there is none or it is not finite."""
         if answer is None:
             return None
         try:
-            v, w = (float(number) for number in answer)
-        except (TypeError, ValueError):
+            numbers = [float(number) for number in answer]
+            v, side, w = numbers if len(numbers) == 3 else (numbers[0], 0.0, *numbers[1:])
+        except (TypeError, ValueError, IndexError):
             assert self._seen is not None
-            self._fail(StackError(f"it answered {answer!r:.80}; expected (v, w) or None"), self._seen.t)
+            self._fail(StackError(f"it answered {answer!r:.80}; expected (v, w), (vx, vy, wz) or None"), self._seen.t)
             return None
-        if not (math.isfinite(v) and math.isfinite(w)):
+        if not all(map(math.isfinite, (v, side, w))):
             self.counts["not_finite"] += 1
             return None
         limits = self.task.robot.limits
-        kept = (
+        kept = Twist(
             min(limits.speed_m_s, max(-limits.reverse_m_s, v)),
+            min(limits.lateral_m_s, max(-limits.lateral_m_s, side)),
             min(limits.yaw_rate_rad_s, max(-limits.yaw_rate_rad_s, w)),
         )
-        self.counts["clipped"] += kept != (v, w)
-        return Velocity(*kept)
+        self.counts["clipped"] += kept != (v, side, w)
+        return kept if limits.lateral_m_s > 0.0 else Velocity(kept.vx, kept.wz)
 
     def _fail(self, error: Exception, t: float = 0.0) -> None:
         """Keep the first fault; what a stack of somebody else raises ends its run, not the campaign."""

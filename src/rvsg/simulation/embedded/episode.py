@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numba import float64, int64
@@ -52,8 +52,9 @@ TRACK_TICKS = 5
 class Recording(NamedTuple):
     """What a run leaves, filled from the front; `counts` (3,) says how far: track rows, log rows, inertial samples.
 
-    `track` (N, 7) and `log` (M, 7): t, x, y, yaw, v, omega, acceleration; `track_humans` and `log_humans`
-    (..., H, 4): x, y, yaw, speed. `imu` (K,) acceleration magnitude every 10 ms. The log's times are wall seconds.
+    `track` (N, 8) and `log` (M, 8): t, x, y, yaw, v, omega, acceleration, speed to the left; `track_humans`
+    and `log_humans` (..., H, 4): x, y, yaw, speed. `imu` (K,) acceleration magnitude every 10 ms. The log's times are
+    wall seconds.
     """
 
     track: Floats
@@ -69,9 +70,9 @@ def new_recording(time_limit_s: float, clock: float, humans: int) -> Recording:
     ticks = int(time_limit_s * clock / base.STEP_S) + 20
     rows = int(time_limit_s / 0.5) + 4
     return Recording(
-        track=np.zeros((ticks // TRACK_TICKS + 3, 7)),
+        track=np.zeros((ticks // TRACK_TICKS + 3, 8)),
         track_humans=np.zeros((ticks // TRACK_TICKS + 3, humans, 4)),
-        log=np.zeros((rows, 7)),
+        log=np.zeros((rows, 8)),
         log_humans=np.zeros((rows, humans, 4)),
         imu=np.zeros(ticks),
         counts=np.zeros(3, np.int64),
@@ -88,6 +89,7 @@ def write_robot(row: Floats, t: float, body: Floats, acceleration: float) -> Non
     row[4] = body[base.V]
     row[5] = body[base.W]
     row[6] = acceleration
+    row[7] = body[base.SIDE]
 
 
 @inner
@@ -175,15 +177,18 @@ def take_scan(scene: Scene, state: State, settings: Settings, crowd: Crowd, side
         place_path(state)
 
 
+Answer: TypeAlias = "tuple[float, float] | tuple[float, float, float]"
+"""A velocity from outside: forward speed (m/s) and yaw rate (rad/s), or forward speed, speed to the left, yaw rate."""
 # Why the loop is left: the run is over, or something computed outside of the compiled loop is due.
 OVER, CONTROL_DUE, STACK_DUE, PROBE_DUE, BODIES_DUE, PLAN_DUE = range(6)
 # Where in a tick the loop goes on.
 TICK_BEGINS, ANSWERED, PROBED, WALKED, PLANNED = range(5)
 # What the loop keeps from tick to tick, and the answer from outside: whether it is a valid command, forward speed
-# (m/s), yaw rate (rad/s), and how the run ends (RUNNING, REACHED, ABORTED; only asked of a whole stack).
+# (m/s), yaw rate (rad/s), speed to the left (m/s), and how the run ends (RUNNING, REACHED, ABORTED; only asked of a
+# whole stack).
 (TICK, NEXT_ROW, ROWS, PEOPLE_T, FORWARD_SUM, LEFT_SUM, ACCELERATION, END, STAGE, VALID, COMMAND_V, COMMAND_W,
- RESULT) = range(13)  # fmt: skip
-LOOP_SIZE = 13
+ COMMAND_SIDE, RESULT) = range(14)  # fmt: skip
+LOOP_SIZE = 14
 
 
 class Asked(NamedTuple):
@@ -227,7 +232,7 @@ def walk_people(state: StateRef, crowd: CrowdRef, loop: Floats, t: float) -> boo
         return False
     loop[PEOPLE_T] += PERIOD_S
     body = state.body
-    tick(crowd, t, PERIOD_S, body[base.X], body[base.Y], body[base.YAW], body[base.V])
+    tick(crowd, t, PERIOD_S, body[base.X], body[base.Y], body[base.YAW], body[base.V], body[base.SIDE])
     return True
 
 
@@ -249,9 +254,9 @@ def take_scans(scene: SceneRef, state: StateRef, settings: Settings, crowd: Crow
 def obey(state: StateRef, loop: Floats, t: float) -> None:
     """Carry out the answer of a whole stack: its velocity goes to the base as it is."""
     if loop[VALID] != 0.0:
-        command(state, loop[COMMAND_V], loop[COMMAND_W], True, t)
+        command(state, loop[COMMAND_V], loop[COMMAND_SIDE], loop[COMMAND_W], True, t)
     if loop[RESULT] != st.RUNNING:
-        command(state, 0.0, 0.0, True, t)
+        command(state, 0.0, 0.0, 0.0, True, t)
         state.nav[st.MODE] = st.DONE
         state.nav[st.RESULT] = int(loop[RESULT])
 
@@ -354,13 +359,15 @@ def go_on(
                     return PROBE_DUE
         x, y, yaw = body[base.X], body[base.Y], body[base.YAW]
         forward, left = base.advance(body, settings.yaw_gain, state.delayed, k, state.stack)
+        side = body[base.SIDE]
         change = 0.0
         if settings.solid_walls:
             change = touch_walls(state.walls, t + base.STEP_S, body, x, y, yaw)
         if not crowd.published:
             change += touch_people(crowd, t + base.STEP_S, body, x, y, yaw, state.stack.bumper_s)
-        if change != 0.0:
+        if change != 0.0 or body[base.SIDE] != side:
             forward += change / base.STEP_S
+            left += (body[base.SIDE] - side) / base.STEP_S
             body[base.STOPPED_T] = max(body[base.STOPPED_T], t + state.stack.bumper_s)
         loop[ACCELERATION] = math.sqrt(forward * forward + left * left)
         loop[FORWARD_SUM] += forward
@@ -375,9 +382,9 @@ def go_on(
 class Outside:
     """Parts of a run that are computed outside of the compiled loop. Each gets the episode, to read its state."""
 
-    control: Callable[[Episode], tuple[float, float] | None] | None = None
-    """A local planner: forward speed (m/s) and yaw rate (rad/s), or None where it finds no valid command."""
-    stack: Callable[[Episode], tuple[float, float] | bool | None] | None = None
+    control: Callable[[Episode], Answer | None] | None = None
+    """A local planner: a velocity, or None where it finds no valid command."""
+    stack: Callable[[Episode], Answer | bool | None] | None = None
     """A whole navigation stack: a velocity, None where there is no new one, True where it has reached the goal, False
     where it gives up."""
     stack_ticks: int = 5
@@ -469,9 +476,10 @@ class Episode:
                 else:
                     self._answer(answer)
 
-    def _answer(self, velocity: tuple[float, float] | None) -> None:
+    def _answer(self, velocity: Answer | None) -> None:
         self._loop[VALID] = 0.0 if velocity is None else 1.0
         if velocity is not None:
-            if not (math.isfinite(velocity[0]) and math.isfinite(velocity[1])):
+            if not all(map(math.isfinite, velocity)):
                 raise SimulationError(f"a controller outside of the simulator answered {velocity} at {self.t:.2f} s")
-            self._loop[COMMAND_V], self._loop[COMMAND_W] = velocity
+            v, side, w = velocity if len(velocity) == 3 else (velocity[0], 0.0, velocity[1])
+            self._loop[COMMAND_V], self._loop[COMMAND_SIDE], self._loop[COMMAND_W] = v, side, w

@@ -201,6 +201,7 @@ def simulate_agents(
             details["stack"] = told
             state.nav[st.RECOVERIES] = told.get("recoveries", state.nav[st.RECOVERIES])
             outcome = outcome if driving.fault is None else Outcome.STACK_FAILED
+    sideways = robot.limits.lateral_m_s > 0.0
     end = goals[-1] + (offset[0], offset[1], 0.0)
     details["map_from_world"] = [float(number) for number in own.frame[:3]]
     return Run(
@@ -209,8 +210,8 @@ def simulate_agents(
         options=stored_options(options, stack),
         seed=seed,
         outcome=outcome,
-        trajectory=_trajectory(record.track, record.track_humans, int(record.counts[0])),
-        log=_trajectory(record.log, record.log_humans, int(record.counts[1])),
+        trajectory=_trajectory(record.track, record.track_humans, int(record.counts[0]), sideways),
+        log=_trajectory(record.log, record.log_humans, int(record.counts[1]), sideways),
         imu=_finite(record.imu[: int(record.counts[2])].copy()),
         clock_ratio=settings.clock,
         robot_radius_m=robot.radius_m,
@@ -357,7 +358,7 @@ def _finite(values: Floats) -> Floats:
     return values
 
 
-def _trajectory(rows: Floats, humans: Floats, count: int) -> Trajectory:
+def _trajectory(rows: Floats, humans: Floats, count: int, sideways: bool) -> Trajectory:
     robot_rows = _finite(rows[:count].T.copy())
     human_rows = _finite(np.moveaxis(humans[:count], 2, 0).copy())
     return Trajectory(
@@ -368,6 +369,7 @@ def _trajectory(rows: Floats, humans: Floats, count: int) -> Trajectory:
         v=robot_rows[4],
         omega=robot_rows[5],
         acceleration=robot_rows[6],
+        lateral=robot_rows[7] if sideways else np.empty(0),
         human_x=human_rows[0],
         human_y=human_rows[1],
         human_yaw=human_rows[2],

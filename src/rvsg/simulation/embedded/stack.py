@@ -39,6 +39,8 @@ class Stack(NamedTuple):
     base_v: float
     base_reverse: float
     base_w: float
+    base_side: float
+    """How fast it moves sideways; 0: it does not."""
     base_acc: float
     base_dec: float
     base_acc_w: float
@@ -115,6 +117,8 @@ class Stack(NamedTuple):
     dwb_max_w: float
     dwb_v_samples: int
     dwb_w_samples: int
+    dwb_max_side: float
+    dwb_side_samples: int
     dwb_sim_time: float
     dwb_linear: float
     dwb_angular: float
@@ -164,7 +168,7 @@ def monitor_reach(robot: Robot) -> float:
     found = 0.0
     for polygon in robot.navigation.collision_monitor:
         moves = polygon.time_before_collision if polygon.action_type == "approach" else 0.0
-        fastest = max(robot.limits.speed_m_s, robot.limits.reverse_m_s)
+        fastest = max(robot.limits.speed_m_s, robot.limits.reverse_m_s, robot.limits.lateral_m_s)
         corners = polygon.points or padded(robot.footprint, robot.padding_m)
         # A scan is a tenth of a second old at most, but for slow lidars.
         found = max(found, reach(corners) + fastest * (moves + polygon.simulation_time_step + 0.5))
@@ -187,12 +191,16 @@ class PlannedRange(NamedTuple):
     low: float
     high: float
     turn: float
+    side: float
+    """To the left and to the right; 0: no lateral motion is planned."""
     acceleration: float
     deceleration: float
     yaw_acceleration: float
 
     def whole_range(self, sim_time_s: float) -> bool:
-        """Whether every velocity can be reached from every other within the time a rollout lasts."""
+        """Whether the planner samples v and w alone, each within reach of every other while a rollout lasts."""
+        if self.side > 0.0:
+            return False
         reach = min(self.acceleration, self.deceleration) * sim_time_s
         return reach >= self.high - self.low and self.yaw_acceleration * sim_time_s >= 2.0 * self.turn
 
@@ -204,6 +212,7 @@ def planned_range(robot: Robot) -> PlannedRange:
         low=dwb.min_speed_m_s,
         high=_first(dwb.max_speed_m_s, limits.speed_m_s),
         turn=_first(dwb.max_yaw_rate_rad_s, limits.yaw_rate_rad_s),
+        side=min(dwb.max_lateral_m_s, limits.lateral_m_s),
         acceleration=_first(dwb.acceleration_m_s2, limits.acceleration_m_s2),
         deceleration=_first(dwb.deceleration_m_s2, limits.deceleration_m_s2),
         yaw_acceleration=_first(dwb.yaw_acceleration_rad_s2, limits.yaw_acceleration_rad_s2),
@@ -270,6 +279,7 @@ def stack_of(robot: Robot) -> Stack:
         base_v=limits.speed_m_s,
         base_reverse=limits.reverse_m_s,
         base_w=limits.yaw_rate_rad_s,
+        base_side=limits.lateral_m_s,
         base_acc=limits.acceleration_m_s2,
         base_dec=limits.deceleration_m_s2,
         base_acc_w=limits.yaw_acceleration_rad_s2,
@@ -290,6 +300,8 @@ def stack_of(robot: Robot) -> Stack:
         dwb_max_w=planned.turn,
         dwb_v_samples=dwb.speed_samples,
         dwb_w_samples=dwb.yaw_rate_samples,
+        dwb_max_side=planned.side,
+        dwb_side_samples=dwb.lateral_samples,
         dwb_sim_time=dwb.sim_time_s,
         dwb_linear=dwb.linear_granularity_m,
         dwb_angular=dwb.angular_granularity_rad,

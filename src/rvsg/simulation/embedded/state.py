@@ -83,7 +83,7 @@ class State(NamedTuple):
     that is not known.
     `scanned` (L, 3) the robot's pose and `legs` (L, 2N, 2) what a lidar sees of people, both at its latest scan;
     `ranges` (L, rays) and `directions` (L, rays, 2) its rays. `dropouts` uniform numbers for rays without a return.
-    `delayed` (ticks, 2): commands on their way to the base. `zone_until` (Z,): until when each safety zone limits
+    `delayed` (ticks, 3): commands on their way to the base. `zone_until` (Z,): until when each safety zone limits
     the speed. `returns` (L, rays, 2): where the latest scans returned, in the world, for the collision monitor.
     `stack` the robot's numbers, `walls` what its body cannot enter.
     """
@@ -168,7 +168,7 @@ def new_state(
         legs=np.zeros((len(lidars), 2 * humans, 2)),
         noise=np.zeros(NOISE_TABLE),
         dropouts=np.zeros(NOISE_TABLE),
-        delayed=np.zeros((max(1, stack.latency_ticks), 2)),
+        delayed=np.zeros((max(1, stack.latency_ticks), 3)),
         zone_until=np.full(len(stack.zones), -np.inf),
         returns=np.zeros((len(lidars), rays if len(stack.monitor) else 0, 2)),
         samples=samples,

@@ -37,9 +37,10 @@ class Touches:
         nx, ny = cx - float(body[base.X]), cy - float(body[base.Y])
         length = max(1e-9, math.hypot(nx, ny))
         nx, ny = nx / length, ny / length
-        yaw, v, w = float(body[base.YAW]), float(body[base.V]), float(body[base.W])
+        yaw, v, side, w = (float(body[part]) for part in (base.YAW, base.V, base.SIDE, base.W))
         at_x, at_y = px - float(body[base.X]), py - float(body[base.Y])
-        robot_part = (v * math.cos(yaw) - w * at_y) * nx + (v * math.sin(yaw) + w * at_x) * ny
+        cos, sin = math.cos(yaw), math.sin(yaw)
+        robot_part = (v * cos - side * sin - w * at_y) * nx + (v * sin + side * cos + w * at_x) * ny
         overlap = math.sqrt(shape.intersection(robot).area) if shape.intersects(robot) else 0.0
         self._note(i, t, (px, py), robot_part, -(velocity[0] * nx + velocity[1] * ny), body, overlap)
 

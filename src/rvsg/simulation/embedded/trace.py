@@ -19,7 +19,12 @@ from rvsg.simulation.embedded.episode import Episode, Outside
 from rvsg.simulation.embedded.navigation.behaviour_tree import ODOMETRY_DEADBAND
 from rvsg.simulation.embedded.navigation.controllers.critics import CRITICS, raw_scores, scales
 from rvsg.simulation.embedded.navigation.controllers.dwb import PLAN_END, STAMP
-from rvsg.simulation.embedded.navigation.controllers.samples import SAMPLE_STEPS, SAMPLE_V, SAMPLE_W
+from rvsg.simulation.embedded.navigation.controllers.samples import (
+    SAMPLE_SIDE,
+    SAMPLE_STEPS,
+    SAMPLE_V,
+    SAMPLE_W,
+)
 from rvsg.simulation.embedded.sensing.lidar import FAR, NO_RETURN, scan
 from rvsg.simulation.embedded.sensing.localisation import MAP_YAW
 from rvsg.simulation.embedded.simulator import EmbeddedSimulator
@@ -54,7 +59,8 @@ class Evaluation:
     pose: tuple[float, float, float]
     """Where the robot was: x, y, yaw."""
     velocity: Floats
-    """(S, 2) forward speed (m/s) and yaw rate (rad/s) of each sample."""
+    """(S, 2) forward speed (m/s) and yaw rate (rad/s) of each sample; (S, 3) with the speed to the left (m/s) for a
+    base that moves sideways."""
     end: Floats
     """(S, 2) x and y where the sampled trajectory ends, world frame."""
     score: Floats
@@ -94,10 +100,10 @@ class Frame:
     t: float
     pose: tuple[float, float, float]
     """True x, y, yaw."""
-    velocity: tuple[float, float]
-    """Measured forward speed (m/s) and yaw rate (rad/s)."""
-    command: tuple[float, float]
-    """What the navigation stack asks of the base."""
+    velocity: tuple[float, ...]
+    """Measured forward speed (m/s) and yaw rate (rad/s); of a base that moves sideways also the speed to the left."""
+    command: tuple[float, ...]
+    """What the navigation stack asks of the base, likewise."""
     phase: str
     """One of `PHASES`."""
     recoveries: int
@@ -187,8 +193,8 @@ class _Recorder:
         return Frame(
             t=episode.t,
             pose=(float(body[base.X]), float(body[base.Y]), float(body[base.YAW])),
-            velocity=(float(body[base.V]), float(body[base.W])),
-            command=(float(body[base.COMMAND_V]), float(body[base.COMMAND_W])),
+            velocity=_velocity(state, base.V, base.W, base.SIDE),
+            command=_velocity(state, base.COMMAND_V, base.COMMAND_W, base.COMMAND_SIDE),
             phase=PHASES[int(nav[st.MODE])],
             recoveries=int(nav[st.RECOVERIES]),
             seen_from=tuple((float(x), float(y), float(yaw)) for x, y, yaw in state.scanned),
@@ -230,15 +236,16 @@ class _Recorder:
         self._stamp = stamp
         body, samples = state.body, state.samples
         count = len(samples) if state.stack.dwb_whole_range else int(np.count_nonzero(samples[:, SAMPLE_STEPS]))
-        v, w = (u if abs(u) > ODOMETRY_DEADBAND else 0.0 for u in (float(body[base.V]), float(body[base.W])))
-        slots = np.flatnonzero((state.memo.keys[:, 0] == v) & (state.memo.keys[:, 1] == w))
+        measured = [u if abs(u) > ODOMETRY_DEADBAND else 0.0 for u in body[[base.V, base.W, base.SIDE]].tolist()]
+        slots = np.flatnonzero((state.memo.keys == measured).all(axis=1))
         pose = (float(body[base.X]), float(body[base.Y]), float(body[base.YAW]))
         cos, sin = math.cos(pose[2]), math.sin(pose[2])
         ends = state.memo.ends[slots[0], :count]
         ahead, left = ends[:, 0], ends[:, 1]
-        velocity = samples[:count, [SAMPLE_V, SAMPLE_W]].copy()
+        parts = [SAMPLE_V, SAMPLE_W, SAMPLE_SIDE]
         score = state.scratch.totals[:count].copy()
-        asked = (velocity[:, 0] == body[base.COMMAND_V]) & (velocity[:, 1] == body[base.COMMAND_W])
+        commanded = body[[base.COMMAND_V, base.COMMAND_W, base.COMMAND_SIDE]]
+        asked = (samples[:count, parts] == commanded).all(axis=1)
         chosen = np.flatnonzero(asked & np.isfinite(score))
         raw = raw_scores(
             state.nav, state.scratch.sources, samples[:count], ends, state.local[st.MASTER],
@@ -250,7 +257,7 @@ class _Recorder:
         self._evaluation = Evaluation(
             t=t,
             pose=pose,
-            velocity=velocity,
+            velocity=samples[:count, parts[: 3 if state.stack.base_side > 0.0 else 2]].copy(),
             end=np.column_stack([pose[0] + cos * ahead - sin * left, pose[1] + sin * ahead + cos * left]),
             score=score,
             best=int(chosen[0]) if len(chosen) else -1,
@@ -258,6 +265,11 @@ class _Recorder:
             scales=scales(state.stack),
             raw=raw,
         )
+
+
+def _velocity(state: State, *parts: int) -> tuple[float, ...]:
+    """Return parts of the base's state, the last one only where the base moves sideways."""
+    return tuple(float(state.body[part]) for part in (parts if state.stack.base_side > 0.0 else parts[:-1]))
 
 
 def _goal_yaw(state: State) -> float:

@@ -273,8 +273,12 @@ def touch_walls(walls: Walls, t: float, body: Floats, x: float, y: float, yaw: f
         speed = (math.cos(yaw) * (body[base.X] - x) + math.sin(yaw) * (body[base.Y] - y)) / base.STEP_S
         change = speed - body[base.V]
         body[base.V] = speed
+        if body[base.SIDE] != 0.0:
+            aside = math.cos(yaw) * (body[base.Y] - y) - math.sin(yaw) * (body[base.X] - x)
+            body[base.SIDE] = aside / base.STEP_S
         body[base.W] = base.wrap(body[base.YAW] - yaw) / base.STEP_S
         body[base.ACCELERATION] = 0.0
+        body[base.SIDE_ACCELERATION] = 0.0
         return change
     turn = base.wrap(body[base.YAW] - yaw)
     moved = 0.0
@@ -300,8 +304,10 @@ def touch_walls(walls: Walls, t: float, body: Floats, x: float, y: float, yaw: f
     body[base.YAW] = base.wrap(yaw + turned * turn)
     change = (moved - 1.0) * body[base.V]
     body[base.V] *= moved
+    body[base.SIDE] *= moved
     body[base.W] *= turned
     body[base.ACCELERATION] = 0.0
+    body[base.SIDE_ACCELERATION] = 0.0
     return change
 
 
@@ -339,7 +345,7 @@ def _note(walls: Walls, t: float, body: Floats) -> None:
     row[FROM] = t
     row[UNTIL] = t
     row[PLACE_X], row[PLACE_Y] = _place(walls, body[base.X], body[base.Y], body[base.YAW])
-    row[SPEED] = abs(body[base.V])
+    row[SPEED] = math.hypot(body[base.V], body[base.SIDE]) if body[base.SIDE] != 0.0 else abs(body[base.V])
     row[LAST_X] = body[base.X]
     row[LAST_Y] = body[base.Y]
     walls.counts[0] = n + 1

@@ -97,14 +97,18 @@ def _mppi(driver: Configured) -> dict[str, Any]:
 
 def _dwb(robot: Robot) -> dict[str, Any]:
     dwb, planned = robot.navigation.dwb, planned_range(robot)
+    side = planned.side
     critics = [_FOOTPRINT if dwb.check_footprint and name == "BaseObstacle" else name for name in _CRITICS]
     return {
         "debug_trajectory_details": False,
-        "min_vel_x": planned.low, "min_vel_y": 0.0, "max_vel_x": planned.high, "max_vel_y": 0.0,
+        "min_vel_x": planned.low, "min_vel_y": -side, "max_vel_x": planned.high, "max_vel_y": side,
         "max_vel_theta": planned.turn, "min_speed_xy": 0.0, "max_speed_xy": planned.high, "min_speed_theta": 0.0,
-        "acc_lim_x": planned.acceleration, "acc_lim_y": 0.0, "acc_lim_theta": planned.yaw_acceleration,
-        "decel_lim_x": -planned.deceleration, "decel_lim_y": 0.0, "decel_lim_theta": -planned.yaw_acceleration,
-        "vx_samples": dwb.speed_samples, "vy_samples": 1, "vtheta_samples": dwb.yaw_rate_samples,
+        "acc_lim_x": planned.acceleration, "acc_lim_y": planned.acceleration if side else 0.0,
+        "acc_lim_theta": planned.yaw_acceleration,
+        "decel_lim_x": -planned.deceleration, "decel_lim_y": -planned.acceleration if side else 0.0,
+        "decel_lim_theta": -planned.yaw_acceleration,
+        "vx_samples": dwb.speed_samples, "vy_samples": dwb.lateral_samples if side else 1,
+        "vtheta_samples": dwb.yaw_rate_samples,
         "sim_time": dwb.sim_time_s, "linear_granularity": dwb.linear_granularity_m,
         "angular_granularity": dwb.angular_granularity_rad, "transform_tolerance": 0.2,
         "xy_goal_tolerance": robot.navigation.behaviours.goal_tolerance_m,

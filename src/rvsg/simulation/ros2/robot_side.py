@@ -155,6 +155,7 @@ class RobotSide:
         )
         message.pose.pose = self.pose(*seen.pose)
         message.twist.twist.linear.x, message.twist.twist.angular.z = seen.velocity
+        message.twist.twist.linear.y = seen.lateral
         return message
 
     def _scan(self, now: int, k: int, lidar: Lidar, scan: Scan) -> Any:

@@ -12,7 +12,7 @@ from rvsg.simulation.ros2.dds import POLL_S, SUCCEEDED, ActionClient, Subscripti
 from rvsg.simulation.ros2.robot_side import RobotSide
 from rvsg.simulation.ros2.run_record import RunRecord
 from rvsg.simulation.ros2.session import Session
-from rvsg.simulation.stacks.protocol import Ended, Observation, Task, Velocity
+from rvsg.simulation.stacks.protocol import Ended, Observation, Task, Twist
 
 PERIOD_S = 0.02
 """Simulated time between two messages of odometry, transforms and clock."""
@@ -50,7 +50,7 @@ class Running:
         self._begun, self._begun_t = self._due, seen.t
         self._last_step = (time.time(), time.time())
         self._heard = self._due
-        self._velocity: Velocity | None = None
+        self._velocity: Twist | None = None
 
     def _control_hz(self) -> float:
         if self.options.control_hz is not None:
@@ -202,7 +202,7 @@ class Running:
 
     # The run itself.
 
-    def step(self, seen: Observation) -> tuple[float, float] | Ended | None:
+    def step(self, seen: Observation) -> Twist | Ended | None:
         """Send what the robot senses, wait until its time has come, and take what the system answers."""
         self._now = self._base + round(seen.t * 1e9)
         self.robot.publish(self._now, seen)
@@ -230,11 +230,11 @@ class Running:
             self._due -= rest
         self._last_step = (self._last_step[1], time.time())
 
-    def _command(self, seen: Observation) -> Velocity | None:
+    def _command(self, seen: Observation) -> Twist | None:
         newest = None
         for message in self._commands.take():
             twist = getattr(message, "twist", message)
-            newest = Velocity(float(twist.linear.x), float(twist.angular.z))
+            newest = Twist(float(twist.linear.x), float(twist.linear.y), float(twist.angular.z))
             self.record.commanded(seen.t + PERIOD_S * self._share(message.sample_info.source_timestamp / 1e9))
         if newest is not None:
             self._heard = time.monotonic()

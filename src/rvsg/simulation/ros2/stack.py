@@ -12,7 +12,7 @@ from rvsg.core.records import text_id
 from rvsg.simulation.ros2.options import read_options
 from rvsg.simulation.ros2.running import PERIOD_S, Running, wait
 from rvsg.simulation.ros2.session import Session
-from rvsg.simulation.stacks.protocol import Ended, Observation, StackError, Task, WholeStack
+from rvsg.simulation.stacks.protocol import Command, Ended, Observation, StackError, Task, WholeStack
 
 VERSION = "1"
 MISSED_SHARE = 0.02
@@ -111,7 +111,7 @@ class Ros2Stack(WholeStack):
             self.finish()
         self._task = task
 
-    def step(self, seen: Observation) -> tuple[float, float] | Ended | None:
+    def step(self, seen: Observation) -> Command | Ended | None:
         """Send the sensors, keep pace, and return the newest velocity or how the goal ended."""
         try:
             if self._run is None:

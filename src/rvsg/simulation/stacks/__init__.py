@@ -1,6 +1,7 @@
 """Navigation stacks under test: their protocols, and those that ship."""
 
 from rvsg.simulation.stacks.protocol import (
+    Command,
     Costmap,
     Ended,
     LocalObservation,
@@ -10,12 +11,14 @@ from rvsg.simulation.stacks.protocol import (
     Scan,
     StackError,
     Task,
+    Twist,
     Velocity,
     WholeStack,
 )
 from rvsg.simulation.stacks.registry import Stack, StackChoice, stack_names
 
 __all__ = [
+    "Command",
     "Costmap",
     "Ended",
     "LocalObservation",
@@ -27,6 +30,7 @@ __all__ = [
     "StackChoice",
     "StackError",
     "Task",
+    "Twist",
     "Velocity",
     "WholeStack",
     "stack_names",

@@ -68,6 +68,8 @@ class Configured(LocalPlanner):
         """Return the robot with these navigation parameters."""
         given = self.settings
         sections = {key: getattr(given, key) for key in SECTIONS if getattr(given, key, None)}
+        if robot.limits.lateral_m_s == 0.0 and "max_lateral_m_s" in sections.get("dwb", {}):
+            sections["dwb"] = {**sections["dwb"], "max_lateral_m_s": 0.0}
         if self.smoothed_recoveries:
             sections["behaviours"] = {"smoothed": True, **given.behaviours}
         parts = {key: getattr(robot.navigation, key).replace(**values) for key, values in sections.items()}

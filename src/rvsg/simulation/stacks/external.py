@@ -21,6 +21,7 @@ from rvsg.core.errors import InputError
 from rvsg.simulation.stacks import frames
 from rvsg.simulation.stacks.frames import Channel, Wanted
 from rvsg.simulation.stacks.protocol import (
+    Command,
     Ended,
     LocalObservation,
     LocalPlanner,
@@ -155,13 +156,13 @@ class External:
         if answer != b"R":
             self._broken(f"it answered {answer[:12]!r} to a new task; expected R")
 
-    def ask(self, seen: LocalObservation) -> tuple[int, float, float]:
-        """Send an observation; return status, v and w."""
+    def ask(self, seen: LocalObservation) -> tuple[int, Command]:
+        """Send an observation; return status and velocity."""
         self._number += 1
         frame = frames.observation_frame(self._number, seen, self._lidars, self._wanted, local=self.local)
         answer = self._exchange(frame, self.timeout_s)
         try:
-            return frames.read_answer(answer, self._number)
+            return frames.read_answer(answer, self._number, self._wanted.protocol)
         except StackError as error:
             self._broken(str(error))
 
@@ -210,12 +211,12 @@ class ExternalPlanner(External, LocalPlanner):
     title: ClassVar[str] = "A local planner in another process, in any language: exec:./my_planner or exec:tcp://..."
     local: ClassVar[bool] = True
 
-    def command(self, seen: LocalObservation) -> tuple[float, float] | None:
+    def command(self, seen: LocalObservation) -> Command | None:
         """Ask the other process."""
-        status, v, w = self.ask(seen)
+        status, velocity = self.ask(seen)
         if status in (frames.REACHED, frames.GAVE_UP):
             self._broken(f"it answered with the status {status}, which is for whole stacks (exec-stack:)")
-        return (v, w) if status == frames.VELOCITY else None
+        return velocity if status == frames.VELOCITY else None
 
 
 class ExternalStack(External, WholeStack):
@@ -239,15 +240,15 @@ class ExternalStack(External, WholeStack):
         """The command, what is sent to the stack, and the period."""
         return {**super().options, "period_s": self._period_s}
 
-    def step(self, seen: Observation) -> tuple[float, float] | Ended | None:
+    def step(self, seen: Observation) -> Command | Ended | None:
         """Ask the other process."""
         assert isinstance(seen, LocalObservation)
-        status, v, w = self.ask(seen)
+        status, velocity = self.ask(seen)
         if status == frames.REACHED:
             return Ended.REACHED
         if status == frames.GAVE_UP:
             return Ended.GAVE_UP
-        return (v, w) if status == frames.VELOCITY else None
+        return velocity if status == frames.VELOCITY else None
 
 
 def _seconds(name: str, value: Any) -> float:

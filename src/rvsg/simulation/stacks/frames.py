@@ -14,13 +14,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rvsg.simulation.stacks.protocol import LocalObservation, StackError, Task
+from rvsg.simulation.stacks.protocol import Command, LocalObservation, StackError, Task
 
-PROTOCOL = 1
+PROTOCOLS = (1, 2)
+"""Those that are spoken. From 2 on observations and answers have a speed to the left."""
 LENGTH = struct.Struct("<I")
 OBSERVATION = struct.Struct("<cId3d2d3d3d3d5I")
 """Kind, number, t, pose, velocity, goal, map_from_odom, origin and resolution of the costmap; then the numbers of plan
-points, rows, columns, people and lidars."""
+points, rows, columns, people and lidars. From protocol 2 on the measured speed to the left follows."""
 TASK = struct.Struct("<cQ2d3d3dI")
 """Kind, seed, period, time limit, limits of the robot, start, number of goals."""
 MAP = struct.Struct("<2I3d")
@@ -29,6 +30,9 @@ SCAN = struct.Struct("<I6d")
 """Rays, t, bearing of the first ray, step, place x, y, yaw in the base."""
 ANSWER = struct.Struct("<cIB2d")
 """Kind, number of the observation, status, v, w."""
+LATERAL_ANSWER = struct.Struct("<cIB3d")
+"""The same from protocol 2 on, with the speed to the left at the end."""
+LATERAL = struct.Struct("<d")
 NO_COMMAND, VELOCITY, REACHED, GAVE_UP = range(4)
 LARGEST_ANSWER = 65_536
 NO_PLAN, NO_CELLS, NOBODY = np.zeros((0, 2)), np.zeros((0, 0), np.uint8), np.zeros((0, 4))
@@ -40,11 +44,12 @@ class Wanted(NamedTuple):
     scans: bool
     people: bool
     costmap: bool
+    protocol: int = 1
 
 
 def hello_frame(options: dict[str, Any]) -> bytes:
-    """Return the first frame: the protocol's version, and the options that are for the stack."""
-    return b"H" + json.dumps({"protocol": PROTOCOL, "options": options}).encode()
+    """Return the first frame: the protocols that are spoken, and the options that are for the stack."""
+    return b"H" + json.dumps({"protocol": PROTOCOLS[0], "protocols": PROTOCOLS, "options": options}).encode()
 
 
 def task_frame(task: Task) -> bytes:
@@ -79,6 +84,7 @@ def observation_frame(number: int, seen: LocalObservation, lidars: int, wanted: 
             b"O", number, seen.t, *seen.pose, *seen.velocity, *seen.goal, *seen.map_from_odom, seen.costmap.origin_x,
             seen.costmap.origin_y, seen.costmap.resolution, len(plan), *cells.shape, len(people), len(scans),
         ),
+        LATERAL.pack(seen.lateral) if wanted.protocol > 1 else b"",
         plan.astype("<f4").tobytes(),
         cells.tobytes(),
         people.astype("<f4").tobytes(),
@@ -100,21 +106,24 @@ def read_hello(frame: bytes) -> Wanted:
         version = told["protocol"]
     except (ValueError, TypeError, KeyError) as error:
         raise StackError(f"its answer to the hello is not one ({error}); expected H and JSON with protocol") from None
-    if version != PROTOCOL:
-        raise StackError(f"it speaks protocol {version!r:.40}, this version of RVSG speaks {PROTOCOL}")
-    return Wanted(*(bool(told.get(key, True)) for key in Wanted._fields))
+    if isinstance(version, bool) or version not in PROTOCOLS:
+        spoken = " and ".join(map(str, PROTOCOLS))
+        raise StackError(f"it speaks protocol {version!r:.40}, this version of RVSG speaks {spoken}")
+    scans, people, costmap = (bool(told.get(key, True)) for key in ("scans", "people", "costmap"))
+    return Wanted(scans, people, costmap, int(version))
 
 
-def read_answer(frame: bytes, number: int) -> tuple[int, float, float]:
-    """Return status, v and w of the answer to an observation; StackError where it is no such answer."""
-    if len(frame) != ANSWER.size or frame[:1] != b"V":
-        raise StackError(f"it answered {len(frame)} bytes {frame[:12]!r}; expected {ANSWER.size} that begin with V")
-    _, of, status, v, w = ANSWER.unpack(frame)
+def read_answer(frame: bytes, number: int, protocol: int = 1) -> tuple[int, Command]:
+    """Return status and velocity of the answer to an observation; StackError where it is no such answer."""
+    answer = ANSWER if protocol == 1 else LATERAL_ANSWER
+    if len(frame) != answer.size or frame[:1] != b"V":
+        raise StackError(f"it answered {len(frame)} bytes {frame[:12]!r}; expected {answer.size} that begin with V")
+    _, of, status, v, w, *lateral = answer.unpack(frame)
     if of != number:
         raise StackError(f"it answered observation {of}, but was asked {number}; send one answer for each observation")
     if status > GAVE_UP:
         raise StackError(f"it answered with the status {status}; expected 0 to {GAVE_UP}")
-    return status, v, w
+    return status, (v, *lateral, w)
 
 
 class Channel:

@@ -63,7 +63,7 @@ PLANAR = re.compile(
 SIDEWAYS = re.compile(
     r"(_y$|^vy_|^ay_|_xy$|min_y_|AckermannConstraints|short_circuit|TrajectoryVisualizer|regenerate_noises)"
 )
-"""Keys of sideways motion, which is not simulated, and of computing time."""
+"""Keys of sideways motion, which only DWB plans with, and of computing time."""
 AS_SIMULATED = {
     "rolling_window": True, "clearing": True, "marking": True, "data_type": "LaserScan",
     "raytrace_min_range": 0.0, "obstacle_min_range": 0.0, "bt_loop_duration": 10, "min_x_velocity_threshold": 0.001,

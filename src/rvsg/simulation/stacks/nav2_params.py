@@ -99,9 +99,20 @@ class _Params(Reader):
         for key in ("deceleration_m_s2",):
             if key in values:
                 values[key] = abs(values[key])
-        if float(section.values.get("max_vel_y") or 0.0) != 0.0:
-            self.refuse((*section.place, "max_vel_y"), "sideways motion is not simulated")
+        if section.values.get("max_vel_y"):
+            self._lateral(section, values)
         self.options["dwb"] = {key: value for key, value in values.items() if value != 0.0 or key not in POSITIVE}
+
+    def _lateral(self, section: Section, values: dict[str, float | bool]) -> None:
+        """Read how DWB samples lateral speeds."""
+        section.get("max_vel_y", note="as far as the robot's limits.lateral_m_s allows; to the right as to the left")
+        values["max_lateral_m_s"] = abs(float(section.number("max_vel_y") or 0.0))
+        if (samples := section.number("vy_samples")) is not None:
+            values["lateral_samples"] = samples
+        for name in ("acc_lim_y", "decel_lim_y"):
+            value, ahead = section.number(name), section.number("acc_lim_x")
+            if value is not None and ahead is not None and abs(value) != abs(ahead):
+                self.refuse((*section.place, name), "it is that of acc_lim_x")
 
     def _rpp(self, section: Section) -> None:
         for name in PurePursuitSettings.model_fields:
@@ -297,7 +308,7 @@ class _Params(Reader):
             if last:
                 put(smoother, last, abs(float(vector[2])))
             if vector[1]:
-                self.refuse((*section.place, key), "sideways motion is not simulated")
+                self.refuse((*section.place, key), "sideways the limits of the robot hold")
         if section.get("feedback", "OPEN_LOOP") != "OPEN_LOOP":
             self.refuse((*section.place, "feedback"), "the smoother works in open loop")
         if section.get("scale_velocities", False):
@@ -350,9 +361,7 @@ class _Params(Reader):
             elif PLANAR.search(key[-1]):
                 yield Entry(name, shown, "no effect", "the lidars are planar")
             elif SIDEWAYS.search(key[-1]) or SIDEWAYS.search(key[-2]):
-                yield Entry(
-                    name, shown, "no effect", "sideways motion or computing time, neither of which is simulated"
-                )
+                yield Entry(name, shown, "no effect", "sideways motion that is not asked for, or computing time")
             elif AS_SIMULATED.get(key[-1].rpartition(".")[2], ...) == value:
                 yield Entry(name, shown, "honoured", "this is what is simulated")
             else:

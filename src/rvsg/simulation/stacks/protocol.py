@@ -14,7 +14,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +37,21 @@ class Velocity(NamedTuple):
     """Forward speed, m/s."""
     w: float
     """Yaw rate, rad/s, counter-clockwise."""
+
+
+class Twist(NamedTuple):
+    """What a base that moves sideways is told to do."""
+
+    vx: float
+    """Forward speed, m/s."""
+    vy: float
+    """Speed to the left, m/s."""
+    wz: float
+    """Yaw rate, rad/s, counter-clockwise."""
+
+
+Command: TypeAlias = "tuple[float, float] | tuple[float, float, float]"
+"""(v, w), or (vx, vy, wz) for a base that moves sideways; a Velocity and a Twist are such."""
 
 
 class Ended(Enum):
@@ -102,6 +117,8 @@ class Observation(ABC):
     """x, y, yaw in the odom frame."""
     velocity: tuple[float, float]
     """Measured forward speed and yaw rate."""
+    lateral: float
+    """Measured speed to the left; 0 for a base that does not move sideways."""
     map_from_odom: tuple[float, float, float]
     """x, y, yaw of the odom frame in the map frame, as localisation estimates it."""
 
@@ -170,10 +187,11 @@ class LocalPlanner(NavigationStack):
     """A local planner under the built-in Nav2, asked every control period (50 ms)."""
 
     @abstractmethod
-    def command(self, seen: LocalObservation) -> tuple[float, float] | None:
+    def command(self, seen: LocalObservation) -> Command | None:
         """Return forward speed (m/s) and yaw rate (rad/s), or None where there is no valid command.
 
-        Without a valid command for some time (Nav2's `failure_tolerance`), the built-in behaviour tree recovers.
+        For a robot with `limits.lateral_m_s`, three numbers are forward speed, speed to the left and yaw rate. Without
+        a valid command for some time (Nav2's `failure_tolerance`), the built-in behaviour tree recovers.
         """
 
 
@@ -186,8 +204,8 @@ class WholeStack(NavigationStack):
         return 0.05
 
     @abstractmethod
-    def step(self, seen: Observation) -> tuple[float, float] | Ended | None:
-        """Return a velocity for the base, None where there is no new one, or how the task ended.
+    def step(self, seen: Observation) -> Command | Ended | None:
+        """Return a velocity as `LocalPlanner.command` does, None where there is no new one, or how the task ended.
 
         The base goes on with the last velocity for a second (the time-out of a velocity smoother), then it stops.
         """

@@ -11,7 +11,7 @@ from rvsg.core.compiled import inner
 from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded import state as st
 from rvsg.simulation.embedded.navigation.controllers import dwb
-from rvsg.simulation.embedded.navigation.controllers.samples import SAMPLE_V, SAMPLE_W, fill_window
+from rvsg.simulation.embedded.navigation.controllers.samples import SAMPLE_SIDE, SAMPLE_V, SAMPLE_W, fill_window
 from rvsg.simulation.embedded.navigation.costmap import LETHAL, footprint_spans
 from rvsg.simulation.embedded.navigation.journal import go_on_recovery, keep_path, note_path, note_recovery
 from rvsg.simulation.embedded.navigation.planners.choice import NAVFN, plan_navfn
@@ -117,14 +117,16 @@ def begin_following(state: State, t: float) -> None:
 
 
 @inner
-def command(state: State, v: float, w: float, direct: bool, t: float) -> None:
-    """Publish a velocity, through the smoother or (recoveries) past it."""
+def command(state: State, v: float, side: float, w: float, direct: bool, t: float) -> None:
+    """Publish a velocity (forward, to the left, turning), through the smoother or (recoveries) past it."""
     state.body[base.COMMAND_V] = v
+    state.body[base.COMMAND_SIDE] = side
     state.body[base.COMMAND_W] = w
     state.body[base.COMMAND_T] = t
     state.body[base.DIRECT] = 1.0 if direct else 0.0
     if direct:
         state.body[base.SMOOTH_V] = 0.0
+        state.body[base.SMOOTH_SIDE] = 0.0
         state.body[base.SMOOTH_W] = 0.0
 
 
@@ -163,41 +165,44 @@ def measured(value: float) -> float:
 
 @inner
 def choose_dwb(state: State, answer: Floats) -> None:
-    """DWB's answer: whether there is a valid command, and which."""
+    """DWB's answer: whether there is a valid command, its forward speed, yaw rate and speed to the left."""
     body = state.body
     v = measured(body[base.V])
     w = measured(body[base.W])
+    side = measured(body[base.SIDE])
     samples = state.samples
     if not state.stack.dwb_whole_range:
-        samples = samples[: fill_window(samples, v, w, state.stack)]
+        samples = samples[: fill_window(samples, v, side, w, state.stack)]
     best = dwb.choose(
         state.nav, state.times, state.scratch, state.memo, samples, state.local[st.MASTER],
         state.nav[st.WINDOW_COLUMN], state.nav[st.WINDOW_ROW], state.path[1],
-        goal_yaw(state), body[base.X], body[base.Y], body[base.YAW], v, w, state.stack,
+        goal_yaw(state), body[base.X], body[base.Y], body[base.YAW], v, side, w, state.stack,
     )  # fmt: skip
     answer[0] = 0.0
     if best >= 0:
         answer[0] = 1.0
         answer[1] = state.samples[best, SAMPLE_V]
         answer[2] = state.samples[best, SAMPLE_W]
+        answer[3] = state.samples[best, SAMPLE_SIDE]
         dwb.remember_turn(
-            state.nav, state.times, answer[1], answer[2], body[base.X], body[base.Y], body[base.YAW], state.stack
-        )
+            state.nav, state.times, answer[1], answer[3], answer[2], body[base.X], body[base.Y], body[base.YAW],
+            state.stack,
+        )  # fmt: skip
 
 
 @inner
 def follow(state: State, settings: Settings, t: float, answer: Floats) -> None:
     """Carry out the local planner's answer; where it has had none for too long, following the path has failed."""
     if answer[0] == 0.0:
-        command(state, 0.0, 0.0, False, t)
+        command(state, 0.0, 0.0, 0.0, False, t)
         if t - state.times[st.VALID_T] > state.stack.patience:
             stop_following(state, settings, t)
             return
     else:
         state.times[st.VALID_T] = t
-        command(state, answer[1], answer[2], False, t)
+        command(state, answer[1], answer[3], answer[2], False, t)
     if at_goal(state):
-        command(state, 0.0, 0.0, False, t)
+        command(state, 0.0, 0.0, 0.0, False, t)
         state.nav[st.MODE] = st.DONE
         state.nav[st.RESULT] = st.REACHED
 
@@ -209,7 +214,7 @@ def recover(state: State, settings: Settings, t: float) -> None:
     nav[st.FOLLOW_RETRIED] = 0
     nav[st.RECOVERIES] += 1
     nav[st.FAILED_ACTIONS] = 0
-    command(state, 0.0, 0.0, False, t)
+    command(state, 0.0, 0.0, 0.0, False, t)
     if nav[st.RECOVERIES] > state.stack.recoveries:
         nav[st.RECOVERIES] = state.stack.recoveries
         nav[st.MODE] = st.DONE
@@ -250,7 +255,7 @@ def begin_action(state: State, settings: Settings, t: float) -> None:
 def end_action(state: State, t: float) -> None:
     """A recovery has succeeded: stop, plan at once, follow."""
     go_on_recovery(state, t)
-    command(state, 0.0, 0.0, False, t)
+    command(state, 0.0, 0.0, 0.0, False, t)
     state.nav[st.MODE] = st.DRIVE
     state.nav[st.NEED_PLAN] = 1
     begin_following(state, t)
@@ -321,7 +326,7 @@ def act(state: State, settings: Settings, t: float) -> None:
             return
         v = -state.stack.back_up_v
     if elapsed > ACTION_TIME_S or is_blocked(state, v, w, settings):
-        command(state, 0.0, 0.0, False, t)
+        command(state, 0.0, 0.0, 0.0, False, t)
         nav[st.FAILED_ACTIONS] += 1
         if nav[st.FAILED_ACTIONS] >= ACTIONS:
             nav[st.MODE] = st.DONE
@@ -329,7 +334,7 @@ def act(state: State, settings: Settings, t: float) -> None:
         else:
             begin_action(state, settings, t)
         return
-    command(state, v, w, state.stack.recoveries_direct, t)
+    command(state, v, 0.0, w, state.stack.recoveries_direct, t)
 
 
 @inner
@@ -338,7 +343,7 @@ def stop_following(state: State, settings: Settings, t: float) -> None:
     nav = state.nav
     if nav[st.FOLLOW_RETRIED] == 0:
         nav[st.FOLLOW_RETRIED] = 1
-        command(state, 0.0, 0.0, False, t)
+        command(state, 0.0, 0.0, 0.0, False, t)
         nav[st.CLEAR_LOCAL] = 1
         begin_following(state, t)
     else:

@@ -15,7 +15,7 @@ SLACK = 1.25
 SLACK_S = 1.0
 """A person arrives in time who takes at most `SLACK` times distance over speed, plus `SLACK_S`."""
 SLOW_M_S, FAST_M_S = 0.3, 1.5
-_FAR = (1000.0, 1000.0, 0.0, 0.0)
+_FAR = (1000.0, 1000.0, 0.0, 0.0, 0.0)
 _NO_NOISE = PeopleOptions(leg_phase_noise=False)
 
 

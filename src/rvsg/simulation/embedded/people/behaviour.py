@@ -40,12 +40,19 @@ WAITED_S = 15.0
 
 @kernel
 def tick(
-    crowd: CrowdRef, t_s: float, dt_s: float, robot_x: float, robot_y: float, robot_yaw: float, robot_v: float
+    crowd: CrowdRef,
+    t_s: float,
+    dt_s: float,
+    robot_x: float,
+    robot_y: float,
+    robot_yaw: float,
+    robot_v: float,
+    robot_side: float,
 ) -> None:
-    """Move everybody by one tick of dt_s (0.1 s in a run); the robot is at its present pose with forward speed robot_v.
+    """Move everybody by one tick of dt_s (0.1 s in a run); the robot is at its present pose.
 
-    `t_s` is the time since the robot's start; people stand at their place until their own start time. Changes
-    `crowd` in place and allocates nothing.
+    `robot_v` and `robot_side` are the robot's speeds ahead and to its left, m/s. `t_s` is the time since the robot's
+    start; people stand at their place until their own start time. Changes `crowd` in place and allocates nothing.
     """
     n = crowd.x.size
     for i in range(n):
@@ -61,15 +68,15 @@ def tick(
     sum_groups(crowd)
     for i in range(n):
         find_obstacle(crowd, i, robot_x, robot_y, robot_yaw)
-    robot_vx = robot_v * math.cos(robot_yaw)
-    robot_vy = robot_v * math.sin(robot_yaw)
+    robot_vx = robot_v * math.cos(robot_yaw) - robot_side * math.sin(robot_yaw)
+    robot_vy = robot_v * math.sin(robot_yaw) + robot_side * math.cos(robot_yaw)
     for i in range(n):
         _act(crowd, i, t_s, dt_s, robot_x, robot_y, robot_yaw, robot_vx, robot_vy)
     if crowd.published:
         return
     for i in range(n):
         if may_touch(crowd, i, robot_x, robot_y):
-            note_touch(crowd, i, t_s, robot_x, robot_y, robot_yaw, robot_v, 0.0)
+            note_touch(crowd, i, t_s, robot_x, robot_y, robot_yaw, robot_vx, robot_vy, 0.0)
     separate(crowd, dt_s, robot_x, robot_y, robot_yaw)
     for i in range(n):
         note_overlap(crowd, i, robot_x, robot_y, robot_yaw)

@@ -204,9 +204,20 @@ def note_overlap(crowd: Crowd, i: int, robot_x: float, robot_y: float, robot_yaw
 
 @inner
 def note_touch(
-    crowd: Crowd, i: int, t: float, robot_x: float, robot_y: float, robot_yaw: float, robot_v: float, robot_w: float
+    crowd: Crowd,
+    i: int,
+    t: float,
+    robot_x: float,
+    robot_y: float,
+    robot_yaw: float,
+    robot_vx: float,
+    robot_vy: float,
+    robot_w: float,
 ) -> None:
-    """Note the contact of a person and the robot, where they touch, with the speeds before it is resolved."""
+    """Note the contact of a person and the robot, where they touch, with the speeds before it is resolved.
+
+    `robot_vx` and `robot_vy` are the velocity of the base frame in the world, m/s.
+    """
     gap, ux, uy = robot_gap(crowd, i, robot_x, robot_y, robot_yaw)
     if gap > TOUCH_M:
         return
@@ -218,9 +229,9 @@ def note_touch(
     if row < 0:
         return
     if fresh:
-        robot_vx = robot_v * math.cos(robot_yaw) - robot_w * (y - robot_y)
-        robot_vy = robot_v * math.sin(robot_yaw) + robot_w * (x - robot_x)
-        robot = robot_vx * ux + robot_vy * uy
+        there_vx = robot_vx - robot_w * (y - robot_y)
+        there_vy = robot_vy + robot_w * (x - robot_x)
+        robot = there_vx * ux + there_vy * uy
         person = -(crowd.vx[i] * ux + crowd.vy[i] * uy)
         bearing = math.atan2(crowd.y[i] - robot_y, crowd.x[i] - robot_x) - robot_yaw
         crowd.events[row, CLOSING] = max(0.0, robot + person)

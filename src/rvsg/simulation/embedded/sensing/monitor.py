@@ -52,16 +52,16 @@ def points_inside(state: State, polygon: int, x: float, y: float, yaw: float) ->
 
 
 @inner
-def collision_time(state: State, polygon: int, v: float, w: float) -> float:
-    """Return when a base at (v, w) gets something into a polygon; -1 where not within its time."""
+def collision_time(state: State, polygon: int, v: float, side: float, w: float) -> float:
+    """Return when a base at (v, side, w) gets something into a polygon; -1 where not within its time."""
     row = state.stack.monitor[polygon]
     x, y, yaw = state.body[base.X], state.body[base.Y], state.body[base.YAW]
     if points_inside(state, polygon, x, y, yaw) >= row[MIN_POINTS]:
         return 0.0
     t = 0.0
     while t <= row[TIME]:
-        x += v * row[STEP] * math.cos(yaw)
-        y += v * row[STEP] * math.sin(yaw)
+        x += v * row[STEP] * math.cos(yaw) - side * row[STEP] * math.sin(yaw)
+        y += v * row[STEP] * math.sin(yaw) + side * row[STEP] * math.cos(yaw)
         yaw += w * row[STEP]
         if points_inside(state, polygon, x, y, yaw) >= row[MIN_POINTS]:
             return t
@@ -70,11 +70,11 @@ def collision_time(state: State, polygon: int, v: float, w: float) -> float:
 
 
 @inner
-def ratio_of(state: State, polygon: int, v: float, w: float) -> float:
-    """Return by what a polygon scales the command (v, w)."""
+def ratio_of(state: State, polygon: int, v: float, side: float, w: float) -> float:
+    """Return by what a polygon scales the command (v, side, w)."""
     row, body = state.stack.monitor[polygon], state.body
     if row[ACTION] == APPROACH:
-        t = collision_time(state, polygon, v, w)
+        t = collision_time(state, polygon, v, side, w)
         return 1.0 if t < 0.0 else min(1.0, t / float(row[TIME]))
     if points_inside(state, polygon, body[base.X], body[base.Y], body[base.YAW]) < row[MIN_POINTS]:
         return 1.0
@@ -83,7 +83,9 @@ def ratio_of(state: State, polygon: int, v: float, w: float) -> float:
     if row[ACTION] == SLOWDOWN:
         return float(row[RATIO])
     ratio = 1.0
-    if v != 0.0:
+    if side != 0.0:
+        ratio = min(ratio, row[LINEAR] / math.hypot(v, side))
+    elif v != 0.0:
         ratio = min(ratio, row[LINEAR] / abs(v))
     if w != 0.0:
         ratio = min(ratio, row[ANGULAR] / abs(w))
@@ -94,11 +96,11 @@ def ratio_of(state: State, polygon: int, v: float, w: float) -> float:
 def scale_command(state: State) -> None:
     """Scale the command that the base carries out now by the most restrictive polygon."""
     body = state.body
-    v, w = body[base.SMOOTH_V], body[base.SMOOTH_W]
+    v, side, w = body[base.SMOOTH_V], body[base.SMOOTH_SIDE], body[base.SMOOTH_W]
     if body[base.DIRECT] != 0.0:
-        v, w = body[base.COMMAND_V], body[base.COMMAND_W]
+        v, side, w = body[base.COMMAND_V], body[base.COMMAND_SIDE], body[base.COMMAND_W]
     ratio = 1.0
-    if v != 0.0 or w != 0.0:
+    if v != 0.0 or side != 0.0 or w != 0.0:
         for polygon in range(state.stack.monitor.shape[0]):
-            ratio = min(ratio, ratio_of(state, polygon, v, w))
+            ratio = min(ratio, ratio_of(state, polygon, v, side, w))
     body[base.RATIO] = ratio

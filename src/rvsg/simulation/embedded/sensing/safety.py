@@ -66,7 +66,8 @@ def watch_zones(scene: Scene, state: State, settings: Settings, side: int, t: fl
         px = from_x + ranges[k] * (turn_cos * directions[k, 0] - turn_sin * directions[k, 1])
         py = from_y + ranges[k] * (turn_sin * directions[k, 0] + turn_cos * directions[k, 1])
         for zone in range(zones.shape[0]):
-            watched = abs(state.body[base.V]) >= zones[zone, FROM_SPEED] or t < state.zone_until[zone]
+            speed = max(abs(state.body[base.V]), abs(state.body[base.SIDE]))
+            watched = speed >= zones[zone, FROM_SPEED] or t < state.zone_until[zone]
             if watched and is_in_zone(state.stack, zone, px, py):
                 state.zone_until[zone] = t + zones[zone, RELEASE]
     limit_speed(state, t)

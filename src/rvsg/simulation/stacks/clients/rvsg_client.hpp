@@ -44,6 +44,7 @@ struct Observation {
   double t;
   Pose pose;                      // in the odom frame, like plan, goal, costmap and people
   double v, w;
+  double lateral;                 // speed to the left; 0 for a base that does not move sideways
   Pose goal, map_from_odom;
   double costmap_x, costmap_y, costmap_resolution;
   std::uint32_t costmap_rows, costmap_columns;
@@ -53,11 +54,12 @@ struct Observation {
   std::vector<Scan> scans;
 };
 
-struct Answer { std::uint8_t status; double v, w; };
-inline Answer velocity(double v, double w) { return {1, v, w}; }
-inline Answer no_command() { return {0, 0.0, 0.0}; }
-inline Answer reached() { return {2, 0.0, 0.0}; }   // whole stacks (exec-stack:) only
-inline Answer gave_up() { return {3, 0.0, 0.0}; }
+struct Answer { std::uint8_t status; double v, w, lateral; };
+inline Answer velocity(double v, double w) { return {1, v, w, 0.0}; }
+inline Answer velocity(double vx, double vy, double wz) { return {1, vx, wz, vy}; }  // a base that moves sideways
+inline Answer no_command() { return {0, 0.0, 0.0, 0.0}; }
+inline Answer reached() { return {2, 0.0, 0.0, 0.0}; }   // whole stacks (exec-stack:) only
+inline Answer gave_up() { return {3, 0.0, 0.0, 0.0}; }
 
 struct Planner {
   bool wants_scans = true, wants_people = true, wants_costmap = true;
@@ -171,7 +173,7 @@ inline Task read_task(const std::vector<std::uint8_t> &frame) {
   return task;
 }
 
-inline Observation read_observation(const std::vector<std::uint8_t> &frame, std::uint32_t &number) {
+inline Observation read_observation(const std::vector<std::uint8_t> &frame, std::uint32_t &number, int protocol) {
   Reader in(frame);
   in.get<char>();
   Observation seen{};
@@ -190,6 +192,7 @@ inline Observation read_observation(const std::vector<std::uint8_t> &frame, std:
   seen.costmap_columns = in.get<std::uint32_t>();
   const auto persons = in.get<std::uint32_t>();
   const auto lidars = in.get<std::uint32_t>();
+  if (protocol > 1) seen.lateral = in.get<double>();
   seen.plan = in.many<float>(2 * std::size_t(points));
   seen.costmap = in.many<std::uint8_t>(std::size_t(seen.costmap_rows) * seen.costmap_columns);
   seen.people = in.many<Person>(persons);
@@ -208,12 +211,13 @@ inline Observation read_observation(const std::vector<std::uint8_t> &frame, std:
   return seen;
 }
 
-inline std::string answer_frame(std::uint32_t number, const Answer &answer) {
+inline std::string answer_frame(std::uint32_t number, const Answer &answer, int protocol) {
   std::string frame("V");
   frame.append(reinterpret_cast<const char *>(&number), 4);
   frame.append(reinterpret_cast<const char *>(&answer.status), 1);
   frame.append(reinterpret_cast<const char *>(&answer.v), 8);
   frame.append(reinterpret_cast<const char *>(&answer.w), 8);
+  if (protocol > 1) frame.append(reinterpret_cast<const char *>(&answer.lateral), 8);
   return frame;
 }
 
@@ -223,14 +227,18 @@ inline std::string answer_frame(std::uint32_t number, const Answer &answer) {
 inline int serve(Planner &planner) {
   detail::Input input;
   std::vector<std::uint8_t> frame;
+  int protocol = 1;
   while (input.next(frame)) {
     const char kind = static_cast<char>(frame[0]);
     bool sent = true;
     if (kind == 'Q') return 0;
     if (kind == 'H') {
-      planner.hello(std::string(frame.begin() + 1, frame.end()));
+      const std::string hello(frame.begin() + 1, frame.end());
+      // RVSG lists what it speaks: "protocols": [1, 2].
+      protocol = hello.find("\"protocols\": [1, 2") != std::string::npos ? 2 : 1;
+      planner.hello(hello);
       const auto flag = [](bool on) { return on ? "true" : "false"; };
-      sent = detail::send(std::string("H{\"protocol\": 1, \"scans\": ") + flag(planner.wants_scans) +
+      sent = detail::send(std::string("H{\"protocol\": ") + std::to_string(protocol) + ", \"scans\": " + flag(planner.wants_scans) +
                           ", \"people\": " + flag(planner.wants_people) +
                           ", \"costmap\": " + flag(planner.wants_costmap) + "}");
     } else if (kind == 'R') {
@@ -238,8 +246,8 @@ inline int serve(Planner &planner) {
       sent = detail::send("R");
     } else if (kind == 'O') {
       std::uint32_t number = 0;
-      const Observation seen = detail::read_observation(frame, number);
-      sent = detail::send(detail::answer_frame(number, planner.command(seen)));
+      const Observation seen = detail::read_observation(frame, number, protocol);
+      sent = detail::send(detail::answer_frame(number, planner.command(seen), protocol));
     }
     if (!sent) return 0;
   }

@@ -37,7 +37,7 @@ class Planner:
         """Begin a run: `task` has seed, period, time_limit, limits, start, goals, robot (a dict), map."""
 
     def command(self, seen):
-        """Return (v, w), or None for no valid command."""
+        """Return (v, w), or (vx, vy, wz) for a base that moves sideways, or None for no valid command."""
         raise NotImplementedError
 
 
@@ -53,27 +53,33 @@ def serve(planner, read=None, write=None):
     if write is None:
         os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
     waiting = bytearray()
+    protocol = 1
     while True:
         frame = _frame(reads, waiting)
         if frame is None or frame[:1] == b"Q":
             return
         if frame[:1] == b"H":
-            planner.hello(json.loads(frame[1:])["options"])
+            hello = json.loads(frame[1:])
+            planner.hello(hello["options"])
+            protocol = max(set(hello.get("protocols", [1])) & {1, 2})
             wants = {"scans": planner.scans, "people": planner.people, "costmap": planner.costmap}
-            _send(writes, b"H" + json.dumps({"protocol": 1, **wants}).encode())
+            _send(writes, b"H" + json.dumps({"protocol": protocol, **wants}).encode())
         elif frame[:1] == b"R":
             planner.reset(_task(frame))
             _send(writes, b"R")
         elif frame[:1] == b"O":
-            number, seen = _observation(frame)
-            _send(writes, _answer(number, planner.command(seen)))
+            number, seen = _observation(frame, protocol)
+            _send(writes, _answer(number, planner.command(seen), protocol))
 
 
-def _answer(number, given):
-    if given in (REACHED, GAVE_UP):
-        return struct.pack("<cIB2d", b"V", number, 2 if given == REACHED else 3, 0.0, 0.0)
-    v, w = given if given is not None else (0.0, 0.0)
-    return struct.pack("<cIB2d", b"V", number, given is not None, v, w)
+def _answer(number, given, protocol):
+    status, values = 1, given
+    if given is None or given in (REACHED, GAVE_UP):
+        status, values = {None: 0, REACHED: 2, GAVE_UP: 3}[given], (0.0, 0.0)
+    v, side, w = values if len(values) == 3 else (values[0], 0.0, values[1])
+    if protocol == 1:
+        return struct.pack("<cIB2d", b"V", number, status, v, w)
+    return struct.pack("<cIB3d", b"V", number, status, v, w, side)
 
 
 def _task(frame):
@@ -91,10 +97,14 @@ def _task(frame):
                    goals=goals, robot=robot, map=world)  # fmt: skip
 
 
-def _observation(frame):
+def _observation(frame, protocol):
     values = _OBSERVATION.unpack_from(frame)
     points, rows, columns, persons, lidars = values[17:]
     at = _OBSERVATION.size
+    lateral = 0.0
+    if protocol > 1:
+        (lateral,) = struct.unpack_from("<d", frame, at)
+        at += 8
     plan, at = _floats(frame, at, 2 * points)
     cells, at = frame[at : at + rows * columns], at + rows * columns
     people, at = _floats(frame, at, 4 * persons)
@@ -105,7 +115,8 @@ def _observation(frame):
         scans.append(_Values(t=t, angle_min=angle_min, angle_increment=step, x=x, y=y, yaw=yaw, ranges=ranges))
     costmap = _Values(rows=rows, columns=columns, cells=cells, origin=values[14:16], resolution=values[16])
     return values[1], _Values(
-        t=values[2], pose=values[3:6], velocity=values[6:8], goal=values[8:11], map_from_odom=values[11:14],
+        t=values[2], pose=values[3:6], velocity=values[6:8], lateral=lateral, goal=values[8:11],
+        map_from_odom=values[11:14],
         plan=list(zip(plan[::2], plan[1::2])), costmap=costmap, scans=scans,
         people=[tuple(people[4 * k : 4 * k + 4]) for k in range(persons)],
     )  # fmt: skip

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.simulation.embedded.navigation.controllers import dwb
-from rvsg.simulation.embedded.navigation.controllers.samples import SAMPLE_V
+from rvsg.simulation.embedded.navigation.controllers.samples import SAMPLE_SIDE, SAMPLE_V
 from rvsg.simulation.embedded.stack import Stack
 
 Floats = NDArray[np.float64]
@@ -62,7 +62,7 @@ def raw_scores(
     far = math.sqrt((goal_x - x) ** 2 + (goal_y - y) ** 2) > p.dwb_forward_point
     return np.column_stack(
         [
-            _rotate(nav, samples[:, SAMPLE_V], yaw + ends[:, 2] - goal_yaw, p),
+            _rotate(nav, np.hypot(samples[:, SAMPLE_V], samples[:, SAMPLE_SIDE]), yaw + ends[:, 2] - goal_yaw, p),
             master[end[1], end[0]].astype(np.float64),
             np.abs(ahead - align[:, None]).sum(axis=0),
             _from_plan(on_plan, ahead) if far else np.zeros(len(ends)),

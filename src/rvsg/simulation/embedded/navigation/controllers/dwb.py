@@ -14,7 +14,13 @@ from numpy.typing import NDArray
 from rvsg.core.compiled import inner, kernel
 from rvsg.simulation.embedded.base import wrap
 from rvsg.simulation.embedded.navigation.controllers.rollouts import Rollouts, ends_of, is_free
-from rvsg.simulation.embedded.navigation.controllers.samples import SAMPLE_DT, SAMPLE_STEPS, SAMPLE_V, SAMPLE_W
+from rvsg.simulation.embedded.navigation.controllers.samples import (
+    SAMPLE_DT,
+    SAMPLE_SIDE,
+    SAMPLE_STEPS,
+    SAMPLE_V,
+    SAMPLE_W,
+)
 from rvsg.simulation.embedded.navigation.costmap import INSCRIBED
 from rvsg.simulation.embedded.stack import Stack
 
@@ -28,8 +34,8 @@ ROUNDING = 1e-6
 
 # Indices of the integer state of the controller.
 (IN_WINDOW, ROTATING, XY_REACHED, BAN_LEFT, BAN_RIGHT, LAST_SIGN, PLAN_BEGIN, PLAN_END, SOURCES, STAMP, ALL_SCORES,
- LAST_BEST) = range(12)  # fmt: skip
-CONTROLLER_INTS = 12
+ LAST_BEST, BAN_ASIDE_LEFT, BAN_ASIDE_RIGHT, LAST_ASIDE) = range(15)  # fmt: skip
+CONTROLLER_INTS = 15
 # Indices of its real state: where the robot was when a turn was banned.
 BAN_X, BAN_Y, BAN_YAW = range(3)
 CONTROLLER_REALS = 3
@@ -159,43 +165,73 @@ def reset(state: Ints) -> None:
     state[IN_WINDOW] = 0
     state[ROTATING] = 0
     state[XY_REACHED] = 0
+    forget_turns(state)
+
+
+@inner
+def forget_turns(state: Ints) -> None:
+    """The Oscillation critic forgets the signs of the last commands and what they ban."""
     state[BAN_LEFT] = 0
     state[BAN_RIGHT] = 0
     state[LAST_SIGN] = 0
+    state[BAN_ASIDE_LEFT] = 0
+    state[BAN_ASIDE_RIGHT] = 0
+    state[LAST_ASIDE] = 0
 
 
 @kernel
-def rotate_to_goal(state: Ints, v: float, yaw_error: float, measured_v: float, slowing: float) -> float:
-    """Raw score of RotateToGoal for a sample that ends `yaw_error` from the goal's yaw; -1 where it is illegal."""
+def rotate_to_goal(state: Ints, v: float, side: float, yaw_error: float, square: float, slowing: float) -> float:
+    """Raw score of RotateToGoal for a sample that ends `yaw_error` from the goal's yaw; -1 where it is illegal.
+
+    `square` is that of the measured speed.
+    """
     if state[IN_WINDOW] == 0:
         return 0.0
     if state[ROTATING] == 0:
-        if v * v >= measured_v * measured_v:
+        if v * v + side * side >= square:
             return -1.0
-        return slowing * v * v + yaw_error
-    return -1.0 if v > 0.0 else yaw_error
+        return slowing * v * v + slowing * side * side + yaw_error
+    return -1.0 if v > 0.0 or side != 0.0 else yaw_error
 
 
 @kernel
-def remember_turn(state: Ints, reals: Floats, v: float, w: float, x: float, y: float, yaw: float, p: Stack) -> None:
+def remember_turn(
+    state: Ints, reals: Floats, v: float, side: float, w: float, x: float, y: float, yaw: float, p: Stack
+) -> None:
     """Oscillation critic after a command: a turn that reverses the last one at |v| <= 0.05 m/s bans the way back.
 
-    Signs and bans are forgotten once the robot is more than 0.05 m or 0.2 rad from where the ban began.
+    So does a step to the side. Signs and bans are forgotten once the robot is more than 0.05 m or 0.2 rad from where
+    the ban began.
     """
+    banned = False
     if abs(v) <= p.dwb_oscillation_v and w != 0.0:
         sign = 1 if w > 0.0 else -1
         if state[LAST_SIGN] != 0 and sign != state[LAST_SIGN]:
             state[BAN_RIGHT if sign > 0 else BAN_LEFT] = 1
-            reals[BAN_X] = x
-            reals[BAN_Y] = y
-            reals[BAN_YAW] = yaw
+            banned = True
         state[LAST_SIGN] = sign
-    if state[BAN_LEFT] != 0 or state[BAN_RIGHT] != 0:
+    if abs(v) <= p.dwb_oscillation_v and side != 0.0:
+        sign = 1 if side > 0.0 else -1
+        if state[LAST_ASIDE] != 0 and sign != state[LAST_ASIDE]:
+            state[BAN_ASIDE_RIGHT if sign > 0 else BAN_ASIDE_LEFT] = 1
+            banned = True
+        state[LAST_ASIDE] = sign
+    if banned:
+        reals[BAN_X] = x
+        reals[BAN_Y] = y
+        reals[BAN_YAW] = yaw
+    if state[BAN_LEFT] != 0 or state[BAN_RIGHT] != 0 or state[BAN_ASIDE_LEFT] != 0 or state[BAN_ASIDE_RIGHT] != 0:
         square = (x - reals[BAN_X]) ** 2 + (y - reals[BAN_Y]) ** 2
         if square > p.dwb_oscillation_m**2 or abs(yaw - reals[BAN_YAW]) > p.dwb_oscillation_rad:
-            state[BAN_LEFT] = 0
-            state[BAN_RIGHT] = 0
-            state[LAST_SIGN] = 0
+            forget_turns(state)
+
+
+@inner
+def is_banned(state: Ints, side: float, w: float) -> bool:
+    """Whether the Oscillation critic forbids a turn or a step to the side."""
+    if (state[BAN_LEFT] != 0 and w > 0.0) or (state[BAN_RIGHT] != 0 and w < 0.0):
+        return True
+    return (state[BAN_ASIDE_LEFT] != 0 and side > 0.0) or (state[BAN_ASIDE_RIGHT] != 0 and side < 0.0)
 
 
 @inner
@@ -236,6 +272,7 @@ def choose(
     y: float,
     yaw: float,
     measured_v: float,
+    measured_side: float,
     measured_w: float,
     p: Stack,
 ) -> int:
@@ -255,7 +292,8 @@ def choose(
     to_goal = math.sqrt((goal_x - x) ** 2 + (goal_y - y) ** 2)
     if to_goal <= p.xy_tolerance:
         state[IN_WINDOW] = 1
-    if state[IN_WINDOW] == 1 and abs(measured_v) <= p.dwb_stopped:
+    square = measured_v * measured_v + measured_side * measured_side
+    if state[IN_WINDOW] == 1 and abs(measured_v) <= p.dwb_stopped and abs(measured_side) <= p.dwb_stopped:
         state[ROTATING] = 1
     last_x = path[end - 1, 0]
     last_y = path[end - 1, 1]
@@ -271,22 +309,22 @@ def choose(
     if goal_column < 0 or align_column < 0:
         return -1
     state[STAMP] += 1
-    ends = memo.ends[ends_of(memo, measured_v, measured_w, samples, p)]
+    ends = memo.ends[ends_of(memo, measured_v, measured_side, measured_w, samples, p)]
     column = x / p.resolution - origin_column
     row = y / p.resolution - origin_row
     if state[ALL_SCORES] == 0:
         best = best_of(
-            maps, state, samples, ends, master, column, row, yaw, goal_yaw, measured_v, measured_w, goal_column,
-            goal_row, align_column, align_row, to_goal > p.dwb_forward_point, p,
+            maps, state, samples, ends, master, column, row, yaw, goal_yaw, measured_v, measured_side, measured_w,
+            square, goal_column, goal_row, align_column, align_row, to_goal > p.dwb_forward_point, p,
         )  # fmt: skip
         state[LAST_BEST] = best + 1
         return best
     score(
-        maps, state, samples, ends, master, column, row, yaw, goal_yaw, measured_v, goal_column, goal_row, align_column,
+        maps, state, samples, ends, master, column, row, yaw, goal_yaw, square, goal_column, goal_row, align_column,
         align_row, to_goal > p.dwb_forward_point, p,
     )  # fmt: skip
     totals = maps.totals[: samples.shape[0]]
-    return best_free(totals, samples, master, column, row, yaw, measured_v, measured_w, p)
+    return best_free(totals, samples, master, column, row, yaw, measured_v, measured_side, measured_w, p)
 
 
 @inner
@@ -301,7 +339,9 @@ def best_of(
     yaw: float,
     goal_yaw: float,
     measured_v: float,
+    measured_side: float,
     measured_w: float,
+    square: float,
     goal_column: int,
     goal_row: int,
     align_column: int,
@@ -327,7 +367,8 @@ def best_of(
         if s < 0 or s >= count or s == best:
             continue
         w = samples[s, SAMPLE_W]
-        if (state[BAN_LEFT] != 0 and w > 0.0) or (state[BAN_RIGHT] != 0 and w < 0.0):
+        side = samples[s, SAMPLE_SIDE]
+        if is_banned(state, side, w):
             continue
         end_column, end_row, ahead_column, ahead_row = cells_of(ends[s], column, row, cos, sin, columns, rows)
         if end_column < 0:
@@ -342,7 +383,7 @@ def best_of(
         rotate = 0.0
         if state[IN_WINDOW] != 0:
             rotate = rotate_to_goal(
-                state, samples[s, SAMPLE_V], abs(wrap(yaw + ends[s, 2] - goal_yaw)), measured_v, p.dwb_slowing
+                state, samples[s, SAMPLE_V], side, abs(wrap(yaw + ends[s, 2] - goal_yaw)), square, p.dwb_slowing
             )
             if rotate < 0.0:
                 continue
@@ -359,8 +400,8 @@ def best_of(
         if total > least or (total == least and s > best):
             continue
         if is_free(
-            master, column, row, yaw, measured_v, measured_w, samples[s, SAMPLE_V], w, int(samples[s, SAMPLE_STEPS]),
-            samples[s, SAMPLE_DT], p,
+            master, column, row, yaw, measured_v, measured_side, measured_w, samples[s, SAMPLE_V], side, w,
+            int(samples[s, SAMPLE_STEPS]), samples[s, SAMPLE_DT], p,
         ):  # fmt: skip
             least = total
             best = s
@@ -378,7 +419,7 @@ def score(
     row: float,
     yaw: float,
     goal_yaw: float,
-    measured_v: float,
+    square: float,
     goal_column: int,
     goal_row: int,
     align_column: int,
@@ -403,13 +444,13 @@ def score(
     path_dist = p.dwb_path_dist
     for s in range(samples.shape[0]):
         maps.totals[s] = math.inf
-        w = samples[s, SAMPLE_W]
-        if (state[BAN_LEFT] != 0 and w > 0.0) or (state[BAN_RIGHT] != 0 and w < 0.0):
+        side = samples[s, SAMPLE_SIDE]
+        if is_banned(state, side, samples[s, SAMPLE_W]):
             continue
         rotate = 0.0
         if state[IN_WINDOW] != 0:
             rotate = rotate_to_goal(
-                state, samples[s, SAMPLE_V], abs(wrap(yaw + ends[s, 2] - goal_yaw)), measured_v, slowing
+                state, samples[s, SAMPLE_V], side, abs(wrap(yaw + ends[s, 2] - goal_yaw)), square, slowing
             )
             if rotate < 0.0:
                 continue
@@ -437,6 +478,7 @@ def best_free(
     row: float,
     yaw: float,
     measured_v: float,
+    measured_side: float,
     measured_w: float,
     p: Stack,
 ) -> int:
@@ -454,8 +496,9 @@ def best_free(
         if best < 0:
             return -1
         if is_free(
-            master, column, row, yaw, measured_v, measured_w, samples[best, SAMPLE_V], samples[best, SAMPLE_W],
-            int(samples[best, SAMPLE_STEPS]), samples[best, SAMPLE_DT], p,
+            master, column, row, yaw, measured_v, measured_side, measured_w, samples[best, SAMPLE_V],
+            samples[best, SAMPLE_SIDE], samples[best, SAMPLE_W], int(samples[best, SAMPLE_STEPS]),
+            samples[best, SAMPLE_DT], p,
         ):  # fmt: skip
             return best
         totals[best] = math.inf

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from rvsg.core.compiled import inner, kernel
 from rvsg.simulation.embedded.navigation.controllers.samples import (
     SAMPLE_DT,
+    SAMPLE_SIDE,
     SAMPLE_STEPS,
     SAMPLE_V,
     SAMPLE_W,
@@ -24,13 +25,15 @@ Bytes = NDArray[np.uint8]
 Ints = NDArray[np.int64]
 
 MEMO_SIZE = 1024
+MEMO_SAMPLES = 450_000
+"""The memory of a robot with more samples holds fewer velocities."""
 
 
 class Rollouts(NamedTuple):
     """A memory of where every sample ends, by measured velocity: pure, so it may outlive an episode.
 
-    `keys` (M, 2) are the measured v and omega (NaN: empty), `ends` (M, S, 5) in the frame of the robot: the end pose,
-    and the point 0.1 m ahead of it.
+    `keys` (M, 3) are the measured v, omega and speed to the left (NaN: empty), `ends` (M, S, 5) in the frame of the
+    robot: the end pose, and the point 0.1 m ahead of it.
     """
 
     keys: Floats
@@ -39,7 +42,8 @@ class Rollouts(NamedTuple):
 
 def rollouts(count: int) -> Rollouts:
     """An empty memory for `count` samples."""
-    return Rollouts(keys=np.full((MEMO_SIZE, 2), np.nan), ends=np.zeros((MEMO_SIZE, count, 5)))
+    size = max(1, min(MEMO_SIZE, MEMO_SAMPLES // max(1, count)))
+    return Rollouts(keys=np.full((size, 3), np.nan), ends=np.zeros((size, count, 5)))
 
 
 @inner
@@ -74,7 +78,7 @@ def roll_out_headings(headings: Floats, w0: float, w1: float, steps: int, dt: fl
 
 
 @kernel
-def roll_out_ends(ends: Floats, v0: float, w0: float, samples: Floats, p: Stack) -> None:
+def roll_out_ends(ends: Floats, v0: float, side0: float, w0: float, samples: Floats, p: Stack) -> None:
     """End poses (x, y, yaw) of all samples, and the points 0.1 m ahead, from pose (0, 0, 0) and velocities v0, w0.
 
     Per step: velocities approach the sample, the position advances along the old heading, then the heading turns.
@@ -103,6 +107,12 @@ def roll_out_ends(ends: Floats, v0: float, w0: float, samples: Floats, p: Stack)
             v = towards(samples[s, SAMPLE_V], v, p.dwb_acc_v * dt, p.dwb_dec_v * dt)
             x += v * heading[i, 0] * dt
             y += v * heading[i, 1] * dt
+        if side0 != 0.0 or samples[s, SAMPLE_SIDE] != 0.0:
+            side = side0
+            for i in range(steps):
+                side = towards(samples[s, SAMPLE_SIDE], side, p.dwb_acc_v * dt, p.dwb_acc_v * dt)
+                x -= side * heading[i, 1] * dt
+                y += side * heading[i, 0] * dt
         ends[s, 0] = x
         ends[s, 1] = y
         ends[s, 2] = heading[steps, 2]
@@ -111,13 +121,14 @@ def roll_out_ends(ends: Floats, v0: float, w0: float, samples: Floats, p: Stack)
 
 
 @kernel
-def ends_of(memo: Rollouts, v0: float, w0: float, samples: Floats, p: Stack) -> int:
-    """The row of the memory that holds the end poses for measured velocities v0, w0; works them out if need be."""
-    slot = int(abs(v0 * 7919.0 + w0 * 104729.0) * 1009.0) % MEMO_SIZE
-    if memo.keys[slot, 0] != v0 or memo.keys[slot, 1] != w0:
-        roll_out_ends(memo.ends[slot], v0, w0, samples, p)
+def ends_of(memo: Rollouts, v0: float, side0: float, w0: float, samples: Floats, p: Stack) -> int:
+    """The row of the memory that holds the end poses for these measured velocities; works them out if need be."""
+    slot = int(abs(v0 * 7919.0 + w0 * 104729.0 + side0 * 1299709.0) * 1009.0) % memo.keys.shape[0]
+    if memo.keys[slot, 0] != v0 or memo.keys[slot, 1] != w0 or memo.keys[slot, 2] != side0:
+        roll_out_ends(memo.ends[slot], v0, side0, w0, samples, p)
         memo.keys[slot, 0] = v0
         memo.keys[slot, 1] = w0
+        memo.keys[slot, 2] = side0
     return slot
 
 
@@ -128,8 +139,10 @@ def is_free(
     row: float,
     yaw: float,
     v0: float,
+    side0: float,
     w0: float,
     v1: float,
+    side1: float,
     w1: float,
     steps: int,
     dt: float,
@@ -141,9 +154,11 @@ def is_free(
     """
     rows, columns = master.shape
     v = v0
+    side = side0
     w = w0
     x = column
     y = row
+    sideways = side0 != 0.0 or side1 != 0.0
     for i in range(steps + 1):
         if not (0.0 <= x < columns and 0.0 <= y < rows) or master[int(y), int(x)] >= INSCRIBED:
             return False
@@ -154,5 +169,9 @@ def is_free(
             w = towards(w1, w, p.dwb_acc_w * dt, p.dwb_acc_w * dt)
             x += v * math.cos(yaw) * dt / p.resolution
             y += v * math.sin(yaw) * dt / p.resolution
+            if sideways:
+                side = towards(side1, side, p.dwb_acc_v * dt, p.dwb_acc_v * dt)
+                x -= side * math.sin(yaw) * dt / p.resolution
+                y += side * math.cos(yaw) * dt / p.resolution
             yaw += w * dt
     return True
