@@ -7,9 +7,10 @@ from dataclasses import replace
 import pytest
 
 from rvsg.campaign.measuring import RunMaker
-from rvsg.generation.actors import MOVED, TROLLEY
+from rvsg.generation.actors import CHILD, MOVED, TROLLEY, WHEELCHAIR
 from rvsg.generation.heuristic import HeuristicGenerator
 from rvsg.generation.places import Place, handles_goods, places_of
+from rvsg.generation.random_search import RandomGenerator
 from rvsg.generation.work import follows, named_in, sentence
 from rvsg.scenario.aim import Aim
 from rvsg.scenario.bodies import PersonKind
@@ -82,6 +83,36 @@ def test_an_activity_with_a_cart_is_done_with_a_trolley(hospital: World) -> None
     named = named_in(carts.activities[0], places_of(carts, reachable_from=scenario.mission.route.start))
     assert any(follows(human, named) for human in pushing)
     assert ".." not in scenario.description and "pushes a trolley" in scenario.description
+
+
+def test_the_world_says_which_work_needs_a_trolley(hospital: World) -> None:
+    work, plain = "take linen to the linen store", "push a cart along the corridor"
+    world = replace(hospital, activities=(work, plain))
+    assert not world.needs_trolley(work) and world.needs_trolley(plain)
+    said = replace(world, trolley_work={work: True, plain: False})
+    assert said.needs_trolley(work) and not said.needs_trolley(plain)
+
+
+def test_random_people_take_part_as_the_world_allows(hospital: World) -> None:
+    mission = Mission.of(hospital, hospital.routes[0])
+    every = replace(hospital, actors=(TROLLEY, CHILD, WHEELCHAIR, MOVED))
+    found = []
+    for seed in range(6):
+        scenario = (
+            RandomGenerator().propose(Brief(mission=mission, requirement=None, seed=seed, humans=3), every).scenario
+        )
+        assert scenario is not None
+        assert check(scenario.people, scenario.mission, every) == ()
+        found.append(scenario)
+    people = [human for scenario in found for human in scenario.people.humans]
+    assert any(human.trolley for human in people)
+    assert {human.kind for human in people} > {PersonKind.ADULT}
+    assert any(scenario.mission.moved for scenario in found)
+    alone = replace(hospital, actors=())
+    before = RandomGenerator().propose(Brief(mission=mission, requirement=None, seed=0, humans=3), alone).scenario
+    assert before is not None and before.mission.moved == ()
+    walks = [[task.path for task in human.tasks] for human in before.people.humans]
+    assert walks == [[task.path for task in human.tasks] for human in found[0].people.humans]
 
 
 def test_a_world_without_actors_has_adults_on_foot(hospital: World) -> None:

@@ -1,4 +1,5 @@
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -156,3 +157,16 @@ def test_a_folder_that_cannot_be_written_is_one_clear_message(room: Path) -> Non
     (room / "blocked").write_text("a file, not a folder")
     with pytest.raises(RvsgError, check=coded("world-not-written")):
         save_world(load_world(room), room / "blocked")
+
+
+def test_an_activity_may_say_whether_it_needs_a_trolley(tmp_path: Path) -> None:
+    world = load_world("office")
+    work = ("take parcels to the kitchen", "push chairs aside")
+    save_world(replace(world, activities=work, trolley_work={work[0]: True}), tmp_path)
+    again = load_world(tmp_path)
+    assert again.activities == work
+    assert [again.needs_trolley(text) for text in work] == [True, True]
+    (tmp_path / "world.yaml").write_text(
+        (tmp_path / "world.yaml").read_text().replace("trolley: true", "trolley: false")
+    )
+    assert [load_world(tmp_path).needs_trolley(text) for text in work] == [False, True]

@@ -19,8 +19,6 @@ from rvsg.world.space import robot_space
 from rvsg.world.world import SolidObject, World
 
 TROLLEY, CHILD, WHEELCHAIR, MOVED = "trolley", "child", "wheelchair", "moved_object"
-PUSHED = ("trolley", "cart", "bed", "pallet jack", "push")
-"""Words of an activity that is done with a trolley."""
 SLOW_M_S = 0.8
 SHARES = {CHILD: 0.25, WHEELCHAIR: 0.2, TROLLEY: 0.5, MOVED: 0.5}
 """How often somebody is a child or sits in a wheelchair, somebody slow pushes a trolley, and a scenario has an object
@@ -47,21 +45,22 @@ def added(mission: Mission, later: Mission) -> tuple[SolidObject, ...]:
 
 def cast(
     humans: Sequence[Human], activity: str | None, worker: str | None, mission: Mission, world: World,
-    rng: np.random.Generator,
+    rng: np.random.Generator, *, anybody: bool = False,
 ) -> list[Human]:  # fmt: skip
     """Let people be of other kinds or push a trolley, as the world allows; who does not fit stays on foot.
 
     Args:
-        activity: What is told of the work; whoever does it (`worker`) pushes a trolley where it says so.
+        activity: What is told of the work; whoever does it (`worker`) pushes a trolley where the world says so.
+        anybody: Let also those who walk fast push one, where people's speeds are not drawn.
     """
     result = list(humans)
-    pushes = activity is not None and any(word in activity.lower() for word in PUSHED)
+    pushes = activity is not None and world.needs_trolley(activity)
     for index, human in enumerate(humans):
         drawn, size = rng.random(3), TROLLEYS[int(rng.integers(len(TROLLEYS)))]
         if human.group is not None:
             continue
         works = pushes and human.name == worker
-        changed = _changed(human, works, drawn.tolist(), size, world.actors)
+        changed = _changed(human, works, anybody, drawn.tolist(), size, world.actors)
         if changed is None:
             continue
         tried = [*result[:index], changed, *result[index + 1 :]]
@@ -71,10 +70,10 @@ def cast(
 
 
 def _changed(
-    human: Human, works: bool, drawn: Sequence[float], trolley: Trolley, actors: Sequence[str]
+    human: Human, works: bool, anybody: bool, drawn: Sequence[float], trolley: Trolley, actors: Sequence[str]
 ) -> Human | None:
     """Return a person of another kind, or with a trolley; None for who stays on foot."""
-    walks_slowly = human.speed_m_s <= SLOW_M_S and not any(task.pauses for task in human.tasks)
+    walks_slowly = (anybody or human.speed_m_s <= SLOW_M_S) and not any(task.pauses for task in human.tasks)
     if TROLLEY in actors and (works or (walks_slowly and drawn[0] < SHARES[TROLLEY])):
         return human.replace(trolley=trolley, speed_m_s=min(human.speed_m_s, 1.2))
     if works:

@@ -3,7 +3,9 @@
 In the study's random configurations each person has between 2 and 20 tasks, every labelled area is drawn equally
 often, and people walk nearly straight between the areas. This one draws the number of tasks uniformly, then areas
 uniformly (never the same twice in a row), then a waypoint of the area uniformly, and walks the shortest valid path.
-Everything it draws is valid, so that random search loses no run to a configuration that could not be simulated.
+In worlds that name `actors`, some people are children, sit in wheelchairs or push trolleys, and objects are left
+beside the robot's way. Everything it draws is valid, so that random search loses no run to a configuration that could
+not be simulated.
 """
 
 from __future__ import annotations
@@ -12,6 +14,7 @@ import math
 
 import numpy as np
 
+from rvsg.generation.actors import cast, left_behind
 from rvsg.generation.answer import answer, nowhere_to_walk
 from rvsg.generation.generator import Generator, Proposal
 from rvsg.generation.places import Place, places_of
@@ -53,6 +56,10 @@ class RandomGenerator(Generator):
         for index in range(brief.humans):
             human = self._human(index, humans, places, brief, world, rng)
             humans.append(human)
+        others = rng_of(brief, f"{self.name}/actors")
+        if world.actors:
+            humans = cast(humans, None, None, brief.mission, world, others, anybody=True)
+        moved = left_behind(humans, brief.mission, world, others)
         counts = ", ".join(f"{human.name} {len(human.tasks)}" for human in humans)
         return answer(
             HumanConfiguration(humans=tuple(humans)),
@@ -61,6 +68,7 @@ class RandomGenerator(Generator):
             generator=self.name,
             described=None,
             reasoning=f"Drawn at random from {len(places)} places; tasks: {counts}. Nothing was aimed.",
+            moved=moved,
         )
 
     def _human(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from rvsg.world.doors import Door
@@ -30,6 +30,7 @@ def build_world(
     map_offset: Point = (0.0, 0.0),
     doors: Sequence[Door] = (),
     actors: Sequence[str] = (),
+    trolley_work: Mapping[str, bool] | None = None,
 ) -> World:
     """Lay the grid and give every area without waypoints the ones it is worked from.
 
@@ -52,6 +53,7 @@ def build_world(
         grid_spec=spec,
         doors=tuple(doors),
         actors=tuple(actors),
+        trolley_work=dict(trolley_work or {}),
     )
     human, robot = human_space(world), robot_space(world)
     seeds = [(route.start.x, route.start.y) for route in routes]

@@ -20,6 +20,9 @@ from rvsg.world.grid import Grid, GridSpec
 
 FREE, OCCUPIED, UNKNOWN = 0, 100, 255  # the values of an occupancy map's cells
 
+TROLLEY_WORDS = ("trolley", "cart", "bed", "pallet jack", "push")
+"""Words of an activity that is done with a trolley, where the world does not say it."""
+
 AUTOMATIC = "automatic door"
 """The kind of the leaves that move, in pictures."""
 
@@ -150,6 +153,8 @@ class World:
     doors: tuple[Door, ...] = ()
     actors: tuple[str, ...] = ()
     """What generators may use besides people on foot: `trolley`, `child`, `wheelchair`, `moved_object`."""
+    trolley_work: Mapping[str, bool] = field(default_factory=dict)
+    """Which activities are done with a trolley, by their text; of the others their words tell."""
     moved: tuple[SolidObject, ...] = ()
     """Objects that a scenario puts into the world. They are solid, but the robot's map does not show them, and they
     are no part of the world's id."""
@@ -258,6 +263,11 @@ class World:
             if name in self.__dict__ or "grid" in changes:
                 changed.__dict__[name] = getattr(self, name)  # they do not depend on what is staged
         return changed
+
+    def needs_trolley(self, activity: str) -> bool:
+        """Return whether an activity is done with a trolley: what the world says of it, else what its words tell."""
+        text = activity.lower()
+        return self.trolley_work.get(activity, any(word in text for word in TROLLEY_WORDS))
 
     def route(self, name: str) -> Route:
         """Return the route of that name; raises UnknownName."""

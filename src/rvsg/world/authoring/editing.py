@@ -282,7 +282,10 @@ def _set_activities(value: Any, change: Mapping[str, Any]) -> None:
     if kept and isinstance(known, list):  # in place, so that comments between them stay
         for place, text in enumerate(kept):
             if place < len(known):
-                if known[place] != text:
+                entry = known[place]
+                if isinstance(entry, dict):
+                    entry["text"] = _text(text)
+                elif entry != text:
                     known[place] = _text(text)
             else:
                 known.append(_text(text))

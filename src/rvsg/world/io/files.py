@@ -237,6 +237,13 @@ class DerivedMap(Record):
     resolution_m: Annotated[float, Field(ge=FINEST_M, le=COARSEST_M)] = 0.05
 
 
+class ActivityEntry(Record):
+    """What people do here, where more is said than the words: `trolley` whether they push one."""
+
+    text: str
+    trolley: bool
+
+
 class WorldFile(Record):
     """world.yaml: what the world is and where its parts stand. `map` names a Nav2 map file beside it."""
 
@@ -251,7 +258,7 @@ class WorldFile(Record):
     lidar_height_m: Annotated[float, Field(gt=0, le=HIGHEST_LIDAR_M)] = 0.21
     map_offset: Point = (0.0, 0.0)
     grid: GridSpec = GridSpec()
-    activities: tuple[str, ...] = ()
+    activities: tuple[str | ActivityEntry, ...] = ()
     actors: tuple[Literal["trolley", "child", "wheelchair", "moved_object"], ...] = ()
     description: Description | None = None
 

@@ -107,7 +107,7 @@ def _world_text(world: World) -> str:
         grid = world.grid_spec.model_dump(mode="json", exclude_defaults=True)
         lines += ["grid:", *(_block(key, value, "  ") for key, value in grid.items())] if grid else ["grid: {}"]
     if world.activities:
-        lines += ["activities:", *(f"  - {_flow(activity)}" for activity in world.activities)]
+        lines += ["activities:", *(f"  - {_flow(_activity(world, text))}" for text in world.activities)]
     if world.description is not None:
         text = yaml.safe_dump(
             world.description.model_dump(mode="json"), sort_keys=False, allow_unicode=True, width=WIDE
@@ -174,3 +174,8 @@ def _replace(path: Path, text: str) -> None:
     draft = path.with_name(path.name + ".new")
     draft.write_text(text, encoding="utf-8")
     draft.replace(path)
+
+
+def _activity(world: World, text: str) -> object:
+    """Return an activity as world.yaml holds it: its text, and whether it is done with a trolley where that is said."""
+    return {"text": text, "trolley": world.trolley_work[text]} if text in world.trolley_work else text
