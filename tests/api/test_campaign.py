@@ -107,6 +107,21 @@ def test_a_record_holds_its_plug_ins_by_name_and_options(tmp_path: Path) -> None
     assert record.provenance.begun_in == str(Path.cwd()) and record == campaign.record
 
 
+def test_a_campaign_goes_on_with_the_form_of_its_strategy(tmp_path: Path) -> None:
+    campaign = create(tmp_path / "one", strategy="hybrid")
+    recorded = campaign.record.strategy
+    assert recorded.name == "hybrid" and recorded.options["spread"] is True
+    data = campaign.record.data()
+    before = CampaignRecord.read(data | {"strategy": {"name": "hybrid", "options": {}}})
+    assert before is not None
+    kept, _ = before.kept_words(campaign.record)
+    assert kept.strategy == before.strategy != recorded
+    wired = campaign._wired
+    assert wired.strategy(None, campaign.plan, recorded).kinds is not None
+    assert wired.strategy(None, campaign.plan, kept.strategy).kinds is None
+    assert wired.strategy(None, campaign.plan).kinds is not None
+
+
 def test_a_record_of_the_version_before_is_read(tmp_path: Path) -> None:
     data = create(tmp_path / "one").record.data()
     old = {"plan": dict(data["plan"]), "config": dict(data["config"]), "simulator": data["simulator"], "from": "/x"}

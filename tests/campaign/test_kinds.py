@@ -24,7 +24,7 @@ def candidate(index: int, *badness: float) -> Candidate:
 
 @pytest.fixture
 def shown() -> tuple[Kinds, list[Candidate]]:
-    kinds = Kinds()
+    kinds = Kinds(limit=1.0)
     known = [candidate(0, 2.0), candidate(1, 1.5, 1.6), candidate(2, 3.0), candidate(3, 0.5)]
     shown = [(CROSSED,), (CROSSED, CROSSED), (STOOD,), ()]
     for each, modes in zip(known, shown, strict=True):
@@ -47,6 +47,12 @@ def test_a_kind_that_one_run_shows_is_run_again(shown: tuple[Kinds, list[Candida
         assert kinds.doubtful(known) == []
 
 
+def test_a_kind_that_surely_violates_needs_no_second_run(shown: tuple[Kinds, list[Candidate]]) -> None:
+    kinds, known = shown
+    known[2].deviation = 0.1
+    assert kinds.doubtful(known) == []
+
+
 def test_kinds_take_turns_to_be_changed(shown: tuple[Kinds, list[Candidate]]) -> None:
     kinds, known = shown
     changes: dict[int, int] = {}
@@ -57,7 +63,7 @@ def test_kinds_take_turns_to_be_changed(shown: tuple[Kinds, list[Candidate]]) ->
         turns.append(chosen.index)
         changes[chosen.index] = changes.get(chosen.index, 0) + 1
     assert turns == [1, 2, 1, 2]
-    assert Kinds().least_changed(known, {}) is None
+    assert Kinds(limit=1.0).least_changed(known, {}) is None
 
 
 def test_the_closest_approach_of_a_forecast_has_a_place_and_a_person() -> None:

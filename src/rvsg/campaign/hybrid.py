@@ -12,8 +12,11 @@ generator and optimiser take turns. The first proposals are new scenarios, the o
 the numbers of each are tuned before the next is asked for, so the model is told how its ideas do at their best. Once
 the proposals are made or the budget of the calls is spent, tuning goes on as above.
 
-Some of what is changed is not the best but the worst for the robot among those with its kind of encounter, as in
-`rvsg.campaign.map_elites`, so that the search finds more than one way to fail.
+Half of what is changed is not the best. It stands for a kind of failure (`rvsg.campaign.kinds`): place, what the person
+does, what the robot does. Kinds take turns, and of the possible changes one is run whose closest approach the forecast
+sees at a place or with a person that no failure has shown yet. Up to half of the races go to kinds that one run shows.
+As long as nothing violates the requirement, the worst with their kind of encounter stand in, as in
+`rvsg.campaign.map_elites`.
 """
 
 from __future__ import annotations
@@ -55,19 +58,18 @@ class HybridStrategy(CandidateStrategy):
         refine: Share of the changed configurations that the generator refines at first; the others are tuned. The
             share follows how often each of the two makes a configuration worse for the robot.
         turns: Share of the runs, less those of the finalists, that go to the turns of a generator with few proposals.
-        explore: Share of the changed configurations that are the worst with their kind of encounter, whichever it is.
-        spread: Whether that share looks for kinds of failure that no configuration shows yet, and one half of the
-            races for certainty of those that one run shows.
+        explore: Share of the changed configurations that are not the best but stand for their kind of failure.
+        spread: Whether that share looks for kinds of failure that nothing shows yet, and races make kinds certain.
+            Without it, that share is the worst with their kind of encounter, as in RVSG 0.1.
         batch: Attempts that may be made side by side.
-        races: Further runs after every batch of changes.
         finalists: Configurations that are run until their order is settled.
         final_runs: Runs of each finalist.
     """
 
     name = "hybrid"
-    recorded: ClassVar[Mapping[str, Any]] = {}
+    recorded: ClassVar[Mapping[str, Any]] = {"spread": True, "finalists": 3}
     """What a campaign's record keeps of this form of the strategy."""
-    unrecorded: ClassVar[Mapping[str, Any]] = {}
+    unrecorded: ClassVar[Mapping[str, Any]] = {"spread": False, "finalists": 4}
     """The form that campaigns have whose record keeps nothing."""
 
     def __init__(
@@ -80,17 +82,17 @@ class HybridStrategy(CandidateStrategy):
         refine: float = 0.25,
         turns: float = 0.6,
         explore: float = 0.5,
-        spread: bool = False,
+        spread: bool = True,
         batch: int = 8,
-        races: int = 8,
-        finalists: int = 4,
+        finalists: int = 3,
         final_runs: int = 10,
     ) -> None:
         super().__init__(plan, feedback_of, world, final_runs=final_runs)
         self.drafts, self.refine, self.explore, self.batch = drafts, refine, explore, batch
         self.turns, self.spent = turns, False
-        self.finalists, self.races = finalists, races
-        self.kinds = Kinds() if spread and plan.requirement.threshold is not None else None
+        self.finalists = finalists
+        limit = plan.requirement.threshold
+        self.kinds = Kinds(plan.requirement.badness(limit)) if spread and limit is not None else None
         self._batches = 0
         self._tried = {"refine": [0, 0], "tune": [0, 0]}
 
@@ -107,7 +109,7 @@ class HybridStrategy(CandidateStrategy):
         while self.left > reserve:
             before, known = self.left, len(self.candidates)
             yield from self._change(self.batch)
-            yield from self._race(self.races)
+            yield from self._race(self.batch)
             if self.left == before or len(self.candidates) == known:
                 break
         yield from self._settle()
@@ -316,8 +318,10 @@ class HybridStrategy(CandidateStrategy):
         racing = in_the_race(self.candidates if among is None else among)
         hopeful = [c for c in racing if len(self._seen(c)) < self.final_runs]
         hopeful.sort(key=lambda c: (-(c.estimate + 0.5 * c.deviation), c.index))
-        doubtful = self.kinds.doubtful(self.candidates)[: count // 2] if self.kinds and among is None else []
-        chosen = [*doubtful, *(c for c in hopeful if c not in doubtful)][:count]
+        chosen = hopeful[:count]
+        if self.kinds is not None and among is None:
+            doubtful = self.kinds.doubtful(self.candidates)[: count // 2]
+            chosen = [*doubtful, *[c for c in hopeful if c not in doubtful][: count - count // 2]]
         results = yield [self._again(c, 1) for c in chosen]
         for attempt, candidate in zip(results, chosen, strict=False):
             self._measured(candidate, attempt)

@@ -29,9 +29,14 @@ CERTAIN = 2
 
 
 class Kinds:
-    """The kinds of failure that the candidates of one search show."""
+    """The kinds of failure that the candidates of one search show.
 
-    def __init__(self) -> None:
+    Args:
+        limit: The badness beyond which the requirement is violated.
+    """
+
+    def __init__(self, limit: float) -> None:
+        self.limit = limit
         self._modes: dict[int, Counter[FailureMode]] = {}
 
     def place(self, candidate: Candidate, modes: Iterable[FailureMode]) -> None:
@@ -51,7 +56,8 @@ class Kinds:
         """Return the champions of kinds that one run alone shows, those of the kinds tried least often first.
 
         One more run makes the kind certain, or shows that the candidate fails in more than one way. A kind was tried
-        by every candidate with several runs that shows it.
+        by every candidate with several runs that shows it. Candidates that violate beyond doubt, as the runs of related
+        ones tell, need no second run.
         """
         tried = Counter(mode for c in candidates if c.runs >= CERTAIN for mode in self._modes.get(c.index, ()))
         met: Counter[Met] = Counter()
@@ -60,7 +66,7 @@ class Kinds:
         open_ = [
             (tried[mode], met[mode.place, mode.person], -c.estimate, c.index, c)
             for mode, c in self.champions(candidates).items()
-            if self._modes[c.index][mode] == c.runs < CERTAIN
+            if self._modes[c.index][mode] == c.runs < CERTAIN and c.lower <= self.limit
         ]
         return list({each[-1].index: each[-1] for each in sorted(open_, key=lambda each: each[:4])}.values())
 
