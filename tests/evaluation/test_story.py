@@ -15,7 +15,7 @@ from rvsg.simulation.run import Outcome
 
 
 def test_a_story_tells_start_contact_and_end_at_their_times() -> None:
-    gap = np.where((T >= 5) & (T < 7), -0.1, 1.0)
+    gap = np.where((T >= 5) & (T < 7), -0.1, 1.5)
     story = story_of(passing(gap, robot_speed=0.5))
     assert [sentence.time_s for sentence in story] == [0.0, 5.0, 20.0]
     assert "Human 1" in story[1].text and "2.0 s" in story[1].text

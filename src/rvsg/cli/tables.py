@@ -66,6 +66,14 @@ def _style(verdict: Verdict) -> str:
     return STYLES[Status.FLAKY] if still_open(verdict) else STYLES[verdict.status]
 
 
+def _objective(verdict: Verdict, unit: str) -> str:
+    """Return the mean with its interval; where runs did not arrive in time the median and their number, in lines."""
+    if not verdict.censored:
+        return interval(verdict, unit)
+    late = f"{verdict.censored}/{verdict.runs} did not arrive"
+    return f"median {number(verdict.median, unit)}\n{late}" if verdict.median is not None else late
+
+
 def ranked_table(plan: Plan, summary: Summary, *, width: int = 80, rows: int = 10) -> Table:
     """Return the table of scenarios, worst first, in `width` characters."""
     requirement = plan.requirement
@@ -83,20 +91,21 @@ def ranked_table(plan: Plan, summary: Summary, *, width: int = 80, rows: int = 1
     )
     table.add_column("#", justify="right", no_wrap=True)
     shown = summary.ranking[:rows]
-    longest = max([OBJECTIVE, *(len(interval(entry.verdict, requirement.unit)) for entry in shown)])
+    objectives = [_objective(entry.verdict, requirement.unit) for entry in shown]
+    longest = max([OBJECTIVE, *(len(line) for each in objectives for line in each.splitlines())])
     room = max(12, width - WITHOUT_TEXT - longest)
     table.add_column("scenario", overflow="ellipsis", no_wrap=True, max_width=room)
     table.add_column("objective [95 %]", justify="right", no_wrap=True)
     table.add_column("verdict, violated runs", no_wrap=True)
     names = without_common_beginning([" ".join(entry.description.split()) for entry in shown])
-    for entry, name in zip(shown, names, strict=True):
+    for entry, name, objective in zip(shown, names, objectives, strict=True):
         verdict = entry.verdict
         counted = f" {verdict.violations}/{verdict.runs}" if requirement.threshold is not None else ""
         style = _style(verdict) if entry.state == "confirmed" else STYLES[Status.INCONCLUSIVE]
         table.add_row(
             str(entry.rank),
             Text(f"{entry.scenario + 1}. {name}"),
-            Text(interval(verdict, requirement.unit)),
+            Text(objective),
             Text(_shown_verdict(entry) + counted, style=style),
         )
     return table
@@ -150,7 +159,7 @@ def matrix_table(found: Sequence[tuple[Plan, Summary]]) -> Table:
         seen = summary.seen is not None and summary.seen.contacts.runs > 0
         touched = touched or seen
         said = _marked(verdict) + ("" if confirmed else "*") + ("‡" if seen else "")
-        table.add_row(name, interval(verdict, unit), Text(said, style=_style(verdict)), often)
+        table.add_row(name, _objective(verdict, unit), Text(said, style=_style(verdict)), often)
         opened = opened or still_open(verdict)
     notes = [MARK_OPEN] if opened else []
     notes += ["* from the search only, not confirmed"] if unconfirmed else []

@@ -27,13 +27,15 @@ from rvsg.evaluation.events import (
     StandStill,
     TimeOut,
 )
-from rvsg.evaluation.sampled import sampled
+from rvsg.evaluation.sampled import joined, sampled, stretches
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.run import Run
 from rvsg.world.world import World
 
 MOST = 6
 FEWEST = 4
+COMPANY_M, COMPANY_S = 1.0, 4.0
+"""Who has a smaller gap to the robot for longer is told, where there is room."""
 
 
 class Sentence(Record):
@@ -61,6 +63,8 @@ def story_of(
     middle = [event for event in found if not isinstance(event, ends)]
     chosen = sorted(middle, key=weight, reverse=True)[: MOST - 2]
     sentences = [Sentence(text=in_words(event), time_s=event.time_s) for event in chosen]
+    if len(sentences) < MOST - 2:
+        sentences += _company(run, world)
     if len(sentences) < FEWEST - 2 and not any(isinstance(event, Contact | NearMiss) for event in chosen):
         sentences += _closest(run, world)
     sentences.sort(key=lambda sentence: sentence.time_s)
@@ -191,6 +195,26 @@ def _opening(run: Run, world: World | None) -> Sentence:
         f"The robot sets out from {start} to {goal}, {away:.0f} m away, with a time limit of {run.time_limit_s:.0f} s."
     )
     return Sentence(text=text, time_s=float(path.t[0]))
+
+
+def _company(run: Run, world: World | None) -> list[Sentence]:
+    """Tell who stays near the robot longest, where that lasts."""
+    s = sampled(run, world)
+    t = s.series.t
+    found = [
+        (float(t[last] - t[first]), -person, first, last)
+        for person in range(s.people)
+        for first, last in joined(stretches(s.gap[:, person] < COMPANY_M), t, 1.0)
+    ]
+    if not found or max(found)[0] < COMPANY_S:
+        return []
+    lasts, person, first, last = max(found)
+    at = place_namer(world)
+    here, there = (at(s.series.x[k], s.series.y[k]) for k in (first, last))
+    way = at_place(here) if str(here) == str(there) else f"from {here} to {there}"
+    text = f"{run.human_names[-person]} stays within {COMPANY_M:.0f} m of the robot for {lasts:.1f} s, {way}."
+    time_s = round(float(t[first]), 3)
+    return [Sentence(text=f"From {time_s:.1f} s on {text}", time_s=time_s)]
 
 
 def _closest(run: Run, world: World | None) -> list[Sentence]:

@@ -217,9 +217,9 @@ def _why(plan: Plan, cause: Cause) -> tuple[list[Badge], list[Sentence]]:
     for pair in cause.each:
         with_all = sum(run.violated for run in pair.before)
         sentence += [
-            Piece(f" Without {pair.without}: "),
+            Piece(f" Without {pair.without} it is violated in "),
             Piece(f"{len(pair.violating)} of {counted(len(pair.runs), 'run')}", _ids(pair.runs)),
-            Piece(f" (with everybody {with_all})."),
+            Piece(f" (with everybody in {with_all})."),
         ]
     return badges, [sentence]
 

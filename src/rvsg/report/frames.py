@@ -114,18 +114,17 @@ def pins(points: Sequence[tuple[float, float]], texts: Sequence[str], view_box: 
     """Draw pins that do not cover each other; one that had to move has a line to its point."""
     left, top, width, height = (float(v) for v in view_box.split())
     radius = pin_radius(view_box)
-    found = []
+    lines, found = [], []
     for (x, y), (px, py), text in zip(
         points, spread(points, radius, (left, top, left + width, top + height)), texts, strict=True
     ):
-        moved = (px, py) != (x, y)
-        line = f'<path class="leader" d="M{x:.2f} {y:.2f}L{px:.2f} {py:.2f}"/><circle class="tip" cx="{x:.2f}" '
-        line += f'cy="{y:.2f}" r="{radius / 5:.2f}"/>'
+        if (px, py) != (x, y):
+            lines.append(f'<path class="leader" d="M{x:.2f} {y:.2f}L{px:.2f} {py:.2f}"/>')
         found.append(
-            f'{line if moved else ""}<g class="pin" transform="translate({px:.2f} {py:.2f})"><circle r="{radius:.2f}"/>'
+            f'<g class="pin" transform="translate({px:.2f} {py:.2f})"><circle r="{radius:.2f}"/>'
             f'<text font-size="{1.35 * radius:.2f}">{_e(text)}</text></g>'
         )
-    return found
+    return lines + found
 
 
 def _kept(value: float, low: float, high: float) -> float:

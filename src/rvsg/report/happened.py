@@ -11,6 +11,7 @@ from rvsg.evaluation.sampled import sampled
 from rvsg.report.facts import AttemptFacts, RunFacts
 from rvsg.report.frames import frame, overview
 from rvsg.report.names import narrow_names
+from rvsg.report.payload import PERIOD_S
 from rvsg.report.shown import Shown, look_of
 from rvsg.report.words import metres, untimed
 
@@ -73,12 +74,13 @@ def caption(run: RunFacts, t_s: float) -> str:
     speed = round(float(path.signed_speed[row]), 1) + 0.0  # no "-0.0"
     text = f"robot at {speed:.1f} m/s"
     if run.run.human_names:
-        gap = sampled(run.run).gap[row]
-        person = int(gap.argmin())
-        if gap[person] <= 0.0:
+        before = min(int(np.searchsorted(path.t, t_s - PERIOD_S + 1e-9)), row)  # what the replay says at this time
+        gap = sampled(run.run).gap[before : row + 1]
+        least, person = (int(k) for k in np.unravel_index(int(gap.argmin()), gap.shape))
+        if gap[least, person] <= 0.0:
             text += f", in contact with {run.run.human_names[person]}"
         else:
-            text += f", {run.run.human_names[person]} {metres(float(gap[person]))} away"
+            text += f", {run.run.human_names[person]} {metres(float(gap[least, person]))} away"
     if row == len(path) - 1:
         text += f"; {run.run.outcome.value}"
     return text

@@ -167,7 +167,7 @@ def _involved_in(runs: Iterable[Run]) -> set[str]:
 
 def _run(each: ReplayRun, names: Sequence[str]) -> dict[str, Any]:
     run = each.run
-    coded, samples, far = _coded(run, names)
+    coded, samples, far, near = _coded(run, names)
     data: dict[str, Any] = {
         "id": run.id,
         "seed": run.seed,
@@ -181,6 +181,7 @@ def _run(each: ReplayRun, names: Sequence[str]) -> dict[str, Any]:
         "opens": round(each.opens_s, 2),
         "present": [names.index(name) for name in run.human_names],
         "far": far,
+        "near": near,
         "lanes": {name: [[round(a, 2), round(b, 2)] for a, b in spans] for name, spans in each.lanes.items() if spans},
         "moments": [[round(t, 2), text] for t, text in each.moments],
         "blob": coded,
@@ -200,34 +201,38 @@ def _judged(curve: Curve) -> dict[str, Any]:
     }
 
 
-def _coded(run: Run, names: Sequence[str]) -> tuple[str, int, list[int]]:
-    """Encode a run: the blob, its samples per channel, and which of the run's people are kept at 2 Hz.
+def _coded(run: Run, names: Sequence[str]) -> tuple[str, int, list[int], list[list[int]]]:
+    """Encode a run: the blob, its samples per channel, which of the run's people are kept at 2 Hz, and who is nearest.
+
+    Who is nearest is given as [sample, person among `names`] where it changes.
 
     Channels: x, y (cm), yaw (0.01 rad), v (cm/s), gap to the nearest person (mm); then x, y (cm), yaw (0.05 rad) of
     every person of the run.
     """
     path = run.trajectory
     if not len(path):
-        return "", 0, []
+        return "", 0, [], []
     wanted = np.arange(0.0, float(path.t[-1] - path.t[0]) + PERIOD_S / 2, PERIOD_S) + float(path.t[0])
     rows = np.clip(np.searchsorted(path.t, wanted - 1e-9), 0, len(path) - 1)
     gap = sampled(run).gap
     people = len(run.human_names)
-    nearest = gap.min(axis=1) if people else np.zeros(len(path))
+    least = _least(gap.min(axis=1), rows) if people else rows
     channels = [path.x[rows] * 100, path.y[rows] * 100, np.unwrap(path.yaw)[rows] * 100, path.signed_speed[rows] * 100]
-    channels.append(_smallest(nearest, rows) * 1000)
+    channels.append((gap.min(axis=1)[least] if people else np.zeros(len(rows))) * 1000)
+    who = [names.index(run.human_names[h]) for h in gap[least].argmin(axis=1)] if people else []
+    near = [[k, person] for k, person in enumerate(who) if k == 0 or person != who[k - 1]]
     far = [h for h in range(people) if gap[:, h].min() > INVOLVED_M]
     for h in range(people):
         at = rows[:: FAR_STEP if h in far else 1]
         channels += [path.human_x[at, h] * 100, path.human_y[at, h] * 100, np.unwrap(path.human_yaw[:, h])[at] * 20]
     body = b"".join(varints(np.round(channel).astype(np.int64)) for channel in channels)
-    return base64.b64encode(zlib.compress(body, 9)).decode(), len(rows), far
+    return base64.b64encode(zlib.compress(body, 9)).decode(), len(rows), far, near
 
 
-def _smallest(values: Floats, rows: NDArray[np.intp]) -> Floats:
-    """Return the smallest value since the row before, so that thinning hides no contact."""
-    starts = np.concatenate([[0], rows[:-1] + 1])
-    return np.array([values[min(a, b) : b + 1].min() for a, b in zip(starts, rows, strict=True)])
+def _least(values: Floats, rows: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Return where the smallest value since the row before is, so that thinning hides no contact."""
+    starts = np.minimum(np.concatenate([[0], rows[:-1] + 1]), rows)
+    return np.array([a + int(values[a : b + 1].argmin()) for a, b in zip(starts, rows, strict=True)], np.intp)
 
 
 def varints(values: NDArray[np.int64]) -> bytes:

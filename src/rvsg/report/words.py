@@ -43,5 +43,5 @@ def unbroken(text: str) -> str:
 
 def untimed(sentence: Sentence) -> str:
     """Return the text of a sentence without its time, which stands beside it."""
-    text = sentence.text.removeprefix(f"At {sentence.time_s:.1f} s ")
+    text = sentence.text.removeprefix(f"At {sentence.time_s:.1f} s ").removeprefix(f"From {sentence.time_s:.1f} s on ")
     return text[:1].upper() + text[1:]

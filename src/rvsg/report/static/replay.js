@@ -27,7 +27,7 @@
  *
  * A run's blob is base64 of a zlib stream of channels. A channel is a list of integers: the first value, then
  * differences, as zigzag varints. Channels: x, y (cm), yaw (0.01 rad), v (cm/s), gap to the nearest person (mm), then
- * x, y (cm), yaw (0.05 rad) of each person of the run. Samples are `period` seconds apart; people listed in `far` have
+ * x, y (cm), yaw (0.05 rad) of each person of the run. `near` lists [sample, person] where the nearest person changes. Samples are `period` seconds apart; people listed in `far` have
  * every fifth sample.
  *
  * Text from the data is only ever set with textContent.
@@ -58,6 +58,10 @@
     const size = Math.abs(value);
     const text = size >= 1000 ? value.toFixed(0) : String(+value.toPrecision(3));
     return unit ? text + "\u00a0" + unit : text;
+  }
+  /** Whether a box (left, top, right, bottom) covers none of others. */
+  function apart(box, others) {
+    return others.every(function (o) { return box[2] <= o[0] || o[2] <= box[0] || box[3] <= o[1] || o[3] <= box[1]; });
   }
   function clamp(value, low, high) { return Math.min(high, Math.max(low, value)); }
 
@@ -90,7 +94,7 @@
     const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate"));
     const next = channels(new Uint8Array(await new Response(stream).arrayBuffer()));
     const n = run.samples;
-    const series = { n: n, t0: run.t0, period: period, end: run.t0 + Math.max(0, n - 1) * period };
+    const series = { n: n, near: run.near || [], t0: run.t0, period: period, end: run.t0 + Math.max(0, n - 1) * period };
     series.x = next(n, 0.01); series.y = next(n, 0.01); series.yaw = next(n, 0.01);
     series.v = next(n, 0.01); series.gap = next(n, 0.001);
     series.people = group.people.map(function () { return null; });
@@ -282,17 +286,20 @@
       const longest = Math.max.apply(null, spans.map(function (s) { return s.textContent.length; }).concat([1]));
       return { node: node, spans: spans, x: x, y: y, size: +node.getAttribute("font-size") || 0.4, longest: longest, turned: node.hasAttribute("transform") };
     });
+    let areas = [];  /* where the names of areas stand */
     /** Keep every name readable: at least 11.5 px, and hidden rather than over another name. */
     function fit() {
-      const k = scale(), taken = [];
+      const k = scale(), taken = areas = [];
       names.forEach(function (name) {
         const size = Math.min(Math.max(name.size, SMALLEST_PX / k), LARGEST_PX / k);
         name.node.style.fontSize = size + "px";
         name.spans.forEach(function (span, i) { span.setAttribute("y", name.y + (i - (name.spans.length - 1) / 2) * size * 1.14); });
         let w = name.longest * size * 0.58, h = name.spans.length * size * 1.2;
         if (name.turned) [w, h] = [h, w];
-        const box = [name.x - w / 2, name.y - h / 2, name.x + w / 2, name.y + h / 2];
-        const free = taken.every(function (o) { return box[2] < o[0] || o[2] < box[0] || box[3] < o[1] || o[3] < box[1]; });
+        const x = w < whole[2] ? clamp(name.x, whole[0] + w / 2, whole[0] + whole[2] - w / 2) : name.x;
+        if (!name.turned) name.spans.forEach(function (span) { span.setAttribute("x", x); });
+        const box = [x - w / 2, name.y - h / 2, x + w / 2, name.y + h / 2];
+        const free = apart(box, taken);
         name.node.style.display = free ? "" : "none";
         if (free) taken.push(box);
       });
@@ -425,14 +432,10 @@
       parts = { ghost: state.otherSeries ? cast(state.otherSeries, true) : null, main: cast(state.series, false) };
     }
     function nearest(series, t) {
-      let best = -1, least = Infinity;
-      const x = at(series.x, series, t), y = at(series.y, series, t);
-      series.people.forEach(function (who, h) {
-        if (!who) return;
-        const d = Math.hypot(at(who.x, series, t) - x, at(who.y, series, t) - y) - state.group.people[h].radius;
-        if (d < least) { least = d; best = h; }
-      });
-      return best;
+      const k = Math.floor((t - series.t0) / series.period + 1e-6);
+      let who = -1;
+      series.near.forEach(function (change) { if (change[0] <= Math.max(k, 0)) who = change[1]; });
+      return who;
     }
     const WAYS = [[0, -1], [0, 1], [1, 0], [-1, 0], [1, -1], [-1, -1], [1, 1], [-1, 1]];
     /** Put the names of people, and "start" and "goal", where they cover neither each other nor a body; `far` ones get a line. */
@@ -440,8 +443,7 @@
       const shown = map.getAttribute("viewBox").split(/[ ,]+/).map(Number), size = 12.5 / unit, air = 3 / unit, taken = [];
       const boxed = function (x, y, rx, ry) { return [x - rx, y - ry, x + rx, y + ry]; };
       const free = function (box) {
-        return box[0] >= shown[0] && box[1] >= shown[1] && box[2] <= shown[0] + shown[2] && box[3] <= shown[1] + shown[3] &&
-          taken.every(function (o) { return box[2] <= o[0] || o[2] <= box[0] || box[3] <= o[1] || o[3] <= box[1]; });
+        return box[0] >= shown[0] && box[1] >= shown[1] && box[2] <= shown[0] + shown[2] && box[3] <= shown[1] + shown[3] && apart(box, taken);
       };
       const put = function (each, at, radius) {
         const rx = each.name.textContent.length * size * 0.29, ry = size * 0.6, tries = [];
@@ -452,7 +454,8 @@
           });
         });
         const before = tries[each.placed || 0];  /* a name stays where it is as long as it can */
-        const found = free(before.box) && !before.far ? before : tries.find(function (one) { return free(one.box); }) || tries[0];
+        const clear = function (one) { return free(one.box) && apart(one.box, areas); };
+        const found = clear(before) && !before.far ? before : tries.find(clear) || tries.find(function (one) { return free(one.box); }) || tries[0];
         each.placed = found.key;
         taken.push(found.box);
         each.name.setAttribute("x", found.x); each.name.setAttribute("y", found.y + size * 0.35);
