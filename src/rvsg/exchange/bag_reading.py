@@ -23,7 +23,10 @@ def open_bag(path: Path) -> Iterator[Any]:
         reader = AnyReader([path], default_typestore=types)
         reader.open()
     except Exception as error:  # whatever the library raises on a file that is no bag
-        raise FileError(path, f"this is no recording that rosbags can read ({_reason(error)}).") from error
+        said = f"this is no recording that rosbags can read ({_reason(error)})."
+        raise FileError(
+            path, f"{said} One that was cut off is repaired by `mcap recover` or `ros2 bag reindex`."
+        ) from error
     try:
         yield reader
     finally:

@@ -96,7 +96,9 @@ def read_contents(path: Path, people_topic: str | None, robot_topic: str | None)
                 raise UnknownName("topic", name, kinds)
         _check_kind(path, kinds, robot_topic, "--robot-topic", (ODOMETRY,))
         _check_kind(path, kinds, people_topic, "--people-topic", (AGENTS, PEOPLE, MARKERS))
-        odometry = robot_topic or _only(path, [t for t, k in kinds.items() if k == ODOMETRY], "--robot-topic")
+        odometry = robot_topic or _only(
+            path, [t for t, k in kinds.items() if k == ODOMETRY], "odometry", "--robot-topic"
+        )
         people = people_topic or _people_topic(path, kinds)
         if people is None:
             notes.append(_no_people([topic for topic, kind in kinds.items() if kind == MARKERS]))
@@ -136,9 +138,9 @@ def _no_people(markers: list[str]) -> str:
     return f"{said} If {' or '.join(sorted(markers))} shows people as markers, name it: --people-topic."
 
 
-def _only(path: Path, found: list[str], option: str) -> str | None:
+def _only(path: Path, found: list[str], what: str, option: str) -> str | None:
     if len(found) > 1:
-        raise FileError(path, f"there are several topics of that kind: {', '.join(sorted(found))}. Name one: {option}.")
+        raise FileError(path, f"there are several topics with {what}: {', '.join(sorted(found))}. Name one: {option}.")
     return found[0] if found else None
 
 
@@ -146,7 +148,7 @@ def _people_topic(path: Path, kinds: dict[str, str]) -> str | None:
     for kind in (AGENTS, PEOPLE):
         found = [topic for topic, each in kinds.items() if each == kind]
         if found:
-            return _only(path, found, "--people-topic")
+            return _only(path, found, "people", "--people-topic")
     return None
 
 

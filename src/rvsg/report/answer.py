@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from rvsg.campaign.plan import Plan
 from rvsg.evaluation.judge import OPEN, still_open, violated
+from rvsg.evaluation.naming import place_name
 from rvsg.evaluation.story import at_place
 from rvsg.evaluation.verdict import Status, Verdict
 from rvsg.evaluation.wording import difference_in_words, share_in_words
@@ -169,13 +170,11 @@ def _where(facts: AttemptFacts) -> list[Sentence]:
         return []
     name, count = who[0]
     with_them = [run for run in runs if run.decisive_with == name]
-    times = sorted(run.decisive_s for run in with_them)
-    when = f"{times[0]:.0f} s" if round(times[0]) == round(times[-1]) else f"{times[0]:.0f} to {times[-1]:.0f} s"
     return [
         [
             Piece("At the decisive moment the nearest person is "),
             Piece(f"{name} in {count} of {counted(len(runs), 'run')}", _ids(with_them)),
-            Piece(f", near {_near(with_them)}, {when} after the start."),
+            Piece(f", near {_near(with_them)}, {_span([run.decisive_s for run in with_them])}."),
         ]
     ]
 
@@ -255,7 +254,7 @@ def _seen(runs: Sequence[RunFacts], plan: Plan, kind: str) -> tuple[list[Badge],
             [
                 Piece("Robot and person touch in "),
                 Piece(f"{len(touched)} of {total}", _ids(touched)),
-                Piece("; the longest contact lasts "),
+                Piece(f" ({_touched(touched)}); the longest contact lasts "),
                 Piece(number(longest, "s"), (in_longest.id,), in_longest.contacts[0].time_s),
                 Piece(", and the largest relative speed is "),
                 Piece(number(fastest, "m/s"), (in_fastest.id,), in_fastest.contacts[0].time_s),
@@ -301,6 +300,23 @@ def _seen(runs: Sequence[RunFacts], plan: Plan, kind: str) -> tuple[list[Badge],
             ]
         )
     return badges, sentences
+
+
+def _touched(runs: Sequence[RunFacts]) -> str:
+    """Return whom the robot touches most often, where, and when, in words."""
+    first = [run.contacts[0] for run in runs]
+    who, count = Counter(contact.person for contact in first).most_common(1)[0]
+    theirs = [(run, contact) for run, contact in zip(runs, first, strict=True) if contact.person == who]
+    near = Counter(place_name(run.world, contact.place.x, contact.place.y) for run, contact in theirs)
+    often = "" if count == len(runs) else f" in {count}"
+    return f"{who}{often}, near {near.most_common(1)[0][0]}, {_span([contact.time_s for _, contact in theirs])}"
+
+
+def _span(times: Sequence[float]) -> str:
+    """Return between which times after the start something happens, in words."""
+    low, high = min(times), max(times)
+    when = f"{low:.0f} s" if round(low) == round(high) else f"{low:.0f} to {high:.0f} s"
+    return f"{when} after the start"
 
 
 def _measured(run: RunFacts, metric: str, otherwise: float) -> float:

@@ -180,13 +180,15 @@ def _bodies(run: Run, row: int, look: Look, people: Sequence[int], inside: Box) 
             f'<g transform="{look.turn.placed(x, y, float(path.human_yaw[row, h]))}">{body}'
             f'<circle r="{radius:g}" fill="{colour or GREY}"/><path class="nose" d="{nose}"/></g>'
         )
-        if colour and h in people:
-            px, py = look.turn.point(x, y)
+        px, py = look.turn.point(x, y)
+        if colour and h in people and inside[0] <= px <= inside[2] and inside[1] <= py <= inside[3]:
             half = (len(name) * LETTER_M * LETTER / 2, LETTER_M * 0.6)
             at = free_place(beside(px, py, radius + 0.04, half), half, taken, inside)
             taken.append(box_around(*at, *half))
             if math.hypot(at[0] - px, at[1] - py) > radius + max(half) + 0.2:
-                names.append(f'<path class="leader" stroke="{colour}" d="M{px:.2f} {py:.2f}L{at[0]:.2f} {at[1]:.2f}"/>')
+                names.append(
+                    f'<path class="leader" style="stroke:{colour}" d="M{px:.2f} {py:.2f}L{at[0]:.2f} {at[1]:.2f}"/>'
+                )
             names.append(
                 f'<text class="who" x="{at[0]:.2f}" y="{at[1] + LETTER_M * 0.35:.2f}" font-size="{LETTER_M}" '
                 f'fill="{colour}">{_e(name)}</text>'

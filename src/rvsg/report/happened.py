@@ -22,7 +22,7 @@ APART_S = 0.8
 
 def what_happens(shown: Shown, subject: AttemptFacts) -> dict[str, Any] | None:
     """Tell what happens in the run that represents the finding: sentences, an overview and frames."""
-    run = subject.worst(shown.plan.requirement) or (subject.runs[0] if subject.runs else None)
+    run, which = _shown_run(shown, subject)
     if run is None:
         return None
     look = look_of(shown, subject)
@@ -30,7 +30,7 @@ def what_happens(shown: Shown, subject: AttemptFacts) -> dict[str, Any] | None:
     label = f"Way of the robot and of the people it meets, seed {run.run.seed}"
     return {
         "run": run,
-        "which": _which(run, subject),
+        "which": which,
         "story": [
             {"t": sentence.time_s, "text": untimed(sentence), "address": f"#run={run.id}&t={sentence.time_s:.1f}"}
             for sentence in run.story
@@ -50,16 +50,23 @@ def what_happens(shown: Shown, subject: AttemptFacts) -> dict[str, Any] | None:
     }
 
 
-def _which(run: RunFacts, subject: AttemptFacts) -> str:
+def _shown_run(shown: Shown, subject: AttemptFacts) -> tuple[RunFacts | None, str]:
+    """Return the run that is told, and which one it is: the worst, or where none violates one with a contact."""
     kind = "confirmation run" if subject.attempt.purpose == "confirmation" else "search run"
-    return f"the worst {kind}, seed {run.run.seed}"
+    touched = [run for run in subject.runs if run.contacts]
+    if touched and not subject.violating:
+        run = max(touched, key=lambda each: max(contact.duration_s for contact in each.contacts))
+        return run, f"the {kind} with the longest contact, seed {run.run.seed}"
+    worst = subject.worst(shown.plan.requirement) or (subject.runs[0] if subject.runs else None)
+    return worst, f"the worst {kind}, seed {worst.run.seed}" if worst is not None else ""
 
 
 def still_times(run: RunFacts) -> list[float]:
     """Return up to four moments worth a picture, in order: the decisive one, the closest, a contact, the end."""
     t = run.run.trajectory.t
     end = float(t[-1])
-    wanted = [run.decisive_s, run.closest_s, end, *(event.time_s for event in run.contacts[:1]), end / 2, end / 4]
+    contact = [event.time_s for event in run.contacts[:1]]
+    wanted = [run.decisive_s, *contact, run.closest_s, end, end / 2, end / 4]
     found: list[float] = []
     for time in wanted:
         if len(found) < STILLS and all(abs(time - other) >= APART_S for other in found):
