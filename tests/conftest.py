@@ -11,7 +11,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 EXAMPLES = int(os.environ.get("RVSG_EXAMPLES", "25"))
-"""How many examples a property is tried on that names no number of its own; `make test-all` tries more."""
+"""How many examples a property is tried on that names no number of its own; `make test-exhaustive` tries more."""
 settings.register_profile("rvsg", deadline=None, max_examples=EXAMPLES, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("rvsg")
 
@@ -25,6 +25,20 @@ FLAGS = (
     "--disable-component-update",
     "--disable-sync",
 )
+
+
+PHONE_PX = 390
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark what a test repeats on the screen of a phone as exhaustive, and what is exhaustive as slow, too."""
+    for item in items:
+        parameters = getattr(getattr(item, "callspec", None), "params", {})
+        if parameters.get("width") == PHONE_PX:
+            item.add_marker("exhaustive")
+        if item.get_closest_marker("exhaustive") is not None:
+            item.add_marker("slow")
 
 
 @pytest.fixture(scope="session")

@@ -26,7 +26,7 @@ def test_the_whole_example_is_accepted(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(k.name, marks=() if k.name in QUICK else pytest.mark.slow) for k in KINDS]
+    "name", [pytest.param(k.name, marks=() if k.name in QUICK else pytest.mark.exhaustive) for k in KINDS]
 )
 def test_damaged_inputs_are_received(name: str) -> None:
     for seed in range(1000, 1006):

@@ -64,7 +64,7 @@ def test_the_warehouse_keeps_its_own_axes(warehouse: World) -> None:
     assert len(set(values)) == len(values)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("name", ["hunav_bookstore", "nav2_warehouse", "nav2_tb3_sandbox"])
 def test_public_maps_have_distinct_row_positions_and_exact_neighbours(name: str) -> None:
     path = MAPS / f"{name}.yaml"

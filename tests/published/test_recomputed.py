@@ -10,7 +10,10 @@ from rvsg.study.study_folder import EXACT, TOLERANCE
 from rvsg.world.io.load import load_world
 
 FOLDER = published_data()
-pytestmark = [pytest.mark.slow, pytest.mark.skipif(FOLDER is None, reason="the published study's data is not here")]
+pytestmark = [
+    pytest.mark.exhaustive,
+    pytest.mark.skipif(FOLDER is None, reason="the published study's data is not here"),
+]
 
 
 @pytest.fixture(scope="module")

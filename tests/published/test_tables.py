@@ -12,7 +12,10 @@ from rvsg.study.table_files import shown, write_tables
 from rvsg.world.io.load import load_world
 
 FOLDER = published_data()
-pytestmark = [pytest.mark.slow, pytest.mark.skipif(FOLDER is None, reason="the published study's data is not here")]
+pytestmark = [
+    pytest.mark.exhaustive,
+    pytest.mark.skipif(FOLDER is None, reason="the published study's data is not here"),
+]
 
 PARTS = [
     *("distance/route_1", "jerk/route_2", "reach/route_3", "no_req/route_1", "no_req/route_2", "no_req/route_3"),

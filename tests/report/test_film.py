@@ -57,7 +57,7 @@ def test_a_strip_has_a_picture_for_each_moment() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["gif", "webp"])
+@pytest.mark.parametrize("kind", ["gif", pytest.param("webp", marks=pytest.mark.exhaustive)])
 def test_an_animation_shows_all_of_the_run_at_its_speed(kind: str, tmp_path: Path) -> None:
     out = tmp_path / f"run.{kind}"
     write_film(out, a_shot(), speed=10.0, width_px=WIDTH)
@@ -71,7 +71,7 @@ def test_an_animation_shows_all_of_the_run_at_its_speed(kind: str, tmp_path: Pat
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["mp4", "webm"])
+@pytest.mark.parametrize("kind", ["mp4", pytest.param("webm", marks=pytest.mark.exhaustive)])
 def test_a_video_lasts_as_long_as_the_run_at_its_speed(kind: str, tmp_path: Path) -> None:
     ffmpeg = pytest.importorskip("imageio_ffmpeg", reason="the extra `video` is not installed")
     out = tmp_path / f"run.{kind}"

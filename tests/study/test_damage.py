@@ -106,8 +106,8 @@ def test_a_damaged_folder_ends_in_records_or_in_one_of_our_errors(seed: int, sou
         assert str(error)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(3, 18))
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("seed", range(3, 40))
 def test_more_damaged_folders(seed: int, sound: Path, tmp_path: Path) -> None:
     test_a_damaged_folder_ends_in_records_or_in_one_of_our_errors(seed, sound, tmp_path)
 
