@@ -1,7 +1,13 @@
 """The compiled solution of the linear model of a race (see `rvsg.campaign.racing`).
 
-The unknowns are the values of configurations, which hang together as a tree of changes, and few that all share: the
-effects of seeds, the level of drafts and the shift of changes. So the values are eliminated one by one, the last first.
+The unknowns are the value of each configuration and a few effects that all share: one for each seed, the level of
+drafts and the shift of changes. The normal equations are
+
+    [ D  S ] [ values ]   [ pulls        ]
+    [ S' B ] [ common ] = [ pulls_shared ]
+
+D couples a configuration only with the one it was changed from, so D is a tree: the values are eliminated one by one,
+the last first, without fill-in. Then the small block B (`border`) is inverted, and the values follow in order.
 """
 
 from __future__ import annotations
@@ -15,7 +21,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 NOISE, DRAFT, CHANGE, SEED, WEAK = range(5)
-"""The variances."""
+"""Indices of the variances: of a run, a draft, a change, a seed, and of level and shift."""
 
 
 @inner
@@ -39,8 +45,12 @@ def _invert(a: Floats) -> None:
 def _solve(
     parents: Integers, who: Integers, when: Integers, badness: Floats, seeds: int, variances: Floats
 ) -> tuple[Floats, Floats, Floats, Floats, Floats, Floats, Floats]:
-    """Return the means of the values and of what is shared, the mean covariance of each value with all values, the
-    variances of the values, their covariances with their parents and with what is shared, and the covariance of that.
+    """Solve the normal equations; the arguments are those of `fit`, `variances` in the order of the indices above.
+
+    Returns:
+        With n values and m shared effects: the means of the values (n) and of the shared effects (m), the mean
+        covariance of each value with all values (n), the variances of the values (n), their covariances with their
+        parents (n) and with the shared effects (n, m), and the covariance of the shared effects (m, m).
     """
     n, m = len(parents), seeds + 2
     level, shift = seeds, seeds + 1
@@ -132,14 +142,18 @@ def fit(
     prior: float,
     iterations: int,
 ) -> tuple[Floats, Floats]:
-    """Return the mean of each value, and the variance of each less what all values have in common.
+    """Fit the variances by expectation maximisation.
+
+    Returns:
+        The mean of each value, and the variance of its difference to the mean of all values.
 
     Args:
         parents: What each configuration was changed from, an earlier one; -1 for a draft.
         who, when, badness: Configuration, seed and centred badness of each run.
         seeds: How many seeds there are.
-        start: The variances at the start, which count as so many runs (`prior`).
-        least: No variance falls below.
+        start: The variances at the start.
+        prior: How many runs the start counts as.
+        least: The smallest variance.
         iterations: Steps of expectation maximisation.
     """
     n, level, shift = len(parents), seeds, seeds + 1

@@ -1,6 +1,6 @@
-"""What people should bring about for a requirement, and which series shows where it is lost.
+"""The aim of a requirement (what people should do to the robot), and the series that shows when it is violated.
 
-Both are declared: by the requirement's metric, or by the signals that its formula names.
+The requirement's metric declares both; for a formula, the signals that it names.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from rvsg.simulation.run import Run
 from rvsg.world.world import World
 
 _STRONGEST = (Aim.MEET, Aim.DISTURB, Aim.DELAY, Aim.SHARE)
-"""Of several signals in a formula the first of these aims counts: what happens beside a person is decided there."""
+"""A formula has the first of these aims that one of its signals has: people come before time."""
 NEARNESS = "distance_to_person"
 
 
 def aim_of(requirement: Requirement | None) -> Aim | None:
-    """Return the aim for a requirement; None without one, or where its metric is not installed."""
+    """Return the aim for a requirement; None without one, or if its metric is not installed."""
     if requirement is None:
         return None
     if requirement.formula is None:
@@ -39,7 +39,7 @@ def moved_by(requirement: Requirement) -> str:
 
 
 def series_name(requirement: Requirement) -> str:
-    """Return what `series_of` gives for a requirement, in words with the unit."""
+    """Return the name of the series of `series_of`, with its unit."""
     if requirement.formula is not None:
         return "room left by the formula (violated below 0)"
     known = find_metric(requirement.metric)
@@ -47,10 +47,10 @@ def series_name(requirement: Requirement) -> str:
 
 
 def series_of(run: Run, requirement: Requirement, *, world: World | None = None) -> Floats:
-    """Return (N,) the series that shows where a requirement is lost, at every sample of the trajectory.
+    """Return (N,) the series that shows when a requirement is violated, at every sample of the trajectory.
 
-    For a metric it is the signal that the metric declares. For a formula it is the robustness of the part that must
-    always hold. NaN where nothing is known.
+    For a metric, it is the signal that the metric declares; for a formula, the robustness of the part that must always
+    hold. NaN where there is no value.
     """
     s = sampled(run, world)
     if not len(s):

@@ -13,11 +13,13 @@ from rvsg.report.charts import Scale, span, ticks
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#5f5f5f")
 """Distinguishable with the common kinds of colour blindness (Okabe and Ito)."""
 PANEL_W, PANEL_H, LEGEND_H = 300, 220, 28
+LEFT, RIGHT, TOP, BOTTOM = 44, PANEL_W - 16, 22, PANEL_H - 34
+"""The edges of the plot in a panel, pixels."""
 
 
 @dataclass(frozen=True)
 class Line:
-    """One method in one panel: steps (runs, best value so far), one list per seed, and the confirmed values."""
+    """One method in one panel: for each seed the steps (runs, best value so far), and the confirmed values."""
 
     panel: str
     method: str
@@ -25,15 +27,21 @@ class Line:
     confirmed: tuple[float, ...]
 
 
-def figure(lines: Sequence[Line], *, columns: int = 3) -> str:
-    """Return an SVG with a panel per cell: mean curves over seeds, and a dot for the mean confirmed value."""
+COLUMNS = 3
+
+
+def figure(lines: Sequence[Line]) -> str:
+    """Return an SVG with a panel for each route and requirement.
+
+    A curve is the mean over seeds of the best value so far; a dot is the mean confirmed value.
+    """
     panels: dict[str, list[Line]] = defaultdict(list)
     for line in lines:
         panels[line.panel].append(line)
     methods = list(dict.fromkeys(line.method for line in lines))
     colours = {method: COLOURS[k % len(COLOURS)] for k, method in enumerate(methods)}
-    rows = math.ceil(len(panels) / columns)
-    width, height = PANEL_W * min(columns, max(1, len(panels))), PANEL_H * rows + LEGEND_H
+    rows = math.ceil(len(panels) / COLUMNS)
+    width, height = PANEL_W * min(COLUMNS, max(1, len(panels))), PANEL_H * rows + LEGEND_H
     parts = [
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" font-family="sans-serif" '
         f'font-size="11"><rect width="{width}" height="{height}" fill="white"/>'
@@ -43,7 +51,7 @@ def figure(lines: Sequence[Line], *, columns: int = 3) -> str:
         parts.append(f'<line x1="{x}" x2="{x + 18}" y1="14" y2="14" stroke="{colours[method]}" stroke-width="2"/>')
         parts.append(f'<text x="{x + 23}" y="18">{html.escape(method)}</text>')
     for k, (name, drawn) in enumerate(panels.items()):
-        left, top = PANEL_W * (k % columns), LEGEND_H + PANEL_H * (k // columns)
+        left, top = PANEL_W * (k % COLUMNS), LEGEND_H + PANEL_H * (k // COLUMNS)
         parts.append(f'<g transform="translate({left},{top})">{_panel(name, drawn, colours)}</g>')
     return "".join([*parts, "</svg>\n"])
 
@@ -53,17 +61,19 @@ def _panel(name: str, lines: Sequence[Line], colours: dict[str, str]) -> str:
     values += [v for line in lines for v in line.confirmed]
     most = max((steps[-1][0] for line in lines for steps in line.steps if steps), default=1)
     if not values:
-        return f'<text x="44" y="14">{html.escape(name)}: nothing measured</text>'
-    x, y = Scale(0.0, 1.05 * most, 44, PANEL_W - 16), Scale(*span(values), PANEL_H - 34, 22)
-    parts = [f'<text x="44" y="14" font-weight="bold">{html.escape(name)}</text>']
+        return f'<text x="{LEFT}" y="14">{html.escape(name)}: nothing measured</text>'
+    x, y = Scale(0.0, 1.05 * most, LEFT, RIGHT), Scale(*span(values), BOTTOM, TOP)
+    parts = [f'<text x="{LEFT}" y="14" font-weight="bold">{html.escape(name)}</text>']
     for tick in ticks(y.low, y.high, 5):
-        parts.append(f'<line x1="44" x2="{PANEL_W - 16}" y1="{y(tick):.1f}" y2="{y(tick):.1f}" stroke="#ddd"/>')
-        parts.append(f'<text x="39" y="{y(tick) + 4:.1f}" text-anchor="end">{tick:g}</text>')
+        parts.append(f'<line x1="{LEFT}" x2="{RIGHT}" y1="{y(tick):.1f}" y2="{y(tick):.1f}" stroke="#ddd"/>')
+        parts.append(f'<text x="{LEFT - 5}" y="{y(tick) + 4:.1f}" text-anchor="end">{tick:g}</text>')
     parts += [
         f'<text x="{x(tick):.1f}" y="{PANEL_H - 19}" text-anchor="middle">{tick:g}</text>'
         for tick in ticks(0.0, 1.05 * most, 5)
     ]
-    parts.append(f'<text x="{(44 + PANEL_W) / 2:.0f}" y="{PANEL_H - 5}" text-anchor="middle">runs of the search</text>')
+    parts.append(
+        f'<text x="{(LEFT + PANEL_W) / 2:.0f}" y="{PANEL_H - 5}" text-anchor="middle">runs of the search</text>'
+    )
     for line in lines:
         points = _mean_steps(line.steps, most)
         path = " ".join(f"{x(runs):.1f},{min(max(y(value), 20), PANEL_H - 32):.1f}" for runs, value in points)

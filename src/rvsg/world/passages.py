@@ -1,4 +1,8 @@
-"""Free widths: how wide the way is, measured from wall to wall across the direction of travel."""
+"""Free widths: how wide the way is, measured from wall to wall across the direction of travel.
+
+A width is the length of a chord: a straight line through a point of the way, from the obstacle on its left to the one
+on its right.
+"""
 
 from __future__ import annotations
 
@@ -20,10 +24,11 @@ Floats = NDArray[np.float64]
 PERSON_M = 0.8
 """Diameter of a person."""
 SWERVE_RAD = math.radians(20.0)
+"""Turn with which a robot that cannot move sideways gets past a person."""
 WIDEST_M = 20.0  # a chord is not followed farther than this to either side
 FAN_RAD = math.radians(30.0)  # a chord may lean this far from the perpendicular; more would cut corners
-FAN_STEPS = 13
-SAMPLE_M = 0.1
+FAN_STEPS = 13  # chords tried in that fan
+SAMPLE_M = 0.1  # distance between two points of a line at which its width is measured
 TOUCHING_M = 0.4  # an area this close to the end of a chord is the thing that bounds the passage
 SEPARATE_M = 1.0  # two narrow places closer together than this on the way are one
 
@@ -31,7 +36,7 @@ SEPARATE_M = 1.0  # two narrow places closer together than this on the way are o
 def passing_m(robot: Robot | None = None) -> float:
     """Return the width below which a robot and a person who meet often cannot pass each other.
 
-    It is what both take side by side. A robot that cannot move sideways takes what it takes turned by `SWERVE_RAD`.
+    It is the width of both side by side, for a robot that cannot move sideways turned by `SWERVE_RAD`.
     The documentation says how this compares with meetings in the simulator.
     """
     robot = robot or load_robot(DEFAULT_ROBOT)
@@ -96,7 +101,7 @@ def narrow_passages(
 
     Args:
         line: The way as points (N, 2) in metres.
-        robot: Places that are wider than it and a person need are not passages; None: the default robot.
+        robot: Leave out places where this robot and a person can pass each other; None: the default robot.
         most: Keep only this many, the narrowest ones.
     """
     found = [
@@ -108,7 +113,7 @@ def narrow_passages(
 
 
 def narrowest_passage(world: World, line: Floats) -> Passage | None:
-    """Return the narrowest place on a line (N, 2); None where the line lies in obstacles from end to end."""
+    """Return the narrowest place on a line (N, 2); None if the whole line lies in obstacles."""
     points, yaws, along = _along(line)
     widths = widths_m(human_space(world), points, yaws)
     free = widths > 0.0
