@@ -70,7 +70,7 @@ def editable_world(name: str | Path) -> dict[str, Any]:
 
 
 def remarks_on(name: str | Path, *, trial: Trial | None = None) -> list[dict[str, Any]]:
-    """Return what `rvsg world check` finds, each with the place it is about and what would mend it, where known.
+    """Return what `rvsg world check` finds, each with the place it is about and a fix, if one is known.
 
     Args:
         trial: drives the routes and walks the hops, too.

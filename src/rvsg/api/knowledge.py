@@ -1,4 +1,4 @@
-"""The knowledge base: add what campaigns and suites teach, search it, tell generators of it."""
+"""The knowledge base: add results of campaigns and suites, search them, and give them to generators."""
 
 from __future__ import annotations
 
@@ -141,7 +141,7 @@ def similarities(base: KnowledgeBase, text: str, descriptions: Sequence[str]) ->
 
 
 def tell(matches: Sequence[Match], path: str | Path) -> int:
-    """Write matches as a generator is told of earlier scenarios; return how many that are.
+    """Write matches as earlier scenarios for a generator; return how many.
 
     `rvsg run --knowledge FILE` reads the file: a new scenario then differs from them.
     """

@@ -33,7 +33,7 @@ SEED = 0
 LONGEST_S = 600.0
 """No trial of a route takes longer, whatever its time limit."""
 PATIENCE = 2.0
-"""The robot gets this many times the route's time limit, so that a trial tells how long it takes."""
+"""The robot gets this many times the route's time limit, so that a trial shows how long it takes."""
 
 
 STEP_M = 0.25

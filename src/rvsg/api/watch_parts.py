@@ -144,7 +144,7 @@ class SuiteAnalyser:
         return signs + self._places(watched)
 
     def _new_version(self, watched: Sequence[Watched]) -> Iterator[Sign]:
-        """Yield the stack under test tells its version; where it has none, the recordings do."""
+        """Yield the version of the stack under test, or if it has none, that of the recordings."""
         seen = next((each for each in reversed(watched) if each.version), None)
         version, source = self.subject(), "the stack under test"
         if not version and seen is not None:

@@ -1,4 +1,4 @@
-"""What a watch reads anew in every cycle: the suite, which a person edits, and the stack under test."""
+"""What a watch reads again in every cycle: the suite, which a person edits, and the stack under test."""
 
 from __future__ import annotations
 
@@ -128,7 +128,7 @@ class LiveSuite:
 
 @dataclass
 class Subject:
-    """The simulator with the stack under test, made anew when the parameter file of the stack changes.
+    """The simulator with the stack under test, made again when the parameter file of the stack changes.
 
     Args:
         made: what a new simulator is handed to before it is used.
@@ -160,7 +160,7 @@ class Subject:
         return subject
 
     def renew(self) -> list[str]:
-        """Make the simulator anew where the file of the stack changed; return why that fails, and keep the former."""
+        """Make the simulator again if the file of the stack changed; if that fails, keep the old one and return why."""
         if self.given is None or self.stack is None or _content(self.stack) == self._content:
             return []
         self._content = _content(self.stack)

@@ -66,7 +66,7 @@ def watch(
 
     Args:
         monitor: a folder of recordings or of campaigns, or a monitor of your own.
-        out: the folder of journal, plans and knowledge. A loop that was stopped goes on in it.
+        out: the folder of journal, plans and knowledge. A stopped loop resumes in it.
         cycles: how many cycles; without it and without `seconds` the loop runs until it is interrupted.
         seconds: how long; the plan under way is finished.
         every_s: pause after a cycle in which there was nothing to do.

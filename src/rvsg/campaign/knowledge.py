@@ -20,7 +20,7 @@ Kind = Literal["attempt", "finding", "rejected", "watched"]
 
 
 class Entry(Record):
-    """One thing that is known. Equal content has an equal id, so it is kept once whoever adds it."""
+    """One thing that is known. Equal content has an equal id, so it is kept once."""
 
     kind: Kind
     """`attempt`: a configuration of a search. `finding`: a confirmed scenario, or a case of a suite. `rejected`: a plan

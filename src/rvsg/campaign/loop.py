@@ -30,7 +30,7 @@ from rvsg.generation.generator import Call
 from rvsg.scenario.brief import Encounter, Feedback
 from rvsg.world.world import World
 
-WITHOUT_MODEL = "The budget of the model is spent, or its record ends. The search goes on without it."
+WITHOUT_MODEL = "The budget of the model is spent, or its record ends. The search continues without it."
 
 
 def run_campaign(plan: Plan, strategy: Strategy, parts: Parts) -> list[Attempt]:

@@ -98,7 +98,7 @@ class Operators:
     def _crossed(self, parent: Candidate, others: Sequence[Candidate], rng: np.random.Generator) -> Change | None:
         """Replace one person of the parent by one of another scenario.
 
-        What a model wrote of its people cannot be written anew. There, only a person with the same name and tasks, of
+        A text that a model wrote cannot be written again. There, only a person with the same name and tasks, of
         another configuration of the scenario, takes the place, so that the text stays true.
         """
         humans = parent.scenario.people.humans

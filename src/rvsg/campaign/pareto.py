@@ -1,6 +1,6 @@
 """Several requirements at once: the Pareto front of what a search found, and its hypervolume.
 
-A value is told as a share of what violates: 1 is the limit, more is beyond it. 0 is twice the limit where small values
+A value is given as a share of what violates: 1 is the limit, more is beyond it. 0 is twice the limit where small values
 are bad, and 0 where large ones are. The hypervolume is the volume that the front dominates above 0, so 1 is what one
 configuration exactly at all limits has. Neither depends on what else was found, so campaigns can be compared.
 """

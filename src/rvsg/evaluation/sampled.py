@@ -384,6 +384,7 @@ class Sampled:
 def sampled(run: Run, world: World | None = None) -> Sampled:
     """Return a run seen through its trajectory.
 
-    The latest are kept: what tells of a run asks for its signals again and again, and the gap between outlines is dear.
+    The latest are kept: descriptions of a run ask for its signals again and again, and the gap between outlines is
+    expensive.
     """
     return Sampled(run, run.trajectory, world)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from rvsg.scenario.scenario import Human, HumanConfiguration
 
 MOST_PAUSES = 3
-"""More pauses than this are told in sum."""
+"""More pauses than this are summed up."""
 
 
 def differences(before: HumanConfiguration, after: HumanConfiguration) -> str:

@@ -1,6 +1,6 @@
 """The journal of the loop: one line of JSON for each thing done, and the same in words for a person.
 
-The journal is the whole state: a loop that was stopped reads it and goes on with the next thing to do.
+The journal is the whole state: a stopped loop reads it and resumes with the next step.
 """
 
 from __future__ import annotations
@@ -122,6 +122,6 @@ def _read(path: Path) -> list[Note]:
                 path.write_text("".join(lines[:-1]), encoding="utf-8")  # the process was killed while it wrote this
                 break
             raise FileError(
-                path, "this line is no note of a watch. Move the folder away to begin anew.", line=number
+                path, "this line is no note of a watch. Move the folder away to start again.", line=number
             ) from None
     return notes

@@ -14,7 +14,7 @@ class DeclaredRules:
     """Refuses a plan that breaks a rule, and lets one wait where a person has to approve it.
 
     Args:
-        approved: the ids of the plans that a person has approved, read anew for every decision.
+        approved: the ids of the plans that a person has approved, read again for every decision.
     """
 
     def __init__(self, rules: RuleSet, world: World, approved: Callable[[], frozenset[str]]) -> None:

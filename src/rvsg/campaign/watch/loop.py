@@ -40,7 +40,7 @@ def now() -> str:
 class Loop:
     """Monitor, Analyse, Plan, Legitimate, Execute over Knowledge.
 
-    `plans` is the folder that keeps every plan as a file. A stopped loop goes on where it was: plans that were accepted
+    `plans` is the folder that keeps every plan as a file. A stopped loop resumes where it was: plans that were accepted
     and not run come first. A plan is run once; one that was under way is repeated with the same
     seeds.
     """
@@ -57,7 +57,7 @@ class Loop:
     place: str
     simulator: str
     renew: Callable[[], Sequence[str]] = lambda: ()
-    """Read anew what a person may have changed, the suite and the stack; return what could not be read, in words."""
+    """Read the suite and the stack again, which a person may have changed; return what could not be read, in words."""
     version: Callable[[], str] = lambda: ""
     """The version under test; empty if nothing says so."""
     tell: Tell = lambda _: None
