@@ -162,13 +162,17 @@ def goals_of(human: Human, at: dict[str, Point]) -> tuple[list[Point], list[floa
     """The cyclic points of a person (metres), and how long the person pauses at each (s)."""
     points: list[Point] = []
     stops: list[float] = []
+    last = None
     for task in human.tasks:
         waiting = {p.at: p.duration_s for p in task.pauses}
         for name in task.path:
-            if not points or points[-1] != at[name]:
-                points.append(at[name])
+            point = at[name]
+            if point != last:
+                points.append(point)
                 stops.append(0.0)
-            stops[-1] += waiting.pop(name, 0.0)
+                last = point
+            if waiting:
+                stops[-1] += waiting.pop(name, 0.0)
     if len(points) > 1 and points[-1] == points[0]:
         stops[0] += stops.pop()
         points.pop()
@@ -186,21 +190,22 @@ class _Walks:
     """The walks of the people of B variants, H in each, as arrays for the kernel."""
 
     def __init__(self, variants: Sequence[Sequence[Human]], at: dict[str, Point], paces: Floats) -> None:
-        routes: dict[int, tuple[list[Point], list[float]]] = {}
+        routes: dict[int, tuple[Complexes, Floats]] = {}
         for human in (human for humans in variants for human in humans):
             if id(human) not in routes:
-                routes[id(human)] = goals_of(human, at)
+                points, stops = goals_of(human, at)
+                routes[id(human)] = (np.array(points, float).view(complex)[:, 0], np.array(stops))
         table = [[routes[id(human)] for human in humans] for humans in variants]
-        longest = max(len(points) for row in table for points, _ in row)
+        longest = max(len(goals) for row in table for goals, _ in row)
         shape = (len(variants), len(variants[0]))
         self.goals = np.zeros((*shape, longest), complex)
         self.stops = np.zeros((*shape, longest))
         self.count = np.ones(shape, np.int64)
         for b, row in enumerate(table):
-            for h, (points, stops) in enumerate(row):
-                self.count[b, h] = len(points)
-                self.goals[b, h, : len(points)] = [complex(*point) for point in points]
-                self.stops[b, h, : len(points)] = stops
+            for h, (goals, pauses) in enumerate(row):
+                self.count[b, h] = len(goals)
+                self.goals[b, h, : len(goals)] = goals
+                self.stops[b, h, : len(goals)] = pauses
         self.speed = np.array([[h.speed_m_s for h in humans] for humans in variants]) * paces[:, None]
         self.heeds = np.array([[h.behaviour is not Behaviour.IMPASSIVE for h in humans] for humans in variants])
         self.delays = np.array([[h.start_delay_s for h in humans] for humans in variants], float)

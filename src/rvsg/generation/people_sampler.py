@@ -29,6 +29,7 @@ STOPS = (2, 2, 3, 4)
 """How many places a person goes round, each as likely as the other."""
 REACH_M = 2.0
 """Places this far from the robot's route are drawn 1/e as often as those beside it."""
+USUAL = ForceFactors()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,12 +99,18 @@ class PeopleSampler:
         self.goods = handles_goods(places)
         self.near = {name: ground.along(name) for place in places for name in place.waypoints}
         self.closest = [min((self.near[name] for name in p.waypoints), key=lambda at: at[1]) for p in places]
-        self._known: dict[tuple[str, str, bool], NDArray[np.float64]] = {}
-        self.fresh = np.array([0.4 ** min(3, uses.get(place.name, 0)) for place in places])
+        self._known: dict[tuple[str, str, bool], NDArray[np.float64] | None] = {}
+        self._close: dict[tuple[str, frozenset[str]], tuple[list[str], NDArray[np.float64]]] = {}
+        self._tasks: dict[tuple[str, str, str, str, bool], Task | None] = {}
+        self._roles = shares_of([role.weights[aim] for role in ROLES])
+        self._usual = [
+            0.4 ** min(3, uses.get(place.name, 0)) * (1.0 if aim is Aim.NONE else math.exp(-away / REACH_M))
+            for place, (_, away) in zip(places, self.closest, strict=True)
+        ]
 
     def role(self) -> Role:
         """A way of working, as often as it suits the aim."""
-        return self.pick(ROLES, [role.weights[self.aim] for role in ROLES])
+        return ROLES[drawn(self._roles, self.rng)]
 
     def human(self, name: str, role: Role) -> Human | None:
         """A person at work; None where the drawn places are not joined."""
@@ -133,7 +140,7 @@ class PeopleSampler:
             behaviour=Behaviour.IMPASSIVE if heedless else Behaviour.REGULAR,
             speed_m_s=round(float(self.rng.uniform(*role.speeds)), 2),
             start_delay_s=round(float(max(0.0, self.rng.uniform(*role.delays) - 1.0)), 1),
-            factors=ForceFactors(),
+            factors=USUAL,
         )
         if role.pauses:
             human = self.pausing(human, role.pauses)
@@ -188,24 +195,24 @@ class PeopleSampler:
 
     def stop(self, chosen: Sequence[Stop], role: Role) -> Stop | None:
         """One more place: near the robot's route, seldom worked before, far from or near to the last by the role."""
-        weights = self._weights(chosen[-1] if chosen else None, role.far)
-        if not weights.sum():
+        shares = self._shares(chosen[-1] if chosen else None, role.far)
+        if shares is None:
             return None
-        place = self.places[drawn(weights, self.rng)]
-        return self.at(place, {stop.waypoint for stop in chosen[-1:]})
+        return self.at(self.places[drawn(shares, self.rng)], {stop.waypoint for stop in chosen[-1:]})
 
-    def _weights(self, last: Stop | None, far: bool) -> NDArray[np.float64]:
-        """Return how often each place is drawn after the last one."""
+    def _shares(self, last: Stop | None, far: bool) -> NDArray[np.float64] | None:
+        """Return how often each place is drawn after the last one, as `drawn` takes it; None where none is."""
         key = (last.place.name if last else "", last.waypoint if last else "", far)
         if key not in self._known:
-            self._known[key] = np.array([self._weight(k, last, far) for k in range(len(self.places))])
+            weights = [self._weight(k, last, far) for k in range(len(self.places))]
+            self._known[key] = shares_of(weights) if np.sum(weights) else None
         return self._known[key]
 
     def _weight(self, index: int, last: Stop | None, far: bool) -> float:
-        place, (along, away) = self.places[index], self.closest[index]
+        place, (along, _) = self.places[index], self.closest[index]
         if last is not None and place.name == last.place.name:
             return 0.0
-        weight = float(self.fresh[index]) * (1.0 if self.aim is Aim.NONE else math.exp(-away / REACH_M))
+        weight = self._usual[index]
         if last is not None and self.aim is not Aim.NONE:
             apart = abs(along - self.near[last.waypoint][0])
             weight *= min(apart, 6.0) + 0.3 if far else math.exp(-apart / 2.0)
@@ -213,21 +220,32 @@ class PeopleSampler:
 
     def at(self, place: Place, without: set[str]) -> Stop | None:
         """A waypoint of a place, sooner near the robot's route."""
-        names = [name for name in place.waypoints if name not in without]
-        if not names:
-            return None
-        close = [1.0 if self.aim is Aim.NONE else math.exp(-self.near[name][1] / 1.0) for name in names]
-        return Stop(place, self.pick(names, close))
+        key = (place.name, frozenset(without))
+        if key not in self._close:
+            names = [name for name in place.waypoints if name not in without]
+            close = [1.0 if self.aim is Aim.NONE else math.exp(-self.near[name][1] / 1.0) for name in names]
+            self._close[key] = (names, shares_of(close) if names else np.empty(0))
+        names, shares = self._close[key]
+        return Stop(place, names[drawn(shares, self.rng)]) if names else None
 
     def tasks(self, stops: Sequence[Stop], *, along_route: bool) -> tuple[Task, ...]:
         """The cyclic tasks from stop to stop; none where two are not joined or the same."""
         tasks = []
         for a, b in zip(stops, [*stops[1:], *stops[:1]], strict=True):
-            path = self.ground.path(a.waypoint, b.waypoint, along_route=along_route)
-            if path is None or len(path) < 2:
+            task = self._task(a, b, along_route)
+            if task is None:
                 return ()
-            tasks.append(Task.between(a.place.name, b.place.name, path))
+            tasks.append(task)
         return tuple(tasks) if len(tasks) > 1 else ()
+
+    def _task(self, a: Stop, b: Stop, along_route: bool) -> Task | None:
+        """The task from a stop to another; the same object each time, as tasks never change."""
+        key = (a.place.name, a.waypoint, b.place.name, b.waypoint, along_route)
+        if key not in self._tasks:
+            path = self.ground.path(a.waypoint, b.waypoint, along_route=along_route)
+            joined = path if path is not None and len(path) > 1 else None
+            self._tasks[key] = Task.between(a.place.name, b.place.name, joined) if joined else None
+        return self._tasks[key]
 
     def pausing(self, human: Human, seconds: tuple[float, float]) -> Human:
         """The person with a pause in one or two tasks, where the path comes near the robot's route."""
@@ -242,15 +260,19 @@ class PeopleSampler:
 
     def pick(self, options: Sequence[T], weights: Sequence[float]) -> T:
         """One of the options, drawn by weight."""
-        return options[drawn(np.asarray(weights, float), self.rng)]
+        return options[drawn(shares_of(weights), self.rng)]
 
 
-def drawn(weights: NDArray[np.float64], rng: np.random.Generator) -> int:
-    """Return an index drawn by weight: as `rng.choice` draws it, without its checks."""
-    shares = weights / weights.sum()
-    ends = shares.cumsum()
-    ends /= ends[-1]
-    return int(ends.searchsorted(rng.random(), side="right"))
+def shares_of(weights: Sequence[float]) -> NDArray[np.float64]:
+    """Return the shares of weights of all, each added to those before it."""
+    given = np.asarray(weights, float)
+    ends: NDArray[np.float64] = (given / given.sum()).cumsum()
+    return ends / ends[-1]
+
+
+def drawn(shares: NDArray[np.float64], rng: np.random.Generator) -> int:
+    """Return an index drawn by weight: as `rng.choice` draws it, without its checks. `shares` is of `shares_of`."""
+    return int(shares.searchsorted(rng.random(), side="right"))
 
 
 def begin_at(human: Human, k: int, at: int) -> Human:

@@ -30,6 +30,7 @@ class WalkingGraph:
             for name, others in grid.neighbours.items()
         }
         self._came: dict[tuple[str, bool], dict[str, str]] = {}
+        self._paths: dict[tuple[str, str, bool], Path | None] = {}
         self._along: dict[str, tuple[float, float]] = {}
         self.robot_path = _robot_path(world, route)
         self.corridor = frozenset(name for name in self.hops if self.along(name)[1] < 0.7)
@@ -37,6 +38,12 @@ class WalkingGraph:
     def path(self, start: str, end: str, *, along_route: bool = False) -> Path | None:
         """The shortest valid path; `along_route` counts hops between waypoints of the robot's corridor at 0.6 of
         their length, so that the way taken is at most 1.7 times the shortest. None where there is no way."""
+        asked = (start, end, along_route)
+        if asked not in self._paths:
+            self._paths[asked] = self._path(start, end, along_route)
+        return self._paths[asked]
+
+    def _path(self, start: str, end: str, along_route: bool) -> Path | None:
         key = (start, along_route)
         if key not in self._came:
             self._came[key] = self._search(start, 0.6 if along_route else 1.0)

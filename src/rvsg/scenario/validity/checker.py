@@ -6,6 +6,7 @@ import difflib
 from collections import Counter
 from collections.abc import Iterator
 from itertools import pairwise
+from weakref import WeakKeyDictionary
 
 from rvsg.robots import Robot
 from rvsg.scenario.dependence import changes_that_matter
@@ -23,6 +24,11 @@ from rvsg.world.fitting import fits_through
 from rvsg.world.grid import GridSpec
 from rvsg.world.space import human_space, robot_space
 from rvsg.world.world import World
+
+MOST_SOUND = 100_000
+"""Tasks that are remembered of one world."""
+_sound: WeakKeyDictionary[World, set[tuple[object, ...]]] = WeakKeyDictionary()
+"""Tasks of people without free points in which nothing is wrong: a search asks of the same ones again and again."""
 
 
 def check(people: HumanConfiguration, mission: Mission, world: World) -> tuple[Finding, ...]:
@@ -81,10 +87,17 @@ def human_findings(human: Human, world: World, *, labels: bool = True) -> Iterat
     Args:
         labels: Also check the areas that tasks name.
     """
+    sound = _sound.setdefault(world, set())
     for task in human.tasks:
+        key = (task.path, task.start_area, task.end_area, labels, task.pauses)
+        if not human.points and key in sound:
+            continue
         ends_found = _end_findings(task, world) if labels else ()
-        for found in (*_path_findings(human, task, world), *ends_found, *_pause_findings(task)):
+        wrong = (*_path_findings(human, task, world), *ends_found, *_pause_findings(task))
+        for found in wrong:
             yield found.model_copy(update={"human": human.name, "task": task.name})
+        if not human.points and not wrong and len(sound) < MOST_SOUND:
+            sound.add(key)
     yield from _point_findings(human, world)
     yield from _chain_findings(human)
     yield from _walk_findings(human)
