@@ -96,6 +96,5 @@ def runs_of(attempts: Iterable[Attempt]) -> int:
 
 def _spent(spent: str, option: str) -> BudgetSpent:
     return BudgetSpent(
-        f"The budget is spent: {spent}. Finished work is kept. To resume, run the same command with a larger "
-        f"{option}."
+        f"The budget is spent: {spent}. Finished work is kept. To resume, run the same command with a larger {option}."
     )

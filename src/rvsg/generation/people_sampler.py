@@ -267,7 +267,8 @@ def shares_of(weights: Sequence[float]) -> NDArray[np.float64]:
     """Return the shares of weights of all, each added to those before it."""
     given = np.asarray(weights, float)
     ends: NDArray[np.float64] = (given / given.sum()).cumsum()
-    return ends / ends[-1]
+    ends /= ends[-1]
+    return ends
 
 
 def drawn(shares: NDArray[np.float64], rng: np.random.Generator) -> int:
