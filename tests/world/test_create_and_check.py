@@ -13,7 +13,7 @@ from tests.published_data import published_data
 
 from rvsg.core.documents import DocumentError
 from rvsg.core.errors import FileError
-from rvsg.world.authoring.check import Remark, check_world
+from rvsg.world.authoring.check import check_world
 from rvsg.world.authoring.create import (
     Created,
     largest_part,
@@ -23,6 +23,7 @@ from rvsg.world.authoring.create import (
 )
 from rvsg.world.authoring.named_areas import unknown_areas
 from rvsg.world.authoring.readme import write_readme
+from rvsg.world.authoring.remarks import Remark
 from rvsg.world.authoring.routes import propose_routes
 from rvsg.world.drawing import grid_picture, labelled_map
 from rvsg.world.drawing.birdseye import birdseye

@@ -9,8 +9,9 @@ from typing import Any
 import pytest
 import yaml
 
-from rvsg.world.authoring.check import Remark, check_world
+from rvsg.world.authoring.check import check_world
 from rvsg.world.authoring.editing import edit_world
+from rvsg.world.authoring.remarks import Remark
 from rvsg.world.io.load import load_world
 from rvsg.world.io.save import save_world
 

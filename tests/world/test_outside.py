@@ -126,3 +126,30 @@ def test_walls_of_one_model_that_meet_and_share_faces_stay_whole(tmp_path: Path)
     (thing,) = load_sdf(tmp_path / "w.sdf").objects
     for outlines in ((thing.footprint, *thing.holes), thing.slices):
         assert Polygon(outlines[0], outlines[1:]).area == pytest.approx(9.0 * 0.2 * 2 - 0.04, abs=1e-3)
+
+
+def test_floor_in_closed_walls_counts_before_the_larger_one_around_it(tmp_path: Path) -> None:
+    """A corridor with three legs; inside of their U, and around, the floor is larger, but it is outside."""
+    outline = [(0, 0), (40, 0), (40, 30), (37, 30), (37, 3), (3, 3), (3, 30), (0, 30)]
+    ends = zip(outline, [*outline[1:], outline[0]], strict=True)
+    walls = [
+        wall(f"w{n}", (min(a[0], b[0]) - 0.1, max(a[0], b[0]) + 0.1), (min(a[1], b[1]) - 0.1, max(a[1], b[1]) + 0.1))
+        for n, (a, b) in enumerate(ends)
+    ]
+    text = f'<sdf version="1.7"><model name="m"><link name="l">{"".join(walls)}</link></model></sdf>'
+    created = made(tmp_path, text)
+    assert is_floor(created, (1.5, 15.0)) and is_floor(created, (20.0, 1.5))
+    assert not is_floor(created, (20.0, 15.0))
+
+
+def test_nothing_is_left_of_a_courtyard_along_its_walls(tmp_path: Path) -> None:
+    created = made(tmp_path, ring(ceilings=False))
+    space = human_space(created.world)
+    assert not any(space.is_free(x, y) for x in (6.7, 12.0, 17.3) for y in (6.7, 12.0, 17.3))
+
+
+def test_pillars_in_a_room_of_the_same_model_leave_its_floor_open(tmp_path: Path) -> None:
+    walls = [wall("a", (0.0, 5.0), (0.0, 0.9)), wall("b", (0.0, 5.0), (4.1, 5.0)), wall("c", (0.0, 0.9), (0.0, 5.0))]
+    walls += [wall("d", (4.1, 5.0), (0.0, 5.0)), wall("pillar", (2.4, 2.6), (2.4, 2.6))]
+    created = made(tmp_path, f'<sdf version="1.7"><model name="m"><link name="l">{"".join(walls)}</link></model></sdf>')
+    assert is_floor(created, (1.5, 1.5)) and not is_floor(created, (2.5, 2.5))

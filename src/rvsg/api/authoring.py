@@ -9,13 +9,13 @@ from rvsg.core.lazy import lazily
 if TYPE_CHECKING:
     from rvsg.api.trial import SimulatedTrial as SimulatedTrial
     from rvsg.api.trial import trial_of as trial_of
-    from rvsg.world.authoring.check import Remark as Remark
     from rvsg.world.authoring.check import check_world as check_world
     from rvsg.world.authoring.create import Created as Created
     from rvsg.world.authoring.create import world_from_map as world_from_map
     from rvsg.world.authoring.create import world_from_objects as world_from_objects
     from rvsg.world.authoring.create import world_from_sdf as world_from_sdf
     from rvsg.world.authoring.readme import write_readme as write_readme
+    from rvsg.world.authoring.remarks import Remark as Remark
     from rvsg.world.compare import differences as differences
     from rvsg.world.drawing import GRID as GRID
     from rvsg.world.drawing import LABELLED as LABELLED
@@ -42,7 +42,7 @@ __getattr__ = lazily(
         "GridSpec": "rvsg.world.grid",
         "LABELLED": "rvsg.world.drawing",
         "SimulatedTrial": "rvsg.api.trial",
-        "Remark": "rvsg.world.authoring.check",
+        "Remark": "rvsg.world.authoring.remarks",
         "SHIPPED": "rvsg.world.io.load",
         "World": "rvsg.world.world",
         "birdseye": "rvsg.world.drawing.birdseye",

@@ -64,7 +64,7 @@ def _floor(
 
     parts, count = label(open_cells)
     if count == 0:
-        raise InputError("the objects leave no open floor")
+        raise InputError("the objects leave no open floor", code="map-no-floor")
     rows, columns = frame.shape
     wanted = set()
     for seed in seeds:

@@ -131,7 +131,7 @@ def world_from_sdf(
     except FileError:
         raise
     except InputError as error:
-        raise FileError(path, f"{error}", code=error.code) from None
+        raise FileError(path, _why_not(error, read.objects), code=error.code) from None
 
 
 def world_from_objects(
@@ -159,7 +159,20 @@ def world_from_objects(
     except FileError:
         raise
     except InputError as error:
-        raise FileError(path, f"{error}", code=error.code) from None
+        raise FileError(path, _why_not(error, objects), code=error.code) from None
+
+
+def _why_not(error: InputError, objects: Sequence[SolidObject]) -> str:
+    """Return why there is no world; where nobody fits, with the object that covers most of the floor."""
+    if error.code not in ("grid-no-room", "map-no-floor"):
+        return str(error)
+    largest = max(objects, key=lambda thing: thing.box.size[0] * thing.box.size[1])
+    wide, high = largest.box.size[:2]
+    return (
+        f'nobody fits between the objects. The largest is "{largest.name}" ({wide:.1f} x {high:.1f} m): if it is '
+        "ground or terrain, leave it out with --without, or give the height of the --floor. Else give a smaller "
+        "--human-clearance"
+    )
 
 
 def _refuse_absurd_sizes(resolution_m: float | None, lidar_height_m: float, floor_m: float = 0.0) -> None:
@@ -207,7 +220,7 @@ def _mapped(
         objects,
         resolution_m=resolution_m,
         seeds=choices.indoors,
-        main=lambda parts, sizes, frame: main_part(parts, sizes, ceilings(frame)),
+        main=lambda parts, sizes, frame: main_part(parts, sizes, frame, ceilings(frame)),
     )
     bounded = within(occupancy, objects, ceilings(frame_of(occupancy)), choices, notes)
     if bounded is not None:

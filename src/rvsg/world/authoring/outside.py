@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,6 +22,8 @@ BUILDING_SHARE = 0.5
 """A model that spans this share of the map is the building itself."""
 INDOOR_SHARE = 0.3
 """With less of the floor between walls the place is a yard with things in it."""
+CLOSED_M2, CLOSED_SHARE = 25.0, 0.03
+"""A floor within closed walls has at least this size, and this share of the map; else it is a box in a yard."""
 CEILING_SHARE = 0.5
 """Ceilings tell what is outside where they cover at least this share of the floor; with less they are lamps."""
 OPEN_SKY_M2 = 8.0
@@ -30,6 +33,8 @@ COURTYARD_M2 = 80.0
 COURTYARD_WIDTH_M = 7.0
 ENCLOSED = 0.9
 """Of an enclosed part this share lies within the ring of the other floor."""
+RIM_M = 0.5
+"""Nobody stands so near to walls, which belong to the room all the same."""
 HUB = 0.9
 """The other floor hangs together without a courtyard: its largest part is at least this share of it."""
 OUTDOORS = frozenset(
@@ -55,20 +60,27 @@ class _Part:
     why: str
 
 
-def main_part(parts: NDArray[np.int32], sizes: NDArray[np.int64], ceilings: Bools | None) -> int:
+def main_part(parts: NDArray[np.int32], sizes: NDArray[np.int64], frame: Frame, ceilings: Bools | None) -> int:
     """Return the number of the open part of the map that is the floor of the building.
 
-    It is the largest one; the one with most ceiling, if there are ceilings; or a part that encloses the largest one,
-    which is then a courtyard without a door.
+    It is the one with most ceiling, if there are ceilings; the largest one within walls, if the largest of all lies
+    around the building; a part that encloses the largest one, which is then a courtyard without a door; else the
+    largest one.
     """
     from scipy.ndimage import binary_fill_holes
 
     largest = int(sizes.argmax())
+    around = np.unique(np.concatenate([parts[0], parts[-1], parts[:, 0], parts[:, -1]]))
     if ceilings is not None:
         covered = np.bincount(parts[ceilings], minlength=len(sizes))
         covered[0] = 0
         if covered.max() >= CEILING_SHARE * sizes[covered.argmax()]:
             return int(covered.argmax())
+    if largest in around:
+        closed = sizes.copy()
+        closed[around] = 0
+        least = max(CLOSED_M2 / frame.resolution**2, CLOSED_SHARE * parts.size)
+        return int(closed.argmax()) if closed.max() >= least and _is_around(parts, largest, frame) else largest
     for other in np.argsort(-sizes, kind="stable")[1:4]:
         if sizes[other] < 0.25 * sizes[largest] or not other:
             break
@@ -76,6 +88,13 @@ def main_part(parts: NDArray[np.int32], sizes: NDArray[np.int64], ceilings: Bool
         if np.count_nonzero(filled & (parts == largest)) >= ENCLOSED * sizes[largest]:
             return int(other)
     return largest
+
+
+def _is_around(parts: NDArray[np.int32], number: int, frame: Frame) -> bool:
+    """Return whether few places of an open part lie between walls."""
+    cells = np.where(parts == 0, OCCUPIED, np.where(parts == number, FREE, UNKNOWN)).astype(np.uint8)
+    inside = indoors(OccupancyMap(cells=cells, resolution=frame.resolution, origin=frame.origin))
+    return bool(inside.sum() < INDOOR_SHARE * np.count_nonzero(parts == number))
 
 
 def within(
@@ -169,7 +188,7 @@ def _courtyards(
             why = "the building is around it, it is large and empty, and no way leads through it"
         else:
             continue
-        found.append(_Part(_on_map(cells, frame, floor), room.middle, why))
+        found.append(_Part(_on_map(cells, labels, frame, floor), room.middle, why))
     return found
 
 
@@ -237,22 +256,36 @@ def _about(at: Point, floor: OccupancyMap, labels: Labels, frame: Frame) -> _Par
             f"--outdoors {at[0]:g},{at[1]:g}: no open floor of the building is there, in metres.",
             code="no-floor",
         )
-    return _Part(_on_map(labels == number, frame, floor), at, "you said so")
+    return _Part(_on_map(labels == number, labels, frame, floor), at, "you said so")
 
 
 def _chosen(part: _Part, points: Sequence[Point], frame: Frame) -> bool:
     return any(bool(frame.looked_up_at(part.cells, x, y)) for x, y in points)
 
 
-def _on_map(cells: Bools, frame: Frame, floor: OccupancyMap) -> Bools:
-    """Return cells of a coarser frame as free cells of the map."""
+def _on_map(cells: Bools, labels: Labels, frame: Frame, floor: OccupancyMap) -> Bools:
+    """Return a room of a coarser frame as free cells of the map, up to its walls but not into other rooms."""
+    from scipy.ndimage import binary_dilation
+
+    reach = math.ceil(RIM_M / frame.resolution)
+    whole = binary_dilation(cells, np.ones((3, 3), bool), reach, mask=cells | (labels == 0))
     step = round(frame.resolution / floor.resolution)
+    fine = np.repeat(np.repeat(whole, step, axis=0), step, axis=1)
     rows, columns = floor.cells.shape
-    fine = np.repeat(np.repeat(cells, step, axis=0), step, axis=1)
-    whole = np.zeros((rows, columns), bool)
-    whole[: fine.shape[0], : fine.shape[1]] = fine[:rows, :columns]
-    on_floor: Bools = whole & (floor.cells != OCCUPIED)
+    padded = np.pad(fine, ((0, max(0, rows - len(fine))), (0, max(0, columns - fine.shape[1]))), mode="edge")
+    on_floor: Bools = _connected(padded[:rows, :columns] & (floor.cells == FREE), frame_of(floor), cells, frame)
     return on_floor
+
+
+def _connected(free: Bools, fine: Frame, cells: Bools, coarse: Frame) -> Bools:
+    """Return the parts of some free cells that hold a cell of the room, so that none lies behind a wall."""
+    from scipy.ndimage import label
+
+    parts, _ = label(free)
+    rows, columns = np.nonzero(cells)
+    inside = coarse.to_metres(np.column_stack([columns + 0.5, rows + 0.5]))
+    numbers = np.unique(fine.looked_up(parts, inside))
+    return np.isin(parts, numbers[numbers > 0])
 
 
 def _middle(cells: Bools, frame: Frame) -> Point:

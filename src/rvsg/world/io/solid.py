@@ -26,6 +26,7 @@ SHEET_M = 0.01  # thickness given to an open surface, so that the lidar sees it
 MANY_FACES = 20_000
 SQUARE_M = 0.05
 ROOM_M2 = 20.0  # a surface this large that is open at the top is a room, not a container
+FLOOR_M2 = 4.0  # a hole this large in a footprint is floor
 SAMPLES = 24
 STEEP = 0.5  # a face that leans more than 60 degrees is a wall
 _WELD_M = 1e-5
@@ -261,6 +262,8 @@ def _standing_apart(footprint: Any) -> list[Any]:
     parts = [part for part in shapely.get_parts(footprint) if part.geom_type == "Polygon" and not part.is_empty]
     if len(parts) <= 1:
         return parts
+    if any(shapely.Polygon(hole).area >= FLOOR_M2 for part in parts for hole in part.interiors):
+        return sorted(parts, key=lambda part: part.bounds)  # a room and what stands in it
     hull = shapely.union_all(parts).convex_hull
     if hull.area <= 6.0 or sum(part.area for part in parts) >= 0.25 * hull.area:
         return [hull]
