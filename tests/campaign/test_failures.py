@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from tests.campaign.parts import MemoryLedger, parts, plan, warehouse
 
+from rvsg.campaign import confirmation as confirming
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.failures import FailureMode, candidates, met, mode_of, usual_mode
 from rvsg.campaign.finding import Finding, distinct_failures, worst_confirmation
@@ -137,3 +138,15 @@ def confirmation(index: int, violations: int, runs: int) -> Attempt:
 )
 def test_a_kind_of_encounter_reads_without_the_robot_named_before(kind: str, said: str) -> None:
     assert met(kind) == said
+
+
+def test_one_of_every_kind_of_failure_is_confirmed_before_the_second_of_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    the_plan, ledger = plan(scenarios=4, refinements=0, repeats=1, confirmations=0), MemoryLedger()
+    made = parts(ledger)
+    with made.simulations:
+        found = run_campaign(the_plan, StudyStrategy(the_plan, feedback_from(ledger, the_plan, warehouse())), made)
+        kinds = {m.run_id: "same" if a.index != 2 else "other" for a in found for m in a.measurements}
+        monkeypatch.setattr(confirming, "usual_mode", lambda runs, world: next((kinds[run.id] for run in runs), None))
+        always = the_plan.replace(requirement=the_plan.requirement.replace(limit=99.0))
+        ordered = confirming._one_of_each_kind(always, found, made)
+    assert [a.index for a in ordered] == [0, 2, 1, 3]

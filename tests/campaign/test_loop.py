@@ -227,7 +227,7 @@ def test_what_ended_without_a_verdict_goes_on_with_the_runs_that_are_left() -> N
     clean = {0: seeds[::2], 3: seeds[::2], 1: seeds[1:]}  # the rest violates in every run
     measuring = Measuring(REQUIREMENT)
 
-    def measured(made: Run) -> Measurement:
+    def measured(made: Run, _place: object) -> Measurement:
         index = scenario.get(made.scenario_id, 9)
         bad = 0.4 if index in (0, 3) else 0.5 + index / 100
         value = 2.0 if made.seed in clean.get(index, ()) else bad

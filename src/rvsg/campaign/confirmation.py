@@ -6,10 +6,12 @@ confirmed scenario without one of its people meet them, too, so that a differenc
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.events import Attempted, Confirming, Event, Explaining
+from rvsg.campaign.failures import FailureMode, usual_mode
 from rvsg.campaign.finding import badness
 from rvsg.campaign.parts import Made, Parts, collect, store, submit
 from rvsg.campaign.plan import Plan
@@ -30,15 +32,17 @@ MOST_AHEAD = 4
 def confirm_all(plan: Plan, attempts: Sequence[Attempt], parts: Parts) -> Iterator[Event]:
     """Confirm the candidates in order until the budget is spent, then run the mission with fewer people.
 
-    First comes the worst configuration of every scenario, the worst scenario first. Where none of them is shown to
-    violate nearly always (FAIL), the other configurations follow until one is. Then the runs that are left decide what
-    ended early without a verdict. What is stored already is not repeated.
+    First comes the worst configuration of every scenario: one of every kind of failure before the second of one, the
+    worst scenario first. Where none of them is shown to violate nearly always (FAIL), the other configurations follow
+    until one is. Then the runs that are left decide what ended early without a verdict. What is stored already is not
+    repeated.
     """
     done = list(attempts)
     if not plan.confirmations:
         return
     order_of = candidates(done, plan.requirement)
     scenarios = len({candidate.brief.scenario_index for candidate in order_of})
+    order_of = [*_one_of_each_kind(plan, order_of[:scenarios], parts), *order_of[scenarios:]]
     share = parts.procedure.max_runs
     if plan.requirement.threshold is not None:
         share = max(share, plan.confirmations // max(scenarios, 1))
@@ -61,6 +65,19 @@ def confirm_all(plan: Plan, attempts: Sequence[Attempt], parts: Parts) -> Iterat
         yield from _noted(run, done)
     yield from _noted(_decide(plan, order_of, done, parts, share), done)
     yield from _noted(explain(plan, done, parts), done)
+
+
+def _one_of_each_kind(plan: Plan, found: Sequence[Attempt], parts: Parts) -> list[Attempt]:
+    """Return candidates with the first of every kind of failure before the second ones, else in their order."""
+    seen: Counter[FailureMode | None] = Counter()
+    rank: dict[int, int] = {}
+    for attempt in found:
+        values = [(m.run_id, m.objective) for m in attempt.measurements]
+        violating = [run for run, value in values if value is not None and plan.requirement.violated_by(value)]
+        kind = usual_mode(map(parts.ledger.run, violating), parts.simulations.world)
+        rank[attempt.index] = seen[kind]
+        seen[kind] += 1
+    return sorted(found, key=lambda attempt: rank[attempt.index])
 
 
 def _decide(

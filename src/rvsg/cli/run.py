@@ -125,12 +125,12 @@ def run(
     the share of runs that violate the limit, then by the mean objective. Strategies like `study` run each of
     `scenarios` x (1 + `refinements`) configurations `repeats` times; `hybrid` drops losing configurations early.
 
-    Scenarios that violated the limit are confirmed, worst first, in runs with new seeds. Each confirmation ends when
-    its verdict is certain (wrong in at most --error-rate of cases) or its part of --confirmations is spent. Other
-    configurations follow until one is a FAIL; then those that ended without a verdict, in the runs that are left. Runs
-    of the mission without people, and of each confirmed scenario without each of its people, show what the people
-    contribute. Confirmed violations are grouped into distinct failures, and the worst scenario of each is shrunk in
-    --shrink-runs.
+    Scenarios that violated the limit are confirmed in runs with new seeds, worst first, but one of every kind of
+    failure before the second of one. Each confirmation ends when its verdict is certain (wrong in at most --error-rate
+    of cases) or its part of --confirmations is spent. Other configurations follow until one is a FAIL; then those that
+    ended without a verdict, in the runs that are left. Runs of the mission without people, and of each confirmed
+    scenario without each of its people, show what the people contribute. Confirmed violations are grouped into distinct
+    failures, and the worst scenario of each is shrunk in --shrink-runs.
 
     Everything is stored in the folder --out; run the same command to resume. Name an installed plug-in like a built-in
     one.
