@@ -67,6 +67,19 @@ def test_a_copied_ledger_that_was_cut_off_gives_no_command_that_cannot_go_on(tmp
     assert "Resume with" not in told
 
 
+def test_the_folder_of_separate_campaigns_has_an_overview_and_links_both_ways(tmp_path: Path, capsys: Told) -> None:
+    cut_off(tmp_path / "one", 7)
+    cut_off(tmp_path / "two", 7, "--route", "route_2")
+    capsys.readouterr()
+    assert main(["report", str(tmp_path)]) == 0
+    told = capsys.readouterr().err
+    assert all(f"Resume with: rvsg run --out {tmp_path / name}\n" in told for name in ("one", "two"))
+    text = (tmp_path / "report.html").read_text(encoding="utf-8")
+    for name in ("one", "two"):
+        assert f'href="{name}/report.html"' in text
+        assert 'href="../report.html"' in (tmp_path / name / "report.html").read_text(encoding="utf-8")
+
+
 @pytest.mark.slow
 def test_of_several_campaigns_each_that_was_cut_off_or_never_began_is_told(tmp_path: Path, capsys: Told) -> None:
     folder = tmp_path / "all"

@@ -100,11 +100,20 @@ def test_the_matrix_has_a_cell_for_each_route_and_requirement() -> None:
     link, plan, summary = reported()
     other = plan.replace(requirement=plan.requirement.replace(name="R9"))
     elsewhere = plan.replace(mission=plan.mission.replace(route=warehouse().route("route_2")))
-    text = page((link, plan, summary), ("b.html", other, summary), ("c.html", elsewhere, summary))
+    text = page((link, plan, summary), ("b.html", other, summary), ("c.html", elsewhere, summary), missing=1)
     table = text[text.index('class="matrix"') : text.index("</table>")]
     assert table.count('class="cell') == 3 and table.count("not begun") == 1
     contacts = sum(run.values.get("contacts", 0) > 0 for run in summary.confirmed.measurements)
     assert ("contact " in table) == (contacts > 0)
+
+
+def test_campaigns_of_one_pair_share_a_cell_and_worlds_are_named_where_they_differ() -> None:
+    link, plan, summary = reported()
+    office = plan.replace(mission=plan.mission.replace(world="office"))
+    text = page((link, plan, summary), ("b.html", plan, summary), ("c.html", office, summary))
+    table = text[text.index('class="matrix"') : text.index("</table>")]
+    assert table.count('class="cell') == 3 and table.count('scope="row"') == 2
+    assert "3 campaigns in warehouse and office" in text and "warehouse, route_1" in table
 
 
 def test_every_finding_has_a_pin_where_it_happens_and_a_row_that_opens_it() -> None:

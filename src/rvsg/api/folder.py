@@ -47,6 +47,13 @@ def is_matrix(folder: Path) -> bool:
     return any((folder / name).is_file() for name in (MATRIX, CELLS))
 
 
+def holds_several(folder: Path) -> bool:
+    """Return whether a folder holds no campaign itself, but folders that do."""
+    if is_matrix(folder) or not folder.is_dir():
+        return is_matrix(folder)
+    return store_of(folder) is None and any(store_of(path) for path in folder.iterdir() if path.is_dir())
+
+
 @contextlib.contextmanager
 def opened(folder: Path, store: str, options: Mapping[str, Any]) -> Iterator[Ledger]:
     """The store of a folder, open; a plug-in is given the path `ledger.NAME` in the folder, and its options."""

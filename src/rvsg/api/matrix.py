@@ -201,14 +201,8 @@ class Matrix:
 
     def report(self) -> Path:
         """Write the overview that leads to the report of each campaign; return its path."""
-        page = self.folder / REPORT
         found = self.campaigns()
-        if found:
-            reported = [(f"{each.folder.name}/{each.page().name}", each.plan, each.summary()) for each in found]
-            pins = [pin for each, known in zip(found, reported, strict=True) for pin in _pins(each, known[0])]
-            missing = len(self.all_pairs) - len(found)
-            write_overview(page, reported, command=self.commands(), missing=missing, world=found[0].world, pins=pins)
-        return page
+        return report_all(self.folder, found, self.commands(), missing=len(self.all_pairs) - len(found))
 
     def _values(self) -> list[dict[str, Any]]:
         """Return the settings of each campaign, checked."""
@@ -227,6 +221,22 @@ class Matrix:
                 )
             found[name] = values | {"out": folder, "junit": None}
         return list(found.values())
+
+
+def report_all(folder: Path, campaigns: Sequence[Campaign], command: str, *, missing: int = 0) -> Path:
+    """Write the overview of campaigns in folders of one folder, if there is any; return its path.
+
+    Args:
+        command: The commands that repeat them.
+        missing: How many more have not begun.
+    """
+    page = folder / REPORT
+    if campaigns:
+        reported = [(f"{each.folder.name}/{each.page().name}", each.plan, each.summary()) for each in campaigns]
+        pins = [pin for each, known in zip(campaigns, reported, strict=True) for pin in _pins(each, known[0])]
+        world = campaigns[0].world if len({each.plan.mission.world_id for each in campaigns}) == 1 else None
+        write_overview(page, reported, command=command, missing=missing, world=world, pins=pins)
+    return page
 
 
 def _pins(campaign: Campaign, link: str) -> list[Pin]:

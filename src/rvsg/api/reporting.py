@@ -7,21 +7,21 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from rvsg.api.campaign import Campaign
-from rvsg.api.folder import is_matrix, make_folder, reading
+from rvsg.api.folder import holds_several, is_matrix, make_folder, reading
 from rvsg.api.index import campaigns_in
-from rvsg.api.matrix import folders_in
+from rvsg.api.matrix import Matrix, folders_in, report_all
 from rvsg.core.errors import InputError
 from rvsg.core.files import write_whole
 from rvsg.report.junit import junit_of
 
 
 def folders_of(store: Path, *, begin: str) -> list[Path]:
-    """Return the folders of the campaigns of a store: of one campaign, or of several that were run together.
+    """Return the folders of the campaigns of a store: of one campaign, or of several in folders of their own.
 
     Raises:
         InputError: none of several has begun; `begin` is the command that begins them.
     """
-    paths = list(folders_in(store)) if is_matrix(store) else [store]
+    paths = list(folders_in(store)) if holds_several(store) else [store]
     if not paths:
         raise InputError(f"{store}: none of its campaigns has begun. Begin them: {begin}", code="not-begun")
     return paths
@@ -46,7 +46,20 @@ def reported(
             f"{paths[0]}: {len(campaigns)} campaigns have a page each; --html names one. Report one at a time."
         )
     several = len(campaigns) > len(paths)
-    return campaigns, [each.report(html or each.page(several=several), world=world) for each in campaigns]
+    linked = len(paths) > 1
+    pages = [each.report(html or each.page(several=several), world=world, overview=linked) for each in campaigns]
+    return campaigns, pages
+
+
+def overview(folder: Path, campaigns: Sequence[Campaign]) -> tuple[Path, Matrix | None]:
+    """Write the overview of the campaigns in a folder; return its path, and what was asked where one command ran them.
+
+    The pages of the campaigns must be written.
+    """
+    if is_matrix(folder):
+        matrix = Matrix.open(folder)
+        return matrix.report(), matrix
+    return report_all(folder, campaigns, "\n".join(campaign.command for campaign in campaigns)), None
 
 
 def write_junit(path: Path, campaigns: Sequence[Campaign]) -> None:

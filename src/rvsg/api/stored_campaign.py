@@ -9,7 +9,7 @@ from typing import Any
 
 from rvsg.api.commands import command_for, confirm_command
 from rvsg.api.config import CampaignConfig, safe_name
-from rvsg.api.folder import BEST, LEDGER, MATRIX, REPORT, reading
+from rvsg.api.folder import BEST, LEDGER, MATRIX, REPORT, reading, store_of
 from rvsg.api.paths import paths_of
 from rvsg.api.record import CampaignRecord
 from rvsg.api.scenarios import scenario_json
@@ -164,8 +164,13 @@ class StoredCampaign:
         confirmed = self.summary().confirmed
         return confirmed.verdict if confirmed else None
 
-    def report(self, path: str | Path | None = None, *, world: World | str | Path | None = None) -> Path:
+    def report(
+        self, path: str | Path | None = None, *, world: World | str | Path | None = None, overview: bool = False
+    ) -> Path:
         """Write the report page, and the worst scenario beside it; return the page's path.
+
+        Args:
+            overview: link to the overview of the folder that holds this one, which is linked anyway where it exists.
 
         Raises:
             InputError: the world or its route has changed since the campaign was run.
@@ -179,7 +184,9 @@ class StoredCampaign:
             runs = {measured.run_id for attempt in attempts for measured in attempt.measurements}
             how: dict[str, Any] = {"traces": traces_beside(page, runs), "recording": self._recording()}
             how |= {"world": place, "run_of": ledger.run, "command": self.command, "simulator": simulator}
-            if page.parent == self.folder and (self.folder.parent / MATRIX).exists():
+            above = self.folder.parent
+            known = (above / MATRIX).exists() or (store_of(above) is None and (above / REPORT).is_file())
+            if page.parent == self.folder and (overview or known):
                 how["overview"] = f"../{REPORT}"
             write_page(page, self.plan, attempts, **how)
         best = best_attempt(attempts, self.requirement)

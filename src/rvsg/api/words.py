@@ -70,9 +70,8 @@ def describe_finding(finding: Finding, requirement: Requirement, *, brief: bool 
     """
     verdict = finding.verdict
     runs = counted(verdict.runs + verdict.undefined, "confirmation run")
-    yield (
-        f"Scenario {finding.scenario + 1} in {runs}: {status_in_words(verdict)}; {interval(verdict, requirement.unit)}"
-    )
+    which = f"Scenario {finding.scenario + 1} (attempt {finding.attempt})"
+    yield f"{which} in {runs}: {status_in_words(verdict)}; {interval(verdict, requirement.unit)}"
     yield f"  {how_sure(verdict)}.{'' if brief else ' ' + why_ended(verdict)}".rstrip()
     if not brief and (compared := describe_difference(finding)) is not None:
         yield f"  {compared}"

@@ -14,7 +14,6 @@ from rvsg.cli.frame import verb
 
 if TYPE_CHECKING:
     from rvsg.api.campaign import Campaign
-    from rvsg.api.matrix import Matrix
 
 app = verb()
 
@@ -38,11 +37,10 @@ def report(
 
     For a folder of several campaigns, write the page of each and an overview with links.
     """
-    from rvsg.api.folder import is_matrix
-    from rvsg.api.matrix import Matrix
+    from rvsg.api.folder import holds_several
     from rvsg.api.reporting import folders_of, reported, write_junit, write_study_tables
 
-    several = is_matrix(store)
+    several = holds_several(store)
     paths = folders_of(store, begin=as_started(shlex.join(["rvsg", "run", "--out", str(store)])))
     if tables is not None:
         for note in write_study_tables([*paths, *(also or ())], tables):
@@ -55,7 +53,7 @@ def report(
         found = [campaign.result() for campaign in campaigns]
         print_json({"campaigns": found} if several or len(found) > 1 else found[0])
     if several:
-        _show_matrix(Matrix.open(store), campaigns)
+        _show_all(store, campaigns)
     else:
         for campaign, page in zip(campaigns, pages, strict=True):
             _show(campaign, page)
@@ -78,19 +76,22 @@ def _show(campaign: Campaign, page: Path) -> None:
     say(f"Report: {page}")
 
 
-def _show_matrix(matrix: Matrix, campaigns: list[Campaign]) -> None:
+def _show_all(folder: Path, campaigns: list[Campaign]) -> None:
     """Write the overview of several campaigns; print their table and which of them are unfinished."""
+    from rvsg.api.reporting import overview
     from rvsg.cli.tables import how_far, matrix_table
 
-    page = matrix.report()
+    page, matrix = overview(folder, campaigns)
     found = [(campaign.plan, campaign.summary()) for campaign in campaigns]
     say(matrix_table(found))
-    unfinished = [(plan, summary) for plan, summary in found if not summary.complete]
-    for plan, summary in unfinished:
-        say(f"{plan.mission.route.name} {plan.requirement.name} is not finished: {how_far(plan, summary)}.")
-    if missing := len(matrix.all_pairs) - len(found):
+    unfinished = [(campaign, *each) for campaign, each in zip(campaigns, found, strict=True) if not each[1].complete]
+    for campaign, plan, summary in unfinished:
+        resume = _resume(campaign.folder) if matrix is None and campaign.resumable else ""
+        name = f"{plan.mission.route.name} {plan.requirement.name}"
+        say(f"{name} is not finished: {how_far(plan, summary)}.{resume}")
+    if missing := len(matrix.all_pairs) - len(found) if matrix is not None else 0:
         say(f"{missing} more {'has' if missing == 1 else 'have'} not started.")
-    if unfinished or missing:
+    if matrix is not None and (unfinished or missing):
         say(_resume(matrix.folder).lstrip())
     say(f"Reports: {page}")
 

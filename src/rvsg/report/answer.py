@@ -17,6 +17,7 @@ from rvsg.report.causes import Cause, Pair
 from rvsg.report.facts import AttemptFacts, RunFacts
 from rvsg.report.summary import Summary, counted, interval, number
 from rvsg.report.words import direction, metres, quantity
+from rvsg.scenario.requirement import Requirement
 
 
 class Piece(NamedTuple):
@@ -136,15 +137,15 @@ def _judged(plan: Plan, confirmed: AttemptFacts) -> list[Sentence]:
         late = f"{verdict.censored} of {counted(verdict.runs, 'run')}"
         middle = f"the median is {number(verdict.median, requirement.unit)}" if verdict.median is not None else ""
         measured = [
-            Piece(f"The {quantity(requirement)} is beyond the time limit in "),
+            Piece(f"{_quantity(requirement)}: beyond the time limit in "),
             Piece(late, _ids(confirmed.not_arrived)),
             Piece(f"; {middle or 'so is the median'} ({direction(requirement)}"),
         ]
     else:
         measured = [
-            Piece(f"The {quantity(requirement)} is "),
+            Piece(f"{_quantity(requirement)}: "),
             Piece(number(verdict.mean, requirement.unit), _ids(confirmed.runs)),
-            Piece(f", averaged over the runs ({direction(requirement)}"),
+            Piece(f" on average over the runs ({direction(requirement)}"),
         ]
     measured.append(Piece(f"; the limit is {number(limit, requirement.unit)})." if limit is not None else ")."))
     worst = confirmed.worst(requirement)
@@ -160,6 +161,11 @@ def _judged(plan: Plan, confirmed: AttemptFacts) -> list[Sentence]:
         Piece(f": {share_in_words(verdict)}."),
     ]
     return [often, measured]
+
+
+def _quantity(requirement: Requirement) -> str:
+    name = quantity(requirement)
+    return name[:1].upper() + name[1:]
 
 
 def _where(facts: AttemptFacts) -> list[Sentence]:

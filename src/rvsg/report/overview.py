@@ -77,7 +77,7 @@ def _pin(
     row = {
         "campaign": campaign,
         "scenario": f"{scenario}. {finding.description}",
-        "happens": finding.failure.words if finding.failure else "",
+        "happens": f"{finding.failure.what[:1].upper()}{finding.failure.what[1:]}." if finding.failure else "",
         "where": facts.decisive_near,
         "chip": "violated" if still_open(verdict) else verdict.status.value,
         "violated": f"{verdict.violations} of {verdict.runs}",
@@ -111,11 +111,11 @@ def render_overview(
         pins: Where the findings happen.
     """
     template = environment().get_template("overview.html")
-    mission = reported[0][1].mission
+    missions = [plan.mission for _, plan, _ in reported]
     return template.render(
         version=rvsg.__version__,
-        title=f"{counted(len(reported), 'campaign')} in {Path(mission.world).name}",
-        robot=robot_words(mission),
+        title=f"{counted(len(reported), 'campaign')} in {' and '.join(_worlds(reported))}",
+        robot="; ".join(dict.fromkeys(robot_words(mission) for mission in missions)),
         missing=missing,
         headline=_headline(reported),
         tiles=_tiles(reported),
@@ -127,12 +127,20 @@ def render_overview(
     )
 
 
+def _worlds(reported: Sequence[Reported]) -> list[str]:
+    return list(dict.fromkeys(Path(plan.mission.world).name for _, plan, _ in reported))
+
+
 def _matrix(reported: Sequence[Reported]) -> dict[str, Any]:
     """Return routes by requirements: what each campaign found, with its badges."""
-    routes = list(dict.fromkeys(plan.mission.route.name for _, plan, _ in reported))
+    several = len(_worlds(reported)) > 1
     requirements = list(dict.fromkeys(plan.requirement.name for _, plan, _ in reported))
-    cells = {(plan.mission.route.name, plan.requirement.name): _cell(*each) for each in reported for plan in [each[1]]}
-    rows = [{"route": route, "cells": [cells.get((route, name)) for name in requirements]} for route in routes]
+    cells: dict[str, dict[str, list[dict[str, Any]]]] = {}
+    for link, plan, summary in reported:
+        mission = plan.mission
+        route = f"{Path(mission.world).name}, {mission.route.name}" if several else mission.route.name
+        cells.setdefault(route, {}).setdefault(plan.requirement.name, []).append(_cell(link, plan, summary))
+    rows = [{"route": route, "cells": [found.get(name, []) for name in requirements]} for route, found in cells.items()]
     return {"requirements": requirements, "rows": rows}
 
 
