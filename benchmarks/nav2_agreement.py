@@ -143,14 +143,46 @@ class Wanted(NamedTuple):
     make: Callable[[list[int]], list[Any]]
 
 
+class Nav2:
+    """The real Nav2 behind the stack `ros2`: started or found for the first run, and kept for those that follow."""
+
+    def __init__(self, options: dict[str, Any]) -> None:
+        self.options = options
+        self.stack: Any = None
+        self._simulator: Any = None
+
+    def prepare(self) -> None:
+        """Start or find it, where that has not been done."""
+        if self._simulator is None:
+            from rvsg.api.simulating import make_simulator
+            from rvsg.stacks import StackChoice
+
+            self.stack = StackChoice.of("ros2", self.options).driver
+            self._simulator = make_simulator("embedded", self.stack)
+            self._simulator.prepare(say)
+
+    def run(self, question: Question, seed: int) -> Any:
+        """Return one run."""
+        import rvsg
+
+        self.prepare()
+        return next(iter(rvsg.simulate(question.scenario, [seed], simulator=self._simulator, on_message=say)))
+
+    def close(self) -> None:
+        """End it where it was started."""
+        if self._simulator is not None:
+            self._simulator.close()
+            self._simulator = self.stack = None
+
+
 class Real:
     """Runs of the real Nav2 with one set of parameters; one connection for all scenarios."""
 
     def __init__(self, label: str, built_in: str, options: dict[str, Any], runs: int) -> None:
-        self.label, self.options, self.runs = label, options, runs
+        self.label, self.runs = label, runs
         self.built_in = built_in
         """The stack to compare with: the parameter file, where it is known."""
-        self._stack: Any = None
+        self._nav2 = Nav2(options)
 
     def key(self, question: Question) -> str:
         """Return the name under which runs are kept."""
@@ -161,20 +193,14 @@ class Real:
         return Wanted(self.runs, 1, lambda seeds: [self._one(question, seed) for seed in seeds])
 
     def _one(self, question: Question, seed: int) -> Any:
-        import rvsg
-        from rvsg.stacks import StackChoice
-
-        if self._stack is None:
-            self._stack = StackChoice.of("ros2", self.options).driver
-        run = next(iter(rvsg.simulate(question.scenario, [seed], stack=self._stack, on_message=say)))
+        run = self._nav2.run(question, seed)
         told = run.details["stack"].get("warnings")
         say(f"{question.name}, {self.label}, run {seed}: {run.outcome.value}, {told}")
         return run
 
     def close(self) -> None:
         """End the Nav2 that was started."""
-        if self._stack is not None:
-            self._stack.close()
+        self._nav2.close()
 
 
 def real_runs(name: str, options: dict[str, Any], given: argparse.Namespace) -> Real:

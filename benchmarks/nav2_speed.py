@@ -27,7 +27,7 @@ from typing import Any
 
 import numpy as np
 
-from nav2_agreement import Question, asked, path, say
+from nav2_agreement import Nav2, Question, asked, path, say
 
 Row = dict[str, Any]
 TOLD = ("speed", "commands", "missed_periods", "turned_back", "warnings", "fault")
@@ -90,23 +90,14 @@ def keep(file: Path | None, row: Row) -> None:
             out.write(json.dumps(row) + "\n")
 
 
-class Driven:
+class Driven(Nav2):
     """Nav2 at one speed; it is started again where a run has lowered the speed."""
-
-    def __init__(self, options: dict[str, Any]) -> None:
-        self.options = options
-        self._stack: Any = None
 
     def one(self, question: Question, seed: int) -> Row:
         """Return what there is to tell of a run."""
-        import rvsg
-        from rvsg.stacks import StackChoice
-
-        if self._stack is None:
-            self._stack = StackChoice.of("ros2", self.options).driver
-            self._stack.prepare(say)
+        self.prepare()
         nav2, own, begun = self._used(), own_time(), time.monotonic()
-        run = next(iter(rvsg.simulate(question.scenario, [seed], stack=self._stack)))
+        run = self.run(question, seed)
         wall = time.monotonic() - begun
         told = run.details["stack"]
         row = {
@@ -125,7 +116,7 @@ class Driven:
         """Return the processor time of Nav2 so far, s."""
         from rvsg.simulation.ros2.keeper import marked
 
-        session = self._stack._session
+        session = self.stack._session
         ticks = 0
         for pid in marked(session.launched.mark) if session is not None and session.launched is not None else ():
             try:
@@ -134,12 +125,6 @@ class Driven:
                 continue  # it ended meanwhile
             ticks += int(fields[11]) + int(fields[12])
         return ticks / os.sysconf("SC_CLK_TCK")
-
-    def close(self) -> None:
-        """End the Nav2 that was started."""
-        if self._stack is not None:
-            self._stack.close()
-            self._stack = None
 
 
 def own_time() -> float:
