@@ -17,14 +17,20 @@ from pathlib import Path
 from PIL import Image
 from playwright.sync_api import Browser, sync_playwright
 
+import rvsg
 from rvsg.api.editing import folder_of_world
-from rvsg.api.listing import FoundCampaign, Lister
+from rvsg.api.listing import Lister
 from rvsg.api.matrix import Matrix
 from rvsg.api.proposing import proposal_json, propose
+from rvsg.api.records import runs_text
 
 IMAGES = Path(__file__).parent / "images"
 LAPTOP, PHONE = (1280, 860), (390, 780)
 COLOURS = 96
+STACKS = {"nav2-dwb": "runs/stacks/nav2-dwb", "nav2-rpp": "runs/stacks/nav2-rpp"}
+"""Two campaigns with the same scenarios and another navigation stack, to compare."""
+SEARCHED = {"strategy": "random", "scenarios": 12, "refinements": 0, "repeats": 6, "confirmations": 0, "jobs": 1}
+EXAMPLES = Path(__file__).parents[1] / "examples"
 PATIENT_MS = 300_000
 
 
@@ -45,17 +51,17 @@ def pages(folder: Path) -> dict[str, str]:
         "finding": f"/finding?campaign={traced.folder}&attempt={traced.findings[0].attempt}#replay-title",
         "scenario": f"/scenario?campaign={chosen.folder}&attempt={attempt}",
         "world": "/world?world=my_office",
+        "new-world": "/world/new",
         "proposals": "/inbox",
         "matrix": "/matrix?folder=runs/matrix",
         "description": "/describe?world=warehouse",
-        "compare": f"/compare?a={chosen.folder}&b={other(campaigns, chosen)}",
+        "compare": f"/compare?a={STACKS['nav2-dwb']}&b={STACKS['nav2-rpp']}",
+        "both": f"/compare/runs?a={STACKS['nav2-dwb']}&b={STACKS['nav2-rpp']}&first=0&second=0",
+        "versions": "/compare/versions?first=before.json&second=now.json",
+        "suite": "/suite?suite=suite",
+        "runs": "/runs?file=three-people.jsonl&scenario=three-people.json",
         "conversations": f"/conversations?folder={chosen.folder}",
     }
-
-
-def other(campaigns: list[FoundCampaign], chosen: FoundCampaign) -> str:
-    """Another campaign to compare with; the same where there is none."""
-    return next((each.folder for each in campaigns if each.folder != chosen.folder), chosen.folder)
 
 
 def picture(browser: Browser, address: str, path: str, name: str, size: tuple[int, int], scheme: str) -> None:
@@ -68,6 +74,10 @@ def picture(browser: Browser, address: str, path: str, name: str, size: tuple[in
     tab.wait_for_selector("h1")
     if tab.locator("[data-studio]").count():
         tab.wait_for_selector("[data-studio][data-ready]")
+    if name == "both":
+        tab.locator("[data-studio=replay][data-ready]").nth(1).wait_for()
+    if name == "world":
+        tab.get_by_role("button", name="Lounge", exact=True).click()
     if name.startswith("scenario"):
         tab.get_by_text("of 20 runs violate").wait_for()
     if name.startswith("finding"):
@@ -93,6 +103,20 @@ def prepare(folder: Path) -> None:
         path = inbox / f"warehouse-route_1-R1-heuristic-{seed}.json"
         if not path.exists():
             path.write_text(proposal_json(propose("warehouse", "route_1", "R1", seed=seed)), encoding="utf-8")
+    for stack, name in STACKS.items():
+        if not (folder / name).exists():
+            for _ in rvsg.Campaign.create(folder / name, **SEARCHED, stack=stack).run():  # type: ignore[arg-type]
+                pass
+    if not (folder / "suite").exists():
+        shutil.copytree(EXAMPLES / "suites" / "warehouse", folder / "suite")
+        suite = rvsg.Suite.open(folder / "suite")
+        for version, stack in (("before", None), ("now", EXAMPLES / "stacks" / "wide_inflation.yaml")):
+            result = suite.run(stack=stack, version=version, runs=20)
+            (folder / f"{version}.json").write_text(result.model_dump_json(indent=2), encoding="utf-8")
+    if not (folder / "three-people.json").exists():
+        shutil.copy(EXAMPLES / "three_people.json", folder / "three-people.json")
+        runs = rvsg.simulate(folder / "three-people.json", range(5))
+        (folder / "three-people.jsonl").write_text(runs_text(runs), encoding="utf-8")
     if not (folder / "runs" / "matrix").exists():
         settings = {"scenarios": 2, "refinements": 0, "repeats": 2, "confirmations": 10, "jobs": 1}
         routes = {"route": ["route_1", "route_2"], "requirement": ["R1", "R3"]}

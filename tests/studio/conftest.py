@@ -1,4 +1,4 @@
-"""A folder of work, the studio that serves it in a process of its own."""
+"""A folder of work, one studio that serves it to all tests, and the browser's side of a test."""
 
 from __future__ import annotations
 
@@ -17,6 +17,8 @@ from typing import Any
 import pytest
 
 import rvsg
+from rvsg.api.editing import folder_of_world
+from rvsg.studio.jobs import Jobs
 
 HOSTILE = "<img src=x onerror=alert(1)><script>alert(2)</script>"
 
@@ -26,7 +28,10 @@ class Server:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
+        self.own = folder / ".rvsg-studio"
         self.log = folder.parent / f"{folder.name}.log"
+        self.killed = False
+        """Whether the present test has killed it; lost connections are expected then."""
         self.start()
 
     def start(self) -> None:
@@ -48,13 +53,35 @@ class Server:
         self.base = self.address.split("/?")[0]
 
     def kill(self) -> None:
-        self.process.send_signal(signal.SIGKILL)
+        self.killed = True
+        with contextlib.suppress(ProcessLookupError):
+            self.process.send_signal(signal.SIGKILL)
         self.process.wait()
+
+    def restart(self) -> None:
+        """Kill it at this moment and start another on the same folder."""
+        self.kill()
+        self.start()
+
+    def renew(self, work: Path) -> None:
+        """Put the folder back to what it was; jobs of the test before are ended."""
+        jobs = Jobs(self.own / "jobs", self.folder)
+        for job in jobs.all():
+            if job.running:
+                jobs.stop(job.id)
+                waited(lambda job=job: not jobs.get(job.id).running)
+        for path in (*self.folder.iterdir(), *self.own.iterdir(), *(self.own / "jobs").iterdir()):
+            if path not in (self.own, self.own / "jobs", self.own / "nicegui", self.own / ".gitignore"):
+                shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
+        shutil.copytree(work, self.folder, dirs_exist_ok=True)
+        self.killed = False
+        if self.process.poll() is not None:
+            self.start()
 
 
 @pytest.fixture(scope="session")
 def work(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with a campaign of the simulator without physics; its finished files are never changed."""
+    """A folder with a campaign of the simulator without physics; it is only ever copied."""
     folder = tmp_path_factory.mktemp("work")
     campaign = rvsg.Campaign.create(
         folder / "runs" / "first", scenarios=2, refinements=1, repeats=3, confirmations=6, simulator="kinematic", jobs=1
@@ -64,16 +91,28 @@ def work(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.fixture
-def studio(tmp_path: Path, work: Path) -> Iterator[Server]:
-    """A studio over a copy of the folder, so that a test may change it."""
+@pytest.fixture(scope="session")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
     pytest.importorskip("nicegui", reason="nicegui is not installed")
-    folder = tmp_path / "work"
-    shutil.copytree(work, folder)
-    server = Server(folder)
-    yield server
-    with contextlib.suppress(ProcessLookupError):
-        server.kill()
+    folder = tmp_path_factory.mktemp("served") / "work"
+    folder.mkdir()
+    made = Server(folder)
+    yield made
+    made.kill()
+
+
+@pytest.fixture
+def studio(server: Server, work: Path) -> Server:
+    """The studio, its folder as every test finds it. A test may change and kill what it likes."""
+    server.renew(work)
+    return server
+
+
+@pytest.fixture
+def office(studio: Server) -> Path:
+    """A world that can be edited."""
+    shutil.copytree(folder_of_world("office"), studio.folder / "office2")
+    return studio.folder / "office2"
 
 
 @pytest.fixture
@@ -88,7 +127,7 @@ def show(browser: Any, studio: Server) -> Iterator[Callable[..., Any]]:
         context.set_default_timeout(120_000)
         tab = context.new_page()
         tab.on("pageerror", lambda error: wrong.append(f"error: {error}"))
-        tab.on("console", lambda message: wrong.append(message.text) if message.type == "error" else None)
+        tab.on("console", lambda message: wrong.append(message.text) if _is_wrong(message, studio) else None)
         tab.on("request", lambda request: None if _inside(request.url, studio) else wrong.append(request.url))
         tab.on("dialog", lambda dialog: (wrong.append(f"dialog: {dialog.message}"), dialog.dismiss()))
         tab.goto(studio.address)
@@ -103,8 +142,18 @@ def show(browser: Any, studio: Server) -> Iterator[Callable[..., Any]]:
     assert wrong == []
 
 
+def _is_wrong(message: Any, studio: Server) -> bool:
+    lost = studio.killed and ("ERR_CONNECTION" in message.text or "WebSocket connection" in message.text)
+    return message.type == "error" and not lost
+
+
 def _inside(url: str, studio: Server) -> bool:
     return url.startswith((studio.base, studio.base.replace("http", "ws"), "data:", "blob:"))
+
+
+def ready(tab: Any) -> None:
+    """Wait until the editor or replay of a page is there."""
+    tab.locator("[data-studio][data-ready]").first.wait_for()
 
 
 def confirmed(folder: Path) -> int:
@@ -118,7 +167,7 @@ def waited(holds: Callable[[], Any], *, seconds: float = 300.0) -> Any:
     end = time.monotonic() + seconds
     while not (found := holds()):
         assert time.monotonic() < end, "it does not come true"
-        time.sleep(0.1)
+        time.sleep(0.05)
     return found
 
 
@@ -126,3 +175,40 @@ def axe_violations(tab: Any) -> list[Any]:
     axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe-playwright-python is not installed")
     found = axe.Axe().run(tab).response["violations"]
     return [(each["id"], [node["target"] for node in each["nodes"]][:3]) for each in found]
+
+
+def fits(tab: Any) -> bool:
+    """Whether nothing of the page lies beside the window."""
+    held: bool = tab.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
+    return held
+
+
+def pixel(tab: Any, x: float, y: float) -> tuple[float, float]:
+    """Where a point of the world (metres) is on the screen."""
+    group = "document.querySelector('.st-map > g[transform]').getScreenCTM()"
+    script = f"([x, y]) => {{ const p = new DOMPoint(x, y).matrixTransform({group}); return [p.x, p.y]; }}"
+    found = tab.evaluate(script, [x, y])
+    return found[0], found[1]
+
+
+def reach(tab: Any, target: Any, *, most: int = 250) -> None:
+    """Go to an element with the Tab key alone."""
+    target.wait_for()
+    for _ in range(most):
+        if target.evaluate("e => e === document.activeElement"):
+            return
+        tab.keyboard.press("Tab")
+    raise AssertionError(f"{most} Tabs do not reach {target}")
+
+
+def press(tab: Any, target: Any) -> None:
+    """Press a button or follow a link with the keyboard alone."""
+    reach(tab, target)
+    tab.keyboard.press("Enter")
+
+
+def rewrite(tab: Any, target: Any, text: str) -> None:
+    """Write into a field with the keyboard alone, over what stands in it."""
+    reach(tab, target)
+    tab.keyboard.press("Control+a")
+    tab.keyboard.type(text)

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import re
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.studio.conftest import HOSTILE, Server, axe_violations
+from tests.studio.conftest import HOSTILE, Server, pixel, ready
 
 import rvsg
-from rvsg.api.editing import folder_of_world
 from rvsg.api.scenarios import load_scenario_in
 
 pytestmark = pytest.mark.slow
@@ -20,35 +17,14 @@ Show = Callable[..., Any]
 PATIENT = 300_000
 
 
-@pytest.fixture
-def office(studio: Server) -> Path:
-    shutil.copytree(folder_of_world("office"), studio.folder / "office2")
-    return studio.folder / "office2"
-
-
-def ready(tab: Any) -> None:
-    tab.locator("[data-studio][data-ready]").wait_for(timeout=PATIENT)
-
-
 def posted(answer: Any) -> str:
     return answer.request.post_data or ""
 
 
-def pixel(tab: Any, x: float, y: float) -> tuple[float, float]:
-    """Where a point of the world (metres) is on the screen."""
-    group = "document.querySelector('.st-map > g[transform]').getScreenCTM()"
-    script = f"([x, y]) => {{ const p = new DOMPoint(x, y).matrixTransform({group}); return [p.x, p.y]; }}"
-    found = tab.evaluate(script, [x, y])
-    return found[0], found[1]
-
-
-@pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (390, "dark")])
-def test_an_area_is_drawn_named_and_undone(show: Show, studio: Server, office: Path, width: int, scheme: str) -> None:
+def test_an_area_is_drawn_named_and_undone(show: Show, studio: Server, office: Path) -> None:
     original = (office / "labels.yaml").read_text()
-    tab = show("/world?world=office2", width=width, color_scheme=scheme, bypass_csp=True)
+    tab = show("/world?world=office2", width=390)
     ready(tab)
-    assert axe_violations(tab) == []
-    assert tab.evaluate("document.documentElement.scrollWidth") <= width
     tab.get_by_role("button", name="Rectangle").click()
     tab.locator(".st-map").scroll_into_view_if_needed()
     tab.mouse.move(*pixel(tab, 1.0, 6.6))
@@ -66,9 +42,8 @@ def test_an_area_is_drawn_named_and_undone(show: Show, studio: Server, office: P
     assert (min(xs), max(xs)) == pytest.approx((1.0, 3.0), abs=0.3)
     assert tab.locator("main img").count() == 0
     tab.close()
-    studio.kill()
-    studio.start()
-    tab = show("/world?world=office2", width=width)
+    studio.restart()
+    tab = show("/world?world=office2", width=390)
     ready(tab)
     for _ in range(2):
         tab.get_by_role("button", name="Undo").click()
@@ -110,16 +85,13 @@ def test_a_shipped_world_is_copied_before_it_is_changed(show: Show, studio: Serv
     assert rvsg.load_world(studio.folder / "office").id == rvsg.load_world("office").id
 
 
-@pytest.mark.parametrize(("width", "scheme"), [(1280, "dark"), (390, "light")])
-def test_a_scenario_is_changed_simulated_and_saved(show: Show, studio: Server, width: int, scheme: str) -> None:
+def test_a_scenario_is_changed_simulated_and_saved(show: Show, studio: Server) -> None:
     attempts = rvsg.Campaign.open(studio.folder / "runs" / "first").attempts()
     index = next(a.index for a in attempts if a.purpose == "search" and a.proposal.scenario)
     path = f"/scenario?campaign=runs/first&attempt={index}"
-    tab = show(path, width=width, color_scheme=scheme, bypass_csp=True)
+    tab = show(path)
     ready(tab)
     tab.get_by_text("of 20 runs violate").wait_for(timeout=PATIENT)
-    assert axe_violations(tab) == []
-    assert tab.evaluate("document.documentElement.scrollWidth") <= width
     speed = tab.get_by_label("Speed, m/s")
     speed.fill("0.45")
     speed.press("Tab")
@@ -138,9 +110,8 @@ def test_a_scenario_is_changed_simulated_and_saved(show: Show, studio: Server, w
     )
     tab.get_by_text("of 20 runs violate").wait_for(timeout=PATIENT)
     tab.close()
-    studio.kill()
-    studio.start()
-    tab = show(path, width=width)
+    studio.restart()
+    tab = show(path)
     ready(tab)
     tab.get_by_text("Changes that were not saved are shown.").wait_for(timeout=PATIENT)
     assert tab.get_by_label("Speed, m/s").input_value() == "0.45"
@@ -152,27 +123,3 @@ def test_a_scenario_is_changed_simulated_and_saved(show: Show, studio: Server, w
     tab.get_by_role("button", name="Add to the suite").click()
     tab.get_by_text("suite holds 1 cases").wait_for(timeout=PATIENT)
     assert rvsg.Suite.open(studio.folder / "suite").cases[0].title == "Slow walk"
-
-
-@pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (390, "dark")])
-def test_compare_conversations_and_description(show: Show, studio: Server, width: int, scheme: str) -> None:
-    shutil.copytree(studio.folder / "runs" / "first", studio.folder / "runs" / "second")
-    tab = show("/compare?a=runs/first&b=runs/second", width=width, color_scheme=scheme, bypass_csp=True)
-    assert tab.locator("#scatter circle").count() >= 2
-    assert axe_violations(tab) == [] and tab.locator(".chip", has_text="unchanged").count() > 1
-    tab.get_by_role("link", name="Replay attempts").first.click()
-    tab.locator("[data-studio=replay][data-ready]").nth(1).wait_for(timeout=PATIENT)
-    tab.get_by_label("Time in both runs").evaluate("e => { e.value = 1; e.dispatchEvent(new Event('input')); }")
-    times = tab.evaluate("[...document.querySelectorAll('[data-studio=replay]')].map(e => e.replay.state().t)")
-    assert times[0] == times[1] <= 1
-    tab.goto(f"{studio.base}/conversations?folder=runs/first")
-    tab.get_by_label("Search").fill("no such words anywhere")
-    tab.get_by_text(re.compile(r"\b0 of \d+ configurations")).wait_for()
-    assert axe_violations(tab) == []
-    tab.goto(f"{studio.base}/describe?world=warehouse")
-    ready(tab)
-    named = tab.locator("button.st-named").first
-    named.focus()
-    lit = tab.evaluate("document.querySelector('polygon.st-chosen').getAttribute('data-area')")
-    assert lit == named.inner_text().lower()
-    assert axe_violations(tab) == []

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from tests.studio.conftest import HOSTILE, Server, axe_violations, waited
+from tests.studio.conftest import HOSTILE, Server, waited
 
 import rvsg
 from rvsg.api.proposing import proposal_json, propose
@@ -18,16 +18,13 @@ Show = Callable[..., Any]
 PATIENT = 600_000
 
 
-@pytest.mark.parametrize(("width", "scheme"), [(1280, "dark"), (390, "light")])
-def test_proposals_are_asked_for_and_accepted(show: Show, studio: Server, width: int, scheme: str) -> None:
-    tab = show("/inbox", width=width, color_scheme=scheme, bypass_csp=True)
+def test_proposals_are_asked_for_and_accepted(show: Show, studio: Server) -> None:
+    tab = show("/inbox")
     tab.get_by_role("spinbutton", name="How many").fill("2")
     tab.get_by_role("spinbutton", name="First seed").fill("5")
     tab.get_by_role("button", name="Ask", exact=True).focus()
     tab.keyboard.press("Enter")
     tab.wait_for_function("document.querySelectorAll('.st-proposal').length === 2", timeout=PATIENT)
-    assert axe_violations(tab) == []
-    assert tab.evaluate("document.documentElement.scrollWidth") <= width
     name = "warehouse-route_1-R1-heuristic-5"
     expected = propose("warehouse", "route_1", "R1", seed=5).scenario
     assert expected is not None

@@ -4,27 +4,19 @@ from __future__ import annotations
 
 import json
 import re
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 from tests.generation.loopback import LoopbackServer, says, serving
-from tests.studio.conftest import HOSTILE, Server, axe_violations, waited
+from tests.studio.conftest import HOSTILE, Server, axe_violations, fits, waited
 
 import rvsg
-from rvsg.api.editing import folder_of_world
 
 pytestmark = pytest.mark.slow
 Show = Callable[..., Any]
 PATIENT = 600_000
-
-
-@pytest.fixture
-def office(studio: Server) -> Path:
-    shutil.copytree(folder_of_world("office"), studio.folder / "office2")
-    return studio.folder / "office2"
 
 
 def name_model(tab: Any, server: LoopbackServer) -> None:
@@ -32,22 +24,20 @@ def name_model(tab: Any, server: LoopbackServer) -> None:
     tab.get_by_role("textbox", name=re.compile("^Server")).fill(server.url)
 
 
-@pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (390, "dark")])
 def test_a_rejected_description_goes_back_to_the_model_and_the_difference_is_shown(
-    show: Show, studio: Server, office: Path, width: int, scheme: str
+    show: Show, studio: Server, office: Path
 ) -> None:
     revised = {"layout": f"The Lounge lies in the south. {HOSTILE}", "grid": "Rows A to H."}
-    tab = show("/describe?world=office2", width=width, color_scheme=scheme, bypass_csp=True)
+    tab = show("/describe?world=office2", width=390, color_scheme="dark", bypass_csp=True)
     tab.locator("#text-layout").fill("The Lounge lies in the north, behind Office 77.")
     tab.locator("#text-grid").fill("Rows A to H.")
     tab.locator("mark.st-unknown", has_text="Office 77").wait_for()
     tab.locator("#reason").fill("It lies in the south.")
     waited(lambda: "in the south" in "".join(p.read_text() for p in (studio.folder / ".rvsg-studio").rglob("*.json")))
     tab.close()
-    studio.kill()
-    studio.start()
+    studio.restart()
     with serving(says(json.dumps(revised))) as server:
-        tab = show("/describe?world=office2", width=width, color_scheme=scheme, bypass_csp=True)
+        tab = show("/describe?world=office2", width=390, color_scheme="dark", bypass_csp=True)
         assert tab.locator("#text-layout").input_value().endswith("behind Office 77.")
         tab.get_by_role("button", name="Reject").click()
         tab.get_by_text("Name a model first").wait_for()
@@ -63,17 +53,14 @@ def test_a_rejected_description_goes_back_to_the_model_and_the_difference_is_sho
     tab.wait_for_function("document.getElementById('text-layout').value.includes('south')")
     assert tab.locator("main img").count() == 0
     assert axe_violations(tab) == []
-    assert tab.evaluate("document.documentElement.scrollWidth") <= width
+    assert fits(tab)
     tab.get_by_role("button", name="Accept", exact=True).click()
     tab.get_by_text("Stored in").wait_for(timeout=PATIENT)
     kept = rvsg.load_world(office).description
     assert kept is not None and kept.reviewed and kept.layout == revised["layout"]
 
 
-@pytest.mark.parametrize(("width", "scheme"), [(1280, "dark"), (390, "light")])
-def test_names_of_areas_by_a_model_are_accepted_one_by_one(
-    show: Show, studio: Server, office: Path, width: int, scheme: str
-) -> None:
+def test_names_of_areas_by_a_model_are_accepted_one_by_one(show: Show, office: Path) -> None:
     labels = office / "labels.yaml"
     labels.write_text(labels.read_text() + "# a comment of mine\n")
     first, second = (area.name for area in rvsg.load_world(office).areas[:2])
@@ -82,7 +69,7 @@ def test_names_of_areas_by_a_model_are_accepted_one_by_one(
         {"area": second, "name": "Post room", "why": "Shelves."},
         {"area": "Nowhere", "name": "X", "why": ""},
     ]
-    tab = show("/world?world=office2", width=width, color_scheme=scheme, bypass_csp=True)
+    tab = show("/world?world=office2", bypass_csp=True)
     tab.locator("[data-studio][data-ready]").wait_for(timeout=PATIENT)
     tab.locator("summary", has_text="Ask a model").click()
     with serving(says(json.dumps({"names": names}))) as server:
@@ -90,7 +77,7 @@ def test_names_of_areas_by_a_model_are_accepted_one_by_one(
         tab.get_by_role("button", name="Propose names").click()
         tab.get_by_role("button", name="Accept Tea corner").wait_for(timeout=PATIENT)
     assert axe_violations(tab) == []
-    assert tab.evaluate("document.documentElement.scrollWidth") <= width
+    assert fits(tab)
     assert tab.locator("main img").count() == 0
     tab.get_by_role("button", name="Drop Post room").click()
     tab.get_by_role("button", name="Drop Post room").wait_for(state="detached")

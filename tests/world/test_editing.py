@@ -128,6 +128,36 @@ def test_changes_are_undone_and_made_again_also_after_a_restart(folder: Path, tm
         History(kept).redo()
 
 
+def moved(by: float) -> dict[str, Any]:
+    return {"what": "change area", "name": "Lounge", "values": {"rectangle": [1.0 + by, 1.0, 3.0 + by, 2.0]}}
+
+
+def test_changes_that_belong_together_are_undone_in_one_step(folder: Path, tmp_path: Path) -> None:
+    history, labels = History(tmp_path / "undo.json"), folder / "labels.yaml"
+    original = labels.read_text()
+    for by in (0.1, 0.2, 0.3):
+        history.make(folder, moved(by), together="a move")
+    first = labels.read_text()
+    history.make(folder, moved(0.4), together="another")
+    assert history.steps == (2, 0)
+    history.undo()
+    assert labels.read_text() == first
+    history.undo()
+    assert labels.read_text() == original
+
+
+@pytest.mark.parametrize("together", ["", "a move"])
+def test_a_death_before_a_change_is_written_spoils_no_undo(folder: Path, tmp_path: Path, together: str) -> None:
+    history, labels = History(tmp_path / "undo.json"), folder / "labels.yaml"
+    original = labels.read_text()
+    history.make(folder, moved(0.1), together=together)
+    before = labels.read_text()
+    history.make(folder, moved(0.2), together=together)
+    labels.write_text(before)  # the second change was remembered, and never made
+    history.undo()
+    assert labels.read_text() == original
+
+
 def test_what_somebody_else_changed_is_not_undone(folder: Path, tmp_path: Path) -> None:
     history = History(tmp_path / "undo.json")
     history.make(folder, {"what": "remove area", "name": "Lounge"})

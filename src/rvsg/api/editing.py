@@ -5,14 +5,18 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from rvsg.api.showing import floor_of
-from rvsg.core.errors import InputError
+from rvsg.core.documents import read_yaml
+from rvsg.core.errors import InputError, RvsgError
 from rvsg.core.files import write_whole
+from rvsg.core.inputs import read_text
 from rvsg.world.authoring.check import check_world
 from rvsg.world.authoring.editing import CHANGES, Edit, edit_world
 from rvsg.world.authoring.trial import Trial
@@ -45,12 +49,14 @@ def editable_world(name: str | Path) -> dict[str, Any]:
     """
     world = read_world(folder_of_world(name), [])
     kinds = list(dict.fromkeys(area.kind for area in world.areas))
+    known = sorted({*kinds, *_shipped_kinds()})
     return {
         "name": world.name,
         "title": world.title,
         "editable": not folder_of_world(name).resolve().is_relative_to(SHIPPED.resolve()),
         "floor": floor_of(world, areas=False),
         "kinds": kinds,
+        "known_kinds": known,
         "areas": [
             {
                 "name": area.name,
@@ -85,21 +91,30 @@ def remarks_on(name: str | Path, *, trial: Trial | None = None) -> list[dict[str
     return found
 
 
+Steps = Mapping[str, Sequence[Mapping[str, str]]]
+
+
 class History:
     """The changes of a world that can be undone, kept in a file so that a restart loses none."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
 
-    def make(self, folder: str | Path, change: Mapping[str, Any]) -> None:
-        """Make a change and remember it."""
+    def make(self, folder: str | Path, change: Mapping[str, Any], *, together: str = "") -> None:
+        """Make a change and remember it.
+
+        Args:
+            together: successive changes of the same file with the same text here are undone in one step.
+        """
         edit = edit_world(folder, change)
         if edit.after == edit.before:
             return
-        edit.apply()
         kept = self._read()
-        done = [*kept["done"], _as_data(edit)][-STEPS:]
-        self._write({"done": done, "undone": []})
+        made, done = _as_data(edit) | {"together": together}, list(kept["done"])
+        continued = {"path": made["path"], "after": edit.before, "together": together}
+        if together and done and continued.items() <= done[-1].items():
+            made |= {"before": done.pop()["before"], "shortly": edit.before}
+        self._apply(edit, kept, {"done": [*done, made][-STEPS:], "undone": []})
 
     def undo(self) -> None:
         """Undo the last change; InputError if there is none."""
@@ -116,14 +131,31 @@ class History:
         return len(kept["done"]), len(kept["undone"])
 
     def _move(self, source: str, target: str, *, undo: bool) -> None:
-        kept = self._read()
-        if not kept[source]:
-            raise InputError(f"There is nothing to {'undo' if undo else 'redo'}.")
-        data = kept[source].pop()
-        edit = Edit(path=Path(data["path"]), before=data["before"], after=data["after"])
-        (edit.revert if undo else edit.apply)()
-        kept[target].append(data)
+        before, kept = self._read(), self._read()
+        while kept[source]:
+            data = kept[source].pop()
+            edit = Edit(path=Path(data["path"]), before=data["before"], after=data["after"])
+            now = read_text(edit.path)
+            if undo and now == edit.before:
+                continue  # remembered, but the process died before it was made
+            kept[target].append(data)
+            if undo:
+                replace(edit, after=now if now == data.get("shortly") else edit.after).revert()
+                self._write(kept)
+            else:
+                self._apply(edit, before, kept)
+            return
         self._write(kept)
+        raise InputError(f"There is nothing to {'undo' if undo else 'redo'}.")
+
+    def _apply(self, edit: Edit, before: Steps, after: Steps) -> None:
+        """Remember an edit, then make it: whenever the process dies, the file can be undone."""
+        self._write(after)
+        try:
+            edit.apply()
+        except RvsgError:
+            self._write(before)
+            raise
 
     def _read(self) -> dict[str, list[dict[str, str]]]:
         if not self.path.is_file():
@@ -131,8 +163,15 @@ class History:
         found: dict[str, list[dict[str, str]]] = json.loads(self.path.read_text(encoding="utf-8"))
         return found
 
-    def _write(self, kept: Mapping[str, Sequence[Mapping[str, str]]]) -> None:
+    def _write(self, kept: Steps) -> None:
         write_whole(self.path, json.dumps(kept))
+
+
+@cache
+def _shipped_kinds() -> frozenset[str]:
+    """Return the kinds of areas in the worlds that ship with RVSG."""
+    labels = (SHIPPED / name / "labels.yaml" for name in shipped_worlds())
+    return frozenset(str(area["kind"]) for path in labels if path.is_file() for area in read_yaml(path).value["areas"])
 
 
 def _as_data(edit: Edit) -> dict[str, str]:

@@ -87,7 +87,7 @@ def world_edit(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
     if not isinstance(change, dict):
         raise InputError("The question lacks a change.")
     with _editing:
-        history_of(workspace, given).make(world_place(workspace, given), change)
+        history_of(workspace, given).make(world_place(workspace, given), change, together=given.get("together") or "")
     return world(workspace, given)
 
 
@@ -119,7 +119,7 @@ def history_of(workspace: Workspace, given: dict[str, Any]) -> History:
 
 
 def scenario(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
-    """Return what the editor of a scenario shows: of an attempt, a file, or a route of a world."""
+    """Return what the editor of a scenario shows: of an attempt, a case of a suite, a file, or a route of a world."""
     loaded, place, simulator = scenario_place(workspace, given)
     draft = draft_of(workspace, given)
     kept = json.loads(draft.read_text(encoding="utf-8")) if draft.is_file() else None
@@ -141,12 +141,24 @@ def scenario_place(workspace: Workspace, given: dict[str, Any]) -> tuple[Scenari
     """Return the scenario a page is about, its world, and what simulates it."""
     embedded = Spec("embedded")
     if given.get("campaign"):
-        campaign = rvsg.Campaign.open(workspace.existing(text_of(given, "campaign")), given.get("name") or None)
-        index = number_of(given, "attempt")
-        found = next((a.proposal.scenario for a in campaign.attempts() if a.index == index), None)
-        if found is None:
-            raise InputError(f"There is no attempt {index} with a scenario in this campaign.")
-        return found, campaign.world, campaign.simulator
+        folder = workspace.existing(text_of(given, "campaign"))
+        name, index = given.get("name") or None, number_of(given, "attempt")
+
+        def made() -> tuple[Scenario, World, Spec]:
+            campaign = rvsg.Campaign.open(folder, name)
+            found = next((a.proposal.scenario for a in campaign.attempts() if a.index == index), None)
+            if found is None:
+                raise InputError(f"There is no attempt {index} with a scenario in this campaign.")
+            return found, campaign.world, campaign.simulator
+
+        kept: tuple[Scenario, World, Spec] = workspace.kept(("scenario", str(folder), name, index), folder, made)
+        return kept
+    if given.get("case"):
+        suite, case = rvsg.Suite.open(workspace.existing(text_of(given, "suite"))), text_of(given, "case")
+        told = next((each.scenario for each in suite.cases if each.name == case), None)
+        if told is None:
+            raise InputError(f"There is no case {case!r} in this suite.")
+        return told, suite.worlds[case], embedded
     if given.get("file"):
         file = workspace.existing(text_of(given, "file"))
         return *load_scenario_in(file), embedded
@@ -157,30 +169,28 @@ def scenario_place(workspace: Workspace, given: dict[str, Any]) -> tuple[Scenari
 
 
 def scenario_try(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
-    """Simulate the scenario as it stands in the editor, and keep it as a draft."""
+    """Simulate the scenario as it stands in the editor."""
     wanted, place, simulator, requirement = _asked(workspace, given)
-    loaded = scenario_place(workspace, given)[0]
     if given.get("stops"):
         stops = [str(stop) for stop in given["stops"]]
         wanted = with_person(wanted, place, stops)
-    draft = draft_of(workspace, given)
-    if given.get("keep"):
-        _keep(draft, wanted, loaded)  # before it is simulated: nothing that was typed waits for that
     seeds = range(min(MOST_SEEDS, max(1, number_of(given, "seeds"))))
     tried = try_out(wanted, place, requirement, seeds=seeds, simulator=simulator)
-    if given.get("keep"):
-        _keep(draft, tried.scenario, loaded)
     unit = requirement.unit
     limit = requirement.threshold
     return tried.model_dump(mode="json") | {"unit": unit, "limit": limit, "requirement": requirement.name}
 
 
-def _keep(draft: Path, wanted: Scenario, loaded: Scenario) -> None:
-    """Keep what differs from the saved scenario until it is saved."""
-    if wanted == loaded:
-        draft.unlink(missing_ok=True)
-    else:
-        write_whole(draft, json.dumps(wanted.model_dump(mode="json")))
+def scenario_keep(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
+    """Keep the scenario of the editor as a draft until it is saved, where it differs from what was loaded."""
+    wanted = _wanted(given)
+    loaded, draft = scenario_place(workspace, given)[0], draft_of(workspace, given)
+    with _editing:
+        if wanted == loaded:
+            draft.unlink(missing_ok=True)
+        else:
+            write_whole(draft, json.dumps(wanted.model_dump(mode="json")))
+    return {}
 
 
 def scenario_replay(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
@@ -193,8 +203,8 @@ def scenario_save(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]
     """Save the scenario of the editor as a file, or as a case of a suite."""
     wanted, place, _, requirement = _asked(workspace, given)
     check_valid(wanted, place)
-    if given.get("suite"):
-        folder = workspace.path(text_of(given, "suite"))
+    if given.get("add_to"):
+        folder = workspace.path(text_of(given, "add_to"))
         suite = rvsg.Suite.create(folder).add(
             wanted, requirement.name, title=str(given.get("title") or "") or None, world=place
         )
@@ -215,17 +225,22 @@ def scenario_discard(workspace: Workspace, given: dict[str, Any]) -> dict[str, A
 
 def _asked(workspace: Workspace, given: dict[str, Any]) -> tuple[Scenario, World, Spec, Requirement]:
     _, place, simulator = scenario_place(workspace, given)
-    value = given.get("scenario")
-    if not isinstance(value, dict):
-        raise InputError("The question lacks a scenario.")
-    wanted = scenario_of(value)
+    wanted = _wanted(given)
     requirement = load_requirement(str(given.get("requirement") or "R1"), wanted.mission.route)
     return wanted, world_of(wanted.mission, place), simulator, requirement
 
 
+def _wanted(given: dict[str, Any]) -> Scenario:
+    value = given.get("scenario")
+    if not isinstance(value, dict):
+        raise InputError("The question lacks a scenario.")
+    return scenario_of(value)
+
+
 def draft_of(workspace: Workspace, given: dict[str, Any]) -> Path:
     """Return where changes of a scenario are kept until they are saved."""
-    named = json.dumps([given.get(key) or "" for key in ("campaign", "name", "attempt", "file", "world", "route")])
+    keys = ("campaign", "name", "attempt", "file", "world", "route", "suite", "case")
+    named = json.dumps([given.get(key) or "" for key in keys])
     return workspace.own / "drafts" / f"{hashlib.sha256(named.encode()).hexdigest()[:16]}.json"
 
 
@@ -281,6 +296,7 @@ CHANGES: dict[str, Answer] = {
     "world-redo": world_redo,
     "world-drive": world_drive,
     "scenario-try": scenario_try,
+    "scenario-keep": scenario_keep,
     "scenario-replay": scenario_replay,
     "scenario-save": scenario_save,
     "scenario-discard": scenario_discard,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from importlib import resources
 from typing import Any
@@ -12,11 +13,21 @@ from nicegui import run
 
 from rvsg.api.errors import RvsgError
 from rvsg.api.showing import component, look
-from rvsg.studio import answers, naming
+from rvsg.studio import answers, naming, received
 from rvsg.studio.tracing import trace
+from rvsg.studio.typed import typed, typed_keep
 from rvsg.studio.workspace import Workspace
 
-OTHERS = {"trace": trace, "names-ask": naming.ask, "names-drop": naming.drop}
+ASKED = {**answers.ANSWERS, "names": naming.names, "typed": typed, "files": received.listed}
+SENT = {
+    **answers.CHANGES,
+    "trace": trace,
+    "names-ask": naming.ask,
+    "names-drop": naming.drop,
+    "names-model": naming.model,
+    "typed-keep": typed_keep,
+    "files-forget": received.forget,
+}
 LARGEST = 2_000_000
 """Bytes that a request may send."""
 OWN_FILES = {
@@ -42,10 +53,29 @@ def add_data(app: FastAPI, workspace: Workspace) -> None:
             return Response(text, media_type=OWN_FILES[name], headers=FRESH)
         return Response(status_code=404)
 
-    for name, answer in {**answers.ANSWERS, "names": naming.names}.items():
+    for name, answer in ASKED.items():
         app.add_api_route(f"/data/{name}", _asked(workspace, answer), methods=["GET"])
-    for name, answer in {**answers.CHANGES, **OTHERS}.items():
+    for name, answer in SENT.items():
         app.add_api_route(f"/data/{name}", _sent(workspace, answer), methods=["POST"])
+
+    @app.post("/data/file")
+    async def file(request: Request, name: str = "") -> Response:
+        if request.headers.get("content-type") != "application/octet-stream":
+            return JSONResponse({"error": "Expected the bytes of a file."}, status_code=415)
+        content = await _limited(request, received.LARGEST)
+        if content is None:
+            return JSONResponse({"error": f"{name}: the file has more than {received.LARGEST} bytes."}, status_code=413)
+        return await _answered(workspace, lambda place, _: received.receive(place, name, content), {})
+
+
+async def _limited(request: Request, most: int) -> bytes | None:
+    """Return what a request sends; None where it is more than it may be."""
+    content = bytearray()
+    async for piece in request.stream():
+        content += piece
+        if len(content) > most:
+            return None
+    return bytes(content)
 
 
 FRESH = {"cache-control": "no-cache"}
@@ -63,10 +93,11 @@ def _sent(workspace: Workspace, answer: Answer) -> Callable[[Request], Any]:
     async def sent(request: Request) -> Response:
         if request.headers.get("content-type", "").partition(";")[0] != "application/json":
             return JSONResponse({"error": "Expected JSON."}, status_code=415)
-        if int(request.headers.get("content-length") or 0) > LARGEST:
+        content = await _limited(request, LARGEST)
+        if content is None:
             return JSONResponse({"error": "The request is too large."}, status_code=413)
         try:
-            value = await request.json()
+            value = json.loads(content)
         except ValueError:
             return JSONResponse({"error": "This is no JSON."}, status_code=400)
         if not isinstance(value, dict):

@@ -10,7 +10,7 @@ import rvsg
 from rvsg.api.authoring import shipped_worlds
 from rvsg.api.files import write_whole
 from rvsg.studio.answers import text_of, world_place
-from rvsg.studio.asked_model import asked_model, keep_model
+from rvsg.studio.asked_model import AskedModel, asked_model, keep_model
 from rvsg.studio.workspace import Workspace
 
 DROPPED = "dropped.json"
@@ -34,11 +34,19 @@ def names(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
     return told | {"state": job.state, "said": job.result.get("said") or job.result.get("reason", ""), "names": left}
 
 
+def model(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
+    """Keep what is typed in the fields that name a model, and return them."""
+    told = given["asked"] if isinstance(given.get("asked"), dict) else {}
+    known = {key: value for key, value in told.items() if key in AskedModel.model_fields}
+    return keep_model(workspace, **known).model_dump(mode="json")
+
+
 def ask(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
     """Begin a job that asks a model for names."""
     name = text_of(given, "world")
     world_place(workspace, given)
-    asked = keep_model(workspace, **(given["asked"] if isinstance(given.get("asked"), dict) else {}))
+    model(workspace, given)
+    asked = asked_model(workspace)
     command = f"rvsg world name {shlex.quote(name)} {asked.options}"
     workspace.jobs.start("names", title="Names of areas", command=command, target=_target(name), world=name,
                          access=asked.arguments)  # fmt: skip

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from collections import Counter
-
 from nicegui import ui
 
 import rvsg
-from rvsg.api.errors import RvsgError
+from rvsg.api.errors import InputError, RvsgError
 from rvsg.api.listing import FoundCampaign, Listing
-from rvsg.api.pairing import Change, Pair, pairs_of
-from rvsg.api.words import number
-from rvsg.studio.frame import PATIENT_S, address, chip, field, link, load, page, problem, select, tag
+from rvsg.api.pairing import Pair, pairs_of
+from rvsg.studio.frame import PATIENT_S, Page, address, field, link, load, page, problem, select, tag
+from rvsg.studio.pages.changes import Compared, change_chip, matrix, scatter
 from rvsg.studio.workspace import Workspace
 
-SIZE = 320
 SHOWN = 100
 
 
@@ -34,7 +31,7 @@ def add(workspace: Workspace) -> None:
             problem(workspace, "Compare", error)
             return
         with page(workspace, "Compare", here="/compare", wide=True) as made:
-            _choose(listing, a, b)
+            _choose(made, listing, a, b)
             if first is not None and second is not None:
                 _totals(listing, a, b)
                 _pairs(a, b, pairs, first.requirement.unit)
@@ -43,13 +40,22 @@ def add(workspace: Workspace) -> None:
             link("Compare two versions of the robot on a suite", "/compare/versions")
 
 
-def _choose(listing: Listing, a: str, b: str) -> None:
+def _choose(made: Page, listing: Listing, a: str, b: str) -> None:
     options = {"": "choose a campaign"} | {each.folder: each.folder for each in listing.campaigns if not each.problem}
+    chosen = {"a": a, "b": b}
+
+    def compare() -> None:
+        if not all(chosen.values()):
+            raise InputError("Choose two campaigns.")
+        ui.navigate.to(address("/compare", **chosen))
+
     with tag("div", cls="st-form"):
         with field("First"):
-            select(options, a, lambda value: ui.navigate.to(address("/compare", a=value, b=b)))
+            select(options, a, lambda value: chosen.update(a=value))
         with field("Second"):
-            select(options, b, lambda value: ui.navigate.to(address("/compare", a=a, b=value)))
+            select(options, b, lambda value: chosen.update(b=value))
+    with tag("p", cls="st-actions"):
+        made.button("Compare", compare, cls="st-primary")
 
 
 def _totals(listing: Listing, a: str, b: str) -> None:
@@ -93,19 +99,17 @@ def _pairs(a: str, b: str, pairs: tuple[Pair, ...], unit: str) -> None:
             cls="soft",
         )
         return
-    counts = Counter(pair.change for pair in pairs)
-    with tag("p", cls="st-actions"):
-        for change in Change:
-            if counts[change]:
-                bad, good = change is Change.BROKEN, change is Change.FIXED
-                chip(f"{counts[change]} {change.value}", bad=bad, good=good)
+    found = [_compared(pair) for pair in pairs]
     with tag("div", cls="st-two"):
-        _scatter(pairs, unit)
+        with tag("div"):
+            matrix(found, ("the first", "the second"))
+            said = f"Mean objective of each scenario, first campaign across, second up, {unit}"
+            scatter(found, said, *(f"mean in the {which}, {unit}" for which in ("first", "second")))
         with tag("div", cls="st-list"):
             for pair in pairs[:SHOWN]:
                 with tag("div", cls="st-row"):
                     with tag("span", cls="st-row-head"):
-                        chip(pair.change.value, bad=pair.change is Change.BROKEN, good=pair.change is Change.FIXED)
+                        change_chip(pair.change)
                         tag("span", f"{_share(pair.first_violations)} → {_share(pair.second_violations)}", cls="small")
                     tag("span", pair.description or "Without a description", cls="st-clip")
                     with tag("span"):
@@ -115,31 +119,14 @@ def _pairs(a: str, b: str, pairs: tuple[Pair, ...], unit: str) -> None:
                         )
 
 
+def _compared(pair: Pair) -> Compared:
+    means = pair.first_mean, pair.second_mean
+    place = None if means[0] is None or means[1] is None else (means[0], means[1])
+    return Compared(violations=(pair.first_violations[0], pair.second_violations[0]), place=place, change=pair.change)
+
+
 def _share(violations: tuple[int, int]) -> str:
     return f"{violations[0]} of {violations[1]}"
-
-
-def _scatter(pairs: tuple[Pair, ...], unit: str) -> None:
-    """Draw the mean of each pair: on the line both are equal."""
-    known = [(p.first_mean, p.second_mean) for p in pairs if p.first_mean is not None and p.second_mean is not None]
-    if not known:
-        return
-    values = [value for pair in known for value in pair]
-    low, high = min(values), max(values)
-    air = 0.08 * (high - low) or 1.0
-    low, high = low - air, high + air
-
-    def at(value: float) -> float:
-        return 40 + (value - low) / (high - low) * (SIZE - 50)
-
-    said = f"Mean objective of {len(known)} pairs, first campaign across, second up, {unit}"
-    with tag("svg", viewBox=f"0 0 {SIZE} {SIZE}", role="img", aria_label=said, cls="chart narrow", id="scatter"):
-        tag("line", x1=40, y1=SIZE - 40, x2=SIZE - 10, y2=10, cls="grid")
-        for x, y in known:
-            tag("circle", cx=f"{at(x):.1f}", cy=f"{SIZE - at(y):.1f}", r=5, cls="new")
-        tag("text", f"first, {number(low, unit)} to {number(high, unit)}", x=SIZE / 2, y=SIZE - 8, cls="axis",
-            text_anchor="middle")  # fmt: skip
-        tag("text", "second", x=4, y=20, cls="axis")
 
 
 def add_runs(workspace: Workspace) -> None:

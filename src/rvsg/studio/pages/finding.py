@@ -309,8 +309,7 @@ def _note(made: Page, shown: Shown) -> None:
             select({each: each for each in STATES}, shown.note.status, lambda value: kept(status=value))
         with field("Comment"):
             text = tag("textarea", shown.note.comment, rows=4, maxlength=20_000)
-            text.on("input", lambda event: kept(comment=str(event.args)), js_handler="(e) => emit(e.target.value)",
-                    throttle=0.3)  # fmt: skip
+            text.on("input", lambda event: kept(comment=str(event.args)), js_handler="(e) => emit(e.target.value)")
         state = tag("p", "", cls="soft small", role="status")
 
 

@@ -22,11 +22,15 @@ from rvsg.studio.asked_model import asked_model, model_form
 from rvsg.studio.frame import Page, chip, field, link, load, page, select, tag, text_input
 from rvsg.studio.jobs import Job
 from rvsg.studio.pages.new_campaign import GENERATORS
+from rvsg.studio.typed import Typed
 from rvsg.studio.workspace import Workspace
 
 FOLDER = "proposals"
 """Where the proposals lie, in the folder of the studio."""
 TARGET = "proposals"
+ASKED = {"world": "warehouse", "route": "route_1", "requirement": "R1", "generator": "heuristic",
+         "humans": 2, "seed": 0, "count": 3}  # fmt: skip
+"""What is asked for until somebody chooses otherwise."""
 MOST = 100
 SHOWN = 100
 
@@ -80,10 +84,8 @@ class Inbox:
 
     def __init__(self, made: Page, found: list[Found], worlds: tuple[str, ...]) -> None:
         self.page, self.workspace, self.found = made, made.workspace, found
-        self.asked: dict[str, Any] = {
-            "world": "warehouse", "route": "route_1", "requirement": "R1", "generator": "heuristic",
-            "humans": 2, "seed": 0, "count": 3,
-        }  # fmt: skip
+        self.kept = Typed(self.workspace, "inbox")
+        self.asked: dict[str, Any] = {**ASKED, **self.kept.fields}
         tag("p", "A generator writes scenarios; you open, accept or drop each. They lie in proposals/ as files.")
         with tag("details", cls="st-ask", open=not found):
             tag("summary", "Ask for proposals")
@@ -107,19 +109,23 @@ class Inbox:
             with field("World"):
                 select({name: name for name in worlds}, asked["world"], lambda v: self._choose_world(v, worlds))
             with field("Route"):
-                select({name: name for name in self._routes()}, asked["route"], lambda v: asked.update(route=v))
+                select({name: name for name in self._routes()}, asked["route"], partial(self._set, "route"))
             with field("Requirement"):
                 options = {name: f"{name}: {each.title}" for name, each in shipped_requirements().items()}
-                select(options, asked["requirement"], lambda v: asked.update(requirement=v))
+                select(options, asked["requirement"], partial(self._set, "requirement"))
             with field("Who writes it"):
-                select(GENERATORS, asked["generator"], lambda v: asked.update(generator=v))
+                select(GENERATORS, asked["generator"], partial(self._set, "generator"))
             for key, label in (("humans", "People"), ("seed", "First seed"), ("count", "How many")):
                 with field(label):
                     text_input(asked[key], self._number(key), kind="number", min="0", inputmode="numeric")
 
+    def _set(self, key: str, value: Any) -> None:
+        self.asked[key] = value
+        self.kept.keep({key: value})
+
     def _choose_world(self, name: str, worlds: tuple[str, ...]) -> None:
-        self.asked["world"] = name
-        self.asked["route"] = next(iter(self._routes()), "")
+        self._set("world", name)
+        self._set("route", next(iter(self._routes()), ""))
         self._fields(worlds)
 
     def _routes(self) -> list[str]:
@@ -131,7 +137,7 @@ class Inbox:
     def _number(self, key: str) -> Any:
         def changed(text: str) -> None:
             with contextlib.suppress(ValueError):  # an unfinished number
-                self.asked[key] = int(text) if text else 0
+                self._set(key, int(text) if text else 0)
 
         return changed
 

@@ -6,7 +6,7 @@ from nicegui import ui
 
 import rvsg
 from rvsg.api.errors import RvsgError
-from rvsg.studio.frame import address, chip, load, page, problem, tag
+from rvsg.studio.frame import address, chip, link, load, page, problem, tag
 from rvsg.studio.pages.finding import JobLine
 from rvsg.studio.workspace import Workspace
 
@@ -50,5 +50,5 @@ def add(workspace: Workspace) -> None:
                     with tag("span", cls="st-row-head"):
                         for expectation in case.expectations:
                             chip(f"{expectation.requirement}: {expectation.expected}")
-                    tag("span", case.title)
+                    link(case.title, "/scenario", suite=suite, case=case.name)
                     tag("span", f"{case.scenario.mission.world}, {case.scenario.mission.route.name}", cls="soft small")

@@ -10,7 +10,7 @@ import rvsg
 from rvsg.api.authoring import shipped_worlds
 from rvsg.api.errors import RvsgError
 from rvsg.studio.answers import scenario_place
-from rvsg.studio.frame import PATIENT_S, address, field, load, page, problem, select, tag
+from rvsg.studio.frame import PATIENT_S, Page, address, field, load, page, problem, select, tag
 from rvsg.studio.workspace import Workspace
 
 
@@ -19,10 +19,17 @@ def add(workspace: Workspace) -> None:
 
     @ui.page("/scenario", response_timeout=PATIENT_S)
     async def scenario(
-        campaign: str = "", name: str = "", attempt: str = "", file: str = "", world: str = "", route: str = ""
+        campaign: str = "",
+        name: str = "",
+        attempt: str = "",
+        file: str = "",
+        world: str = "",
+        route: str = "",
+        suite: str = "",
+        case: str = "",
     ) -> None:
         source = {"campaign": campaign, "name": name, "attempt": attempt, "file": file, "world": world, "route": route}
-        source = {key: value for key, value in source.items() if value}
+        source = {key: value for key, value in {**source, "suite": suite, "case": case}.items() if value}
         try:
             found, place, _ = await load(scenario_place, workspace, source)
         except RvsgError as error:
@@ -34,17 +41,9 @@ def add(workspace: Workspace) -> None:
             requirement = opened.requirement.name
         title = f"Scenario on {place.title}, {found.mission.route.name}"
         with page(workspace, title, wide=True) as made:
-            if not campaign and not file:
+            if not (campaign or file or case):
                 listing = await load(workspace.listing)
-                with tag("div", cls="st-form"):
-                    with field("World"):
-                        worlds = {each: each for each in (*shipped_worlds(), *listing.worlds)}
-                        select(worlds, world or "warehouse", lambda v: ui.navigate.to(address("/scenario", world=v)))
-                    with field("Route"):
-                        routes = {each.name: each.name for each in place.routes}
-                        shown = found.mission.route.name
-                        go = address("/scenario", world=world or "warehouse")
-                        select(routes, shown, lambda v: ui.navigate.to(f"{go}&route={v}"))
+                _choose(made, (*shipped_worlds(), *listing.worlds), world or "warehouse", found, place)
             tag("p", "Drag a waypoint of the chosen person; the robot's run is simulated while you drag.", cls="soft")
             tag(
                 "div", data_studio="scenario", data_source=json.dumps(source), data_requirement=requirement, id="editor"
@@ -61,3 +60,16 @@ def add(workspace: Workspace) -> None:
             tag("div", data_studio="replay", data_url=where, data_keys="page", data_trace=traced, id="replay")
             made.command("Judge", f"rvsg evaluate {file} --scenario {scenario}")
             made.command("Trace a run", f"rvsg trace {file} --scenario {scenario} --run RUN --out RUN.trace.json")
+
+
+def _choose(made: Page, names: tuple[str, ...], world: str, found: rvsg.Scenario, place: rvsg.World) -> None:
+    """Lay out the choice of world and route; another world brings its own routes."""
+    chosen: dict[str, str] = {"world": world, "route": found.mission.route.name}
+    with tag("div", cls="st-form"):
+        with field("World"):
+            select({each: each for each in names}, world, lambda v: chosen.update(world=v, route=""))
+        with field("Route"):
+            routes = {each.name: each.name for each in place.routes}
+            select(routes, chosen["route"], lambda v: chosen.update(route=v))
+    with tag("p", cls="st-actions"):
+        made.button("Open", lambda: ui.navigate.to(address("/scenario", **chosen)))

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import shlex
-from collections import Counter
+from functools import partial
 
 from nicegui import ui
 
-from rvsg.api.errors import RvsgError
+from rvsg.api.errors import InputError, RvsgError
 from rvsg.api.listing import suite_results_in
+from rvsg.api.pairing import Change
 from rvsg.api.versions import VersionComparison
 from rvsg.studio.answers import compared_versions
-from rvsg.studio.frame import PATIENT_S, address, chip, field, load, page, problem, select, tag
+from rvsg.studio.frame import PATIENT_S, Page, address, chip, field, load, page, problem, select, tag
+from rvsg.studio.pages.changes import Compared, matrix, scatter
 from rvsg.studio.workspace import Workspace
 
 TITLE = "Compare two versions"
@@ -35,7 +37,7 @@ def add(workspace: Workspace) -> None:
             problem(workspace, TITLE, error)
             return
         with page(workspace, TITLE, here="/compare", wide=True) as made:
-            _choose(given, results, listing.suites)
+            _choose(made, given, results, listing.suites)
             if not results:
                 tag("p", "No results of a suite are in this folder yet. `rvsg suite run` writes them.", cls="soft")
             if compared is not None:
@@ -47,7 +49,14 @@ def add(workspace: Workspace) -> None:
             made.command("Run a suite", "rvsg suite run suite --runs 20 --version now --json > now.json")
 
 
-def _choose(given: dict[str, str], results: tuple[str, ...], suites: tuple[str, ...]) -> None:
+def _choose(made: Page, given: dict[str, str], results: tuple[str, ...], suites: tuple[str, ...]) -> None:
+    chosen = dict(given)
+
+    def compare() -> None:
+        if not (chosen["first"] and chosen["second"]):
+            raise InputError("Choose two files of results.")
+        ui.navigate.to(_here(chosen))
+
     files = {"": "choose results"} | {each: each for each in results}
     with tag("div", cls="st-form"):
         for key, label, options in (
@@ -56,7 +65,9 @@ def _choose(given: dict[str, str], results: tuple[str, ...], suites: tuple[str, 
             ("suite", "Suite, to replay what changed", {"": "none"} | {each: each for each in suites}),
         ):
             with field(label):
-                select(options, given[key], lambda v, key=key: ui.navigate.to(_here(given | {key: v})))  # type: ignore[misc]
+                select(options, given[key], partial(chosen.__setitem__, key))
+    with tag("p", cls="st-actions"):
+        made.button("Compare", compare, cls="st-primary")
 
 
 def _here(given: dict[str, str], **more: str) -> str:
@@ -66,9 +77,20 @@ def _here(given: dict[str, str], **more: str) -> str:
 def _changes(compared: VersionComparison, given: dict[str, str]) -> None:
     tag("h2", f"{compared.second.version} against {compared.first.version}")
     rows, replayable = compared.rows, compared.replayable
-    with tag("p", cls="st-actions"):
-        for (change, tone), count in Counter((row["change"], row["tone"]) for row in rows).items():
-            chip(f"{count} {change}", bad=tone == "bad", good=tone == "good")
+    found = [
+        Compared(
+            violations=each.violations,
+            place=(each.violations[0] / each.seeds, each.violations[1] / each.seeds) if each.seeds else None,
+            change=each.change,
+        )
+        for each in compared.changes
+        if each.change is not Change.MISSING
+    ]
+    names = compared.first.version, compared.second.version
+    with tag("div", cls="st-two"):
+        matrix(found, names)
+        said = f"Share of violating runs of each case, {names[0]} across, {names[1]} up"
+        scatter(found, said, *(f"violating share, {name}" for name in names))
     with tag("div", cls="scroll", tabindex="0", role="region", aria_label="Every case"), tag("table", cls="st-plain"):
         with tag("thead"), tag("tr"):
             for column in COLUMNS:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +12,9 @@ from rvsg.api.authoring import check_world, save_world, shipped_worlds, world_fr
 from rvsg.api.editing import editable_world, folder_of_world
 from rvsg.api.errors import InputError, RvsgError
 from rvsg.studio.frame import Page, address, field, load, page, problem, tag, text_input
+from rvsg.studio.received import KINDS, forget, received
+from rvsg.studio.typed import Typed
 from rvsg.studio.workspace import Workspace
-
-LARGEST = 60_000_000
-"""Bytes of a map or a Gazebo world that is dropped."""
 
 
 def add(workspace: Workspace) -> None:
@@ -67,18 +65,13 @@ class NewWorld:
 
     def __init__(self, made: Page) -> None:
         self.page = made
-        self.name = ""
-        self.files = Path(tempfile.mkdtemp(prefix="new-world-", dir=made.workspace.own))
+        self.typed = Typed(made.workspace, "world/new")
+        self.name = str(self.typed.fields.get("folder", ""))
         tag("p", "Drop a Nav2 map (its .yaml with the picture beside it) or a Gazebo world (.sdf, .world). Labels and "
                  "routes are proposed; you correct them on the map.")  # fmt: skip
         with field("Folder", help="Where the world is made, in the folder of the studio"):
-            text_input("", self._named, autocomplete="off", required=True)
-        with field("Files"):
-            chosen = tag(
-                "input", type="file", multiple=True, accept=".yaml,.yml,.pgm,.png,.bmp,.sdf,.world", id="files"
-            )
-        chosen.on("change", self._received, js_handler=READ_FILES)
-        self.listed = tag("p", "", cls="soft", role="status")
+            text_input(self.name, self._named, autocomplete="off", required=True)
+        tag("div", data_studio="drop", data_accept=",".join(KINDS), id="files")
         with tag("p", cls="st-actions"):
             made.button("Make the world", self._make, cls="st-primary")
         made.command("From a Nav2 map", "rvsg world new DIR --map map.yaml")
@@ -86,17 +79,7 @@ class NewWorld:
 
     def _named(self, text: str) -> None:
         self.name = text.strip()
-
-    def _received(self, event: Any) -> None:
-        import base64
-
-        for file in event.args:
-            name = Path(str(file["name"])).name
-            content = base64.b64decode(str(file["data"]))
-            if name and len(content) <= LARGEST:
-                (self.files / name).write_bytes(content)
-        names = sorted(path.name for path in self.files.iterdir())
-        self.listed.set_text(f"Received: {', '.join(names)}")
+        self.typed.keep({"folder": text})
 
     async def _make(self) -> None:
         if not self.name:
@@ -105,26 +88,16 @@ class NewWorld:
         if folder.exists() and any(folder.iterdir()):
             raise InputError(f"{self.name}: this folder is not empty. Choose a new one.")
         self.page.say("Making the world…")
-        await load(make_world, self.files, folder)
+        await load(make_world, received(self.page.workspace), folder)
+        forget(self.page.workspace)
+        self.typed.keep({"folder": None})
         ui.navigate.to(address("/world", world=self.name))
 
 
-READ_FILES = """async (e) => {
-  const made = [];
-  for (const file of e.target.files) {
-    const bytes = new Uint8Array(await file.arrayBuffer());
-    let text = "";
-    for (let k = 0; k < bytes.length; k += 32768) text += String.fromCharCode.apply(null, bytes.subarray(k, k + 32768));
-    made.push({ name: file.name, data: btoa(text) });
-  }
-  emit(made);
-}"""
-
-
-def make_world(files: Path, folder: Path) -> None:
+def make_world(files: list[Path], folder: Path) -> None:
     """Make a world folder of received files: a Nav2 map or a Gazebo world."""
-    maps = sorted(path for path in files.iterdir() if path.suffix in (".yaml", ".yml"))
-    gazebo = sorted(path for path in files.iterdir() if path.suffix in (".sdf", ".world"))
+    maps = [path for path in files if path.suffix.lower() in (".yaml", ".yml")]
+    gazebo = [path for path in files if path.suffix.lower() in (".sdf", ".world")]
     if len(maps) + len(gazebo) != 1:
         raise InputError("Give exactly one map .yaml (with its picture) or one .sdf or .world file.")
     name = folder.name

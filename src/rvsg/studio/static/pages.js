@@ -10,6 +10,7 @@
   /** Names for areas that a model proposes; a person accepts them one by one. `editor` is that of the world. */
   studio.names = function (box, name, editor) {
     let named = null;
+    const keepModel = studio.latest(function (asked) { return send("/data/names-model", { asked: asked }).then(function (kept) { named.asked = kept; }).catch(editor.fail); });
     function loadNames() {
       ask("/data/names" + "?world=" + encodeURIComponent(name)).then(function (found) { named = found; showNames(); if (found.state === "running" || found.state === "starting") setTimeout(loadNames, 1000); }).catch(editor.fail);
     }
@@ -36,11 +37,38 @@
       [["Model", "model", "PROVIDER:NAME"], ["Server", "base_url", "of your own"], ["Budget in USD", "budget_usd", ""]].forEach(function (each) {
         const value = asked[each[1]], field = html(null, "input", { value: value === null ? "" : value, placeholder: each[2], autocomplete: "off" });
         labelled(more, each[0], field);
-        field.addEventListener("input", function () { asked[each[1]] = each[1] === "budget_usd" ? (field.value === "" ? null : +field.value) : field.value; });
+        field.addEventListener("input", function () { asked[each[1]] = each[1] === "budget_usd" ? (field.value === "" ? null : +field.value) : field.value; keepModel(asked); });
       });
       button(more, "Propose names", function () { send("/data/names-ask", { world: name, asked: asked }).then(function (found) { named = found; showNames(); loadNames(); }).catch(editor.fail); }).disabled = busy;
     }
     loadNames();
+  };
+
+  /* Files that are dropped on the page, or chosen; data-accept says what they end in. They wait in the studio. */
+  parts.drop = function (element) {
+    const chosen = labelled(element, "Files", html(null, "input", { type: "file", multiple: "", accept: element.dataset.accept }));
+    const told = html(element, "p", { class: "soft", role: "status" });
+    const again = button(element, "Remove the files", function () { send("/data/files-forget", {}).then(show).catch(fail); }, { class: "st-button st-small" });
+    function fail(error) { told.textContent = error.message; told.classList.add("st-wrong"); }
+    function show(found) {
+      told.textContent = found.names.length ? "Received: " + found.names.join(", ") : "";
+      told.classList.remove("st-wrong");
+      again.hidden = !found.names.length;
+    }
+    function take(files) {
+      told.textContent = "Receiving\u2026";
+      Array.from(files).reduce(function (before, file) {
+        return before.then(function () {
+          return studio.request("/data/file?name=" + encodeURIComponent(file.name), { method: "POST", headers: { "content-type": "application/octet-stream" }, body: file }).then(show);
+        });
+      }, Promise.resolve()).catch(fail);
+    }
+    chosen.addEventListener("change", function () { if (chosen.files.length) take(chosen.files); });
+    document.addEventListener("dragover", function (event) { event.preventDefault(); element.classList.add("st-over"); });
+    document.addEventListener("dragleave", function (event) { if (!event.relatedTarget) element.classList.remove("st-over"); });
+    document.addEventListener("drop", function (event) { event.preventDefault(); element.classList.remove("st-over"); if (event.dataTransfer.files.length) take(event.dataTransfer.files); });
+    ask("/data/files").then(show).catch(fail);
+    element.dataset.ready = "true";
   };
 
   /* A map on which the names of a text light up: buttons with data-name on the page. */

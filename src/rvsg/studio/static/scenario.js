@@ -11,7 +11,7 @@
   studio.parts.scenario = function (element) {
     const source = JSON.parse(element.dataset.source), query = "?" + new URLSearchParams(source);
     let data = null, scenario = null, drawing = null, where = new Map(), tried = null, drag = null, chosen = 0, turn = 0, resting = null, requirement = element.dataset.requirement || "R1";
-    const undone = [], done = [];
+    const undone = [], done = [], typed = studio.typing("scenario" + query, fail);
     const status = html(element, "p", { class: "st-message", role: "status" });
     const bar = html(element, "div", { class: "st-actions", role: "toolbar", "aria-label": "Scenario" });
     const verdict = html(element, "div", { class: "st-try", role: "status", "aria-live": "polite" });
@@ -27,19 +27,29 @@
     function question(more) { return Object.assign({}, source, { scenario: scenario, requirement: requirement }, more); }
 
     /* simulate after a change */
-    function keep() { done.push(JSON.stringify(scenario)); undone.length = 0; if (done.length > 100) done.shift(); }
+    let writing = "";
+    function keep() { writing = ""; done.push(JSON.stringify(scenario)); undone.length = 0; if (done.length > 100) done.shift(); }
+    /** What differs from the file is on the disk after every change, before anything is simulated. */
+    const store = studio.latest(function () { return send("/data/scenario-keep", question()).catch(fail); });
+    function repaired(found) {
+      if (JSON.stringify(found) === JSON.stringify(scenario)) return;
+      scenario = found;
+      store();
+    }
     function simulate(seeds, more) {
       const mine = ++turn;
-      return send("/data/scenario-try", question(Object.assign({ seeds: seeds, keep: true }, more))).then(function (found) {
+      return send("/data/scenario-try", question(Object.assign({ seeds: seeds }, more))).then(function (found) {
         if (mine !== turn) return;
         tried = found;
-        if (!drag) scenario = found.scenario;
+        if (!drag) repaired(found.scenario);
         show();
         if (seeds === 1 && !drag && !found.problems.length) { clearTimeout(resting); resting = setTimeout(function () { simulate(SEEDS); }, RESTS_MS); }
       }).catch(function (error) { if (mine === turn) fail(error); });
     }
-    function changed() { say(""); show(); simulate(1); }
+    function changed() { say(""); store(); show(); simulate(1); }
     function edit(change) { keep(); change(); changed(); }
+    /** Change something with every keystroke in a field; the keystrokes are undone together. */
+    function write(field, change) { if (writing !== field) { keep(); writing = field; } change(); changed(); }
 
     /* tools */
     const select = studio.labelled(bar, "Requirement", html(null, "select", {}));
@@ -114,7 +124,7 @@
         const to = nearest(drawing.at(event)), human = people()[drag.human];
         if (!to || human.tasks[drag.task].path[drag.at] === to) return;
         replaceAt(human, drag.task, drag.at, to);
-        draw();
+        store(); draw();
         const now = performance.now();
         if (now - drag.sent > 120) { drag.sent = now; simulate(1); }
       });
@@ -162,14 +172,19 @@
       if (human) {
         const field = function (label, key, attributes) {
           const input = html(null, "input", Object.assign({ type: "number", value: human[key], "data-field": key }, attributes));
-          input.addEventListener("change", function () { if (input.value !== "") edit(function () { human[key] = +input.value; }); });
+          function possible() { return input.value !== "" && !input.validity.rangeUnderflow && !input.validity.rangeOverflow; }
+          input.addEventListener("input", function () { if (possible()) write(chosen + key, function () { people()[chosen][key] = +input.value; }); });
+          input.addEventListener("change", function () {
+            if (!possible()) say(label + ": expected a number from " + attributes.min + " to " + attributes.max + ".", true);
+            writing = ""; showPeople();
+          });
           studio.labelled(right, label, input);
         };
         field("Speed, m/s", "speed_m_s", { min: 0.1, max: 3, step: 0.05 });
         field("Starts after, s", "start_delay_s", { min: 0, max: 600, step: 0.5 });
         const manner = html(null, "select", { "data-field": "behaviour" });
         data.behaviours.forEach(function (each) { const option = html(manner, "option", { value: each }, each); option.selected = each === human.behaviour; });
-        manner.addEventListener("change", function () { edit(function () { human.behaviour = manner.value; }); });
+        manner.addEventListener("change", function () { edit(function () { people()[chosen].behaviour = manner.value; }); });
         studio.labelled(right, "Reacts to the robot", manner);
         html(right, "h3", {}, "Tasks");
         const list = html(right, "ol", { class: "small st-tasks" });
@@ -177,7 +192,11 @@
           const item = html(list, "li", {}), last = task.path.length - 1;
           html(item, "span", {}, task.name + " ");
           const input = html(item, "input", { value: task.path[last], "aria-label": "Waypoint where task " + (t + 1) + " ends", list: "st-waypoints", autocomplete: "off", "data-field": "end" + t });
-          input.addEventListener("change", function () { if (where.has(input.value)) edit(function () { replaceAt(human, t, last, input.value); }); else say("There is no waypoint " + input.value + ".", true); });
+          typed.field(input, human.name + " ends " + t, function (to) {
+            const known = where.has(to);
+            if (known) edit(function () { replaceAt(people()[chosen], t, last, to); }); else say("There is no waypoint " + to + ".", true);
+            return Promise.resolve(known);
+          });
         });
         studio.button(right, "Remove " + human.name, function () { edit(function () { people().splice(chosen, 1); chosen = Math.max(0, chosen - 1); }); }, { class: "st-button st-danger" });
       }
@@ -186,7 +205,15 @@
       data.waypoints.forEach(function (w) { html(list, "option", { value: w[0] }); });
       const from = html(null, "input", { list: "st-waypoints", autocomplete: "off", "data-field": "from" }), to = html(null, "input", { list: "st-waypoints", autocomplete: "off", "data-field": "to" });
       studio.labelled(right, "From waypoint", from); studio.labelled(right, "To waypoint", to);
-      studio.button(right, "Add", function () { keep(); simulate(1, { stops: [from.value.trim(), to.value.trim()] }).then(function () { chosen = people().length - 1; show(); }); });
+      typed.field(from, "from"); typed.field(to, "to");
+      studio.button(right, "Add", function () {
+        const before = people().length;
+        keep();
+        simulate(1, { stops: [from.value.trim(), to.value.trim()] }).then(function () {
+          if (people().length === before) return;
+          chosen = before; typed.set("from", null); typed.set("to", null); show();
+        });
+      });
       if (held) { const again = right.querySelector('[data-field="' + held + '"]'); if (again) again.focus(); }
     }
     function showVerdict() {
@@ -211,7 +238,8 @@
       undo.disabled = !done.length; redo.disabled = !undone.length;
       discard.disabled = JSON.stringify(scenario) === JSON.stringify(data.original);
       draw(); drawLanes(); showVerdict();
-      if (!drag) showPeople();
+      const active = document.activeElement;  // who writes in a field is not disturbed
+      if (!drag && !(right.contains(active) && active.tagName === "INPUT" && active.value !== active.defaultValue)) showPeople();
     }
     function take(found) {
       data = found; scenario = found.scenario; where = new Map(found.waypoints.map(function (w) { return [w[0], [w[1], w[2]]]; })); tried = null;
@@ -227,10 +255,14 @@
     const saving = html(element, "div", { class: "st-saving" });
     html(saving, "h2", {}, "Save");
     const file = studio.labelled(saving, "As a file", html(null, "input", { value: "scenarios/edited.json", autocomplete: "off" }));
-    studio.button(saving, "Save the scenario", function () { send("/data/scenario-save", question({ save_as: file.value })).then(function (found) { say(found.said); }).catch(fail); });
-    const suite = studio.labelled(saving, "In the suite", html(null, "input", { value: "suite", autocomplete: "off" })), title = studio.labelled(saving, "Title of the case", html(null, "input", { autocomplete: "off" }));
-    studio.button(saving, "Add to the suite", function () { send("/data/scenario-save", question({ suite: suite.value, title: title.value })).then(function (found) { say(found.said); }).catch(fail); });
+    function saved(found) { say(found.said); }
+    studio.button(saving, "Save the scenario", function () { send("/data/scenario-save", question({ save_as: file.value })).then(saved).catch(fail); });
+    const suite = studio.labelled(saving, "In the suite", html(null, "input", { value: source.suite || "suite", autocomplete: "off" })), title = studio.labelled(saving, "Title of the case", html(null, "input", { autocomplete: "off" }));
+    studio.button(saving, "Add to the suite", function () { send("/data/scenario-save", question({ add_to: suite.value, title: title.value })).then(saved).catch(fail); });
 
-    ask("/data/scenario" + query).then(take).catch(fail);
+    typed.load().then(function () {
+      [["file", file], ["suite", suite], ["title", title]].forEach(function (each) { typed.field(each[1], each[0]); });
+      return ask("/data/scenario" + query);
+    }).then(take).catch(fail);
   };
 })(window);

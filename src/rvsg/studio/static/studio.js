@@ -16,15 +16,73 @@
     return node;
   }
   async function answer(response) {
+    if (response.status === 403) throw new Error("The studio was restarted. Open the address that it printed; what you typed is kept.");
     const value = await response.json();
     if (!response.ok) throw new Error(value.error || "The studio answered " + response.status + ".");
     return value;
   }
+  function silent() { throw new Error("The studio does not answer. Start it again and open the address that it prints."); }
+  function request(address, how) { return fetch(address, Object.assign({ credentials: "same-origin" }, how)).catch(silent).then(answer); }
   /** Ask for data; an Error says why there is none. */
-  function ask(address) { return fetch(address, { credentials: "same-origin" }).then(answer); }
+  function ask(address) { return request(address, {}); }
   /** Send a change or a long question. */
-  function send(address, value) {
-    return fetch(address, { method: "POST", credentials: "same-origin", headers: { "content-type": "application/json" }, body: JSON.stringify(value) }).then(answer);
+  function send(address, value) { return request(address, { method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify(value) }); }
+  /** Return a function that sends values one at a time; of those that come meanwhile only the last is sent. */
+  function latest(act) {
+    let busy = false, waiting = null;
+    function next() {
+      if (busy || !waiting) return;
+      const given = waiting;
+      busy = true; waiting = null;
+      act.apply(null, given).then(function () { busy = false; next(); });
+    }
+    return function () { waiting = Array.from(arguments); next(); };
+  }
+  /**
+   * What is typed on a page and not stored elsewhere yet: sent with every keystroke, given back after a restart.
+   * `fail` gets the Error where that does not work.
+   */
+  function typing(page, fail) {
+    let kept = {}, unsent = {};
+    const committing = new Set();
+    const flush = latest(function () {
+      const fields = unsent;
+      unsent = {};
+      return send("/data/typed-keep", { page: page, fields: fields }).catch(function (error) { unsent = Object.assign(fields, unsent); fail(error); });
+    });
+    function set(key, value) {
+      if (value === null ? kept[key] === undefined : kept[key] === value) return;
+      if (value === null) delete kept[key]; else kept[key] = value;
+      unsent[key] = value;
+      flush();
+    }
+    return {
+      load: function () { return ask("/data/typed?page=" + encodeURIComponent(page)).then(function (found) { kept = found; }); },
+      keys: function () { return Object.keys(kept); },
+      get: function (key) { return kept[key]; },
+      set: set,
+      /** Keep what is typed in a field until `commit`, which returns a promise of whether it worked, has stored it. */
+      field: function (node, key, commit) {
+        const stored = node.value;
+        let sent = stored;
+        if (kept[key] !== undefined && kept[key] !== stored && !committing.has(key)) {
+          node.value = kept[key];
+          if (commit) { node.classList.add("st-typed"); node.title = "Typed, and not stored yet: press Enter"; }
+        }
+        node.addEventListener("input", function () { set(key, node.value); });
+        function store() {
+          if (node.value === stored) return set(key, null);
+          if (node.value === sent) return;
+          const value = sent = node.value;
+          committing.add(key);
+          commit(value).then(function (worked) { committing.delete(key); if (!worked) sent = stored; else if (kept[key] === value) set(key, null); });
+        }
+        if (!commit) return node;
+        node.addEventListener("change", store);
+        node.addEventListener("keydown", function (event) { if (event.key === "Enter" && node.tagName === "INPUT") store(); });
+        return node;
+      },
+    };
   }
   function wrong(element, error) {
     element.textContent = "";
@@ -68,8 +126,9 @@
         if (!shown) return;
         if (element.dataset.trace) tracing(shown, JSON.parse(element.dataset.trace));
         return shown.ready().then(function () {
+          if (element.dataset.both === undefined) return null;
           const runs = data.groups[0].runs;
-          return element.dataset.both === undefined ? null : shown.select(runs[0].id, 0).then(function () { return shown.compare(runs[1].id); });
+          return shown.select(runs[0].id, 0).then(function () { return shown.compare(runs[1].id); });
         }).then(function () {
           if (element.dataset.play !== undefined && !root.matchMedia("(prefers-reduced-motion: reduce)").matches) { shown.seek(0); shown.play(); }
           element.dataset.ready = "true";
@@ -94,5 +153,5 @@
     records.forEach(function (record) { record.addedNodes.forEach(search); });
   }).observe(document.documentElement, { childList: true, subtree: true });
 
-  root.studio = { parts: parts, ask: ask, send: send, html: html, wrong: wrong };
+  root.studio = { parts: parts, ask: ask, send: send, request: request, latest: latest, typing: typing, html: html, wrong: wrong };
 })(window);

@@ -56,7 +56,8 @@
 
   parts.world = function (element) {
     const name = element.dataset.world, query = "?world=" + encodeURIComponent(name);
-    let data = null, drawing = null, tool = "select", chosen = null, points = [], remarks = [];
+    let data = null, drawing = null, tool = "select", chosen = null, points = [], remarks = [], cross = null;
+    const typed = root.studio.typing("world:" + name, fail), opened = Date.now().toString(36), drives = new Map();
     const status = html(element, "p", { class: "st-message", role: "status" });
     const tools = html(element, "div", { class: "st-actions", role: "toolbar", "aria-label": "Tools" });
     const body = html(element, "div", { class: "st-editor" });
@@ -68,10 +69,28 @@
     function say(text, bad) { status.textContent = text; status.classList.toggle("st-wrong", !!bad); }
     function fail(error) { say(error.message, true); }
     function take(found) { data = found; if (chosen && !data[chosen.kind].some(function (each) { return each.name === chosen.name; })) chosen = null; show(); check(); }
-    function load() { return ask("/data/world" + query).then(take).catch(fail); }
+    function load() { return typed.load().then(function () { return ask("/data/world" + query); }).then(take).then(again).catch(fail); }
+    /** Make a change; the promise says whether it worked. */
     function change(what, values, then) {
       say("");
-      return send("/data/world-edit", { world: name, change: Object.assign({ what: what }, values) }).then(function (found) { if (then) then(); take(found); }).catch(fail);
+      return send("/data/world-edit", { world: name, change: Object.assign({ what: what }, values) }).then(function (found) { if (then) then(); take(found); return true; }).catch(function (error) { fail(error); return false; });
+    }
+    /** Take up what was drawn or typed, and not stored, when the page was closed. */
+    function again() {
+      const drawn = typed.get("points"), there = function (kind, which) { return data[kind].some(function (each) { return each.name === which; }); };
+      typed.keys().forEach(function (key) {
+        const parts = key.split("/"), kind = parts[0], which = parts.slice(1, -1).join("/");
+        if (parts.length < 3) return;
+        if (!there(kind, which)) typed.set(key, null);
+        else if (!chosen) choose(kind, which);
+      });
+      if (drawn && data.editable && (!drawn.area || there("areas", drawn.area))) {
+        if (drawn.area) choose("areas", drawn.area);
+        setTool(drawn.tool); setPoints(drawn.points); cross = points[points.length - 1]; draw(); drawing.map.focus({ preventScroll: true });
+      }
+      const field = selected.querySelector(".st-typed");
+      if (field) field.focus();
+      if (typed.keys().length) say("What was typed or drawn last is not stored yet. Press Enter to store it.");
     }
     function step(which) { return send("/data/world-" + which, { world: name }).then(function (found) { say(which === "undo" ? "Undone." : "Made again."); take(found); }).catch(fail); }
     let checking = 0;
@@ -84,16 +103,17 @@
     }
 
     /* tools */
+    const KEYS = " By keyboard: arrow keys move the cross by 10 cm (Shift: 1 m), Space sets a point.";
     const HELP = {
-      select: "Click an area to select it; drag it or its corners; arrow keys move it by 10 cm (Shift: 1 m), Delete removes it. Drag the floor to move the map.",
-      rectangle: "Drag from corner to corner. Edges snap to walls and things; hold Alt to place freely.",
-      polygon: "Click corner after corner; Enter or a click on the first corner closes it, Escape drops it.",
-      split: "Click two points: the selected area is cut along the line through them.",
-      route: "Click the start, places to pass, and the goal; Enter ends it, Escape drops it.",
+      select: "Click an area to select it; drag it or its corners; double-click or F2 renames it; arrow keys move it by 10 cm (Shift: 1 m), Delete removes it. Drag the floor to move the map.",
+      rectangle: "Drag from corner to corner. Edges snap to walls and things; hold Alt to place freely." + KEYS,
+      polygon: "Click corner after corner; Enter or a click on the first corner closes it, Escape drops it." + KEYS,
+      split: "Click two points: the selected area is cut along the line through them." + KEYS,
+      route: "Click the start, places to pass, and the goal; Enter ends it, Escape drops it." + KEYS,
     };
     const toolButtons = {};
     [["select", "Select"], ["rectangle", "Rectangle"], ["polygon", "Polygon"], ["split", "Split"], ["route", "Route"]].forEach(function (each) {
-      toolButtons[each[0]] = button(tools, each[1], function () { setTool(each[0]); }, { "aria-pressed": "false", "data-tool": each[0] });
+      toolButtons[each[0]] = button(tools, each[1], function () { setTool(each[0]); if (drawing && tool !== "select") drawing.map.focus({ preventScroll: true }); }, { "aria-pressed": "false", "data-tool": each[0] });
     });
     const undo = button(tools, "Undo", function () { step("undo"); }), redo = button(tools, "Redo", function () { step("redo"); });
     button(tools, "+", function () { drawing.zoom(1.4); }, { "aria-label": "Zoom in" });
@@ -101,7 +121,7 @@
     button(tools, "Whole map", function () { drawing.fit(); });
     function setTool(which) {
       if (which === "split" && !(chosen && chosen.kind === "areas")) { say("Select the area to split first."); which = "select"; }
-      tool = which; points = [];
+      tool = which; cross = null; setPoints([]);
       for (const key in toolButtons) toolButtons[key].setAttribute("aria-pressed", key === which ? "true" : "false");
       help.textContent = HELP[which];
       if (data) drawDraft();
@@ -184,10 +204,24 @@
       if (list === "areas") { const b = box(entry); return [b[2], b[3]]; }
       return remark.key[2] === "goal" ? entry.goal : entry.start;
     }
-    let draft = null;
+    let draft = null, mark = null;
+    /** Points that are set stay set after a restart. */
+    function setPoints(to) {
+      points = to;
+      typed.set("points", to.length ? { tool: tool, points: to, area: tool === "split" ? chosen.name : "" } : null);
+    }
+    function drawCross() {
+      if (mark) mark.remove();
+      mark = null;
+      if (!cross) return;
+      const r = 10 * drawing.pixel(), x = cross[0], y = cross[1];
+      mark = svg(drawing.metres, "path", { class: "st-cross", d: "M" + (x - r) + "," + y + "H" + (x + r) + "M" + x + "," + (y - r) + "V" + (y + r), "stroke-width": 2 * drawing.pixel() });
+    }
     function drawDraft(to) {
+      drawCross();
       if (draft) draft.remove();
       draft = null;
+      to = to || cross;
       const all = to ? points.concat([to]) : points;
       if (!all.length) return;
       let drawn = all;
@@ -199,14 +233,28 @@
       if (tool === "polygon" && made.length > 2) create({ outline: made });
       else if (tool === "route" && made.length > 1) {
         const route = free("route", data.routes, "_");
-        change("add route", { name: route, points: made }, function () { chosen = { kind: "routes", name: route }; });
-      }
-      setTool("select");
+        change("add route", { name: route, points: made }, ended(function () { chosen = { kind: "routes", name: route }; }));
+      } else setTool("select");
+    }
+    /** After a drawing is stored: until then its points stay, so that nothing is lost where that fails. */
+    function ended(then) { return function () { setTool("select"); then(); }; }
+    function rectangle(a, b) {
+      if (Math.abs(a[0] - b[0]) > 0.1 && Math.abs(a[1] - b[1]) > 0.1) create({ rectangle: [a[0], a[1], b[0], b[1]] });
+      else setTool("select");
+    }
+    /** Set a point of what is drawn, by a click or at the cross. */
+    function setPoint(at) {
+      const first = points[0];
+      if (tool === "polygon" && points.length > 2 && Math.hypot(first[0] - at[0], first[1] - at[1]) < 12 * drawing.pixel()) return finish();
+      setPoints((tool === "rectangle" && points.length > 1 ? [] : points).concat([at]));
+      drawDraft();
+      if (tool === "rectangle" && points.length === 2) rectangle(points[0], points[1]);
+      if (tool === "split" && points.length === 2) change("split area", { name: chosen.name, line: longer(points) }, ended(function () { chosen = null; })).then(function (worked) { if (!worked) setTool("select"); });
     }
     function free(word, entries, joint) { let k = 1; while (entries.some(function (each) { return each.name === word + joint + k; })) k++; return word + joint + k; }
     function create(outline) {
       const area = free("Area", data.areas, " ");
-      change("add area", Object.assign({ name: area, kind: "area" }, outline), function () { chosen = { kind: "areas", name: area }; }).then(function () { choose("areas", area, true); });
+      change("add area", Object.assign({ name: area, kind: "area" }, outline), ended(function () { chosen = { kind: "areas", name: area }; })).then(function (worked) { if (worked) choose("areas", area, true); });
     }
     function startMap() {
       drawing = plan(left, data.floor, "Map of " + data.title);
@@ -218,14 +266,8 @@
         const at = snapped(drawing.at(event), event);
         if (tool === "select") { if (!drag) drag = { map: [event.clientX, event.clientY] }; }
         else if (!data.editable) say("A shipped world is not changed. Copy it first.");
-        else if (tool === "rectangle") { points = [at]; drag = { rectangle: true }; }
-        else {
-          const first = points[0];
-          if (tool === "polygon" && points.length > 2 && Math.hypot(first[0] - at[0], first[1] - at[1]) < 12 * drawing.pixel()) return finish();
-          points.push(at);
-          if (tool === "split" && points.length === 2) { const line = points; setTool("select"); return change("split area", { name: chosen.name, line: longer(line) }); }
-          drawDraft();
-        }
+        else if (tool === "rectangle") { cross = null; setPoints([at]); drag = { rectangle: true }; }
+        else { cross = null; setPoint(at); }
         if (drag) map.setPointerCapture(event.pointerId);
         map.focus({ preventScroll: true });
       });
@@ -246,15 +288,10 @@
       map.addEventListener("pointerup", function () {
         const done = drag; drag = null;
         if (!done || done.map) return;
-        if (done.rectangle) {
-          const a = points[0], b = done.to;
-          setTool("select");
-          if (b && Math.abs(a[0] - b[0]) > 0.1 && Math.abs(a[1] - b[1]) > 0.1) create({ rectangle: [a[0], a[1], b[0], b[1]] });
-          return;
-        }
+        if (done.rectangle) { rectangle(points[0], done.to || points[0]); return; }
         if (points_(done.outline) !== points_(done.area.outline)) change("change area", { name: done.area.name, values: shape(done.area, done.outline) });
       });
-      map.addEventListener("dblclick", finish);
+      map.addEventListener("dblclick", function () { if (tool === "select") rename(); else finish(); });
       map.addEventListener("keydown", onKey);
       element.addEventListener("keydown", function (event) {
         if (!(event.ctrlKey || event.metaKey) || event.key.toLowerCase() !== "z" || event.target.tagName === "INPUT" || event.target.tagName === "TEXTAREA") return;
@@ -267,46 +304,96 @@
       if (!drag0.square) return outline.map(function (p, k) { return k === drag0.corner ? at : p; });
       return outline.map(function (p) { return [p[0] === old[0] ? at[0] : p[0], p[1] === old[1] ? at[1] : p[1]]; });
     }
-    let nudged = null;
+    /** The name of the selected area in a field on the map. */
+    function rename() {
+      const area = chosen && chosen.kind === "areas" && data.editable && find();
+      if (!area) return;
+      const b = box(area), p = new DOMPoint((b[0] + b[2]) / 2, (b[1] + b[3]) / 2).matrixTransform(drawing.metres.getScreenCTM()), at = left.getBoundingClientRect();
+      const field = html(left, "input", { value: area.name, class: "st-inline-name", "aria-label": "New name of " + area.name, maxlength: 120, autocomplete: "off" });
+      field.style.left = Math.max(0, Math.min(at.width - 180, p.x - at.left - 90)) + "px"; field.style.top = p.y - at.top - 19 + "px";
+      let done = false;
+      function end(store) {
+        if (done) return;
+        done = true; field.remove(); drawing.map.focus({ preventScroll: true });
+        const to = field.value.trim();
+        if (store && to !== area.name) change("change area", { name: area.name, values: { name: to } }, function () { chosen = { kind: "areas", name: to }; });
+      }
+      field.addEventListener("keydown", function (event) { if (event.key === "Enter" || event.key === "Escape") { event.stopPropagation(); end(event.key === "Enter"); } });
+      field.addEventListener("blur", function () { end(true); });
+      field.focus(); field.select();
+    }
+    let nudges = 0, nudging = null, moved = 0;
+    /** Moves by arrow keys are sent as they come; those of one go are undone together. */
+    const nudge = root.studio.latest(function (which, values, turn) {
+      const told = { what: "change area", name: which, values: values };
+      return send("/data/world-edit", { world: name, change: told, together: opened + "-" + nudges }).then(function (found) { if (turn === moved) take(found); }).catch(fail);
+    });
     function onKey(event) {
-      if (event.key === "Enter") { finish(); return; }
-      if (event.key === "Escape") { setTool("select"); return; }
-      const area = chosen && chosen.kind === "areas" && find();
-      const moves = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
-      if (!area || !data.editable || !(moves[event.key] || event.key === "Delete")) return;
+      const move = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] }[event.key], by = event.shiftKey ? 1 : NUDGE_M;
+      const area = chosen && chosen.kind === "areas" && data.editable && find();
+      if (event.key === "Enter") finish();
+      else if (event.key === "Escape") setTool("select");
+      else if (tool !== "select" && data.editable && (move || event.key === " ")) byKeys(event, move, by);
+      else if (area && event.key === "F2") rename();
+      else if (area && event.key === "Delete") change("remove area", { name: area.name });
+      else if (area && move) {
+        area.outline = area.outline.map(function (p) { return [round(p[0] + move[0] * by), round(p[1] + move[1] * by)]; });
+        draw();
+        clearTimeout(nudging);
+        nudging = setTimeout(function () { nudges++; }, 1500);
+        nudge(area.name, shape(area, area.outline), ++moved);
+      } else return;
       event.preventDefault();
-      if (event.key === "Delete") { change("remove area", { name: area.name }); return; }
-      const by = event.shiftKey ? 1 : NUDGE_M, move = moves[event.key];
-      area.outline = area.outline.map(function (p) { return [round(p[0] + move[0] * by), round(p[1] + move[1] * by)]; });
-      draw();
-      clearTimeout(nudged);
-      nudged = setTimeout(function () { change("change area", { name: area.name, values: shape(area, area.outline) }); }, 400);
+    }
+    /** Draw with the keyboard: a cross is moved, and sets points. */
+    function byKeys(event, move, by) {
+      if (!cross) {
+        const r = drawing.map.getBoundingClientRect(), p = new DOMPoint(r.left + r.width / 2, r.top + r.height / 2).matrixTransform(drawing.metres.getScreenCTM().inverse());
+        cross = [round(p.x), round(p.y)];
+      } else if (move) cross = [round(cross[0] + move[0] * by), round(cross[1] + move[1] * by)];
+      if (event.key === " ") { cross = snapped(cross, event); setPoint(cross); } else drawDraft();
+      if (cross) say("The cross is at " + cross[0] + ", " + cross[1] + " m.");
     }
 
     /* beside the map */
-    function input(value, commit, attributes) {
-      const made = html(null, "input", Object.assign({ value: value, autocomplete: "off" }, attributes || {}));
-      if (!data.editable) made.disabled = true;
-      made.addEventListener("change", function () { commit(made.value); });
-      return made;
+    /** Have the simulator drive a route with nobody about, and say how long it takes. */
+    function drive(route, told) {
+      const key = JSON.stringify(route);
+      if (!drives.has(key)) {
+        told.textContent = "The simulator drives it\u2026";
+        drives.set(key, send("/data/world-drive", { world: name, route: route.name }));
+      }
+      drives.get(key).then(function (run) {
+        told.textContent = "With nobody about: " + run.outcome + ", after " + run.time_s.toFixed(1) + " s of " + route.time_limit_s + " s" + (run.touched_s.length ? "; it touches an obstacle " + run.touched_s.length + " times" : "") + ".";
+      }).catch(function (error) { drives.delete(key); told.textContent = error.message; });
     }
     function showSelected() {
+      const held = selected.contains(document.activeElement) && document.activeElement.dataset.field;
+      fillSelected();
+      const field = held && selected.querySelector('[data-field="' + held + '"]');
+      if (field) { field.focus(); if (field.select) field.select(); }
+    }
+    function fillSelected() {
       selected.textContent = "";
       const entry = find();
       if (!entry) return;
+      function input(label, parent, value, commit, attributes) {
+        const made = labelled(parent, label, html(null, "input", Object.assign({ value: value, autocomplete: "off", "data-field": label }, attributes)));
+        if (data.editable) typed.field(made, [chosen.kind, entry.name, label].join("/"), function (v) { return put(commit(v)); }); else made.disabled = true;
+      }
       html(selected, "h2", {}, chosen.kind === "areas" ? "Area" : "Route");
       const what = chosen.kind === "areas" ? "change area" : "change route";
-      function put(values) { change(what, { name: entry.name, values: values }, function () { if (values.name) chosen.name = values.name.trim(); }); }
-      labelled(selected, "Name", input(entry.name, function (v) { put({ name: v }); }, { maxlength: 120 }));
+      function put(values) { return change(what, { name: entry.name, values: values }, function () { if (values.name) chosen.name = values.name.trim(); }); }
+      input("Name", selected, entry.name, function (v) { return { name: v }; }, { maxlength: 120 });
       if (chosen.kind === "areas") {
         const list = html(selected, "datalist", { id: "st-kinds" });
-        data.kinds.forEach(function (kind) { html(list, "option", { value: kind }); });
-        labelled(selected, "Kind", input(entry.kind, function (v) { put({ kind: v }); }, { list: "st-kinds" }));
-        labelled(selected, "Note", input(entry.note, function (v) { put({ note: v }); }));
+        data.known_kinds.forEach(function (kind) { html(list, "option", { value: kind }); });
+        input("Kind", selected, entry.kind, function (v) { return { kind: v }; }, { list: "st-kinds" });
+        input("Note", selected, entry.note, function (v) { return { note: v }; });
         if (isBox(entry)) {
           const numbers = html(selected, "div", { class: "st-numbers", role: "group", "aria-label": "Edges in metres" }), b = box(entry);
           ["x from", "y from", "x to", "y to"].forEach(function (label, k) {
-            labelled(numbers, label, input(b[k], function (v) { const next = b.slice(); next[k] = +v; put({ rectangle: next }); }, { type: "number", step: "0.05" }));
+            input(label, numbers, b[k], function (v) { const next = b.slice(); next[k] = +v; return { rectangle: next }; }, { type: "number", step: "0.05" });
           });
         }
         html(selected, "p", { class: "small soft" }, entry.waypoints.length ? "People work it from " + entry.waypoints.slice(0, 10).join(", ") + (entry.waypoints.length > 10 ? ", \u2026" : "") + "." : "No waypoint reaches it.");
@@ -318,16 +405,11 @@
           button(row, "Remove", function () { change("remove area", { name: entry.name }); }, { class: "st-button st-danger" });
         }
       } else {
-        labelled(selected, "Purpose", input(entry.purpose, function (v) { put({ purpose: v }); }));
-        labelled(selected, "Time limit, s", input(entry.time_limit_s, function (v) { put({ time_limit_s: +v }); }, { type: "number", min: 1 }));
-        const told = html(selected, "p", { class: "small", role: "status" }, entry.length_m + " m long; narrowest place " + (entry.narrowest_m === null ? "unknown" : entry.narrowest_m + " m wide") + ".");
+        input("Purpose", selected, entry.purpose, function (v) { return { purpose: v }; });
+        input("Time limit, s", selected, entry.time_limit_s, function (v) { return { time_limit_s: +v }; }, { type: "number", min: 1 });
+        html(selected, "p", { class: "small" }, entry.length_m + " m long; narrowest place " + (entry.narrowest_m === null ? "unknown" : entry.narrowest_m + " m wide") + ".");
+        drive(entry, html(selected, "p", { class: "small", role: "status" }));
         const row = html(selected, "p", { class: "st-actions" });
-        button(row, "Drive it", function () {
-          told.textContent = "Driving it in the simulator\u2026";
-          send("/data/world-drive", { world: name, route: entry.name }).then(function (drive) {
-            told.textContent = "With nobody about: " + drive.outcome + ", after " + drive.time_s.toFixed(1) + " s of " + entry.time_limit_s + " s" + (drive.touched_s.length ? "; it touches an obstacle " + drive.touched_s.length + " times" : "") + ".";
-          }).catch(fail);
-        });
         if (data.editable) button(row, "Remove", function () { change("remove route", { name: entry.name }); }, { class: "st-button st-danger" });
       }
     }
@@ -369,7 +451,7 @@
       const text = html(null, "textarea", { rows: 6 });
       text.value = data.activities.join("\n"); text.disabled = !data.editable;
       labelled(activityBox, "What people do here, one per line", text);
-      text.addEventListener("change", function () { change("set activities", { values: text.value.split("\n") }); });
+      typed.field(text, "activities", function (value) { return change("set activities", { values: value.split("\n") }); });
     }
     function show() {
       if (!drawing) { startMap(); if (data.editable) root.studio.names(nameBox, name, { choose: choose, change: change, fail: fail }); }
