@@ -1,4 +1,4 @@
-"""Make the pictures of the studio for the documentation: `python docs/studio_pictures.py DIR`.
+"""Make the pictures of the studio for the documentation: `python docs/studio_pictures.py DIR [NAME ...]`.
 
 DIR is a folder with at least one finished campaign in `runs/` that confirmed a finding. A world to edit is copied into
 it. Needs playwright and a Chromium.
@@ -23,13 +23,14 @@ from rvsg.api.listing import Lister
 from rvsg.api.matrix import Matrix
 from rvsg.api.proposing import proposal_json, propose
 from rvsg.api.records import runs_text
+from rvsg.api.scenarios import load_scenario_in
 
 IMAGES = Path(__file__).parent / "images"
 LAPTOP, PHONE = (1280, 860), (390, 780)
 COLOURS = 96
 STACKS = {"nav2-dwb": "runs/stacks/nav2-dwb", "nav2-rpp": "runs/stacks/nav2-rpp"}
 """Two campaigns with the same scenarios and another navigation stack, to compare."""
-SEARCHED = {"strategy": "random", "scenarios": 12, "refinements": 0, "repeats": 6, "confirmations": 0, "jobs": 1}
+SEARCHED = {"strategy": "unguided", "scenarios": 12, "repeats": 8, "confirmations": 0, "humans": 3, "jobs": 1}
 EXAMPLES = Path(__file__).parents[1] / "examples"
 PATIENT_MS = 300_000
 
@@ -75,7 +76,7 @@ def picture(browser: Browser, address: str, path: str, name: str, size: tuple[in
     if tab.locator("[data-studio]").count():
         tab.wait_for_selector("[data-studio][data-ready]")
     if name == "both":
-        tab.locator("[data-studio=replay][data-ready]").nth(1).wait_for()
+        tab.locator("#together[data-ready]").wait_for()
     if name == "world":
         tab.get_by_role("button", name="Lounge", exact=True).click()
     if name.startswith("scenario"):
@@ -115,7 +116,8 @@ def prepare(folder: Path) -> None:
             (folder / f"{version}.json").write_text(result.model_dump_json(indent=2), encoding="utf-8")
     if not (folder / "three-people.json").exists():
         shutil.copy(EXAMPLES / "three_people.json", folder / "three-people.json")
-        runs = rvsg.simulate(folder / "three-people.json", range(5))
+        scenario, world = load_scenario_in(folder / "three-people.json")
+        runs = rvsg.simulate(scenario, range(5), world=world)
         (folder / "three-people.jsonl").write_text(runs_text(runs), encoding="utf-8")
     if not (folder / "runs" / "matrix").exists():
         settings = {"scenarios": 2, "refinements": 0, "repeats": 2, "confirmations": 10, "jobs": 1}
@@ -126,10 +128,11 @@ def prepare(folder: Path) -> None:
             pass
 
 
-def main(folder: Path) -> None:
-    """Serve the folder and make every picture."""
+def main(folder: Path, *names: str) -> None:
+    """Serve the folder and make the pictures of these names, or all."""
     prepare(folder)
     shown = pages(folder)
+    wanted = names or (*shown, "finding-dark-phone")
     command = [sys.executable, "-m", "rvsg", "studio", str(folder), "--no-browser", "--port", "0"]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as server, sync_playwright() as driver:
         assert server.stderr is not None
@@ -138,11 +141,12 @@ def main(folder: Path) -> None:
             raise SystemExit("The studio did not start.")
         time.sleep(2)
         browser = driver.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
-        for name, path in shown.items():
-            picture(browser, found.group(), path, name, LAPTOP, "light")
-        picture(browser, found.group(), shown["finding"], "finding-dark-phone", PHONE, "dark")
+        for name in wanted:
+            phone = name == "finding-dark-phone"
+            path = shown["finding" if phone else name]
+            picture(browser, found.group(), path, name, *((PHONE, "dark") if phone else (LAPTOP, "light")))
         server.terminate()
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]).resolve())
+    main(Path(sys.argv[1]).resolve(), *sys.argv[2:])

@@ -32,6 +32,8 @@ class Server:
         self.log = folder.parent / f"{folder.name}.log"
         self.killed = False
         """Whether the present test has killed it; lost connections are expected then."""
+        self.refuses = False
+        """Whether the present test asks for what is refused (400)."""
         self.start()
 
     def start(self) -> None:
@@ -42,7 +44,7 @@ class Server:
                 stderr=log,
                 env={**os.environ, "NUMBA_NUM_THREADS": "1", "RVSG_API_KEY": "of-a-test"},
             )
-        for _ in range(600):
+        for _ in range(3000):
             if found := re.search(r"http://\S+/\?token=\S+", self.log.read_text()):
                 self.address = found.group()
                 break
@@ -74,7 +76,7 @@ class Server:
             if path not in (self.own, self.own / "jobs", self.own / "nicegui", self.own / ".gitignore"):
                 shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
         shutil.copytree(work, self.folder, dirs_exist_ok=True)
-        self.killed = False
+        self.killed = self.refuses = False
         if self.process.poll() is not None:
             self.start()
 
@@ -143,8 +145,9 @@ def show(browser: Any, studio: Server) -> Iterator[Callable[..., Any]]:
 
 
 def _is_wrong(message: Any, studio: Server) -> bool:
-    lost = studio.killed and ("ERR_CONNECTION" in message.text or "WebSocket connection" in message.text)
-    return message.type == "error" and not lost
+    lost = studio.killed and ("net::ERR_" in message.text or "WebSocket connection" in message.text)
+    refused = studio.refuses and "status of 400" in message.text
+    return message.type == "error" and not lost and not refused
 
 
 def _inside(url: str, studio: Server) -> bool:

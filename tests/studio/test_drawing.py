@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 import shapely
-from tests.studio.conftest import pixel, press, reach, ready, waited
+from tests.studio.conftest import Server, pixel, press, reach, ready, waited
 
 import rvsg
 from rvsg.api.editing import editable_world
@@ -107,7 +107,8 @@ def test_an_area_is_split_and_merged_again(show: Show, office: Path, draw: Draw)
     assert "Lounge 2" not in names(office)
 
 
-def test_areas_that_do_not_touch_are_not_merged(show: Show, office: Path) -> None:
+def test_areas_that_do_not_touch_are_not_merged(show: Show, studio: Server, office: Path) -> None:
+    studio.refuses = True
     before = (office / "labels.yaml").read_text()
     tab = show("/world?world=office2")
     ready(tab)
@@ -134,7 +135,7 @@ def test_a_route_is_drawn_and_the_simulator_drives_it(show: Show, office: Path, 
     assert made.name not in {route.name for route in rvsg.load_world("office").routes}
     assert (made.start.x, made.start.y, made.goal.x, made.goal.y) == pytest.approx((*ends[0], *ends[1]), abs=0.3)
     assert tab.get_by_text("m wide").count() == 1
-    assert "arrived" in tab.get_by_text("With nobody about: ").inner_text()
+    assert "the goal was reached" in tab.get_by_text("With nobody about: ").inner_text()
 
 
 def test_escape_drops_what_is_drawn(show: Show, office: Path) -> None:

@@ -57,7 +57,6 @@ def asked(name: str) -> Callable[[Any], Any]:
 WORLD, SCENARIO = "/world?world=office2", "/scenario?campaign=runs/first&attempt={confirmed}"
 FIELDS: dict[str, Page] = {
     "name of an area": (WORLD, of_area("Name"), "Tea corner"),
-    "kind of an area": (WORLD, of_area("Kind"), "tea room"),
     "edge of an area": (WORLD, of_area("x to"), "12.75"),
     "activities": (WORLD, labelled("What people do here, one per line"), "Ann carries tea"),
     "model for names": (WORLD, asked("Model"), "openai-chat:gpt-5"),
@@ -76,21 +75,16 @@ FIELDS: dict[str, Page] = {
 }
 
 
-def test_what_is_typed_is_there_after_a_kill(show: Show, studio: Server, office: Path) -> None:
+SECOND = ("edge of an area", "end of a task", "reason", "folder of a campaign")
+"""Fields of pages on which another field is tried, too."""
+
+
+@pytest.mark.parametrize("names", [[name for name in FIELDS if name not in SECOND], SECOND], ids=["first", "second"])
+def test_what_is_typed_is_there_after_a_kill(show: Show, studio: Server, office: Path, names: tuple[str, ...]) -> None:
     """In every field, not left: all but the last character is on the disk, the last is typed as the studio dies."""
     place = {"confirmed": confirmed(studio.folder)}
     tabs = {}
-    for name, (path, field, text) in FIELDS.items():
-        if name in ("kind of an area", "edge of an area", "end of a task", "reason"):
-            continue  # a second field of a page is tried in the next test
-        tabs[name] = typed_but_one(show, studio, path.format(**place), field, text)
-    die_and_return(show, studio, tabs, place)
-
-
-def test_what_is_typed_in_a_second_field_is_there_after_a_kill(show: Show, studio: Server, office: Path) -> None:
-    place = {"confirmed": confirmed(studio.folder)}
-    tabs = {}
-    for name in ("edge of an area", "end of a task", "reason"):
+    for name in names:
         path, field, text = FIELDS[name]
         tabs[name] = typed_but_one(show, studio, path.format(**place), field, text)
     die_and_return(show, studio, tabs, place)

@@ -68,6 +68,7 @@ def drop(tab: Any, name: str, text: str) -> None:
 
 
 def test_large_maps_are_received_over_a_restart_and_removed(show: Show, studio: Server, tmp_path: Path) -> None:
+    studio.refuses = True
     (tmp_path / "large.pgm").write_bytes(b"P5\n4000 4000\n255\n" + bytes(16_000_000))
     tab = show("/world/new")
     tab.get_by_label("Files").set_input_files([tmp_path / "large.pgm"])

@@ -355,6 +355,7 @@ def test_doubled_routes_and_objects_do_not_hide_what_else_is_wrong(tmp_path: Pat
         ("Shelf 1 -> waste area", []),
         ("push 12 boxes along the wall, Mondays only", []),
         ("Two people restock a shelf", []),
+        ("walk between Large Shelf 1 and Shelfs 1 and 2", []),
     ],
 )
 def test_an_activity_that_names_an_unknown_area_is_found_and_free_text_is_not(text: str, names: list[str]) -> None:

@@ -22,7 +22,9 @@ class Turn(Record):
     given: tuple[tuple[str, str], ...] = ()
     """Role and text of each message that the call before did not hold."""
     pictures: tuple[str, ...] = ()
-    """The pictures shown in it, by digest."""
+    """The pictures shown in it that are kept, by digest."""
+    lost_pictures: int = 0
+    """Pictures shown in it that the record does not hold, as in recordings that ship with RVSG."""
     answer: str = ""
     error: str = ""
     input_tokens: int = 0
@@ -107,10 +109,14 @@ def picture_of_call(campaign: Campaign, digest: str) -> bytes:
     """
     recording = recording_of(campaign)
     if recording is not None and digest.isalnum() and len(digest) <= LONGEST_DIGEST:
-        path = recording.folder / PICTURES / f"{digest}.png"
+        path = _picture(recording, digest)
         if path.is_file():
             return path.read_bytes()
     raise InputError("This picture is not kept in the record of the campaign.")
+
+
+def _picture(recording: Recording, digest: str) -> Path:
+    return recording.folder / PICTURES / f"{digest}.png"
 
 
 def _turns(proposal: Proposal, by_key: dict[str, RecordedCall], recording: Recording | None) -> list[Turn]:
@@ -126,13 +132,16 @@ def _turns(proposal: Proposal, by_key: dict[str, RecordedCall], recording: Recor
                     given.append((message.role, message.text))
                     pictures += [picture.digest for picture in message.pictures]
             known.update(kept.messages)
+        shown = tuple(dict.fromkeys(pictures))
+        stored = tuple(each for each in shown if recording is not None and _picture(recording, each).is_file())
         turns.append(
             Turn(
                 key=call.recording or "",
                 purpose=call.purpose,
                 model=call.model,
                 given=tuple(given),
-                pictures=tuple(dict.fromkeys(pictures)),
+                pictures=stored,
+                lost_pictures=len(shown) - len(stored),
                 answer=kept.answer.text if kept is not None and kept.answer is not None else "",
                 error=call.error or "",
                 input_tokens=call.input_tokens,

@@ -103,7 +103,7 @@ class Search:
     def _turn(self, turn: Turn) -> None:
         with tag("div", cls="st-turn"):
             cost = "" if turn.cost_usd is None else f", {turn.cost_usd:.4f} USD"
-            tag("h3", f"{turn.purpose}: {turn.model}")
+            tag("h2", f"{turn.purpose}: {turn.model}", cls="st-minor")
             tokens = f"{turn.input_tokens} tokens in, {turn.output_tokens} out{cost}, {turn.seconds:.1f} s"
             tag("p", tokens, cls="soft small")
             for role, text in turn.given:
@@ -113,6 +113,9 @@ class Search:
             for digest in turn.pictures:
                 where = address("/data/picture", campaign=self.folder, name=self.name, digest=digest)
                 tag("img", src=where, alt="What the model was shown", loading="lazy", cls="st-shown")
+            if turn.lost_pictures:
+                said = f"{counted(turn.lost_pictures, 'picture')} that the model was shown, not kept with this record"
+                tag("p", said, cls="soft small")
             if turn.answer:
                 tag("pre", turn.answer[:LONGEST], tabindex="0")
             if turn.error:
@@ -122,6 +125,6 @@ class Search:
 def _section(title: str, lines: Any) -> None:
     if not lines:
         return
-    tag("h3", title)
+    tag("h2", title, cls="st-minor")
     for line in lines:
         tag("p", line, cls="reasoning small")

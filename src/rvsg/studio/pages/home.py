@@ -30,26 +30,31 @@ def add(workspace: Workspace) -> None:
 
 
 class Home:
-    """What lies in the folder; it follows campaigns that are still being read."""
+    """What lies in the folder; it follows campaigns that are still being read, and jobs until they end."""
 
     def __init__(self, shown: Page, listing: Listing, jobs: list[Job]) -> None:
-        self.page, self.listing = shown, listing
+        self.page, self.shown = shown, _followed(listing, jobs)
         self.body = tag("div")
         with self.body:
             lay_out(shown, listing, jobs)
-        if listing.unread:
+        if self.shown:
             self.timer = ui.timer(FOLLOW_S, shown.guarded(self._follow))
 
     async def _follow(self) -> None:
-        listing = await load(self.page.workspace.listing)
-        if listing != self.listing:
-            self.listing = listing
-            jobs = await load(self.page.workspace.jobs.all)
+        listing, jobs = await load(self.page.workspace.listing), await load(self.page.workspace.jobs.all)
+        if (followed := _followed(listing, jobs)) != self.shown:
+            self.shown = followed
             self.body.clear()
             with self.body:
                 lay_out(self.page, listing, jobs)
-        if not listing.unread:
+        if not self.shown:
             self.timer.deactivate()
+
+
+def _followed(listing: Listing, jobs: list[Job]) -> tuple[object, ...]:
+    """Return what the page waits for: it is laid out anew when that changes, and not while somebody reads it."""
+    running = tuple(job.id for job in jobs if job.running)
+    return (listing.unread, running) if listing.unread or running else ()
 
 
 def lay_out(shown: Page, listing: Listing, jobs: list[Job]) -> None:

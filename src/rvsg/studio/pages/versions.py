@@ -62,7 +62,7 @@ def _choose(made: Page, given: dict[str, str], results: tuple[str, ...], suites:
         for key, label, options in (
             ("first", "Version before", files),
             ("second", "Version now", files),
-            ("suite", "Suite, to replay what changed", {"": "none"} | {each: each for each in suites}),
+            ("suite", "Suite to replay", {"": "none"} | {each: each for each in suites}),
         ):
             with field(label):
                 select(options, given[key], partial(chosen.__setitem__, key))

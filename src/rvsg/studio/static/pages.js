@@ -110,5 +110,17 @@
       if (t >= end()) { play.click(); t = 0; } else root.requestAnimationFrame(tick);
     }
     slider.addEventListener("input", function () { seek(+slider.value); });
+    /** Begin with both runs at the decisive moment of the first, on its seed where the second has that, too. */
+    function begin() {
+      const shown = Array.from(document.querySelectorAll('[data-studio="replay"]')), hosts = shown.filter(function (node) { return node.dataset.ready; });
+      if (!hosts.length || hosts.length < shown.length) { setTimeout(begin, 100); return; }
+      const first = hosts[0].replay.state(), runs = hosts.map(function (node) { return node.replayData.groups.flatMap(function (group) { return group.runs; }); });
+      const seed = runs[0].find(function (run) { return run.id === first.run; }).seed, same = hosts.slice(1).map(function (node, k) {
+        const run = runs[k + 1].find(function (each) { return each.seed === seed; });
+        return run ? node.replay.select(run.id, first.t) : null;
+      });
+      Promise.all(same).then(function () { seek(first.t); element.dataset.ready = "true"; });
+    }
+    begin();
   };
 })(window);

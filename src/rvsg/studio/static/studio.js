@@ -79,6 +79,7 @@
         }
         if (!commit) return node;
         node.addEventListener("change", store);
+        node.addEventListener("blur", function () { if (node.classList.contains("st-typed")) store(); });
         node.addEventListener("keydown", function (event) { if (event.key === "Enter" && node.tagName === "INPUT") store(); });
         return node;
       },
@@ -122,7 +123,7 @@
         if (shown) shown.destroy();
         host.textContent = "";
         shown = rvsgReplay.mount(host, data, { keys: element.dataset.keys === "page" ? document : host });
-        element.replay = shown;
+        element.replay = shown; element.replayData = data;
         if (!shown) return;
         if (element.dataset.trace) tracing(shown, JSON.parse(element.dataset.trace));
         return shown.ready().then(function () {

@@ -69,7 +69,7 @@
     function say(text, bad) { status.textContent = text; status.classList.toggle("st-wrong", !!bad); }
     function fail(error) { say(error.message, true); }
     function take(found) { data = found; if (chosen && !data[chosen.kind].some(function (each) { return each.name === chosen.name; })) chosen = null; show(); check(); }
-    function load() { return typed.load().then(function () { return ask("/data/world" + query); }).then(take).then(again).catch(fail); }
+    function load() { return typed.load().then(function () { return ask("/data/world" + query); }).then(take).then(again).then(function () { element.dataset.ready = "true"; }).catch(fail); }
     /** Make a change; the promise says whether it worked. */
     function change(what, values, then) {
       say("");
@@ -167,7 +167,7 @@
         node.addEventListener("pointerdown", function (event) {
           if (tool !== "select" || event.button) return;
           event.stopPropagation();
-          choose("areas", area.name);
+          if (!on) choose("areas", area.name);  // drawn anew it would get no double click
           if (data.editable) drag = { area: area, from: drawing.at(event), outline: area.outline };
         });
         const b = box(area), p = drawing.place((b[0] + b[2]) / 2, (b[1] + b[3]) / 2);
@@ -324,9 +324,9 @@
     }
     let nudges = 0, nudging = null, moved = 0;
     /** Moves by arrow keys are sent as they come; those of one go are undone together. */
-    const nudge = root.studio.latest(function (which, values, turn) {
+    const nudge = root.studio.latest(function (which, values, turn, together) {
       const told = { what: "change area", name: which, values: values };
-      return send("/data/world-edit", { world: name, change: told, together: opened + "-" + nudges }).then(function (found) { if (turn === moved) take(found); }).catch(fail);
+      return send("/data/world-edit", { world: name, change: told, together: together }).then(function (found) { if (turn === moved) take(found); }).catch(fail);
     });
     function onKey(event) {
       const move = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] }[event.key], by = event.shiftKey ? 1 : NUDGE_M;
@@ -341,7 +341,7 @@
         draw();
         clearTimeout(nudging);
         nudging = setTimeout(function () { nudges++; }, 1500);
-        nudge(area.name, shape(area, area.outline), ++moved);
+        nudge(area.name, shape(area, area.outline), ++moved, opened + "-" + nudges);
       } else return;
       event.preventDefault();
     }
@@ -364,7 +364,7 @@
         drives.set(key, send("/data/world-drive", { world: name, route: route.name }));
       }
       drives.get(key).then(function (run) {
-        told.textContent = "With nobody about: " + run.outcome + ", after " + run.time_s.toFixed(1) + " s of " + route.time_limit_s + " s" + (run.touched_s.length ? "; it touches an obstacle " + run.touched_s.length + " times" : "") + ".";
+        told.textContent = "With nobody about: " + run.outcome + ", after " + run.time_s.toFixed(1) + " s of " + route.time_limit_s + " s" + (run.touched_s.length ? "; it touches an obstacle " + (run.touched_s.length === 1 ? "once" : run.touched_s.length + " times") : "") + ".";
       }).catch(function (error) { drives.delete(key); told.textContent = error.message; });
     }
     function showSelected() {
@@ -396,7 +396,7 @@
             input(label, numbers, b[k], function (v) { const next = b.slice(); next[k] = +v; return { rectangle: next }; }, { type: "number", step: "0.05" });
           });
         }
-        html(selected, "p", { class: "small soft" }, entry.waypoints.length ? "People work it from " + entry.waypoints.slice(0, 10).join(", ") + (entry.waypoints.length > 10 ? ", \u2026" : "") + "." : "No waypoint reaches it.");
+        html(selected, "p", { class: "small soft" }, entry.waypoints.length ? "People work it from " + entry.waypoints.slice(0, 10).join(", ") + (entry.waypoints.length > 10 ? ", \u2026" : ".") : "No waypoint reaches it.");
         const row = html(selected, "p", { class: "st-actions" });
         if (data.editable) {
           const other = html(row, "select", { "aria-label": "Area to merge with" });
@@ -457,7 +457,6 @@
       if (!drawing) { startMap(); if (data.editable) root.studio.names(nameBox, name, { choose: choose, change: change, fail: fail }); }
       undo.disabled = !data.undo; redo.disabled = !data.redo;
       draw(); showSelected(); showLists(); showActivities();
-      element.dataset.ready = "true";
     }
     setTool("select");
     load();

@@ -163,9 +163,10 @@ def _change_area(value: Any, change: Mapping[str, Any]) -> None:
         if key in values:
             _put(entry, key, values[key])
     if any(key in values for key in SHAPES):
-        for key in (*SHAPES, "waypoints"):
+        shape = _shape(values)
+        for key in {*SHAPES, "waypoints"} - set(shape):
             entry.pop(key, None)
-        entry.update(_shape(values))
+        entry.update(shape)
 
 
 def _renew_waypoints(value: Any, change: Mapping[str, Any]) -> None:

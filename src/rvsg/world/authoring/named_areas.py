@@ -29,8 +29,10 @@ def unknown_areas(text: str, known: Sequence[str]) -> list[str]:
         numbered = re.compile(_pattern(kind).removesuffix(_END) + r"\s*\d+\b", re.IGNORECASE)
         found += numbered.findall(rest)
         rest = numbered.sub("\0", rest)
+    folded = [name.casefold() for name in known]
     for phrase in _CAPITALISED.findall(rest):
-        if difflib.get_close_matches(phrase.casefold(), [name.casefold() for name in known], n=1, cutoff=ALIKE):
+        one_of = re.sub(r"s(\s+\d+)$", r"\1", phrase.casefold())  # "Areas 3 and 4" begins with a known name
+        if one_of not in folded and difflib.get_close_matches(phrase.casefold(), folded, n=1, cutoff=ALIKE):
             found.append(phrase)
     return list(dict.fromkeys(found))
 
