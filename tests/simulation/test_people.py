@@ -414,3 +414,31 @@ class TestRandomness:
             skipped += quick == (0.0, 0.0)
             assert math.hypot(exact[0] - quick[0], exact[1] - quick[1]) <= bound
         assert skipped > 300
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_each_pair_of_people_is_worked_out_once_with_equal_sums(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    spots = rng.uniform(-3.0, 3.0, (30, 2))
+    spots[7] = spots[3]
+    people = [human((9.0, 9.0), start=(float(x), float(y)), group=i % 3 or None) for i, (x, y) in enumerate(spots)]
+    crowd = crowd_of(*people, options=CORRECT)
+    crowd.factor_social[:] = rng.uniform(2.0, 15.0, 30)
+    crowd.vx[:], crowd.vy[:] = rng.uniform(-1.5, 1.5, (2, 30))
+    tick(crowd, 0.0, 0.1, *FAR)
+    for i in range(30):
+        x = y = near_x = near_y = 0.0
+        reach = reach_of(float(crowd.factor_social[i]), crowd.neglect)
+        for j in range(30):
+            if i == j:
+                continue
+            dx, dy = float(crowd.old_x[j] - crowd.old_x[i]), float(crowd.old_y[j] - crowd.old_y[i])
+            dvx, dvy = float(crowd.old_vx[i] - crowd.old_vx[j]), float(crowd.old_vy[i] - crowd.old_vy[j])
+            fx, fy = social_force(dx, dy, dvx, dvy, float(crowd.factor_social[i]), reach, True)
+            if math.isfinite(fx) and math.isfinite(fy):
+                x, y = x + fx, y + fy
+            same_group = crowd.group[i] >= 0 and crowd.group[i] == crowd.group[j]
+            if same_group and math.sqrt(dx * dx + dy * dy) < crowd.radius[i] + crowd.radius[j]:
+                near_x, near_y = near_x - dx, near_y - dy
+        assert (crowd.push_x[i], crowd.push_y[i]) == (x, y)
+        assert (crowd.near_x[i], crowd.near_y[i]) == (near_x, near_y)

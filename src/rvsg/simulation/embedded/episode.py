@@ -156,13 +156,18 @@ def update_maps(scene: Scene, state: State, settings: Settings, t: float) -> Non
 
 
 @inner
-def take_scan(scene: Scene, state: State, settings: Settings, crowd: Crowd, side: int, t: float) -> None:
+def take_scan(scene: Scene, state: State, settings: Settings, crowd: Crowd, side: int, like: int, t: float) -> None:
     """Keep what a lidar sees now: the robot's pose and people's legs; rays are cast when a costmap wants them.
 
-    With a scan of the first lidar the robot finds out where it is; a plan it follows moves with its belief.
+    With a scan of the first lidar the robot finds out where it is; a plan it follows moves with its belief. `like`: a
+    lidar whose scan was taken at the same time; -1: none was.
     """
     legs = state.legs[side]
-    if settings.humans_displayed_late:
+    if like >= 0:
+        for n in range(legs.shape[0]):
+            legs[n, 0] = state.legs[like, n, 0]
+            legs[n, 1] = state.legs[like, n, 1]
+    elif settings.humans_displayed_late:
         place_legs(legs, crowd.logged_x, crowd.logged_y, crowd.logged_yaw, crowd.walked)
         for i in range(crowd.x.size):
             if t < crowd.start_time[i] + PERIOD_S:
@@ -218,7 +223,7 @@ def begin(scene: SceneRef, state: StateRef, settings: Settings, crowd: CrowdRef,
     """Set everything as it is 2 s before the start. `phases` (s) of smoother, local and global costmap."""
     prepare(state, settings, phases)
     for side in range(state.stack.lidars.shape[0]):
-        take_scan(scene, state, settings, crowd, side, -LEAD_TICKS * base.STEP_S)
+        take_scan(scene, state, settings, crowd, side, -1, -LEAD_TICKS * base.STEP_S)
     loop[:] = 0.0
     loop[TICK] = -LEAD_TICKS
     loop[END] = settings.time_limit_s * settings.clock
@@ -241,9 +246,11 @@ def take_scans(scene: SceneRef, state: StateRef, settings: Settings, crowd: Crow
     """Take the scans that are due."""
     t = k * base.STEP_S
     lidars = state.stack.lidars
+    like = -1
     for side in range(lidars.shape[0]):
         if (k - settings.scan_phase_ticks) % int(lidars[side, LIDAR_TICKS]) == 0:
-            take_scan(scene, state, settings, crowd, side, t)
+            take_scan(scene, state, settings, crowd, side, like, t)
+            like = side
             if state.stack.zones.shape[0] > 0:
                 watch_zones(scene, state, settings, side, t)
             if state.stack.monitor.shape[0] > 0:

@@ -14,6 +14,7 @@ from rvsg.simulation.embedded.people.forces import (
     is_beyond,
     obstacle_force,
     or_zero,
+    pair_force,
     reach_of,
     social_force,
 )
@@ -66,6 +67,78 @@ def find_obstacle(crowd: Crowd, i: int, robot_x: float, robot_y: float, robot_ya
 
 
 @inner
+def push_pairs(crowd: Crowd) -> None:
+    """Work out how all people push each other at the beginning of the tick, each pair once (default profile).
+
+    Each person's pushes are added up in the order of the others' numbers, as `social_forces` does it.
+    """
+    xs, ys, vxs, vys = crowd.old_x, crowd.old_y, crowd.old_vx, crowd.old_vy
+    push_x, push_y, reaches, groups, beyond = crowd.push_x, crowd.push_y, crowd.reach, crowd.group, crowd.beyond
+    n = xs.size
+    for i in range(n):
+        push_x[i] = push_y[i] = crowd.near_x[i] = crowd.near_y[i] = 0.0
+        reaches[i] = reach_of(crowd.factor_social[i], crowd.neglect)
+    for i in range(n):
+        x, y, vx, vy, reach, group = xs[i], ys[i], vxs[i], vys[i], reaches[i], groups[i]
+        factor = crowd.factor_social[i]
+        for j in range(i + 1, n):
+            larger = reach if reach > reaches[j] else reaches[j]
+            beyond[j] = is_beyond(xs[j] - x, ys[j] - y, vx - vxs[j], vy - vys[j], larger)
+        if group >= 0:
+            push_members(crowd, i)
+        sum_x = push_x[i]
+        sum_y = push_y[i]
+        for j in range(i + 1, n):
+            if beyond[j]:
+                continue
+            larger = reach if reach > reaches[j] else reaches[j]
+            fx, fy, exponent = pair_force(xs[j] - x, ys[j] - y, vx - vxs[j], vy - vys[j], larger)
+            if not exponent > reach:
+                gx, gy = or_zero(factor * fx, factor * fy)
+                sum_x += gx
+                sum_y += gy
+            if not exponent > reaches[j]:
+                gx, gy = or_zero(crowd.factor_social[j] * fx, crowd.factor_social[j] * fy)
+                push_x[j] -= gx
+                push_y[j] -= gy
+        push_x[i] = sum_x
+        push_y[i] = sum_y
+
+
+@inner
+def push_members(crowd: Crowd, i: int) -> None:
+    """Let a person and the later members of their group push each other where they stand too near."""
+    xs, ys = crowd.old_x, crowd.old_y
+    for j in range(i + 1, xs.size):
+        dx = xs[j] - xs[i]
+        dy = ys[j] - ys[i]
+        if crowd.group[j] == crowd.group[i] and math.sqrt(dx * dx + dy * dy) < crowd.radius[i] + crowd.radius[j]:
+            crowd.near_x[i] -= dx
+            crowd.near_y[i] -= dy
+            crowd.near_x[j] += dx
+            crowd.near_y[j] += dy
+
+
+@inner
+def pushes_on(
+    crowd: Crowd, i: int, robot_in_social: bool, robot_x: float, robot_y: float, robot_vx: float, robot_vy: float
+) -> tuple[float, float, float, float]:
+    """Return what `social_forces` does, from what `push_pairs` has worked out."""
+    social_x = crowd.push_x[i]
+    social_y = crowd.push_y[i]
+    if robot_in_social:
+        fx, fy = social_force(
+            robot_x - crowd.old_x[i], robot_y - crowd.old_y[i], crowd.old_vx[i] - robot_vx, crowd.old_vy[i] - robot_vy,
+            crowd.factor_social[i], crowd.reach[i], True,
+        )  # fmt: skip
+        fx, fy = or_zero(fx, fy)
+        social_x += fx
+        social_y += fy
+    social_x, social_y = or_zero(social_x, social_y)
+    return social_x, social_y, crowd.near_x[i], crowd.near_y[i]
+
+
+@inner
 def social_forces(
     crowd: Crowd,
     i: int,
@@ -80,11 +153,12 @@ def social_forces(
 
     `live`: take the others where they are now rather than at the beginning of the tick.
     """
+    if not crowd.published:
+        return pushes_on(crowd, i, robot_in_social, robot_x, robot_y, robot_vx, robot_vy)
     x = crowd.old_x[i]
     y = crowd.old_y[i]
     vx = crowd.old_vx[i]
     vy = crowd.old_vy[i]
-    aside = not crowd.published
     factor = crowd.factor_social[i]
     reach = reach_of(factor, crowd.neglect)
     social_x = 0.0
@@ -106,15 +180,11 @@ def social_forces(
             near_y -= dy
         if is_beyond(dx, dy, vx - vxs[j], vy - vys[j], reach):
             continue
-        fx, fy = social_force(dx, dy, vx - vxs[j], vy - vys[j], factor, reach, aside)
-        if aside:
-            fx, fy = or_zero(fx, fy)
+        fx, fy = social_force(dx, dy, vx - vxs[j], vy - vys[j], factor, reach, False)
         social_x += fx
         social_y += fy
     if robot_in_social:
-        fx, fy = social_force(robot_x - x, robot_y - y, vx - robot_vx, vy - robot_vy, factor, reach, aside)
-        if aside:
-            fx, fy = or_zero(fx, fy)
+        fx, fy = social_force(robot_x - x, robot_y - y, vx - robot_vx, vy - robot_vy, factor, reach, False)
         social_x += fx
         social_y += fy
     social_x, social_y = or_zero(social_x, social_y)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from rvsg.core.compiled import inner, kernel
-from rvsg.simulation.embedded.people.acceleration import find_obstacle, sum_groups, total_force
+from rvsg.simulation.embedded.people.acceleration import find_obstacle, push_pairs, sum_groups, total_force
 from rvsg.simulation.embedded.people.contact import TOUCH_M, may_touch, note_overlap, note_touch, robot_gap, separate
 from rvsg.simulation.embedded.people.crowd import Crowd, CrowdRef
 from rvsg.simulation.embedded.people.forces import or_zero, wrap
@@ -68,6 +68,8 @@ def tick(
     sum_groups(crowd)
     for i in range(n):
         find_obstacle(crowd, i, robot_x, robot_y, robot_yaw)
+    if not crowd.published:
+        push_pairs(crowd)
     robot_vx = robot_v * math.cos(robot_yaw) - robot_side * math.sin(robot_yaw)
     robot_vy = robot_v * math.sin(robot_yaw) + robot_side * math.cos(robot_yaw)
     for i in range(n):

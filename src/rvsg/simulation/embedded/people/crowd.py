@@ -117,6 +117,12 @@ class Crowd(NamedTuple):
     old_y: Floats
     old_vx: Floats
     old_vy: Floats
+    push_x: Floats  # the sum of the other people's social forces in this tick
+    push_y: Floats
+    near_x: Floats  # ... and of members of the own group who stand too near
+    near_y: Floats
+    reach: Floats  # the exponent beyond which others do not push
+    beyond: NDArray[np.bool_]  # scratch space: whose push is surely zero
     slow: Ints  # who is slower than people walk around, from the front; their number is `slow_count`
     slow_count: Ints
     pairs: Ints  # (N (N - 1) / 2, 2) people so near each other that they may touch, from the front
@@ -267,6 +273,12 @@ def initial(
         old_y=np.zeros(n),
         old_vx=np.zeros(n),
         old_vy=np.zeros(n),
+        push_x=np.zeros(n),
+        push_y=np.zeros(n),
+        near_x=np.zeros(n),
+        near_y=np.zeros(n),
+        reach=np.zeros(n),
+        beyond=np.zeros(n, np.bool_),
         slow=np.zeros(n, np.int64),
         slow_count=np.zeros(1, np.int64),
         pairs=np.zeros((n * (n - 1) // 2, 2), np.int64),

@@ -98,8 +98,39 @@ def social_force(
 
 
 @inner
+def pair_force(dx: float, dy: float, dvx: float, dvy: float, reach: float) -> tuple[float, float, float]:
+    """Return the push of `social_force` for a factor of 1, and the exponent that is compared with a person's reach.
+
+    It pushes to the right at θ = 0. The other person of the pair is pushed by the same, the other way: both see the
+    same angle and the same distance. `reach` is the larger one of both; beyond it the exponent is infinite.
+    """
+    distance = math.sqrt(dx * dx + dy * dy)
+    ex = dx / distance
+    ey = dy / distance
+    ix = LAMBDA * dvx + ex
+    iy = LAMBDA * dvy + ey
+    length = math.sqrt(ix * ix + iy * iy)
+    b = GAMMA * length
+    tx = ix / length
+    ty = iy / length
+    decay = distance / b
+    sine = N_ANGLE * b * (tx * ey - ty * ex)
+    exponent = decay + sine * sine
+    if exponent > reach:
+        return 0.0, 0.0, math.inf
+    theta = math.atan2(tx * ey - ty * ex, tx * ex + ty * ey)
+    speed_angle = N_SPEED * b * theta
+    turn_angle = N_ANGLE * b * theta
+    along = -math.exp(-decay - speed_angle * speed_angle)
+    across = -math.exp(-decay - turn_angle * turn_angle)
+    if theta < 0.0:
+        across = -across
+    return along * tx - across * ty, along * ty + across * tx, exponent
+
+
+@inner
 def is_beyond(dx: float, dy: float, dvx: float, dvy: float, reach: float) -> bool:
-    """Whether `social_force` is surely zero, told without a division and with room for rounding: most pairs are.
+    """Whether `social_force` is surely zero, told without a division or a branch: most pairs are. Room for rounding.
 
     With d the way to the other and v the relative velocity, I x ê = 2 (v x d) / |d| and |I|² = 4 |v|² + 1 +
     4 (v · d) / |d|. Both tests of `social_force` are taken times a power of |d|.
@@ -107,15 +138,12 @@ def is_beyond(dx: float, dy: float, dvx: float, dvy: float, reach: float) -> boo
     square = dx * dx + dy * dy
     cross = N_ANGLE * GAMMA * LAMBDA * (dvx * dy - dvy * dx)
     rest = (1.00001 * reach + 1e-5) * square - cross * cross
-    if rest < 0.0:
-        return True
     moving = LAMBDA * LAMBDA * (dvx * dvx + dvy * dvy)
     room = 1.0001 * GAMMA * GAMMA * rest * rest
     cube = square * square * square
-    if cube > room * (2.0 * moving + 2.0):
-        return True
     distance = math.sqrt(square)
-    return cube * distance > room * ((moving + 1.0001) * distance + 2.0 * LAMBDA * (dvx * dx + dvy * dy))
+    along = (moving + 1.0001) * distance + 2.0 * LAMBDA * (dvx * dx + dvy * dy)
+    return (rest < 0.0) | (cube > room * (2.0 * moving + 2.0)) | (cube * distance > room * along)
 
 
 @kernel

@@ -195,9 +195,9 @@ def propagate_near(
 
     `rest` holds the cost from every cell to the target on the static map: people can only add to it. Where the target's
     potential turns out at least SPARE below the bound, no cell that was left out can have had a part in the potentials
-    along the path, nor in those around it from which its gradient is taken.
+    along the path, nor in those around it from which its gradient is taken. A blocked target is never reached.
     """
-    if rest[source] < HIGH:
+    if rest[source] < HIGH and costs[target] < BLOCKED:
         bound = np.float32(1.02) * rest[source] + np.float32(2.0) * SPARE
         propagate(potential, costs, reach, waiting, buffers, columns, rows, source, target, rest, bound)
         if potential[target] + SPARE < bound:
