@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import rvsg
-from rvsg.api.knowledge import learn_campaign, learn_suite, open_knowledge, search, tell
+from rvsg.api.knowledge import learn_campaign, open_knowledge, search, tell
 from rvsg.api.remembered import read_remembered
 from rvsg.cli import main
 from rvsg.core.errors import FileError
@@ -50,18 +50,6 @@ def test_a_campaign_is_learned_once(base: KnowledgeBase, campaign: rvsg.Campaign
     }
     assert learn_campaign(base, campaign.folder) == 0
     assert all(each.place == campaign.world.floor_id for each in entries)
-
-
-def test_a_suite_is_learned(base: KnowledgeBase, tmp_path: Path) -> None:
-    world = rvsg.load_world("warehouse")
-    crossing = rvsg.scenario(world, "route_2", [rvsg.walk("Anna", "E15", "H15")], description="Anna crosses")
-    suite = rvsg.Suite.create(tmp_path / "suite").add(crossing, "R3", name="crossing", expected="pass")
-    result = suite.run(simulator="kinematic", runs=2)
-    assert learn_suite(base, suite, result) == 1
-    assert learn_suite(base, suite, result) == 0
-    (found,) = search(base, route="route_2", at="E15")
-    assert found.entry.scenario == crossing and found.entry.violates is None
-    assert search(base, route="route_2", at="C4") == ()
 
 
 def test_a_search_finds_what_is_most_similar(base: KnowledgeBase) -> None:

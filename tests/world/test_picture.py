@@ -110,11 +110,11 @@ def test_bad_options_are_answered_with_one_message() -> None:
     with pytest.raises(InputError, check=coded("picture-width")):
         labelled_map(world, width_px=20)
     with pytest.raises(UnknownName, check=nearest("light")):
-        labelled_map(world, colours="ligth")
+        draw_plan(world, show=LABELLED, colours="ligth")
     with pytest.raises(UnknownName, check=nearest("areas")):
-        labelled_map(world, show=frozenset({"aeras"}))
+        draw_plan(world, show=frozenset({"aeras"}))
     with pytest.raises(InputError, check=coded("window-empty")):
-        labelled_map(world, window=(1, 1, 1, 3))
+        draw_plan(world, show=LABELLED, window=(1, 1, 1, 3))
 
 
 def test_the_words_below_the_plan_say_from_where_rows_and_columns_count() -> None:

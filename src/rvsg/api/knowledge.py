@@ -11,10 +11,7 @@ import numpy as np
 
 from rvsg.api.campaign import Campaign
 from rvsg.api.index import campaigns_below
-from rvsg.api.suites import Suite
-from rvsg.api.worlds import world_of
-from rvsg.campaign.knowledge import Entry, Kind, entries_of_campaign, entry_of_case, remembered
-from rvsg.campaign.suite import SuiteResult
+from rvsg.campaign.knowledge import Entry, Kind, entries_of_campaign, remembered
 from rvsg.core.errors import FileError, UnknownName
 from rvsg.core.files import write_whole
 from rvsg.core.records import Record
@@ -66,17 +63,6 @@ def learn_campaign(base: KnowledgeBase, source: Campaign | str | Path) -> int:
         source.record.simulator.name,
     )
     return base.add(entries, origin=f"campaign {source.name}")
-
-
-def learn_suite(base: KnowledgeBase, suite: Suite, result: SuiteResult) -> int:
-    """Add what the results of a suite teach; return how many entries are new."""
-    scenarios = {case.name: case.scenario for case in suite.cases}
-    entries = [
-        entry_of_case(scenarios[each.case], each, world_of(scenarios[each.case].mission).floor_id, result.simulator)
-        for each in result.cases
-        if each.case in scenarios
-    ]
-    return base.add(entries, origin=f"suite {result.suite}, version {result.version}")
 
 
 def search(

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import combinations, product
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,11 +17,11 @@ from rvsg.simulation.run import Run
 TaskLists = Sequence[Sequence[str]]
 
 
-def description_diversity(descriptions: Sequence[str], model_dir: Path | None = None) -> float | None:
+def description_diversity(descriptions: Sequence[str]) -> float | None:
     """Return sdd: 1 - mean over pairs of the cosine similarity of the embeddings (all-MiniLM-L6-v2)."""
     if len(descriptions) < 2:
         return None
-    vectors = embed(descriptions, model_dir).astype(np.float64)
+    vectors = embed(descriptions).astype(np.float64)
     similarity = vectors @ vectors.T
     upper = np.triu_indices(len(vectors), 1)
     return 1.0 - float(similarity[upper].mean())

@@ -46,9 +46,9 @@ def available() -> bool:
     return model_folder() is not None and all(importlib.util.find_spec(name) is not None for name in readers)
 
 
-def embed(texts: Sequence[str], model_dir: Path | None = None) -> Floats32:
+def embed(texts: Sequence[str]) -> Floats32:
     """Return (len(texts), 384) float32 embeddings of unit length; InputError if model or readers are missing."""
-    folder = model_dir or model_folder()
+    folder = model_folder()
     if folder is None:
         raise InputError(f"The package {PACKAGE.replace('_', '-')} is not installed. {HOW_TO}", code="package-missing")
     try:

@@ -39,7 +39,7 @@ MOST_IN_TEX = 8
 Cells = list[list[str]]
 
 
-def write_tables(*ledgers: Ledger, out: Path, model_dir: Path | None = None) -> list[str]:
+def write_tables(*ledgers: Ledger, out: Path) -> list[str]:
     """Write `out/published` and `out/honest`, each with rq1, rq2, rq3 as .csv, .md and .tex; return what was left out.
 
     Where matplotlib is there and scenarios were repeated, RQ3 is drawn too: `rq3_<requirement>.svg` in both folders.
@@ -53,7 +53,7 @@ def write_tables(*ledgers: Ledger, out: Path, model_dir: Path | None = None) -> 
             code="tables-empty",
         )
     drawn = can_draw()
-    for way, tables in zip(WAYS, build(material, model_dir), strict=True):
+    for way, tables in zip(WAYS, build(material), strict=True):
         folder = out / way
         folder.mkdir(parents=True, exist_ok=True)
         for name in TITLES:

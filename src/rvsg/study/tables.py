@@ -16,7 +16,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
@@ -50,10 +49,10 @@ class Tables:
     rq3: list[Row]
 
 
-def build(material: Material, model_dir: Path | None = None) -> tuple[Tables, Tables]:
+def build(material: Material) -> tuple[Tables, Tables]:
     """Return the published and the honest tables of a store."""
-    published = Tables(*(list(rows) for rows in (_rq1_published(material, model_dir), *_repeated(material, False))))
-    honest = Tables(*(list(rows) for rows in (_rq1_honest(material, model_dir), *_repeated(material, True))))
+    published = Tables(*(list(rows) for rows in (_rq1_published(material), *_repeated(material, False))))
+    honest = Tables(*(list(rows) for rows in (_rq1_honest(material), *_repeated(material, True))))
     return published, Tables(*(corrected(rows) for rows in (honest.rq1, honest.rq2, honest.rq3)))
 
 
@@ -70,7 +69,7 @@ def corrected(rows: Sequence[Row]) -> list[Row]:
 # RQ1: how bad are the scenarios of each method, and how diverse?
 
 
-def _rq1_published(material: Material, model_dir: Path | None) -> Iterable[Row]:
+def _rq1_published(material: Material) -> Iterable[Row]:
     for (name, route), methods in sorted(material.trials.items()):
         requirement = material.requirements.get(name)
         for method, trials in methods.items():
@@ -79,17 +78,17 @@ def _rq1_published(material: Material, model_dir: Path | None) -> Iterable[Row]:
             else:
                 chosen = list(trials)
             spent = sum(len(trial.samples) for trial in trials)
-            yield from _described(material, (name, route), method, chosen, spent, model_dir)
+            yield from _described(material, (name, route), method, chosen, spent)
 
 
-def _rq1_honest(material: Material, model_dir: Path | None) -> Iterable[Row]:
+def _rq1_honest(material: Material) -> Iterable[Row]:
     for (name, route), methods in sorted(material.trials.items()):
         sound = {method: _sound(trials, material, route) for method, trials in methods.items()}
         sound = {method: trials for method, trials in sound.items() if trials}
         budget = min((sum(len(t.samples) for t in trials) for trials in sound.values()), default=0)
         equal = {method: _first_runs(trials, budget) for method, trials in sound.items()}
         for method, trials in equal.items():
-            yield from _described(material, (name, route), method, trials, budget, model_dir, per_run=True)
+            yield from _described(material, (name, route), method, trials, budget, per_run=True)
         requirement = material.requirements.get(name)
         if requirement is not None:
             yield from _best_of_equal(name, route, sound, requirement)
@@ -104,7 +103,6 @@ def _described(
     method: str,
     trials: Sequence[Trial],
     runs: int,
-    model_dir: Path | None,
     *,
     per_run: bool = False,
 ) -> Iterable[Row]:
@@ -117,7 +115,7 @@ def _described(
     apart = [group[0] for group in _by_scenario(trials)]
     texts = [trial.description for trial in apart if trial.description]
     if len(texts) > 1:
-        yield from _sdd(material, key, method, texts, model_dir)
+        yield from _sdd(material, key, method, texts)
     diversity = task_diversity([trial.tasks for trial in apart])
     if diversity is not None:
         yield Row(*key, method, "htd", diversity)
@@ -127,9 +125,9 @@ def _described(
     yield Row(*key, method, "runs", float(runs))
 
 
-def _sdd(material: Material, key: Key, method: str, texts: Sequence[str], model_dir: Path | None) -> Iterable[Row]:
+def _sdd(material: Material, key: Key, method: str, texts: Sequence[str]) -> Iterable[Row]:
     try:
-        diversity = description_diversity(texts, model_dir)
+        diversity = description_diversity(texts)
     except InputError as absent:
         note = f"sdd is left out: {absent}"
         if note not in material.notes:

@@ -9,11 +9,10 @@ import io
 
 from PIL import Image
 
-from rvsg.world.drawing.palette import PALETTES, Palette
+from rvsg.world.drawing.palette import PALETTES
 from rvsg.world.drawing.plan import GRID, LABELLED, LAYERS, Picture, draw_plan
 from rvsg.world.drawing.route import Way
 from rvsg.world.drawing.tiles import Tile, tiles
-from rvsg.world.drawing.view import Window
 from rvsg.world.world import Route, World
 
 __all__ = [
@@ -37,33 +36,16 @@ def labelled_map(
     *,
     width_px: int = 1600,
     route: Route | None = None,
-    colours: str | Palette = "light",
-    show: frozenset[str] = LABELLED,
-    window: Window | None = None,
     way: Way | None = None,
 ) -> Image.Image:
     """Return the floor plan with its labelled areas, seen from above, about `width_px` pixels wide."""
     title = f"{world.title}: labelled areas" + (f" and {route.name}" if route else "")
-    return draw_plan(
-        world, show=show, width_px=width_px, route=route, colours=colours, window=window, title=title, way=way
-    ).image
+    return draw_plan(world, show=LABELLED, width_px=width_px, route=route, title=title, way=way).image
 
 
-def grid_picture(
-    world: World,
-    *,
-    width_px: int = 1600,
-    route: Route | None = None,
-    colours: str | Palette = "light",
-    show: frozenset[str] = GRID,
-    window: Window | None = None,
-    way: Way | None = None,
-) -> Image.Image:
-    """The floor plan with the grid of named waypoints on which people can stand, about `width_px` pixels wide."""
-    title = f"{world.title}: grid of waypoints" + (f" and {route.name}" if route else "")
-    return draw_plan(
-        world, show=show, width_px=width_px, route=route, colours=colours, window=window, title=title, way=way
-    ).image
+def grid_picture(world: World, *, width_px: int = 1600) -> Image.Image:
+    """Return the floor plan with the grid of waypoints where people can stand, about `width_px` pixels wide."""
+    return draw_plan(world, show=GRID, width_px=width_px, title=f"{world.title}: grid of waypoints").image
 
 
 def png_bytes(image: Image.Image) -> bytes:
