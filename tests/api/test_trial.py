@@ -88,6 +88,7 @@ class TestTheCheck:
         remarks = check_world(SHIPPED / "warehouse", trial=trial)
         assert {remark.key for remark in remarks if remark.serious} == {("routes", i) for i in range(5)}
 
+    @pytest.mark.slow
     def test_hops_are_walked_both_ways_and_named_once(self) -> None:
         quiet = check_world(SHIPPED / "warehouse", trial=(trial := ScriptedTrial()))
         hops = load_world("warehouse").grid.hops

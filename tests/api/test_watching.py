@@ -30,15 +30,20 @@ def suite(tmp_path_factory: pytest.TempPathFactory) -> rvsg.Suite:
     return made.add(crossing, "R3", name="crossing", expected="pass")
 
 
-@pytest.fixture
-def field(tmp_path: Path) -> Path:
-    """A folder with one recording of route_1, in which somebody walks elsewhere than in the suite."""
-    folder = tmp_path / "field"
+@pytest.fixture(scope="module")
+def _field(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("recorded") / "field"
     (folder / "route_1").mkdir(parents=True)
     world = rvsg.load_world("warehouse")
     seen = rvsg.scenario(world, "route_1", [rvsg.walk("Ben", "B12", "E12", speed_m_s=1.0)])
     export(rvsg.simulate(seen, 1, simulator=FAST), folder / "route_1" / "drive.mcap", "mcap")
     return folder
+
+
+@pytest.fixture
+def field(_field: Path, tmp_path: Path) -> Path:
+    """A folder with one recording of route_1, in which somebody walks elsewhere than in the suite."""
+    return Path(shutil.copytree(_field, tmp_path / "field"))
 
 
 def kinds(journal: Journal) -> list[str]:
@@ -171,6 +176,7 @@ def test_a_changed_stack_runs_the_cases_again_and_the_way_back_too(suite: rvsg.S
     assert len({each.id for each in symptoms}) == 3
 
 
+@pytest.mark.slow
 def test_failures_are_written_into_the_suite_which_is_read_again_when_it_changes(
     suite: rvsg.Suite, field: Path, tmp_path: Path
 ) -> None:
@@ -199,6 +205,7 @@ def test_failures_are_written_into_the_suite_which_is_read_again_when_it_changes
     assert new[0].name in told and len(live.cases) == 1 and live.renew() == []
 
 
+@pytest.mark.slow
 def test_a_case_that_is_fixed_is_expected_to_hold(suite: rvsg.Suite, field: Path, tmp_path: Path) -> None:
     folder = tmp_path / "suite"
     shutil.copytree(suite.folder, folder)

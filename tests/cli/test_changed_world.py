@@ -55,6 +55,7 @@ def test_a_renamed_area_does_not_matter_and_a_new_object_does(
     assert {"map", "objects"} <= {each["part"] for each in found if each["matters"]}
 
 
+@pytest.mark.slow
 def test_a_scenario_moves_to_a_world_whose_grid_has_shifted(
     worlds: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
