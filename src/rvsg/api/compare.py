@@ -303,7 +303,10 @@ def curve(attempts: Sequence[Attempt], wired: Wired) -> tuple[tuple[int, float],
 
 
 class Contrast(Record):
-    """One method against another in one cell. `a12` > 0.5: the first is worse for the robot, which is better."""
+    """One method against another on one route with one requirement.
+
+    `a12` > 0.5: the scenarios of the first method are worse for the robot, so the method is better.
+    """
 
     method: str
     against: str
@@ -314,12 +317,12 @@ class Contrast(Record):
 
 
 def contrasts(rows: Sequence[Row], method: str) -> list[Contrast]:
-    """Compare one method with every other, cell by cell, with Holm's correction over all these tests."""
-    cells: dict[tuple[str, str], dict[str, list[Row]]] = defaultdict(lambda: defaultdict(list))
+    """Compare one method with every other on each route and requirement, with Holm's correction over all tests."""
+    pairs: dict[tuple[str, str], dict[str, list[Row]]] = defaultdict(lambda: defaultdict(list))
     for row in rows:
-        cells[row.route, row.requirement][row.method].append(row)
+        pairs[row.route, row.requirement][row.method].append(row)
     found: list[Contrast] = []
-    for (route, requirement), by_method in cells.items():
+    for (route, requirement), by_method in pairs.items():
         first = _values(by_method.get(method, []))
         for other, others in by_method.items():
             result = compare(first, _values(others)) if other != method else None
@@ -340,7 +343,7 @@ def contrasts(rows: Sequence[Row], method: str) -> list[Contrast]:
 
 
 def table(rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """Return the means over seeds, one line per cell and method."""
+    """Return the means over seeds, one line for each route, requirement and method."""
     groups: dict[tuple[str, str, str], list[Row]] = defaultdict(list)
     for row in rows:
         groups[row.route, row.requirement, row.method].append(row)

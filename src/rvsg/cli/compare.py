@@ -32,7 +32,7 @@ def compare(
     world: Annotated[str, typer.Option(help="World by name or folder.")] = "warehouse",
     simulator: Annotated[str, typer.Option(help="Simulator.")] = "embedded",
     humans: Annotated[int, typer.Option(min=1, max=100, help="People in every scenario.")] = 2,
-    seeds: Annotated[int, typer.Option(min=1, max=1000, help="Campaigns per method and cell.")] = 3,
+    seeds: Annotated[int, typer.Option(min=1, max=1000, help="Campaigns for each method, route and requirement.")] = 3,
     first_seed: Annotated[int, typer.Option(min=0, help="Seed of the first campaign.")] = 0,
     budget_runs: Annotated[int, typer.Option(min=10, help="Runs of each search.")] = 250,
     budget_calls: Annotated[int | None, typer.Option(help="Calls of the generator in each search, at most.")] = None,
@@ -42,7 +42,7 @@ def compare(
     base_url: Annotated[str | None, typer.Option(help="Address of an OpenAI-compatible server.")] = None,
     jobs: JobsPerCore = None,
     json: Annotated[
-        Path | None, typer.Option(help="File for the rows. Give the same file again to resume or to add cells.")
+        Path | None, typer.Option(help="File for the rows. Give the same file again to resume or to add more.")
     ] = None,
     figure: Annotated[Path | None, typer.Option(help="SVG file of the curves.")] = None,
 ) -> None:
