@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shutil
 import socket
@@ -109,6 +110,31 @@ def test_a_channel_never_waits_for_ever() -> None:
     with pytest.raises(StackError):
         channel.receive(1.0)
     for descriptor in (reads, writes, back):
+        os.close(descriptor)
+
+
+def test_a_stack_that_writes_on_and_on_and_does_not_read_is_told_at_once() -> None:
+    question, other = os.pipe()
+    back, answers = os.pipe()
+    channel = frames.Channel(back, other)
+    os.set_blocking(answers, False)
+    stop = threading.Event()
+
+    def flood() -> None:
+        while not stop.is_set():
+            with contextlib.suppress(BlockingIOError):
+                os.write(answers, b"x" * 65_536)
+
+    thread = threading.Thread(target=flood)
+    thread.start()
+    try:
+        with pytest.raises(StackError) as raised:
+            channel.send(bytes(10_000_000), 60.0)
+    finally:
+        stop.set()
+        thread.join()
+    assert "without being asked" in str(raised.value)
+    for descriptor in (question, other, back, answers):
         os.close(descriptor)
 
 

@@ -143,7 +143,7 @@ class Channel:
         """Write a frame.
 
         Raises:
-            StackError: the other side is gone, or does not read.
+            StackError: the other side is gone, does not read, or writes on and on without being asked.
         """
         data = memoryview(LENGTH.pack(len(frame)) + frame)
         until = time.monotonic() + limit_s
@@ -151,10 +151,29 @@ class Channel:
             try:
                 data = data[os.write(self.writes, data) :]
             except BlockingIOError:
-                if not select.select([], [self.writes], [], max(0.0, until - time.monotonic()))[1]:
+                left = max(0.0, until - time.monotonic())
+                flooded, ready, _ = select.select([self.reads], [self.writes], [], left)
+                if flooded and not ready:
+                    self._take_unasked()
+                elif not ready:
                     raise StackError(f"it did not read within {limit_s:g} s") from None
             except OSError as error:
                 raise StackError("it ended") from error
+
+    def _take_unasked(self) -> None:
+        """Keep what the other side writes before it has read the question; an early answer is none, a flood ends it."""
+        try:
+            part = os.read(self.reads, LARGEST_ANSWER)
+        except OSError as error:
+            raise StackError("it ended") from error
+        if not part:
+            raise StackError("it ended")
+        self._rest += part
+        if len(self._rest) > LARGEST_ANSWER + LENGTH.size:
+            raise StackError(
+                f"it wrote {len(self._rest)} bytes without being asked, before it read the question. Does it print to "
+                "standard output? Print to standard error."
+            )
 
     def receive(self, limit_s: float) -> bytes:
         """Read a frame.
