@@ -82,4 +82,5 @@ def test_attempts_share_equal_parts_and_say_the_same() -> None:
     assert last.brief.mission is first.brief.mission and last.brief.requirement is first.brief.requirement
     assert last.brief.memory[0].scenario is first.proposal.scenario
     assert last.brief.memory[0] is given_attempts[1].brief.memory[0]
+    assert last.brief.memory[0].scenario.people.humans[0].tasks[0] is first.proposal.scenario.people.humans[0].tasks[0]
     assert first.replace(index=7).index == 7 and first.model_copy(update={"index": 8}).index == 8

@@ -64,6 +64,8 @@ class Sharing:
 
     def _scenario(self, scenario: Scenario) -> Scenario:
         self._replace(scenario, "mission")
+        for human in scenario.people.humans:
+            _put(human, "tasks", tuple(self._same(task, (task.name, task.path)) for task in human.tasks))
         paces = tuple((human.speed_m_s, human.start_delay_s, len(human.tasks)) for human in scenario.people.humans)
         return self._same(scenario, (scenario.description, paces))
 

@@ -67,7 +67,8 @@ def walk_of(run: Run, h: int, human: Human, grid: Grid) -> Walk:
     reached, legs = _followed(times, xs, ys, agent, recorded)
     busy = _busy(times, legs, reached, agent, recorded)
     count = len(agent.goals)
-    doing = [what or f"walking leg {leg % count + 1} of {count}" for what, leg in zip(busy, legs, strict=True)]
+    walking = [f"walking leg {leg} of {count}" for leg in range(1, count + 1)]
+    doing = [what or walking[leg % count] for what, leg in zip(busy, legs, strict=True)]
     still = np.array([what is None for what in busy], np.bool_) & (_speed(times, xs, ys) < STILL_M_S)
     stood, stuck_at = [], None
     for first, last in stretches(still):
