@@ -27,11 +27,15 @@ from rvsg.api.scenarios import load_scenario_in, save_scenario
 pytestmark = pytest.mark.slow
 Open = Callable[[str], Any]
 PATIENT = 300_000
-LOOKS = [(1280, "light"), (1280, "dark"), (390, "light"), (390, "dark")]
+LOOK = (1280, "light")
+OTHER_LOOKS = [(1280, "dark"), (390, "light"), (390, "dark")]
 TIME = "document.querySelector('[data-studio=replay]').replay.state().t"
 
 
-@pytest.fixture(params=LOOKS, ids=[f"{width}-{scheme}" for width, scheme in LOOKS])
+@pytest.fixture(
+    params=[LOOK, *(pytest.param(look, marks=pytest.mark.exhaustive) for look in OTHER_LOOKS)],
+    ids=[f"{width}-{scheme}" for width, scheme in (LOOK, *OTHER_LOOKS)],
+)
 def opened(request: pytest.FixtureRequest, show: Callable[..., Any]) -> Open:
     width, scheme = request.param
     return partial(show, width=width, color_scheme=scheme, bypass_csp=True)
