@@ -273,7 +273,7 @@ class TestOutside:
         probed: list[tuple[float, float, float]] = []
 
         def choose(episode: Episode) -> tuple[float, float] | None:
-            answer = np.zeros(3)
+            answer = np.zeros(4)
             ask_dwb(episode.state, answer)
             return (answer[1], answer[2]) if answer[0] else None
 
