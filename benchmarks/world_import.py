@@ -1,5 +1,8 @@
 """How long a large map takes from its file to labels, grid and pictures: `python benchmarks/world_import.py`.
 
+With `--mesh-mb 30` it imports a building of one STL mesh of that size instead: rooms with doors on both sides of
+corridors. The aim is under 60 s and 2 GB.
+
 Makes a map of a hall (default 2000 x 2000 cells of 0.05 m: 100 x 100 m) with shelves, columns, inner walls and a
 noisy border, imports it, and prints the seconds of every step as JSON. The aim is under 5 s for all of them.
 """
@@ -8,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import platform
 import sys
 import tempfile
@@ -78,11 +82,82 @@ def measure(side: int) -> dict[str, object]:
     }
 
 
+def building(megabytes: float) -> np.ndarray:
+    """The triangles (n, 3, 3) of 48 rooms of 6 x 5 m along four corridors; every wall a closed box of small faces."""
+    boxes = [((0.0, 48.4), (y, y + 0.2)) for y in (0.0, 50.0)] + [((x, x + 0.2), (0.0, 50.2)) for x in (0.0, 48.2)]
+    for wing in range(4):
+        for row in (12.5 * wing + 5.0, 12.5 * wing + 7.4):  # the walls along a corridor, a door of 1 m in each room
+            for room in range(6):
+                boxes += [
+                    ((8.0 * room, 8.0 * room + 3.5), (row, row + 0.2)),
+                    ((8.0 * room + 4.5, 8.0 * room + 8.0), (row, row + 0.2)),
+                ]
+        for x in (8.0 * n for n in range(1, 6)):
+            boxes += [
+                ((x, x + 0.2), (12.5 * wing, 12.5 * wing + 5.0)),
+                ((x, x + 0.2), (12.5 * wing + 7.4, 12.5 * wing + 11.5)),
+            ]
+    faces = 2.6 * sum(2 * ((x1 - x0) + (y1 - y0)) for (x0, x1), (y0, y1) in boxes)
+    step = (2.0 * faces / (megabytes * 1e6 / 50)) ** 0.5
+    return np.concatenate([_box(x, y, (0.0, 2.6), step) for x, y in boxes])
+
+
+def _box(*spans_and_step: tuple[float, float] | float) -> np.ndarray:
+    """A closed box whose sides are divided into squares of about `step` metres, seen from outside counter-clockwise."""
+    *spans, step = spans_and_step
+    ticks = [np.linspace(low, high, max(2, round((high - low) / step) + 1)) for low, high in spans]
+    sides = []
+    for axis, (u, v) in enumerate(((1, 2), (2, 0), (0, 1))):
+        a, b = np.meshgrid(ticks[u], ticks[v], indexing="ij")
+        for end in (0, -1):
+            grid = np.zeros((*a.shape, 3))
+            grid[..., u], grid[..., v], grid[..., axis] = a, b, ticks[axis][end]
+            p, q, r, s = (grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:])
+            pairs = ((p, q, r), (p, r, s)) if end else ((p, r, q), (p, s, r))
+            sides += [np.stack(corners, axis=2).reshape(-1, 3, 3) for corners in pairs]
+    return np.concatenate(sides)
+
+
+def measure_mesh(megabytes: float) -> dict[str, object]:
+    """Seconds and memory of the import of a building of one mesh."""
+    import resource
+
+    from rvsg.world.authoring.create import world_from_sdf
+
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        triangles = building(megabytes)
+        records = np.zeros((len(triangles), 50), np.uint8)
+        records[:, 12:48] = triangles.astype("<f4").reshape(-1, 9).view(np.uint8).reshape(-1, 36)
+        (folder / "building.stl").write_bytes(bytes(80) + np.uint32(len(triangles)).tobytes() + records.tobytes())
+        (folder / "building.sdf").write_text(
+            '<sdf version="1.7"><model name="building"><link name="l"><collision name="c"><geometry><mesh>'
+            "<uri>building.stl</uri></mesh></geometry></collision></link></model></sdf>"
+        )
+        size = (folder / "building.stl").stat().st_size
+        del triangles, records
+        busy, begin = time.process_time(), time.perf_counter()
+        world = world_from_sdf(folder / "building.sdf", name="building").world
+        return {
+            "megabytes": round(size / 1e6, 1),
+            "areas": len(world.areas),
+            "routes": len(world.routes),
+            "processor_s": round(time.process_time() - busy, 1),
+            "total_s": round(time.perf_counter() - begin, 1),
+            "peak_gb": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6, 2),
+            "load_average": round(os.getloadavg()[0], 1),
+            "machine": f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}",
+        }
+
+
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--side", type=int, default=2000, help="cells along a side")
-    json.dump(measure(parser.parse_args().side), sys.stdout, indent=2)
+    parser.add_argument("--mesh-mb", type=float, help="instead, a building of one mesh of so many megabytes")
+    options = parser.parse_args()
+    found = measure(options.side) if options.mesh_mb is None else measure_mesh(options.mesh_mb)
+    json.dump(found, sys.stdout, indent=2)
     print()
 
 

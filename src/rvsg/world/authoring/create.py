@@ -33,7 +33,10 @@ OPEN_M = 2.0
 RESOLUTIONS_M = (0.05, 0.1, 0.2)
 EASY_CELLS = 8_000_000  # a larger map takes minutes and gigabytes
 MOST_LINES = 40  # more rows or columns are hard to read on one picture
-CONNECTED = 0.97
+MOST_LINES_OF_CORRIDORS = 260  # long corridors have few waypoints on many lines
+MOST_WAYPOINTS, MOST_CROSSINGS = 1500, 39_000
+FINER = (1.0, 0.75, 0.5, 0.35, 0.25, 0.18, 0.12)
+CONNECTED, HALF = 0.97, 0.5
 NO_CHOICES = Choices()
 
 
@@ -302,15 +305,20 @@ def fitting_spec(spec: GridSpec, space: Space) -> GridSpec:
     rows, columns = np.flatnonzero(floor.any(axis=1)), np.flatnonzero(floor.any(axis=0))
     high, wide = np.ptp(rows) * space.frame.resolution, np.ptp(columns) * space.frame.resolution
     usual = spec.spacing_m or fitting_spacing(float(high), float(wide))
-    finer = [usual] if spec.spacing_m else [usual, 0.75 * usual, 0.5 * usual]
+    finer = [usual] if spec.spacing_m else [share * usual for share in FINER]
     best: tuple[float, GridSpec] | None = None
     for spacing in finer:
-        if best is not None and max(high, wide) / spacing > MOST_LINES:
+        lines = max(high, wide) / spacing
+        if best is not None and (high / spacing + 1) * (wide / spacing + 1) > MOST_CROSSINGS:
+            break
+        if best is not None and lines > MOST_LINES and (best[0] >= HALF or lines > MOST_LINES_OF_CORRIDORS):
             break
         tried = spec.model_copy(update={"spacing_m": spacing})
         if spec.origin is None:
             tried = tried.model_copy(update={"origin": _best_origin(space, floor, spacing)})
         grid = build_grid(tried, space, space)
+        if best is not None and lines > MOST_LINES and len(grid.valid) > MOST_WAYPOINTS:
+            break
         share = len(largest_part(grid)) / len(grid.neighbours)
         if best is None or share > best[0] + 0.02:
             best = (share, tried)

@@ -50,6 +50,7 @@ MOST_FLOOR_AREAS = 12
 MOST_OBSTACLES = 30
 SEARCH_CELLS = 160
 ENCLOSED_FLOOR = 0.5
+PILLAR_M, PILLAR_RATIO = 0.25, 2.0
 FEWEST_ROOMS = 3  # with fewer the floor is one open place, which is labelled by rectangles
 
 
@@ -59,9 +60,17 @@ def propose_areas(objects: Sequence[SolidObject], occupancy: OccupancyMap) -> tu
     An object that is the building itself is no thing to label. `occupancy` lies in the world frame with origin yaw 0.
     """
     space = human_space_of(objects, occupancy)
-    things = areas_of_objects(without_building(objects, occupancy)) if objects else areas_of_obstacles(occupancy, space)
+    apart = {id(thing) for thing in without_building(objects, occupancy)}
+    furniture = [thing for thing in objects if id(thing) in apart or _is_compact(thing)]
+    things = areas_of_objects(furniture) if objects else areas_of_obstacles(occupancy, space)
     rooms = areas_of_rooms(space, main_floor(space))
-    return (*things, *(rooms if len(rooms) >= FEWEST_ROOMS else areas_of_floor(space)))
+    return (*things, *(rooms if len(rooms) >= FEWEST_ROOMS else areas_of_floor(space) or rooms))
+
+
+def _is_compact(thing: SolidObject) -> bool:
+    """Return whether a part of a building is a pillar or the like, and no wall."""
+    short, long = sorted(thing.box.size[:2])
+    return short >= PILLAR_M and long <= min(PILLAR_RATIO * short, 2.0)
 
 
 # --- things -------------------------------------------------------------------------------------------------------

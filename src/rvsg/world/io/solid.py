@@ -191,8 +191,8 @@ def _is_oriented(body: Triangles) -> bool:
     """Return whether every edge is used as often in one direction as in the other: closed bodies, also several."""
     if body not in _oriented:
         ends = np.stack([body.faces, np.roll(body.faces, -1, axis=1)], axis=-1).reshape(-1, 2)
-        _, edge = np.unique(np.sort(ends, axis=1), axis=0, return_inverse=True)
-        balance = np.bincount(edge.reshape(-1), np.where(ends[:, 0] < ends[:, 1], 1.0, -1.0))
+        _, edge = np.unique(ends.min(axis=1) * len(body.vertices) + ends.max(axis=1), return_inverse=True)
+        balance = np.bincount(edge, np.where(ends[:, 0] < ends[:, 1], 1.0, -1.0))
         _oriented[body] = not balance.any()
     return _oriented[body]
 
