@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,15 +15,16 @@ from rvsg.campaign.attempt import Attempt, Measurement
 from rvsg.campaign.feedback import feedback_of
 from rvsg.campaign.measuring import Measuring
 from rvsg.core.errors import InputError
+from rvsg.core.records import Pose
 from rvsg.evaluation.judge import DEFAULT, Procedure, next_repeats, violated
 from rvsg.evaluation.verdict import Status, Verdict
 from rvsg.generation.generator import Proposal
 from rvsg.report.summary import interval, status_in_words
 from rvsg.scenario.brief import Brief, Feedback
 from rvsg.scenario.requirement import Requirement
-from rvsg.scenario.scenario import Scenario
+from rvsg.scenario.scenario import Mission, Scenario
 from rvsg.simulation.run import Run
-from rvsg.world.world import World
+from rvsg.world.world import Route, World
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,6 +131,49 @@ def judge(
     return Judgement(
         requirement=asked, verdict=measuring.judge(measurements), measurements=measurements, procedure=procedure
     )
+
+
+def write_page(
+    path: Path,
+    judged: Judgement,
+    runs: RunSet,
+    *,
+    scenario: Scenario | None = None,
+    world: World | str | Path | None = None,
+    notes: Sequence[str] = (),
+) -> None:
+    """Write the page of judged runs: verdict, story, replay, and what recordings lack (`notes`).
+
+    Raises:
+        InputError: the world of the runs is not known.
+    """
+    from rvsg.report.runs_page import write_runs_page
+
+    known = scenario or runs.scenario
+    given = world if world is not None else runs.world
+    if given is None and known is None:
+        raise InputError("A page needs the world of the runs: add --scenario FILE or --world.", code="no-world")
+    place = world_of(known.mission, given) if known is not None else as_world(given or "")
+    check_writable(path)
+    write_runs_page(
+        path,
+        runs.runs,
+        judged.measurements,
+        judged.verdict,
+        requirement=judged.requirement,
+        mission=known.mission if known is not None else _driven(runs[0], place),
+        world=place,
+        scenario=known,
+        notes=notes,
+    )
+
+
+def _driven(run: Run, world: World) -> Mission:
+    """Return the mission of a run of which only the way is known."""
+    path, (x, y, yaw) = run.trajectory, run.goal
+    start = Pose(x=float(path.x[0]), y=float(path.y[0]), yaw=float(path.yaw[0]))
+    goal = Pose(x=x, y=y, yaw=yaw)
+    return Mission.of(world, Route(name="as recorded", start=start, goal=goal, time_limit_s=run.time_limit_s))
 
 
 def check_feedback_file(path: Path, scenario: Path | None) -> None:

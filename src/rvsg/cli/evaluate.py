@@ -31,6 +31,7 @@ def evaluate(
     feedback: Annotated[
         Path | None, typer.Option(help="Write the feedback for a generator, for `rvsg propose --feedback`.")
     ] = None,
+    html: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a page with verdict, story, replay.")] = None,
     fail_on_violation: FailOnViolation = False,
     json: AsJson = False,
 ) -> None:
@@ -56,6 +57,9 @@ def evaluate(
     judged = rvsg.judge(loaded.runs, asked, scenario=known, world=place)
     if feedback is not None and known is not None:
         write_text(feedback, evaluating.feedback(judged, loaded.runs, known).to_json())
+    if html is not None:
+        evaluating.write_page(html, judged, loaded.runs, scenario=known, world=place, notes=loaded.notes)
+        say(f"Page: {html}")
     if json:
         print_json(judged.to_dict() | {"notes": list(loaded.notes)})
     for line in describe_judgement(judged):

@@ -127,7 +127,26 @@ def answer(
     return Answer(**top, badges=badges, sentences=sentences)
 
 
-def _judged(plan: Plan, confirmed: AttemptFacts) -> list[Sentence]:
+def answer_of_runs(plan: Plan, facts: AttemptFacts) -> Answer:
+    """Return the top of the page of runs that belong to no campaign."""
+    verdict, requirement = facts.attempt.verdict, plan.requirement
+    assert verdict is not None
+    badges, seen = _seen(facts.runs, plan, "run")
+    sentences = [*_judged(plan, facts, "run"), *_where(facts), *seen]
+    if verdict.status is Status.UNJUDGED:
+        text = f"{requirement.name} has no limit. The runs measure {interval(verdict, requirement.unit)}."
+        return Answer(tone="quiet", chip="no limit", text=text, badges=badges, sentences=sentences)
+    if verdict.runs == 1:
+        text = f"The run {'violates' if verdict.violations else 'does not violate'} {requirement.name}"
+    else:
+        verb = "violates" if verdict.violations == 1 else "violate"
+        text = f"{verdict.violations or 'None'} of {counted(verdict.runs, 'run')} {verb} {requirement.name}"
+    text += f"; {OPEN} ({verdict.status.value})." if still_open(verdict) else "."
+    chip = "violated" if still_open(verdict) else verdict.status.value
+    return Answer(tone=tone_of(verdict), chip=chip, text=text, badges=badges, sentences=sentences)
+
+
+def _judged(plan: Plan, confirmed: AttemptFacts, kind: str = "confirmation run") -> list[Sentence]:
     """Return how often the limit is violated, and by how much."""
     verdict, requirement = confirmed.attempt.verdict, plan.requirement
     if verdict is None or verdict.mean is None:
@@ -157,7 +176,7 @@ def _judged(plan: Plan, confirmed: AttemptFacts) -> list[Sentence]:
     bad = confirmed.violating
     often = [
         Piece(f"{requirement.name} is violated in "),
-        Piece(f"{len(bad)} of {counted(len(confirmed.runs), 'confirmation run')}", _ids(bad or confirmed.runs)),
+        Piece(f"{len(bad)} of {counted(len(confirmed.runs), kind)}", _ids(bad or confirmed.runs)),
         Piece(f": {share_in_words(verdict)}."),
     ]
     return [often, measured]

@@ -53,6 +53,8 @@ def what_happens(shown: Shown, subject: AttemptFacts) -> dict[str, Any] | None:
 def _shown_run(shown: Shown, subject: AttemptFacts) -> tuple[RunFacts | None, str]:
     """Return the run that is told, and which one it is: the worst, or where none violates one with a contact."""
     kind = "confirmation run" if subject.attempt.purpose == "confirmation" else "search run"
+    if not shown.summary.ranking and shown.summary.confirmed is None:
+        kind = "run"  # of no campaign
     touched = [run for run in subject.runs if run.contacts]
     if touched and not subject.violating:
         run = max(touched, key=lambda each: max(contact.duration_s for contact in each.contacts))

@@ -111,11 +111,15 @@ def _judged(verdict: Verdict) -> bool:
 def run_rows(shown: Shown) -> list[dict[str, Any]]:
     """Return every recorded run of the campaign, for the table at the end."""
     unit = shown.plan.requirement.unit
+    return [row | {"of": group_label(facts)} for facts in in_order(shown) for row in run_rows_of(facts, unit)]
+
+
+def run_rows_of(facts: AttemptFacts, unit: str) -> list[dict[str, Any]]:
+    """Return the runs of one configuration for a table."""
     return [
         {
             "id": run.id,
             "address": f"#run={run.id}",
-            "of": group_label(facts),
             "seed": run.run.seed,
             "objective": number(run.measurement.objective, unit),
             "violated": run.violated,
@@ -123,6 +127,5 @@ def run_rows(shown: Shown) -> list[dict[str, Any]]:
             "contacts": len(run.contacts),
             "gap": metres(run.closest_m) if run.closest_m is not None else "–",
         }
-        for facts in in_order(shown)
         for run in facts.runs
     ]
