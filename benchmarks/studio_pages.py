@@ -1,8 +1,9 @@
 """Measures how fast the studio answers: `python benchmarks/studio_pages.py`. Needs playwright and a Chromium.
 
 Makes a folder of campaigns, opens it in a studio and asks for every page again and again; then follows a campaign that
-runs, in a browser. Prints one JSON object, in milliseconds: what a page takes after its first load, and, while the
-campaign runs, what other pages take and how long the page that follows it takes to react to a click.
+runs, in a browser. Prints one JSON object, in milliseconds: what a page takes after its first load (on the clock, and
+of the studio's processor time, which other work on the machine does not change), and, while the campaign runs, what
+other pages take and how long the page that follows it takes to react to a click.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 import argparse
 import http.client
 import json
+import os
 import re
 import shutil
 import statistics
@@ -63,6 +65,12 @@ class Asking:
         return 1000 * (time.perf_counter() - begun)
 
 
+def processor_ms(pid: int) -> float:
+    """Processor time that a process has spent so far."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return 1000 * (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
 def figures(values: list[float]) -> dict[str, float]:
     """Median and largest, rounded."""
     return {"median": round(statistics.median(values), 1), "most": round(max(values), 1)}
@@ -99,13 +107,13 @@ def main() -> int:
                 found = re.search(r"http://\S+", server.stderr.readline())
                 assert found is not None, "the studio did not start"
                 browser = driver.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
-                print(json.dumps(measured(found.group(), browser.new_page(), options), indent=2))
+                print(json.dumps(measured(found.group(), browser.new_page(), server.pid, options), indent=2))
             finally:
                 server.terminate()
     return 0
 
 
-def measured(address: str, tab: Page, options: argparse.Namespace) -> dict[str, object]:
+def measured(address: str, tab: Page, pid: int, options: argparse.Namespace) -> dict[str, object]:
     """Return the figures of a studio."""
     asking, base = Asking(address), address.split("/?")[0]
     tab.set_default_timeout(900_000)
@@ -127,7 +135,9 @@ def measured(address: str, tab: Page, options: argparse.Namespace) -> dict[str, 
     pages = {}
     for name, path in shown.items():
         first = asking.took_ms(path)
+        before = processor_ms(pid)
         pages[name] = {"first": round(first, 1)} | figures([asking.took_ms(path) for _ in range(TIMES)])
+        pages[name]["processor"] = round((processor_ms(pid) - before) / TIMES, 1)
     tab.goto(f"{base}/campaign/new")
     live = SETTINGS | {"scenarios": options.attempts, "repeats": 4, "out": "runs/live"}
     tab.locator("#yaml").fill(yaml.safe_dump(live))

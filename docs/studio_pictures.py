@@ -30,7 +30,10 @@ LAPTOP, PHONE = (1280, 860), (390, 780)
 COLOURS = 96
 STACKS = {"nav2-dwb": "runs/stacks/nav2-dwb", "nav2-rpp": "runs/stacks/nav2-rpp"}
 """Two campaigns with the same scenarios and another navigation stack, to compare."""
-SEARCHED = {"strategy": "unguided", "scenarios": 12, "repeats": 8, "confirmations": 0, "humans": 3, "jobs": 1}
+SEARCHED = {
+    "strategy": "unguided", "requirement": "clearance", "scenarios": 12, "refinements": 0, "repeats": 8,
+    "confirmations": 0, "humans": 3, "jobs": 1,
+}  # fmt: skip
 EXAMPLES = Path(__file__).parents[1] / "examples"
 PATIENT_MS = 300_000
 
