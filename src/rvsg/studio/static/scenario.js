@@ -34,7 +34,7 @@
     function repaired(found) {
       if (JSON.stringify(found) === JSON.stringify(scenario)) return;
       scenario = found;
-      store();
+      if (done.length) store();  // another tab may have changed it, this one has not
     }
     function simulate(seeds, more) {
       const mine = ++turn;

@@ -79,7 +79,7 @@
         }
         if (!commit) return node;
         node.addEventListener("change", store);
-        node.addEventListener("blur", function () { if (node.classList.contains("st-typed")) store(); });
+        if (node.tagName === "TEXTAREA") node.addEventListener("blur", function () { if (node.classList.contains("st-typed")) store(); });
         node.addEventListener("keydown", function (event) { if (event.key === "Enter" && node.tagName === "INPUT") store(); });
         return node;
       },
