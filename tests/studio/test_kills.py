@@ -174,7 +174,10 @@ def test_files_stay_whole_whenever_it_is_killed(show: Show, studio: Server) -> N
         ready(tab)
         press(tab, tab.get_by_role("button", name="Lounge", exact=True))
         reach(tab, tab.locator(".st-map"))
-        for _ in range(moments.randint(3, 12)):
+        stored = (office / "labels.yaml").read_text()
+        tab.keyboard.press("ArrowLeft")
+        waited(lambda stored=stored: (office / "labels.yaml").read_text() != stored)
+        for _ in range(moments.randint(2, 12)):
             tab.keyboard.press(moments.choice(("ArrowLeft", "ArrowUp")))
         tab.wait_for_timeout(moments.uniform(0, 150))
         studio.kill()
