@@ -25,7 +25,7 @@ from rvsg.world.grid import GridSpec
 from rvsg.world.space import human_space, robot_space
 from rvsg.world.world import World
 
-MOST_SOUND = 100_000
+MOST_SOUND = 5_000
 """Tasks that are remembered of one world."""
 _sound: WeakKeyDictionary[World, set[tuple[object, ...]]] = WeakKeyDictionary()
 """Tasks of people without free points in which nothing is wrong: a search asks of the same ones again and again."""
