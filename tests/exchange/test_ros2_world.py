@@ -37,7 +37,7 @@ def test_the_recorded_run_is_the_one_that_the_world_played(people_msgs: bool) ->
 def test_a_world_that_stops_or_lacks_people_is_told() -> None:
     stopped = run_isolated(DRIVE, world={"stop_at_s": 1.0}, options={"answer_limit_s": 1.0})
     assert stopped["outcome"] == "STACK_FAILED"
-    lacking = run_isolated(DRIVE, world={"topic": "elsewhere"}, options={"start_limit_s": 8.0})
+    lacking = run_isolated(DRIVE, world={"topic": "elsewhere"}, options={"start_limit_s": 30.0})
     assert "agent1, agent2 on /human_states" in lacking["error"]
 
 

@@ -6,6 +6,7 @@ The odometry frame is the frame that the simulator moves the robot in; it does n
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Sequence
 from typing import Any
 
@@ -17,6 +18,9 @@ from rvsg.simulation.ros2.options import Ros2Options
 from rvsg.simulation.stacks.protocol import Observation, Scan
 from rvsg.world.world import OCCUPIED, UNKNOWN, World
 
+TRANSFORMS_FIRST_S = 1.0
+"""Wall time in which transforms go out before the clock does. A costmap that was started without a clock waits for its
+transform until 60 s after time 0: where the clock comes first, that time is over at once."""
 INITIAL_POSE_VARIANCE = (0.01, 0.01, 0.005)
 """x, y, yaw: the start of a run is known."""
 
@@ -41,6 +45,7 @@ class RobotSide:
         self._scanned = [-math.inf] * len(robot.lidars)
         self.gives_transform = False
         """Whether the transform from map to odom is published, too."""
+        self._clock_from = time.monotonic() + TRANSFORMS_FIRST_S
         self._static()
 
     def close(self) -> None:
@@ -59,7 +64,8 @@ class RobotSide:
             at: seconds since simulated time stands still, where it does: scans are sent again as they pass.
         """
         T, stamp = self.T, self._time(now)
-        self._clock.publish(T["rosgraph_msgs/msg/Clock"](clock=stamp))
+        if at is None or time.monotonic() >= self._clock_from:
+            self._clock.publish(T["rosgraph_msgs/msg/Clock"](clock=stamp))
         x, y, yaw = seen.pose
         transforms = [self._transform(now, self.options.odom_frame, self.options.footprint_frame, x, y, yaw)]
         if self.gives_transform:
