@@ -188,10 +188,10 @@ class _Reader:
                     )
                 )
         if kept:
-            many = f"{len(kept)} doors" if len(kept) > 1 else "a door"
+            listed = _some([leaf.door.name for leaf in kept])
+            count, opens = ("1 door is", "It opens") if len(kept) == 1 else (f"{len(kept)} doors are", "They open")
             self.notes.append(
-                f"{many} proposed: {_some([leaf.door.name for leaf in kept])}. They open for people and the robot; "
-                "state and opens_for in doors.yaml say otherwise."
+                f"{count} proposed: {listed}. {opens} for people and the robot; doors.yaml can say otherwise."
             )
         taken: dict[str, int] = {}
         named = []
