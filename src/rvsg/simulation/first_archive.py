@@ -12,8 +12,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from rvsg.simulation.byte_planes import inflated, unfold
+
 Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 MAGIC = b"RVQ1"
 LARGEST = 256_000_000
@@ -27,7 +28,7 @@ def decode(data: bytes) -> tuple[str, dict[str, Floats]]:
     Raises:
         ValueError: The bytes are no such archive.
     """
-    body = _decompress(data)
+    body = inflated(data[len(MAGIC) :], _FILTERS, LARGEST)
     length = int.from_bytes(body[:4], "little")
     try:
         text, columns = json.loads(body[4 : 4 + length])
@@ -39,19 +40,6 @@ def decode(data: bytes) -> tuple[str, dict[str, Floats]]:
     if at != len(body) or not isinstance(text, str):
         raise ValueError("the archive is damaged (it has another length than it says)")
     return text, arrays
-
-
-def _decompress(data: bytes) -> bytes:
-    if not data.startswith(MAGIC):
-        raise ValueError("this is no archive of a run")
-    decompressor = lzma.LZMADecompressor(format=lzma.FORMAT_RAW, filters=_FILTERS)
-    try:
-        body = decompressor.decompress(data[len(MAGIC) :], max_length=LARGEST)
-    except lzma.LZMAError as error:
-        raise ValueError(f"the archive is damaged ({error})") from None
-    if not decompressor.eof:
-        raise ValueError("the archive is damaged (it ends too early, or is too large)")
-    return body
 
 
 def _decode_array(
@@ -74,13 +62,9 @@ def _decode_array(
         end = at + width * count
         planes = np.zeros((count, 8), np.uint8)
         planes[:, :width] = np.frombuffer(body[at:end], np.uint8).reshape(width, count).T
-        differences = _unfolded(planes.view("<u8").reshape(-1))
+        differences = unfold(planes.view("<u8").reshape(-1))
         for _ in range(order):
             differences = np.cumsum(differences)
         steps[:, k] = differences
         at = end
     return (steps if rows is None else steps[rows]).reshape(shape) / 10.0**decimals, at
-
-
-def _unfolded(values: NDArray[np.uint64]) -> Integers:
-    return (values >> np.uint64(1)).astype(np.int64) ^ -((values & np.uint64(1)).astype(np.int64))

@@ -1,8 +1,8 @@
 """A compact, lossless encoding of arrays whose values are multiples of a small decimal step.
 
 `rounded_arrays` rounds to the steps of the arrays. `encode` stores such arrays as integers, less what other arrays of
-the same run foretell (`rvsg.simulation.foretold`), in as few bits as they take (`rvsg.simulation.range_coder`). An
-array that is not made of such multiples is stored as it is, so `decode` returns exactly what `encode` received.
+the same run foretell (`rvsg.simulation.foretold`), in few bytes (`rvsg.simulation.byte_planes`). An array that is not
+made of such multiples is stored as it is, so `decode` returns exactly what `encode` received.
 
 An archive is `MAGIC`, the CRC-32 of the rest, a deflate stream and the coded integers. The stream holds one line of
 JSON with the list of the arrays and the length of the text, then the text, then the arrays that are stored as they are.
@@ -12,13 +12,13 @@ from __future__ import annotations
 
 import json
 import zlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.simulation import first_archive, range_coder
+from rvsg.simulation import byte_planes, first_archive
 from rvsg.simulation.archive_head import HEAD
 from rvsg.simulation.first_archive import LARGEST
 from rvsg.simulation.foretold import How, Integers, add_foretold, less_foretold
@@ -43,8 +43,6 @@ DECIMALS = {
 """Decimals kept, by the last part of an array's name; SI units, so 4 is 0.1 mm, 0.1 mm/s, 0.0001 m/s2.
 
 Jerk is a second difference of the robot's yaw, so yaw has more."""
-ALIKE = {"y": "x", "human_y": "human_x"}
-"""Arrays whose numbers are coded as those of another: what is likely in one is likely in the other."""
 MAGIC = b"RVQ2"
 _SAME = -1
 """In the list of the arrays: as many rows as the array before."""
@@ -88,9 +86,7 @@ def encode(text: str, arrays: Mapping[str, Floats]) -> bytes:
     plain = [array.tobytes() for name, array in given.items() if name not in steps]
     deflate = zlib.compressobj(9, zlib.DEFLATED, -15, 9, zlib.Z_DEFAULT_STRATEGY, HEAD)
     head = deflate.compress(b"".join([line.encode(), b"\n", said, *plain])) + deflate.flush()
-    ordered = [name for name in given if name in steps]
-    numbers = np.concatenate([left[name].reshape(-1) for name in ordered]) if ordered else np.empty(0, np.int64)
-    body = head + range_coder.encode(numbers, *_layout(ordered, [left[name].shape for name in ordered])).tobytes()
+    body = head + byte_planes.encode([left[name] for name in given if name in steps])
     return MAGIC + zlib.crc32(body).to_bytes(4, "little") + body
 
 
@@ -131,25 +127,13 @@ def _decoded(body: bytes) -> tuple[str, dict[str, Floats]]:
             continue
         found[name] = np.frombuffer(rest[at : at + 8 * size], "<f8").reshape(shape).astype(np.float64)
         at += 8 * size
-    layout = _layout(list(coded), list(coded.values()))
-    values = range_coder.decode(np.frombuffer(inflate.unused_data, np.uint8).copy(), *layout)
-    parts = np.split(values, np.cumsum(layout[0] * layout[1])[:-1])
-    left = {name: part.reshape(coded[name]) for name, part in zip(coded, parts, strict=False)}
+    left = dict(zip(coded, byte_planes.decode(inflate.unused_data, list(coded.values()), LARGEST), strict=True))
     how: dict[str, How] = {name: tuple(rule[0]) for name, _, _, *rule in listed if rule}
     steps = add_foretold(left, how)
     for name, shape, decimals, *_ in listed:
         if decimals is not None:
             found[name] = steps[name].reshape(shape) / 10.0**decimals
     return rest[:length].decode(), {name: found[name] for name, *_ in listed}
-
-
-def _layout(names: Sequence[str], shapes: Sequence[tuple[int, ...]]) -> tuple[Integers, Integers, Integers]:
-    """Rows, columns and model of each array, as the range coder takes them; those of the log learn together."""
-    models: dict[str, int] = {}
-    kinds = ["log" if name.startswith("log.") and name != "log.t" else name.rpartition(".")[2] for name in names]
-    order = [models.setdefault(ALIKE.get(kind, kind), len(models)) for kind in kinds]
-    rows, columns = [shape[0] for shape in shapes], [shape[1] for shape in shapes]
-    return np.array(rows, np.int64), np.array(columns, np.int64), np.array(order, np.int64)
 
 
 def _decimals(name: str) -> int | None:
