@@ -63,6 +63,8 @@ def main(given: dict[str, Any]) -> dict[str, Any]:
     if (folder / "truth.npz").exists():
         truth, path = np.load(folder / "truth.npz"), run.trajectory
         told["off"] = _off(truth, path)
+        steps = np.hypot(np.diff(path.human_x, axis=0), np.diff(path.human_y, axis=0))
+        told["walked"] = steps.sum(axis=0).tolist()
     return told
 
 

@@ -1,14 +1,19 @@
 """A process that plays Gazebo with HuNavSim for the tests: the embedded world, published as such a world is.
 
 `python play_world.py AGENTS.yaml SETTINGS.json`. It starts the people of the agents file, waits for a goal, drives to
-it with the embedded simulator and publishes clock, transforms, odometry and people.
+it with the embedded simulator and publishes clock, transforms, odometry and people. With the setting `manager`, the
+command of HuNavSim's agent manager (2023), the people are its: it is asked as the plug-in of Gazebo asks it, and
+publishes them itself.
 """
 
 from __future__ import annotations
 
 import json
 import math
+import os
+import shlex
 import signal
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -19,11 +24,13 @@ from tests.simulation.ros2.peer import ABORTED, EXECUTING, SUCCEEDED, Options, P
 
 from rvsg.core.records import Pose
 from rvsg.exchange.hunav import read_agents, to_humans
+from rvsg.exchange.ros2_world import FLAT_HUNAV_TYPES
 from rvsg.exchange.ros_types import HUNAV_TYPES
 from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded.episode import Episode, Outside
 from rvsg.simulation.embedded.rehearsal import empty_room, rehearsal
 from rvsg.simulation.embedded.simulator import simulate_agents
+from rvsg.simulation.ros2.dds import Bus
 from rvsg.simulation.ros2.interfaces import interfaces
 from rvsg.simulation.run import Outcome
 from rvsg.world.world import Route
@@ -31,20 +38,29 @@ from rvsg.world.world import Route
 SPEED = 3.0
 STEP_S = 0.05
 START_S = 50.0
+COMPUTE = "hunav_msgs/srv/ComputeAgents"
+COMPUTED = {
+    **FLAT_HUNAV_TYPES,
+    f"{COMPUTE}_Request": "hunav_msgs/Agents current_agents\nhunav_msgs/Agent robot\n",
+    f"{COMPUTE}_Response": "hunav_msgs/Agents updated_agents\n",
+}
 
 
 class PlayedWorld(Peer):
     """Publishes what Gazebo and HuNavSim's manager publish."""
 
     def __init__(self, agents: Path, settings: dict[str, Any]) -> None:
-        interfaces("humble").register(HUNAV_TYPES)
+        interfaces("humble").register(COMPUTED if "manager" in settings else HUNAV_TYPES)
         super().__init__(Options(domain=settings.get("domain", 0), localises=False))
         self.settings = settings
         self.people = to_humans(read_agents(agents)).agents
         self.clock_out = self.writer("rt/clock", "rosgraph_msgs/msg/Clock")
         self.odom_out = self.writer("rt/odom", "nav_msgs/msg/Odometry")
         kind = "people_msgs/msg/People" if settings.get("people_msgs") else "hunav_msgs/msg/Agents"
-        self.people_out = self.writer(f"rt/{settings.get('topic', 'human_states')}", kind)
+        if "manager" in settings:
+            self.manager = Manager(settings["manager"], settings.get("domain", 0), self.people)
+        else:
+            self.people_out = self.writer(f"rt/{settings.get('topic', 'human_states')}", kind)
 
     def play(self) -> None:
         world, route, humans = rehearsal()
@@ -59,11 +75,11 @@ class PlayedWorld(Peer):
         self.begun_at, self.wall = frozen, time.monotonic()
         x, y = self.goal["poses"][-1]
         route = Route(name="room", start=Pose(x=-2.0, y=0.0), goal=Pose(x=x, y=y), time_limit_s=30.0)
-        run = simulate_agents(
-            empty_room(), route, self.people, seed=5, outside=Outside(probe=self.probe, probe_ticks=5)
-        )
+        people = () if "manager" in self.settings else self.people
+        run = simulate_agents(empty_room(), route, people, seed=5, outside=Outside(probe=self.probe, probe_ticks=5))
         path = run.trajectory
-        np.savez(self.settings["truth"], t=path.t, x=path.x, y=path.y, human_x=path.human_x, human_y=path.human_y)
+        human_x, human_y = self.manager.along(path.t) if "manager" in self.settings else (path.human_x, path.human_y)
+        np.savez(self.settings["truth"], t=path.t, x=path.x, y=path.y, human_x=human_x, human_y=human_y)
         self.end(SUCCEEDED if run.outcome is Outcome.REACHED else ABORTED)
         until = time.monotonic() + 20.0
         while time.monotonic() < until:
@@ -103,7 +119,10 @@ class PlayedWorld(Peer):
         odom.header.stamp = stamp
         odom.twist.twist.linear.x, odom.twist.twist.angular.z = velocity
         self.odom_out.write(odom)
-        self.publish_people(stamp, people)
+        if "manager" in self.settings:
+            self.manager.ask(t - self.begun_at if self.goal is not None else 0.0, stamp, pose, velocity)
+        else:
+            self.publish_people(stamp, people)
 
     def publish_people(self, stamp: Any, people: Any) -> None:
         T = self.T
@@ -122,6 +141,54 @@ class PlayedWorld(Peer):
                 message.agents.append(each)
         message.header.stamp = stamp
         self.people_out.write(message)
+
+
+class Manager:
+    """HuNavSim's agent manager in a process of its own."""
+
+    def __init__(self, command: str, domain: int, people: Any) -> None:
+        self.process = subprocess.Popen(shlex.split(command), env={**os.environ, "ROS_DOMAIN_ID": str(domain)})
+        self.bus = Bus(domain, "humble")
+        self.client = self.bus.client("/compute_agents", COMPUTE)
+        self.agents = [self._agent(number + 1, human) for number, human in enumerate(people)]
+        self.seen: list[tuple[float, list[tuple[float, float]]]] = []
+
+    def _agent(self, number: int, human: Any) -> Any:
+        T = self.bus.types
+        each = T["hunav_msgs/msg/Agent"](
+            id=number, type=1, behavior=1, name=f"agent{number}", group_id=-1, cyclic_goals=True, goal_radius=0.3,
+            desired_velocity=human.speed_m_s, radius=human.radius_m,
+        )  # fmt: skip
+        each.position.position.x, each.position.position.y = human.start
+        for x, y in human.goals:
+            goal = T["geometry_msgs/msg/Pose"]()
+            goal.position.x, goal.position.y = x, y
+            each.goals.append(goal)
+        return each
+
+    def ask(self, t: float, stamp: Any, pose: Any, velocity: Any) -> None:
+        """Have the people moved on to a time; they stand until t is above 0."""
+        T = self.bus.types
+        now = T["hunav_msgs/msg/Agents"](agents=self.agents)
+        now.header.stamp = stamp
+        robot = T["hunav_msgs/msg/Agent"](id=0, type=2, name="robot", radius=0.35, yaw=pose[2], linear_vel=velocity[0])
+        robot.position.position.x, robot.position.position.y = pose[:2]
+        robot.velocity.linear.x = velocity[0] * math.cos(pose[2])
+        robot.velocity.linear.y = velocity[0] * math.sin(pose[2])
+        answer = self.client.call(20.0, current_agents=now, robot=robot)
+        if answer is None:
+            raise SystemExit("the agent manager does not answer")
+        self.seen.append((t, [(each.position.position.x, each.position.position.y) for each in self.agents]))
+        if t > 0.0:
+            self.agents = sorted(answer.updated_agents.agents, key=lambda each: each.id)
+
+    def along(self, t: Any) -> tuple[Any, ...]:
+        """Return the people's places at these times, (T, N) each."""
+        at = [one for one, _ in self.seen]
+        places = np.array([each for _, each in self.seen])
+        return tuple(
+            np.column_stack([np.interp(t, at, places[:, k, axis]) for k in range(len(self.agents))]) for axis in (0, 1)
+        )
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -31,6 +32,17 @@ def test_the_recorded_run_is_the_one_that_the_world_played(people_msgs: bool) ->
     assert abs(told["off"]["shift"]) < 0.2
     assert told["off"]["robot"] < 0.03
     assert told["off"]["people"] < 0.08
+
+
+@pytest.mark.slow
+@pytest.mark.skipif("RVSG_HUNAV_MANAGER" not in os.environ, reason="RVSG_HUNAV_MANAGER does not say how it starts")
+def test_people_of_hunavsims_own_agent_manager_are_recorded() -> None:
+    told = run_isolated(DRIVE, world={"manager": os.environ["RVSG_HUNAV_MANAGER"]}, options={"dialect": "flat"})
+    assert told["outcome"] == "REACHED"
+    assert told["names"] == ["Ann", "Bob"]
+    assert told["off"]["robot"] < 0.03
+    assert told["off"]["people"] < 0.15
+    assert min(told["walked"]) > 1.0
 
 
 @pytest.mark.slow
