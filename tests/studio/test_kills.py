@@ -65,7 +65,11 @@ FIELDS: dict[str, Page] = {
     "new person": (SCENARIO, labelled("From waypoint"), "H15"),
     "file of a scenario": (SCENARIO, labelled("As a file"), "scenarios/slow.json"),
     "title of a case": (SCENARIO, labelled("Title of the case"), "Slow walk"),
-    "comment": ("/finding?campaign=runs/first&attempt={confirmed}", labelled("Comment"), "seen in May"),
+    "comment": (
+        "/finding?campaign=runs/first&attempt={confirmed}",
+        lambda tab: tab.get_by_label("Comment"),
+        "seen in May",
+    ),
     "description": ("/describe?world=office2", lambda tab: tab.locator("#text-layout"), "In the north"),
     "reason": ("/describe?world=office2", lambda tab: tab.locator("#reason"), "In the south"),
     "campaign file": ("/campaign/new", lambda tab: tab.locator("#yaml"), "world: office"),
