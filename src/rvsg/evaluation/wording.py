@@ -88,7 +88,7 @@ def how_sure(verdict: Verdict) -> str:
     if verdict.status is Status.UNJUDGED:
         runs = counted(verdict.runs, "run")
         return f"{runs} measured; the requirement has no limit, so none is judged{without}"
-    verb = "violates" if verdict.violations == 1 else "violate"
+    verb = "violates" if 1 in (verdict.violations, verdict.runs) else "violate"
     share = f" ({said})" if (said := share_in_words(verdict)) else ""
     count = f"{verdict.violations} of {counted(verdict.runs, 'run')} {verb} the requirement{share}{without}"
     return f"{count}. {_decision(verdict)}"

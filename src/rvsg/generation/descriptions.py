@@ -138,7 +138,7 @@ ERRANDS = {
 WORK = ERRANDS | {
     Manner.STOPS: "checks goods on the way and stops to note what is missing",
     Manner.CREEPS: "moves a heavy load step by step",
-    Manner.SLOW: "pushes a loaded trolley at a slow walk",
+    Manner.SLOW: "carries a heavy load at a slow walk",
     Manner.TO_AND_FRO: "sorts and tidies, going to and fro",
     Manner.BRISK: "carries goods at a brisk walk",
     Manner.STEADY: "carries goods at a steady walk",
