@@ -20,11 +20,12 @@ test: $(VENV)/.dev ## install what development needs and run the fast tests
 test-slow: $(VENV)/.dev ## run those that start processes, kill them, or use servers and browsers
 	$(KEEP) $(BIN)/python -m pytest -m "slow and not exhaustive" -n 2 --dist loadfile
 
-test-all: $(VENV)/.dev ## run the fast and the slow tests, as CI does
-	$(KEEP) $(BIN)/python -m pytest -m "not exhaustive" -n 2 --dist loadfile
+# One after the other: the driver of the browser leaves an event loop in its process, which tests of model access refuse.
+test-all: test test-slow ## run the fast and the slow tests
 
 test-exhaustive: $(VENV)/.dev ## run every test on every screen, input and data set, properties on more examples
-	$(KEEP) RVSG_EXAMPLES=100 $(BIN)/python -m pytest -n 2 --dist loadfile
+	$(KEEP) RVSG_EXAMPLES=100 $(BIN)/python -m pytest -m "not slow" -n 2 --dist loadfile
+	$(KEEP) RVSG_EXAMPLES=100 $(BIN)/python -m pytest -m slow -n 2 --dist loadfile
 
 check: lint types contracts docs-check ## every static check: format, lint, types, import contracts, docs
 
