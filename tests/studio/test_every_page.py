@@ -176,6 +176,8 @@ def test_campaign_is_written_started_and_paused(opened: Open, studio: Server) ->
         "refinements": 0,
     }
     rewrite(tab, tab.locator("#yaml"), yaml.safe_dump(settings))
+    tab.wait_for_function("[...document.querySelectorAll('input')].some(each => each.value === '4000')")
+    tab.wait_for_timeout(500)  # the form is laid out anew for every keystroke
     rewrite(tab, tab.get_by_label("Folder"), "runs/new")
     tab.wait_for_function("document.getElementById('yaml').value.includes('out: runs/new')")
     is_well(tab)

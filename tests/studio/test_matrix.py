@@ -78,7 +78,7 @@ def test_a_job_that_has_not_begun_yet_is_paused(tmp_path: Path) -> None:
 def test_a_candidate_is_confirmed_now(show: Show, studio: Server) -> None:
     folder = studio.folder / "runs" / "more"
     campaign = rvsg.Campaign.create(
-        folder, scenarios=4, refinements=0, repeats=3, confirmations=0, simulator="kinematic", jobs=1
+        folder, scenarios=8, refinements=0, repeats=3, confirmations=0, simulator="kinematic", jobs=1
     )
     for _ in campaign.run():
         pass

@@ -63,21 +63,21 @@ class Workspace:
 
     def kept(self, key: tuple[Any, ...], path: Path, make: Callable[[], Any]) -> Any:
         """Return what was made of a file or a store, made anew where its files have changed since."""
-        stamp = _stamp(path)
+        now = stamp(path)
         with self._lock:
             found = self._kept.get(key)
-            if found is not None and found[0] == stamp:
+            if found is not None and found[0] == now:
                 self._kept.move_to_end(key)
                 return found[1]
         made = make()
         with self._lock:
-            self._kept[key] = (stamp, made)
+            self._kept[key] = (now, made)
             while len(self._kept) > REMEMBERED:
                 self._kept.popitem(last=False)
         return made
 
 
-def _stamp(path: Path) -> tuple[Any, ...]:
+def stamp(path: Path) -> tuple[Any, ...]:
     """Return what changes when a file, or a file directly in a folder, changes."""
     if path.is_file():
         status = path.stat()

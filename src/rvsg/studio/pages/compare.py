@@ -10,7 +10,7 @@ from rvsg.api.listing import FoundCampaign, Listing
 from rvsg.api.pairing import Pair, pairs_of
 from rvsg.studio.frame import PATIENT_S, Page, address, field, link, load, page, problem, select, tag
 from rvsg.studio.pages.changes import Compared, change_chip, matrix, scatter
-from rvsg.studio.workspace import Workspace
+from rvsg.studio.workspace import Workspace, stamp
 
 SHOWN = 100
 
@@ -24,9 +24,7 @@ def add(workspace: Workspace) -> None:
         first, second, pairs = None, None, ()
         try:
             if a and b:
-                first = await load(rvsg.Campaign.open, workspace.existing(a))
-                second = await load(rvsg.Campaign.open, workspace.existing(b))
-                pairs = await load(pairs_of, first, second)
+                first, second, pairs = await load(_read, workspace, a, b)
         except RvsgError as error:
             problem(workspace, "Compare", error)
             return
@@ -38,6 +36,19 @@ def add(workspace: Workspace) -> None:
             made.command("Compare methods at an equal number of runs", "rvsg compare --methods heuristic:study,random")
             tag("p", "", cls="soft")
             link("Compare two versions of the robot on a suite", "/compare/versions")
+
+
+def _read(workspace: Workspace, a: str, b: str) -> tuple[rvsg.Campaign, rvsg.Campaign, tuple[Pair, ...]]:
+    """Read and pair two campaigns; what was read is kept until one of their stores changes."""
+    paths = workspace.existing(a), workspace.existing(b)
+
+    def made() -> tuple[rvsg.Campaign, rvsg.Campaign, tuple[Pair, ...]]:
+        first, second = (rvsg.Campaign.open(path) for path in paths)
+        return first, second, pairs_of(first, second)
+
+    key = ("pairs", a, b, stamp(paths[1]))
+    found: tuple[rvsg.Campaign, rvsg.Campaign, tuple[Pair, ...]] = workspace.kept(key, paths[0], made)
+    return found
 
 
 def _choose(made: Page, listing: Listing, a: str, b: str) -> None:
