@@ -10,6 +10,7 @@ import rvsg
 from rvsg.api.evaluating import write_page
 from rvsg.core.errors import InputError
 from rvsg.generation.random_search import RandomGenerator
+from rvsg.report.robots import EDGES
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.scenario import Mission
 from rvsg.simulation.kinematic import KinematicSimulator
@@ -36,3 +37,5 @@ def test_runs_of_no_campaign_have_a_page_with_verdict_story_and_replay(tmp_path:
     assert all(target.startswith("#") for target in reader.refers)
     assert judged.outcome.value in text and text.count("<figure") > 2
     assert ("asked to do" in text) is named
+    corners = data_of(text)["groups"][0]["robot"]["outline"]
+    assert (len(corners) == EDGES) is not named  # a robot that nobody names is drawn as the disc that measures the gaps

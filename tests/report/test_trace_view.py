@@ -107,6 +107,16 @@ def test_forbidden_samples_have_no_score_and_the_chosen_one_is_named() -> None:
     assert (dx.tolist(), dy.tolist(), score.tolist()) == ([80, 30], [0, 10], [42, -1])
 
 
+def test_a_base_that_moves_sideways_keeps_its_speed_to_the_left() -> None:
+    trace = made(a_run())
+    tried = trace.frames[0].evaluation
+    assert tried is not None
+    aside = replace(tried, velocity=np.array([[0.5, 0.0, 0.1], [0.2, 0.3, -0.4]]))
+    view = trace_view(replace(trace, frames=(replace(trace.frames[0], evaluation=aside),)), warehouse())["tried"]
+    assert view["sideways"] and "sideways" not in trace_view(trace, warehouse())["tried"]
+    assert np.array(numbers(view["blob"])).reshape(6, 2).cumsum(axis=1)[2].tolist() == [100, -400]
+
+
 def test_a_trace_without_frames_is_valid_json() -> None:
     empty = replace(made(a_run()), frames=(), nodes=())
     assert json.loads(trace_json(empty, warehouse()))["frames"] == []

@@ -173,7 +173,8 @@ def _driven(run: Run, world: World) -> Mission:
     path, (x, y, yaw) = run.trajectory, run.goal
     start = Pose(x=float(path.x[0]), y=float(path.y[0]), yaw=float(path.yaw[0]))
     goal = Pose(x=x, y=y, yaw=yaw)
-    return Mission.of(world, Route(name="as recorded", start=start, goal=goal, time_limit_s=run.time_limit_s))
+    route = Route(name="as recorded", start=start, goal=goal, time_limit_s=run.time_limit_s)
+    return Mission.of(world, route, robot="as recorded")  # no robot's name, so pages draw the body that the run has
 
 
 def check_feedback_file(path: Path, scenario: Path | None) -> None:

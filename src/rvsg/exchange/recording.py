@@ -105,6 +105,7 @@ def read_recording(
             run=Run(**values, outcome=header.outcome, trajectory=trajectory, log=log or trajectory, imu=imu),
             notes=tuple(notes),
         )
+    notes.append(_bodies(names, contents.radii))
     goal, limit = _task(path, contents, frames, there, route, offset, times)
     outcome = _outcome(trajectory, goal, limit, notes)
     run = Run(
@@ -124,6 +125,16 @@ def read_recording(
         human_groups=tuple(contents.groups.get(name) for name in names),
     )
     return Recording(run=run, notes=tuple(notes))
+
+
+def _bodies(names: tuple[str, ...], radii: dict[str, float]) -> str:
+    """Say which bodies gaps are measured between; a recording holds no outline of the robot."""
+    said = f"Gaps are measured from a disc with a radius of {ROBOT_RADIUS_M:g} m around the robot's pose"
+    unknown = [name for name in names if name not in radii]
+    if unknown:
+        who = "people" if len(unknown) == len(names) else ", ".join(unknown)
+        said += f", to discs with a radius of {PERSON_RADIUS_M:g} m around {who}"
+    return f"The recording does not hold the robot's outline. {said}."
 
 
 def _robot_track(

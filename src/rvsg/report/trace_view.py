@@ -112,13 +112,14 @@ def _plans(trace: Trace) -> dict[str, Any]:
 def _tried(frames: Sequence[Frame]) -> dict[str, Any]:
     """`asked`: time, number of samples, the chosen one (-1: none) and x, y, yaw of the robot at each answer.
 
-    `blob`: for each answer the channels forward speed (mm/s), yaw rate (mrad/s), x and y of the end from the robot
-    (cm), and score (tenths; -1: forbidden). `shares`: for each answer what each of `critics` adds to the total of the
-    chosen sample; empty where none is chosen.
+    `blob`: for each answer the channels forward speed (mm/s), yaw rate (mrad/s), with `sideways` the speed to the left
+    (mm/s), x and y of the end from the robot (cm), and score (tenths; -1: forbidden). `shares`: for each answer what
+    each of `critics` adds to the total of the chosen sample; empty where none is chosen.
     """
     asked, channels, shares = [], [], []
     critics: tuple[str, ...] = ()
-    for tried in (frame.evaluation for frame in frames if frame.evaluation is not None):
+    answers = [frame.evaluation for frame in frames if frame.evaluation is not None]
+    for tried in answers:
         kept = _spread(tried)
         best = int(np.flatnonzero(kept == tried.best)[0]) if tried.best >= 0 else -1
         x, y, yaw = tried.pose
@@ -127,13 +128,19 @@ def _tried(frames: Sequence[Frame]) -> dict[str, Any]:
         shares.append((tried.raw[tried.best] * tried.scales).round(2).tolist() if critics and tried.best >= 0 else [])
         score = tried.score[kept]
         channels += [
-            tried.velocity[kept, 0] * 1000,
-            tried.velocity[kept, 1] * 1000,
+            *(tried.velocity[kept] * 1000).T,
             (tried.end[kept, 0] - x) * 100,
             (tried.end[kept, 1] - y) * 100,
             np.where(np.isfinite(score), score * 10, -1.0),
         ]
-    return {"asked": asked, "critics": critics, "shares": shares, "blob": _channels(channels)}
+    sideways = any(tried.velocity.shape[1] == 3 for tried in answers)
+    return {
+        "asked": asked,
+        "critics": critics,
+        "shares": shares,
+        **({"sideways": True} if sideways else {}),
+        "blob": _channels(channels),
+    }
 
 
 def _spread(tried: Evaluation) -> NDArray[np.intp]:

@@ -40,7 +40,7 @@
     const critics = file.tried.critics || [], shares = file.tried.shares || [];
     trace.tried = file.tried.asked.map(function (a, k) {
       return { critics: critics, shares: shares[k] || [], t: a[0], best: a[2], x: a[3], y: a[4], yaw: a[5], v: tried(a[1], 0.001), w: tried(a[1], 0.001),
-        dx: tried(a[1], 0.01), dy: tried(a[1], 0.01), score: tried(a[1], 0.1) };
+        left: file.tried.sideways ? tried(a[1], 0.001) : null, dx: tried(a[1], 0.01), dy: tried(a[1], 0.01), score: tried(a[1], 0.1) };
     });
     return trace;
   }
@@ -85,9 +85,11 @@
   function line(group, view, kind, text, attributes) {
     return view.node(group, "path", Object.assign({ class: kind, d: text || "M0 0", transform: view.matrix(0, 0) }, attributes || {}));
   }
+  /** The arc of a sample: it leaves the robot in the direction of its speed, forwards or to the side. */
   function arc(tried, k) {
-    const u = Math.cos(tried.yaw) * tried.dx[k] + Math.sin(tried.yaw) * tried.dy[k];
-    const w = -Math.sin(tried.yaw) * tried.dx[k] + Math.cos(tried.yaw) * tried.dy[k];
+    const towards = tried.yaw + (tried.left && tried.left[k] ? Math.atan2(tried.left[k], tried.v[k]) : 0);
+    const u = Math.cos(towards) * tried.dx[k] + Math.sin(towards) * tried.dy[k];
+    const w = -Math.sin(towards) * tried.dx[k] + Math.cos(towards) * tried.dy[k];
     const end = (tried.x + tried.dx[k]).toFixed(2) + " " + (tried.y + tried.dy[k]).toFixed(2);
     const start = "M" + tried.x.toFixed(2) + " " + tried.y.toFixed(2);
     if (Math.abs(w) < 0.01) return start + "L" + end;
@@ -151,7 +153,9 @@
         const tried = trace.tried[k];
         if (!tried || t - tried.t > SPAN_S) return "The local planner is not asked.";
         if (tried.best < 0) return "The local planner finds no free trajectory.";
-        return "Local planner: " + tried.v[tried.best].toFixed(2) + " m/s, " + tried.w[tried.best].toFixed(2) + " rad/s, score " + tried.score[tried.best].toFixed(1) + parts(tried) + ".";
+        const left = tried.left ? tried.left[tried.best] : 0;
+        const aside = left ? ", " + Math.abs(left).toFixed(2) + " m/s to the " + (left > 0 ? "left" : "right") : "";
+        return "Local planner: " + tried.v[tried.best].toFixed(2) + " m/s" + aside + ", " + tried.w[tried.best].toFixed(2) + " rad/s, score " + tried.score[tried.best].toFixed(1) + parts(tried) + ".";
       } },
     { id: "lidar", label: "Lidar", shown: true, key: frameAt,
       draw: function (group, view, trace, k) {
