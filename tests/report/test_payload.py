@@ -18,7 +18,7 @@ from rvsg.evaluation.metrics import METRICS
 from rvsg.evaluation.sampled import Sampled
 from rvsg.report.colours import distinct_colours
 from rvsg.report.payload import FAR_STEP, INVOLVED_M, ReplayGroup, ReplayRun, people_colours, replay_payload, varints
-from rvsg.report.quantity import decisive_time, judged_curve, prefix
+from rvsg.report.quantity import decisive, judged_curve, prefix
 from rvsg.scenario.requirement import Requirement
 from rvsg.simulation.run import Outcome, Run
 
@@ -85,7 +85,7 @@ def test_the_judged_quantity_ends_at_the_objective() -> None:
 def test_a_mean_is_decided_where_the_run_adds_most_to_it() -> None:
     run, world = a_run(), warehouse()
     curve = judged_curve(run, REQUIREMENT, world)
-    decided = decisive_time(run, REQUIREMENT, curve)
+    decided = decisive(run, REQUIREMENT, curve).time_s
     path = run.trajectory
     away = np.hypot(path.human_x - path.x[:, None], path.human_y - path.y[:, None]).min(axis=1)
     assert away[np.searchsorted(path.t, decided - 0.5)] < np.quantile(away, 0.25)
@@ -96,7 +96,7 @@ def test_a_minimum_is_decided_where_it_passes_its_limit() -> None:
     gap = Sampled(run, run.trajectory).closest_gap
     limit = float(np.quantile(gap, 0.2))
     least = REQUIREMENT.replace(metric="min_distance", limit=limit)
-    decided = decisive_time(run, least, judged_curve(run, least, world))
+    decided = decisive(run, least, judged_curve(run, least, world)).time_s
     first = float(run.trajectory.t[int((gap < limit).argmax())])
     assert abs(decided - first) <= float(run.trajectory.t[-1]) / 70
 

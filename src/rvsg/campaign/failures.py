@@ -56,12 +56,7 @@ class FailureMode(Record):
     @property
     def words(self) -> str:
         """The failure in one sentence."""
-        return f"Near {self.place}, {self.what}."
-
-    @property
-    def what(self) -> str:
-        """What happens, without the place."""
-        return f"a person {met(self.person)}; the robot {self.robot}"
+        return f"At the closest approach, near {self.place}, a person {met(self.person)}; the robot {self.robot}."
 
 
 def met(kind: str) -> str:

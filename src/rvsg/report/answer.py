@@ -15,6 +15,8 @@ from rvsg.evaluation.verdict import Status, Verdict
 from rvsg.evaluation.wording import difference_in_words, share_in_words
 from rvsg.report.causes import Cause, Pair
 from rvsg.report.facts import AttemptFacts, RunFacts
+from rvsg.report.payload import INVOLVED_M
+from rvsg.report.quantity import Why
 from rvsg.report.summary import Summary, counted, interval, number
 from rvsg.report.words import direction, metres, quantity
 from rvsg.scenario.requirement import Requirement
@@ -187,21 +189,45 @@ def _quantity(requirement: Requirement) -> str:
     return name[:1].upper() + name[1:]
 
 
+DECIDES: dict[Why, str] = {
+    "limit": "The limit is first passed",
+    "worst": "The worst value is reached",
+    "time": "The robot loses most time",
+    "share": "The run adds most to the value",
+    "closest": "Robot and people are closest",
+}
+
+
 def _where(facts: AttemptFacts) -> list[Sentence]:
-    """Return who is nearest at the decisive moment, where and when, over the violating runs or all of them."""
+    """Return where and when the violating runs are decided, or all of them, and who is near then."""
     runs = facts.violating or facts.runs
+    if not runs:
+        return []
+    why = Counter(run.decisive_why for run in runs).most_common(1)[0][0]
+    if why == "closest" and not any(run.run.human_names for run in runs):
+        return []
+    told = [run for run in runs if run.decisive_why == why]
+    many = "" if len(told) == len(runs) else f" in {len(told)} of {counted(len(runs), 'run')}"
+    sentence = [Piece(f"{DECIDES[why]}{many} near {_near(told)}, {_span([run.decisive_s for run in told])}")]
+    return [[*sentence, *_who(told)]]
+
+
+def _who(runs: Sequence[RunFacts]) -> Sentence:
+    """Return who is nearest at the decisive moments, as the end of a sentence."""
     who = Counter(run.decisive_with for run in runs if run.decisive_with).most_common(1)
     if not who:
-        return []
+        people = any(run.run.human_names for run in runs)
+        return [Piece(f"; nobody is within {INVOLVED_M:g} m of the robot then." if people else ".")]
     name, count = who[0]
     with_them = [run for run in runs if run.decisive_with == name]
-    return [
-        [
-            Piece("At the decisive moment the nearest person is "),
-            Piece(f"{name} in {count} of {counted(len(runs), 'run')}", _ids(with_them)),
-            Piece(f", near {_near(with_them)}, {_span([run.decisive_s for run in with_them])}."),
-        ]
+    far = [run for run in runs if not run.decisive_with]
+    sentence = [
+        Piece("; the nearest person then is "),
+        Piece(f"{name} in {count} of {counted(len(runs), 'run')}", _ids(with_them)),
     ]
+    if far:
+        sentence += [Piece("; in "), Piece(str(len(far)), _ids(far)), Piece(f" nobody is within {INVOLVED_M:g} m")]
+    return [*sentence, Piece(".")]
 
 
 def _near(runs: Sequence[RunFacts]) -> str:
@@ -321,7 +347,7 @@ def _seen(runs: Sequence[RunFacts], plan: Plan, kind: str) -> tuple[list[Badge],
             [
                 Piece("The robot touches nobody; the smallest gap is "),
                 Piece(metres(nearest.closest_m or 0.0), (nearest.id,), nearest.closest_s),
-                Piece(f", to {nearest.closest_to}."),
+                Piece(f", to {nearest.closest_to} near {nearest.closest_near}, {_span([nearest.closest_s])}."),
             ]
         )
     return badges, sentences

@@ -14,12 +14,12 @@ from rvsg.evaluation.events import Contact, Event, ObstacleContact, Place, Recov
 from rvsg.evaluation.naming import place_name
 from rvsg.evaluation.sampled import sampled, stretches
 from rvsg.evaluation.story import Sentence, story_of
-from rvsg.report.quantity import Curve, decisive_time, judged_curve
+from rvsg.report.payload import INVOLVED_M
+from rvsg.report.quantity import Curve, Why, decisive, judged_curve
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.run import Run
 from rvsg.world.world import World
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RunFacts:
@@ -32,8 +32,10 @@ class RunFacts:
     story: tuple[Sentence, ...]
     curve: Curve
     decisive_s: float
+    decisive_why: Why
+    """What makes this moment decide the requirement."""
     decisive_with: str
-    """The person nearest to the robot at the decisive moment; empty without people."""
+    """The person nearest to the robot at the decisive moment; empty where nobody is within 2 m then."""
     decisive_at: Place
     world: World
     closest_m: float | None
@@ -49,6 +51,12 @@ class RunFacts:
     def decisive_near(self) -> str:
         """The name of the place where the robot is at the decisive moment, as failures and maps name it."""
         return place_name(self.world, self.decisive_at.x, self.decisive_at.y)
+
+    @cached_property
+    def closest_near(self) -> str:
+        """The name of the place where the robot is at the smallest gap to a person."""
+        at = _where(self.run, self.closest_s, self.world)
+        return place_name(self.world, at.x, at.y)
 
     @property
     def arrived(self) -> bool:
@@ -142,7 +150,7 @@ def run_facts(
         world = scenario.mission.place(world)
     curve = judged_curve(run, requirement, world)
     events = events_of(run, world=world, scenario=scenario)
-    decisive = decisive_time(run, requirement, curve)
+    decides = decisive(run, requirement, curve)
     objective = measurement.objective
     closest, person, at = _closest(run)
     return RunFacts(
@@ -152,9 +160,10 @@ def run_facts(
         events=events,
         story=story_of(run, world=world, scenario=scenario, events=events),
         curve=curve,
-        decisive_s=decisive,
-        decisive_with=_nearest_at(run, decisive),
-        decisive_at=_where(run, decisive, world),
+        decisive_s=decides.time_s,
+        decisive_why=decides.why,
+        decisive_with=_nearest_at(run, decides.time_s),
+        decisive_at=_where(run, decides.time_s, world),
         world=world,
         closest_m=closest,
         closest_to=person,
@@ -178,7 +187,8 @@ def _row(run: Run, t_s: float) -> int:
 def _nearest_at(run: Run, t_s: float) -> str:
     if not run.human_names or not len(run.trajectory):
         return ""
-    return run.human_names[int(sampled(run).gap[_row(run, t_s)].argmin())]
+    gap = sampled(run).gap[_row(run, t_s)]
+    return run.human_names[int(gap.argmin())] if gap.min() <= INVOLVED_M else ""
 
 
 def _where(run: Run, t_s: float, world: World) -> Place:

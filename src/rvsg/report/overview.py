@@ -77,7 +77,7 @@ def _pin(
     row = {
         "campaign": campaign,
         "scenario": f"{scenario}. {finding.description}",
-        "happens": f"{finding.failure.what[:1].upper()}{finding.failure.what[1:]}." if finding.failure else "",
+        "happens": finding.failure.words if finding.failure else "",
         "where": facts.decisive_near,
         "chip": "violated" if still_open(verdict) else verdict.status.value,
         "violated": f"{verdict.violations} of {verdict.runs}",

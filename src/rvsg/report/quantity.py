@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,8 +74,20 @@ def judged_curve(run: Run, requirement: Requirement, world: World | None, *, poi
     return Curve(run.trajectory.t[ends - 1], values)
 
 
-def decisive_time(run: Run, requirement: Requirement, curve: Curve) -> float:
-    """Return the time (s) that decides the requirement in this run.
+Why = Literal["limit", "worst", "time", "share", "closest"]
+
+
+class Decisive(NamedTuple):
+    """The moment that decides a requirement in a run."""
+
+    time_s: float
+    why: Why
+    """`limit`: the limit is passed. `worst`: the final value is reached. `time`: the robot loses most time. `share`:
+    the run adds most to a mean. `closest`: the closest approach, where the curve tells nothing."""
+
+
+def decisive(run: Run, requirement: Requirement, curve: Curve) -> Decisive:
+    """Return the moment that decides the requirement in this run.
 
     A quantity that only gets worse (a minimum, a count) is decided where it passes its limit, else where it got its
     final value. A quantity that rises with the clock is decided where the robot loses most time. A mean is decided
@@ -82,18 +95,22 @@ def decisive_time(run: Run, requirement: Requirement, curve: Curve) -> float:
     """
     known = np.isfinite(curve.value)
     t, worse = curve.t[known], np.array([requirement.badness(float(v)) for v in curve.value[known]])
+    closest = Decisive(closest_approach(run), "closest")
     if len(t) < 3 or np.ptp(worse) == 0.0:
-        return closest_approach(run)
+        return closest
     limit = requirement.badness(requirement.threshold) if requirement.threshold is not None else None
     if np.allclose(worse[:-1] - worse[0], t[:-1] - t[0], atol=0.15):
-        return _longest_standstill(run)
+        lost = _longest_standstill(run)
+        return Decisive(lost, "time") if lost is not None else closest
     if (np.diff(worse) >= -1e-9).all():
         if limit is not None and worse[-1] > limit:
-            return float(t[int(np.argmax(worse > limit))])
-        return float(t[int(np.argmax(worse >= worse[-1] - 1e-9))])
+            return Decisive(float(t[int(np.argmax(worse > limit))]), "limit")
+        return Decisive(float(t[int(np.argmax(worse >= worse[-1] - 1e-9))]), "worst")
     contribution = np.diff(t * worse) / np.diff(t)  # of a running mean: the mean over each step
     contribution[t[1:] < SETTLED_S] = -np.inf
-    return float(t[1:][int(contribution.argmax())]) if np.isfinite(contribution).any() else closest_approach(run)
+    if not np.isfinite(contribution).any():
+        return closest
+    return Decisive(float(t[1:][int(contribution.argmax())]), "share")
 
 
 def closest_approach(run: Run) -> float:
@@ -103,14 +120,14 @@ def closest_approach(run: Run) -> float:
     return float(run.trajectory.t[int(sampled(run).closest_gap.argmin())])
 
 
-def _longest_standstill(run: Run) -> float:
-    """Return where the robot, once under way, loses most way against its usual speed over the next 3 s."""
+def _longest_standstill(run: Run) -> float | None:
+    """Return when the robot, once under way, makes least way in the next 3 s; None where it is never under way."""
     path = run.trajectory
     travelled = np.concatenate([[0.0], np.hypot(np.diff(path.x), np.diff(path.y)).cumsum()])
     later = np.searchsorted(path.t, path.t + 3.0)
     usable = np.flatnonzero((later < len(path)) & (travelled > 0.1))
     if not len(usable):
-        return closest_approach(run)
+        return None
     return float(path.t[usable[int((travelled[later[usable]] - travelled[usable]).argmin())]])
 
 
