@@ -21,6 +21,7 @@ from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.run import Run
 from rvsg.world.world import World
 
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RunFacts:
     """A run and what happened in it. `closest_m`, `closest_to`, `closest_s`: the smallest gap, to whom and when."""
