@@ -8,6 +8,7 @@ from tests.evaluation.test_events import REACH, T, a_run, dip, passing, scenario
 from rvsg.evaluation.detection import events_of
 from rvsg.evaluation.events import Contact
 from rvsg.evaluation.metrics import measure
+from rvsg.evaluation.naming import place_name
 from rvsg.evaluation.safety_summary import MEASURED, summarise_safety
 from rvsg.evaluation.story import story_of
 from rvsg.scenario.scenario import Human, Task
@@ -43,6 +44,8 @@ def test_a_simulated_run_has_a_story_with_the_names_of_its_places() -> None:
     story = story_of(a_run(scenario), world=warehouse(), scenario=scenario)
     assert 3 <= len(story) <= 6
     assert any("Anna" in sentence.text for sentence in story)
+    start = scenario.mission.route.start
+    assert f"({place_name(warehouse(), start.x, start.y)})" in story[0].text
 
 
 def test_an_empty_run_has_no_story() -> None:

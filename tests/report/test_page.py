@@ -26,7 +26,8 @@ from rvsg.evaluation.verdict import Status
 from rvsg.evaluation.wording import how_sure
 from rvsg.generation.generator import Proposal
 from rvsg.generation.vlm.recording import Recording
-from rvsg.report.answer import CAUSE_WORDS
+from rvsg.report.answer import CAUSE_WORDS, answer
+from rvsg.report.facts import facts_of
 from rvsg.report.junit import junit_xml
 from rvsg.report.page import _curse, render_page
 from rvsg.report.summary import Ranked, number, summarise
@@ -316,6 +317,18 @@ def test_a_violation_says_whether_it_recurs_without_people(alone: float | None, 
     assert sum(other in top for other in ("recurs without people", "caused by the people", "cause open")) == 1
     if alone is not None:
         assert all(measured.run_id in top for measured in baseline.measurements)
+
+
+def test_the_answer_tells_of_contacts_in_other_confirmations_and_in_the_search() -> None:
+    the_plan, attempts, ledger = default_campaign()
+    facts = facts_of(attempts, REQUIREMENT, warehouse(), ledger.run)
+    confirmed = next(each for each in facts if each.attempt.purpose == "confirmation")
+    searched = [each for each in facts if each.attempt.purpose == "search"]
+    touched = {run.id for each in searched for run in each.runs if run.contacts}
+    assert touched and confirmed.with_contact
+    told = answer(the_plan, summarise(the_plan, attempts), confirmed, searched, None, others=[confirmed])
+    linked = [piece.runs for piece in told.sentences[-1] if piece.runs]
+    assert [set(runs) for runs in linked] == [{run.id for run in confirmed.with_contact}, touched]
 
 
 def test_in_junit_the_confirmation_tells_of_contacts_and_arrivals() -> None:

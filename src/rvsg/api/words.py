@@ -98,6 +98,8 @@ def describe_difference(finding: Finding) -> str | None:
     compared, probability = finding.compared, finding.violation_probability
     if compared is None or probability is None:
         return None
+    if compared.without.measures_nothing:
+        return "Without people the requirement measures nothing: it is about the people themselves."
     said = difference_in_words(compared.difference, compared.interval, finding.verdict.confidence)
     meant = {
         "no": " The violation recurs without people, so it is not a finding about people.",

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple
+
+from pydantic import Field
 
 from rvsg.campaign.attempt import Attempt, Measurement
 from rvsg.campaign.failures import FailureMode, usual_mode
@@ -29,6 +31,13 @@ class Share(Record):
 
     violated: int
     of: int
+    unmeasured: Annotated[int, Field(exclude_if=lambda runs: runs == 0)] = 0
+    """Of these runs, those that the requirement cannot measure, e.g. a distance to people where there are none."""
+
+    @property
+    def measures_nothing(self) -> bool:
+        """Whether the requirement measures none of the runs."""
+        return self.of > 0 and self.unmeasured == self.of
 
     @property
     def probability(self) -> float:
@@ -297,7 +306,8 @@ def _smallest(attempt: Attempt, attempts: Sequence[Attempt], requirement: Requir
 def _share(attempt: Attempt, seeds: frozenset[int], requirement: Requirement) -> Share:
     """Return how many of an attempt's runs with these seeds violate; a run without a value violates nothing."""
     counted = [m for m in attempt.measurements if m.seed in seeds]
-    return Share(violated=sum(_violates(m, requirement) for m in counted), of=len(counted))
+    unmeasured = sum(m.objective is None for m in counted)
+    return Share(violated=sum(_violates(m, requirement) for m in counted), of=len(counted), unmeasured=unmeasured)
 
 
 def _violates(measurement: Measurement, requirement: Requirement) -> bool:

@@ -22,11 +22,13 @@ from rvsg.evaluation.events import (
     PersonReacted,
     PersonStuck,
     Place,
+    PlaceAt,
     Recovery,
     Replan,
     StandStill,
     TimeOut,
 )
+from rvsg.evaluation.naming import place_name
 from rvsg.evaluation.sampled import joined, sampled, stretches
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.run import Run
@@ -58,18 +60,35 @@ def story_of(
     """
     if not len(run.trajectory):
         return ()
+    at = _namer(world)
     found = list(events if events is not None else events_of(run, world=world, scenario=scenario))
     ends = (Arrival, TimeOut, Abort)
     middle = [event for event in found if not isinstance(event, ends)]
     chosen = sorted(middle, key=weight, reverse=True)[: MOST - 2]
-    sentences = [Sentence(text=in_words(event), time_s=event.time_s) for event in chosen]
+    sentences = [Sentence(text=in_words(_at(event, at)), time_s=event.time_s) for event in chosen]
     if len(sentences) < MOST - 2:
-        sentences += _company(run, world)
+        sentences += _company(run, world, at)
     if len(sentences) < FEWEST - 2 and not any(isinstance(event, Contact | NearMiss) for event in chosen):
-        sentences += _closest(run, world)
+        sentences += _closest(run, world, at)
     sentences.sort(key=lambda sentence: sentence.time_s)
     last = [Sentence(text=_end_in_words(event, run), time_s=event.time_s) for event in found if isinstance(event, ends)]
-    return (_opening(run, world), *sentences, *last)
+    return (_opening(run, at), *sentences, *last)
+
+
+def _namer(world: World | None) -> PlaceAt:
+    """Return a function from x and y to a place with the names of its waypoint and its area, e.g. `F15 (Area 4)`."""
+    if world is None:
+        return place_namer(None)
+
+    def at(x: float, y: float) -> Place:
+        place, area = place_namer(world)(x, y), place_name(world, x, y)
+        return place if area == place.waypoint else place.replace(waypoint=f"{place.waypoint} ({area})")
+
+    return at
+
+
+def _at(event: Event, at: PlaceAt) -> Event:
+    return event.replace(place=at(event.place.x, event.place.y))
 
 
 def weight(event: Event) -> float:
@@ -187,9 +206,9 @@ def in_metres(value: float) -> str:
     return f"{max(1, round(100 * value)) if value > 0.0 else round(100 * value)} cm"
 
 
-def _opening(run: Run, world: World | None) -> Sentence:
-    path, at = run.trajectory, place_namer(world)
-    start, goal = at(path.x[0], path.y[0]), at(run.goal[0], run.goal[1])
+def _opening(run: Run, at: PlaceAt) -> Sentence:
+    path = run.trajectory
+    start, goal = at(float(path.x[0]), float(path.y[0])), at(run.goal[0], run.goal[1])
     away = float(np.hypot(path.x[0] - run.goal[0], path.y[0] - run.goal[1]))
     text = (
         f"The robot sets out from {start} to {goal}, {away:.0f} m away, with a time limit of {run.time_limit_s:.0f} s."
@@ -197,7 +216,7 @@ def _opening(run: Run, world: World | None) -> Sentence:
     return Sentence(text=text, time_s=float(path.t[0]))
 
 
-def _company(run: Run, world: World | None) -> list[Sentence]:
+def _company(run: Run, world: World | None, at: PlaceAt) -> list[Sentence]:
     """Tell who stays near the robot longest, where that lasts."""
     s = sampled(run, world)
     t = s.series.t
@@ -209,22 +228,21 @@ def _company(run: Run, world: World | None) -> list[Sentence]:
     if not found or max(found)[0] < COMPANY_S:
         return []
     lasts, person, first, last = max(found)
-    at = place_namer(world)
-    here, there = (at(s.series.x[k], s.series.y[k]) for k in (first, last))
+    here, there = (at(float(s.series.x[k]), float(s.series.y[k])) for k in (first, last))
     way = at_place(here) if str(here) == str(there) else f"from {here} to {there}"
     text = f"{run.human_names[-person]} stays within {COMPANY_M:.0f} m of the robot for {lasts:.1f} s, {way}."
     time_s = round(float(t[first]), 3)
     return [Sentence(text=f"From {time_s:.1f} s on {text}", time_s=time_s)]
 
 
-def _closest(run: Run, world: World | None) -> list[Sentence]:
+def _closest(run: Run, world: World | None, at: PlaceAt) -> list[Sentence]:
     """Tell the closest approach of a run in which nobody comes near."""
     s = sampled(run, world)
     if not s.people:
         return []
     index = int(s.closest_gap.argmin())
     who = run.human_names[int(s.gap[index].argmin())]
-    where = at_place(place_namer(world)(s.series.x[index], s.series.y[index]))
+    where = at_place(at(float(s.series.x[index]), float(s.series.y[index])))
     time_s = round(float(s.series.t[index]), 3)
     gap = in_metres(float(s.closest_gap[index]))
     text = f"At {time_s:.1f} s {who} comes nearest to the robot {where}, with a gap of {gap}."

@@ -96,6 +96,7 @@ def answer(
     confirmed: AttemptFacts | None,
     searched: Sequence[AttemptFacts],
     cause: Cause | None,
+    others: Sequence[AttemptFacts] = (),
 ) -> Answer:
     """Return the top of the page: verdict, badges and sentences.
 
@@ -103,6 +104,7 @@ def answer(
         confirmed: The confirmation runs of the finding; None before a confirmation.
         searched: The configurations of the search.
         cause: What leaving people out does to the finding.
+        others: The confirmations of other scenarios.
     """
     top = headline(plan, summary)
     if confirmed is None:
@@ -116,17 +118,25 @@ def answer(
     recurs = cause is not None and cause.finding.about_people == "no"
     told = [*because, *where] if recurs else [*where, *because]  # who is near matters less where nobody is needed
     sentences = [*_judged(plan, confirmed), *told, *seen]
-    others = _distinct(searched)
-    touched = [run for run in others if run.contacts]
-    if touched:
-        sentences.append(
-            [
-                Piece("In the search, robot and person touch in "),
-                Piece(f"{len(touched)} of {counted(len(others), 'run')}", _ids(touched)),
-                Piece("."),
+    return Answer(**top, badges=badges, sentences=[*sentences, *_elsewhere(others, searched)])
+
+
+def _elsewhere(others: Sequence[AttemptFacts], searched: Sequence[AttemptFacts]) -> list[Sentence]:
+    """Return in how many runs that are not of the finding robot and person touch, if they do in any."""
+    sentence: Sentence = []
+    for attempts, kind, which in (
+        (others, "confirmation run", " of other configurations"),
+        (searched, "run", " of the search"),
+    ):
+        runs = _distinct(attempts)
+        touched = [run for run in runs if run.contacts]
+        if touched:
+            sentence += [
+                Piece(" and in " if sentence else "Elsewhere in the campaign, robot and person touch in "),
+                Piece(f"{len(touched)} of {counted(len(runs), kind)}", _ids(touched)),
+                Piece(which),
             ]
-        )
-    return Answer(**top, badges=badges, sentences=sentences)
+    return [[*sentence, Piece(".")]] if sentence else []
 
 
 def answer_of_runs(plan: Plan, facts: AttemptFacts) -> Answer:
@@ -193,7 +203,7 @@ DECIDES: dict[Why, str] = {
     "limit": "The limit is first passed",
     "worst": "The worst value is reached",
     "time": "The robot loses most time",
-    "share": "The run adds most to the value",
+    "share": "The momentary value is worst",
     "closest": "Robot and people are closest",
 }
 
@@ -313,7 +323,7 @@ def _seen(runs: Sequence[RunFacts], plan: Plan, kind: str) -> tuple[list[Badge],
             ]
         )
     elif people:
-        badges.append(Badge(tone="good", text="no contact with people"))
+        badges.append(Badge(tone="good", text=f"no contact in {counted(len(runs), 'run')}"))
     struck = [run for run in runs if run.obstacle_contacts]
     if struck:
         first = struck[0].obstacle_contacts[0]

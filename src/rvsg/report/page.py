@@ -105,7 +105,7 @@ def render_page(
             direction=direction(requirement),
             limit=number(requirement.threshold, requirement.unit) if requirement.threshold is not None else "",
             summary=shown.summary,
-            answer=answer(plan, shown.summary, shown.confirmed, shown.searched, shown.cause),
+            answer=answer(plan, shown.summary, shown.confirmed, shown.searched, shown.cause, shown.others),
             happened=what_happens(shown, subject) if subject else None,
             people=people_rows(subject) if subject else [],
             shown_tasks=SHOWN_TASKS,

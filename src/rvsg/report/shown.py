@@ -59,6 +59,12 @@ class Shown:
         return [f for f in self.facts if f.attempt.purpose == "search"]
 
     @property
+    def others(self) -> list[AttemptFacts]:
+        """The confirmations of other configurations than that of the first finding."""
+        own = _kind(self.confirmed) if self.confirmed is not None else None
+        return [f for f in self.facts if f.attempt.purpose == "confirmation" and _kind(f) != own]
+
+    @property
     def subject(self) -> AttemptFacts | None:
         """What the page tells of: the confirmed finding, else the worst candidate."""
         best = best_attempt(self.attempts, self.plan.requirement)

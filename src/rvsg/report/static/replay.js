@@ -281,6 +281,7 @@
     const names = Array.from(map.querySelectorAll("text.area-name")).map(function (node) {
       const spans = Array.from(node.querySelectorAll("tspan"));
       const ys = spans.map(function (s) { return +s.getAttribute("y"); });
+      spans.forEach(function (s) { s.removeAttribute("dy"); });
       const x = spans.length ? +spans[0].getAttribute("x") : +node.getAttribute("x");
       const y = ys.length ? ys.reduce(function (a, b) { return a + b; }, 0) / ys.length : +node.getAttribute("y");
       const longest = Math.max.apply(null, spans.map(function (s) { return s.textContent.length; }).concat([1]));

@@ -224,7 +224,7 @@
     replay.element.addEventListener("replaychange", function (event) { show(event.detail.run); });
     if (options && options.open) {
       const label = document.createElement("label"), input = document.createElement("input"), note = document.createElement("span");
-      label.className = "rp-open"; label.textContent = "Open a trace ";
+      label.className = "rp-open"; label.textContent = "Open a trace (rvsg trace makes one) ";
       input.type = "file"; input.accept = ".json"; note.setAttribute("role", "status"); note.className = "rp-note";
       label.appendChild(input);
       input.addEventListener("change", function () {
