@@ -7,7 +7,7 @@ from rich.console import Console
 from tests.campaign.parts import plan
 
 from rvsg.campaign.attempt import Attempt, Failure
-from rvsg.campaign.events import Attempted, Proposing, RunMade
+from rvsg.campaign.events import Attempted, Explaining, Proposing, RunMade
 from rvsg.cli import progress
 from rvsg.cli.progress import CampaignProgress
 from rvsg.generation.generator import Proposal
@@ -37,6 +37,10 @@ def test_progress_shows_done_total_and_time_left_on_a_narrow_terminal(
     assert " left " in line and ("-:--:--" in line or "0:" in line)
     if width == 80:
         assert "scenario 42" in line
+    shown(Explaining(campaign="test", without=("Human 1",), people=1, runs=15))
+    with told.capture() as captured:
+        told.print(shown.bar.get_renderable())
+    assert "1233/1248 runs" in " ".join(captured.get().split())  # such runs are none of the plan's
 
 
 def test_the_estimate_does_not_count_the_wait_for_other_campaigns(

@@ -51,6 +51,7 @@ class CampaignProgress:
         self.known = {m.run_id for a in attempts for m in a.measurements}
         self.runs = len(self.known) + sum(len(a.failures) for a in attempts)
         self.made = 0
+        self.total = plan.runs
         self.begin: float | None = None
         self.place = ""
         self.spent: Spending | None = None
@@ -72,7 +73,7 @@ class CampaignProgress:
                 transient=True,
                 expand=True,
             )
-            self.task = self.bar.add_task("starting", total=plan.runs, completed=self.runs)
+            self.task = self.bar.add_task("starting", total=self.total, completed=self.runs)
 
     def __enter__(self) -> Self:
         if self.bar:
@@ -102,9 +103,10 @@ class CampaignProgress:
             case Confirming():
                 self._describe(f"confirming {event.number} of {event.of}")
             case Explaining():
-                self._describe("without people" if event.people == 0 else f"without {', '.join(event.without)}")
+                which = "without people" if event.people == 0 else f"without {', '.join(event.without)}"
+                self._after_confirming(which, event.runs)
             case Shrinks():
-                self._describe("shrinking a failure")
+                self._after_confirming("shrinking a failure", event.runs)
 
     def _made(self, event: RunMade) -> None:
         """Count a run, unless an earlier attempt made it."""
@@ -116,7 +118,15 @@ class CampaignProgress:
         self.runs += 1
         self.made += 1
         if self.bar:
-            self.bar.update(self.task, completed=self.runs, total=max(self.plan.runs, self.runs))
+            self.bar.update(self.task, completed=self.runs, total=max(self.total, self.runs))
+
+    def _after_confirming(self, text: str, runs: int) -> None:
+        """Show the beginning of runs that explain or shrink a finding, which the plan does not count."""
+        self.total = self.runs + runs
+        if self.bar:
+            self.bar.update(self.task, description=text, total=self.total)
+        else:
+            say(f"{self.name}{counted(self.runs, 'run')}; {text}: at most {runs} more")
 
     def _describe(self, text: str) -> None:
         if self.bar:
