@@ -8,10 +8,10 @@ import pytest
 from shapely import Polygon
 
 from rvsg.core.errors import FileError
-from rvsg.world.authoring.create import Created, world_from_sdf
+from rvsg.world.authoring.create import Created, mapped, world_from_sdf
 from rvsg.world.authoring.outside import Choices
 from rvsg.world.io.sdf import load_sdf
-from rvsg.world.space import human_space
+from rvsg.world.space import Space, human_space, human_space_of
 
 MIDDLE = (12.0, 12.0)
 ROOM = (3.5, 12.0)
@@ -67,8 +67,11 @@ def made(tmp_path: Path, text: str, **choices: tuple[tuple[float, float], ...]) 
     return world_from_sdf(tmp_path / "b.world", name="b", choices=Choices(**choices))
 
 
-def is_floor(created: Created, at: tuple[float, float]) -> bool:
-    return human_space(created.world).is_free(*at)
+def floor(tmp_path: Path, text: str, **choices: tuple[tuple[float, float], ...]) -> Space:
+    """Where people can be, without the grid, labels and routes of a whole world."""
+    (tmp_path / "b.world").write_text(text)
+    read = load_sdf(tmp_path / "b.world")
+    return human_space_of(read.objects, mapped(read.objects, None, [], Choices(**choices), read.overhead))
 
 
 def places(created: Created) -> list[tuple[float, float]]:
@@ -78,25 +81,27 @@ def places(created: Created) -> list[tuple[float, float]]:
     return [*(world.grid.position(name) for name in world.grid.valid), *ends]
 
 
-@pytest.mark.parametrize("gate", [False, True])
-@pytest.mark.parametrize("ceilings", [False, True])
-def test_a_courtyard_is_no_floor(tmp_path: Path, ceilings: bool, gate: bool) -> None:
+@pytest.mark.parametrize(("ceilings", "gate"), [(False, True), (True, False)])
+def test_a_courtyard_is_no_floor_and_nothing_is_proposed_in_it(tmp_path: Path, ceilings: bool, gate: bool) -> None:
     created = made(tmp_path, ring(ceilings=ceilings, gate=gate))
-    assert not is_floor(created, MIDDLE) and is_floor(created, ROOM)
+    space = human_space(created.world)
+    assert not space.is_free(*MIDDLE) and space.is_free(*ROOM)
     assert not [at for at in places(created) if 6.5 < at[0] < 17.5 and 6.5 < at[1] < 17.5]
     assert len(created.world.routes) == 3
     assert any("--indoors" in note for note in created.notes)
 
 
-def test_a_person_says_that_it_is_floor(tmp_path: Path) -> None:
-    for ceilings in (False, True):
-        created = made(tmp_path, ring(ceilings=ceilings), indoors=(MIDDLE,))
-        assert is_floor(created, MIDDLE) and is_floor(created, ROOM)
+@pytest.mark.parametrize("ceilings", [False, True])
+def test_a_person_says_that_it_is_floor(tmp_path: Path, ceilings: bool) -> None:
+    space = floor(tmp_path, ring(ceilings=ceilings), indoors=(MIDDLE,))
+    assert space.is_free(*MIDDLE) and space.is_free(*ROOM)
 
 
-def test_a_courtyard_without_a_door_is_not_the_building(tmp_path: Path) -> None:
-    created = made(tmp_path, ring(ceilings=False, door=False))
-    assert not is_floor(created, MIDDLE) and is_floor(created, ROOM)
+@pytest.mark.parametrize("how", [{"door": False}, {"ceilings": True, "gate": True}, {}])
+def test_nothing_is_left_of_a_courtyard_along_its_walls(tmp_path: Path, how: dict[str, bool]) -> None:
+    space = floor(tmp_path, ring(**{"ceilings": False, **how}))
+    assert not any(space.is_free(x, y) for x in (6.7, 12.0, 17.3) for y in (6.7, 12.0, 17.3))
+    assert space.is_free(*ROOM)
 
 
 def test_a_hall_with_furniture_stays_floor_until_a_person_says_otherwise(tmp_path: Path) -> None:
@@ -105,15 +110,15 @@ def test_a_hall_with_furniture_stays_floor_until_a_person_says_otherwise(tmp_pat
         "<geometry><box><size>1 2 0.8</size></box></geometry></collision></link></model>"
     )
     text = ring(ceilings=False, yard=table)
-    assert is_floor(made(tmp_path, text), MIDDLE)
-    assert not is_floor(made(tmp_path, text, outdoors=(MIDDLE,)), MIDDLE)
-    assert not is_floor(made(tmp_path, text.replace('"table"', '"oak_tree"')), MIDDLE)
+    assert floor(tmp_path, text).is_free(*MIDDLE)
+    assert not floor(tmp_path, text, outdoors=(MIDDLE,)).is_free(*MIDDLE)
+    assert not floor(tmp_path, text.replace('"table"', '"oak_tree"')).is_free(*MIDDLE)
 
 
 @pytest.mark.parametrize("choices", [{"indoors": ((0.1, 0.1),)}, {"outdoors": ((50.0, 0.0),)}])
 def test_a_point_off_the_floor_is_refused(tmp_path: Path, choices: dict[str, tuple[tuple[float, float], ...]]) -> None:
     with pytest.raises(FileError) as caught:
-        made(tmp_path, ring(ceilings=False), **choices)
+        floor(tmp_path, ring(ceilings=False), **choices)
     assert caught.value.code == "no-floor"
 
 
@@ -137,19 +142,13 @@ def test_floor_in_closed_walls_counts_before_the_larger_one_around_it(tmp_path: 
         for n, (a, b) in enumerate(ends)
     ]
     text = f'<sdf version="1.7"><model name="m"><link name="l">{"".join(walls)}</link></model></sdf>'
-    created = made(tmp_path, text)
-    assert is_floor(created, (1.5, 15.0)) and is_floor(created, (20.0, 1.5))
-    assert not is_floor(created, (20.0, 15.0))
-
-
-def test_nothing_is_left_of_a_courtyard_along_its_walls(tmp_path: Path) -> None:
-    created = made(tmp_path, ring(ceilings=False))
-    space = human_space(created.world)
-    assert not any(space.is_free(x, y) for x in (6.7, 12.0, 17.3) for y in (6.7, 12.0, 17.3))
+    space = floor(tmp_path, text)
+    assert space.is_free(1.5, 15.0) and space.is_free(20.0, 1.5)
+    assert not space.is_free(20.0, 15.0)
 
 
 def test_pillars_in_a_room_of_the_same_model_leave_its_floor_open(tmp_path: Path) -> None:
     walls = [wall("a", (0.0, 5.0), (0.0, 0.9)), wall("b", (0.0, 5.0), (4.1, 5.0)), wall("c", (0.0, 0.9), (0.0, 5.0))]
     walls += [wall("d", (4.1, 5.0), (0.0, 5.0)), wall("pillar", (2.4, 2.6), (2.4, 2.6))]
-    created = made(tmp_path, f'<sdf version="1.7"><model name="m"><link name="l">{"".join(walls)}</link></model></sdf>')
-    assert is_floor(created, (1.5, 1.5)) and not is_floor(created, (2.5, 2.5))
+    space = floor(tmp_path, f'<sdf version="1.7"><model name="m"><link name="l">{"".join(walls)}</link></model></sdf>')
+    assert space.is_free(1.5, 1.5) and not space.is_free(2.5, 2.5)

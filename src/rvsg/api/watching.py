@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -83,33 +84,40 @@ def watch(
         raise InputError("What is to be watched? Give --monitor DIR, a folder of recordings or of campaigns.")
     opened = suite if isinstance(suite, Suite) else Suite.open(suite)
     cases = LiveSuite(opened, lambda: subject.version)
-    world = cases.world
-    folder = Path(out)
-    chosen = _rules(opened, rules)
-    writer = make_generator(generator)
-    watching = monitor if not isinstance(monitor, str | Path) else _monitor(Path(monitor), world, route)
+    chosen, writer = _rules(opened, rules), make_generator(generator)
+    watching = monitor if not isinstance(monitor, str | Path) else _monitor(Path(monitor), cases.world, route)
 
     def ready(made: Simulator) -> None:
-        let_rehearse(writer, made, world, seed=seed)
+        let_rehearse(writer, made, cases.world, seed=seed)
         made.prepare(on_message)
 
     subject = Subject.of(simulator, stack, ready)
+    folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
-    end = None if seconds is None else clock() + seconds
-
-    def over() -> bool:
-        return end is not None and clock() >= end
-
+    time_left = _time_left(seconds, clock)
     with alone_in(folder), open_knowledge(knowledge or folder / KNOWLEDGE) as known:
         parts = _Parts(cases, subject, watching, writer, chosen, known, folder)
-        loop = parts.loop(jobs=jobs, seed=seed, on_note=on_note, stop=over)
-        done = 0
-        while not over() and (cycles is None or done < cycles):
-            busy = loop.cycle()
-            done += 1
-            if not busy and (cycles is None or done < cycles) and not over():
-                sleep(every_s if end is None else min(every_s, max(0.0, end - clock())))
+        loop = parts.loop(jobs=jobs, seed=seed, on_note=on_note, stop=lambda: time_left() <= 0)
+        _repeat(loop.cycle, cycles, time_left, lambda: sleep(max(0.0, min(every_s, time_left()))))
     return loop.journal
+
+
+def _time_left(seconds: float | None, clock: Callable[[], float]) -> Callable[[], float]:
+    """Return a function that returns the seconds that are left, infinite without an end."""
+    end = math.inf if seconds is None else clock() + seconds
+    return lambda: math.inf if end == math.inf else end - clock()
+
+
+def _repeat(
+    cycle: Callable[[], bool], most: int | None, time_left: Callable[[], float], pause: Callable[[], None]
+) -> None:
+    """Run cycles to the last one or to the end of the time, with a pause after each that found nothing to do."""
+    done = 0
+    while time_left() > 0 and (most is None or done < most):
+        busy = cycle()
+        done += 1
+        if not busy and time_left() > 0 and done != most:
+            pause()
 
 
 @dataclass(frozen=True)

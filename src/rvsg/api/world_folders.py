@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
 
 from PIL.Image import Image
 from pydantic import ValidationError
@@ -36,19 +36,26 @@ Window = tuple[float, float, float, float]
 LIDAR_HEIGHT_M = 0.21
 ROBOT_CLEARANCE_M = 0.3
 
-_GOES_WITH: dict[str, tuple[str, ...]] = {
-    "free_thresh": ("map",),
-    "model_path": ("sdf",),
-    "without": ("sdf",),
-    "box_for_unreadable": ("sdf",),
-    "lenient": ("sdf",),
-    "floor": ("sdf",),
-    "resolution": ("sdf", "objects"),
-    "lidar_height": ("sdf", "objects"),
-    "indoors": ("sdf", "objects"),
-    "outdoors": ("sdf", "objects"),
-}
-"""The sources for which an option means something."""
+
+class SourceOptions(TypedDict, total=False):
+    """Options that mean something for some sources only; lengths in metres."""
+
+    free_thresh: float | None
+    model_path: Sequence[Path] | None
+    without: Sequence[str] | None
+    box_for_unreadable: bool
+    lenient: bool
+    floor: float
+    resolution: float | None
+    lidar_height: float
+    indoors: Sequence[tuple[float, float]] | None
+    """Points on floor that is inside the building, whatever it looks like."""
+    outdoors: Sequence[tuple[float, float]] | None
+
+
+_GOES_WITH: dict[str, tuple[str, ...]] = dict.fromkeys(SourceOptions.__annotations__, ("sdf",))
+_GOES_WITH |= {"free_thresh": ("map",)}
+_GOES_WITH |= dict.fromkeys(("resolution", "lidar_height", "indoors", "outdoors"), ("sdf", "objects"))
 
 
 def create_world(
@@ -61,20 +68,11 @@ def create_world(
     spacing: float | None = None,
     human_clearance: float = 0.3,
     robot_clearance: float | None = None,
-    free_thresh: float | None = None,
-    model_path: Sequence[Path] | None = None,
-    lidar_height: float = LIDAR_HEIGHT_M,
-    floor: float = 0.0,
-    resolution: float | None = None,
-    without: Sequence[str] | None = None,
-    box_for_unreadable: bool = False,
-    lenient: bool = False,
-    indoors: Sequence[tuple[float, float]] | None = None,
-    outdoors: Sequence[tuple[float, float]] | None = None,
     force: bool = False,
     robot: Robot | None = None,
     trial: SimulatedTrial | None = None,
     progress: Callable[[str], None] | None = None,
+    **options: Unpack[SourceOptions],
 ) -> tuple[Created, tuple[Remark, ...]]:
     """Create a world folder from a map, a Gazebo world or a file of objects.
 
@@ -83,7 +81,6 @@ def create_world(
     Args:
         folder: Where to write the world; its name becomes the world's.
         map_file: A Nav2 map; or give `sdf` or `objects` instead.
-        indoors, outdoors: Points on floor that is inside, or outside the building, whatever it looks like.
         force: Overwrite a world that is in the folder.
         robot: The robot that routes are proposed for; None: the default robot.
         trial: Drives every proposed route; routes that the robot cannot drive alone are not proposed.
@@ -95,52 +92,46 @@ def create_world(
         InputError: not exactly one source, or an option that means nothing for it.
         FileError: a source that cannot be read, or a folder that is occupied.
     """
-    source = _only_source({"map": map_file, "sdf": sdf, "objects": objects})
-    _refuse_unused(
-        source,
-        free_thresh=free_thresh is not None,
-        model_path=bool(model_path),
-        without=bool(without),
-        box_for_unreadable=box_for_unreadable,
-        lenient=lenient,
-        floor=floor != 0.0,
-        resolution=resolution is not None,
-        lidar_height=lidar_height != LIDAR_HEIGHT_M,
-        indoors=bool(indoors),
-        outdoors=bool(outdoors),
-    )
+    source, path = _only_source({"map": map_file, "sdf": sdf, "objects": objects})
+    _refuse_unused(source, options)
     _refuse_occupied(folder, force=force)
     if robot_clearance is None:
         robot_clearance = ROBOT_CLEARANCE_M if robot is None else clearance_m(robot)
     spec = _grid_spec(spacing, human_clearance, robot_clearance)
     shared: dict[str, Any] = {"name": folder.resolve().name, "title": title, "grid_spec": spec}
-    shared |= {"trial": trial, "robot": robot}
-    choices = Choices(tuple(indoors or ()), tuple(outdoors or ()))
-    if map_file is not None:
-        created = world_from_map(map_file, free_thresh=free_thresh, **shared)
-    elif sdf is not None:
-        created = world_from_sdf(
-            sdf,
-            model_paths=model_path or (),
-            lidar_height_m=lidar_height,
-            floor_m=floor,
-            resolution_m=resolution,
-            box_for_unreadable=box_for_unreadable,
-            lenient=lenient,
-            without=without or (),
-            choices=choices,
-            progress=progress,
-            **shared,
-        )
-    else:
-        assert objects is not None
-        created = world_from_objects(
-            objects, lidar_height_m=lidar_height, resolution_m=resolution, choices=choices, **shared
-        )
+    created = _created(source, path, shared | {"trial": trial, "robot": robot}, options, progress)
     save_world(created.world, folder)
     remarks = check_world(folder, trial=trial, robot=robot)
     write_readme(created, folder, [f"{'error' if r.serious else 'warning'}: {r.problem.message}" for r in remarks])
     return created, remarks
+
+
+def _created(
+    source: str,
+    path: Path,
+    shared: dict[str, Any],
+    options: SourceOptions,
+    progress: Callable[[str], None] | None,
+) -> Created:
+    if source == "map":
+        return world_from_map(path, free_thresh=options.get("free_thresh"), **shared)
+    shared |= {
+        "lidar_height_m": options.get("lidar_height", LIDAR_HEIGHT_M),
+        "resolution_m": options.get("resolution"),
+        "choices": Choices(tuple(options.get("indoors") or ()), tuple(options.get("outdoors") or ())),
+    }
+    if source == "objects":
+        return world_from_objects(path, **shared)
+    return world_from_sdf(
+        path,
+        model_paths=options.get("model_path") or (),
+        floor_m=options.get("floor", 0.0),
+        box_for_unreadable=options.get("box_for_unreadable", False),
+        lenient=options.get("lenient", False),
+        without=options.get("without") or (),
+        progress=progress,
+        **shared,
+    )
 
 
 def other_robot(name: str | Path | None) -> Robot | None:
@@ -154,20 +145,21 @@ def folder_named(name: Path) -> Path:
     return SHIPPED / str(name) if shipped else name
 
 
-def _only_source(sources: dict[str, Path | None]) -> str:
-    given = [name for name, path in sources.items() if path is not None]
+def _only_source(sources: dict[str, Path | None]) -> tuple[str, Path]:
+    given = [(name, path) for name, path in sources.items() if path is not None]
     if len(given) != 1:
-        options = " and ".join(f"--{name}" for name in given) or "none"
+        options = " and ".join(f"--{name}" for name, _ in given) or "none"
         raise InputError(f"give exactly one of --map, --sdf and --objects; got {options}", code="world-source")
     return given[0]
 
 
-def _refuse_unused(source: str, **given: bool) -> None:
+def _refuse_unused(source: str, options: SourceOptions) -> None:
     """Refuse options that mean nothing for a source."""
+    usual = {"lidar_height": LIDAR_HEIGHT_M, "floor": 0.0}
     useless = [
         f"--{name.replace('_', '-')} goes with {' or '.join(f'--{s}' for s in _GOES_WITH[name])}"
-        for name, is_given in given.items()
-        if is_given and source not in _GOES_WITH[name]
+        for name, value in options.items()
+        if value is not False and value not in (None, [], (), usual.get(name)) and source not in _GOES_WITH[name]
     ]
     if useless:
         raise InputError(f"{'; '.join(useless)}; got --{source}", code="option-unused")

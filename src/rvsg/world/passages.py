@@ -211,16 +211,18 @@ def _chords(space: Space, points: Floats, angles: Floats) -> Floats:
 
     Follows each ray in steps of the clearance, which no obstacle can be nearer than.
     """
-    count = len(points)
-    angles = np.broadcast_to(angles, (count, angles.shape[1]))
     forward = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
     rays = np.stack([forward, -forward], axis=2)
+    rays = np.broadcast_to(rays, (len(points), *rays.shape[1:]))
     reach = np.zeros(rays.shape[:-1])
+    starts = np.broadcast_to(points[:, None, None, :], rays.shape).reshape(-1, 2)
+    directions, far = rays.reshape(-1, 2), reach.reshape(-1)
     least = space.frame.resolution / 4
-    moving = np.ones(reach.shape, bool)
-    while moving.any():
-        at = points[:, None, None, :] + rays * reach[..., None]
-        clear = space.clearances(at)
-        moving &= (clear > 0.0) & (reach < WIDEST_M)
-        reach = np.where(moving, reach + np.maximum(clear, least), reach)
+    moving = np.arange(len(far))
+    while len(moving):
+        clear = space.clearances(starts[moving] + directions[moving] * far[moving, None])
+        free = clear > 0.0
+        moving = moving[free]
+        far[moving] += np.maximum(clear[free], least)
+        moving = moving[far[moving] < WIDEST_M]
     return np.minimum(reach, WIDEST_M)

@@ -15,6 +15,9 @@ from rvsg.core.records import Pose
 Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
 
+MOST_CROSSINGS = 1_000_000
+"""Pairs of a row and an edge that are compared in one step, which bounds the memory."""
+
 
 @dataclass(frozen=True)
 class Frame:
@@ -48,7 +51,9 @@ class Frame:
         at = np.floor(self.to_cells(np.asarray(points, float)) + 1e-9).astype(int)
         rows, columns = self.shape
         on_map = (at[..., 0] >= 0) & (at[..., 0] < columns) & (at[..., 1] >= 0) & (at[..., 1] < rows)
-        values = cells[np.clip(at[..., 1], 0, rows - 1), np.clip(at[..., 0], 0, columns - 1)]
+        if on_map.all():
+            return np.asarray(cells[at[..., 1], at[..., 0]])
+        values = cells[np.where(on_map, at[..., 1], 0), np.where(on_map, at[..., 0], 0)]
         return np.asarray(np.where(on_map, values, np.zeros((), cells.dtype)))
 
     def looked_up_at(self, cells: NDArray[Any], x: float, y: float) -> Any:
@@ -143,15 +148,31 @@ def inside_window(polygon: Sequence[tuple[float, float]], frame: Frame) -> tuple
 
 
 def _toggle(cells: Bools, corners: Floats) -> None:
+    """Invert the cells inside a closed polygon; `corners` (n, 2) are (column, row), cell centres whole numbers."""
     rows, columns = cells.shape
     low = max(0, int(np.ceil(corners[:, 1].min())))
     high = min(rows - 1, int(np.floor(corners[:, 1].max())))
+    step = max(1, MOST_CROSSINGS // len(corners))
+    for start in range(low, high + 1, step):
+        lines = np.arange(start, min(start + step, high + 1))
+        line, first, last = _spans(corners, lines)
+        first, last = np.maximum(first, 0), np.minimum(last, columns - 1)
+        some = last >= first
+        if some.any():
+            left, right = int(first[some].min()), int(last[some].max()) + 1
+            edges = np.zeros((len(lines), right - left + 1), np.int32)
+            np.add.at(edges, (line[some], first[some] - left), 1)
+            np.add.at(edges, (line[some], last[some] + 1 - left), 1)
+            cells[start : start + len(lines), left:right] ^= (np.cumsum(edges, axis=1)[:, :-1] & 1).astype(bool)
+
+
+def _spans(corners: Floats, lines: NDArray[np.int_]) -> tuple[NDArray[np.int_], NDArray[np.int_], NDArray[np.int_]]:
+    """Return the stretches of rows inside a closed polygon: index into `lines`, first and last column, each (n,)."""
     ends = np.roll(corners, -1, axis=0)
-    for row in range(low, high + 1):
-        crosses = (corners[:, 1] <= row) != (ends[:, 1] <= row)
-        a, b = corners[crosses], ends[crosses]
-        at = np.sort(a[:, 0] + (row - a[:, 1]) * (b[:, 0] - a[:, 0]) / (b[:, 1] - a[:, 1]))
-        for left, right in zip(at[0::2], at[1::2], strict=True):
-            first, last = max(0, int(np.ceil(left))), min(columns - 1, int(np.floor(right)))
-            if last >= first:
-                cells[row, first : last + 1] ^= True
+    crosses = (corners[:, 1] <= lines[:, None]) != (ends[:, 1] <= lines[:, None])
+    line, edge = np.nonzero(crosses)
+    a, b = corners[edge], ends[edge]
+    at = a[:, 0] + (lines[line] - a[:, 1]) * (b[:, 0] - a[:, 0]) / (b[:, 1] - a[:, 1])
+    order = np.lexsort((at, line))
+    at = at[order]
+    return line[order][0::2], np.ceil(at[0::2]).astype(int), np.floor(at[1::2]).astype(int)

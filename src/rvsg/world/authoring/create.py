@@ -117,7 +117,7 @@ def world_from_sdf(
         progress(f"Drawing the map, the grid and proposals for labels and routes from {len(read.objects)} objects")
     try:
         notes = list(read.notes)
-        occupancy = _mapped(read.objects, resolution_m, notes, choices, read.overhead)
+        occupancy = mapped(read.objects, resolution_m, notes, choices, read.overhead)
         return _created(
             name,
             title,
@@ -155,9 +155,18 @@ def world_from_objects(
     objects = tuple(entry.solid(lidar_height_m) for entry in file.objects)
     try:
         notes: list[str] = []
-        occupancy = _mapped(objects, resolution_m, notes, choices)
+        occupancy = mapped(objects, resolution_m, notes, choices)
         return _created(
-            name, title, objects, occupancy, grid_spec, str(path), notes, lidar_height_m=lidar_height_m, trial=trial
+            name,
+            title,
+            objects,
+            occupancy,
+            grid_spec,
+            str(path),
+            notes,
+            lidar_height_m=lidar_height_m,
+            trial=trial,
+            robot=robot,
         )
     except FileError:
         raise
@@ -194,7 +203,7 @@ def _refuse_absurd_sizes(resolution_m: float | None, lidar_height_m: float, floo
         raise InputError(f"the height of the floor must be metres in the world, got {floor_m:g}")
 
 
-def _mapped(
+def mapped(
     objects: Sequence[SolidObject],
     resolution_m: float | None,
     notes: list[str],
