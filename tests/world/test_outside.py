@@ -118,7 +118,7 @@ def test_a_hall_with_furniture_stays_floor_until_a_person_says_otherwise(tmp_pat
 @pytest.mark.parametrize("choices", [{"indoors": ((0.1, 0.1),)}, {"outdoors": ((50.0, 0.0),)}])
 def test_a_point_off_the_floor_is_refused(tmp_path: Path, choices: dict[str, tuple[tuple[float, float], ...]]) -> None:
     with pytest.raises(FileError) as caught:
-        floor(tmp_path, ring(ceilings=False), **choices)
+        made(tmp_path, ring(ceilings=False), **choices)
     assert caught.value.code == "no-floor"
 
 
