@@ -18,6 +18,7 @@ from rvsg.simulation.ros2.interfaces import Release
 from rvsg.simulation.ros2.nav2_file import nav2_text
 from rvsg.simulation.ros2.scaling import scale_file
 from rvsg.simulation.stacks.configured import Configured, Nav2Settings
+from rvsg.simulation.stacks.nav2_params import read_nav2_params
 from rvsg.simulation.stacks.registry import StackChoice
 
 MONITOR = (
@@ -52,6 +53,19 @@ def test_what_is_written_reads_back_as_the_same_stack(name: str, stack: str, rel
     assert different == ([] if as_before else ["recoveries_direct"])
     own = type(written.settings).model_fields.keys() - Nav2Settings.model_fields.keys() - {"dwb"}
     assert [key for key in own if getattr(written.settings, key) != getattr(read.settings, key)] == []
+
+
+def test_a_robot_that_moves_sideways_may_do_so_past_the_velocity_smoother(tmp_path: Path) -> None:
+    tiago = load_robot("tiago_omni")
+    robot = tiago.replace(limits=tiago.limits.replace(lateral_m_s=0.3))
+    text = nav2_text(robot, driver("nav2-dwb"), "jazzy")
+    smoother = yaml.safe_load(text)["velocity_smoother"]["ros__parameters"]
+    assert (smoother["max_velocity"][1], smoother["min_velocity"][1]) == (0.3, -0.3)
+    assert smoother["max_accel"][1] == smoother["max_accel"][0] and smoother["max_decel"][1] < 0.0
+    file = tmp_path / "nav2_params.yaml"
+    file.write_text(text)
+    entries = {entry.key: entry.state for entry in read_nav2_params(file).entries}
+    assert entries["velocity_smoother.max_velocity"] == "honoured"
 
 
 def test_frames_topics_and_plug_ins_are_those_of_the_release() -> None:

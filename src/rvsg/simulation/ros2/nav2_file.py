@@ -247,14 +247,15 @@ class _Writer:
         up = smoother.acceleration_m_s2 or limits.acceleration_m_s2
         down = smoother.deceleration_m_s2 or limits.deceleration_m_s2
         yaw = smoother.yaw_acceleration_rad_s2 or limits.yaw_acceleration_rad_s2
+        side = limits.lateral_m_s
         return {
             "smoothing_frequency": smoother.frequency_hz,
             "feedback": "OPEN_LOOP",
             "scale_velocities": False,
-            "max_velocity": [forward, 0.0, turn],
-            "min_velocity": [-reverse, 0.0, -turn],
-            "max_accel": [up, 0.0, yaw],
-            "max_decel": [-down, 0.0, -yaw],
+            "max_velocity": [forward, side, turn],
+            "min_velocity": [-reverse, -side, -turn],
+            "max_accel": [up, up if side else 0.0, yaw],
+            "max_decel": [-down, -down if side else 0.0, -yaw],
             "deadband_velocity": [0.0, 0.0, 0.0],
             "velocity_timeout": smoother.timeout_s,
             "odom_topic": self.options.odom.strip("/"),

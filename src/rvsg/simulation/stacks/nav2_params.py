@@ -308,7 +308,7 @@ class _Params(Reader):
             if last:
                 put(smoother, last, abs(float(vector[2])))
             if vector[1]:
-                self.refuse((*section.place, key), "sideways the limits of the robot hold")
+                section.get(key, note="forward and turning; sideways, the robot's limits.lateral_m_s holds")
         if section.get("feedback", "OPEN_LOOP") != "OPEN_LOOP":
             self.refuse((*section.place, "feedback"), "the smoother works in open loop")
         if section.get("scale_velocities", False):
