@@ -17,8 +17,9 @@ run: $(VENV)/.run ## install, run the first campaign on the shipped warehouse, c
 test: $(VENV)/.dev ## install what development needs and run the fast tests
 	$(KEEP) $(BIN)/python -m pytest -m "not slow" -n 2 --dist loadfile
 
+# These wait more than they compute: four of them share two cores well.
 test-slow: $(VENV)/.dev ## run those that start processes, kill them, or use servers and browsers
-	$(KEEP) $(BIN)/python -m pytest -m "slow and not exhaustive" -n 2 --dist loadfile
+	$(KEEP) $(BIN)/python -m pytest -m "slow and not exhaustive" -n 4 --dist worksteal
 
 # One after the other: the driver of the browser leaves an event loop in its process, which tests of model access refuse.
 test-all: test test-slow ## run the fast and the slow tests

@@ -81,7 +81,7 @@ def test_a_campaign_on_a_cluster_keeps_what_it_keeps_in_one_process(cluster) -> 
     assert told == [f"2 workers of the cluster at {cluster.scheduler_address} make the runs."]
 
 
-@pytest.mark.parametrize("always", [False, True])
+@pytest.mark.parametrize("always", [pytest.param(False, marks=pytest.mark.exhaustive), True])
 def test_a_worker_that_dies_costs_at_most_its_own_run(cluster, tmp_path: Path, always: bool) -> None:
     the_plan = plan(scenarios=1, refinements=0, repeats=4, confirmations=0)
     (calm,) = alone(the_plan)

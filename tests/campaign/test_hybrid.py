@@ -111,7 +111,7 @@ def test_it_finds_a_worse_configuration_than_its_drafts(whole: list[Attempt]) ->
 
 
 @pytest.mark.parametrize(
-    "cut", [pytest.param(1, marks=pytest.mark.slow), 9, pytest.param(23, marks=pytest.mark.slow), 40]
+    "cut", [pytest.param(1, marks=pytest.mark.exhaustive), 9, pytest.param(23, marks=pytest.mark.exhaustive), 40]
 )
 def test_it_resumes_to_the_same_records(whole: list[Attempt], cut: int) -> None:
     class Stops(WalkGenerator):
@@ -264,7 +264,9 @@ def test_a_budget_without_a_single_call_ends_the_search() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("cut", [3, 9, 20])
+@pytest.mark.parametrize(
+    "cut", [pytest.param(3, marks=pytest.mark.exhaustive), 9, pytest.param(20, marks=pytest.mark.exhaustive)]
+)
 def test_turns_resume_to_the_same_records_after_the_budget_was_spent(cut: int) -> None:
     limits = Limits(calls=2)
     whole = searched(MemoryLedger(), Dear(), **TURNS, limits=limits)

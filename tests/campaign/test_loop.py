@@ -304,7 +304,7 @@ def test_a_confirmation_never_takes_part_in_the_ranking() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("max_in_flight", [1, 3])
+@pytest.mark.parametrize("max_in_flight", [pytest.param(1, marks=pytest.mark.exhaustive), 3])
 @pytest.mark.parametrize(
     "strategy", [StudyStrategy, EliteStrategy, pytest.param(RandomStrategy, marks=pytest.mark.exhaustive)]
 )
@@ -465,7 +465,7 @@ def test_a_simulator_that_makes_no_run_at_all_stops_the_campaign() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("always", [False, True])
+@pytest.mark.parametrize("always", [pytest.param(False, marks=pytest.mark.exhaustive), True])
 def test_a_worker_that_dies_hard_costs_at_most_its_own_run(tmp_path: Path, always: bool) -> None:
     the_plan = plan(scenarios=1, refinements=0, repeats=4, confirmations=0)
     calm = run(MemoryLedger(), the_plan)

@@ -80,7 +80,7 @@ def test_a_campaign_file_may_list_routes_and_requirements(tmp_path: Path, alone:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
+@pytest.mark.parametrize("how", [pytest.param(signal.SIGKILL, marks=pytest.mark.exhaustive), signal.SIGINT])
 def test_cells_that_are_stopped_resume_to_identical_records(
     tmp_path: Path, alone: dict[str, list[str]], how: signal.Signals
 ) -> None:

@@ -39,7 +39,7 @@ def cut_off(out: Path, before_run: int, *asked: str) -> None:
     [
         pytest.param(1, "0 of 6", False, marks=pytest.mark.slow),
         (7, "3 of 6", True),
-        pytest.param(14, "all 6 attempts", True, marks=pytest.mark.slow),
+        pytest.param(14, "all 6 attempts", True, marks=pytest.mark.exhaustive),
     ],
 )
 def test_a_campaign_that_was_cut_off_says_how_far_it_came_and_how_to_go_on(

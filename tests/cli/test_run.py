@@ -104,7 +104,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
+@pytest.mark.parametrize("how", [signal.SIGKILL, pytest.param(signal.SIGTERM, marks=pytest.mark.exhaustive)])
 def test_a_killed_campaign_resumes_to_identical_records(tmp_path: Path, whole: list[str], how: signal.Signals) -> None:
     folder = tmp_path / "killed"
     command = [sys.executable, "-m", "rvsg", "run", *LONG, "--out", str(folder)]

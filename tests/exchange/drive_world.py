@@ -47,7 +47,9 @@ def main(given: dict[str, Any]) -> dict[str, Any]:
     settings.write_text(json.dumps({"truth": str(folder / "truth.npz"), **given.get("world", {})}))
     player = Path(__file__).with_name("play_world.py")
     simulator = Ros2World(
-        launch=f"{sys.executable} {player} {{agents}} {settings}", release="humble", **given.get("options", {})
+        launch=f"{sys.executable} {player} {{agents}} {settings}",
+        release="humble",
+        **{"start_limit_s": 300.0, "answer_limit_s": 30.0, **given.get("options", {})},  # a busy machine starts slowly
     )
     notes: list[str] = []
     simulator.prepare(notes.append)

@@ -120,7 +120,9 @@ def run_of(file: Path, world: World) -> rvsg.Run:
     return run
 
 
-@pytest.mark.parametrize("made", [cafe_flat, room_block, cafe_v2])
+@pytest.mark.parametrize(
+    "made", [cafe_flat, *(pytest.param(made, marks=pytest.mark.exhaustive) for made in (room_block, cafe_v2))]
+)
 def test_people_of_public_files_run_to_the_end(made: Any, world: World, tmp_path: Path) -> None:
     file = tmp_path / "agents.yaml"
     file.write_text(yaml.safe_dump({"hunav_loader": {"ros__parameters": made()}}, sort_keys=False))

@@ -19,7 +19,7 @@ DRIVE = Path(__file__).with_name("drive_world.py")
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("people_msgs", [False, True])
+@pytest.mark.parametrize("people_msgs", [False, pytest.param(True, marks=pytest.mark.exhaustive)])
 def test_the_recorded_run_is_the_one_that_the_world_played(people_msgs: bool) -> None:
     topic = "people" if people_msgs else "human_states"
     told = run_isolated(DRIVE, world={"people_msgs": people_msgs, "topic": topic}, options={"people": f"/{topic}"})

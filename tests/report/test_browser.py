@@ -82,7 +82,7 @@ def test_an_address_opens_the_run_when_the_page_is_loaded(show: Show) -> None:
     assert (found["run"], found["t"]) == (run, 2.5)
 
 
-@pytest.mark.parametrize("speed", [0.5, 5])
+@pytest.mark.parametrize("speed", [pytest.param(0.5, marks=pytest.mark.exhaustive), 5])
 def test_playback_is_as_fast_as_it_says(show: Show, speed: float) -> None:
     tab = show("contacts", clock=True)
     tab.evaluate("speed => { replay.setSpeed(speed); replay.seek(0); replay.play(); }", speed)

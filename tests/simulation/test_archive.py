@@ -130,7 +130,7 @@ def test_what_is_measured_is_what_is_stored() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.exhaustive)])
 def test_a_stored_run_is_small_and_no_metric_sees_the_rounding(seed: int) -> None:
     exact = plugins.make("simulator", "embedded", {}).run(scenario(seed), warehouse(), seed=seed)
     run = rounded(exact)

@@ -12,7 +12,9 @@ from rvsg.simulation.embedded.trace import trace_run
 pytestmark = pytest.mark.slow
 
 
-@pytest.mark.parametrize("robot", ["tiago_omni", "turtlebot3_waffle", "tugger"])
+@pytest.mark.parametrize(
+    "robot", ["tiago_omni", pytest.param("turtlebot3_waffle", marks=pytest.mark.exhaustive), "tugger"]
+)
 def test_the_scores_of_the_critics_add_up_to_the_total_of_the_planner(robot: str) -> None:
     world = rvsg.load_world("warehouse")
     scenario = rvsg.scenario(world, "route_1", [rvsg.walk("Anna", "E15", "H15")], robot=robot)

@@ -195,7 +195,7 @@ def test_a_base_with_steered_wheels_stops_at_a_wall() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["office", "hospital"])
+@pytest.mark.parametrize("name", ["office", pytest.param("hospital", marks=pytest.mark.exhaustive)])
 def test_no_shipped_route_is_lost_at_a_door_jamb(name: str) -> None:
     world = load_world(name)
     for route in world.routes:

@@ -51,6 +51,7 @@ def names(folder: Path) -> list[str]:
 
 
 WAYS = pytest.mark.parametrize("draw", [by_mouse, by_keyboard])
+KEYS_MOSTLY = pytest.mark.parametrize("draw", [pytest.param(by_mouse, marks=pytest.mark.exhaustive), by_keyboard])
 
 
 @WAYS
@@ -77,7 +78,7 @@ def test_a_polygon_is_drawn_undone_and_made_again(show: Show, office: Path, draw
         assert labels.read_text() == text
 
 
-@WAYS
+@KEYS_MOSTLY
 def test_an_area_is_split_and_merged_again(show: Show, office: Path, draw: Draw) -> None:
     lounge = shapely.Polygon(rvsg.load_world(office).area("Lounge").outline)
     x0, y0, x1, y1 = lounge.bounds
@@ -121,7 +122,7 @@ def test_areas_that_do_not_touch_are_not_merged(show: Show, studio: Server, offi
     assert (office / "labels.yaml").read_text() == before
 
 
-@WAYS
+@KEYS_MOSTLY
 def test_a_route_is_drawn_and_the_simulator_drives_it(show: Show, office: Path, draw: Draw) -> None:
     known = rvsg.load_world(office).routes[0]
     ends = [(round(known.start.x, 1), round(known.start.y, 1)), (round(known.goal.x, 1), round(known.goal.y, 1))]
@@ -152,7 +153,7 @@ def test_escape_drops_what_is_drawn(show: Show, office: Path) -> None:
     assert (office / "labels.yaml").read_text() == before
 
 
-@pytest.mark.parametrize("freely", [False, True])
+@pytest.mark.parametrize("freely", [False, pytest.param(True, marks=pytest.mark.exhaustive)])
 def test_an_edge_snaps_to_a_wall_unless_alt_is_held(show: Show, office: Path, freely: bool) -> None:
     edges = [e for e in editable_world(office)["edges"] if abs(e[0] - e[2]) < 0.02 and abs(e[1] - e[3]) > 2]
     wall, low, high = edges[0][0], *sorted((edges[0][1], edges[0][3]))
@@ -199,7 +200,7 @@ def test_an_area_and_its_corner_are_dragged(show: Show, office: Path) -> None:
     assert bounds == pytest.approx((x0 + 0.3, y0 + 0.2, x1 - 0.2, y1 - 0.3), abs=0.1)
 
 
-@pytest.mark.parametrize("keys", [False, True])
+@pytest.mark.parametrize("keys", [pytest.param(False, marks=pytest.mark.exhaustive), True])
 def test_an_area_is_renamed_on_the_map(show: Show, office: Path, keys: bool) -> None:
     labels = office / "labels.yaml"
     labels.write_text(labels.read_text() + "# a comment of mine\n")

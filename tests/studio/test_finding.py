@@ -108,7 +108,10 @@ def test_the_mission_is_run_without_people_on_the_same_seeds(show: Show, studio:
     tab.locator("#replay[data-ready]").wait_for(timeout=PATIENT)
 
 
-@pytest.mark.parametrize(("kind", "suffix"), [("hunav", "yaml"), ("csv", "csv"), ("osc", "osc")])
+@pytest.mark.parametrize(
+    ("kind", "suffix"),
+    [("hunav", "yaml"), *(pytest.param(kind, kind, marks=pytest.mark.exhaustive) for kind in ("csv", "osc"))],
+)
 def test_a_finding_is_exported(show: Show, studio: Server, kind: str, suffix: str) -> None:
     index = confirmed(studio.folder)
     tab = show(f"/finding?campaign=runs/first&attempt={index}")

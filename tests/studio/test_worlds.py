@@ -86,14 +86,14 @@ def test_large_maps_are_received_over_a_restart_and_removed(show: Show, studio: 
 
 def test_a_file_with_a_path_in_its_name_stays_in_the_folder(show: Show, studio: Server, tmp_path: Path) -> None:
     tab = show("/world/new")
-    tab.get_by_label("Folder").fill("../outside")
+    tab.get_by_label("Folder").fill("../beside")
     evil = {"name": "../../../evil.sdf", "mimeType": "text/xml", "buffer": sdf().encode()}
     tab.get_by_label("Files").set_input_files([evil])
     tab.get_by_text("Received: evil.sdf").wait_for(timeout=PATIENT)
     tab.get_by_role("button", name="Make the world").click()
     tab.get_by_text("outside the folder of the studio").wait_for(timeout=PATIENT)
     assert [path for path in studio.folder.parent.rglob("evil.sdf") if studio.folder not in path.parents] == []
-    assert not (studio.folder.parent / "outside").exists()
+    assert not (studio.folder.parent / "beside").exists()
 
 
 def test_a_finding_of_the_check_is_mended_with_a_button(show: Show, studio: Server) -> None:

@@ -42,7 +42,7 @@ def test_a_robot_wider_than_every_way_cannot_drive() -> None:
 
 @pytest.mark.parametrize(
     "name",
-    ["turtlebot3_waffle", *(pytest.param(name, marks=pytest.mark.slow) for name in ("tugger", "industrial_amr"))],
+    ["turtlebot3_waffle", *(pytest.param(name, marks=pytest.mark.exhaustive) for name in ("tugger", "industrial_amr"))],
 )
 def test_routes_are_proposed_for_the_robot(name: str) -> None:
     world, robot = load_world("hospital"), load_robot(name)

@@ -27,7 +27,8 @@ def overlaps(picture: Picture) -> list[tuple[str, str]]:
 
 
 @pytest.mark.parametrize(
-    "name", [name if name == "warehouse" else pytest.param(name, marks=pytest.mark.slow) for name in shipped_worlds()]
+    "name",
+    [name if name == "warehouse" else pytest.param(name, marks=pytest.mark.exhaustive) for name in shipped_worlds()],
 )
 @pytest.mark.parametrize("show", [LABELLED, GRID], ids=["labelled", "grid"])
 @pytest.mark.parametrize("with_route", [False, True], ids=["bare", "route"])

@@ -42,7 +42,11 @@ def main(given: dict[str, Any]) -> dict[str, Any]:
     report = folder / "report.json"
     settings = folder / "peer.json"
     settings.write_text(json.dumps({**(given["peer"] or {}), "report": str(report)}))
-    options = dict(given.get("options", {}))
+    options = {
+        "start_limit_s": 300.0,
+        "answer_limit_s": 30.0,
+        **given.get("options", {}),
+    }  # a busy machine starts slowly
     process, program = None, HERE / given.get("program", "peer.py")
     if "launch" in options:
         options["launch"] = options["launch"].replace("{peer}", f"{sys.executable} {program} {settings}")

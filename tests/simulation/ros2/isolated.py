@@ -40,7 +40,7 @@ def run_isolated(file: Path, **given: Any) -> dict[str, Any]:
     if not namespace():
         environment |= {"CYCLONEDDS_URI": LOOPBACK, "ROS_DOMAIN_ID": str(100 + os.getpid() % 100)}
     command = [*namespace(), sys.executable, str(file), json.dumps(given)]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=180, check=False)
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=900, check=False)
     assert done.returncode == 0, done.stderr[-3000:]
     found: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
     return found

@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.world.drawing.sheet import FINE, Sheet
+from rvsg.world.drawing.view import View
+from rvsg.world.raster import Frame
 from rvsg.world.space import frame_of, solid_cells, world_map
 from rvsg.world.world import FREE, OCCUPIED, SolidObject, World
 
@@ -39,10 +41,26 @@ def draw_floor(sheet: Sheet, world: World, guides: tuple[list[float], list[float
     bands = []
     for first in range(0, len(all_down), 256):  # in bands, to save memory on large pages
         down = all_down[first : first + 256]
-        found = frame.looked_up(kind, sheet.view.metres(np.stack(np.meshgrid(across, down), axis=-1)))
+        found = _shown(kind, frame, sheet.view, across, down)
         found[(found == 1) & (on_row[first : first + 256, None] | on_column)] = 3
         bands.append(colours[found])
     sheet.paste(np.concatenate(bands), left, top)
+
+
+def _shown(kind: NDArray[np.uint8], frame: Frame, view: View, across: Floats, down: Floats) -> NDArray[np.uint8]:
+    """Return the kinds of the cells under the pixels of a band (down, across); 0 off the map."""
+    if frame.origin.yaw:
+        return frame.looked_up(kind, view.metres(np.stack(np.meshgrid(across, down), axis=-1)))
+    # Rows and columns of cells lie along those of pixels: one index for each of them, not for each pixel.
+    along = frame.to_cells(view.metres(np.stack([across, np.full_like(across, down[0])], axis=-1)))
+    below = frame.to_cells(view.metres(np.stack([np.full_like(down, across[0]), down], axis=-1)))
+    column, row = (along[None, :, 0], below[:, None, 1]) if view.up == "y" else (below[:, None, 0], along[None, :, 1])
+    edged = np.pad(kind, 1)
+    rows, columns = (
+        np.clip(np.floor(at + 1e-9), -1, most).astype(int) + 1
+        for at, most in zip((row, column), kind.shape, strict=True)
+    )
+    return np.asarray(edged[rows, columns])
 
 
 def _lines(pixels: Floats, at: list[float]) -> NDArray[np.bool_]:
