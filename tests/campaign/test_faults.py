@@ -75,7 +75,7 @@ def test_answers_that_can_never_be_used_end_the_search_with_what_was_wrong(strat
 
 
 @pytest.mark.parametrize("strategy", STRATEGIES)
-@pytest.mark.parametrize("after", [0, 1])
+@pytest.mark.parametrize("after", [pytest.param(0, marks=pytest.mark.exhaustive), 1])
 def test_a_service_that_fails_leaves_a_campaign_that_resumes_to_the_same_records(strategy: type, after: int) -> None:
     whole, _ = run(MemoryLedger(), strategy, WalkGenerator())
     ledger = MemoryLedger()

@@ -50,34 +50,31 @@ def records(folder: Path) -> list[str]:
     return [attempt.to_json() for attempt in attempts] + runs
 
 
-def test_a_campaign_leaves_its_ledger_its_page_its_best_scenario_and_its_configuration(tmp_path: Path) -> None:
+def test_a_campaign_leaves_its_ledger_its_page_its_best_scenario_and_its_configuration(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     out = tmp_path / "one"
     assert main(["run", *SMALL, "--out", str(out), "--junit", str(tmp_path / "junit.xml")]) == 0
+    assert capsys.readouterr().out == ""
     left = {path.name for path in out.iterdir()}
     assert {"ledger.sqlite", "report.html", "best_scenario.json", "campaign.yaml"} <= left
     assert not [name for name in left if name.endswith(("-wal", "-shm"))]
     assert len(ET.parse(tmp_path / "junit.xml").getroot()[0]) == 6
 
 
-def test_standard_output_holds_the_json_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["run", *SMALL, "--out", str(tmp_path / "one"), "--json"]) == 0
+def test_standard_output_holds_the_json_alone_with_the_command_that_repeats_the_campaign(
+    tmp_path: Path, finished: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    capsys.readouterr()
+    assert main(["run", *SMALL, "--seed", "7", "--out", str(tmp_path / "one"), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["complete"] and len(told["ranking"]) == 6
     assert told["accounting"]["search_runs"] == 12
     assert told["confirmed"][0]["verdict"]["runs"] == 4
-
-
-def test_without_json_standard_output_is_empty(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["run", *SMALL, "--out", str(tmp_path / "one")]) == 0
-    assert capsys.readouterr().out == ""
-
-
-def test_the_command_that_is_printed_repeats_the_campaign(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    main(["run", *SMALL, "--seed", "7", "--out", str(tmp_path / "one"), "--json"])
-    command = json.loads(capsys.readouterr().out)["command"].split()
+    command = told["command"].split()
     assert command[:2] == ["rvsg", "run"] and command[-2:] == ["--seed", "7"]
     main([*command[1:], "--out", str(tmp_path / "two")])
-    assert records(tmp_path / "one") == records(tmp_path / "two")
+    assert records(finished) == records(tmp_path / "two")
 
 
 def test_the_stored_configuration_repeats_the_campaign(tmp_path: Path, finished: Path) -> None:
@@ -92,6 +89,7 @@ def test_one_job_and_two_end_with_identical_records(tmp_path: Path) -> None:
     assert records(tmp_path / "one") == records(tmp_path / "two")
 
 
+ONE = [*SMALL, "--scenarios", "1", "--refinements", "0"]
 LONG = [*SMALL, "--scenarios", "8", "--repeats", "3", "--seed", "7"]
 
 
@@ -247,7 +245,7 @@ def test_a_violation_is_told_by_the_exit_code_only_where_asked(tmp_path: Path) -
         "far:\n  title: Far away\n  text: Nobody is nearer than 100 m.\n  metric: dto\n  worse: smaller\n"
         "  limit: 100.0\n  unit: m\n  source: a test\n"
     )
-    asked = ["run", *SMALL, "--requirement", f"{strict}#far", "--confirmations", "16"]
+    asked = ["run", *ONE, "--requirement", f"{strict}#far", "--confirmations", "16"]
     assert main([*asked, "--out", str(tmp_path / "one")]) == 0
     assert main([*asked, "--out", str(tmp_path / "one"), "--fail-on-violation"]) == 1
     assert main(["report", str(tmp_path / "one"), "--fail-on-violation"]) == 1
@@ -260,7 +258,7 @@ def test_a_violation_in_few_fresh_runs_fails_the_build_though_fail_or_flaky_is_o
     strict.write_text("far: {title: Far, text: Keep 100 m., metric: dto, worse: smaller, limit: 100.0}\n")
     folder, junit = tmp_path / "one", tmp_path / "junit.xml"
     asked = ["--fail-on-violation", "--junit", str(junit), "--out", str(folder)]
-    assert main(["run", *SMALL, "--requirement", f"{strict}#far", "--confirmations", "8", *asked]) == 1
+    assert main(["run", *ONE, "--requirement", f"{strict}#far", "--confirmations", "8", *asked]) == 1
     assert "INCONCLUSIVE (violated; FAIL or FLAKY is still open)" in " ".join(capsys.readouterr().err.split())
     assert '<failure message="INCONCLUSIVE (violated; FAIL or FLAKY is still open)' in junit.read_text()
     page = (folder / "report.html").read_text()
@@ -275,7 +273,7 @@ def test_an_undecided_campaign_says_the_command_that_adds_fresh_runs_to_those_it
     strict = tmp_path / "strict.yaml"
     strict.write_text("far: {title: Far, text: Keep 100 m., metric: dto, worse: smaller, limit: 100.0}\n")
     asked = ["--requirement", f"{strict}#far", "--confirmations", "3", "--out", str(tmp_path / "one")]
-    assert main(["run", *SMALL, *asked]) == 0
+    assert main(["run", *ONE, *asked]) == 0
     told = re.search(r"More confirmation runs can decide it: .*rvsg (run .*)\n", capsys.readouterr().err)
     assert told is not None
     again = shlex.split(told[1])

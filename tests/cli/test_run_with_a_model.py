@@ -84,9 +84,9 @@ def test_a_service_that_drops_and_stumbles_is_asked_again(capsys: pytest.Capture
     ("behaviour", "code"),
     [
         (fails(401, f"bad key {KEY}"), "model-key-refused"),
-        (fails(404, "no such model"), "model-unknown"),
-        (fails(429, "later", {"Retry-After": "9999"}), "model-busy"),
-        (raw(b"<html>"), "model-protocol"),
+        pytest.param(fails(404, "no such model"), "model-unknown", marks=pytest.mark.exhaustive),
+        pytest.param(fails(429, "later", {"Retry-After": "9999"}), "model-busy", marks=pytest.mark.exhaustive),
+        pytest.param(raw(b"<html>"), "model-protocol", marks=pytest.mark.exhaustive),
         (fails(500, f"broken, {KEY}"), "model-failed"),
     ],
 )
