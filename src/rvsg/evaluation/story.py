@@ -81,8 +81,9 @@ def _namer(world: World | None) -> PlaceAt:
         return place_namer(None)
 
     def at(x: float, y: float) -> Place:
-        place, area = place_namer(world)(x, y), place_name(world, x, y)
-        return place if area == place.waypoint else place.replace(waypoint=f"{place.waypoint} ({area})")
+        place = place_namer(world)(x, y)
+        area = place_name(world, *world.grid.position(place.waypoint)) if place.waypoint else ""
+        return place if area in ("", place.waypoint) else place.replace(waypoint=f"{place.waypoint} ({area})")
 
     return at
 
@@ -176,7 +177,7 @@ def _contact(event: Contact) -> str:
         case "robot":
             return f"the robot moves into {who} {where} {speed}; {lasts}"
         case "person":
-            return f"{who} walks into the robot {where} {speed}; {lasts}"
+            return f"{who} moves into the robot {where} {speed}; {lasts}"
         case "both":
             return f"the robot and {who} move into each other {where} {speed}; {lasts}"
         case "neither":

@@ -3,50 +3,22 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 from rvsg.campaign.plan import Plan
 from rvsg.evaluation.judge import OPEN, still_open, violated
-from rvsg.evaluation.naming import place_name
-from rvsg.evaluation.story import at_place
 from rvsg.evaluation.verdict import Status, Verdict
 from rvsg.evaluation.wording import difference_in_words, share_in_words
 from rvsg.report.causes import Cause, Pair
 from rvsg.report.facts import AttemptFacts, RunFacts
 from rvsg.report.payload import INVOLVED_M
+from rvsg.report.pieces import Badge, Piece, Sentence, ids_of, span_of
 from rvsg.report.quantity import Why
+from rvsg.report.seen import distinct_runs, elsewhere, seen_beside
 from rvsg.report.summary import Summary, counted, interval, number
-from rvsg.report.words import direction, metres, quantity
+from rvsg.report.words import direction, quantity
 from rvsg.scenario.requirement import Requirement
-
-
-class Piece(NamedTuple):
-    """A part of a sentence. With `runs` it is a link that opens them; `t_s` is the time at which it does."""
-
-    text: str
-    runs: tuple[str, ...] = ()
-    t_s: float | None = None
-
-    @property
-    def address(self) -> str:
-        """The part of the page's address that opens the runs in the replay."""
-        if len(self.runs) == 1:
-            return f"#run={self.runs[0]}" + (f"&t={self.t_s:.1f}" if self.t_s is not None else "")
-        return "#runs=" + ",".join(self.runs)
-
-
-Sentence = list[Piece]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Badge:
-    """A fact in two or three words beside the verdict. `tone` is bad, good, warn or quiet."""
-
-    tone: str
-    text: str
-    runs: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,42 +80,24 @@ def answer(
     """
     top = headline(plan, summary)
     if confirmed is None:
-        runs = _distinct(searched)
-        badges, sentences = _seen(runs, plan, "search run") if runs else ([], [])
+        runs = distinct_runs(searched)
+        badges, sentences = seen_beside(runs, plan, "search run") if runs else ([], [])
         return Answer(**top, badges=badges, sentences=sentences)
-    badges, seen = _seen(confirmed.runs, plan, "confirmation run")
+    badges, seen = seen_beside(confirmed.runs, plan, "confirmation run", cause.nobody if cause is not None else None)
     why, because = _why(plan, cause) if cause is not None else ([], [])
     badges = [*why, *badges]
     where = _where(confirmed)
     recurs = cause is not None and cause.finding.about_people == "no"
     told = [*because, *where] if recurs else [*where, *because]  # who is near matters less where nobody is needed
     sentences = [*_judged(plan, confirmed), *told, *seen]
-    return Answer(**top, badges=badges, sentences=[*sentences, *_elsewhere(others, searched)])
-
-
-def _elsewhere(others: Sequence[AttemptFacts], searched: Sequence[AttemptFacts]) -> list[Sentence]:
-    """Return in how many runs that are not of the finding robot and person touch, if they do in any."""
-    sentence: Sentence = []
-    for attempts, kind, which in (
-        (others, "confirmation run", " of other configurations"),
-        (searched, "run", " of the search"),
-    ):
-        runs = _distinct(attempts)
-        touched = [run for run in runs if run.contacts]
-        if touched:
-            sentence += [
-                Piece(" and in " if sentence else "Elsewhere in the campaign, robot and person touch in "),
-                Piece(f"{len(touched)} of {counted(len(runs), kind)}", _ids(touched)),
-                Piece(which),
-            ]
-    return [[*sentence, Piece(".")]] if sentence else []
+    return Answer(**top, badges=badges, sentences=[*sentences, *elsewhere(others, searched)])
 
 
 def answer_of_runs(plan: Plan, facts: AttemptFacts) -> Answer:
     """Return the top of the page of runs that belong to no campaign."""
     verdict, requirement = facts.attempt.verdict, plan.requirement
     assert verdict is not None
-    badges, seen = _seen(facts.runs, plan, "run")
+    badges, seen = seen_beside(facts.runs, plan, "run")
     sentences = [*_judged(plan, facts, "run"), *_where(facts), *seen]
     if verdict.status is Status.UNJUDGED:
         text = f"{requirement.name} has no limit. The runs measure {interval(verdict, requirement.unit)}."
@@ -169,13 +123,13 @@ def _judged(plan: Plan, confirmed: AttemptFacts, kind: str = "confirmation run")
         middle = f"the median is {number(verdict.median, requirement.unit)}" if verdict.median is not None else ""
         measured = [
             Piece(f"{_quantity(requirement)}: beyond the time limit in "),
-            Piece(late, _ids(confirmed.not_arrived)),
+            Piece(late, ids_of(confirmed.not_arrived)),
             Piece(f"; {middle or 'so is the median'} ({direction(requirement)}"),
         ]
     else:
         measured = [
             Piece(f"{_quantity(requirement)}: "),
-            Piece(number(verdict.mean, requirement.unit), _ids(confirmed.runs)),
+            Piece(number(verdict.mean, requirement.unit), ids_of(confirmed.runs)),
             Piece(f" on average over the runs ({direction(requirement)}"),
         ]
     measured.append(Piece(f"; the limit is {number(limit, requirement.unit)})." if limit is not None else ")."))
@@ -188,7 +142,7 @@ def _judged(plan: Plan, confirmed: AttemptFacts, kind: str = "confirmation run")
     bad = confirmed.violating
     often = [
         Piece(f"{requirement.name} is violated in "),
-        Piece(f"{len(bad)} of {counted(len(confirmed.runs), kind)}", _ids(bad or confirmed.runs)),
+        Piece(f"{len(bad)} of {counted(len(confirmed.runs), kind)}", ids_of(bad or confirmed.runs)),
         Piece(f": {share_in_words(verdict)}."),
     ]
     return [often, measured]
@@ -218,7 +172,7 @@ def _where(facts: AttemptFacts) -> list[Sentence]:
         return []
     told = [run for run in runs if run.decisive_why == why]
     many = "" if len(told) == len(runs) else f" in {len(told)} of {counted(len(runs), 'run')}"
-    sentence = [Piece(f"{DECIDES[why]}{many} near {_near(told)}, {_span([run.decisive_s for run in told])}")]
+    sentence = [Piece(f"{DECIDES[why]}{many} near {_near(told)}, {span_of([run.decisive_s for run in told])}")]
     return [[*sentence, *_who(told)]]
 
 
@@ -233,10 +187,10 @@ def _who(runs: Sequence[RunFacts]) -> Sentence:
     far = [run for run in runs if not run.decisive_with]
     sentence = [
         Piece("; the nearest person then is "),
-        Piece(f"{name} in {count} of {counted(len(runs), 'run')}", _ids(with_them)),
+        Piece(f"{name} in {count} of {counted(len(runs), 'run')}", ids_of(with_them)),
     ]
     if far:
-        sentence += [Piece("; in "), Piece(str(len(far)), _ids(far)), Piece(f" nobody is within {INVOLVED_M:g} m")]
+        sentence += [Piece("; in "), Piece(str(len(far)), ids_of(far)), Piece(f" nobody is within {INVOLVED_M:g} m")]
     return [*sentence, Piece(".")]
 
 
@@ -271,14 +225,14 @@ def _why(plan: Plan, cause: Cause) -> tuple[list[Badge], list[Sentence]]:
     compared = finding.compared
     if nobody is None or compared is None:
         return [Badge(tone=tone, text=badge)], [[Piece(said)]]
-    badges = [Badge(tone=tone, text=badge, runs=_ids(nobody.runs))]
+    badges = [Badge(tone=tone, text=badge, runs=ids_of(nobody.runs))]
     confidence = finding.verdict.confidence
     sentence = _alone(plan, nobody, said, difference_in_words(compared.difference, compared.interval, confidence))
     for pair in cause.each:
         with_all = sum(run.violated for run in pair.before)
         sentence += [
             Piece(f" Without {pair.without} it is violated in "),
-            Piece(f"{len(pair.violating)} of {counted(len(pair.runs), 'run')}", _ids(pair.runs)),
+            Piece(f"{len(pair.violating)} of {counted(len(pair.runs), 'run')}", ids_of(pair.runs)),
             Piece(f" (with everybody in {with_all})."),
         ]
     return badges, [sentence]
@@ -288,108 +242,9 @@ def _alone(plan: Plan, nobody: Pair, said: str, difference: str) -> Sentence:
     """Return what the mission without people shows on the same seeds."""
     if all(run.measurement.objective is None for run in nobody.runs):
         return [Piece(f"Without people, {plan.requirement.name} measures nothing: it is about the people themselves.")]
+    violating = f"{len(nobody.violating)} of {counted(len(nobody.runs), 'run')}"
     return [
         Piece(f"{said} On the same seeds without people, the robot violates {plan.requirement.name} in "),
-        Piece(f"{len(nobody.violating)} of {counted(len(nobody.runs), 'run')}", _ids(nobody.violating or nobody.runs)),
+        Piece(violating, ids_of(nobody.violating or nobody.runs)),
         Piece(f" ({difference})."),
     ]
-
-
-def _seen(runs: Sequence[RunFacts], plan: Plan, kind: str) -> tuple[list[Badge], list[Sentence]]:
-    """Return what the runs show besides the requirement: contacts, arrivals and the smallest gap."""
-    badges, sentences = [], []
-    total = counted(len(runs), kind)
-    touched = [run for run in runs if run.contacts]
-    people = any(run.closest_m is not None for run in runs)
-    if touched:
-        longest, in_longest = max(
-            ((_measured(run, "contact_longest", c.duration_s), run) for run in touched for c in run.contacts),
-            key=lambda pair: pair[0],
-        )
-        fastest, in_fastest = max(
-            ((_measured(run, "contact_speed", c.closing_speed_m_s), run) for run in touched for c in run.contacts),
-            key=lambda pair: pair[0],
-        )
-        badges.append(Badge(tone="bad", text=f"contact in {len(touched)} of {len(runs)} runs", runs=_ids(touched)))
-        sentences.append(
-            [
-                Piece("Robot and person touch in "),
-                Piece(f"{len(touched)} of {total}", _ids(touched)),
-                Piece(f" ({_touched(touched)}); the longest contact lasts "),
-                Piece(number(longest, "s"), (in_longest.id,), in_longest.contacts[0].time_s),
-                Piece(", and the largest relative speed is "),
-                Piece(number(fastest, "m/s"), (in_fastest.id,), in_fastest.contacts[0].time_s),
-                Piece("."),
-            ]
-        )
-    elif people:
-        badges.append(Badge(tone="good", text=f"no contact in {counted(len(runs), 'run')}"))
-    struck = [run for run in runs if run.obstacle_contacts]
-    if struck:
-        first = struck[0].obstacle_contacts[0]
-        badges.append(Badge(tone="bad", text=f"hits an obstacle in {len(struck)} of {len(runs)}", runs=_ids(struck)))
-        sentences.append(
-            [
-                Piece("The robot hits an obstacle in "),
-                Piece(f"{len(struck)} of {total}", _ids(struck)),
-                Piece(", first "),
-                Piece(at_place(first.place), (struck[0].id,), first.time_s),
-                Piece("."),
-            ]
-        )
-    late = [run for run in runs if not run.arrived]
-    if late:
-        badges.append(Badge(tone="bad", text=f"{len(late)} of {len(runs)} did not arrive", runs=_ids(late)))
-        limit = number(plan.mission.route.time_limit_s, "s")
-        sentences.append(
-            [
-                Piece("The robot does not reach its goal in "),
-                Piece(f"{len(late)} of {total}", _ids(late)),
-                Piece(f" (time limit {limit})."),
-            ]
-        )
-    else:
-        badges.append(Badge(tone="good", text="all arrived"))
-    met = [run for run in runs if run.closest_m is not None]
-    nearest = min(met, key=lambda run: run.closest_m if run.closest_m is not None else 0.0, default=None)
-    if nearest is not None and not touched:
-        sentences.append(
-            [
-                Piece("The robot touches nobody; the smallest gap is "),
-                Piece(metres(nearest.closest_m or 0.0), (nearest.id,), nearest.closest_s),
-                Piece(f", to {nearest.closest_to} near {nearest.closest_near}, {_span([nearest.closest_s])}."),
-            ]
-        )
-    return badges, sentences
-
-
-def _touched(runs: Sequence[RunFacts]) -> str:
-    """Return whom the robot touches most often, where, and when, in words."""
-    first = [run.contacts[0] for run in runs]
-    who, count = Counter(contact.person for contact in first).most_common(1)[0]
-    theirs = [(run, contact) for run, contact in zip(runs, first, strict=True) if contact.person == who]
-    near = Counter(place_name(run.world, contact.place.x, contact.place.y) for run, contact in theirs)
-    often = "" if count == len(runs) else f" in {count}"
-    return f"{who}{often}, near {near.most_common(1)[0][0]}, {_span([contact.time_s for _, contact in theirs])}"
-
-
-def _span(times: Sequence[float]) -> str:
-    """Return between which times after the start something happens, in words."""
-    low, high = min(times), max(times)
-    when = f"{low:.0f} s" if round(low) == round(high) else f"{low:.0f} to {high:.0f} s"
-    return f"{when} after the start"
-
-
-def _measured(run: RunFacts, metric: str, otherwise: float) -> float:
-    """Return the metric of a run, which the terminal and the JSON report, too."""
-    value = run.measurement.values.get(metric)
-    return otherwise if value is None else value
-
-
-def _distinct(attempts: Iterable[AttemptFacts]) -> list[RunFacts]:
-    """Return every run of some attempts once."""
-    return list({run.id: run for attempt in attempts for run in attempt.runs}.values())
-
-
-def _ids(runs: Iterable[RunFacts]) -> tuple[str, ...]:
-    return tuple(run.id for run in runs)

@@ -13,7 +13,7 @@ from rvsg.report.frames import frame, overview
 from rvsg.report.names import narrow_names
 from rvsg.report.payload import PERIOD_S
 from rvsg.report.shown import Shown, look_of
-from rvsg.report.words import metres, untimed
+from rvsg.report.words import metres, shown_at, untimed
 
 STILLS = 4
 APART_S = 0.8
@@ -32,7 +32,7 @@ def what_happens(shown: Shown, subject: AttemptFacts) -> dict[str, Any] | None:
         "run": run,
         "which": which,
         "story": [
-            {"t": sentence.time_s, "text": untimed(sentence), "address": f"#run={run.id}&t={sentence.time_s:.1f}"}
+            {"t": sentence.time_s, "text": untimed(sentence), "address": f"#run={run.id}&t={shown_at(sentence.time_s)}"}
             for sentence in run.story
         ],
         "overview": Markup(overview(run.run, times, look, label, narrow_names(shown.floor))),  # noqa: S704
@@ -72,7 +72,7 @@ def still_times(run: RunFacts) -> list[float]:
     found: list[float] = []
     for time in wanted:
         if len(found) < STILLS and all(abs(time - other) >= APART_S for other in found):
-            found.append(round(float(time), 1))
+            found.append(float(shown_at(float(time))))
     return sorted(found)
 
 
@@ -89,7 +89,7 @@ def caption(run: RunFacts, t_s: float) -> str:
         if gap[least, person] <= 0.0:
             text += f", in contact with {run.run.human_names[person]}"
         else:
-            text += f", {run.run.human_names[person]} {metres(float(gap[least, person]))} away"
+            text += f", {run.run.human_names[person]} is {metres(float(gap[least, person]))} away"
     if row == len(path) - 1:
         text += f"; {run.run.outcome.value}"
     return text

@@ -160,15 +160,17 @@ def _curse(plan: Plan, summary: Summary, selected: Verdict | None) -> str:
     if selected is None or selected.mean is None or fresh is None or fresh.mean is None:
         return ""
     unit, count = plan.requirement.unit, summary.accounting.search_attempts
+    mean = "mean up to the time limit" if selected.censored or fresh.censored else "mean"
     lost = plan.requirement.badness(selected.mean) - plan.requirement.badness(fresh.mean)
     said = (
-        f"One of {count} configurations of the search: {counted(len(selected.objectives), 'run')} with a mean of "
+        f"One of {count} configurations of the search: {counted(len(selected.objectives), 'run')} with a {mean} of "
         f"{number(selected.mean, unit)}. "
-        f"{counted(len(fresh.objectives), 'confirmation run')} with new seeds have a mean of "
+        f"{counted(len(fresh.objectives), 'confirmation run')} with new seeds have a {mean} of "
         f"{number(fresh.mean, unit)}. "
     )
     if abs(lost) < ALIKE * abs(selected.mean):
-        return f"{said}The two differ by less than {ALIKE:.0%}, so nothing here suggests that the selection was luck."
+        alike = f"The two differ by less than {100 * ALIKE:g} %"
+        return f"{said}{alike}, so nothing here suggests that the selection was luck."
     if lost <= 0:
         return said + "The confirmation is no less severe, so nothing here suggests that the selection was luck."
     if separable(selected, fresh):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 
 from rvsg.evaluation.metrics import find_metric
@@ -39,6 +40,11 @@ _VALUE = re.compile(rf"(?<=\d) (?=(?:{UNITS})(?![\w/]))")
 def unbroken(text: str) -> str:
     """Return a text in which no line breaks between a number and its unit."""
     return _VALUE.sub("\N{NO-BREAK SPACE}", text)
+
+
+def shown_at(t_s: float) -> str:
+    """Return the tenth of a second at which the replay shows what happens at a time: the first that is not before."""
+    return f"{math.ceil(10 * t_s - 1e-6) / 10:.1f}"
 
 
 def untimed(sentence: Sentence) -> str:

@@ -543,7 +543,7 @@
         state.run.moments.forEach(function (moment) {
           const item = html(list, "li", {});
           const button = html(item, "button", { type: "button", class: "rp-link" }, moment[0].toFixed(1) + " s");
-          button.addEventListener("click", function () { pause(); goTo(moment[0]); });
+          button.addEventListener("click", function () { pause(); goTo(Math.ceil(10 * moment[0] - 1e-6) / 10); });
           item.appendChild(document.createTextNode(" " + moment[1]));
         });
       }
@@ -597,7 +597,7 @@
     /* moving through time */
     function say() {
       const s = state.series, t = state.t, r = data.requirement;
-      let text = t.toFixed(1) + " s of " + s.end.toFixed(1) + " s. Robot " + at(s.v, s, t).toFixed(2) + " m/s.";
+      let text = t.toFixed(1) + " s of " + s.end.toFixed(1) + " s. Robot " + (Math.round(at(s.v, s, t) * 100) / 100 + 0).toFixed(2) + " m/s.";
       const h = nearest(s, t);
       if (h >= 0) {
         const gap = at(s.gap, s, t);
