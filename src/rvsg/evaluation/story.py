@@ -80,8 +80,10 @@ def _namer(world: World | None) -> PlaceAt:
     if world is None:
         return place_namer(None)
 
+    name = place_namer(world)
+
     def at(x: float, y: float) -> Place:
-        place = place_namer(world)(x, y)
+        place = name(x, y)
         area = place_name(world, *world.grid.position(place.waypoint)) if place.waypoint else ""
         return place if area in ("", place.waypoint) else place.replace(waypoint=f"{place.waypoint} ({area})")
 
