@@ -31,6 +31,7 @@ from rvsg.campaign.attempt import Attempt, Ledger
 from rvsg.campaign.events import Event, Message, ModelCall
 from rvsg.campaign.loop import stream_campaign
 from rvsg.campaign.ranking import search_attempts
+from rvsg.campaign.recalling import Recalling
 from rvsg.core.errors import InputError
 from rvsg.core.files import write_whole
 from rvsg.core.plugins import Spec
@@ -185,7 +186,8 @@ class Campaign(StoredCampaign):
         def tell(text: str) -> None:
             note(Message(campaign=plan.name, text=text))
 
-        with alone_in(self.folder), self._ledger() as ledger:
+        with alone_in(self.folder), self._ledger() as store:
+            ledger = Recalling(store)
             if not self.finished_in(ledger):
                 self.prepare(tell)
             wired.generator.watch(lambda news: note(ModelCall(campaign=plan.name, news=news)))
@@ -225,7 +227,8 @@ class Campaign(StoredCampaign):
             InputError: there is no such candidate, or it is confirmed already.
         """
         wired, plan = self._wired, self.plan
-        with alone_in(self.folder), self._ledger() as ledger:
+        with alone_in(self.folder), self._ledger() as store:
+            ledger = Recalling(store)
             attempts = list(ledger.attempts(plan.name))
             chosen = next((a for a in search_attempts(attempts) if a.index == candidate), None)
             if chosen is None or chosen.proposal.scenario is None:

@@ -25,6 +25,7 @@ from rvsg.campaign.loop import run_campaign
 from rvsg.campaign.measuring import FinishedRun
 from rvsg.campaign.parts import Parts
 from rvsg.campaign.ranking import best_attempt, measured, search_attempts
+from rvsg.campaign.recalling import Recalling
 from rvsg.core.errors import BudgetSpent, InputError
 from rvsg.core.files import write_whole
 from rvsg.core.records import Record
@@ -171,7 +172,7 @@ def _wired(base: CampaignConfig, method: str, route: str, requirement: str, seed
 
 def _row(key: tuple[str, str, str, int], wired: Wired) -> Row:
     """Run one campaign and confirm what it found."""
-    ledger = MemoryLedger()
+    ledger = Recalling(MemoryLedger())
     config = wired.config
     with wired.simulations(ledger, lambda _: None, jobs=jobs_of(config), executor=None) as simulations:
         parts = wired.parts(wired.plan, config.judging, ledger, simulations, lambda: False)

@@ -54,7 +54,7 @@ def shrink(
     measuring = Measuring(asked, place)
     with (
         simulator_of(simulator, scenario=scenario, on_message=on_message) as made,
-        Simulations(made, place, measure=measuring.measure, jobs=jobs, notify=on_message) as simulations,
+        Simulations(made, place, measure=measuring.judged, jobs=jobs, notify=on_message) as simulations,
     ):
         return Shrinking(
             requirement=asked,

@@ -21,6 +21,7 @@ from rvsg.campaign.measuring import Measuring
 from rvsg.campaign.parallel import Executor, Simulations
 from rvsg.campaign.parts import Parts
 from rvsg.campaign.plan import Plan
+from rvsg.campaign.recalling import Recalling
 from rvsg.campaign.rehearsing import rehearsing
 from rvsg.campaign.strategies import Strategy
 from rvsg.core import plugins
@@ -79,13 +80,16 @@ class Wired:
         return made
 
     def simulations(
-        self, ledger: Any, tell: Callable[[str], None], *, jobs: int, executor: Executor | None
+        self, ledger: Recalling, tell: Callable[[str], None], *, jobs: int, executor: Executor | None
     ) -> Simulations:
         """Return what makes the runs; those the ledger holds are not made again."""
+        measuring = Measuring(self.plan.requirement, self.world)
         return Simulations(
             self.simulator,
             self.world,
-            measure=Measuring(self.plan.requirement, self.world).measure,
+            measure=measuring.measure,
+            judged=measuring.judged,
+            made=ledger.made,
             jobs=jobs,
             known=ledger.find,
             executor=executor or self.executor,

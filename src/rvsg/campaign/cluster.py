@@ -23,7 +23,7 @@ from typing import Any
 
 import rvsg
 from rvsg.campaign.attempt import Failure
-from rvsg.campaign.measuring import FinishedRun, RunMaker
+from rvsg.campaign.measuring import FinishedRun, RunMaker, Trial
 from rvsg.core.errors import FileError, InputError, SimulationError, how_to_install
 from rvsg.core.inputs import parse_json, read_text
 from rvsg.scenario.scenario import Scenario
@@ -52,6 +52,7 @@ class Submitted:
 
     scenario: Scenario
     seed: int
+    trial: bool
     future: Any
 
 
@@ -127,13 +128,13 @@ class Cluster:
         self._client.register_plugin(_plugin(distributed, self._token, shared), name=self._token)
         notify(f"{len(self._workers)} workers of the cluster at {where} make the runs.")
 
-    def submit(self, scenario: Scenario, seed: int) -> Submitted:
+    def submit(self, scenario: Scenario, seed: int, *, trial: bool = False) -> Submitted:
         """Start a run."""
-        future = self._client.submit(_work, self._token, scenario, seed, pure=False, retries=0)
+        future = self._client.submit(_work, self._token, scenario, seed, trial, pure=False, retries=0)
         self._under_way.add(future)
-        return Submitted(scenario, seed, future)
+        return Submitted(scenario, seed, trial, future)
 
-    def result(self, submitted: Submitted) -> FinishedRun | Failure:
+    def result(self, submitted: Submitted) -> FinishedRun | Trial | Failure:
         """Wait for a run; SimulationError if the whole cluster is gone."""
         killed = _distributed().KilledWorker
         try:
@@ -142,7 +143,7 @@ class Cluster:
             self._under_way.discard(submitted.future)
         self._notify("Several workers of the cluster died under one run; it is repeated alone.")
         self._wait_for_others()
-        again = self.submit(submitted.scenario, submitted.seed)
+        again = self.submit(submitted.scenario, submitted.seed, trial=submitted.trial)
         try:
             return self._wait(again.future)
         except killed:
@@ -150,14 +151,14 @@ class Cluster:
         reason = "workers of the cluster died again and again while they ran this scenario"
         return Failure(seed=submitted.seed, reason=reason)
 
-    def _wait(self, future: Any) -> FinishedRun | Failure:
+    def _wait(self, future: Any) -> FinishedRun | Trial | Failure:
         """Wait for one future, and look at the cluster from time to time."""
         distributed = _distributed()
         seen = self._now()
         while True:
             failed = future.status == "error"  # then the error is the simulator's, not the connection's
             try:
-                found: FinishedRun | Failure = future.result(timeout=LOOK_S)
+                found: FinishedRun | Trial | Failure = future.result(timeout=LOOK_S)
             except distributed.KilledWorker:
                 raise
             except (OSError, CancelledError) as error:
@@ -306,6 +307,6 @@ def keep(token: str, shared: bytes | None) -> None:
         _shared[token] = pickle.loads(shared)  # noqa: S301 - sent by the campaign, as Dask sends everything
 
 
-def _work(token: str, scenario: Scenario, seed: int) -> FinishedRun | Failure:
+def _work(token: str, scenario: Scenario, seed: int, trial: bool) -> FinishedRun | Trial | Failure:
     with _one_at_a_time:  # simulators keep buffers per process, and a Dask worker may have several threads
-        return _shared[token](scenario, seed)
+        return _shared[token](scenario, seed, trial=trial)

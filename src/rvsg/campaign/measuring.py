@@ -19,6 +19,15 @@ from rvsg.world.world import World
 
 
 @dataclass(frozen=True)
+class Trial:
+    """A run that is not stored: nobody asks for more than how it is judged."""
+
+    seed: int
+    outcome: Outcome
+    measurement: Measurement
+
+
+@dataclass(frozen=True)
 class FinishedRun:
     """A run as it comes back from where it was made: measured, and packed for the store."""
 
@@ -53,14 +62,28 @@ class RunMaker:
     simulator: Simulator
     world: World
     measure: Callable[[Run, World], Measurement] = unmeasured
+    judged: Callable[[Run, World], Measurement] | None = None
+    """Measures only what a verdict takes, for trials; `measure` where None."""
 
-    def __call__(self, scenario: Scenario, seed: int) -> FinishedRun | Failure:
-        """Make one run; a Failure where the simulator cannot."""
+    def __call__(
+        self, scenario: Scenario, seed: int, *, trial: bool = False, made: Callable[[Run], None] | None = None
+    ) -> FinishedRun | Trial | Failure:
+        """Make one run; a Failure where the simulator cannot.
+
+        Args:
+            trial: Return a Trial, which nobody stores.
+            made: Receives the run with its arrays, rounded, unless it is a trial.
+        """
+        place = scenario.mission.place(self.world)
         try:
-            run = self.simulator.run(scenario, scenario.mission.place(self.world), seed=seed)
+            run = rounded(self.simulator.run(scenario, place, seed=seed))
         except SimulationError as error:
             return Failure(seed=seed, reason=str(error))
-        return self.finished(run, scenario)
+        if trial:
+            return Trial(run.seed, run.outcome, (self.judged or self.measure)(run, place))
+        if made is not None:
+            made(run)
+        return self._finished(run, place)
 
     def close(self) -> None:
         """Release what the simulator holds."""
@@ -68,9 +91,10 @@ class RunMaker:
 
     def finished(self, run: Run, scenario: Scenario) -> FinishedRun:
         """Round, measure and pack a run that was made of a scenario."""
-        run = rounded(run)
-        measured = self.measure(run, scenario.mission.place(self.world))
-        return FinishedRun(run.seed, run.outcome, measured, PackedRun.of(run))
+        return self._finished(rounded(run), scenario.mission.place(self.world))
+
+    def _finished(self, run: Run, place: World) -> FinishedRun:
+        return FinishedRun(run.seed, run.outcome, self.measure(run, place), PackedRun.of(run))
 
 
 class Measuring:
@@ -103,15 +127,19 @@ class Measuring:
         """
         world = self.world if place is None else place
         values, metric = measure(run, world=world), self.requirement.metric
+        known = metric is not None and metric in values and run.outcome is not Outcome.STACK_FAILED
         return Measurement(
             run_id=run.id,
             seed=run.seed,
             outcome=run.outcome.value,
             values=values,
-            objective=values[metric]
-            if metric is not None and metric in values
-            else objective(run, self.requirement, world=world),
+            objective=values[str(metric)] if known else objective(run, self.requirement, world=world),
         )
+
+    def judged(self, run: Run, place: World | None = None) -> Measurement:
+        """Return the requirement's objective of one run, without any other metric."""
+        value = objective(run, self.requirement, world=self.world if place is None else place)
+        return Measurement(run_id=run.id, seed=run.seed, outcome=run.outcome.value, values={}, objective=value)
 
     def judge(self, measurements: Sequence[Measurement], *, budget: int | None = None) -> Verdict:
         """Return the verdict on measured runs; `budget` is how many there may be at most (None: the procedure's)."""

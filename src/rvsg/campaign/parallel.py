@@ -11,7 +11,7 @@ from types import TracebackType
 from typing import Any, Protocol, Self
 
 from rvsg.campaign.attempt import Failure, Measurement
-from rvsg.campaign.measuring import FinishedRun, RunMaker, unmeasured
+from rvsg.campaign.measuring import FinishedRun, RunMaker, Trial, unmeasured
 from rvsg.campaign.processes import Processes
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.protocol import Simulator
@@ -42,11 +42,11 @@ class Executor(Protocol):
         """
         ...
 
-    def submit(self, scenario: Scenario, seed: int) -> Any:
-        """Start a run and return at once what `result` takes."""
+    def submit(self, scenario: Scenario, seed: int, *, trial: bool = False) -> Any:
+        """Start a run and return at once what `result` takes; `trial` is for the `maker`."""
         ...
 
-    def result(self, submitted: Any) -> FinishedRun | Failure:
+    def result(self, submitted: Any) -> FinishedRun | Trial | Failure:
         """Wait for a run.
 
         Raises:
@@ -62,16 +62,27 @@ class Executor(Protocol):
 class PendingRun:
     """A run that was submitted; `result` waits for it."""
 
-    def __init__(self, simulations: Simulations, scenario: Scenario, seed: int) -> None:
+    def __init__(self, simulations: Simulations, scenario: Scenario, seed: int, *, trial: bool = False) -> None:
         self.scenario = scenario
         self.seed = seed
+        self.trial = trial
         self.run_id = run_id(scenario.id, simulations.simulator.name, simulations.options, seed)
         self._simulations = simulations
-        self._found: FinishedRun | Failure | None = None
+        self._found: FinishedRun | Trial | Failure | None = None
         self._submitted: Any = None
 
     def result(self) -> FinishedRun | Failure:
         """Return the run, or why the simulator could not make it."""
+        found = self._wait()
+        assert not isinstance(found, Trial)
+        return found
+
+    def measurement(self) -> Measurement | None:
+        """Return what was measured of the run; None where the simulator could not make it."""
+        found = self._wait()
+        return None if isinstance(found, Failure) else found.measurement
+
+    def _wait(self) -> FinishedRun | Trial | Failure:
         if self._found is None:
             self._found = self._simulations._collect(self)
         return self._found
@@ -84,10 +95,12 @@ class Simulations:
         simulator: What makes the runs.
         world: Where they take place.
         measure: What measures each run, in the process that made it.
+        judged: What measures a trial there, which is not stored; by default the same.
         jobs: Worker processes; with 1 everything happens in this process.
         known: Returns the stored run of an id, or None.
         executor: Where runs are made instead of in `jobs` processes.
         notify: Receives messages for the user, such as that a machine is gone.
+        made: Receives the runs that are made in this process, with their arrays.
         closes: Close the simulator at the end; its next run makes again what it needs.
     """
 
@@ -97,22 +110,25 @@ class Simulations:
         world: World,
         *,
         measure: Callable[[Run, World], Measurement] = unmeasured,
+        judged: Callable[[Run, World], Measurement] | None = None,
         jobs: int = 1,
         known: Callable[[str], Run | None] | None = None,
         executor: Executor | None = None,
         notify: Callable[[str], None] = lambda _: None,
+        made: Callable[[Run], None] | None = None,
         closes: bool = False,
     ) -> None:
         self.closes = closes
         self.simulator = simulator
         self.world = world
         self.options = dict(simulator.options)
-        self._maker = RunMaker(simulator, world, measure)
+        self._maker = RunMaker(simulator, world, measure, judged)
         self._executor: Executor | None = executor or (Processes(jobs) if jobs > 1 else None)
         self._known = known or (lambda _: None)
         self._notify = notify
-        self._open: dict[str, PendingRun] = {}
-        self._recent: dict[str, FinishedRun] = {}
+        self._made = made
+        self._open: dict[tuple[str, bool], PendingRun] = {}
+        self._recent: dict[tuple[str, bool], FinishedRun | Trial] = {}
         self._started = False
 
     @property
@@ -120,38 +136,46 @@ class Simulations:
         """Return how many attempts to submit before the first is collected: 0 in one process."""
         return self._ready().size if self._executor else 0
 
-    def submit(self, scenario: Scenario, seed: int) -> PendingRun:
-        """Ask for a run; it starts at once where there are workers, else when its result is wanted."""
-        pending = PendingRun(self, scenario, seed)
-        if pending.run_id in self._open:
-            return self._open[pending.run_id]
-        if pending.run_id in self._recent:
-            pending._found = self._recent[pending.run_id]
+    def submit(self, scenario: Scenario, seed: int, *, trial: bool = False) -> PendingRun:
+        """Ask for a run; it starts at once where there are workers, else when its result is wanted.
+
+        Args:
+            trial: Nobody stores the run: it has a `measurement`, and no `result`.
+        """
+        pending = PendingRun(self, scenario, seed, trial=trial)
+        key = (pending.run_id, trial)
+        if key in self._open:
+            return self._open[key]
+        if key in self._recent:
+            pending._found = self._recent[key]
             return pending
-        stored = self._known(pending.run_id)
+        stored = None if trial else self._known(pending.run_id)
         if stored is not None:
-            pending._found = self._remember(self._maker.finished(stored, scenario))
+            pending._found = self._maker.finished(stored, scenario)
+            self._remember(key, pending._found)
             return pending
-        self._open[pending.run_id] = pending
+        self._open[key] = pending
         if self._executor:
-            pending._submitted = self._ready().submit(scenario, seed)
+            pending._submitted = self._ready().submit(scenario, seed, **{"trial": True} if trial else {})
         return pending
 
-    def _collect(self, pending: PendingRun) -> FinishedRun | Failure:
+    def _collect(self, pending: PendingRun) -> FinishedRun | Trial | Failure:
         """Wait for a submitted run. KeyboardInterrupt passes through; what was not collected is lost."""
         if self._executor is None:
-            found = self._maker(pending.scenario, pending.seed)
+            found = self._maker(pending.scenario, pending.seed, trial=pending.trial, made=self._made)
         else:
             found = self._executor.result(pending._submitted)
-        self._open.pop(pending.run_id, None)
-        return self._remember(found) if isinstance(found, FinishedRun) else found
+        key = (pending.run_id, pending.trial)
+        self._open.pop(key, None)
+        if not isinstance(found, Failure):
+            self._remember(key, found)
+        return found
 
-    def _remember(self, run: FinishedRun) -> FinishedRun:
+    def _remember(self, key: tuple[str, bool], run: FinishedRun | Trial) -> None:
         """Keep a run in memory until `RECENT` others came."""
-        self._recent[run.id] = run
+        self._recent[key] = run
         if len(self._recent) > RECENT:
             del self._recent[next(iter(self._recent))]
-        return run
 
     def __enter__(self) -> Self:
         return self

@@ -26,7 +26,7 @@ from rvsg.core.errors import SimulationError
 from rvsg.scenario.scenario import Scenario
 
 if TYPE_CHECKING:
-    from rvsg.campaign.measuring import FinishedRun, RunMaker
+    from rvsg.campaign.measuring import FinishedRun, RunMaker, Trial
 
 ATTEMPTS = 3
 """A run whose process died this often is given up."""
@@ -44,8 +44,9 @@ class Task:
 
     scenario: Scenario
     seed: int
+    trial: bool = False
     deaths: int = 0
-    future: Future[FinishedRun | Failure] = field(default_factory=Future)
+    future: Future[FinishedRun | Trial | Failure] = field(default_factory=Future)
 
 
 class Processes:
@@ -65,17 +66,17 @@ class Processes:
         """Keep what the workers need; they start with the first run."""
         self._maker = maker
 
-    def submit(self, scenario: Scenario, seed: int) -> Task:
+    def submit(self, scenario: Scenario, seed: int, *, trial: bool = False) -> Task:
         """Ask for a run."""
         if self._pool is None:
             import cloudpickle  # a simulator may be defined in a script or a notebook
 
             self._pool = _Pool(self.jobs, cloudpickle.dumps(self._maker))
-        task = Task(scenario, seed)
+        task = Task(scenario, seed, trial)
         self._pool.add(task)
         return task
 
-    def result(self, submitted: Task) -> FinishedRun | Failure:
+    def result(self, submitted: Task) -> FinishedRun | Trial | Failure:
         """Wait for a run; SimulationError if workers cannot start."""
         return submitted.future.result()
 
@@ -141,7 +142,7 @@ class _Pool:
             return None
         return self.waiting.popleft()
 
-    def done(self, keeper: _Keeper) -> Future[FinishedRun | Failure]:
+    def done(self, keeper: _Keeper) -> Future[FinishedRun | Trial | Failure]:
         """Note that a worker did the first of its tasks; return where its result goes."""
         with self.changed:
             task = keeper.tasks.popleft()
@@ -254,7 +255,7 @@ class _Keeper(threading.Thread):
             raise SimulationError(answer.decode())
         while True:
             while len(self.tasks) < READ_AHEAD and (task := self.pool.take(self)) is not None:
-                write_frame(process.stdin, pickle.dumps((task.scenario, task.seed)))
+                write_frame(process.stdin, pickle.dumps((task.scenario, task.seed, task.trial)))
             if not self.tasks:
                 write_frame(process.stdin, b"")
                 return

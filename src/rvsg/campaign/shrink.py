@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
-from rvsg.campaign.attempt import Failure, Measurement
+from rvsg.campaign.attempt import Measurement
 from rvsg.campaign.parallel import Simulations
 from rvsg.core.errors import InputError
 from rvsg.core.records import Record
@@ -151,10 +151,10 @@ class Shrinking:
 
     def _measured(self, scenario: Scenario, seeds: Sequence[int]) -> list[Measurement]:
         """Return the measurements of the runs that could be made."""
-        pending = [self.simulations.submit(scenario, seed) for seed in seeds]
-        found = [run.result() for run in pending]
+        pending = [self.simulations.submit(scenario, seed, trial=True) for seed in seeds]
+        found = [run.measurement() for run in pending]
         self.runs += len(found)
-        return [run.measurement for run in found if not isinstance(run, Failure)]
+        return [measured for measured in found if measured is not None]
 
 
 def size(people: HumanConfiguration) -> tuple[int, int, int, int, int]:

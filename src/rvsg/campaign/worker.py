@@ -100,7 +100,8 @@ def _read_tasks(stream: IO[bytes], waiting: queue.SimpleQueue[bytes]) -> None:
 def _answer(work: Any, task: Sequence[Any]) -> bytes:
     """Do one task; return the pickled pair of whether it succeeded, and its result or error."""
     try:
-        return pickle.dumps((True, work(*task)))
+        scenario, seed, trial = task
+        return pickle.dumps((True, work(scenario, seed, trial=trial)))
     except Exception as error:
         return pickle.dumps((False, _portable(error)))
 

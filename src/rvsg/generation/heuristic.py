@@ -219,7 +219,7 @@ class _Plan:
         preference: NDArray[np.float64] = self._fits(humans) - 3.0 * done + self.rng.random(len(done))
         return preference
 
-    def _named(self, activity: str) -> list[tuple[Place, ...]]:
+    def _named(self, activity: str) -> tuple[tuple[Place, ...], ...]:
         return named_in(activity, self.places)
 
     def _put_to_work(self, humans: list[Human]) -> tuple[list[Human], str | None]:

@@ -7,9 +7,10 @@ takes the main aisle, somebody who checks labels stops. People keep to it whatev
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from dataclasses import dataclass
 from typing import TypeVar
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +30,6 @@ STOPS = (2, 2, 3, 4)
 """How many places a person goes round, each as likely as the other."""
 REACH_M = 2.0
 """Places this far from the robot's route are drawn 1/e as often as those beside it."""
-USUAL = ForceFactors()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,6 +89,66 @@ class Stop:
     waypoint: str
 
 
+class Layout:
+    """How places lie to the robot's route and to each other, for an aim; all samplers of a campaign share it."""
+
+    def __init__(self, ground: WalkingGraph, places: Sequence[Place], aim: Aim) -> None:
+        self.ground, self.places, self.aim = ground, places, aim
+        self.near = {name: ground.along(name) for place in places for name in place.waypoints}
+        closest = [min((self.near[name] for name in p.waypoints), key=lambda at: at[1]) for p in places]
+        self.along = [along for along, _ in closest]
+        self.beside = [1.0 if aim is Aim.NONE else math.exp(-away / REACH_M) for _, away in closest]
+        self._apart: dict[tuple[Stop, bool], NDArray[np.float64]] = {}
+        self._close: dict[tuple[str, frozenset[str]], tuple[list[str], NDArray[np.float64]]] = {}
+        self._tasks: dict[tuple[Stop, Stop, bool], Task | None] = {}
+
+    def apart(self, last: Stop, far: bool) -> NDArray[np.float64]:
+        """Return how much each place suits after the last one: far from it or near to it, and another one."""
+        if (last, far) not in self._apart:
+            here = self.near[last.waypoint][0]
+            suits = [1.0 if self.aim is Aim.NONE else _suits(abs(along - here), far) for along in self.along]
+            others = [place.name != last.place.name for place in self.places]
+            self._apart[last, far] = np.where(others, suits, 0.0)
+        return self._apart[last, far]
+
+    def waypoints(self, place: Place, without: frozenset[str]) -> tuple[list[str], NDArray[np.float64]]:
+        """Return the waypoints of a place but some, and how often each is drawn, as `drawn` takes it."""
+        key = (place.name, without)
+        if key not in self._close:
+            names = [name for name in place.waypoints if name not in without]
+            close = [1.0 if self.aim is Aim.NONE else math.exp(-self.near[name][1] / 1.0) for name in names]
+            self._close[key] = (names, shares_of(close) if names else np.empty(0))
+        return self._close[key]
+
+    def task(self, a: Stop, b: Stop, along_route: bool) -> Task | None:
+        """Return the task from a stop to another; the same object each time, as tasks never change."""
+        key = (a, b, along_route)
+        if key not in self._tasks:
+            path = self.ground.path(a.waypoint, b.waypoint, along_route=along_route)
+            joined = path if path is not None and len(path) > 1 else None
+            self._tasks[key] = Task.between(a.place.name, b.place.name, joined) if joined else None
+        return self._tasks[key]
+
+
+SOMEBODY = Human(name="Somebody", tasks=(Task(name="Work", path=()),), factors=ForceFactors())
+
+
+def _suits(apart_m: float, far: bool) -> float:
+    return min(apart_m, 6.0) + 0.3 if far else math.exp(-apart_m / 2.0)
+
+
+_layouts: WeakKeyDictionary[WalkingGraph, dict[tuple[tuple[Place, ...], Aim], Layout]] = WeakKeyDictionary()
+
+
+def layout_of(ground: WalkingGraph, places: Sequence[Place], aim: Aim) -> Layout:
+    """Return the layout of places, kept for each graph."""
+    known = _layouts.setdefault(ground, {})
+    key = (tuple(places), aim)
+    if key not in known:
+        known[key] = Layout(ground, places, aim)
+    return known[key]
+
+
 class PeopleSampler:
     """Makes people. `uses` counts how often a place was worked in earlier scenarios: those are drawn less often."""
 
@@ -97,16 +157,11 @@ class PeopleSampler:
     ) -> None:
         self.ground, self.places, self.aim, self.rng = ground, places, aim, rng
         self.goods = handles_goods(places)
-        self.near = {name: ground.along(name) for place in places for name in place.waypoints}
-        self.closest = [min((self.near[name] for name in p.waypoints), key=lambda at: at[1]) for p in places]
-        self._known: dict[tuple[str, str, bool], NDArray[np.float64] | None] = {}
-        self._close: dict[tuple[str, frozenset[str]], tuple[list[str], NDArray[np.float64]]] = {}
-        self._tasks: dict[tuple[str, str, str, str, bool], Task | None] = {}
+        self.layout = layout_of(ground, places, aim)
+        self._known: dict[tuple[Stop | None, bool], NDArray[np.float64] | None] = {}
         self._roles = shares_of([role.weights[aim] for role in ROLES])
-        self._usual = [
-            0.4 ** min(3, uses.get(place.name, 0)) * (1.0 if aim is Aim.NONE else math.exp(-away / REACH_M))
-            for place, (_, away) in zip(places, self.closest, strict=True)
-        ]
+        worked = [0.4 ** min(3, uses.get(place.name, 0)) for place in places]
+        self._usual = np.array([a * b for a, b in zip(worked, self.layout.beside, strict=True)])
 
     def role(self) -> Role:
         """A way of working, as often as it suits the aim."""
@@ -134,30 +189,31 @@ class PeopleSampler:
         if not tasks:
             return None
         heedless = self.aim in HEEDLESS_AIMS and self.rng.random() < role.heedless
-        human = Human(
-            name=name,
-            tasks=tasks,
-            behaviour=Behaviour.IMPASSIVE if heedless else Behaviour.REGULAR,
-            speed_m_s=round(float(self.rng.uniform(*role.speeds)), 2),
-            start_delay_s=round(float(max(0.0, self.rng.uniform(*role.delays) - 1.0)), 1),
-            factors=USUAL,
-        )
+        speed = round(float(self.rng.uniform(*role.speeds)), 2)
+        delay = round(float(max(0.0, self.rng.uniform(*role.delays) - 1.0)), 1)
         if role.pauses:
-            human = self.pausing(human, role.pauses)
-        on_the_way = self.aim in UNDERWAY and self.rng.random() < UNDERWAY[self.aim]
-        return self.underway(human) if on_the_way else human
+            tasks = self._pausing(tasks, role.pauses)
+        if self.aim in UNDERWAY and self.rng.random() < UNDERWAY[self.aim]:
+            tasks = self._underway(tasks)
+        behaviour = Behaviour.IMPASSIVE if heedless else Behaviour.REGULAR
+        given = {"name": name, "tasks": tasks, "behaviour": behaviour, "speed_m_s": speed, "start_delay_s": delay}
+        return SOMEBODY.model_copy(update=given)  # hundreds are drawn for each one kept, within the bounds of a Human
 
     def underway(self, human: Human) -> Human:
         """The person already on the way through one of the tasks, sooner where that way is the robot's: the cycle
         begins there, and ends there with the rest of the task."""
-        tasks = at_places(human.tasks)
+        tasks = self._underway(human.tasks)
+        return human if tasks is human.tasks else human.model_copy(update={"tasks": tasks})
+
+    def _underway(self, given: tuple[Task, ...]) -> tuple[Task, ...]:
+        tasks = at_places(given)
         inner = [(k, at) for k, task in enumerate(tasks) for at in range(1, len(task.path) - 1)]
         if not inner:
-            return human
+            return given
         weights = [math.exp(-self.ground.along(tasks[k].path[at])[1] / 0.5) for k, at in inner]
         if not sum(weights):
-            return human
-        return begin_at(human.model_copy(update={"tasks": tasks}), *self.pick(inner, weights))
+            return given
+        return begin_at(tasks, *self.pick(inner, weights))
 
     def mate(self, name: str, other: Human, group: int) -> Human | None:
         """Somebody who works together with another: the same tasks at the same time, from a start beside or
@@ -202,61 +258,37 @@ class PeopleSampler:
 
     def _shares(self, last: Stop | None, far: bool) -> NDArray[np.float64] | None:
         """Return how often each place is drawn after the last one, as `drawn` takes it; None where none is."""
-        key = (last.place.name if last else "", last.waypoint if last else "", far)
+        key = (last, far)
         if key not in self._known:
-            weights = [self._weight(k, last, far) for k in range(len(self.places))]
-            self._known[key] = shares_of(weights) if np.sum(weights) else None
+            weights = self._usual if last is None else self._usual * self.layout.apart(last, far)
+            self._known[key] = shares_of(weights) if weights.any() else None
         return self._known[key]
 
-    def _weight(self, index: int, last: Stop | None, far: bool) -> float:
-        place, (along, _) = self.places[index], self.closest[index]
-        if last is not None and place.name == last.place.name:
-            return 0.0
-        weight = self._usual[index]
-        if last is not None and self.aim is not Aim.NONE:
-            apart = abs(along - self.near[last.waypoint][0])
-            weight *= min(apart, 6.0) + 0.3 if far else math.exp(-apart / 2.0)
-        return weight
-
-    def at(self, place: Place, without: set[str]) -> Stop | None:
+    def at(self, place: Place, without: Set[str]) -> Stop | None:
         """A waypoint of a place, sooner near the robot's route."""
-        key = (place.name, frozenset(without))
-        if key not in self._close:
-            names = [name for name in place.waypoints if name not in without]
-            close = [1.0 if self.aim is Aim.NONE else math.exp(-self.near[name][1] / 1.0) for name in names]
-            self._close[key] = (names, shares_of(close) if names else np.empty(0))
-        names, shares = self._close[key]
+        names, shares = self.layout.waypoints(place, frozenset(without))
         return Stop(place, names[drawn(shares, self.rng)]) if names else None
 
     def tasks(self, stops: Sequence[Stop], *, along_route: bool) -> tuple[Task, ...]:
         """The cyclic tasks from stop to stop; none where two are not joined or the same."""
         tasks = []
         for a, b in zip(stops, [*stops[1:], *stops[:1]], strict=True):
-            task = self._task(a, b, along_route)
+            task = self.layout.task(a, b, along_route)
             if task is None:
                 return ()
             tasks.append(task)
         return tuple(tasks) if len(tasks) > 1 else ()
 
-    def _task(self, a: Stop, b: Stop, along_route: bool) -> Task | None:
-        """The task from a stop to another; the same object each time, as tasks never change."""
-        key = (a.place.name, a.waypoint, b.place.name, b.waypoint, along_route)
-        if key not in self._tasks:
-            path = self.ground.path(a.waypoint, b.waypoint, along_route=along_route)
-            joined = path if path is not None and len(path) > 1 else None
-            self._tasks[key] = Task.between(a.place.name, b.place.name, joined) if joined else None
-        return self._tasks[key]
-
-    def pausing(self, human: Human, seconds: tuple[float, float]) -> Human:
-        """The person with a pause in one or two tasks, where the path comes near the robot's route."""
-        tasks = list(human.tasks)
+    def _pausing(self, given: tuple[Task, ...], seconds: tuple[float, float]) -> tuple[Task, ...]:
+        """The tasks with a pause in one or two of them, where the path comes near the robot's route."""
+        tasks = list(given)
         for index in self.rng.choice(len(tasks), size=min(len(tasks), int(self.rng.integers(1, 3))), replace=False):
             task = tasks[index]
             inner = task.path[1:-1] or task.path
             weights = [math.exp(-self.ground.along(name)[1]) for name in inner]
             pause = Pause(at=self.pick(inner, weights), duration_s=round(float(self.rng.uniform(*seconds)), 1))
             tasks[index] = task.model_copy(update={"pauses": (pause,)})
-        return human.model_copy(update={"tasks": tuple(tasks)})
+        return tuple(tasks)
 
     def pick(self, options: Sequence[T], weights: Sequence[float]) -> T:
         """One of the options, drawn by weight."""
@@ -276,20 +308,16 @@ def drawn(shares: NDArray[np.float64], rng: np.random.Generator) -> int:
     return int(shares.searchsorted(rng.random(), side="right"))
 
 
-def begin_at(human: Human, k: int, at: int) -> Human:
-    """Return the person beginning the cycle of tasks at place `at` in the path of task `k`, and ending it there."""
-    tasks = human.tasks
+def begin_at(tasks: tuple[Task, ...], k: int, at: int) -> tuple[Task, ...]:
+    """Return the cycle of tasks beginning at place `at` in the path of task `k`, and ending there."""
     if at == 0:
-        return human.model_copy(update={"tasks": (*tasks[k:], *tasks[:k])})
+        return (*tasks[k:], *tasks[:k])
     task, here = tasks[k], tasks[k].path[at]
     start, end = ends_of(task)
-    first = Task.between(here, end, task.path[at:])
-    last = Task.between(start, here, task.path[: at + 1])
-    split = tuple(
-        part.model_copy(update={"pauses": tuple(p for p in task.pauses if p.at in part.path[1:])})
-        for part in (first, last)
-    )
-    return human.model_copy(update={"tasks": (split[0], *tasks[k + 1 :], *tasks[:k], split[1])})
+    rest, begun = task.path[at:], task.path[: at + 1]
+    first = Task.between(here, end, rest, tuple(p for p in task.pauses if p.at in rest[1:]))
+    last = Task.between(start, here, begun, tuple(p for p in task.pauses if p.at in begun[1:]))
+    return (first, *tasks[k + 1 :], *tasks[:k], last)
 
 
 def at_places(tasks: tuple[Task, ...]) -> tuple[Task, ...]:

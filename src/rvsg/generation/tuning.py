@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,6 +63,10 @@ class TuningSpace:
     @property
     def start(self) -> Vector:
         """The vector of the configuration as proposed."""
+        return self._start.copy()
+
+    @cached_property
+    def _start(self) -> Vector:
         return np.array([self._scaled(dimension) for dimension in self.dimensions])
 
     def configuration(self, vector: Sequence[float] | Vector) -> HumanConfiguration | None:
@@ -137,10 +142,10 @@ class TuningSpace:
             return None
         if "pause" in values or "pause at" in values:
             tasks = _paused(tasks, _first_pause(before), values)
-        changed = begin_at(human.model_copy(update={"tasks": tasks}), *_at(tasks, values.get("begins", begins)))
+        tasks = begin_at(tasks, *_at(tasks, values.get("begins", begins)))
         delay = round(values.get("delay", human.start_delay_s), 1)
         speed = round(values.get("speed", human.speed_m_s), 2)
-        return changed.model_copy(update={"start_delay_s": delay, "speed_m_s": speed})
+        return human.model_copy(update={"tasks": tasks, "start_delay_s": delay, "speed_m_s": speed})
 
     def _moved(self, tasks: tuple[Task, ...], values: dict[str, float]) -> tuple[Task, ...] | None:
         """The tasks with some stops at other waypoints of their areas."""

@@ -4,17 +4,23 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from functools import lru_cache
 
 from rvsg.generation.people_sampler import ends_of
 from rvsg.generation.places import Place
 from rvsg.scenario.scenario import Human
 
 
-def named_in(activity: str, places: Sequence[Place]) -> list[tuple[Place, ...]]:
+def named_in(activity: str, places: Sequence[Place]) -> tuple[tuple[Place, ...], ...]:
     """Return the places that an activity names, in its order: one by its name, or all of a kind.
 
     A longer name counts before a shorter one in it: in "the large shelves" no "shelf" is named.
     """
+    return _named_in(activity, tuple(places))
+
+
+@lru_cache(maxsize=256)
+def _named_in(activity: str, places: tuple[Place, ...]) -> tuple[tuple[Place, ...], ...]:
     text = activity.lower()
     found: list[tuple[int, int, tuple[Place, ...]]] = []
     names: dict[str, list[Place]] = {}
@@ -28,7 +34,7 @@ def named_in(activity: str, places: Sequence[Place]) -> list[tuple[Place, ...]]:
         for match in re.finditer(rf"\b{_any_number(name)}\b", text):
             if all(match.end() <= begin or end <= match.start() for begin, end, _ in found):
                 found.append((match.start(), match.end(), tuple(dict.fromkeys(names[name]))))
-    return [named for _, _, named in sorted(found, key=lambda each: each[:2])]
+    return tuple(named for _, _, named in sorted(found, key=lambda each: each[:2]))
 
 
 def _any_number(name: str) -> str:

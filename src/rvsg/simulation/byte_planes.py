@@ -7,7 +7,8 @@ arrays follow one another, the lowest first, so that the compression finds alike
 from __future__ import annotations
 
 import lzma
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from itertools import chain, islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,27 +18,49 @@ Integers = NDArray[np.int64]
 MOST_DIFFERENCES = 2
 WORTHWHILE = 0.75
 """Repeated rows are left out if less than this share of the rows changes."""
-FILTERS = [{"id": lzma.FILTER_LZMA2, "preset": 6, "lc": 1, "lp": 0, "pb": 0, "dict_size": 1 << 18}]
+_LITERALS = {"lc": 1, "lp": 0, "pb": 0}
+FILTERS = [{"id": lzma.FILTER_LZMA2, "mode": lzma.MODE_FAST, "mf": lzma.MF_HC4, "dict_size": 1 << 18, **_LITERALS}]
+"""The fast mode takes a quarter of the time of the usual one, and 4 % more bytes."""
 
 
 def encode(arrays: Sequence[Integers]) -> bytes:
     """Encode arrays of integers below 2**59, (rows, columns) each with at least one row."""
-    marks, rules, folded = [], [], []
+    if not arrays:
+        return lzma.compress(b"", format=lzma.FORMAT_RAW, filters=FILTERS)
+    marks, kept = [], []
     for array in arrays:
         changed = np.ones(len(array), np.bool_)
         changed[1:] = (array[1:] != array[:-1]).any(axis=1)
-        thinned = bool(changed.mean() < WORTHWHILE)
-        rules.append(int(thinned))
-        if thinned:
-            marks.append(np.packbits(changed).tobytes())
-        for column in (array[changed] if thinned else array).T:
-            order, rest = min(_differenced(column), key=lambda found: float(np.log2(np.abs(found[1]) + 1.0).sum()))
-            numbers = fold(rest)
-            width = (int(numbers.max()).bit_length() + 7) // 8
-            rules.append(order + (MOST_DIFFERENCES + 1) * width)
-            folded.append((width, numbers.view(np.uint8).reshape(-1, 8)))
-    planes = [numbers[:, k].tobytes() for k in range(8) for width, numbers in folded if k < width]
-    return lzma.compress(b"".join([bytes(rules), *marks, *planes]), format=lzma.FORMAT_RAW, filters=FILTERS)
+        thinned = np.count_nonzero(changed) < WORTHWHILE * len(array)
+        marks.append(np.packbits(changed).tobytes() if thinned else b"")
+        kept.append((array[changed] if thinned else array).T)
+    lengths = np.array([len(column) for array in kept for column in array])
+    orders, widths, numbers = _coded(np.concatenate([array.reshape(-1) for array in kept]), lengths)
+    found = iter((orders + (MOST_DIFFERENCES + 1) * widths).tolist())
+    rules = [[int(bool(mark)), *islice(found, len(array))] for mark, array in zip(marks, kept, strict=True)]
+    planes = np.ascontiguousarray(numbers.view(np.uint8).reshape(-1, 8).T)
+    coded = [planes[k][np.repeat(widths > k, lengths)].tobytes() for k in range(int(widths.max()))]
+    return lzma.compress(b"".join([bytes(chain(*rules)), *marks, *coded]), format=lzma.FORMAT_RAW, filters=FILTERS)
+
+
+def _coded(columns: Integers, lengths: Integers) -> tuple[Integers, Integers, NDArray[np.uint64]]:
+    """Return of columns, one after the other, how often each is differenced, the bytes of a number, and the numbers.
+
+    All at once: for a column of some hundred rows numpy takes longer to begin than to compute.
+    """
+    starts = np.concatenate([[0], np.cumsum(lengths[:-1])])
+    orders = [columns]
+    for _ in range(MOST_DIFFERENCES):
+        differenced = orders[-1].copy()
+        differenced[1:] -= orders[-1][:-1]
+        differenced[starts] = orders[-1][starts]
+        orders.append(differenced)
+    costs = [np.add.reduceat(np.log2(np.abs(each) + 1.0), starts) for each in orders]
+    best = np.argmin(costs, axis=0)
+    numbers = fold(np.choose(np.repeat(best, lengths), orders))
+    most = np.maximum.reduceat(numbers, starts)
+    widths = np.array([(int(number).bit_length() + 7) // 8 for number in most])
+    return best, widths, numbers
 
 
 def decode(data: bytes, shapes: Sequence[tuple[int, int]], largest: int) -> list[Integers]:
@@ -104,13 +127,6 @@ def fold(values: Integers) -> NDArray[np.uint64]:
 def unfold(values: NDArray[np.uint64]) -> Integers:
     """Return what `fold` was given."""
     return (values >> np.uint64(1)).astype(np.int64) ^ -((values & np.uint64(1)).astype(np.int64))
-
-
-def _differenced(column: Integers) -> Iterator[tuple[int, Integers]]:
-    """Yield the column differenced 0 to 2 times, as long as before."""
-    for order in range(MOST_DIFFERENCES + 1):
-        yield order, column
-        column = np.diff(column, prepend=np.zeros(1, np.int64))
 
 
 def _summed(values: Integers, order: int) -> Integers:
