@@ -16,13 +16,14 @@ from rvsg.exchange.ros2_world import Ros2World
 from rvsg.scenario.bodies import Trolley
 
 DRIVE = Path(__file__).with_name("drive_world.py")
+BUSY = {"start_limit_s": 600.0}  # a process that imports and compiles may start late
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("people_msgs", [False, pytest.param(True, marks=pytest.mark.exhaustive)])
 def test_the_recorded_run_is_the_one_that_the_world_played(people_msgs: bool) -> None:
     topic = "people" if people_msgs else "human_states"
-    told = run_isolated(DRIVE, world={"people_msgs": people_msgs, "topic": topic}, options={"people": f"/{topic}"})
+    told = run_isolated(DRIVE, world={"people_msgs": people_msgs, "topic": topic}, options={"people": f"/{topic}", **BUSY})
     assert told["outcome"] == "REACHED"
     assert told["names"] == ["Ann", "Bob"]
     assert told["t"][0] == 0.0
@@ -47,7 +48,7 @@ def test_people_of_hunavsims_own_agent_manager_are_recorded() -> None:
 
 @pytest.mark.slow
 def test_a_world_that_stops_or_lacks_people_is_told() -> None:
-    stopped = run_isolated(DRIVE, world={"stop_at_s": 1.0}, options={"answer_limit_s": 1.0})
+    stopped = run_isolated(DRIVE, world={"stop_at_s": 1.0}, options={"answer_limit_s": 1.0, **BUSY})
     assert stopped["outcome"] == "STACK_FAILED"
     lacking = run_isolated(DRIVE, world={"topic": "elsewhere"}, options={"start_limit_s": 30.0})
     assert "agent1, agent2 on /human_states" in lacking["error"]
