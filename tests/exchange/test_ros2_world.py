@@ -23,7 +23,9 @@ BUSY = {"start_limit_s": 600.0}  # a process that imports and compiles may start
 @pytest.mark.parametrize("people_msgs", [False, pytest.param(True, marks=pytest.mark.exhaustive)])
 def test_the_recorded_run_is_the_one_that_the_world_played(people_msgs: bool) -> None:
     topic = "people" if people_msgs else "human_states"
-    told = run_isolated(DRIVE, world={"people_msgs": people_msgs, "topic": topic}, options={"people": f"/{topic}", **BUSY})
+    told = run_isolated(
+        DRIVE, world={"people_msgs": people_msgs, "topic": topic}, options={"people": f"/{topic}", **BUSY}
+    )
     assert told["outcome"] == "REACHED"
     assert told["names"] == ["Ann", "Bob"]
     assert told["t"][0] == 0.0
