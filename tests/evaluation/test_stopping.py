@@ -43,9 +43,9 @@ def coverage(q):
             covered += probability * covers(violations, runs, q)
             spent += probability * runs
             continue
-        for bad in range(step + 1):
+        for bad, chance in enumerate(binom.pmf(np.arange(step + 1), step, q)):
             state = (violations + bad, runs + step)
-            waiting[state] = waiting.get(state, 0.0) + probability * binom.pmf(bad, step, q)
+            waiting[state] = waiting.get(state, 0.0) + probability * chance
     return covered, spent
 
 
@@ -55,8 +55,13 @@ def simulated(q, rng):
     while step := more(violations, runs):
         violations += int(rng.binomial(step, q))
         runs += step
-    interval = judge(CLEARANCE, objectives(violations, runs)).violation_interval
+    interval = judged(violations, runs)
     return interval is not None and interval[0] <= q <= interval[1]
+
+
+@cache
+def judged(violations, runs):
+    return judge(CLEARANCE, objectives(violations, runs)).violation_interval
 
 
 def ends():

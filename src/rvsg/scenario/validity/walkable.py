@@ -41,6 +41,8 @@ def _leads_through(start: NDArray[np.float64], end: NDArray[np.float64], world: 
     if not space.segments_free(start[None], end[None])[0]:
         return False
     step = space.frame.resolution
+    if space.segments_free(start[None], end[None], BODY_HALF_WIDTH_M + 2 * step)[0]:
+        return True  # nothing is near, as on most hops
     low, high = np.minimum(start, end) - SIDE_M, np.maximum(start, end) + SIDE_M
     x, y = (np.arange(first, last + step, step) for first, last in zip(low, high, strict=True))
     points = np.stack(np.meshgrid(x, y), axis=-1)
