@@ -46,10 +46,12 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         "chip": "FAIL",
     }
     row |= {"violated": "15 of 15", "contacts": "0 of 15", "people": "yes"}
-    pin = Pin(link=link, address="#run=a&t=1.0", name="route_1, R1, scenario 1", x=1.0, y=2.0, row=row)
+    pin = Pin(
+        link=link, address="#run=a&t=1.0", name="route_1, R1, scenario 1", x=1.0, y=2.0, world=warehouse(), row=row
+    )
     found["overview"] = folder / "overview.html"
     several = [(link, the_plan, summary), ("route_3-R3/report.html", the_plan, summary)]
-    text = render_overview(several, command="rvsg run", world=warehouse(), pins=[pin])
+    text = render_overview(several, command="rvsg run", pins=[pin])
     found["overview"].write_text(text, encoding="utf-8")
     return found
 

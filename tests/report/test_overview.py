@@ -17,6 +17,7 @@ from rvsg.report.overview import Reported, pins_of, render_overview, write_overv
 from rvsg.report.page import render_page
 from rvsg.report.summary import summarise
 from rvsg.world.drawing.view import known_window
+from rvsg.world.io.load import load_world
 
 
 def reported(link: str = "route_1-R1/report.html", status: Status | None = None, **changes: object) -> Reported:
@@ -135,10 +136,14 @@ def test_every_finding_has_a_pin_where_it_happens_and_a_row_that_opens_it() -> N
     assert near and set(near) <= {area.name for area in warehouse().areas}
     shown = [("a/report.html", the_plan, summarise(the_plan, changed))]
     other = dataclasses.replace(pin, address="#run=x&t=1.0", x=pin.x + 1.0)
-    text = render_overview(shown, command="rvsg run", world=warehouse(), pins=[pin, other])
+    text = render_overview(shown, command="rvsg run", pins=[pin, other])
     assert text.count('class="pin"') == 2
     for each in (pin, other):
         assert text.count(f'href="a/report.html{escape(each.address)}"') == 2, "on the map and in the table"
+    elsewhere = dataclasses.replace(other, world=load_world("office"))
+    both = render_overview(shown, command="rvsg run", pins=[pin, elsewhere])
+    assert both.count('<figure id="map-') == 2 and both.count('class="pin"') == 2
+    assert re.findall(r">(\d)</text></g></a>", both) == ["1", "2"], "numbered as in the table"
     kept = confirmation.replace(verdict=judge(the_plan.requirement, [2.0] * 15))
     changed = [kept if a is confirmation else a for a in attempts]
     found = findings(the_plan, changed, run_of=ledger.run, world=warehouse())

@@ -234,8 +234,7 @@ def report_all(folder: Path, campaigns: Sequence[Campaign], command: str, *, mis
     if campaigns:
         reported = [(f"{each.folder.name}/{each.page().name}", each.plan, each.summary()) for each in campaigns]
         pins = [pin for each, known in zip(campaigns, reported, strict=True) for pin in _pins(each, known[0])]
-        world = campaigns[0].world if len({each.plan.mission.world_id for each in campaigns}) == 1 else None
-        write_overview(page, reported, command=command, missing=missing, world=world, pins=pins)
+        write_overview(page, reported, command=command, missing=missing, pins=pins)
     return page
 
 

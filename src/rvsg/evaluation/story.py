@@ -76,16 +76,18 @@ def story_of(
 
 
 def _namer(world: World | None) -> PlaceAt:
-    """Return a function from x and y to a place with the names of its waypoint and its area, e.g. `F15 (Area 4)`."""
+    """Return a function from x and y to a place with the names of its waypoint and its area, e.g. `F15 (Area 4)`.
+
+    The area is that by which answers and failures speak of the position.
+    """
     if world is None:
         return place_namer(None)
 
     name = place_namer(world)
 
     def at(x: float, y: float) -> Place:
-        place = name(x, y)
-        area = place_name(world, *world.grid.position(place.waypoint)) if place.waypoint else ""
-        return place if area in ("", place.waypoint) else place.replace(waypoint=f"{place.waypoint} ({area})")
+        place, area = name(x, y), place_name(world, x, y)
+        return place if area == place.waypoint else place.replace(waypoint=f"{place.waypoint} ({area})")
 
     return at
 

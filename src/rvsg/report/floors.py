@@ -20,21 +20,26 @@ def floor_svg(world: World) -> str:
     )
 
 
-def area_colours(world: World, floor: FloorPlan) -> str:
-    """Return the style of the areas, as in `rvsg world draw`, and of their names on a narrow screen."""
+def area_colours(world: World, floor: FloorPlan, *, within: str = "") -> str:
+    """Return the style of the areas, as in `rvsg world draw`, and of their names on a narrow screen.
+
+    Args:
+        within: The selector of the element that holds the plan, on a page with several.
+    """
+    at = f"{within} " if within else ""
     kinds = (area.kind for area in world.areas)
     names = list(dict.fromkeys(kinds))
     rules = []
     for ink, wrap in ((LIGHT, "{}"), (DARK, "@media (prefers-color-scheme: dark){{{}}}")):
         colours = ink.kind_colours(names).values()
         tints = "".join(
-            f".plan .kind-{place}{{fill:{css};stroke:{css};fill-opacity:{ink.tint}}}"
+            f"{at}.plan .kind-{place}{{fill:{css};stroke:{css};fill-opacity:{ink.tint}}}"
             for place, css in enumerate("#{:02x}{:02x}{:02x}".format(*colour) for colour in colours)
         )
         rules.append(wrap.format(tints))
     size = narrow_size(floor)
+    words = ",".join(f"{at}{each}" for each in (".still .area-name", ".map .area-name", ".pin text"))
     rules.append(
-        f"@media (max-width:640px){{.still .area-name,.map .area-name,.pin text{{font-size:{size:.3f}px}}"
-        f".pin circle{{r:{0.8 * size:.3f}px}}}}"
+        f"@media (max-width:640px){{{words}{{font-size:{size:.3f}px}}{at}.pin circle{{r:{0.8 * size:.3f}px}}}}"
     )
     return "".join(rules)

@@ -86,8 +86,9 @@ def caption(run: RunFacts, t_s: float) -> str:
         before = min(int(np.searchsorted(path.t, t_s - PERIOD_S + 1e-9)), row)  # what the replay says at this time
         gap = sampled(run.run).gap[before : row + 1]
         least, person = (int(k) for k in np.unravel_index(int(gap.argmin()), gap.shape))
-        if gap[least, person] <= 0.0:
-            text += f", in contact with {run.run.human_names[person]}"
+        touched = [c.person for c in run.contacts if c.time_s <= t_s + 1e-6 and t_s - PERIOD_S <= c.until_s]
+        if touched or gap[least, person] <= 0.0:  # a short contact can lie between two samples
+            text += f", in contact with {touched[0] if touched else run.run.human_names[person]}"
         else:
             text += f", {run.run.human_names[person]} is {metres(float(gap[least, person]))} away"
     if row == len(path) - 1:

@@ -49,6 +49,7 @@ class Pin:
     name: str
     x: float
     y: float
+    world: World
     row: Mapping[str, str]
     """What the table of findings says of it."""
 
@@ -86,7 +87,9 @@ def _pin(
     }
     address = f"#run={worst.run_id}&t={facts.decisive_s:.1f}"
     name = f"{campaign}, scenario {scenario}"
-    return Pin(link=link, address=address, name=name, x=facts.decisive_at.x, y=facts.decisive_at.y, row=row)
+    return Pin(
+        link=link, address=address, name=name, x=facts.decisive_at.x, y=facts.decisive_at.y, world=world, row=row
+    )
 
 
 def write_overview(path: Path, reported: Sequence[Reported], **how: Any) -> None:
@@ -99,7 +102,6 @@ def render_overview(
     *,
     command: str,
     missing: int = 0,
-    world: World | None = None,
     pins: Sequence[Pin] = (),
 ) -> str:
     """Return the page of one or more campaigns of one command, finished or not.
@@ -107,8 +109,7 @@ def render_overview(
     Args:
         command: The command that repeats them all.
         missing: How many more have not begun.
-        world: The world of the campaigns, for the map.
-        pins: Where the findings happen.
+        pins: Where the findings happen; the page has a map for each of their worlds.
     """
     template = environment().get_template("overview.html")
     missions = [plan.mission for _, plan, _ in reported]
@@ -120,7 +121,7 @@ def render_overview(
         headline=_headline(reported),
         tiles=_tiles(reported),
         matrix=_matrix(reported),
-        map=_map(world, pins) if world is not None and pins else None,
+        maps=_maps(pins),
         findings=[{**pin.row, "link": quote(pin.link) + pin.address} for pin in pins],
         rows=[_row(*each) for each in reported],
         command=escape(command),
@@ -163,12 +164,22 @@ def _cell(link: str, plan: Plan, summary: Summary) -> dict[str, Any]:
     }
 
 
-def _map(world: World, pins: Sequence[Pin]) -> dict[str, Any]:
-    """Draw the floor plan with a numbered pin for each finding."""
+def _maps(pins: Sequence[Pin]) -> list[dict[str, Any]]:
+    """Draw the plan of each world in which there are findings, with a numbered pin for each of them."""
+    worlds = {pin.world.id: pin.world for pin in pins}
+    numbered = list(enumerate(pins, 1))
+    return [
+        _map(f"map-{place}", world, [(k, pin) for k, pin in numbered if pin.world.id == world.id])
+        for place, world in enumerate(worlds.values(), 1)
+    ]
+
+
+def _map(id_: str, world: World, pins: Sequence[tuple[int, Pin]]) -> dict[str, Any]:
+    """Draw the floor plan with its numbered pins."""
     plan = floor_plan(world, tooltips=False)
     turn = Turn.of(plan.matrix)
     left, top, width, height = (float(v) for v in plan.view_box.split())
-    points = [turn.point(pin.x, pin.y) for pin in pins]
+    points = [turn.point(pin.x, pin.y) for _, pin in pins]
     radius = pin_radius(plan.view_box)
     places = spread(points, radius, (left, top, left + width, top + height))
     marks = [
@@ -180,13 +191,15 @@ def _map(world: World, pins: Sequence[Pin]) -> dict[str, Any]:
             "y": f"{py:.2f}",
             "from": f"{x:.2f} {y:.2f}" if (px, py) != (x, y) else "",
         }
-        for number_, (pin, (x, y), (px, py)) in enumerate(zip(pins, points, places, strict=True), 1)
+        for (number_, pin), (x, y), (px, py) in zip(pins, points, places, strict=True)
     ]
     return {
+        "id": id_,
+        "title": world.title,
         "box": plan.view_box,
         "floor": Markup(plan.shapes),  # noqa: S704 - made by us, its names escaped
         "names": Markup(narrow_names(plan)),  # noqa: S704
-        "look": Markup(area_colours(world, plan)),  # noqa: S704
+        "look": Markup(area_colours(world, plan, within=f"#{id_}")),  # noqa: S704
         "pins": marks,
         "radius": f"{radius:.2f}",
         "letter": f"{1.35 * radius:.2f}",

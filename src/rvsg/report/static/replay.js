@@ -35,7 +35,7 @@
 (function (root) {
   "use strict";
   const SVG = "http://www.w3.org/2000/svg";
-  const FAR_STEP = 5, PART_M = 0.25, SMALLEST_PX = 11.5, LARGEST_PX = 17;
+  const FAR_STEP = 5, PART_M = 0.25, SHORT_M = 0.03, SMALLEST_PX = 11.5, LARGEST_PX = 17;
   const SPEEDS = [0.25, 0.5, 1, 2, 5, 10];
   const LANES = [["gap", "gap"], ["contact", "contact"], ["standing", "standing"], ["recovery", "recovery"], ["violated", "violated"]];
 
@@ -601,7 +601,8 @@
       const h = nearest(s, t);
       if (h >= 0) {
         const gap = at(s.gap, s, t);
-        text += " Nearest: " + state.group.people[h].name + ", " + (gap <= 0 ? "in contact" : gap < 1 ? Math.max(1, Math.round(gap * 100)) + " cm away" : gap.toFixed(1) + " m away") + ".";
+        const touching = gap <= 0 || gap < SHORT_M && (state.run.lanes.contact || []).some(function (c) { return c[0] <= t + 1e-6 && t - s.period <= c[1]; });
+        text += " Nearest: " + state.group.people[h].name + ", " + (touching ? "in contact" : gap < 1 ? Math.max(1, Math.round(gap * 100)) + " cm away" : gap.toFixed(1) + " m away") + ".";
       }
       const judged = state.run.judged ? curveAt(state.run.judged, t) : null;
       if (judged !== null) text += " " + r.quantity.charAt(0).toUpperCase() + r.quantity.slice(1) + ": " + number(judged, r.unit) + (r.limit !== null ? " (limit " + number(r.limit, r.unit) + ")" : "") + ".";
