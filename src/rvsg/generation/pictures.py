@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
 from rvsg.generation.vlm.messages import Picture
 from rvsg.world.world import Route, World
+
+if TYPE_CHECKING:
+    from PIL.Image import Image
 
 Way = tuple[tuple[float, float, float], ...]
 PICTURE_WIDTH_PX = 1600
 MAP_WIDTH_PX, SMALL_MAP_WIDTH_PX = 1024, 512
 """Widths of the labelled map. Services cut pictures into tiles of 512 x 512 and charge for each."""
-_MOST_DRAWN = 8
-_DRAWN: dict[tuple[str, str, str, Way], tuple[Picture, Picture, Picture]] = {}
-_SEEN: dict[tuple[str, str], Picture] = {}
+_MOST_KEPT = 24
+_KEPT: dict[tuple[object, ...], Picture] = {}
 
 
 def pictures_of(world: World, route: Route | None = None, way: Way = ()) -> tuple[Picture, Picture]:
@@ -21,7 +26,11 @@ def pictures_of(world: World, route: Route | None = None, way: Way = ()) -> tupl
         way: The drive without people as (seconds, x, y). The labelled map shows it with a mark every 5 s, instead of
             the straight lines between the points of the route.
     """
-    return _drawn(world, route, way)[:2]
+    from rvsg.world.drawing import grid_picture
+
+    name = "grid of waypoints"
+    grid = _kept((name, world.id, world.title), lambda: grid_picture(world, width_px=PICTURE_WIDTH_PX))
+    return _labelled(world, route, way, MAP_WIDTH_PX), grid
 
 
 def small_map_of(world: World, route: Route | None = None, way: Way = ()) -> Picture:
@@ -29,24 +38,27 @@ def small_map_of(world: World, route: Route | None = None, way: Way = ()) -> Pic
 
     It is enough for a refinement, which knows its areas and waypoints; the text holds the grid.
     """
-    return _drawn(world, route, way)[2]
+    return _labelled(world, route, way, SMALL_MAP_WIDTH_PX)
 
 
-def _drawn(world: World, route: Route | None, way: Way) -> tuple[Picture, Picture, Picture]:
-    key = (world.id, world.title, route.id if route else "", way)
-    if key not in _DRAWN:
-        from rvsg.world.drawing import grid_picture, labelled_map, png_bytes
+def _labelled(world: World, route: Route | None, way: Way, width_px: int) -> Picture:
+    from rvsg.world.drawing import labelled_map
 
-        drive = way if _moves(way) else None
-        labelled, small = (
-            Picture(name="labelled map", png=png_bytes(labelled_map(world, width_px=width, route=route, way=drive)))
-            for width in (MAP_WIDTH_PX, SMALL_MAP_WIDTH_PX)
-        )
-        grid = Picture(name="grid of waypoints", png=png_bytes(grid_picture(world, width_px=PICTURE_WIDTH_PX)))
-        while len(_DRAWN) >= _MOST_DRAWN:
-            _DRAWN.pop(next(iter(_DRAWN)))
-        _DRAWN[key] = (labelled, grid, small)
-    return _DRAWN[key]
+    drive = way if _moves(way) else None
+    key = ("labelled map", world.id, world.title, route.id if route else "", way, width_px)
+    return _kept(key, lambda: labelled_map(world, width_px=width_px, route=route, way=drive))
+
+
+def _kept(key: tuple[str, *tuple[object, ...]], draw: Callable[[], Image]) -> Picture:
+    """Return the picture of a key, whose first part is its name; drawn if it is not kept."""
+    if key not in _KEPT:
+        from rvsg.world.drawing import png_bytes
+
+        picture = Picture(name=key[0], png=png_bytes(draw()))
+        while len(_KEPT) >= _MOST_KEPT:
+            _KEPT.pop(next(iter(_KEPT)))
+        _KEPT[key] = picture
+    return _KEPT[key]
 
 
 def _moves(way: Way) -> bool:
@@ -62,11 +74,6 @@ def birdseye_of(world: World) -> Picture | None:
     """
     if not world.objects:
         return None
-    key = (world.id, world.title)
-    if key not in _SEEN:
-        from rvsg.world.drawing import png_bytes
-        from rvsg.world.drawing.birdseye import birdseye
+    from rvsg.world.drawing.birdseye import birdseye
 
-        _SEEN.clear()
-        _SEEN[key] = Picture(name="bird's-eye view", png=png_bytes(birdseye(world, width_px=PICTURE_WIDTH_PX)))
-    return _SEEN[key]
+    return _kept(("bird's-eye view", world.id, world.title), lambda: birdseye(world, width_px=PICTURE_WIDTH_PX))
