@@ -147,7 +147,7 @@ def _cut_one(body: Triangles, height: float) -> Any | None:
     segments = _segments(body, height)
     if not len(segments):
         return None
-    lines = shapely.union_all(shapely.linestrings(segments), grid_size=_GRID_M)
+    lines = shapely.union_all(_chains(segments), grid_size=_GRID_M)
     faces, cuts, dangles, _ = shapely.polygonize_full(shapely.get_parts(lines))
     is_inside, edges = (_wound, segments) if _is_oriented(body) else (_odd, _edges(lines))
     inside = [face for face in shapely.get_parts(faces) if is_inside(face, edges)]
@@ -157,6 +157,15 @@ def _cut_one(body: Triangles, height: float) -> Any | None:
     open_lines = [g for g in (cuts, dangles) if not g.is_empty]
     inside += [line.buffer(SHEET_M / 2, cap_style="flat") for line in open_lines]
     return shapely.union_all(inside) if inside else None
+
+
+def _chains(segments: Floats) -> Any:
+    """Return segments (K, 2, 2) as lines without straight corners: a wall of thousands of small faces is one piece."""
+    ends = np.round(segments / _GRID_M).astype(np.int64)
+    swapped = (ends[:, 0] > ends[:, 1])[:, 0] | ((ends[:, 0, 0] == ends[:, 1, 0]) & (ends[:, 0, 1] > ends[:, 1, 1]))
+    ends[swapped] = ends[swapped, ::-1]
+    pieces = shapely.linestrings(np.unique(ends.reshape(-1, 4), axis=0).reshape(-1, 2, 2) * _GRID_M)
+    return shapely.simplify(shapely.get_parts(shapely.line_merge(shapely.multilinestrings(pieces))), _GRID_M)
 
 
 def _edges(lines: Any) -> Floats:
@@ -249,9 +258,10 @@ def _seen_from_above(bodies: Sequence[Triangles], low: float, high: float) -> An
     """Return the faces that lie wholly between two heights, seen from above; very many of them as 5 cm squares."""
     corners = np.concatenate([body.vertices[body.faces] for body in bodies])
     corners = corners[((corners[..., 2] >= low) & (corners[..., 2] <= high)).all(axis=1)][..., :2]
+    (ax, ay), (bx, by) = (corners[:, 1] - corners[:, 0]).T, (corners[:, 2] - corners[:, 0]).T
+    corners = corners[np.abs(ax * by - ay * bx) > 2e-8]  # the cuts show the upright faces
     if len(corners) <= MANY_FACES:
-        flat = shapely.polygons(corners)
-        return shapely.union_all(shapely.make_valid(flat[shapely.area(flat) > 1e-8]))
+        return shapely.union_all(shapely.make_valid(shapely.polygons(corners)))
     points = np.concatenate([corners.reshape(-1, 2), corners.mean(axis=1)])
     cells = np.unique(np.floor(points / SQUARE_M).astype(np.int64), axis=0) * SQUARE_M
     return shapely.union_all(shapely.box(cells[:, 0], cells[:, 1], cells[:, 0] + SQUARE_M, cells[:, 1] + SQUARE_M))
