@@ -6,9 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from rvsg.api.campaign import Campaign
 from rvsg.api.worlds import doors_in
 from rvsg.core.documents import DocumentError
-from rvsg.core.errors import UnknownName
+from rvsg.core.errors import InvalidScenario, UnknownName
 from rvsg.scenario.migrate import migrate
 from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Scenario, Task
 from rvsg.scenario.validity import check
@@ -100,6 +101,13 @@ def test_a_scenario_opens_and_closes_doors_and_the_world_stays_the_same(rooms: P
     assert check(HumanConfiguration(humans=()), mission, world) == ()
     again = with_doors(opened, {})
     assert again.grid == world.grid and again.place_id == world.id
+
+
+def test_a_campaign_whose_only_way_is_closed_does_not_begin(rooms: Path) -> None:
+    with pytest.raises(InvalidScenario):
+        Campaign.create(world=str(rooms), route="across", out=str(rooms / "campaign"))
+    assert not (rooms / "campaign").exists()
+    assert Campaign.create(world=str(rooms), route="across", doors={"Door": "open"}, out=str(rooms / "c")).plan
 
 
 def test_a_hop_through_a_closed_door_is_refused_with_the_reason(rooms: Path) -> None:

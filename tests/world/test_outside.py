@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
 from shapely import Polygon
 
-from rvsg.core.errors import FileError
+from rvsg.core.errors import FileError, InputError
 from rvsg.world.authoring.create import Created, mapped, world_from_sdf
 from rvsg.world.authoring.outside import Choices
 from rvsg.world.io.sdf import load_sdf
@@ -152,3 +153,72 @@ def test_pillars_in_a_room_of_the_same_model_leave_its_floor_open(tmp_path: Path
     walls += [wall("d", (4.1, 5.0), (0.0, 5.0)), wall("pillar", (2.4, 2.6), (2.4, 2.6))]
     space = floor(tmp_path, f'<sdf version="1.7"><model name="m"><link name="l">{"".join(walls)}</link></model></sdf>')
     assert space.is_free(1.5, 1.5) and not space.is_free(2.5, 2.5)
+
+
+Corners = list[tuple[float, float]]
+U = [(0, 0), (30, 0), (30, 25), (26, 25), (26, 4), (4, 4), (4, 25), (0, 25)]
+L = [(0, 0), (40, 0), (40, 4), (4, 4), (4, 30), (0, 30)]
+T = [(0, 0), (40, 0), (40, 4), (22, 4), (22, 30), (18, 30), (18, 4), (0, 4)]
+U_COURT = (15.0, 15.0)
+
+
+def outline(corners: Corners, *, doors: int = 0, gap_m: float = 1.0) -> str:
+    """Walls of 0.2 m along a line from corner to corner; with a gap in the middle of the first so many."""
+    walls = []
+    for n, ((x0, y0), (x1, y1)) in enumerate(pairwise(corners)):
+        (low, left), (high, right) = sorted([(x0, y0), (x1, y1)])
+        level = y0 == y1
+        begin, end = (low, high) if level else (left, right)
+        middle, half = (begin + end) / 2, gap_m / 2
+        pieces = [(begin, middle - half), (middle + half, end)] if n < doors else [(begin, end)]
+        for k, (a, b) in enumerate(pieces):
+            along, across = (a - 0.1, b + 0.1), ((y0 if level else x0) - 0.1, (y0 if level else x0) + 0.1)
+            walls.append(wall(f"w{n} {k}", *((along, across) if level else (across, along))))
+    return f'<sdf version="1.7"><model name="m"><link name="l">{"".join(walls)}</link></model></sdf>'
+
+
+@pytest.mark.parametrize("doors", [0, 1])
+@pytest.mark.parametrize(
+    ("corners", "inside", "outside"),
+    [
+        (U, [(15, 2), (2, 15), (28, 15)], [U_COURT, (15, 23), (6, 6)]),
+        (L, [(20, 2), (2, 15)], [(20, 15)]),
+        (T, [(10, 2), (20, 20)], [(10, 15), (30, 15)]),
+    ],
+)
+def test_floor_between_wings_is_outside(
+    tmp_path: Path, doors: int, corners: Corners, inside: Corners, outside: Corners
+) -> None:
+    space = floor(tmp_path, outline([*corners, corners[0]], doors=doors))
+    assert all(space.is_free(*at) for at in inside)
+    assert not any(space.is_free(*at) for at in outside)
+
+
+def test_a_person_keeps_the_floor_between_wings(tmp_path: Path) -> None:
+    text = outline([*U, U[0]], doors=1)
+    space = floor(tmp_path, text, indoors=((15, 8),))
+    assert space.is_free(15, 8)
+    with pytest.raises(InputError) as caught:
+        floor(tmp_path, text, indoors=((15, 24),))
+    assert caught.value.code == "no-floor"
+
+
+def test_a_hall_that_is_open_at_the_front_is_inside(tmp_path: Path) -> None:
+    """Three walls; then with an office in its corner, whose door is 1 m wide."""
+    hall = outline([(0, 30), (0, 0), (20, 0), (20, 30)])
+    office = outline([(6, 0), (6, 6), (0, 6)], doors=1).partition('<link name="l">')[2].replace('name="w', 'name="o')
+    for text in (hall, hall.replace("</link></model></sdf>", office)):
+        space = floor(tmp_path, text)
+        assert space.is_free(10, 15) and space.is_free(3, 20)
+
+
+def test_a_hall_with_a_wide_gate_between_rooms_is_inside(tmp_path: Path) -> None:
+    """A hall of 20 x 20 m with a gate of 4 m, and rooms of 4 m behind its other walls, each with a door."""
+    hall = outline([(0, 0), (20, 0), (20, 20), (0, 20)], doors=3).replace('name="w', 'name="h')
+    front = outline([(0, 20), (0, 0)], doors=1, gap_m=4.0).replace('name="w', 'name="f')
+    around = outline([(0, 0), (0, -4), (24, -4), (24, 24), (0, 24), (0, 20)]).replace('name="w', 'name="a')
+    text = hall
+    for part in (front, around):
+        text = text.replace("</link></model></sdf>", part.partition('<link name="l">')[2])
+    space = floor(tmp_path, text)
+    assert space.is_free(10, 10) and space.is_free(22, 10)

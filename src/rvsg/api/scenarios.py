@@ -162,6 +162,16 @@ def check_valid(scenario: Scenario, world: World) -> tuple[Finding, ...]:
     return validity.warnings(scenario.people, scenario.mission, world)
 
 
+def check_mission(mission: Mission, world: World) -> None:
+    """Refuse a mission that no people can make valid, e.g. one whose only way a closed door bars.
+
+    Raises:
+        InvalidScenario: with every finding.
+    """
+    if findings := validity.check(HumanConfiguration(humans=()), mission, world):
+        raise InvalidScenario("The mission is not valid:", [str(finding) for finding in findings])
+
+
 def check_route(route: Route, world: World) -> None:
     """Refuse a route that starts or ends inside an obstacle."""
     space = robot_space(world)

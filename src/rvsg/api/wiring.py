@@ -12,7 +12,7 @@ from typing import Any
 from rvsg.api.config import BUDGETS, CampaignConfig
 from rvsg.api.remembered import COPY, read_remembered
 from rvsg.api.requirements import load_requirement
-from rvsg.api.scenarios import check_route, mission_of
+from rvsg.api.scenarios import check_mission, check_route, mission_of
 from rvsg.api.simulating import make_simulator
 from rvsg.api.worlds import doors_in, load_moved, load_world
 from rvsg.campaign.accounting import Limits
@@ -146,6 +146,7 @@ def wire(
     own = simulator is None
     simulator = make_simulator(simulator or config.simulator_spec, stack or config.stack_spec(paths))
     mission, notes = mission_of(world, route, paths.get(config.robot, config.robot), simulator)
+    check_mission(mission, world)
     requirement = load_requirement(paths.get(config.requirement, config.requirement), mission.route)
     also = also_of(config, requirement, mission, paths, several=getattr(strategy_class, "needs_several", False))
     generator = _generator_of(config, paths, generator, simulator, world)

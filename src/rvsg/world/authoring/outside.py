@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from rvsg.core.errors import InputError
 from rvsg.world.authoring.rooms import Labels, Room, indoors, rooms_of
+from rvsg.world.authoring.yards import open_courts, widely_open
 from rvsg.world.raster import Bools, Frame
 from rvsg.world.space import frame_of, human_space_of, main_floor
 from rvsg.world.world import FREE, OCCUPIED, UNKNOWN, OccupancyMap, SolidObject
@@ -70,7 +71,7 @@ def main_part(parts: NDArray[np.int32], sizes: NDArray[np.int64], frame: Frame, 
     from scipy.ndimage import binary_fill_holes
 
     largest = int(sizes.argmax())
-    around = np.unique(np.concatenate([parts[0], parts[-1], parts[:, 0], parts[:, -1]]))
+    around = widely_open(parts, frame.resolution)
     if ceilings is not None:
         covered = np.bincount(parts[ceilings], minlength=len(sizes))
         covered[0] = 0
@@ -78,7 +79,7 @@ def main_part(parts: NDArray[np.int32], sizes: NDArray[np.int64], frame: Frame, 
             return int(covered.argmax())
     if largest in around:
         closed = sizes.copy()
-        closed[around] = 0
+        closed[sorted(around)] = 0
         least = max(CLOSED_M2 / frame.resolution**2, CLOSED_SHARE * parts.size)
         return int(closed.argmax()) if closed.max() >= least and _is_around(parts, largest, frame) else largest
     for other in np.argsort(-sizes, kind="stable")[1:4]:
@@ -94,7 +95,10 @@ def _is_around(parts: NDArray[np.int32], number: int, frame: Frame) -> bool:
     """Return whether few places of an open part lie between walls."""
     cells = np.where(parts == 0, OCCUPIED, np.where(parts == number, FREE, UNKNOWN)).astype(np.uint8)
     inside = indoors(OccupancyMap(cells=cells, resolution=frame.resolution, origin=frame.origin))
-    return bool(inside.sum() < INDOOR_SHARE * np.count_nonzero(parts == number))
+    free = parts == number
+    for court in open_courts(free, inside, (parts > 0) & ~free, frame.resolution):
+        inside &= ~court
+    return bool(inside.sum() < INDOOR_SHARE * np.count_nonzero(free))
 
 
 def within(
@@ -114,17 +118,23 @@ def within(
     edges = (free[0], free[-1], free[:, 0], free[:, -1])
     told = ceilings is not None and np.count_nonzero(free & ceilings) >= CEILING_SHARE * np.count_nonzero(free)
     outside = np.zeros_like(free)
+    courts: list[_Part] = []
     if any(edge.any() for edge in edges) and not told:
         inside = indoors(occupancy)
         if inside.sum() < INDOOR_SHARE * np.count_nonzero(free):
             return None
         outside = free & ~inside
+        why = "it lies wide open to the outside, between rooms of the building"
+        courts = [
+            _Part(cells, _middle(cells, frame_of(occupancy)), why)
+            for cells in open_courts(free, inside, np.zeros_like(free), occupancy.resolution)
+        ]
         notes.append("the building has openings to the outside; the floor outside of it is taken as unknown.")
     floor = _map_of(occupancy, free & ~outside)
     labels, frame, rooms = _rooms(objects, floor)
     parts = _open_sky(floor, ceilings) if told and ceilings is not None else []
     if not told:
-        parts = _courtyards(floor, objects, labels, frame, rooms)
+        parts = [*courts, *_courtyards(floor, objects, labels, frame, rooms)]
     parts = [part for part in parts if not _chosen(part, choices.indoors, frame_of(occupancy))]
     for x, y in choices.outdoors:
         parts.append(_about((x, y), floor, labels, frame))
@@ -136,6 +146,11 @@ def within(
             f"{size:.0f} m² of floor about ({x:.1f}, {y:.1f}) are taken as outside: {part.why}. "
             + ("" if (x, y) in choices.outdoors else f"--indoors {x:.1f},{y:.1f} makes them floor of the building.")
         )
+    for at in choices.indoors:
+        if frame_of(occupancy).looked_up_at(outside, *at):
+            raise InputError(
+                f"--indoors {at[0]:g},{at[1]:g}: too few walls stand about it; it lies outside.", code="no-floor"
+            )
     if not told and not choices.outdoors and len(without_building(objects, floor)) < len(objects):
         notes += _doubtful(rooms, parts, labels, frame)
     return _map_of(occupancy, free & ~outside) if outside.any() else occupancy
