@@ -7,6 +7,7 @@ import pytest
 from tests.campaign.parts import REQUIREMENT, Counted, measure, warehouse
 from tests.coded import coded
 
+from rvsg.campaign.attempt import Measurement
 from rvsg.campaign.measuring import Measuring
 from rvsg.campaign.parallel import Simulations
 from rvsg.campaign.shrink import Shrinking, simpler, size
@@ -14,6 +15,7 @@ from rvsg.cli import main
 from rvsg.core.errors import InputError
 from rvsg.scenario.scenario import Behaviour, Human, HumanConfiguration, Mission, Pause, Scenario, Task
 from rvsg.scenario.validity import check
+from rvsg.simulation.run import Run
 
 WORLD = warehouse()
 ROUTE = WORLD.route("route_1")
@@ -61,6 +63,20 @@ def test_people_and_details_that_do_not_matter_are_taken_away() -> None:
     assert found.after.violations == found.after.runs == 4
     assert found.runs == simulator.runs
     assert found.original == crowd()
+
+
+def test_trials_are_judged_and_neither_packed_nor_measured_otherwise() -> None:
+    judged: list[int] = []
+
+    def judge_only(run: Run, place: object = None) -> Measurement:
+        judged.append(run.seed)
+        return measure(run).replace(values={})
+
+    simulations = Simulations(Counted(), WORLD, measure=measure, judged=judge_only)  # type: ignore[arg-type]
+    trial, stored = simulations.submit(crowd(), 1, trial=True), simulations.submit(crowd(), 1)
+    assert trial.measurement() == measure(stored.result().unpack()).replace(values={})  # type: ignore[union-attr]
+    assert judged == [1] and stored.measurement().values.keys() == {"dto"}  # type: ignore[union-attr]
+    assert simulations.submit(crowd(), 1, trial=True).measurement() is trial.measurement()
 
 
 def test_what_matters_stays_and_is_said_to_have_been_tried() -> None:

@@ -28,6 +28,7 @@ from rvsg.core.records import text_id
 from rvsg.core.seeds import seed_for
 from rvsg.generation.generator import Call
 from rvsg.scenario.brief import Encounter, Feedback
+from rvsg.scenario.scenario import Scenario
 from rvsg.world.world import World
 
 WITHOUT_MODEL = "The budget of the model is spent, or its record ends. The search continues without it."
@@ -47,7 +48,7 @@ def stream_campaign(plan: Plan, strategy: Strategy, parts: Parts) -> Iterator[Ev
     ends with the same records. An error of the generator is raised after everything proposed before it is simulated
     and stored.
     """
-    shared = Sharing()
+    shared = Sharing(folds=True)
     attempts = [shared(attempt) for attempt in parts.ledger.attempts(plan.name)]
     yield Started(campaign=plan.name, plan=plan, attempts=len(attempts), runs=sum(a.runs for a in attempts))
     for known in search_attempts(attempts):
@@ -69,6 +70,7 @@ class FeedbackFrom:
     def __init__(self, ledger: Ledger, plan: Plan, world: World) -> None:
         self._ledger, self._plan, self._world = ledger, plan, world
         self._modes: dict[str, FailureMode | None] = {}
+        self._kinds: dict[FailureMode | None, FailureMode | None] = {}
 
     def __call__(self, attempt: Attempt, previous: Attempt | None) -> Feedback:
         """Return the feedback."""
@@ -89,7 +91,8 @@ class FeedbackFrom:
             if measurement.objective is None or not self._plan.requirement.violated_by(measurement.objective):
                 continue
             if measurement.run_id not in self._modes:
-                self._modes[measurement.run_id] = mode_of(self._ledger.run(measurement.run_id), self._world)
+                mode = mode_of(self._ledger.run(measurement.run_id), self._world)
+                self._modes[measurement.run_id] = self._kinds.setdefault(mode, mode)
             found.append(self._modes[measurement.run_id])
         return tuple(mode for mode in found if mode is not None)
 
@@ -150,16 +153,17 @@ class _Tried:
     """The configurations of the search, each with its first attempt and the seeds of the runs of that."""
 
     def __init__(self, attempts: Sequence[Attempt]) -> None:
-        self._first: dict[str, tuple[Attempt, tuple[int, ...]]] = {}
+        self._first: dict[str, tuple[int, Scenario | None, tuple[int, ...]]] = {}
         for attempt in attempts:
             self.first(attempt, (*(m.seed for m in attempt.measurements), *(f.seed for f in attempt.failures)))
 
-    def first(self, attempt: Attempt, seeds: tuple[int, ...]) -> tuple[Attempt, tuple[int, ...]]:
-        """Return the first attempt with the same people, which may be this one, and its seeds."""
+    def first(self, attempt: Attempt, seeds: tuple[int, ...]) -> tuple[int, Scenario | None, tuple[int, ...]]:
+        """Return the first attempt with the same people, which may be this one: index, scenario and seeds."""
         scenario = attempt.proposal.scenario
+        found = (attempt.index, scenario, seeds)
         if scenario is None:
-            return attempt, seeds
-        return self._first.setdefault(text_id("people", scenario.people.model_dump_json()), (attempt, seeds))
+            return found
+        return self._first.setdefault(text_id("people", scenario.people.model_dump_json()), found)
 
 
 def _begin(
@@ -186,8 +190,7 @@ def _begin(
     seeds = ask.seeds
     if seeds is None:
         seeds = tuple(seed_for(plan.seed, "search", index, repeat) for repeat in range(plan.repeats))
-    first, known = tried.first(attempt, seeds)
-    if ask.proposal is None and first is not attempt:
-        same = proposal.replace(scenario=first.proposal.scenario)
-        attempt, seeds = attempt.replace(proposal=same, same_as=first.index), known
+    first, scenario, known = tried.first(attempt, seeds)
+    if ask.proposal is None and first != attempt.index:
+        attempt, seeds = attempt.replace(proposal=proposal.replace(scenario=scenario), same_as=first), known
     return attempt, submit(attempt, seeds, parts)

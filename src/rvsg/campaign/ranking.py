@@ -138,7 +138,7 @@ def candidates(attempts: Iterable[Attempt], requirement: Requirement) -> list[At
 def remember(attempts: Iterable[Attempt], requirement: Requirement, *, last: int) -> tuple[Remembered, ...]:
     """Return the memory for a new scenario: the `last` scenarios, each by its best configuration."""
     attempts, found = list(attempts), []
-    for group in by_scenario(attempts):
+    for group in by_scenario(attempts)[-last:] if last else ():
         attempt = worst_by_mean(group, requirement)
         assert attempt is not None
         scenario, verdict = attempt.proposal.scenario, attempt.verdict
@@ -155,7 +155,7 @@ def remember(attempts: Iterable[Attempt], requirement: Requirement, *, last: int
                 runs=verdict.runs,
             )
         )
-    return tuple(found[-last:]) if last else ()
+    return tuple(found)
 
 
 def lessons_of(memory: Iterable[Remembered]) -> tuple[str, ...]:

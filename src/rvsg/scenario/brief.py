@@ -8,6 +8,7 @@ from pydantic import Field
 
 from rvsg.core.records import Record
 from rvsg.scenario.aim import Aim
+from rvsg.scenario.folded import Foldable
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission, Scenario
 
@@ -249,9 +250,9 @@ class Brief(Record):
     seed: Annotated[int, Field(ge=0)]
     scenario_index: Annotated[int, Field(ge=0)] = 0
     configuration_index: Annotated[int, Field(ge=0)] = 0
-    feedback: Feedback | None = None
+    feedback: Annotated[Feedback, Foldable] | None = None
     memory: tuple[Remembered, ...] = ()
-    untold: Feedback | None = None
+    untold: Annotated[Feedback, Foldable] | None = None
     """What the last configuration before a new scenario measured, where no refinement was told of it."""
     lessons: tuple[str, ...] = ()
     """What the generator learnt from the other scenarios, for a refinement."""
