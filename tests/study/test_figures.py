@@ -42,9 +42,9 @@ def test_the_honest_figure_leaves_the_selecting_run_out(tmp_path):
 
 def test_equal_material_gives_equal_bytes_and_a_strange_name_a_harmless_file(tmp_path):
     strange = "../$x_1$ & <b>"
-    (first,) = write_repeat_figures(material(strange), tmp_path, honest=True)
+    (first,) = write_repeat_figures(material(strange, ("route_1",)), tmp_path, honest=True)
     before = first.read_bytes()
-    (again,) = write_repeat_figures(material(strange), tmp_path, honest=True)
+    (again,) = write_repeat_figures(material(strange, ("route_1",)), tmp_path, honest=True)
     assert again == first and first.parent == tmp_path and again.read_bytes() == before
     ElementTree.fromstring(before)
 

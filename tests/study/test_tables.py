@@ -43,6 +43,13 @@ def made(tmp_path_factory):
         yield ledger, folder
 
 
+@pytest.fixture(scope="module")
+def written(made):
+    ledger, folder = made
+    write_tables(ledger, out=folder / "out")
+    return folder / "out"
+
+
 def lookup(rows):
     return {(row.requirement, row.route, row.method, row.metric): row.value for row in rows}
 
@@ -102,17 +109,15 @@ def test_p_values_are_corrected_within_a_requirement_and_comparison():
     assert [row.value for row in corrected(rows)] == pytest.approx([0.02, 0.04, 0.04])
 
 
-def test_all_tables_are_written_in_three_formats(made):
-    ledger, folder = made
-    write_tables(ledger, out=folder / "out")
+def test_all_tables_are_written_in_three_formats(written):
     for way in ("published", "honest"):
         for name in ("rq1", "rq2", "rq3"):
-            with (folder / "out" / way / f"{name}.csv").open(newline="") as file:
+            with (written / way / f"{name}.csv").open(newline="") as file:
                 rows = list(csv.DictReader(file))
             assert rows
             assert set(rows[0]) == {"requirement", "route", "method", "metric", "value"}
-            assert "| route_1 |" in (folder / "out" / way / f"{name}.md").read_text() or name == "rq2"
-            tex = (folder / "out" / way / f"{name}.tex").read_text()
+            assert "| route_1 |" in (written / way / f"{name}.md").read_text() or name == "rq2"
+            tex = (written / way / f"{name}.tex").read_text()
             assert tex.count("\\begin{table}") == tex.count("\\end{table}") > 0
             assert "route\\_1" in tex or name == "rq2"
 
@@ -169,13 +174,11 @@ def test_a_run_that_was_refused_is_named_below_the_tables(tmp_path):
             assert tex.index("Left out") > tex.rfind("\\end{table}")
 
 
-def test_an_undefined_value_is_a_dash_and_the_dash_is_explained(made):
-    ledger, folder = made
-    write_tables(ledger, out=folder / "out")
+def test_an_undefined_value_is_a_dash_and_the_dash_is_explained(written):
     for name in ("rq1", "rq3"):
-        text = (folder / "out" / "honest" / f"{name}.md").read_text()
+        text = (written / "honest" / f"{name}.md").read_text()
         rows = [line for line in text.splitlines() if line.startswith("| ")]
         assert not any("|  |" in row for row in rows)
         dashed = [row for row in rows if "| – |" in row]
         assert bool(dashed) == ("–: no value." in text)
-    assert "–: no value." in (folder / "out" / "honest" / "rq3.md").read_text()  # the row of the numbers of runs
+    assert "–: no value." in (written / "honest" / "rq3.md").read_text()  # the row of the numbers of runs
