@@ -86,9 +86,10 @@ class Part(NamedTuple):
 class Mistake(Exception):
     """A mistake at an index of the formula."""
 
-    def __init__(self, at: int, message: str) -> None:
+    def __init__(self, at: int, code: str, message: str) -> None:
         super().__init__(message)
         self.at = at
+        self.code = code
 
 
 def read(text: str, signals: Collection[str]) -> Node:
@@ -105,7 +106,7 @@ def read(text: str, signals: Collection[str]) -> Node:
     except VisitError as error:
         raise error.orig_exc from None
     if not part.formula:
-        raise Mistake(part.at, "the formula is a number: compare it with something")
+        raise Mistake(part.at, "formula-is-number", "the formula is a number: compare it with something")
     return part.node
 
 
@@ -119,7 +120,7 @@ def _refuse_nested(text: str) -> None:
     for at, sign in enumerate(text):
         depth += (sign == "(") - (sign == ")")
         if depth > DEEPEST + 1:
-            raise Mistake(at, f"nested deeper than {DEEPEST}")
+            raise Mistake(at, "formula-deep", f"nested deeper than {DEEPEST}")
 
 
 def _mistake_of(error: UnexpectedInput, text: str, signals: Collection[str]) -> Mistake:
@@ -131,20 +132,22 @@ def _mistake_of(error: UnexpectedInput, text: str, signals: Collection[str]) -> 
         if word.group() not in (*signals, *KEYWORDS, *FUNCTIONS, "inf", "s"):
             return _unknown(word.group(), word.start(), signals)
     if text.startswith(("=", "!="), at):
-        return Mistake(at, "signals are never exactly equal; compare with <, <=, > or >=")
+        return Mistake(at, "formula-equality", "signals are never exactly equal; compare with <, <=, > or >=")
     if isinstance(error, UnexpectedCharacters) or token is None:
-        return Mistake(at, f'"{text[at]}" has no meaning here')
+        return Mistake(at, "formula-character", f'"{text[at]}" has no meaning here')
     found = "the end of the formula" if ended else f'"{token}"'
     expected: set[str] = set(getattr(error, "expected", ()))
     if "NAME" in expected:
         should = "a signal, a number or a formula"
         return Mistake(
-            at, f"the formula ends where {should} should follow" if ended else f"expected {should}, found {found}"
+            at,
+            "formula-ends" if ended else "formula-expected",
+            f"the formula ends where {should} should follow" if ended else f"expected {should}, found {found}",
         )
     if "INF" in expected:
-        return Mistake(at, f"expected seconds from now (a number >= 0, or inf), found {found}")
+        return Mistake(at, "formula-interval", f"expected seconds from now (a number >= 0, or inf), found {found}")
     if token.type == "COMPARE" and "AND" in expected:
-        return Mistake(at, 'one comparison at a time: join two with "and"')
+        return Mistake(at, "formula-comparisons", 'one comparison at a time: join two with "and"')
     opened: list[int] = []
     for i, sign in enumerate(text[:at]):
         if sign in "([":
@@ -152,16 +155,16 @@ def _mistake_of(error: UnexpectedInput, text: str, signals: Collection[str]) -> 
         elif sign in ")]":
             opened.pop()
     if not opened:
-        return Mistake(at, f"the formula is complete before {found}")
+        return Mistake(at, "formula-rest", f"the formula is complete before {found}")
     if text[opened[-1]] == "[":
-        return Mistake(at, f'an interval is "[low, high]": found {found}')
-    return Mistake(at, f'expected ")" to close the "(" at character {opened[-1] + 1}, found {found}')
+        return Mistake(at, "formula-interval", f'an interval is "[low, high]": found {found}')
+    return Mistake(at, "formula-open", f'expected ")" to close the "(" at character {opened[-1] + 1}, found {found}')
 
 
 def _unknown(name: str, at: int, signals: Collection[str]) -> Mistake:
     near = difflib.get_close_matches(name, [*signals, *KEYWORDS], n=1, cutoff=0.5)
     asked = f' Did you mean "{near[0]}"?' if near else ""
-    return Mistake(at, f'there is no signal "{name}".{asked} Known: {", ".join(sorted(signals))}')
+    return Mistake(at, "formula-signal", f'there is no signal "{name}".{asked} Known: {", ".join(sorted(signals))}')
 
 
 @v_args(inline=True)
@@ -202,18 +205,18 @@ class _Builder(Transformer_NonRecursive[Token, Part]):
     def compared(self, left: Part, sign: Token, right: Part) -> Part:
         for part in (left, right):
             if part.formula:
-                raise Mistake(part.at, f'"{sign}" compares numbers, and this is a formula')
+                raise Mistake(part.at, "formula-operand", f'"{sign}" compares numbers, and this is a formula')
         if not (left.measured or right.measured):
             known = ", ".join(sorted(self.signals))
             same = "this compares numbers alone and is the same in every run"
-            raise Mistake(left.at, f"{same}; name a signal, one of {known}")
+            raise Mistake(left.at, "formula-constant", f"{same}; name a signal, one of {known}")
         greater, smaller = (left, right) if sign in (">", ">=") else (right, left)
         return _deeper(Comparison(greater.node, smaller.node), True, left.at, left, right)
 
     def arithmetic(self, left: Part, sign: Token, right: Part) -> Part:
         _numbers(sign, left, right)
         if sign == "/" and not right.measured and not right.node.values(np.zeros(1), {})[0]:
-            raise Mistake(right.at, "this divides by zero: the formula would never have a value")
+            raise Mistake(right.at, "formula-division", "this divides by zero: the formula would never have a value")
         return _deeper(Arithmetic(str(sign), left.node, right.node), False, left.at, left, right)  # type: ignore[arg-type]
 
     def negative(self, sign: Token, part: Part) -> Part:
@@ -225,14 +228,14 @@ class _Builder(Transformer_NonRecursive[Token, Part]):
 
     def function(self, name: Token, *parts: Part) -> Part:
         if len(parts) != FUNCTIONS[name]:
-            raise Mistake(_start(name), f"{name} takes {FUNCTIONS[name]} values, got {len(parts)}")
+            raise Mistake(_start(name), "formula-values", f"{name} takes {FUNCTIONS[name]} values, got {len(parts)}")
         _numbers(name, *parts)
         second = parts[1].node if len(parts) > 1 else None
         return _deeper(Arithmetic(str(name), parts[0].node, second), False, _start(name), *parts)  # type: ignore[arg-type]
 
     def number(self, token: Token) -> Part:
         if float(token) == float("inf"):
-            raise Mistake(_start(token), "this number is too large")
+            raise Mistake(_start(token), "formula-large", "this number is too large")
         return Part(Number(float(token)), False, _start(token))
 
     def signal(self, token: Token) -> Part:
@@ -245,9 +248,11 @@ class _Builder(Transformer_NonRecursive[Token, Part]):
 
     def interval(self, opened: Token, low: float, high: float) -> Interval:
         if low > high:
-            raise Mistake(_start(opened), f"the interval ends ({high:g} s) before it begins ({low:g} s)")
+            raise Mistake(
+                _start(opened), "formula-interval", f"the interval ends ({high:g} s) before it begins ({low:g} s)"
+            )
         if low == float("inf"):
-            raise Mistake(_start(opened), "the interval begins at infinity")
+            raise Mistake(_start(opened), "formula-interval", "the interval begins at infinity")
         return Interval(low, high)
 
 
@@ -258,7 +263,7 @@ def _start(token: Token) -> int:
 def _deeper(node: Node, formula: bool, at: int, *parts: Part) -> Part:
     depth = 1 + max(part.depth for part in parts)
     if depth > MOST_NODES_DEEP:
-        raise Mistake(at, f"more than {MOST_NODES_DEEP} operations depend on each other")
+        raise Mistake(at, "formula-deep", f"more than {MOST_NODES_DEEP} operations depend on each other")
     return Part(node, formula, at, any(part.measured for part in parts), depth)
 
 
@@ -272,10 +277,12 @@ def _interval_and_part(rest: tuple[Part | Interval, ...]) -> tuple[Interval, Par
 def _formulas(word: Token, *parts: Part) -> None:
     for part in parts:
         if not part.formula:
-            raise Mistake(part.at, f'"{word}" joins formulas, and this is a number: compare it with something')
+            raise Mistake(
+                part.at, "formula-operand", f'"{word}" joins formulas, and this is a number: compare it with something'
+            )
 
 
 def _numbers(sign: Token, *parts: Part) -> None:
     for part in parts:
         if part.formula:
-            raise Mistake(part.at, f'"{sign}" works on numbers, and this is a formula')
+            raise Mistake(part.at, "formula-operand", f'"{sign}" works on numbers, and this is a formula')

@@ -22,11 +22,11 @@ LONGEST = 2000
 class FormulaError(InputError):
     """A formula that cannot be read: `position` counts characters from 1; the message points at the place."""
 
-    def __init__(self, formula: str, position: int, message: str) -> None:
+    def __init__(self, formula: str, position: int, message: str, *, code: str) -> None:
         self.formula = formula
         self.position = position
         self.reason = message
-        super().__init__(f"{message} (at character {position})\n  {formula}\n  {' ' * (position - 1)}^")
+        super().__init__(f"{message} (at character {position})\n  {formula}\n  {' ' * (position - 1)}^", code=code)
 
 
 def parse(text: str, signals: Collection[str]) -> Node:
@@ -42,9 +42,10 @@ def parse(text: str, signals: Collection[str]) -> Node:
     from rvsg.evaluation.temporal_grammar import Mistake, read  # loads lark, which most commands do not need
 
     if len(text) > LONGEST:
-        raise FormulaError(text[:60], 1, f"the formula has {len(text)} characters; at most {LONGEST} are read")
+        long = f"the formula has {len(text)} characters; at most {LONGEST} are read"
+        raise FormulaError(text[:60], 1, long, code="formula-long")
     text = " ".join(text.split())
     try:
         return read(text, signals)
     except Mistake as mistake:
-        raise FormulaError(text, mistake.at + 1, str(mistake)) from None
+        raise FormulaError(text, mistake.at + 1, str(mistake), code=mistake.code) from None
