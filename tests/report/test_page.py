@@ -380,6 +380,7 @@ def test_the_conversation_of_a_model_stands_on_the_page_as_text(tmp_path: Any) -
     text = page(the_plan, changed, ledger, recording=recording)
     reader = Reader()
     reader.feed(text)
+    assert "replayed" not in text and "replayed" in page(the_plan, changed, ledger, recording=recording, replayed=True)
     assert "an answer" in text and "&lt;script&gt;alert(1)" in text and "img" not in reader.tags
 
 

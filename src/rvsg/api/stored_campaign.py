@@ -182,7 +182,11 @@ class StoredCampaign:
             attempts = list(ledger.attempts(self.name))
             simulator = described(self.record.simulator)
             runs = {measured.run_id for attempt in attempts for measured in attempt.measurements}
-            how: dict[str, Any] = {"traces": traces_beside(page, runs), "recording": self._recording()}
+            how: dict[str, Any] = {
+                "traces": traces_beside(page, runs),
+                "recording": self._recording(),
+                "replayed": self.config.replay is not None,
+            }
             how |= {"world": place, "run_of": ledger.run, "command": self.command, "simulator": simulator}
             above = self.folder.parent
             known = (above / MATRIX).exists() or (store_of(above) is None and (above / REPORT).is_file())

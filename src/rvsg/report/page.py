@@ -70,6 +70,7 @@ def render_page(
     overview: str = "",
     traces: Sequence[Mapping[str, Any]] = (),
     recording: Recording | None = None,
+    replayed: bool = False,
 ) -> str:
     """Return the page of a campaign, finished or not.
 
@@ -79,6 +80,7 @@ def render_page(
         overview: The address of the overview this campaign belongs to, seen from the page.
         traces: Traces of runs of the campaign, as `trace_view` makes them; the replay shows them.
         recording: The calls of a model, where they are kept.
+        replayed: Whether the model answered earlier, in another campaign.
     """
     run_of = cache(run_of)  # facts, findings and the table of encounters ask for the same runs
     shown = Shown(
@@ -118,6 +120,7 @@ def render_page(
             broken=broken(failure_map(attempts, requirement, run_of=run_of, world=world)),
             rule=rule(requirement),
             search_svg=Markup(search_chart(plan, attempts)),  # noqa: S704 - made by us, its words escaped
+            replayed=replayed,
             thoughts=_thoughts(shown, Conversations(recording)),
             runs=run_rows(shown),
             box=shown.floor.view_box,

@@ -10,13 +10,18 @@ import numpy as np
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.plan import Plan
 from rvsg.campaign.ranking import search_attempts
+from rvsg.evaluation.wording import percent
 from rvsg.generation.generator import Call
 from rvsg.report.conversation import Conversations
 from rvsg.report.frames import Look
 from rvsg.report.summary import counted, interval, number
+from rvsg.report.words import metres
 from rvsg.scenario.brief import Feedback
 from rvsg.scenario.scenario import HumanConfiguration
 from rvsg.world.world import World
+
+WIDTH_M, WIDEST = 0.12, 3
+"""Width of a planned path; those drawn under others are wider, up to so many times more, so that all are seen."""
 
 
 def thinking(
@@ -64,6 +69,7 @@ def _configuration(
         "calls": _calls(proposal.calls),
         "map": _paths(proposal.scenario.people if proposal.scenario else None, before, world, look, colours),
         "changed": before is not None,
+        "people": _who(proposal.scenario.people if proposal.scenario else None, colours),
     }
 
 
@@ -74,14 +80,15 @@ def _feedback(feedback: Feedback | None, unit: str) -> list[str]:
     low, high = feedback.interval
     lines = [f"Mean {number(feedback.mean, unit)} ({number(low)} to {number(high, unit)})."]
     if feedback.violation_share is not None:
-        lines.append(f"Violated in {feedback.violation_share:.0%} of runs.")
+        lines.append(f"Violated in {percent(feedback.violation_share)} of runs.")
     lines += [
-        f"{moment.time_s:.1f} s: robot at {moment.robot_at}, {moment.closest_human} {moment.gap_m:.2f} m away"
-        f"{'; ' + moment.note if moment.note else ''}."
+        f"{moment.time_s:.1f} s: robot at {moment.robot_at}, {moment.closest_human} is {metres(moment.gap_m)} away"
+        f"{'; ' + moment.note.replace('m/s2', 'm/s²') if moment.note else ''}."
         for moment in feedback.moments
     ]
     lines += [
-        f"{each.name}: closest gap {each.closest_gap_m:.2f} m, within 2 m for {each.share_within_2_m:.0%} of the time."
+        f"{each.name}: closest gap {metres(each.closest_gap_m)}, within 2 m for {percent(each.share_within_2_m)} of "
+        "the time."
         for each in feedback.influences
     ]
     return lines
@@ -119,8 +126,16 @@ def _paths(
         for place, human in enumerate(configuration.humans if configuration else ()):
             if before is not None and kind == "planned before" and _same_path(human.name, before, people):
                 continue
-            parts.append(_path(_waypoints(human), at, look, colours[place % len(colours)], kind))
+            under = min(WIDEST, len(configuration.humans) - 1 - place) if configuration else 0
+            colour = colours[place % len(colours)]
+            parts.append(_path(_waypoints(human), at, look, colour, kind, WIDTH_M * (1 + under)))
     return "".join([*parts, "</svg>"])
+
+
+def _who(people: HumanConfiguration | None, colours: Sequence[str]) -> list[dict[str, str]]:
+    """Return the names of the people and the colours of their paths."""
+    humans = people.humans if people else ()
+    return [{"name": human.name, "colour": colours[k % len(colours)]} for k, human in enumerate(humans)]
 
 
 def _waypoints(human: Any) -> list[str]:
@@ -132,11 +147,13 @@ def _same_path(name: str, before: HumanConfiguration, after: HumanConfiguration)
     return paths[0] == paths[1]
 
 
-def _path(names: Sequence[str], at: Mapping[str, tuple[float, float]], look: Look, colour: str, kind: str) -> str:
+def _path(
+    names: Sequence[str], at: Mapping[str, tuple[float, float]], look: Look, colour: str, kind: str, width: float
+) -> str:
     known = np.array([at[name] for name in names if name in at])
     if not len(known):
         return ""
     x, y = look.turn.points(known[:, 0], known[:, 1])
     points = " ".join(f"{a:.2f},{b:.2f}" for a, b in zip(x, y, strict=True))
     start = f'<circle r="0.2" cx="{x[0]:.2f}" cy="{y[0]:.2f}" fill="{colour}"/>' if kind == "planned" else ""
-    return f'<polyline class="{kind}" stroke="{colour}" points="{points}"/>{start}'
+    return f'<polyline class="{kind}" stroke="{colour}" stroke-width="{width:.2f}" points="{points}"/>{start}'
