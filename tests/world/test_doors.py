@@ -4,17 +4,21 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+import rvsg
 from rvsg.api.campaign import Campaign
+from rvsg.api.evaluating import judge, write_page
 from rvsg.api.worlds import doors_in
 from rvsg.core.documents import DocumentError
 from rvsg.core.errors import InvalidScenario, UnknownName
 from rvsg.scenario.migrate import migrate
 from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Scenario, Task
 from rvsg.scenario.validity import check
+from rvsg.simulation.run import Outcome
 from rvsg.world.compare import differences
-from rvsg.world.doors import Door
+from rvsg.world.doors import Door, State
 from rvsg.world.doorways import with_doors
 from rvsg.world.io.load import load_world
 from rvsg.world.io.save import save_world
@@ -153,3 +157,34 @@ def test_a_moved_object_and_a_closed_door_count_in_the_distance_to_obstacles(roo
     assert driving_space(opened).clearance(4.0, 2.6) > 0.5
     assert driving_space(world).clearance(4.0, 2.6) == 0.0
     assert robot_space(world).clearance(4.0, 2.6) > 0.5
+
+
+@pytest.mark.slow
+def test_a_robot_takes_another_way_where_a_door_is_closed(tmp_path: Path) -> None:
+    (tmp_path / "world.yaml").write_text(FILES["world.yaml"].replace("spacing_m: 1.0", "spacing_m: 0.7"))
+    (tmp_path / "labels.yaml").write_text(FILES["labels.yaml"])
+    (tmp_path / "objects.yaml").write_text("""\
+objects:
+  - {name: wall, footprint: [[0, 0], [12, 0], [12, 10], [0, 10]], height: 2.5,
+     holes: [[[0.1, 0.1], [11.9, 0.1], [11.9, 9.9], [0.1, 9.9]]]}
+  - {name: low, box: {center: [6, 1.15, 1], size: [0.1, 2.1, 2]}}
+  - {name: middle, box: {center: [6, 5.1, 1], size: [0.1, 3.0, 2]}}
+  - {name: high, box: {center: [6, 9.0, 1], size: [0.1, 2.0, 2]}}
+""")
+    (tmp_path / "routes.yaml").write_text(
+        "routes: [{name: across, start: {x: 1.5, y: 2.5}, goal: {x: 10.5, y: 2.5}, time_limit_s: 90}]"
+    )
+    (tmp_path / "doors.yaml").write_text(
+        "doors:\n  - {name: South, hinge: [6, 2.2], end: [6, 3.6], kind: sliding, state: open}\n"
+        "  - {name: North, hinge: [6, 6.6], end: [6, 8.0], kind: sliding, state: open}\n"
+    )
+    crossed: dict[State, float] = {}
+    for state in ("open", "closed"):
+        made = rvsg.scenario(tmp_path, "across", doors={"South": state})
+        runs = rvsg.simulate(made, seeds=1, world=tmp_path)
+        way = runs[0].trajectory
+        assert runs[0].outcome is Outcome.REACHED
+        crossed[state] = float(way.y[np.abs(way.x - 6.0).argmin()])
+        write_page(tmp_path / f"{state}.html", judge(runs, "R1", scenario=made), runs, scenario=made, world=tmp_path)
+        assert f"South is {state}" in (tmp_path / f"{state}.html").read_text()
+    assert crossed["open"] < 4.0 and crossed["closed"] > 6.5

@@ -111,6 +111,7 @@ def render_page(
             happened=what_happens(shown, subject) if subject else None,
             people=people_rows(subject) if subject else [],
             shown_tasks=SHOWN_TASKS,
+            doors=plan.mission.doors,
             sure=how_sure(final) if final is not None else "",
             ended=why_ended(final) if final is not None else "",
             curse=_curse(plan, shown.summary, shown.candidate.verdict if shown.candidate else None),

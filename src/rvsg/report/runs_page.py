@@ -83,6 +83,7 @@ def write_runs_page(
         happened=what_happens(shown, facts),
         people=people_rows(facts),
         shown_tasks=SHOWN_TASKS,
+        doors=mission.doors,
         box=floor.view_box,
         floor=Markup(floor.shapes),  # noqa: S704 - made by us, its words escaped
         names=Markup(narrow_names(floor)),  # noqa: S704

@@ -21,6 +21,7 @@ from rvsg.world.authoring.routes import robot_stands
 from rvsg.world.authoring.trial import Trial
 from rvsg.world.fitting import clearance_m, fitted
 from rvsg.world.io.load import places_in, route_names, routes_in, told_apart
+from rvsg.world.passages import narrow_passages, passing_m
 from rvsg.world.route_words import length_m, line_of
 from rvsg.world.world import Route
 
@@ -74,6 +75,7 @@ def check_routes(s: Subject) -> None:
             )
             s.say(s.routes, message, "routes", index, serious=True)
         _check_time(s, index, route)
+        _check_passing(s, index, route)
 
 
 def _fitted(s: Subject, index: int, route: Route) -> Route:
@@ -140,6 +142,19 @@ def _check_time(s: Subject, index: int, route: Route) -> None:
         s.say(s.routes, message, "routes", index, "time_limit_s", fix=fix)
     if math.dist((route.start.x, route.start.y), (route.goal.x, route.goal.y)) < 0.5 and not route.through:
         s.say(s.routes, f"{route.name} ends where it starts", "routes", index, "goal")
+
+
+def _check_passing(s: Subject, index: int, route: Route) -> None:
+    """Say where on a route the chosen robot and a person cannot pass each other; only the narrowest place."""
+    if s.driver is None:
+        return
+    for place in narrow_passages(s.world, line_of(s.world, route), robot=s.driver, most=1):
+        message = (
+            f"on {route.name}, {s.driver.name} and a person cannot pass each other at ({place.x:.1f}, {place.y:.1f}), "
+            f"near {place.waypoint}: the way is {place.width_m:.2f} m wide, they need {passing_m(s.driver):.2f} m. "
+            "One of them has to wait"
+        )
+        s.say(s.routes, message, "routes", index)
 
 
 def drive_routes(s: Subject, trial: Trial) -> None:
