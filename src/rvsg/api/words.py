@@ -16,6 +16,7 @@ from rvsg.generation.generator import Call, Proposal
 from rvsg.generation.vlm.budget import Spending
 from rvsg.report.junit import junit_xml
 from rvsg.report.summary import Ranked, Summary, counted, interval, number, status_in_words, tried_of
+from rvsg.report.words import metres
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.validity import warnings
 from rvsg.world.world import World
@@ -80,6 +81,8 @@ def describe_finding(finding: Finding, requirement: Requirement, *, brief: bool 
         longest, speed = number(contacts.longest_s, "s"), number(contacts.worst_speed_m_s, "m/s")
         touched = f"{contacts.runs} of {counted(contacts.of, 'run')} touch a person (longest {longest}, up to {speed})"
         yield f"  Contact: {touched}{'' if finding.violated else f', which {requirement.name} does not judge'}."
+    elif finding.least_clearance_m is not None:
+        yield f"  No run touches a person; the smallest gap is {metres(finding.least_clearance_m)}."
     if arrived.runs < arrived.of:
         yield f"  {arrived.of - arrived.runs} of {counted(arrived.of, 'run')} did not reach the goal."
     if brief:

@@ -30,6 +30,7 @@ from rvsg.evaluation.events import (
 )
 from rvsg.evaluation.naming import place_name
 from rvsg.evaluation.sampled import joined, sampled, stretches
+from rvsg.evaluation.wording import outcome_in_words
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.run import Run
 from rvsg.world.world import World
@@ -167,7 +168,7 @@ def _what(event: Event) -> str:
         case TimeOut():
             return f"the time limit passes; the robot is {in_metres(event.remaining_m)} from its goal"
         case Abort():
-            return f"{event.outcome.value}; the robot is {in_metres(event.remaining_m)} from its goal"
+            return f"{outcome_in_words(event.outcome)}; the robot is {in_metres(event.remaining_m)} from its goal"
         case Arrival():
             return "the robot reaches its goal"
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from rvsg.evaluation.verdict import Status, Verdict
+from rvsg.simulation.run import Outcome
 
 OPEN = "FAIL or FLAKY is still open"
 """What is added to a verdict that is violated for sure, but not yet FAIL or FLAKY."""
@@ -19,6 +20,11 @@ def number(value: float | None, unit: str = "") -> str:
 def counted(count: int, one: str, more: str = "") -> str:
     """Return a number with its noun: `1 run`, `2 runs`; `more` is the plural where an s is not enough."""
     return f"{count} {one if count == 1 else more or one + 's'}"
+
+
+def outcome_in_words(outcome: Outcome) -> str:
+    """Return how a run ended; what is stored of an aborted one is older than the word for it."""
+    return "navigation aborted before the goal was reached" if outcome is Outcome.ABORTED else outcome.value
 
 
 def percent(share: float) -> str:

@@ -20,6 +20,7 @@ from PIL import Image, ImageDraw
 from rvsg.core.errors import InputError, how_to_install
 from rvsg.core.files import write_whole
 from rvsg.evaluation.sampled import sampled
+from rvsg.evaluation.wording import outcome_in_words
 from rvsg.report.payload import people_colours
 from rvsg.report.robots import footprint_of
 from rvsg.report.words import metres
@@ -224,7 +225,9 @@ class _Stage:
             away = "in contact with" if gap <= 0.0 else f"{metres(gap)} from"
             first += f"   {away} {run.human_names[person]}"
         last = row == len(run.trajectory) - 1
-        second = "   ".join(part for part in (self.shot.judged(t_s), run.outcome.value if last else "") if part)
+        second = "   ".join(
+            part for part in (self.shot.judged(t_s), outcome_in_words(run.outcome) if last else "") if part
+        )
         for text, top in ((first, 6), (second, 30)):
             size = 18
             while size > 10 and draw.textlength(text, font=font(size)) > self.width - 16:

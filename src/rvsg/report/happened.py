@@ -8,6 +8,7 @@ import numpy as np
 from markupsafe import Markup
 
 from rvsg.evaluation.sampled import sampled
+from rvsg.evaluation.wording import outcome_in_words
 from rvsg.report.facts import AttemptFacts, RunFacts
 from rvsg.report.frames import frame, overview
 from rvsg.report.names import narrow_names
@@ -92,5 +93,5 @@ def caption(run: RunFacts, t_s: float) -> str:
         else:
             text += f", {run.run.human_names[person]} is {metres(float(gap[least, person]))} away"
     if row == len(path) - 1:
-        text += f"; {run.run.outcome.value}"
+        text += f"; {outcome_in_words(run.run.outcome)}"
     return text

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.evaluation.sampled import sampled
+from rvsg.evaluation.wording import outcome_in_words
 from rvsg.report.colours import distinct_colours
 from rvsg.report.quantity import Curve
 from rvsg.scenario.requirement import Requirement
@@ -173,7 +174,7 @@ def _run(each: ReplayRun, names: Sequence[str]) -> dict[str, Any]:
         "seed": run.seed,
         "objective": each.objective,
         "violated": each.violated,
-        "outcome": run.outcome.value,
+        "outcome": outcome_in_words(run.outcome),
         "arrived": run.completed,
         "note": each.note,
         "t0": round(float(run.trajectory.t[0]), 3) if len(run.trajectory) else 0.0,

@@ -8,16 +8,28 @@ from typing import Any
 from rvsg.campaign.attempt import Attempt
 from rvsg.evaluation.judge import OPEN, still_open
 from rvsg.evaluation.verdict import Status, Verdict
+from rvsg.evaluation.wording import outcome_in_words
 from rvsg.report.answer import CAUSE_WORDS, tone_of
 from rvsg.report.facts import AttemptFacts
 from rvsg.report.payload import people_colours
 from rvsg.report.shown import Shown, group_label, in_order
 from rvsg.report.summary import in_short, interval, number
 from rvsg.report.words import metres
-from rvsg.scenario.scenario import Human
+from rvsg.scenario.scenario import Behaviour, Human
 
 LIKE = 60
 """Descriptions that share this many characters from the beginning do not tell scenarios apart."""
+
+
+REACTS = {
+    Behaviour.REGULAR: "treats the robot as a person (regular)",
+    Behaviour.IMPASSIVE: "ignores the robot (impassive)",
+    Behaviour.SURPRISED: "stops and looks at the robot (surprised)",
+    Behaviour.SCARED: "shies away from the robot (scared)",
+    Behaviour.CURIOUS: "approaches the robot (curious)",
+    Behaviour.THREATENING: "blocks the robot's way (threatening)",
+}
+"""How a person reacts to the robot, with the name of the behaviour in HuNavSim."""
 
 
 def people_rows(subject: AttemptFacts) -> list[dict[str, Any]]:
@@ -45,7 +57,7 @@ def _tasks(human: Human) -> dict[str, Any]:
 
 def manner(human: Human) -> str:
     """Return how a person walks and reacts, in a few words."""
-    ways = [f"{human.behaviour.value}, {number(human.speed_m_s, 'm/s')}"]
+    ways = [f"{REACTS[human.behaviour]}, {number(human.speed_m_s, 'm/s')}"]
     if human.start_delay_s:
         ways.append(f"starts after {number(human.start_delay_s, 's')}")
     if human.group is not None:
@@ -123,7 +135,7 @@ def run_rows_of(facts: AttemptFacts, unit: str) -> list[dict[str, Any]]:
             "seed": run.run.seed,
             "objective": number(run.measurement.objective, unit),
             "violated": run.violated,
-            "outcome": run.run.outcome.value,
+            "outcome": outcome_in_words(run.run.outcome),
             "contacts": len(run.contacts),
             "gap": metres(run.closest_m) if run.closest_m is not None else "–",
         }

@@ -101,7 +101,7 @@ def _calls(calls: Sequence[Call]) -> str:
     tokens = sum(call.input_tokens for call in calls)
     out = sum(call.output_tokens for call in calls)
     costs = [call.cost_usd for call in calls]
-    price = f", {sum(c for c in costs if c is not None):.4f} USD" if None not in costs else ""
+    price = f", {sum(c for c in costs if c is not None):.4f} USD" if None not in costs else ", cost unknown"
     seconds = sum(call.latency_s for call in calls)
     return (
         f"{counted(len(calls), 'call')} of {calls[0].model}: {tokens} tokens in, {out} out{price}, {seconds:.1f} s "
@@ -122,13 +122,14 @@ def _paths(
     at = {w.name: (w.x, w.y) for w in world.grid.waypoints}
     parts = [f'<svg class="still paths" viewBox="{look.view_box}" role="img" aria-label="Planned paths">']
     parts.append('<use href="#rvsg-floor"/>')
-    for configuration, kind in ((before, "planned before"), (people, "planned")):
+    for configuration, kind in ((people, "planned"), (before, "planned before")):
         for place, human in enumerate(configuration.humans if configuration else ()):
             if before is not None and kind == "planned before" and _same_path(human.name, before, people):
                 continue
             under = min(WIDEST, len(configuration.humans) - 1 - place) if configuration else 0
             colour = colours[place % len(colours)]
-            parts.append(_path(_waypoints(human), at, look, colour, kind, WIDTH_M * (1 + under)))
+            width = WIDTH_M * (1 + under) if kind == "planned" else WIDTH_M
+            parts.append(_path(_waypoints(human), at, look, colour, kind, width))
     return "".join([*parts, "</svg>"])
 
 
