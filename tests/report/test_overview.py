@@ -115,6 +115,7 @@ def test_campaigns_of_one_pair_share_a_cell_and_worlds_are_named_where_they_diff
     table = text[text.index('class="matrix"') : text.index("</table>")]
     assert table.count('class="cell') == 3 and table.count('scope="row"') == 2
     assert "3 campaigns in warehouse and office" in text and "warehouse, route_1" in table
+    assert ">office, route_1, R" in text and ">office, route_1, R" not in table, "in the list of campaigns"
 
 
 def test_every_finding_has_a_pin_where_it_happens_and_a_row_that_opens_it() -> None:

@@ -19,11 +19,10 @@ from PIL import Image, ImageDraw
 
 from rvsg.core.errors import InputError, how_to_install
 from rvsg.core.files import write_whole
-from rvsg.evaluation.sampled import sampled
 from rvsg.evaluation.wording import outcome_in_words
+from rvsg.report.frames import nearest_in_words
 from rvsg.report.payload import people_colours
 from rvsg.report.robots import footprint_of
-from rvsg.report.words import metres
 from rvsg.robots import Robot
 from rvsg.simulation.run import Run
 from rvsg.world.drawing.placing import font
@@ -141,7 +140,6 @@ class _Stage:
         self.width, self.height = (ground.width // 2 * 2, ground.height // 2 * 2)  # video needs even sizes
         self.ground = ground.crop((0, 0, self.width, self.height)).resize((self.width * FINE, self.height * FINE))
         self.colours = people_colours([shot.run])
-        self.gap = sampled(shot.run).gap if shot.run.human_names else None
 
     def frame(self, t_s: float) -> Image.Image:
         run, row = self.shot.run, _row(self.shot.run, t_s)
@@ -219,11 +217,8 @@ class _Stage:
         run = self.shot.run
         t_s = float(run.trajectory.t[row])
         first = f"{t_s:.1f} s   robot {run.trajectory.signed_speed[row]:.2f} m/s"
-        if self.gap is not None:
-            person = int(self.gap[row].argmin())
-            gap = float(self.gap[row, person])
-            away = "in contact with" if gap <= 0.0 else f"{metres(gap)} from"
-            first += f"   {away} {run.human_names[person]}"
+        if run.human_names:
+            first += f"   {nearest_in_words(run, t_s, '{gap} from {who}')}"
         last = row == len(run.trajectory) - 1
         second = "   ".join(
             part for part in (self.shot.judged(t_s), outcome_in_words(run.outcome) if last else "") if part

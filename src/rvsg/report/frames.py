@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from rvsg.evaluation.sampled import sampled
 from rvsg.report.labels import Box, beside, box_around, free_place, spread
 from rvsg.report.names import LETTER, NARROW_PX, SMALLEST_PX
+from rvsg.report.payload import PERIOD_S
+from rvsg.report.words import metres
 from rvsg.simulation.run import Run
 
 Floats = NDArray[np.float64]
@@ -138,6 +140,21 @@ def nearest(run: Run, row: int | None = None) -> list[int]:
     gap = sampled(run).gap
     at = gap.min(axis=0) if row is None else gap[row]
     return [int(h) for h in np.argsort(at, kind="stable")[:SHOWN_PEOPLE]]
+
+
+def nearest_in_words(run: Run, t_s: float, away: str) -> str:
+    """Return who is nearest in the tenth of a second that ends at a time, e.g. `in contact with Human 1`.
+
+    Args:
+        away: How it reads without a contact, with `{who}` and `{gap}`.
+    """
+    t, seen = run.trajectory.t, sampled(run)
+    row = min(int(np.searchsorted(t, t_s - 1e-9)), len(t) - 1)
+    before = min(int(np.searchsorted(t, t_s - PERIOD_S + 1e-9)), row)
+    gap = np.where(seen.touching[before : row + 1], 0.0, seen.gap[before : row + 1])
+    least = np.unravel_index(int(gap.argmin()), gap.shape)
+    who = run.human_names[int(least[1])]
+    return f"in contact with {who}" if gap[least] <= 0.0 else away.format(who=who, gap=metres(float(gap[least])))
 
 
 def _samples(run: Run, seconds: float) -> int:

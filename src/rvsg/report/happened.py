@@ -7,14 +7,12 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from rvsg.evaluation.sampled import sampled
 from rvsg.evaluation.wording import outcome_in_words
 from rvsg.report.facts import AttemptFacts, RunFacts
-from rvsg.report.frames import frame, overview
+from rvsg.report.frames import frame, nearest_in_words, overview
 from rvsg.report.names import narrow_names
-from rvsg.report.payload import PERIOD_S
 from rvsg.report.shown import Shown, look_of
-from rvsg.report.words import metres, shown_at, untimed
+from rvsg.report.words import shown_at, untimed
 
 STILLS = 4
 APART_S = 0.8
@@ -84,14 +82,7 @@ def caption(run: RunFacts, t_s: float) -> str:
     speed = round(float(path.signed_speed[row]), 1) + 0.0  # no "-0.0"
     text = f"robot at {speed:.1f} m/s"
     if run.run.human_names:
-        before = min(int(np.searchsorted(path.t, t_s - PERIOD_S + 1e-9)), row)  # what the replay says at this time
-        gap = sampled(run.run).gap[before : row + 1]
-        least, person = (int(k) for k in np.unravel_index(int(gap.argmin()), gap.shape))
-        touched = [c.person for c in run.contacts if c.time_s <= t_s + 1e-6 and t_s - PERIOD_S <= c.until_s]
-        if touched or gap[least, person] <= 0.0:  # a short contact can lie between two samples
-            text += f", in contact with {touched[0] if touched else run.run.human_names[person]}"
-        else:
-            text += f", {run.run.human_names[person]} is {metres(float(gap[least, person]))} away"
+        text += f", {nearest_in_words(run.run, t_s, '{who} is {gap} away')}"
     if row == len(path) - 1:
         text += f"; {outcome_in_words(run.run.outcome)}"
     return text

@@ -122,8 +122,9 @@ def render_overview(
         tiles=_tiles(reported),
         matrix=_matrix(reported),
         maps=_maps(pins),
-        findings=[{**pin.row, "link": quote(pin.link) + pin.address} for pin in pins],
-        rows=[_row(*each) for each in reported],
+        findings=[{**pin.row, "world": pin.world.title, "link": quote(pin.link) + pin.address} for pin in pins],
+        rows=[_row(*each) | {"world": Path(each[1].mission.world).name} for each in reported],
+        several=len(_worlds(reported)) > 1,
         command=escape(command),
     )
 
