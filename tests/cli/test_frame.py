@@ -1,6 +1,6 @@
+import os
 import subprocess
 import sys
-import time
 from pathlib import Path
 from types import ModuleType
 
@@ -116,15 +116,16 @@ def test_every_verb_of_the_table_loads_and_helps(name: str, capsys: pytest.Captu
 
 @pytest.mark.slow
 def test_help_answers_fast_and_loads_no_backend() -> None:
-    """0.5 s is the promise; a loaded test machine may take longer, so the fastest of three counts."""
+    """0.5 s is the promise; what is asserted is processor time, which a busy machine stretches less than a clock."""
     code = (
         "import sys; from rvsg.cli import main; main(['--help']);"
         "print([m for m in ('numpy', 'numba', 'sqlalchemy', 'pydantic_ai', 'scipy', 'pydantic') if m in sys.modules])"
     )
     times = []
     for _ in range(3):
-        begin = time.perf_counter()
+        before = os.times()
         out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
-        times.append(time.perf_counter() - begin)
+        after = os.times()
+        times.append(after.children_user + after.children_system - before.children_user - before.children_system)
     assert out.splitlines()[-1] == "[]"
     assert min(times) < 1.0

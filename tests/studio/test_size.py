@@ -18,7 +18,7 @@ from tests.studio.conftest import Server
 
 import rvsg
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.exhaustive
 Show = Callable[..., Any]
 PATIENT = 900_000
 ANSWER_S = 0.3
