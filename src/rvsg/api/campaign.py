@@ -229,7 +229,7 @@ class Campaign(StoredCampaign):
         wired, plan = self._wired, self.plan
         with alone_in(self.folder), self._ledger() as store:
             ledger = Recalling(store)
-            attempts = list(ledger.attempts(plan.name))
+            attempts: list[Attempt] = list(ledger.attempts(plan.name))
             chosen = next((a for a in search_attempts(attempts) if a.index == candidate), None)
             if chosen is None or chosen.proposal.scenario is None:
                 raise InputError(f"Attempt {candidate} is no candidate of this campaign.")

@@ -214,7 +214,7 @@ def _row(key: tuple[str, str, str, int], wired: Wired) -> Row:
     return row
 
 
-def _searched(wired: Wired, ledger: MemoryLedger, parts: Parts) -> list[Attempt]:
+def _searched(wired: Wired, ledger: Recalling, parts: Parts) -> list[Attempt]:
     """Search until the runs, or what the calls may cost, are spent."""
     with contextlib.suppress(BudgetSpent):
         run_campaign(wired.plan, wired.strategy(ledger), parts)
@@ -224,7 +224,7 @@ def _searched(wired: Wired, ledger: MemoryLedger, parts: Parts) -> list[Attempt]
 class _Confirmed:
     """Confirmation runs of what a search found: the best in full, then other candidates until the runs are spent."""
 
-    def __init__(self, wired: Wired, ledger: MemoryLedger, parts: Parts, attempts: Sequence[Attempt]) -> None:
+    def __init__(self, wired: Wired, ledger: Recalling, parts: Parts, attempts: Sequence[Attempt]) -> None:
         self.wired, self.ledger, self.parts, self.attempts = wired, ledger, parts, attempts
         used = {m.seed for attempt in attempts for m in attempt.measurements}
         self.seeds = fresh_seeds(wired.plan.seed, "confirmation", BEST_RUNS, used=used)

@@ -295,7 +295,7 @@ class PeopleSampler:
         return options[drawn(shares_of(weights), self.rng)]
 
 
-def shares_of(weights: Sequence[float]) -> NDArray[np.float64]:
+def shares_of(weights: Sequence[float] | NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the shares of weights of all, each added to those before it."""
     given = np.asarray(weights, float)
     ends: NDArray[np.float64] = (given / given.sum()).cumsum()
