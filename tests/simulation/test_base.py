@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from tests.simulation.tiago import STACK, TIAGO
 
+from rvsg.core.references import refer
 from rvsg.robots import Robot, load_robot
 from rvsg.simulation.embedded import base
-from rvsg.simulation.embedded.stack import refer, stack_of
+from rvsg.simulation.embedded.stack import stack_of
 
 NONE = np.zeros((1, 3))
 

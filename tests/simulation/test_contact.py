@@ -10,13 +10,14 @@ from tests.simulation.test_people import CORRECT, crowd_of, human, world_with
 
 from rvsg.core.compiled import kernel
 from rvsg.core.records import Pose
+from rvsg.core.references import refer
 from rvsg.scenario.agents import HumanAgent, reaction_of
 from rvsg.scenario.scenario import Behaviour
 from rvsg.simulation.archive import run_from_json, run_to_json
 from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded.contact import touch_people
 from rvsg.simulation.embedded.options import profile
-from rvsg.simulation.embedded.people import Crowd, reference
+from rvsg.simulation.embedded.people import Crowd
 from rvsg.simulation.embedded.people.recorded import events_of
 from rvsg.simulation.embedded.rehearsal import empty_room
 from rvsg.simulation.embedded.simulator import simulate_agents
@@ -96,7 +97,7 @@ def driven(crowd: Crowd, speed: float, ticks: int, yaw: float = 0.0) -> np.ndarr
     body = np.zeros(base.BODY_SIZE)
     body[base.YAW] = yaw
     body[base.SMOOTH_V] = speed
-    drive(reference(crowd), body, ticks)
+    drive(refer(crowd), body, ticks)
     return body
 
 
@@ -134,7 +135,7 @@ class TestBase:
         crowd = crowd_of(human((0.8, 0.0)), options=CORRECT)
         body = np.zeros(base.BODY_SIZE)
         body[base.SMOOTH_V], body[base.SMOOTH_W] = 0.5, 0.5
-        drive(reference(crowd), body, 100)
+        drive(refer(crowd), body, 100)
         assert body[base.YAW] > 0.02
 
 

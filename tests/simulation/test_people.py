@@ -13,9 +13,10 @@ from tests.simulation.tiago import BOX
 
 from rvsg.core.errors import InputError
 from rvsg.core.records import Pose
+from rvsg.core.references import refer
 from rvsg.scenario.agents import HumanAgent, reaction_of
 from rvsg.scenario.scenario import Behaviour
-from rvsg.simulation.embedded.people import Crowd, PeopleOptions, initial, reference
+from rvsg.simulation.embedded.people import Crowd, PeopleOptions, initial
 from rvsg.simulation.embedded.people import tick as tick_by_reference
 from rvsg.simulation.embedded.people.forces import (
     coherence_force,
@@ -81,14 +82,14 @@ def crowd_of(*agents: HumanAgent, options: PeopleOptions = PUBLISHED, world: Wor
 
 
 def tick(crowd: Crowd, *arguments: float) -> None:
-    tick_by_reference(reference(crowd), *arguments, 0.0)
+    tick_by_reference(refer(crowd), *arguments, 0.0)
 
 
 def walk(crowd: Crowd, ticks: int, robot: tuple[float, float, float, float] = FAR, dt: float = 0.1) -> list[float]:
     """Ticks with a robot at rest or moving straight on; returns human 0's distance from it after each."""
     x, y, yaw, v = robot
     found = []
-    by_reference = reference(crowd)
+    by_reference = refer(crowd)
     for k in range(ticks):
         tick_by_reference(by_reference, k * dt, dt, x, y, yaw, v, 0.0)
         x += v * math.cos(yaw) * dt

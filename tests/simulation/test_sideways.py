@@ -12,13 +12,14 @@ import pytest
 
 from rvsg.core.documents import read_document
 from rvsg.core.records import Pose
+from rvsg.core.references import refer
 from rvsg.robots import Robot, load_robot
 from rvsg.scenario.agents import HumanAgent
 from rvsg.simulation.archive import PackedRun, run_from_json, run_to_json
 from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded.rehearsal import empty_room
-from rvsg.simulation.embedded.simulator import simulate_agents
-from rvsg.simulation.embedded.stack import refer, stack_of
+from rvsg.simulation.embedded.simulator import EmbeddedSimulator, simulate_agents
+from rvsg.simulation.embedded.stack import stack_of
 from rvsg.simulation.events import ObstacleContact, RobotContact
 from rvsg.simulation.run import Outcome, Run
 from rvsg.simulation.stacks.clients import write_clients_to
@@ -151,6 +152,15 @@ def test_a_person_between_the_robot_and_a_wall_holds_it_and_the_contact_is_an_ev
     assert contacts and contacts[0].robot_part_m_s > 0.2
     assert contacts[0].bearing_rad == pytest.approx(math.pi / 2, abs=0.3)
     assert max(contact.overlap_m for contact in contacts) < 0.01
+
+
+@pytest.mark.parametrize(
+    ("stack", "told"), [("nav2-rpp", 1), ("nav2-mppi", 1), ("social", 1), ("nav2-dwb", 0), (Constant(), 0)]
+)
+def test_a_stack_that_never_moves_sideways_says_so(stack: Any, told: int) -> None:
+    made = EmbeddedSimulator(stack=stack)
+    assert len(made.notes(mecanum())) == told
+    assert made.notes(load_robot("tiago_omni")) == ()
 
 
 def test_a_run_keeps_its_lateral_speed_in_every_form() -> None:

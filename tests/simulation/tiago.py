@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from rvsg.core.references import refer
 from rvsg.robots import load_robot
 from rvsg.simulation.embedded.navigation.costmap import inflation_kernel
-from rvsg.simulation.embedded.stack import padded_footprint, refer, stack_of
+from rvsg.simulation.embedded.stack import padded_footprint, stack_of
 
 TIAGO = load_robot("tiago_omni")
 STACK = refer(stack_of(TIAGO))

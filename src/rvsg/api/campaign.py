@@ -23,6 +23,7 @@ from rvsg.api.folder import (
 from rvsg.api.paths import spelled_out
 from rvsg.api.record import CampaignRecord, check_same, record_in
 from rvsg.api.remembered import COPY
+from rvsg.api.scenarios import tell_of_robot
 from rvsg.api.simulating import ignore
 from rvsg.api.stored_campaign import StoredCampaign
 from rvsg.api.wiring import Wired, jobs_of, remembered_file, wire
@@ -160,6 +161,7 @@ class Campaign(StoredCampaign):
         """Compile or load what the simulator needs; `run` does it, too."""
         if not self._prepared:
             self._wired.simulator.prepare(on_message)
+            tell_of_robot(self._wired.plan.mission, self._wired.simulator, on_message)
             self._prepared = True
 
     def run(

@@ -235,6 +235,13 @@ def check_robot(scenario: Scenario, simulator: Simulator) -> None:
         raise UnknownName("robot", mission.robot_name, simulator.robots, hint=hint)
 
 
+def tell_of_robot(mission: Mission, simulator: Simulator, on_message: Callable[[str], None]) -> None:
+    """Tell what a user has to know who simulates the robot of a mission."""
+    if mission.robot_record is not None:
+        for text in simulator.notes(mission.robot_record):
+            on_message(text)
+
+
 def load_scenario(path: str | Path, *, world: World | str | Path | None = None) -> Scenario:
     """Load a scenario from its JSON file, or from that of a proposal or an attempt, and check it.
 

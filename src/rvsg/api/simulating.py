@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, overload
 
 from rvsg.api import records
-from rvsg.api.scenarios import check_robot, check_valid
+from rvsg.api.scenarios import check_robot, check_valid, tell_of_robot
 from rvsg.api.worlds import world_of
 from rvsg.campaign.attempt import Failure
 from rvsg.campaign.parallel import Simulations
@@ -82,6 +82,8 @@ def simulator_of(
         if scenario is not None:
             check_robot(scenario, made)
         made.prepare(on_message)
+        if scenario is not None:
+            tell_of_robot(scenario.mission, made, on_message)
         yield made
 
 

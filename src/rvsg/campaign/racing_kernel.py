@@ -41,7 +41,7 @@ def _invert(a: Floats) -> None:
                     a[i, j] -= factor * a[k, j]
 
 
-@inner
+@inner(arrays=True)
 def _solve(
     parents: Integers, who: Integers, when: Integers, badness: Floats, seeds: int, variances: Floats
 ) -> tuple[Floats, Floats, Floats, Floats, Floats, Floats, Floats]:

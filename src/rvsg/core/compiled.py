@@ -15,80 +15,63 @@ import tempfile
 import uuid
 from collections.abc import Callable, Iterator
 from enum import Enum
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar, cast, overload
 
 import llvmlite
 import numba
 import numpy as np
 from numba.core import types
 from numba.core.caching import FunctionCache, _CacheLocator
-from numba.core.compiler import Compiler
 from numba.core.dispatcher import Dispatcher
 from numba.core.serialize import dumps as numba_dumps
-from numba.experimental import structref
 
-from rvsg.core.nested import Door, Implementation, Nested, NestedCompiler
+from rvsg.core.nested import Door, DoorCompiler, Implementation, Nested, NestedCompiler
+from rvsg.core.references import FIELDS
 
 F = TypeVar("F", bound=Callable[..., object])
 
-FORMAT = 2
+FORMAT = 3
 """Raise it to make every compiled kernel obsolete."""
 _PACKAGE = __name__.split(".", maxsplit=1)[0]
-_FIELDS: dict[type, tuple[str, ...]] = {}
 
 
-def kernel(function: F) -> F:
-    """Compile `function` at its first call from Python, or load it from the cache.
+@overload
+def kernel(function: F) -> F: ...
+@overload
+def kernel(*, arrays: bool) -> Callable[[F], F]: ...
+
+
+def kernel(function: Any = None, *, arrays: bool = False) -> Any:
+    """Compile a function at its first call from Python, or load it from the cache.
 
     Arithmetic follows IEEE 754: division by zero gives an infinity or NaN.
+
+    Args:
+        arrays: it makes arrays, or gets new ones from what it calls, so it counts the references to arrays. Others
+            borrow those of their arguments: less code, and nothing to count wherever an array is read.
     """
+    if function is None:
+        return partial(kernel, arrays=arrays)
     door = _compiled(function, Door, no_cfunc_wrapper=True)
-    door.nested = _nested(function)
-    return cast(F, door)
+    door.nested = _nested(function, arrays)
+    return door
 
 
-def inner(function: F) -> F:
-    """Compile a function that only kernels call.
+@overload
+def inner(function: F) -> F: ...
+@overload
+def inner(*, arrays: bool) -> Callable[[F], F]: ...
+
+
+def inner(function: Any = None, *, arrays: bool = False) -> Any:
+    """Compile a function that only kernels call; `arrays` as for a kernel.
 
     It has no entry point for Python. Calling it from Python ends the process; a test calls it from a kernel of its own.
     """
-    return cast(F, _nested(function))
-
-
-def by_reference(cls: Any) -> Any:
-    """Make the by-reference form of a NamedTuple class, named `<class>Ref`, in the class's module.
-
-    Kernels pass it as one pointer instead of copying every field, and read the fields by the same names. A kernel
-    makes it from a tuple's values: `SceneRef(*scene)`.
-    """
-    module = sys.modules[cls.__module__]
-    name = f"{cls.__name__}Ref"
-
-    def preprocess_fields(self: Any, fields: Any) -> Any:
-        return tuple((field, types.unliteral(kind)) for field, kind in fields)
-
-    def mangling_args(self: Any) -> tuple[str, tuple[()]]:
-        """A short name in the code: numba's would list all fields in the name of every function and every call."""
-        return f"{name}{_hash(self.name)}", ()
-
-    body = {
-        "preprocess_fields": preprocess_fields,
-        "mangling_args": property(mangling_args),
-        "__module__": cls.__module__,
-        "__qualname__": f"{name}Type",
-    }
-    kind = structref.register(type(f"{name}Type", (types.StructRef,), body))
-    proxy = type(name, (structref.StructRefProxy,), {"__module__": cls.__module__, "__qualname__": name})
-    structref.define_constructor(proxy, kind, cls._fields)
-    structref.define_boxing(kind, proxy)
-    _FIELDS[proxy] = cls._fields
-    # The cache pickles types by name, so both must be found in the module.
-    setattr(module, f"{name}Type", kind)
-    setattr(module, name, proxy)
-    return proxy
+    return partial(inner, arrays=arrays) if function is None else _nested(function, arrays)
 
 
 def type_of(value: Any) -> Any:
@@ -99,12 +82,6 @@ def type_of(value: Any) -> Any:
 def compile_for(function: Callable[..., object], *kinds: Any) -> None:
     """Compile a kernel for types of arguments, or load it from the cache."""
     cast(Any, function).compile(kinds)
-
-
-def type_by_reference(cls: Any, values: Any, **others: Any) -> Any:
-    """Return the type of a by-reference form of a named tuple; `others` are the types of fields that are such forms."""
-    kinds = [(name, others.get(name) or type_of(value)) for name, value in zip(cls._fields, values, strict=True)]
-    return getattr(sys.modules[cls.__module__], f"{cls.__name__}RefType")(kinds)
 
 
 @cache
@@ -298,7 +275,7 @@ def _value(value: Any, names: tuple[str, ...], seen: set[Any], callees: set[_Con
     elif isinstance(value, np.ndarray):
         yield f"{value.dtype}{value.shape}{hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()}"
     elif isinstance(value, type):
-        yield f"{value.__module__}.{value.__qualname__}{_FIELDS.get(value, getattr(value, '_fields', ''))}"
+        yield f"{value.__module__}.{value.__qualname__}{FIELDS.get(value, getattr(value, '_fields', ''))}"
     elif isinstance(value, bool | int | float | complex | str | bytes | Enum | np.generic | None):
         yield f"{type(value).__name__}:{value!r}"
     elif isinstance(value, tuple | list):
@@ -326,12 +303,12 @@ def _layout(kind: Any) -> Iterator[str]:
         yield str(kind)
 
 
-def _nested(function: Any) -> Nested:
-    flags = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+def _nested(function: Any, arrays: bool) -> Nested:
+    flags = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "_nrt": arrays}
     return cast(Nested, _compiled(function, Nested, pipeline_class=NestedCompiler, **flags))
 
 
-def _compiled(function: Any, kind: Any, *, pipeline_class: Any = Compiler, **flags: Any) -> Any:
+def _compiled(function: Any, kind: Any, *, pipeline_class: Any = DoorCompiler, **flags: Any) -> Any:
     options = {"nopython": True, "boundscheck": None, "error_model": "numpy", **flags}
     dispatcher = kind(py_func=function, targetoptions=options, pipeline_class=pipeline_class)
     dispatcher._cache = _ContentCache(function, flags)

@@ -13,10 +13,11 @@ from contextlib import contextmanager
 from typing import Any
 
 import llvmlite.binding as llvm
-from numba.core import types
+from numba.core import ir, types
 from numba.core.caching import CompileResultCacheImpl
 from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import Compiler, CompileResult
+from numba.core.compiler import Compiler, CompileResult, Flags
+from numba.core.errors import UnsupportedError
 from numba.core.registry import CPUDispatcher
 from numba.core.sigutils import normalize_signature
 
@@ -43,6 +44,16 @@ class NestedLibrary(JITCodeLibrary):
     def _finalize_final_module(self) -> None:
         # Addresses of functions as values lie in the code until it is optimised; the kernel looks whether one is left.
         self._finalized = True
+
+    def _get_module_for_linking(self) -> Any:
+        """Return the code for kernels. Numba copies it first, to keep its own for the engine."""
+        self._ensure_finalized()
+        if self._shared_module is None:
+            for function in self._final_module.functions:
+                if not function.is_declaration and function.linkage == llvm.Linkage.external:
+                    function.linkage = llvm.Linkage.linkonce_odr
+            self._shared_module = self._final_module
+        return self._shared_module
 
     def get_pointer_to_function(self, name: str) -> int:
         """Return 0: there is no machine code."""
@@ -75,7 +86,34 @@ class _WithoutEngine:
         """Do nothing: the kernel sets the environments of all that is linked into it."""
 
 
-class NestedCompiler(Compiler):
+class KeptFlags(Flags):
+    """Numba's flags, without asking for each of them by name wherever two sets are compared, which is all the time."""
+
+    __slots__ = ()
+
+    def values(self) -> dict[str, Any]:
+        """Return the value of every flag."""
+        return {**_DEFAULTS, **self._values}
+
+    def __hash__(self) -> int:
+        return _HASH
+
+
+_DEFAULTS = Flags().values()
+_HASH = hash(Flags())
+"""Numba's own hash is that of the names of the flags."""
+
+
+class DoorCompiler(Compiler):
+    """Numba's compiler for kernels."""
+
+    def __init__(
+        self, typing: Any, target: Any, library: Any, args: Any, returned: Any, flags: Any, local: Any
+    ) -> None:
+        super().__init__(typing, target, library, args, returned, KeptFlags(flags), local)
+
+
+class NestedCompiler(DoorCompiler):
     """Numba's compiler with a library for code that only kernels call."""
 
     def __init__(self, typing: Any, target: Any, library: Any, *rest: Any) -> None:
@@ -83,6 +121,21 @@ class NestedCompiler(Compiler):
         if library is None:
             self.state.library = NestedLibrary(target.codegen(), NESTED)
             self.state.library.enable_object_caching()
+
+    def compile_extra(self, func: Any) -> Any:
+        """Compile a function; refuse one that would have to count references to arrays and does not."""
+        compiled: Any = super().compile_extra(func)
+        if not self.state.flags.nrt and self._owns_arrays(compiled):
+            raise UnsupportedError(f"{func.__qualname__} returns an array or gets one from a call: mark it arrays=True")
+        return compiled
+
+    def _owns_arrays(self, compiled: Any) -> bool:
+        kinds = [compiled.signature.return_type]
+        for expression, signature in compiled.type_annotation.calltypes.items():
+            if isinstance(expression, ir.Expr) and expression.op == "call" and signature is not None:
+                kinds.append(signature.return_type)
+        models = self.state.targetctx.data_model_manager
+        return any(models[kind].contains_nrt_meminfo() for kind in kinds)
 
 
 class Implementation(CompileResultCacheImpl):

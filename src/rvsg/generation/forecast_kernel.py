@@ -181,7 +181,7 @@ def _goal_is_taken(s: float, way: Way, people: People) -> bool:
     return taken and s > way.marks[-1] - GOAL_TAKEN_M
 
 
-@inner
+@inner(arrays=True)
 def _episode(way: Way, walks: Walks, people: People, speed: float, steps: int, out: Floats, track: Complexes) -> int:
     """Run one variant; return after how many steps the robot was done. `track` is filled where it has rows."""
     s = turned = aside = now = 0.0

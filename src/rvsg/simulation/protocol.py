@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Protocol
 
+from rvsg.robots import Robot
 from rvsg.scenario.scenario import ROBOT, Scenario
 from rvsg.simulation.run import Run
 from rvsg.world.world import World
@@ -39,6 +40,10 @@ class Simulator(Protocol):
     def any_robot(self) -> bool:
         """Whether it also simulates every robot that a scenario holds as a record."""
         return False
+
+    def notes(self, robot: Robot) -> tuple[str, ...]:
+        """Return what a user has to know who simulates this robot."""
+        return ()
 
     def prepare(self, tell: Callable[[str], None]) -> None:
         """Do once what takes long, e.g. compile or connect; `tell` takes messages for people. May be called again."""

@@ -12,8 +12,9 @@ from numba import float64, int64
 from numpy.typing import NDArray
 
 from rvsg.core.aside import compile_aside
-from rvsg.core.compiled import compile_for, inner, is_cached, is_compiled, kernel, type_by_reference, type_of
+from rvsg.core.compiled import compile_for, inner, is_cached, is_compiled, kernel, type_of
 from rvsg.core.errors import SimulationError
+from rvsg.core.references import refer
 from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded import state as st
 from rvsg.simulation.embedded.contact import touch_people
@@ -31,13 +32,13 @@ from rvsg.simulation.embedded.people import PERIOD_S, Crowd, tick
 from rvsg.simulation.embedded.people.crowd import CrowdRef
 from rvsg.simulation.embedded.scene import Scene, SceneRef
 from rvsg.simulation.embedded.sensing.lidar import place_legs
-from rvsg.simulation.embedded.sensing.localisation import ACTIVE, Localisation, LocalisationRef, localise
+from rvsg.simulation.embedded.sensing.localisation import ACTIVE, localise
 from rvsg.simulation.embedded.sensing.monitor import keep_returns, scale_command
 from rvsg.simulation.embedded.sensing.perception import update_global, update_local
 from rvsg.simulation.embedded.sensing.safety import watch_zones
-from rvsg.simulation.embedded.stack import LIDAR_TICKS, Stack, StackRef
+from rvsg.simulation.embedded.stack import LIDAR_TICKS
 from rvsg.simulation.embedded.state import Settings, State, StateRef
-from rvsg.simulation.embedded.walls import Walls, WallsRef, touch_walls
+from rvsg.simulation.embedded.walls import touch_walls
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -210,12 +211,10 @@ class Asked(NamedTuple):
     """Doors and trolleys: they move after every tick of the people."""
 
 
-@kernel
 def bind(scene: Scene, state: State, crowd: Crowd) -> tuple[SceneRef, StateRef, CrowdRef]:
     """Return the three large tuples by reference."""
-    own = LocalisationRef(*state.own)
-    values = state[:-3] + (StackRef(*state.stack), WallsRef(*state.walls), own)  # noqa: RUF005  (numba knows no unpacking here)
-    return SceneRef(*scene), StateRef(*values), CrowdRef(*crowd)
+    parts = {name: refer(getattr(state, name)) for name in ("stack", "walls", "own")}
+    return refer(scene), refer(state, **parts), refer(crowd)
 
 
 @kernel
@@ -400,29 +399,24 @@ class Outside:
     probe_ticks: int = 5
 
 
-def _compile(scene: Scene, state: State, settings: Settings, crowd: Crowd, *rest: Any) -> None:
+def _compile(scene: SceneRef, state: StateRef, settings: Settings, crowd: CrowdRef, *rest: Any) -> None:
     """Compile the loop for these arguments, in two processes at once; `rest` are the other arguments of `go_on`."""
-    walls, crowd_kind = type_by_reference(Walls, state.walls), type_by_reference(Crowd, crowd)
-    scene_kind = type_by_reference(Scene, scene)
-    stack, own = type_by_reference(Stack, state.stack), type_by_reference(Localisation, state.own)
-    state_kind = type_by_reference(State, state, stack=stack, walls=walls, own=own)
+    scenes, states, numbers, people = (type_of(value) for value in (scene, state, settings, crowd))
     intervals, record, loop, asked = (type_of(value) for value in rest)
-    numbers = type_of(settings)
     pose = (float64, loop, float64, float64, float64)
     elsewhere = compile_aside(
         [
-            (decide, (scene_kind, state_kind, numbers, loop, asked, int64)),
-            (update_maps, (scene_kind, state_kind, numbers, float64)),
-            (touch_walls, (walls, *pose)),
-            (touch_people, (crowd_kind, *pose, float64)),
-            (bind, (type_of(scene), type_of(state), type_of(crowd))),
+            (decide, (scenes, states, numbers, loop, asked, int64)),
+            (update_maps, (scenes, states, numbers, float64)),
+            (touch_walls, (states.field_dict["walls"], *pose)),
+            (touch_people, (people, *pose, float64)),
         ]
     )
-    compile_for(walk_people, state_kind, crowd_kind, loop, float64)
-    compile_for(take_scans, scene_kind, state_kind, numbers, crowd_kind, int64)
+    compile_for(walk_people, states, people, loop, float64)
+    compile_for(take_scans, scenes, states, numbers, people, int64)
     if elsewhere is not None:
         elsewhere.wait()
-    compile_for(go_on, scene_kind, state_kind, numbers, crowd_kind, intervals, record, loop, asked)
+    compile_for(go_on, scenes, states, numbers, people, intervals, record, loop, asked)
 
 
 class Episode:
@@ -450,10 +444,10 @@ class Episode:
             bodies=bodies is not None,
         )
         state.nav[dwb.ALL_SCORES] = 1 if self.outside.probe is not None else 0
-        if not is_compiled(go_on) and not is_cached(go_on):
-            _compile(scene, state, settings, crowd, intervals, record, self._loop, self._asked)
         self._references = bind(scene, state, crowd)
         scene_, state_, crowd_ = self._references
+        if not is_compiled(go_on) and not is_cached(go_on):
+            _compile(scene_, state_, settings, crowd_, intervals, record, self._loop, self._asked)
         begin(scene_, state_, settings, crowd_, phases, self._loop)
 
     @property

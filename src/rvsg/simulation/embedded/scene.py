@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from rvsg.core.compiled import by_reference, inner, kernel
+from rvsg.core.compiled import inner, kernel
 from rvsg.core.errors import InputError
+from rvsg.core.references import by_reference
 from rvsg.robots import Robot
 from rvsg.simulation.embedded.navigation.costmap import (
     FREE,

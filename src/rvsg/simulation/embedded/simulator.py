@@ -85,6 +85,13 @@ class EmbeddedSimulator(Simulator):
         """The effective options, as they are stored with every run."""
         return stored_options(self._options, self._stack)
 
+    def notes(self, robot: Robot) -> tuple[str, ...]:
+        """Tell where the stack leaves lateral motion unused."""
+        if self._stack is None or self._stack.driver.sideways or robot.limits.lateral_m_s == 0.0:
+            return ()
+        name = self._stack.record.name
+        return (f"{robot.name} can move sideways, but {name} never does; nav2-dwb and stacks of your own may.",)
+
     def prepare(self, tell: Callable[[str], None]) -> None:
         """Compile or load the kernels before the first run; `tell` hears of it only where they must be compiled."""
         warm_up(tell)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.core.compiled import by_reference, kernel
+from rvsg.core.references import by_reference
 from rvsg.robots import Robot
 from rvsg.robots.polygons import distance, inside, padded, reach, rectangle
 
@@ -365,9 +365,3 @@ def _first(value: float | None, otherwise: float) -> float:
 def max_range_m(robot: Robot) -> float:
     """Return the range within which every lidar sees."""
     return min(math.inf, *(lidar.max_range_m for lidar in robot.lidars))
-
-
-@kernel
-def refer(stack: Stack) -> Any:
-    """Return the numbers by reference."""
-    return StackRef(*stack)

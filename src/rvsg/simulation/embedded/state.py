@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.core.compiled import by_reference
+from rvsg.core.references import by_reference
 from rvsg.robots import Robot
 from rvsg.simulation.embedded.base import new_body
 from rvsg.simulation.embedded.navigation.controllers import dwb

@@ -13,8 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.core.compiled import by_reference, inner, kernel
+from rvsg.core.compiled import inner, kernel
 from rvsg.core.records import Pose
+from rvsg.core.references import by_reference, refer
 from rvsg.robots import Robot
 from rvsg.robots.polygons import reach, rectangle
 from rvsg.simulation.embedded import base
@@ -407,11 +408,12 @@ def free_pose(walls: Walls, start: Pose) -> Pose | None:
 
     It is looked for in steps of 1 cm within 10 cm.
     """
-    if overlap(walls, start.x, start.y, start.yaw) <= SLACK_M:
+    held = refer(walls)
+    if overlap(held, start.x, start.y, start.yaw) <= SLACK_M:
         return start
     steps = np.arange(-10, 11) * 0.01
     offsets = [(float(dx), float(dy)) for dx in steps for dy in steps if math.hypot(dx, dy) <= FREE_WITHIN_M]
     for dx, dy in sorted(offsets, key=lambda offset: (math.hypot(*offset), offset)):
-        if overlap(walls, start.x + dx, start.y + dy, start.yaw) <= SLACK_M:
+        if overlap(held, start.x + dx, start.y + dy, start.yaw) <= SLACK_M:
             return Pose(x=start.x + dx, y=start.y + dy, yaw=start.yaw)
     return None

@@ -147,6 +147,7 @@ class Mppi(Configured):
     name: ClassVar[str] = "nav2-mppi"
     version = "2"
     smoothed_recoveries: ClassVar[bool] = True
+    sideways: ClassVar[bool] = False
     title: ClassVar[str] = "Nav2 (Kilted) with MPPI, NavFn and the default behaviour tree"
     Settings: ClassVar[type[Nav2Settings]] = MppiSettings
 

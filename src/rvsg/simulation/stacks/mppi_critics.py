@@ -21,7 +21,7 @@ BIN_M = 0.0025
 """Resolution of the table of the nearest points of a path."""
 
 
-@kernel
+@kernel(arrays=True)
 def add_beyond(costs: Singles, v: Singles, w: Singles, low: float, high: float, beyond: float, forward: float,
                twirl: float) -> None:  # fmt: skip
     """Add what the speeds of a step cost."""
@@ -32,7 +32,7 @@ def add_beyond(costs: Singles, v: Singles, w: Singles, low: float, high: float, 
         )
 
 
-@kernel
+@kernel(arrays=True)
 def add_effort(costs: Singles, v: Singles, middle: float, gamma: float) -> None:
     """Add what the distance of sampled controls from the sequence costs."""
     wanted, factor = F(middle), F(gamma * middle)
@@ -40,7 +40,7 @@ def add_effort(costs: Singles, v: Singles, middle: float, gamma: float) -> None:
         costs[b] += factor * (v[b] - wanted)
 
 
-@kernel
+@kernel(arrays=True)
 def score_speeds(m: Work, begin: int, end: int, to_goal: float, p: Numbers) -> None:
     """ConstraintCritic, PreferForwardCritic, TwirlingCritic, and the distance of the samples from the sequence."""
     steps = m.x.shape[0]
@@ -54,7 +54,7 @@ def score_speeds(m: Work, begin: int, end: int, to_goal: float, p: Numbers) -> N
         add_effort(costs, w, control[1, k], p.gamma / (p.w_std * p.w_std))
 
 
-@kernel
+@kernel(arrays=True)
 def cell_scores(cells: Bytes, near_goal: bool, p: Numbers) -> Singles:
     """Return what a cell costs a trajectory, as a flat grid with a border around it.
 
@@ -76,7 +76,7 @@ def cell_scores(cells: Bytes, near_goal: bool, p: Numbers) -> Singles:
     return scores
 
 
-@kernel
+@kernel(arrays=True)
 def look_up(found: Singles, x: Singles, y: Singles, scores: Singles, fx: np.float32, fy: np.float32, scale: np.float32,
             columns: int, rows: int) -> None:  # fmt: skip
     """Read the scores of the cells at relative positions; the border stands for everything off the costmap."""
@@ -89,7 +89,7 @@ def look_up(found: Singles, x: Singles, y: Singles, scores: Singles, fx: np.floa
         found[b] = scores[row * width + column]
 
 
-@kernel
+@kernel(arrays=True)
 def clearances(cells: Bytes) -> NDArray[np.int64]:
     """Return how many cells away, diagonals included, the nearest lethal cell or the outside of the costmap is."""
     rows, columns = cells.shape
@@ -107,7 +107,7 @@ def clearances(cells: Bytes) -> NDArray[np.int64]:
     return away
 
 
-@kernel
+@kernel(arrays=True)
 def rim(footprint: Floats, side: float) -> Floats:
     """Return points along the outline of a footprint less than half a cell apart, (N, 2) in cells."""
     corners = footprint.shape[0]
@@ -126,7 +126,7 @@ def rim(footprint: Floats, side: float) -> Floats:
     return points
 
 
-@kernel
+@kernel(arrays=True)
 def rim_hits(away: NDArray[np.int64], points: Floats, x: float, y: float, yaw: float) -> bool:
     """Whether the outline at a pose (cells) leaves the costmap or runs over a lethal cell.
 
@@ -147,7 +147,7 @@ def rim_hits(away: NDArray[np.int64], points: Floats, x: float, y: float, yaw: f
     return False
 
 
-@kernel
+@kernel(arrays=True)
 def add_scores(total: Singles, found: Singles) -> bool:
     """Add the scores that are none of a collision or of an outline to check; return whether there is one of these."""
     zero = F(0.0)
@@ -158,7 +158,7 @@ def add_scores(total: Singles, found: Singles) -> bool:
     return negative != 0
 
 
-@kernel
+@kernel(arrays=True)
 def add_distance(sums: Singles, x: Singles, y: Singles, px: float, py: float, factor: float) -> None:
     """Add the distances from a point times a factor."""
     tx, ty, weight = F(px), F(py), F(factor)
@@ -182,7 +182,7 @@ class Ground(NamedTuple):
     per_m: float
 
 
-@kernel
+@kernel(arrays=True)
 def score_costmap(m: Work, begin: int, end: int, ground: Ground, p: Numbers) -> int:
     """CostCritic; return how many trajectories collide."""
     steps = m.x.shape[0]
@@ -218,7 +218,7 @@ def score_costmap(m: Work, begin: int, end: int, ground: Ground, p: Numbers) -> 
     return colliding
 
 
-@kernel
+@kernel(arrays=True)
 def score_goal(
     m: Work, begin: int, end: int, gx: float, gy: float, goal_yaw: float, to_goal: float, p: Numbers
 ) -> None:
@@ -234,7 +234,7 @@ def score_goal(
                 m.costs[b] += weight * F(abs(wrap(goal_yaw - m.yaw[k, b - begin])))
 
 
-@kernel
+@kernel(arrays=True)
 def furthest_point(m: Work, path: Floats) -> int:
     """Return the farthest point of the path that is the nearest one to the end of some trajectory."""
     count = path.shape[0]
@@ -252,7 +252,7 @@ def furthest_point(m: Work, path: Floats) -> int:
     return best
 
 
-@kernel
+@kernel(arrays=True)
 def free_points(path: Floats, cells: Bytes, ox: float, oy: float, side: float) -> NDArray[np.bool_]:
     """Return which points of the path a robot's centre may be at."""
     free = np.zeros(path.shape[0], np.bool_)
@@ -263,7 +263,7 @@ def free_points(path: Floats, cells: Bytes, ox: float, oy: float, side: float) -
     return free
 
 
-@kernel
+@kernel(arrays=True)
 def nearest_along(path: Floats, count: int) -> tuple[NDArray[np.int64], Singles]:
     """Return which of the first points of a path is nearest to a distance along it.
 
@@ -285,7 +285,7 @@ def nearest_along(path: Floats, count: int) -> tuple[NDArray[np.int64], Singles]
     return nearest, middles
 
 
-@kernel
+@kernel(arrays=True)
 def add_steps(sums: Singles, x: Singles, y: Singles, last_x: Singles, last_y: Singles) -> None:
     """Add the distances between two rows of positions."""
     for b in range(sums.size):
@@ -293,7 +293,7 @@ def add_steps(sums: Singles, x: Singles, y: Singles, last_x: Singles, last_y: Si
         sums[b] += np.sqrt(dx * dx + dy * dy)
 
 
-@kernel
+@kernel(arrays=True)
 def score_alignment(m: Work, path: Floats, free: NDArray[np.bool_], count: int, p: Numbers) -> None:
     """PathAlignCritic: mean distance from the point of the path as far along it as the trajectory has come."""
     samples = m.costs.size
@@ -327,7 +327,7 @@ def score_alignment(m: Work, path: Floats, free: NDArray[np.bool_], count: int, 
             m.costs[b] += weight * total[b] / seen[b]
 
 
-@kernel
+@kernel(arrays=True)
 def score_path(m: Work, path: Floats, free: NDArray[np.bool_], yaw0: float, to_goal: float, p: Numbers) -> None:
     """PathAlignCritic, PathFollowCritic and PathAngleCritic."""
     samples = m.costs.size

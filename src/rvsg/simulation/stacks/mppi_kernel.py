@@ -30,7 +30,7 @@ FILTER = np.array([-21.0, 14.0, 39.0, 54.0, 59.0, 54.0, 39.0, 14.0, -21.0]) / 23
 # out of the work before a loop: numba counts a reference each time.
 
 
-@kernel
+@kernel(arrays=True)
 def limited(after: Singles, before: Singles, noise: Singles, middle: float, low: float, high: float) -> None:
     """The sampled controls of a step, within what can be reached from those of the step before."""
     wanted, down, up = F(middle), F(low), F(high)
@@ -38,7 +38,7 @@ def limited(after: Singles, before: Singles, noise: Singles, middle: float, low:
         after[b] = min(before[b] + up, max(before[b] + down, wanted + noise[b]))
 
 
-@kernel
+@kernel(arrays=True)
 def add_scaled(after: Singles, before: Singles, v: Singles, factor: Singles, dt: float) -> None:
     """Add v factor dt to sums."""
     step = F(dt)
@@ -46,7 +46,7 @@ def add_scaled(after: Singles, before: Singles, v: Singles, factor: Singles, dt:
         after[b] = before[b] + v[b] * factor[b] * step
 
 
-@kernel
+@kernel(arrays=True)
 def turn(cos: Singles, sin: Singles, w: Singles, dt: float) -> None:
     """Turn headings by w dt; the turn of a step is small, so its series is exact in single precision."""
     step = F(dt)
@@ -62,7 +62,7 @@ def turn(cos: Singles, sin: Singles, w: Singles, dt: float) -> None:
         sin[b] = sin[b] * c + old * s
 
 
-@kernel
+@kernel(arrays=True)
 def add_product(after: Singles, before: Singles, w: Singles, dt: float) -> None:
     """Add w dt to sums."""
     step = F(dt)
@@ -70,7 +70,7 @@ def add_product(after: Singles, before: Singles, w: Singles, dt: float) -> None:
         after[b] = before[b] + w[b] * step
 
 
-@kernel
+@kernel(arrays=True)
 def roll_out(m: Work, begin: int, end: int, yaw0: float, v0: float, w0: float, p: Numbers) -> None:
     """Sample controls around the sequence and integrate them; positions are relative to the robot."""
     cos, sin = m.scratch[0, begin:end], m.scratch[1, begin:end]
@@ -97,7 +97,7 @@ def roll_out(m: Work, begin: int, end: int, yaw0: float, v0: float, w0: float, p
         x, y, yaw, v, w = next_x, next_y, next_yaw, next_v, next_w
 
 
-@kernel
+@kernel(arrays=True)
 def keep(m: Work, begin: int, end: int, p: Numbers) -> None:
     """Keep what the critics of the path read of the samples of a block."""
     last, n = m.x.shape[0] - 1, end - begin
@@ -109,7 +109,7 @@ def keep(m: Work, begin: int, end: int, p: Numbers) -> None:
     m.kept_yaw[begin:end] = m.yaw[last, :n]
 
 
-@kernel
+@kernel(arrays=True)
 def weighted(values: Singles, weights: Singles) -> float:
     """Return the sum of values times weights, in eight lanes so that it becomes vector code."""
     lanes = np.zeros(8, np.float32)
@@ -125,7 +125,7 @@ def weighted(values: Singles, weights: Singles) -> float:
     return total
 
 
-@kernel
+@kernel(arrays=True)
 def average(m: Work, p: Numbers) -> None:
     """Replace the control sequence by the mean of the sampled ones, weighted by their scores."""
     steps, samples = m.noise_v.shape
@@ -141,7 +141,7 @@ def average(m: Work, p: Numbers) -> None:
         control[1, k] = weighted(w[k + 1], weights) / total
 
 
-@kernel
+@kernel(arrays=True)
 def smooth_sequence(m: Work, offset: int) -> None:
     """Filter the control sequence with what was sent before it."""
     steps = m.control.shape[1]
@@ -161,7 +161,7 @@ def smooth_sequence(m: Work, offset: int) -> None:
         m.history[axis, 3] = m.control[axis, offset]
 
 
-@kernel
+@kernel(arrays=True)
 def constrain(m: Work, p: Numbers) -> None:
     """Keep the control sequence within the limits of speed and acceleration."""
     v = min(p.v_max, max(p.v_min, m.control[0, 0]))
@@ -173,7 +173,7 @@ def constrain(m: Work, p: Numbers) -> None:
         m.control[0, k], m.control[1, k] = v, w
 
 
-@kernel
+@kernel(arrays=True)
 def local_path(plan: Floats, x: float, y: float, prune_m: float) -> Floats:
     """Return the plan from its point nearest to the robot for `prune_m`, relative to the robot."""
     begin = 0
@@ -195,7 +195,7 @@ def local_path(plan: Floats, x: float, y: float, prune_m: float) -> Floats:
     return path
 
 
-@kernel
+@kernel(arrays=True)
 def optimise(
     m: Work, plan: Floats, cells: Bytes, ox: float, oy: float, side: float, x: float, y: float, yaw: float, v0: float,
     w0: float, goal_yaw: float, iterations: int, p: Numbers,

@@ -157,6 +157,9 @@ class NavigationStack(ABC):
     answer_time_s: ClassVar[float | None] = 10.0
     """Wall time within which a call must return; None: without limit. A call that takes longer ends the run."""
 
+    sideways: ClassVar[bool] = True
+    """Whether it may command a lateral speed, for a robot that has one."""
+
     @property
     def options(self) -> Mapping[str, Any]:
         """The effective options as JSON-able data; part of a run's id."""

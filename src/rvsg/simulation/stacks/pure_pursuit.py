@@ -249,6 +249,7 @@ class PurePursuit(Configured):
     name: ClassVar[str] = "nav2-rpp"
     version = "2"
     smoothed_recoveries: ClassVar[bool] = True
+    sideways: ClassVar[bool] = False
     title: ClassVar[str] = "Nav2 (Jazzy) with regulated pure pursuit, NavFn and the default behaviour tree"
     Settings: ClassVar[type[Nav2Settings]] = PurePursuitSettings
 

@@ -6,9 +6,10 @@ import math
 from collections.abc import Iterable, Sequence
 from itertools import pairwise
 
+from rvsg.core.references import refer
 from rvsg.scenario.agents import HumanAgent
 from rvsg.simulation.embedded.people.behaviour import tick
-from rvsg.simulation.embedded.people.crowd import PERIOD_S, PeopleOptions, initial, reference
+from rvsg.simulation.embedded.people.crowd import PERIOD_S, PeopleOptions, initial
 from rvsg.world.world import World
 
 SLACK = 1.25
@@ -30,7 +31,7 @@ def walking_time_s(world: World, way: Sequence[str], speed_m_s: float, limit_s: 
         speed_m_s=speed_m_s,
     )
     crowd = initial([agent], world, options=_NO_NOISE, seed=0, time_limit_s=limit_s)
-    by_reference = reference(crowd)
+    by_reference = refer(crowd)
     for k in range(math.ceil(limit_s / PERIOD_S)):
         tick(by_reference, PERIOD_S * k, PERIOD_S, *_FAR)
         if k > 0 and crowd.goal_index[0] == 0:

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from rvsg.core.compiled import by_reference, kernel
 from rvsg.core.errors import InputError
 from rvsg.core.records import Record
+from rvsg.core.references import by_reference
 from rvsg.core.seeds import stream
 from rvsg.robots import Robot, load_robot
 from rvsg.robots.files import DEFAULT_ROBOT
@@ -164,12 +164,6 @@ class Crowd(NamedTuple):
 
 
 CrowdRef = by_reference(Crowd)
-
-
-@kernel
-def reference(crowd: Crowd) -> Any:
-    """Return the crowd by reference, as `tick` takes it. It shares the arrays."""
-    return CrowdRef(*crowd)
 
 
 def begins_early(chance: float, seed: int) -> bool:

@@ -23,7 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from rvsg.core.compiled import by_reference, inner
+from rvsg.core.compiled import inner
+from rvsg.core.references import by_reference
 from rvsg.robots import Lidar
 from rvsg.simulation.embedded.base import wrap
 from rvsg.simulation.embedded.sensing.lidar import LEG_RADIUS_M, cast_disc, cast_edge

@@ -8,7 +8,7 @@ from rvsg.core.compiled import inner
 from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded.scene import Scene
 from rvsg.simulation.embedded.sensing.lidar import FAR
-from rvsg.simulation.embedded.sensing.perception import ranges_of, sense
+from rvsg.simulation.embedded.sensing.perception import rays_of, sense
 from rvsg.simulation.embedded.sensing.safety import encloses
 from rvsg.simulation.embedded.stack import LIDAR_MIN
 from rvsg.simulation.embedded.state import Settings, State
@@ -24,7 +24,8 @@ def keep_returns(scene: Scene, state: State, settings: Settings, side: int) -> N
     """Keep where the latest scan of a lidar returned near the robot, in the world frame."""
     x, y, bearing = sense(scene, state, settings, side)
     cos, sin = math.cos(bearing), math.sin(bearing)
-    ranges, directions, kept = ranges_of(state, side), state.directions[side], state.returns[side]
+    ranges = state.ranges[side, : rays_of(state, side)]
+    directions, kept = state.directions[side], state.returns[side]
     kept[:] = NOWHERE
     least, reach = state.stack.lidars[side, LIDAR_MIN], state.stack.monitor_reach
     for k in range(ranges.size):

@@ -83,9 +83,9 @@ def sense(scene: Scene, state: State, settings: Settings, side: int) -> tuple[fl
 
 
 @inner
-def ranges_of(state: State, side: int) -> Floats:
-    """Return the ranges of a lidar's scan."""
-    return state.ranges[side, : int(state.stack.lidars[side, LIDAR_RAYS])]
+def rays_of(state: State, side: int) -> int:
+    """Return how many ranges a scan of a lidar has."""
+    return int(state.stack.lidars[side, LIDAR_RAYS])
 
 
 @inner
@@ -116,8 +116,8 @@ def update_local(scene: Scene, state: State, settings: Settings) -> None:
         layer = state.local[side]
         x, y, bearing = sense(scene, state, settings, side)
         observe(
-            layer, ranges_of(state, side), state.directions[side], x / state.stack.resolution - left,
-            y / state.stack.resolution - low, bearing,
+            layer, state.ranges[side, : rays_of(state, side)], state.directions[side],
+            x / state.stack.resolution - left, y / state.stack.resolution - low, bearing,
             state.stack.resolution, VOXEL_SHORTENING_CELLS, state.stack.obstacle_range,
             state.stack.clearing_range, state.stack.lidars[side, LIDAR_MIN],
         )  # fmt: skip
@@ -145,9 +145,10 @@ def update_global(scene: Scene, state: State, settings: Settings) -> None:
         x, y, bearing = sense(scene, state, settings, side)
         x, y = to_map(state.own.present, x, y)
         observe(
-            layer, ranges_of(state, side), state.directions[side], (x - scene.origin_x) / scene.resolution,
-            (y - scene.origin_y) / scene.resolution, bearing + turn, scene.resolution, 0.0,
-            state.stack.obstacle_range, state.stack.clearing_range, state.stack.lidars[side, LIDAR_MIN],
+            layer, state.ranges[side, : rays_of(state, side)], state.directions[side],
+            (x - scene.origin_x) / scene.resolution, (y - scene.origin_y) / scene.resolution, bearing + turn,
+            scene.resolution, 0.0, state.stack.obstacle_range, state.stack.clearing_range,
+            state.stack.lidars[side, LIDAR_MIN],
         )  # fmt: skip
         clear_footprint(
             layer, state.spans, column, row, state.body[base.YAW] + turn, scene.resolution, state.stack.footprint

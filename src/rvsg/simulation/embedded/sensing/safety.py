@@ -11,7 +11,7 @@ from rvsg.core.compiled import inner
 from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded.scene import Scene
 from rvsg.simulation.embedded.sensing.lidar import FAR
-from rvsg.simulation.embedded.sensing.perception import ranges_of, sense
+from rvsg.simulation.embedded.sensing.perception import rays_of, sense
 from rvsg.simulation.embedded.stack import LIDAR_MIN, Stack
 from rvsg.simulation.embedded.state import Settings, State
 
@@ -57,7 +57,7 @@ def watch_zones(scene: Scene, state: State, settings: Settings, side: int, t: fl
     from_y = cos * (y - scanned[1]) - sin * (x - scanned[0])
     turn_cos = math.cos(bearing - scanned[2])
     turn_sin = math.sin(bearing - scanned[2])
-    ranges = ranges_of(state, side)
+    ranges = state.ranges[side, : rays_of(state, side)]
     directions = state.directions[side]
     least = state.stack.lidars[side, LIDAR_MIN]
     for k in range(ranges.size):

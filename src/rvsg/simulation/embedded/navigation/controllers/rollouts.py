@@ -77,7 +77,7 @@ def roll_out_headings(headings: Floats, w0: float, w1: float, steps: int, dt: fl
     headings[steps, 2] = yaw
 
 
-@kernel
+@kernel(arrays=True)
 def roll_out_ends(ends: Floats, v0: float, side0: float, w0: float, samples: Floats, p: Stack) -> None:
     """End poses (x, y, yaw) of all samples, and the points 0.1 m ahead, from pose (0, 0, 0) and velocities v0, w0.
 

@@ -30,7 +30,7 @@ STEPS = np.array([(0, -1), (0, 1), (-1, 0), (1, 0), (-1, -1), (-1, 1), (1, -1), 
 """Rows and columns to the neighbours of a cell, in Nav2's order."""
 
 
-@kernel
+@kernel(arrays=True)
 def search(master: Bytes, source: int, target: int, gx: float, gy: float, cost_weight: float,
            tolerance: float) -> tuple[int, Ints]:  # fmt: skip
     """Return the cell that the search ends at, -1 without one, and the cell before each.
@@ -95,7 +95,7 @@ def take_over(points: Floats, others: Floats) -> None:
         points[i, 1] = others[i, 1]
 
 
-@kernel
+@kernel(arrays=True)
 def smoothed(points: Floats, master: Bytes) -> bool:
     """Smooth a path (N, 2), in cells, in place, with its ends fixed; False where it is stopped by an obstacle.
 

@@ -88,7 +88,7 @@ def sight(master: Bytes, x0: int, y0: int, x1: int, y1: int, weight: float) -> f
     return total
 
 
-@kernel
+@kernel(arrays=True)
 def search(master: Bytes, source: int, target: int, length_weight: float, cost_weight: float) -> tuple[bool, Ints]:
     """Return whether the target is reached, and the parent of each cell, with the source as its own."""
     rows, columns = master.shape
@@ -161,7 +161,7 @@ def plan_theta(
     return interpolated(path, parent, source, target, columns, origin_x, origin_y, resolution)
 
 
-@kernel
+@kernel(arrays=True)
 def interpolated(path: Floats, parent: Ints, source: int, target: int, columns: int, origin_x: float,
                  origin_y: float, resolution: float) -> int:  # fmt: skip
     """Write the straight parts of a path as points one cell apart; return their number, 0 where they are too many."""
