@@ -41,9 +41,9 @@ TOLD_AS_MEASURED = frozenset(
 
 MEANINGS = {
     Behaviour.REGULAR: "makes room for the robot as for another person, and walks on; who waits or pauses steps aside "
-    "when it comes within 0.5 to 0.7 m, and then comes back, which costs it a second or two, not the drive",
+    "when its body comes within 0.5 m of theirs, and then comes back, which costs it a second or two, not the drive",
     Behaviour.IMPASSIVE: "takes the robot for a thing: walks round it as round a wall, without making room; who waits "
-    "or pauses stays until it is within 0.5 m, then steps aside and comes back",
+    "or pauses stays until its body is within 0.4 m of theirs, then steps aside and comes back",
     Behaviour.SURPRISED: "stops and looks at the robot, for up to 30 s while it is within 4 m and in view; does not "
     "step aside then, and steps back only when it touches",
     Behaviour.SCARED: "walks on at 0.6 m/s at most and is pushed away from the robot, for up to 40 s while it is "
