@@ -1,4 +1,4 @@
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from tests.scenario.small_world import GOOD, MISSION, WORLD, human, people
 
@@ -29,7 +29,6 @@ humans = st.builds(
 configurations = st.lists(humans, min_size=1, max_size=3).map(lambda hs: HumanConfiguration(humans=tuple(hs)))
 
 
-@settings(max_examples=60, deadline=None)
 @given(configurations)
 def test_what_is_repaired_is_valid_or_said_to_be_beyond_repair(configuration: HumanConfiguration) -> None:
     mended, repairs = repair(configuration, MISSION, WORLD)
@@ -42,7 +41,6 @@ def test_what_is_repaired_is_valid_or_said_to_be_beyond_repair(configuration: Hu
     assert bool(repairs) or mended == configuration
 
 
-@settings(max_examples=40, deadline=None)
 @given(configurations)
 def test_repairing_twice_changes_nothing_more(configuration: HumanConfiguration) -> None:
     once, _ = repair(configuration, MISSION, WORLD)
