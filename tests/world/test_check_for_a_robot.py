@@ -86,3 +86,24 @@ def test_a_route_that_a_steered_robot_cannot_drive_tells_its_turning_circle(name
     failed = [remark for remark in found if remark.serious and remark.key[0] == "routes"]
     assert len(failed) == len(load_world("warehouse").routes)
     assert [radius in str(remark) for remark in failed] == [told] * len(failed)
+
+
+class SomeTouch(NobodyArrives):
+    """A trial in which every way is driven, and all but the first few graze something."""
+
+    def __init__(self, clean: int) -> None:
+        self.clean = clean
+
+    def drive(self, world: World, route: Route) -> Drive:
+        self.clean -= 1
+        touched = () if self.clean >= 0 else (3.0,) * (9 + self.clean % 5)
+        return Drive(arrived=True, outcome="reached", time_s=60.0, x=0.0, y=0.0, touched_s=touched)
+
+
+def test_ways_that_graze_something_are_proposed_only_where_there_is_no_other() -> None:
+    world = load_world("warehouse")
+    clean = propose_routes(world, trial=SomeTouch(1))
+    assert [route.name for route in clean] == ["route_1"]
+    grazed = propose_routes(world, trial=SomeTouch(0))
+    assert [route.name for route in grazed] == ["route_1", "route_2", "route_3"]
+    assert propose_routes(world, trial=NobodyArrives()) == ()

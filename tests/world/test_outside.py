@@ -116,6 +116,15 @@ def test_a_hall_with_furniture_stays_floor_until_a_person_says_otherwise(tmp_pat
     assert not floor(tmp_path, text.replace('"table"', '"oak_tree"')).is_free(*MIDDLE)
 
 
+def test_an_enclosed_hall_with_many_doors_is_no_courtyard(tmp_path: Path) -> None:
+    closed, text = wall("inner south", (6.3, 17.7), (6.3, 6.5)), ring(ceilings=False)
+    assert closed in text
+    pieces = [(6.3, 8.0), (9.2, 11.4), (12.6, 14.8), (16.0, 17.7)]
+    doors = "".join(wall(f"inner south {n}", x, (6.3, 6.5)) for n, x in enumerate(pieces))
+    assert floor(tmp_path, text.replace(closed, doors)).is_free(*MIDDLE)
+    assert not floor(tmp_path, text).is_free(*MIDDLE)
+
+
 @pytest.mark.parametrize("choices", [{"indoors": ((0.1, 0.1),)}, {"outdoors": ((50.0, 0.0),)}])
 def test_a_point_off_the_floor_is_refused(tmp_path: Path, choices: dict[str, tuple[tuple[float, float], ...]]) -> None:
     with pytest.raises(FileError) as caught:

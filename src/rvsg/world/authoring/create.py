@@ -290,7 +290,7 @@ def _created(
     notes += route_notes(world, trial)
     if not world.routes:
         notes.append(
-            "no route is proposed: on the ways between areas the robot does not fit, or it touches something or does "
+            "no route is proposed: on the ways between areas the robot does not fit, or it does "
             "not arrive when it drives alone. Write some into routes.yaml; `rvsg world check` drives them."
         )
     return Created(world=world, source=source, notes=tuple(notes))

@@ -36,6 +36,8 @@ ENCLOSED = 0.9
 """Of an enclosed part this share lies within the ring of the other floor."""
 RIM_M = 0.5
 """Nobody stands so near to walls, which belong to the room all the same."""
+MANY_DOORS = 4
+"""What is entered through so many doors is a hall, and ways lead through it."""
 HUB = 0.9
 """The other floor hangs together without a courtyard: its largest part is at least this share of it."""
 OUTDOORS = frozenset(
@@ -223,12 +225,14 @@ def without_building(objects: Sequence[SolidObject], occupancy: OccupancyMap) ->
 
 def _is_courtyard(room: Room, rooms: Sequence[Room], labels: Labels) -> bool:
     """Return whether a room is large, enclosed by the other floor, and not what joins the others."""
-    from scipy.ndimage import binary_fill_holes, label
+    from scipy.ndimage import binary_dilation, binary_fill_holes, label
 
     if room.area_m2 < COURTYARD_M2 or room.width_m < COURTYARD_WIDTH_M or len(rooms) < 4:
         return False
     mine = labels == room.number
     rest = (labels > 0) & ~mine
+    if label(rest & binary_dilation(mine, np.ones((3, 3))), np.ones((3, 3)))[1] >= MANY_DOORS:
+        return False
     parts, count = label(rest, np.ones((3, 3)))
     sizes = np.bincount(parts.ravel())[1:]
     if not count or sizes.max() < HUB * sizes.sum():

@@ -53,21 +53,28 @@ def propose_routes(
 
     They lead from area to area over waypoints on which the robot fits, from different places where there are enough.
     With a trial each is driven once in a simulator: a way the robot does not drive alone is no proposal, and the time
-    limit leaves room for the time it takes. `robot`: the one to propose for, by default the default robot.
+    limit leaves room for the time it takes. Ways on which it touches something are proposed only where there is no
+    other, as in buildings with narrow doors. `robot`: the one to propose for, by default the default robot.
     """
     walks = _walks(world, robot)
     chosen: list[_Walk] = []
     routes: list[Route] = []
+    grazed: dict[_Walk, tuple[int, Route]] = {}
     for ranked in itertools.islice(itertools.cycle(_rankings(world, walks)), count):
         used = {name for walk in chosen for name in (walk.start, walk.goal)}
         fresh = [walk for walk in ranked if walk not in chosen]
         for walk in sorted(fresh, key=lambda w: bool(used & {w.start, w.goal}))[:MOST_DRIVES]:
             asked = _route(world, f"route_{len(routes) + 1}", walk)
-            route = _driven(world, asked if robot is None else fitted(asked, robot, world).route, trial)
-            if route is not None:
+            driven = _driven(world, asked if robot is None else fitted(asked, robot, world).route, trial)
+            if driven is not None and not driven[0]:
                 chosen.append(walk)
-                routes.append(route)
+                routes.append(driven[1])
                 break
+            if driven is not None:
+                grazed[walk] = driven
+    if not routes:
+        least = sorted(grazed.values(), key=lambda driven: driven[0])[:count]
+        routes = [route.model_copy(update={"name": f"route_{n}"}) for n, (_, route) in enumerate(least, start=1)]
     return tuple(routes)
 
 
@@ -119,23 +126,23 @@ def _width_m(world: World, a: str, b: str) -> float:
     return found.width_m if found else 0.0
 
 
-def _driven(world: World, route: Route, trial: Trial | None) -> Route | None:
-    """Return the route as it is driven in the trial: the waypoints passed, and a time limit that fits the way.
+def _driven(world: World, route: Route, trial: Trial | None) -> tuple[int, Route] | None:
+    """Return how often the robot touches something on a route, and the route as it is driven in the trial.
 
-    None where the robot does not drive it alone.
+    The route has the waypoints passed and a time limit that fits the way. None where the robot does not arrive alone.
     """
     if trial is None:
-        return route
+        return 0, route
     drive = trial.drive(world, route)
-    if not drive.arrived or drive.touched_s:
+    if not drive.arrived:
         return None
+    touches = len(drive.touched_s)
     needed = 5.0 * math.ceil(SPARE_TIME * drive.time_s / 5.0)
     way = np.array(drive.way)
     if len(way) < 2:
-        return route.model_copy(update={"time_limit_s": max(route.time_limit_s, needed)})
-    return route.model_copy(
-        update={"via": passed(world.grid, way), "time_limit_s": max(time_limit_s(length_m(way)), needed)}
-    )
+        return touches, route.model_copy(update={"time_limit_s": max(route.time_limit_s, needed)})
+    limit = max(time_limit_s(length_m(way)), needed)
+    return touches, route.model_copy(update={"via": passed(world.grid, way), "time_limit_s": limit})
 
 
 def passed(grid: Grid, way: NDArray[np.float64]) -> tuple[str, ...]:
@@ -158,7 +165,10 @@ def route_notes(world: World, trial: Trial | None) -> tuple[str, ...]:
         line = line_of(world, route)
         said = f"{route.name} leads {route.purpose or 'through the world'}, {length_m(line):.0f} m"
         if trial is not None:
-            said += f"; the robot alone takes {trial.drive(world, route).time_s:.0f} s"
+            drive = trial.drive(world, route)
+            said += f"; the robot alone takes {drive.time_s:.0f} s"
+            if drive.touched_s:
+                said += f" and touches something {len(drive.touched_s)} times on the way"
         narrow = narrowest_passage(world, line)
         if narrow is not None and narrow.width_m < WIDE_M:
             said += f"; its narrowest place is {narrow.width_m:.1f} m wide, near {narrow.waypoint}"
