@@ -10,6 +10,7 @@ from shapely import Polygon
 
 from rvsg.core.errors import FileError, InputError
 from rvsg.world.authoring.create import Created, mapped, world_from_sdf
+from rvsg.world.authoring.labels import propose_areas
 from rvsg.world.authoring.outside import Choices
 from rvsg.world.io.sdf import load_sdf
 from rvsg.world.space import Space, human_space, human_space_of
@@ -162,6 +163,17 @@ def test_pillars_in_a_room_of_the_same_model_leave_its_floor_open(tmp_path: Path
     walls += [wall("d", (4.1, 5.0), (0.0, 5.0)), wall("pillar", (2.4, 2.6), (2.4, 2.6))]
     space = floor(tmp_path, f'<sdf version="1.7"><model name="m"><link name="l">{"".join(walls)}</link></model></sdf>')
     assert space.is_free(1.5, 1.5) and not space.is_free(2.5, 2.5)
+
+
+def test_a_small_part_of_a_building_is_not_called_after_the_building(tmp_path: Path) -> None:
+    walls = [wall("a", (0.0, 9.0), (0.0, 0.2)), wall("b", (0.0, 9.0), (8.8, 9.0)), wall("c", (0.0, 0.2), (0.0, 9.0))]
+    walls += [wall("d", (8.8, 9.0), (0.0, 9.0)), wall("e", (4.2, 4.8), (4.2, 4.8))]
+    (tmp_path / "b.sdf").write_text(
+        f'<sdf version="1.7"><model name="Acme"><link name="l">{"".join(walls)}</link></model></sdf>'
+    )
+    read = load_sdf(tmp_path / "b.sdf")
+    areas = propose_areas(read.objects, mapped(read.objects, None, [], Choices(), read.overhead))
+    assert "Fixture" in {area.name for area in areas} and not any("Acme" in area.name for area in areas)
 
 
 Corners = list[tuple[float, float]]

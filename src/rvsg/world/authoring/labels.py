@@ -61,7 +61,11 @@ def propose_areas(objects: Sequence[SolidObject], occupancy: OccupancyMap) -> tu
     """
     space = human_space_of(objects, occupancy)
     apart = {id(thing) for thing in without_building(objects, occupancy)}
-    furniture = [thing for thing in objects if id(thing) in apart or _is_compact(thing)]
+    furniture = [
+        thing if id(thing) in apart else thing.replace(kind="fixture")
+        for thing in objects
+        if id(thing) in apart or _is_compact(thing)
+    ]
     things = areas_of_objects(furniture) if objects else areas_of_obstacles(occupancy, space)
     rooms = areas_of_rooms(space, main_floor(space))
     return (*things, *(rooms if len(rooms) >= FEWEST_ROOMS else areas_of_floor(space) or rooms))
