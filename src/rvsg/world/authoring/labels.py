@@ -36,6 +36,9 @@ NOT_WORKED = {
     "door",
     "column",
     "pillar",
+    "portrait",
+    "painting",
+    "poster",
 }
 GAP_M = 0.6  # things nearer to each other than a person can pass between are worked as one
 LARGE = 4.0
