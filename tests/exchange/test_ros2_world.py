@@ -52,7 +52,7 @@ def test_people_of_hunavsims_own_agent_manager_are_recorded() -> None:
 def test_a_world_that_stops_or_lacks_people_is_told() -> None:
     stopped = run_isolated(DRIVE, world={"stop_at_s": 1.0}, options={"answer_limit_s": 1.0, **BUSY})
     assert stopped["outcome"] == "STACK_FAILED"
-    lacking = run_isolated(DRIVE, world={"topic": "elsewhere"}, options={"start_limit_s": 30.0})
+    lacking = run_isolated(DRIVE, world={"topic": "elsewhere"}, options={"start_limit_s": 90.0})
     assert "agent1, agent2 on /human_states" in lacking["error"]
 
 

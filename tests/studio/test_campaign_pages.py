@@ -46,7 +46,7 @@ def test_a_campaign_is_written_estimated_started_and_followed(show: Show, studio
     assert campaign.finished and campaign.summary().accounting.search_attempts == 2
     tab.locator("#worst-replay .rp-map svg").wait_for(timeout=PATIENT)
     tab.wait_for_function("document.getElementById('worst-replay').replay.state().t > 0", timeout=PATIENT)
-    assert tab.locator(".chart-box svg circle").count() == 2
+    tab.wait_for_function("document.querySelectorAll('.chart-box svg circle').length === 2", timeout=PATIENT)
     assert axe_violations(tab) == []
     assert fits(tab)
 
