@@ -11,7 +11,7 @@ from tests.fuzz.kinds import KINDS
 QUICK = ("answer", "option", "robot", "map", "scenario")
 """Kinds of which a case takes a tenth of a second."""
 FOUND = [
-    *(("answer", 10), ("answer", 18), ("study", 28)),
+    *(("answer", 10), ("answer", 18), ("study", 28), ("runs", 67)),
 ]
 """Kinds and seeds that once were findings."""
 

@@ -28,6 +28,12 @@ LATERAL = "lateral"
 """An array per sample that only runs of a base that moves sideways have."""
 PER_HUMAN = ("human_x", "human_y", "human_yaw", "human_speed")
 
+LARGEST = 1e6
+"""No number of a run is larger, in SI units: beyond it, squares and exponentials of the metrics overflow."""
+Coordinate = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
+Radius = Annotated[float, Field(ge=0, le=100)]
+Outline = tuple[tuple[Coordinate, Coordinate], ...]
+
 
 class RunHeader(Record):
     """All of a Run but its arrays; `same_log` says that the log is the trajectory."""
@@ -35,33 +41,32 @@ class RunHeader(Record):
     scenario_id: str
     simulator: str
     options: dict[str, Any]
-    seed: int
+    seed: Annotated[int, Field(ge=0)]
     outcome: Outcome
-    clock_ratio: float = 1.0
+    clock_ratio: Annotated[float, Field(gt=0, le=LARGEST)] = 1.0
     human_names: tuple[str, ...]
-    robot_radius_m: float = 0.35
-    human_radius_m: tuple[float, ...]
-    goal: tuple[float, float, float]
-    time_limit_s: float
-    recoveries: int = 0
+    robot_radius_m: Radius = 0.35
+    human_radius_m: tuple[Radius, ...]
+    goal: tuple[Coordinate, Coordinate, Coordinate]
+    time_limit_s: Annotated[float, Field(ge=0, le=LARGEST)]
+    recoveries: Annotated[int, Field(ge=0)] = 0
     details: dict[str, Any] = Field(default_factory=dict)
     human_groups: tuple[int | None, ...] = ()
     events: tuple[RecordedEvent, ...] = ()
-    robot_outline: tuple[tuple[float, float], ...] = ()
-    human_outlines: Annotated[
-        tuple[tuple[tuple[float, float], ...], ...], Field(exclude_if=lambda outlines: not outlines)
-    ] = ()
-    robot_latency_s: float = 0.0
-    robot_deceleration_m_s2: float = 2.5
+    robot_outline: Outline = ()
+    human_outlines: Annotated[tuple[Outline, ...], Field(exclude_if=lambda outlines: not outlines)] = ()
+    robot_latency_s: Annotated[float, Field(ge=0, le=LARGEST)] = 0.0
+    robot_deceleration_m_s2: Annotated[float, Field(gt=0, le=LARGEST)] = 2.5
     same_log: bool = False
 
 
 def header_of(run: Run) -> RunHeader:
-    """The run without its arrays."""
-    return RunHeader(
-        **{name: getattr(run, name) for name in RunHeader.model_fields if name != "same_log"},
-        same_log=run.log is run.trajectory,
-    )
+    """The run without its arrays; InputError where a simulator gave it a value out of range."""
+    fields = {name: getattr(run, name) for name in RunHeader.model_fields if name != "same_log"}
+    try:
+        return RunHeader(**fields, same_log=run.log is run.trajectory)
+    except pydantic.ValidationError as error:
+        raise InputError(f"the simulator {run.simulator} made a run that cannot be stored: {error}") from None
 
 
 def arrays_of(run: Run) -> dict[str, NDArray[np.float64]]:
@@ -84,7 +89,7 @@ def assemble(header: RunHeader, arrays: dict[str, NDArray[np.float64]]) -> Run:
     log = trajectory if header.same_log else _trajectory("log", arrays, len(header.human_names))
     _check_people(header)
     fields = {name: getattr(header, name) for name in RunHeader.model_fields if name != "same_log"}
-    return Run(**fields, trajectory=trajectory, log=log, imu=arrays.get("imu", np.empty(0)))
+    return Run(**fields, trajectory=trajectory, log=log, imu=_bounded("imu", arrays.get("imu", np.empty(0))))
 
 
 @dataclass(frozen=True)
@@ -117,7 +122,7 @@ def rounded(run: Run) -> Run:
     arrays, humans = rounded_arrays(arrays_of(run)), len(run.human_names)
     trajectory = _trajectory("trajectory", arrays, humans)
     log = trajectory if run.log is run.trajectory else _trajectory("log", arrays, humans)
-    return replace(run, trajectory=trajectory, log=log, imu=arrays["imu"])
+    return replace(run, trajectory=trajectory, log=log, imu=_bounded("imu", arrays["imu"]))
 
 
 def unpack(data: bytes) -> Run:
@@ -189,7 +194,13 @@ def _trajectory(prefix: str, arrays: dict[str, NDArray[np.float64]], humans: int
         expected = (len(arrays[f"{prefix}.t"]),) + ((humans,) if name in PER_HUMAN else ())
         if array.shape != expected:
             raise InputError(f"{prefix}.{name} has the shape {array.shape}, expected {expected}")
-        if not np.isfinite(array).all():
-            raise InputError(f"{prefix}.{name} holds numbers that are not finite")
-        found[name] = array
+        found[name] = _bounded(f"{prefix}.{name}", array)
     return Trajectory(**found)
+
+
+def _bounded(name: str, array: NDArray[np.float64]) -> NDArray[np.float64]:
+    if not np.isfinite(array).all():
+        raise InputError(f"{name} holds numbers that are not finite")
+    if array.size and np.abs(array).max() > LARGEST:
+        raise InputError(f"{name} holds numbers beyond {LARGEST:,.0f}; expected SI units: m, s, m/s, rad")
+    return array
