@@ -4,6 +4,8 @@ VENV   ?= .venv
 BIN    := $(VENV)/bin
 # Compiled tests are kept, else every worker of every run compiles all of them again.
 KEEP   := PYTHONDONTWRITEBYTECODE=
+# A test that hangs ends with the stacks of all its threads; the slowest takes two minutes on a busy machine.
+PYTEST := $(KEEP) $(BIN)/python -m pytest --timeout 600 --timeout-method thread
 PIP    := $(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt
 
 .DEFAULT_GOAL := help
@@ -15,18 +17,18 @@ run: $(VENV)/.run ## install, run the first campaign on the shipped warehouse, c
 	$(BIN)/rvsg run --out runs/first
 
 test: $(VENV)/.dev ## install what development needs and run the fast tests
-	$(KEEP) $(BIN)/python -m pytest -m "not slow" -n 2 --dist loadfile
+	$(PYTEST) -m "not slow" -n 2 --dist loadfile
 
 # These wait more than they compute: four of them share two cores well.
 test-slow: $(VENV)/.dev ## run those that start processes, kill them, or use servers and browsers
-	$(KEEP) $(BIN)/python -m pytest -m "slow and not exhaustive" -n 4 --dist worksteal
+	$(PYTEST) -m "slow and not exhaustive" -n 4 --dist worksteal
 
 # One after the other: the driver of the browser leaves an event loop in its process, which tests of model access refuse.
 test-all: test test-slow ## run the fast and the slow tests
 
 test-exhaustive: $(VENV)/.dev ## run every test on every screen, input and data set, properties on more examples
-	$(KEEP) RVSG_EXAMPLES=100 $(BIN)/python -m pytest -m "not slow" -n 2 --dist loadfile
-	$(KEEP) RVSG_EXAMPLES=100 $(BIN)/python -m pytest -m slow -n 2 --dist loadfile
+	RVSG_EXAMPLES=100 $(PYTEST) -m "not slow" -n 2 --dist loadfile
+	RVSG_EXAMPLES=100 $(PYTEST) -m slow -n 2 --dist loadfile
 
 check: lint types contracts docs-check ## every static check: format, lint, types, import contracts, docs
 

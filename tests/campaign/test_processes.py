@@ -177,6 +177,15 @@ def test_workers_that_cannot_load_the_simulator_are_one_message() -> None:
     processes.stop(kill=True)
 
 
+def test_workers_that_never_begin_to_work_are_one_message(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("rvsg.campaign.processes.command", lambda: ["sleep", "1000"])
+    monkeypatch.setattr("rvsg.campaign.processes.START_S", 0.1)
+    processes = started(KinematicSimulator())
+    with pytest.raises(SimulationError, check=coded("worker-start")):
+        processes.result(processes.submit(scenario(), 0))
+    processes.stop(kill=True)
+
+
 def test_workers_that_die_at_their_start_again_and_again_are_one_message(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("rvsg.campaign.processes.command", lambda: ["false"])
     processes = started(KinematicSimulator())

@@ -34,6 +34,8 @@ FAILED_STARTS = 10
 """The number of workers in a row that may die while they start."""
 READ_AHEAD = 2
 """Tasks a worker has at most, so that it never waits for this process between two runs."""
+START_S = 600.0
+"""A worker that cannot work by then is killed, which counts as a failed start."""
 STOP_S = 5.0
 """Killed workers are waited for at most this long."""
 
@@ -246,10 +248,14 @@ class _Keeper(threading.Thread):
         """Give the worker its work and tasks until there are none; EOFError or OSError when it dies."""
         assert process.stdin is not None and process.stdout is not None
         answer = b""
+        late = threading.Timer(START_S, process.kill)
+        late.daemon = True
+        late.start()
         try:
             write_frame(process.stdin, self.pool.work)
             answer = read_frame(process.stdout)
         finally:
+            late.cancel()
             self.pool.started(bool(answer))
         if answer != READY:
             raise SimulationError(answer.decode())

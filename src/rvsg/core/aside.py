@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import gc
 import importlib
 import os
@@ -28,8 +29,9 @@ def compile_aside(work: Sequence[tuple[Any, tuple[Any, ...]]]) -> subprocess.Pop
         env={**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
     )
     assert process.stdin is not None
-    process.stdin.write(dumps(named))
-    process.stdin.close()
+    with contextlib.suppress(BrokenPipeError):  # it is dead already
+        process.stdin.write(dumps(named))
+        process.stdin.close()
     return process
 
 
