@@ -82,7 +82,8 @@ def run_steps(folder: Path, steps: list[tuple[str, str]], branch: str) -> list[i
     return codes
 
 
-@pytest.mark.parametrize("steps", [github_steps, pytest.param(gitlab_steps, marks=pytest.mark.exhaustive)])
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("steps", [github_steps, gitlab_steps])
 def test_results_are_kept_and_compared_and_a_broken_case_fails_the_build_with_a_picture(  # type: ignore[no-untyped-def]
     steps, repository: Path
 ) -> None:

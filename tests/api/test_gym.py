@@ -96,6 +96,7 @@ def test_environments_run_side_by_side_and_leave_no_thread(scenario: Any) -> Non
     assert threading.active_count() == before
 
 
+@pytest.mark.exhaustive
 def test_environments_run_in_processes_as_in_one(scenario: Any) -> None:
     def episodes(kind: Any) -> list[Any]:
         vector = kind([lambda: DriveEnv([scenario])] * 2)

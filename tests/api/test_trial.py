@@ -98,7 +98,7 @@ class TestTheCheck:
         assert len(remarks) == len(quiet) + 1
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 class TestProposals:
     def test_a_way_the_robot_does_not_drive_is_no_proposal(self) -> None:
         world = load_world("warehouse")

@@ -41,7 +41,7 @@ def suite(tmp_path: Path) -> Path:
     return folder
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_slower_robot_fixes_jerk_and_breaks_arriving_in_time(suite: Path, tmp_path: Path) -> None:
     slow = f"embedded:robot={robot_file(tmp_path / 'slow.yaml', speed=0.3)}"
     there = compare_versions("embedded", slow, suite=suite, runs=10)
@@ -62,7 +62,7 @@ def test_a_slower_robot_fixes_jerk_and_breaks_arriving_in_time(suite: Path, tmp_
     assert page.count('class="replay"') == sum(change is not Change.UNCHANGED for change in changes.values())
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_wider_inflation_fixes_two_cases_of_the_example_and_breaks_one(tmp_path: Path) -> None:
     for name in ("suite", "route_1-clearance", "route_2-r1", "route_2-r3", "route_5-r1"):
         shutil.copy(EXAMPLE / f"{name}.yaml", tmp_path)

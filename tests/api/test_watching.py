@@ -176,7 +176,7 @@ def test_a_changed_stack_runs_the_cases_again_and_the_way_back_too(suite: rvsg.S
     assert len({each.id for each in symptoms}) == 3
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_failures_are_written_into_the_suite_which_is_read_again_when_it_changes(
     suite: rvsg.Suite, field: Path, tmp_path: Path
 ) -> None:

@@ -67,7 +67,7 @@ def test_the_first_run_of_a_changed_configuration_takes_another_seed_in_every_ba
     assert not drafts & changes
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_the_kinds_of_encounter_lend_configurations_to_change(whole: list[Attempt]) -> None:
     the_plan = plan(**PLAN)
     ledger = MemoryLedger()
@@ -127,7 +127,7 @@ def test_it_resumes_to_the_same_records(whole: list[Attempt], cut: int) -> None:
     assert searched(ledger) == whole
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_it_is_the_same_for_any_number_of_workers(whole: list[Attempt]) -> None:
     assert searched(MemoryLedger(), jobs=3) == whole
 

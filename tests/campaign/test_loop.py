@@ -306,7 +306,8 @@ def test_a_confirmation_never_takes_part_in_the_ranking() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("max_in_flight", [pytest.param(1, marks=pytest.mark.exhaustive), 3])
 @pytest.mark.parametrize(
-    "strategy", [StudyStrategy, EliteStrategy, pytest.param(RandomStrategy, marks=pytest.mark.exhaustive)]
+    "strategy",
+    [StudyStrategy, *(pytest.param(each, marks=pytest.mark.exhaustive) for each in (EliteStrategy, RandomStrategy))],
 )
 def test_records_do_not_depend_on_the_number_of_jobs(strategy: type, max_in_flight: int) -> None:
     the_plan = plan(scenarios=4, max_in_flight=max_in_flight)
@@ -329,10 +330,8 @@ def ahead_of(ledger: MemoryLedger) -> Ahead:
     return Ahead(KinematicSimulator(), warehouse(), measure=measure, known=ledger.find)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "strategy", [STRATEGIES[0], *(pytest.param(each, marks=pytest.mark.exhaustive) for each in STRATEGIES[1:])]
-)
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("strategy", STRATEGIES)
 @settings(max_examples=8, deadline=None)
 @given(scenarios=integers(1, 7), refinements=integers(0, 3), max_in_flight=integers(1, 5), ahead=integers(0, 6))
 def test_how_far_processes_are_ahead_changes_nothing(

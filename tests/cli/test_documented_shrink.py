@@ -13,7 +13,7 @@ from rvsg.cli import main
 PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "shrink-a-scenario.md"
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_the_commands_print_what_the_page_shows(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

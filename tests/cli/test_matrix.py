@@ -67,7 +67,7 @@ def test_campaigns_side_by_side_keep_what_each_keeps_alone(
     assert (out / "report.html").read_text() == overview
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_campaign_file_may_list_routes_and_requirements(tmp_path: Path, alone: dict[str, list[str]]) -> None:
     file = tmp_path / "c.yaml"
     file.write_text(
@@ -127,7 +127,7 @@ def test_a_mistake_in_one_cell_is_told_before_any_begins(
     assert not (tmp_path / "all").exists()
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_cells_keep_their_settings_and_more_may_be_added(
     tmp_path: Path, errors: list[RvsgError], alone: dict[str, list[str]]
 ) -> None:
@@ -139,7 +139,7 @@ def test_cells_keep_their_settings_and_more_may_be_added(
     assert records(tmp_path / "all" / "route_2-R3") == alone["route_2-R3"]
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_cells_that_are_not_asked_for_now_stay_in_the_list(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "all"
     two = ["--route", "route_1", "--route", "route_2"]
@@ -151,7 +151,7 @@ def test_cells_that_are_not_asked_for_now_stay_in_the_list(tmp_path: Path, capsy
     assert len(json.loads(capsys.readouterr().out)["campaigns"]) == 2
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_violation_in_any_cell_is_told_by_the_exit_code_where_asked(tmp_path: Path) -> None:
     file = tmp_path / "r.yaml"
     words = "text: Keep away.\n  metric: dto\n  worse: smaller\n  unit: m\n"
@@ -226,7 +226,7 @@ def test_a_pair_that_is_added_is_one_pair(tmp_path: Path, capsys: pytest.Capture
     assert {path.name for path in folders_in(out)} == names | {"route_1-R2", "route_2-R2"}
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_cells_with_a_world_of_their_own_go_on_in_any_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     shutil.copytree(SHIPPED / "warehouse", tmp_path / "mine")
     (tmp_path / "elsewhere").mkdir()

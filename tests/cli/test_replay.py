@@ -25,7 +25,7 @@ def test_an_unknown_format_is_an_input_error(scenario: Path, capsys: pytest.Capt
     assert ".mp4" in capsys.readouterr().err
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_scenario_and_its_runs_become_strips(scenario: Path, tmp_path: Path) -> None:
     kinematic = ["--simulator", "kinematic"]
     one, two, runs = tmp_path / "one.png", tmp_path / "two.png", tmp_path / "runs.jsonl"

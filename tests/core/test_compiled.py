@@ -89,6 +89,7 @@ class TestCache:
         assert run(place, cache, patched) == "6.0"
         assert run(place, cache, USE) == "1.5"
 
+    @pytest.mark.exhaustive
     def test_a_constant_patched_while_another_kernel_was_compiled_does_not_either(self, place: Path) -> None:
         cache = place.parent / "cache"
         patched = CALL + "m.constants.FACTOR = 4.0; m.limited(1.5); m.constants.FACTOR = 1.0; "

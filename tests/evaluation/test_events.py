@@ -265,7 +265,7 @@ def test_recorded_events_of_people_become_events_of_the_run() -> None:
     assert events[0].task == "out" and events[1].until_s == 20.0
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_the_contacts_of_a_simulated_run_are_those_it_recorded() -> None:
     there = tuple(warehouse().grid.shortest_path("E21", "G12"))
     tasks = (Task(name="towards", path=there), Task(name="back", path=there[::-1]))

@@ -206,7 +206,7 @@ def test_what_others_write_as_our_facts_is_refused(said: list[Said], tmp_path: P
         read_recording(recorded([("/rvsg/run", BEGIN_S, message), *said], tmp_path), world=world)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_memory_does_not_grow_with_topics_that_are_not_needed(said: list[Said], tmp_path: Path, world: World) -> None:
     messages = Messages(rosbags_types())
     stamp, _ = messages.time(0.0)

@@ -139,6 +139,7 @@ def test_the_cafe_is_the_same_scenario_in_both_dialects(world: World, tmp_path: 
     assert found[0] == found[1]
 
 
+@pytest.mark.exhaustive
 def test_agents_files_of_a_folder_run_to_the_end(tmp_path: Path) -> None:
     folder = os.environ.get("RVSG_AGENTS_FILES")
     files = sorted(Path(folder).glob("*.yaml")) if folder else []

@@ -48,7 +48,7 @@ def test_people_of_hunavsims_own_agent_manager_are_recorded() -> None:
     assert min(told["walked"]) > 1.0
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_world_that_stops_or_lacks_people_is_told() -> None:
     stopped = run_isolated(DRIVE, world={"stop_at_s": 1.0}, options={"answer_limit_s": 1.0, **BUSY})
     assert stopped["outcome"] == "STACK_FAILED"

@@ -14,20 +14,19 @@ FOUND = [
     *(("answer", 10), ("answer", 18), ("study", 28), ("runs", 67)),
 ]
 """Kinds and seeds that once were findings."""
-
-
-@pytest.mark.parametrize(
-    "name", [pytest.param(k.name, marks=() if k.name in QUICK else pytest.mark.slow) for k in KINDS]
+EVERY_KIND = pytest.mark.parametrize(
+    "name", [pytest.param(k.name, marks=() if k.name in QUICK else pytest.mark.exhaustive) for k in KINDS]
 )
+
+
+@EVERY_KIND
 def test_the_whole_example_is_accepted(name: str, tmp_path: Path) -> None:
     kind_of(name).write(tmp_path)
     outcome = received(kind_of(name), tmp_path)
     assert (outcome.code, outcome.finding) == (0, ""), outcome.messages
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(k.name, marks=() if k.name in QUICK else pytest.mark.exhaustive) for k in KINDS]
-)
+@EVERY_KIND
 def test_damaged_inputs_are_received(name: str) -> None:
     for seed in range(1000, 1006):
         outcome = run_case(name, seed)

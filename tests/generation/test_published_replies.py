@@ -65,7 +65,7 @@ def test_every_published_configuration_decodes_to_exactly_its_tasks_and_paths() 
     assert empty == 3
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_every_unknown_waypoint_of_the_published_configurations_is_listed(warehouse: World) -> None:
     listed = named = 0
     for file, value in configurations():

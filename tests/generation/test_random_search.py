@@ -26,7 +26,7 @@ def test_a_random_configuration_is_valid_as_it_is_drawn() -> None:
         assert warnings(proposal.scenario.people, MISSION, WORLD) == ()
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_numbers_of_tasks_and_areas_are_drawn_fairly() -> None:
     tasks: Counter[int] = Counter()
     areas: Counter[str] = Counter()

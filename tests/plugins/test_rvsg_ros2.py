@@ -41,7 +41,7 @@ def driven(behaviour: str, runs: int = 1, through: tuple[Pose, ...] = (), **para
         chosen.driver.close()
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_it_drives_runs_one_after_another_and_through_poses() -> None:
     assert [run.outcome for run in driven("works", 2)] == [Outcome.REACHED, Outcome.REACHED]
     assert driven("works", through=(Pose(x=0.0, y=0.0),), localises=False)[0].outcome is Outcome.REACHED

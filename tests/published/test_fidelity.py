@@ -130,7 +130,7 @@ def test_the_robot_rests_where_the_logs_show_it(folder: Path) -> None:
     assert (start.x, start.y) == pytest.approx((-0.099258, -0.349499), abs=1e-5)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_the_results_do_not_depend_on_the_number_of_jobs(folder: Path) -> None:
     grid = load_world("warehouse").grid
     some = [c for c in singles(folder, ["route_1"], grid) if isinstance(c, Configuration)][:2]

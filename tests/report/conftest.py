@@ -9,34 +9,48 @@ from typing import Any
 import pytest
 from tests.campaign.parts import MemoryLedger, warehouse
 from tests.report.test_overview import reported
-from tests.report.test_page import NastyGenerator, campaign, page
+from tests.report.test_page import NastyGenerator, campaign, default_campaign, page
 from tests.report.test_trace_view import made
 
 from rvsg.report.overview import Pin, render_overview
 from rvsg.report.trace_view import trace_json, trace_view
 
 
-@pytest.fixture(scope="session")
-def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """Pages by name: `contacts` passes although robot and people touch; `crowd` has 30 people; `hostile` attacks."""
-    folder = tmp_path_factory.mktemp("pages")
-    wanted = {
-        "contacts": {},
-        "crowd": {"humans": 30, "scenarios": 1, "refinements": 0, "confirmations": 3},
-        "hostile": {"generator": NastyGenerator()},
-    }
-    found = {}
-    for name, changes in wanted.items():
-        ledger = MemoryLedger()
-        found[name] = folder / f"{name}.html"
-        the_plan, attempts = campaign(ledger, **changes)
-        found[name].write_text(page(the_plan, attempts, ledger), encoding="utf-8")
-        if name == "contacts":
-            run = ledger.run(attempts[0].measurements[0].run_id)
-            found["traced"] = folder / "traced.html"
-            view = trace_view(made(run), warehouse())
-            found["traced"].write_text(page(the_plan, attempts, ledger, traces=[view]), encoding="utf-8")
-            (folder / "one.trace.json").write_text(trace_json(made(run), warehouse()), encoding="utf-8")
+class Pages(dict[str, Path]):
+    """Pages by name, each made when it is asked for first.
+
+    `contacts` passes although robot and people touch, `traced` is the same with a trace, `crowd` has 30 people,
+    `hostile` attacks, `overview` shows several campaigns.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__()
+        self.folder = folder
+
+    def __missing__(self, name: str) -> Path:
+        text = overview() if name == "overview" else self.of_campaign(name)
+        self[name] = self.folder / f"{name}.html"
+        self[name].write_text(text, encoding="utf-8")
+        return self[name]
+
+    def of_campaign(self, name: str) -> str:
+        changes: dict[str, Any] = {
+            "crowd": {"humans": 30, "scenarios": 1, "refinements": 0, "confirmations": 3},
+            "hostile": {"generator": NastyGenerator()},
+        }
+        the_plan, attempts, ledger = default_campaign()
+        if name in changes:
+            ledger = MemoryLedger()
+            the_plan, attempts = campaign(ledger, **changes[name])
+        traces = []
+        if name == "traced":
+            run = made(ledger.run(attempts[0].measurements[0].run_id))
+            (self.folder / "one.trace.json").write_text(trace_json(run, warehouse()), encoding="utf-8")
+            traces = [trace_view(run, warehouse())]
+        return page(the_plan, attempts, ledger, traces=traces)
+
+
+def overview() -> str:
     link, the_plan, summary = reported()
     row = {
         "campaign": "route_1, R1",
@@ -49,11 +63,13 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     pin = Pin(
         link=link, address="#run=a&t=1.0", name="route_1, R1, scenario 1", x=1.0, y=2.0, world=warehouse(), row=row
     )
-    found["overview"] = folder / "overview.html"
     several = [(link, the_plan, summary), ("route_3-R3/report.html", the_plan, summary)]
-    text = render_overview(several, command="rvsg run", pins=[pin])
-    found["overview"].write_text(text, encoding="utf-8")
-    return found
+    return render_overview(several, command="rvsg run", pins=[pin])
+
+
+@pytest.fixture(scope="session")
+def pages(tmp_path_factory: pytest.TempPathFactory) -> Pages:
+    return Pages(tmp_path_factory.mktemp("pages"))
 
 
 @pytest.fixture

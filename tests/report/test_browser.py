@@ -180,7 +180,10 @@ def test_no_two_involved_people_share_a_colour(show: Show) -> None:
     assert len(set(shown)) == len(shown) == len(colours)
 
 
-@pytest.mark.parametrize("name", ["contacts", "hostile", "traced", "overview"])
+@pytest.mark.parametrize(
+    "name",
+    ["contacts", "overview", *(pytest.param(name, marks=pytest.mark.exhaustive) for name in ("hostile", "traced"))],
+)
 @pytest.mark.parametrize(
     ("width", "scheme"),
     [(1280, "light"), pytest.param(1280, "dark", marks=pytest.mark.exhaustive), (390, "light")],
@@ -264,7 +267,7 @@ def test_a_trace_is_shown_as_layers_that_can_be_switched(show: Show) -> None:
 
 def test_a_trace_is_opened_from_its_file_and_another_file_is_refused(show: Show, pages: dict[str, Any]) -> None:
     tab = show("contacts")
-    file = pages["contacts"].parent / "one.trace.json"
+    file = pages["traced"].parent / "one.trace.json"
     assert tab.locator(".rp-layer-switches .rp-switch:visible").count() == 0
     tab.locator(".rp-open input").set_input_files(file)
     tab.wait_for_function("() => traces.runs().length === 1")

@@ -33,7 +33,7 @@ def test_every_area_of_the_warehouse_can_be_worked_from_every_other() -> None:
             assert WORLD.grid.shortest_path(area.waypoints[0], other.waypoints[-1]) is not None
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_what_the_study_ran_is_repaired_into_valid_configurations() -> None:
     folder = published_data()
     if folder is None:

@@ -13,7 +13,8 @@ pytestmark = pytest.mark.slow
 
 
 @pytest.mark.parametrize(
-    "robot", ["tiago_omni", pytest.param("turtlebot3_waffle", marks=pytest.mark.exhaustive), "tugger"]
+    "robot",
+    ["tugger", *(pytest.param(name, marks=pytest.mark.exhaustive) for name in ("tiago_omni", "turtlebot3_waffle"))],
 )
 def test_the_scores_of_the_critics_add_up_to_the_total_of_the_planner(robot: str) -> None:
     world = rvsg.load_world("warehouse")

@@ -27,6 +27,7 @@ SETTINGS = {
 }
 
 
+@pytest.mark.exhaustive
 def test_a_campaign_is_written_estimated_started_and_followed(show: Show, studio: Server) -> None:
     tab = show("/campaign/new", width=390, bypass_csp=True)
     tab.get_by_role("spinbutton", name="Scenarios").fill("3")
@@ -51,6 +52,7 @@ def test_a_campaign_is_written_estimated_started_and_followed(show: Show, studio
     assert fits(tab)
 
 
+@pytest.mark.exhaustive
 def test_what_was_typed_survives_a_kill(show: Show, studio: Server) -> None:
     tab = show("/campaign/new")
     tab.locator("#yaml").fill("world: warehouse\nscenarios: 7\n")
@@ -82,6 +84,7 @@ def test_a_running_campaign_outlives_the_studio_and_pauses_and_resumes(show: Sho
     assert rvsg.Campaign.open(folder).attempts()[: len(before)] == before
 
 
+@pytest.mark.exhaustive
 def test_a_finding_is_replayed_noted_and_simulated_again(show: Show, studio: Server) -> None:
     index = confirmed(studio.folder)
     tab = show(f"/finding?campaign=runs/first&attempt={index}")

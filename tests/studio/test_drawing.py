@@ -50,8 +50,7 @@ def names(folder: Path) -> list[str]:
     return [area.name for area in rvsg.load_world(folder).areas]
 
 
-WAYS = pytest.mark.parametrize("draw", [by_mouse, by_keyboard])
-KEYS_MOSTLY = pytest.mark.parametrize("draw", [pytest.param(by_mouse, marks=pytest.mark.exhaustive), by_keyboard])
+WAYS = pytest.mark.parametrize("draw", [by_mouse, pytest.param(by_keyboard, marks=pytest.mark.exhaustive)])
 
 
 @WAYS
@@ -78,7 +77,8 @@ def test_a_polygon_is_drawn_undone_and_made_again(show: Show, office: Path, draw
         assert labels.read_text() == text
 
 
-@KEYS_MOSTLY
+@pytest.mark.exhaustive
+@WAYS
 def test_an_area_is_split_and_merged_again(show: Show, office: Path, draw: Draw) -> None:
     lounge = shapely.Polygon(rvsg.load_world(office).area("Lounge").outline)
     x0, y0, x1, y1 = lounge.bounds
@@ -108,6 +108,7 @@ def test_an_area_is_split_and_merged_again(show: Show, office: Path, draw: Draw)
     assert "Lounge 2" not in names(office)
 
 
+@pytest.mark.exhaustive
 def test_areas_that_do_not_touch_are_not_merged(show: Show, studio: Server, office: Path) -> None:
     studio.refuses = True
     before = (office / "labels.yaml").read_text()
@@ -122,7 +123,8 @@ def test_areas_that_do_not_touch_are_not_merged(show: Show, studio: Server, offi
     assert (office / "labels.yaml").read_text() == before
 
 
-@KEYS_MOSTLY
+@pytest.mark.exhaustive
+@WAYS
 def test_a_route_is_drawn_and_the_simulator_drives_it(show: Show, office: Path, draw: Draw) -> None:
     known = rvsg.load_world(office).routes[0]
     ends = [(round(known.start.x, 1), round(known.start.y, 1)), (round(known.goal.x, 1), round(known.goal.y, 1))]
@@ -139,6 +141,7 @@ def test_a_route_is_drawn_and_the_simulator_drives_it(show: Show, office: Path, 
     assert "the goal was reached" in tab.get_by_text("With nobody about: ").inner_text()
 
 
+@pytest.mark.exhaustive
 def test_escape_drops_what_is_drawn(show: Show, office: Path) -> None:
     before = (office / "labels.yaml").read_text()
     tab = show("/world?world=office2")
@@ -153,7 +156,8 @@ def test_escape_drops_what_is_drawn(show: Show, office: Path) -> None:
     assert (office / "labels.yaml").read_text() == before
 
 
-@pytest.mark.parametrize("freely", [False, pytest.param(True, marks=pytest.mark.exhaustive)])
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("freely", [False, True])
 def test_an_edge_snaps_to_a_wall_unless_alt_is_held(show: Show, office: Path, freely: bool) -> None:
     edges = [e for e in editable_world(office)["edges"] if abs(e[0] - e[2]) < 0.02 and abs(e[1] - e[3]) > 2]
     wall, low, high = edges[0][0], *sorted((edges[0][1], edges[0][3]))
@@ -200,7 +204,8 @@ def test_an_area_and_its_corner_are_dragged(show: Show, office: Path) -> None:
     assert bounds == pytest.approx((x0 + 0.3, y0 + 0.2, x1 - 0.2, y1 - 0.3), abs=0.1)
 
 
-@pytest.mark.parametrize("keys", [pytest.param(False, marks=pytest.mark.exhaustive), True])
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("keys", [False, True])
 def test_an_area_is_renamed_on_the_map(show: Show, office: Path, keys: bool) -> None:
     labels = office / "labels.yaml"
     labels.write_text(labels.read_text() + "# a comment of mine\n")
@@ -222,6 +227,7 @@ def test_an_area_is_renamed_on_the_map(show: Show, office: Path, keys: bool) -> 
     assert labels.read_text().endswith("# a comment of mine\n")
 
 
+@pytest.mark.exhaustive
 def test_moves_by_arrow_keys_are_undone_together(show: Show, office: Path) -> None:
     before = (office / "labels.yaml").read_text()
     left = left_edge(office)

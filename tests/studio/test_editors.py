@@ -21,6 +21,7 @@ def posted(answer: Any) -> str:
     return answer.request.post_data or ""
 
 
+@pytest.mark.exhaustive
 def test_an_area_is_drawn_named_and_undone(show: Show, studio: Server, office: Path) -> None:
     original = (office / "labels.yaml").read_text()
     tab = show("/world?world=office2", width=390)
@@ -52,6 +53,7 @@ def test_an_area_is_drawn_named_and_undone(show: Show, studio: Server, office: P
     assert (office / "labels.yaml").read_text() == original
 
 
+@pytest.mark.exhaustive
 def test_the_keyboard_moves_and_removes_an_area_and_the_check_follows(show: Show, office: Path) -> None:
     tab = show("/world?world=office2")
     ready(tab)
@@ -85,6 +87,7 @@ def test_a_shipped_world_is_copied_before_it_is_changed(show: Show, studio: Serv
     assert rvsg.load_world(studio.folder / "office").id == rvsg.load_world("office").id
 
 
+@pytest.mark.exhaustive
 def test_a_scenario_is_changed_simulated_and_saved(show: Show, studio: Server) -> None:
     attempts = rvsg.Campaign.open(studio.folder / "runs" / "first").attempts()
     index = next(a.index for a in attempts if a.purpose == "search" and a.proposal.scenario)

@@ -37,6 +37,7 @@ def driven(studio: Server, made: Path) -> str:
     return "runs/driven"
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (390, "dark")])
 def test_a_run_is_traced_on_demand_and_its_layers_are_switched(
     show: Show, studio: Server, driven: str, width: int, scheme: str
@@ -76,6 +77,7 @@ def test_a_run_of_a_simulator_without_traces_says_so(show: Show, studio: Server)
     assert answer.status == 400
 
 
+@pytest.mark.exhaustive
 def test_a_finding_is_shrunk(show: Show, studio: Server) -> None:
     index = confirmed(studio.folder)
     tab = show(f"/finding?campaign=runs/first&attempt={index}")
@@ -94,6 +96,7 @@ def test_a_finding_is_shrunk(show: Show, studio: Server) -> None:
     tab.locator("[data-studio=scenario][data-ready]").wait_for(timeout=PATIENT)
 
 
+@pytest.mark.exhaustive
 def test_the_mission_is_run_without_people_on_the_same_seeds(show: Show, studio: Server) -> None:
     index = confirmed(studio.folder)
     tab = show(f"/finding?campaign=runs/first&attempt={index}", width=390)
@@ -108,10 +111,8 @@ def test_the_mission_is_run_without_people_on_the_same_seeds(show: Show, studio:
     tab.locator("#replay[data-ready]").wait_for(timeout=PATIENT)
 
 
-@pytest.mark.parametrize(
-    ("kind", "suffix"),
-    [("hunav", "yaml"), *(pytest.param(kind, kind, marks=pytest.mark.exhaustive) for kind in ("csv", "osc"))],
-)
+@pytest.mark.exhaustive
+@pytest.mark.parametrize(("kind", "suffix"), [("hunav", "yaml"), ("csv", "csv"), ("osc", "osc")])
 def test_a_finding_is_exported(show: Show, studio: Server, kind: str, suffix: str) -> None:
     index = confirmed(studio.folder)
     tab = show(f"/finding?campaign=runs/first&attempt={index}")

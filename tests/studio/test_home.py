@@ -40,6 +40,7 @@ def test_hostile_names_of_folders_stay_text(show: Show, studio: Server) -> None:
     assert tab.locator("main img, main script").count() == 0
 
 
+@pytest.mark.exhaustive
 def test_two_tabs_and_a_restart_show_the_same(show: Show, studio: Server) -> None:
     first, second = show(), show()
     listed = "[...document.querySelectorAll('td a')].map(each => each.textContent)"

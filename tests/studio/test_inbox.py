@@ -18,6 +18,7 @@ Show = Callable[..., Any]
 PATIENT = 600_000
 
 
+@pytest.mark.exhaustive
 def test_proposals_are_asked_for_and_accepted(show: Show, studio: Server) -> None:
     tab = show("/inbox")
     tab.get_by_role("spinbutton", name="How many").fill("2")

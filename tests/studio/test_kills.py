@@ -122,6 +122,7 @@ def die_and_return(show: Show, studio: Server, tabs: dict[str, Any], place: dict
         tab.close()
 
 
+@pytest.mark.exhaustive
 def test_what_was_typed_is_stored_with_enter_after_a_kill(show: Show, studio: Server, office: Path) -> None:
     tab = typed_but_one(show, studio, WORLD, of_area("Name"), "Tea corner.")
     tab.close()

@@ -20,6 +20,7 @@ PATIENT = 600_000
 SETTINGS = {"simulator": "kinematic", "scenarios": 1, "refinements": 0, "repeats": 2, "confirmations": 2, "jobs": 1}
 
 
+@pytest.mark.exhaustive
 def test_every_route_with_every_requirement_is_a_campaign(show: Show, studio: Server) -> None:
     tab = show("/campaign/new", bypass_csp=True)
     tab.locator("#yaml").fill(yaml.safe_dump(SETTINGS | {"out": "runs/all"}))
@@ -64,6 +65,7 @@ def test_campaigns_together_pause_and_resume(show: Show, studio: Server) -> None
         assert new[: len(old)] == old
 
 
+@pytest.mark.exhaustive
 def test_a_job_that_has_not_begun_yet_is_paused(tmp_path: Path) -> None:
     settings = SETTINGS | {"scenarios": 2000, "confirmations": 0}
     rvsg.Campaign.create(tmp_path / "runs", **settings)  # type: ignore[arg-type]
@@ -91,6 +93,7 @@ def test_a_candidate_is_confirmed_now(show: Show, studio: Server) -> None:
     assert [a.confirms for a in found] == [candidate]
 
 
+@pytest.mark.exhaustive
 def test_a_candidate_is_confirmed_beside_a_running_search(show: Show, studio: Server) -> None:
     tab = show("/campaign/new")
     tab.locator("#yaml").fill(yaml.safe_dump(SETTINGS | {"scenarios": 4000, "out": "runs/long"}))

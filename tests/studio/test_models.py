@@ -24,6 +24,7 @@ def name_model(tab: Any, server: LoopbackServer) -> None:
     tab.get_by_role("textbox", name=re.compile("^Server")).fill(server.url)
 
 
+@pytest.mark.exhaustive
 def test_a_rejected_description_goes_back_to_the_model_and_the_difference_is_shown(
     show: Show, studio: Server, office: Path
 ) -> None:

@@ -15,6 +15,7 @@ Show = Callable[..., Any]
 PATIENT = 300_000
 
 
+@pytest.mark.exhaustive
 def test_what_a_version_broke_is_listed_and_replayed(show: Show, studio: Server) -> None:
     crossing = rvsg.scenario("warehouse", "route_1", [rvsg.walk(HOSTILE, "E15", "H15")])
     suite = rvsg.Suite.create(studio.folder / "suite").add(crossing, "R3", name="aisle", title=HOSTILE, expected="pass")

@@ -44,6 +44,7 @@ def room_map() -> bytes:
     return f"P5\n{columns} {rows}\n255\n".encode() + bytes(cell for row in cells for cell in row)
 
 
+@pytest.mark.exhaustive
 def test_a_world_is_made_of_a_dropped_gazebo_file(show: Show, studio: Server) -> None:
     tab = show("/world/new")
     tab.get_by_label("Folder").fill("made")
@@ -67,6 +68,7 @@ def drop(tab: Any, name: str, text: str) -> None:
     tab.dispatch_event("h1", "drop", {"dataTransfer": data})
 
 
+@pytest.mark.exhaustive
 def test_large_maps_are_received_over_a_restart_and_removed(show: Show, studio: Server, tmp_path: Path) -> None:
     studio.refuses = True
     (tmp_path / "large.pgm").write_bytes(b"P5\n4000 4000\n255\n" + bytes(16_000_000))
@@ -96,6 +98,7 @@ def test_a_file_with_a_path_in_its_name_stays_in_the_folder(show: Show, studio: 
     assert not (studio.folder.parent / "beside").exists()
 
 
+@pytest.mark.exhaustive
 def test_a_finding_of_the_check_is_mended_with_a_button(show: Show, studio: Server) -> None:
     folder = studio.folder / "office2"
     shutil.copytree(folder_of_world("office"), folder)

@@ -265,7 +265,7 @@ def _public_maps() -> list[Path]:
     return sorted((data / "maps").glob("*.yaml")) if data else []
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.skipif(not _public_maps(), reason="the public maps are not here")
 @pytest.mark.parametrize("path", _public_maps(), ids=lambda path: path.stem)
 def test_every_public_map_becomes_a_world_with_pictures_or_is_refused_with_a_reason(path: Path) -> None:

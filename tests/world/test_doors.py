@@ -159,7 +159,7 @@ def test_a_moved_object_and_a_closed_door_count_in_the_distance_to_obstacles(roo
     assert robot_space(world).clearance(4.0, 2.6) > 0.5
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_robot_takes_another_way_where_a_door_is_closed(tmp_path: Path) -> None:
     (tmp_path / "world.yaml").write_text(FILES["world.yaml"].replace("spacing_m: 1.0", "spacing_m: 0.7"))
     (tmp_path / "labels.yaml").write_text(FILES["labels.yaml"])

@@ -88,7 +88,7 @@ def test_the_messages_say_what_nav2_did() -> None:
     assert (grid.info.width, grid.info.height) == (60, 60)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_run_of_nav2_is_replayed_to_the_same_end() -> None:
     recording = {"recording": str(HERE / "recorded_nav2.json")}
     told = drive(recording, program="replay.py", through=[(-1.0, 0.3), (0.0, 0.0)], options={"speed": 1.0})
