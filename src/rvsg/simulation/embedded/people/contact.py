@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+from numpy.typing import NDArray
+
 from rvsg.core.compiled import inner
 from rvsg.simulation.embedded.people.crowd import Crowd
 from rvsg.simulation.embedded.people.log import AGAIN_S, FIRST, TOUCHED, UNTIL, note_until
 from rvsg.simulation.embedded.people.motion import off_walls
 from rvsg.simulation.embedded.people.obstacles import on_outline
+
+Floats = NDArray[np.float64]
 
 TOUCH_M = 0.005
 """Bodies this near touch."""
@@ -19,6 +24,8 @@ SLACK_M = 0.002
 """Overlaps below this are left as they are."""
 FASTEST_M_S = 2.5
 """Nobody is pushed faster than this, also where people start in each other."""
+LEFT_M = 0.01
+"""No tick leaves an overlap above this that was not there before."""
 STANDING_SHARE = 0.1
 """Who stands gives way to who walks by this share of what a walking person does."""
 SQUEEZED = 0.5
@@ -32,7 +39,7 @@ CLOSING, ROBOT_PART, PERSON_PART, BEARING, OVERLAP = range(FIRST + 1, FIRST + 6)
 def separate(crowd: Crowd, dt: float, robot_x: float, robot_y: float, robot_yaw: float) -> None:
     """Push people apart who overlap after their steps, and out of the robot; then set the velocities they moved with.
 
-    The robot does not give way here: people do not push it.
+    The robot does not give way here: people do not push it. Who is pinned, so that no push parts them, does not move.
     """
     n = crowd.x.size
     count = -1
@@ -57,6 +64,7 @@ def separate(crowd: Crowd, dt: float, robot_x: float, robot_y: float, robot_yaw:
             share = FASTEST_M_S * dt / moved
             crowd.x[i] = crowd.old_x[i] + share * dx
             crowd.y[i] = crowd.old_y[i] + share * dy
+            count = -1
             dx *= share
             dy *= share
             moved = FASTEST_M_S * dt
@@ -65,6 +73,53 @@ def separate(crowd: Crowd, dt: float, robot_x: float, robot_y: float, robot_yaw:
         share = min(1.0, crowd.cap[i] / speed) if speed > 0.0 else 0.0
         crowd.vx[i] = share * dx / dt
         crowd.vy[i] = share * dy / dt
+    _keep_pinned(crowd, count)
+
+
+@inner
+def _keep_pinned(crowd: Crowd, count: int) -> None:
+    """Undo the steps of two who overlap by more than `LEFT_M`, and by more than before these steps.
+
+    `count` is the number of pairs that can touch, -1 if it is not known. This ends, at the latest with everybody back.
+    """
+    again = True
+    while again:
+        if count < 0:
+            count = _find_pairs(crowd)
+        again = False
+        for k in range(count):
+            i = crowd.pairs[k, 0]
+            j = crowd.pairs[k, 1]
+            left = _overlap(crowd, i, j, crowd.x, crowd.y)
+            if left > LEFT_M and left > _overlap(crowd, i, j, crowd.old_x, crowd.old_y):
+                _step_back(crowd, i)
+                _step_back(crowd, j)
+                again = True
+        count = -1
+
+
+@inner
+def _overlap(crowd: Crowd, i: int, j: int, xs: Floats, ys: Floats) -> float:
+    """Return by how much two people overlap at these positions."""
+    dx = xs[j] - xs[i]
+    dy = ys[j] - ys[i]
+    reach = crowd.radius[i] + crowd.radius[j]
+    square = dx * dx + dy * dy
+    if square >= reach * reach:
+        return 0.0
+    return reach * (1.0 - (1.0 - SQUEEZED) * max(crowd.squeeze[i], crowd.squeeze[j])) - math.sqrt(square)
+
+
+@inner
+def _step_back(crowd: Crowd, i: int) -> None:
+    """Undo the step of a person."""
+    dx = crowd.x[i] - crowd.old_x[i]
+    dy = crowd.y[i] - crowd.old_y[i]
+    crowd.walked[i] -= math.sqrt(dx * dx + dy * dy)
+    crowd.x[i] = crowd.old_x[i]
+    crowd.y[i] = crowd.old_y[i]
+    crowd.vx[i] = 0.0
+    crowd.vy[i] = 0.0
 
 
 @inner
@@ -123,17 +178,12 @@ def _part_all(crowd: Crowd, count: int) -> tuple[float, bool]:
 @inner
 def _part(crowd: Crowd, i: int, j: int) -> float:
     """Push two people apart who overlap; return by how much they did."""
-    dx = crowd.x[j] - crowd.x[i]
-    dy = crowd.y[j] - crowd.y[i]
-    reach = crowd.radius[i] + crowd.radius[j]
-    square = dx * dx + dy * dy
-    if square >= reach * reach:
-        return 0.0
-    reach *= 1.0 - (1.0 - SQUEEZED) * max(crowd.squeeze[i], crowd.squeeze[j])
-    distance = math.sqrt(square)
-    overlap = reach - distance
+    overlap = _overlap(crowd, i, j, crowd.x, crowd.y)
     if overlap <= 0.0:
         return 0.0
+    dx = crowd.x[j] - crowd.x[i]
+    dy = crowd.y[j] - crowd.y[i]
+    distance = math.sqrt(dx * dx + dy * dy)
     if distance < 1e-6:
         # Two at the very same point part in a direction of their own.
         dx = math.cos(2.4 * (i + j + 1))
