@@ -58,6 +58,8 @@ def test_a_misspelt_key_of_an_alternative_form_is_suggested_as_it_is_written() -
         ("areas: &x [*x]", "yaml-nested"),
         ("areas: !!python/object/apply:os.system ['true']", "yaml"),
         ("- 1\n---\n- 2\n", "yaml"),
+        *(("x: 1.0e+308", "number-too-large"), ("x: 1e308", "number-too-large"), ("x: [-1e13]", "number-too-large")),
+        ("x: 99999999999999999999999", "number-too-large"),
     ],
 )
 def test_text_that_is_no_sound_yaml_is_refused_with_a_code(text: str, code: str) -> None:

@@ -145,6 +145,14 @@ def test_a_grid_of_absurd_size_is_refused_before_it_is_built() -> None:
         build_grid(GridSpec(spacing_m=0.1), space, space)
 
 
+@pytest.mark.parametrize("change", [{"moved": {"B2": (1e6, 0.0)}}, {"columns": {1: 1.0, 2: -1e11}}])
+def test_a_waypoint_far_off_the_map_is_refused(change: dict[str, object]) -> None:
+    space = open_hall(10, 10)
+    spec = GridSpec.model_validate({"rows": {"A": 6.0, "B": 3.0}, "columns": {1: 3.0, 2: 6.0}, **change})
+    with pytest.raises(InputError, check=coded("grid-off-map")):
+        build_grid(spec, space, space)
+
+
 def test_an_area_of_open_floor_is_worked_inside_and_a_shelf_from_within_reach() -> None:
     space = with_wall()
     grid = build_grid(GridSpec(spacing_m=1.0), space, space)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime
 import difflib
+import re
 from collections import Counter
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
@@ -14,11 +15,13 @@ import yaml
 from pydantic import BaseModel, ValidationError
 
 from rvsg.core.errors import FileError, InvalidOptions
-from rvsg.core.inputs import LONGEST_NUMBER, is_text, read_text
+from rvsg.core.inputs import LARGEST_NUMBER, LONGEST_NUMBER, is_text, is_too_large, read_text
 
 MOST_NODES = 400_000
 MOST_LISTED = 50
 _NUMBERS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
+_EXPONENT = re.compile(r"[-+]?[0-9.]+[eE]\+?[0-9]{2,3}")
+"""A number to a person and to a record, and text to YAML 1.1, which wants a point and a sign."""
 
 Key = tuple[str | int, ...]
 Model = TypeVar("Model", bound=BaseModel)
@@ -118,6 +121,9 @@ def _check_scalars(root: yaml.Node, path: Path) -> None:
                 raise FileError(path, "a text holds half a character (a lone surrogate)", line=line)
             if len(node.value) > LONGEST_NUMBER and node.tag in _NUMBERS:
                 raise FileError(path, f"a number has {len(node.value)} characters", line=line)
+            if (node.tag in _NUMBERS or _EXPONENT.fullmatch(node.value)) and is_too_large(node.value):
+                reason = f"{node.value[:20]} is too large; at most {LARGEST_NUMBER:.0e} is read"
+                raise FileError(path, reason, line=line, code="number-too-large")
         elif isinstance(node, yaml.SequenceNode):
             stack.extend(node.value)
         elif isinstance(node, yaml.MappingNode):

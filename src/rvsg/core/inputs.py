@@ -28,6 +28,10 @@ DEEPEST = 60
 """Levels of nesting in JSON and in the values of options."""
 LONGEST_NUMBER = 400
 """Characters of a number; the longest that a computer writes has 24."""
+LARGEST_NUMBER = 1e12
+"""Largest number with a decimal point or exponent; what is measured in SI units, or in seconds since 1970, is far below
+it, and calculations above it overflow."""
+LARGEST_INTEGER = 2**64
 _SURROGATE = re.compile(r"\\u[dD][89a-fA-F]")
 
 
@@ -133,6 +137,8 @@ def parse_json(text: str, path: Path, *, line: int | None = None) -> Any:
     def number(digits: str) -> Any:
         if len(digits) > LONGEST_NUMBER:
             refuse(f"a number has {len(digits)} digits, it begins {digits[:20]}")
+        if is_too_large(digits):
+            refuse(f"{digits[:20]} is too large; at most {LARGEST_NUMBER:.0e} is read")
         return float(digits) if any(c in digits for c in ".eE") else int(digits)
 
     if not text.strip():
@@ -149,6 +155,15 @@ def parse_json(text: str, path: Path, *, line: int | None = None) -> Any:
     if _is_deeper(value, DEEPEST):
         refuse(f"it is nested more than {DEEPEST} levels deep")
     return value
+
+
+def is_too_large(digits: str) -> bool:
+    """Return whether a number, as it is written in a file, is larger than any that a record holds."""
+    try:
+        value = float(digits)
+    except ValueError:  # another notation of YAML, such as 0x1F or .inf
+        return False
+    return abs(value) > (LARGEST_NUMBER if any(c in digits for c in ".eE") else LARGEST_INTEGER)
 
 
 def is_too_deep(value: Any) -> bool:

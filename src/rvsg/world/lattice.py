@@ -61,6 +61,7 @@ def build_grid(
     points = np.array(
         [spec.moved.get(f"{r}{c}") or _point(spec, u, v) for r, u in rows.items() for c, v in columns.items()]
     )
+    _reject_far(names, points, human)
     fits = _fitting(spec, human, floor or human, points, seeds) if spec.valid is None else np.isin(names, spec.valid)
     if not fits.any():
         raise InputError(
@@ -78,6 +79,21 @@ def build_grid(
     )
     hops = tuple((names[a], names[b]) for a, b in _hops(points, fits, shape, human, spec.hop_radius_m))
     return Grid(rows=tuple(rows), columns=tuple(str(c) for c in columns), waypoints=waypoints, hops=hops)
+
+
+def _reject_far(names: Sequence[str], points: Floats, space: Space) -> None:
+    """Refuse waypoints that lie further off the map than the map is large: a typing error, and no place."""
+    low, high = space.frame.corners.min(axis=0), space.frame.corners.max(axis=0)
+    size = float(np.hypot(*(high - low)))
+    far = ((points < low - size) | (points > high + size)).any(axis=1)
+    if far.any():
+        at = int(far.argmax())
+        x, y = points[at]
+        raise InputError(
+            f"waypoint {names[at]} at ({x:g}, {y:g}) lies far off the map, which reaches from ({low[0]:.1f}, "
+            f"{low[1]:.1f}) to ({high[0]:.1f}, {high[1]:.1f}) m: correct its row, column or moved",
+            code="grid-off-map",
+        )
 
 
 def relaid(grid: Grid, spec: GridSpec, human: Space, *, seeds: Sequence[tuple[float, float]], floor: Space) -> Grid:
