@@ -21,7 +21,9 @@ PLAN = np.column_stack([np.linspace(1.5, 4.0, 101), np.full(101, 1.5)])
 def prepared(samples: int = 400, **options: Any) -> tuple[mppi_work.Numbers, mppi_work.Work]:
     stack = Mppi(batch_size=samples, **options)
     p = stack._of(SQUARE, 100.0, 0.05)
-    return p, mppi_work.new_work(stack.settings.time_steps, samples, np.random.default_rng(1), p)
+    work = mppi_work.new_work(stack.settings.time_steps, samples, p)
+    mppi_work.start_again(work, np.random.default_rng(1), p)
+    return p, work
 
 
 def drive(
@@ -32,6 +34,7 @@ def drive(
     track = []
     for _ in range(ticks):
         valid, v, w = k.optimise(m, PLAN, cells, 0.0, 0.0, 0.05, x, y, yaw, v, w, 0.0, 1, p)
+        assert not valid or (v, w) == tuple(m.history[:, 3]), "the filter comes last"
         yaw += w * 0.05
         x, y = x + v * math.cos(yaw) * 0.05, y + v * math.sin(yaw) * 0.05
         track.append((x, y, valid))
@@ -54,6 +57,8 @@ def test_the_rollout_integrates_the_sampled_controls() -> None:
             yaw += w * 0.05
             assert (m.x[step, b], m.y[step, b], m.yaw[step, b]) == pytest.approx((x, y, yaw), abs=2e-4)
             v = min(v + 0.15, max(v - 0.15, 0.4 + float(m.noise_v[step, b])))
+            if step == 55:
+                assert m.v[56, b] == pytest.approx(0.4 + m.noise_v[55, b]), "it moves nothing, and is not limited"
             w = min(w + 0.175, max(w - 0.175, 0.3 + float(m.noise_w[step, b])))
 
 
@@ -96,7 +101,34 @@ def test_it_drives_through_no_wall(free: np.ndarray[Any, Any]) -> None:
 def test_where_every_trajectory_collides_there_is_no_command(free: np.ndarray[Any, Any]) -> None:
     p, m = prepared()
     assert not k.optimise(m, PLAN, np.full_like(free, 254), 0.0, 0.0, 0.05, 1.5, 1.5, 0.0, 0.0, 0.0, 0.0, 1, p)[0]
-    assert not m.control.any()
+
+
+def test_it_starts_again_with_other_noise() -> None:
+    p, m = prepared()
+    before = m.noise_v.copy()
+    m.control[:] = m.history[:] = 0.3
+    mppi_work.start_again(m, np.random.default_rng(2), p)
+    assert not m.control.any() and not m.history.any() and (m.noise_v != before).mean() > 0.99
+    assert m.noise_v.std() == pytest.approx(0.2, rel=0.02) and m.noise_w.std() == pytest.approx(0.4, rel=0.02)
+
+
+def test_speeds_beyond_those_of_vx_and_vy_are_punished() -> None:
+    p, m = prepared(10, gamma=0.0)
+    m.v[:, :3] = np.array([0.6, 0.72, -0.62], np.float32)
+    mppi_critics.score_speeds(m, 0, 3, 0.0, p)
+    beyond = [0.0, 0.72 - math.hypot(0.5, 0.5), 0.62 - math.hypot(0.35, 0.5)]
+    assert m.costs[:3] == pytest.approx([4.0 * 56 * 0.05 * each for each in beyond], abs=1e-4)
+
+
+def test_it_cruises_nearly_at_vx_max_as_vy_max_leaves_room_beyond_it(free: np.ndarray[Any, Any]) -> None:
+    tracks = {vy_max: drive(*prepared(1000, vy_max=vy_max), free, ticks=45) for vy_max in (0.0, 0.5)}
+    speeds = {vy_max: track[-1][0] - track[-21][0] for vy_max, track in tracks.items()}
+    assert speeds[0.0] < 0.45 and 0.46 < speeds[0.5] <= 0.5
+
+
+def test_the_local_path_ends_at_the_border_of_the_costmap(free: np.ndarray[Any, Any]) -> None:
+    assert k.local_path(PLAN, free, 0.0, 0.0, 0.05, 2.0, 1.5, 1.5)[-1] == pytest.approx((1.5, 0.0))
+    assert k.local_path(PLAN, free[:, :50], 0.0, 0.0, 0.05, 2.0, 1.5, 1.5)[-1] == pytest.approx((0.475, 0.0))
 
 
 @pytest.mark.parametrize("yaw", [0.0, 0.4, 2.2])

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import Annotated, ClassVar
 
 import numpy as np
@@ -21,7 +22,7 @@ from rvsg.robots import Robot
 from rvsg.robots.polygons import distance, padded, reach
 from rvsg.simulation.stacks.configured import Configured, Nav2Settings
 from rvsg.simulation.stacks.mppi_kernel import optimise
-from rvsg.simulation.stacks.mppi_work import Numbers, bind, new_work
+from rvsg.simulation.stacks.mppi_work import Numbers, bind, new_work, start_again
 from rvsg.simulation.stacks.protocol import LocalObservation, StackError, Task
 
 Floats = NDArray[np.float64]
@@ -122,6 +123,7 @@ class MppiSettings(Nav2Settings):
     gamma: NotNegative = 0.015
     vx_max: Positive = 0.5
     vx_min: Annotated[float, Field(le=0)] = -0.35
+    vy_max: NotNegative = 0.5
     wz_max: Positive = 1.9
     ax_max: Positive = 3.0
     ax_min: Annotated[float, Field(lt=0)] = -3.0
@@ -145,7 +147,7 @@ class Mppi(Configured):
     """Nav2 with MPPI as local planner."""
 
     name: ClassVar[str] = "nav2-mppi"
-    version = "2"
+    version = "3"
     smoothed_recoveries: ClassVar[bool] = True
     sideways: ClassVar[bool] = False
     title: ClassVar[str] = "Nav2 (Kilted) with MPPI, NavFn and the default behaviour tree"
@@ -157,7 +159,7 @@ class Mppi(Configured):
         p = self._of(np.array(square), 1.0, 0.05)
         plan = np.column_stack([np.linspace(1.0, 2.0, 40), np.ones(40)])
         cells = np.zeros((60, 60), np.uint8)
-        work, numbers = bind(new_work(self.settings.time_steps, 10, np.random.default_rng(0), p), p)
+        work, numbers = bind(new_work(self.settings.time_steps, 10, p), p)
         optimise(work, plan, cells, 0.0, 0.0, 0.05, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1, numbers)
 
     def reset(self, task: Task) -> None:
@@ -169,12 +171,19 @@ class Mppi(Configured):
             )
         outline = padded(task.robot.footprint, task.robot.padding_m)
         numbers = self._of(np.array(outline, np.float64), _cost_at_reach(task.robot), task.period_s)
-        work = new_work(s.time_steps, s.batch_size, stream(task.seed, "stack/mppi"), numbers)
+        work = new_work(s.time_steps, s.batch_size, numbers)
+        rng = stream(task.seed, "stack/mppi")
+        self._start_again = partial(start_again, work, rng, numbers)
         self._work, self._numbers = bind(work, numbers)
+        self._until = -math.inf
+        self._period_s = task.period_s
 
     def command(self, seen: LocalObservation) -> tuple[float, float] | None:
         """Return the optimised command; None where every sampled trajectory collides."""
         cells, x, y, side = seen.costmap
+        if seen.t > self._until:
+            self._start_again()
+        self._until = seen.t + 1.5 * self._period_s
         for _ in range(self.settings.retry_attempt_limit + 1):
             valid, v, w = optimise(
                 self._work, seen.plan, cells, x, y, side, *seen.pose, *seen.velocity, seen.goal[2],
@@ -182,6 +191,7 @@ class Mppi(Configured):
             )  # fmt: skip
             if valid:
                 return v, w
+            self._start_again()
         return None
 
     def _of(self, footprint: Floats, possible: float, period_s: float) -> Numbers:
@@ -207,6 +217,8 @@ class Mppi(Configured):
             prune_m=s.prune_distance,
             shift=abs(period_s - s.model_dt) < 1e-6,
             constraint=weight(s.ConstraintCritic),
+            constraint_max=math.hypot(s.vx_max, s.vy_max),
+            constraint_min=-math.hypot(s.vx_min, s.vy_max),
             cost=weight(cost),
             critical=cost.critical_cost,
             near_collision=cost.near_collision_cost,

@@ -48,7 +48,7 @@ def score_speeds(m: Work, begin: int, end: int, to_goal: float, p: Numbers) -> N
     costs, vs, ws, control = m.costs[begin:end], m.v, m.w, m.control
     v, w = vs[0, begin:end], ws[0, begin:end]
     for k in range(steps):
-        add_beyond(costs, v, w, p.v_min, p.v_max, p.constraint * p.dt, forward, p.twirl / steps)
+        add_beyond(costs, v, w, p.constraint_min, p.constraint_max, p.constraint * p.dt, forward, p.twirl / steps)
         v, w = vs[k + 1, begin:end], ws[k + 1, begin:end]
         add_effort(costs, v, control[0, k], p.gamma / (p.v_std * p.v_std))
         add_effort(costs, w, control[1, k], p.gamma / (p.w_std * p.w_std))

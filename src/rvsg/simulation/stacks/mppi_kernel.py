@@ -92,8 +92,9 @@ def roll_out(m: Work, begin: int, end: int, yaw0: float, v0: float, w0: float, p
         add_scaled(next_y, y, v, sin, dt)
         add_product(next_yaw, yaw, w, dt)
         turn(cos, sin, w, dt)
-        limited(next_v, v, noise_v[k, begin:end], control[0, k], dt * p.a_min, dt * p.a_max)
-        limited(next_w, w, noise_w[k, begin:end], control[1, k], -dt * p.aw_max, dt * p.aw_max)
+        reach = dt if k < xs.shape[0] - 1 else np.inf  # Nav2 limits only controls that move a trajectory
+        limited(next_v, v, noise_v[k, begin:end], control[0, k], reach * p.a_min, reach * p.a_max)
+        limited(next_w, w, noise_w[k, begin:end], control[1, k], -reach * p.aw_max, reach * p.aw_max)
         x, y, yaw, v, w = next_x, next_y, next_yaw, next_v, next_w
 
 
@@ -174,8 +175,10 @@ def constrain(m: Work, p: Numbers) -> None:
 
 
 @kernel(arrays=True)
-def local_path(plan: Floats, x: float, y: float, prune_m: float) -> Floats:
-    """Return the plan from its point nearest to the robot for `prune_m`, relative to the robot."""
+def local_path(
+    plan: Floats, cells: Bytes, ox: float, oy: float, side: float, x: float, y: float, prune_m: float
+) -> Floats:
+    """Return the plan from its point nearest to the robot for `prune_m` within the costmap, relative to the robot."""
     begin = 0
     nearest = np.inf
     for k in range(plan.shape[0]):
@@ -186,7 +189,8 @@ def local_path(plan: Floats, x: float, y: float, prune_m: float) -> Floats:
     along = 0.0
     while end < plan.shape[0]:
         along += math.hypot(plan[end, 0] - plan[end - 1, 0], plan[end, 1] - plan[end - 1, 1])
-        if along > prune_m:
+        column, row = (plan[end, 0] - ox) / side, (plan[end, 1] - oy) / side
+        if along > prune_m or not (0.0 <= column < cells.shape[1] and 0.0 <= row < cells.shape[0]):
             break
         end += 1
     path = plan[begin:end].copy()
@@ -201,7 +205,7 @@ def optimise(
     w0: float, goal_yaw: float, iterations: int, p: Numbers,
 ) -> tuple[bool, float, float]:  # fmt: skip
     """Return whether there is a valid command, and forward speed and yaw rate."""
-    path = local_path(plan, x, y, p.prune_m)
+    path = local_path(plan, cells, ox, oy, side, x, y, p.prune_m)
     last = plan.shape[0] - 1
     gx, gy = plan[last, 0] - x, plan[last, 1] - y
     to_goal = math.hypot(gx, gy)
@@ -223,12 +227,10 @@ def optimise(
             score_goal(m, begin, end, gx, gy, goal_yaw, to_goal, p)
         score_path(m, path, free, yaw, to_goal, p)
         average(m, p)
-        smooth_sequence(m, offset)
         constrain(m, p)
     if colliding == samples:
-        m.control[:] = 0.0
-        m.history[:] = 0.0
         return False, 0.0, 0.0
+    smooth_sequence(m, offset)
     v, w = m.control[0, offset], m.control[1, offset]
     if p.shift:
         m.control[:, :-1] = m.control[:, 1:].copy()

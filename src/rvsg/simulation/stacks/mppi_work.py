@@ -36,6 +36,8 @@ class Numbers(NamedTuple):
     prune_m: float
     shift: bool
     constraint: float
+    constraint_max: float
+    constraint_min: float
     cost: float
     critical: float
     near_collision: float
@@ -102,12 +104,23 @@ def bind(m: Work, p: Numbers) -> tuple[Any, Any]:
     return refer(m), refer(p)
 
 
-def new_work(steps: int, samples: int, rng: np.random.Generator, p: Numbers) -> Work:
-    """Return the arrays of a run; the noise is drawn once, as Nav2 does by default."""
+def start_again(m: Work, rng: np.random.Generator, p: Numbers) -> None:
+    """Forget the control sequence and draw other noise.
+
+    By default Nav2 keeps the noise from one period to the next, and draws it when its optimiser is reset.
+    """
+    m.control[:] = 0.0
+    m.history[:] = 0.0
+    for noise, deviation in ((m.noise_v, p.v_std), (m.noise_w, p.w_std)):
+        noise[:] = deviation * rng.standard_normal(noise.shape, np.float32)
+
+
+def new_work(steps: int, samples: int, p: Numbers) -> Work:
+    """Return the arrays of a run, without noise."""
     state = (steps, samples)
     return Work(
-        noise_v=(p.v_std * rng.standard_normal(state, np.float32)).astype(np.float32),
-        noise_w=(p.w_std * rng.standard_normal(state, np.float32)).astype(np.float32),
+        noise_v=np.zeros(state, np.float32),
+        noise_w=np.zeros(state, np.float32),
         v=np.zeros((steps + 1, samples), np.float32),
         w=np.zeros((steps + 1, samples), np.float32),
         x=np.zeros((steps, BLOCK), np.float32),
