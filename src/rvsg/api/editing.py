@@ -85,7 +85,13 @@ def remarks_on(name: str | Path, *, trial: Trial | None = None) -> list[dict[str
     found = []
     for remark in check_world(folder, trial=trial):
         problem = remark.problem
-        said = {"serious": remark.serious, "message": problem.message, "file": problem.path.name, "line": problem.line}
+        said = {
+            "serious": remark.serious,
+            "code": remark.code,
+            "message": problem.message,
+            "file": problem.path.name,
+            "line": problem.line,
+        }
         fix = {"label": remark.fix.label, "change": dict(remark.fix.change)} if remark.fix is not None else None
         found.append(said | {"key": list(remark.key), "fix": fix})
     return found

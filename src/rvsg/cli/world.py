@@ -371,5 +371,6 @@ def _remark_json(remark: Remark) -> dict[str, Any]:
         "path": str(problem.path),
         "line": problem.line,
         "serious": remark.serious,
+        "code": remark.code,
         "message": problem.message,
     }

@@ -31,13 +31,20 @@ Model = TypeVar("Model", bound=BaseModel)
 class Problem:
     """A mistake in a file: where, and what.
 
-    `key` is the path of keys of the value it is about; empty if it is about the file as a whole.
+    `key` is the path of keys of the value it is about; empty if it is about the file as a whole. `code` says what is
+    wrong as a stable word, as that of an error does.
     """
 
     path: Path
     line: int | None
     message: str
     key: Key = ()
+    code: str = "document"
+
+    @classmethod
+    def of(cls, error: FileError) -> Problem:
+        """Return the problem that an error reports."""
+        return cls(error.path, error.line, error.reason, code=error.code)
 
     def __str__(self) -> str:
         return f"{self.path}:{self.line}: {self.message}" if self.line is not None else f"{self.path}: {self.message}"
@@ -74,9 +81,9 @@ class Document:
                 return self.lines[key[:length]]
         return None
 
-    def problem(self, message: str, *key: str | int) -> Problem:
+    def problem(self, message: str, *key: str | int, code: str = "document") -> Problem:
         """Return a problem of the value under this path of keys."""
-        return Problem(self.path, self.line(*key), message, key)
+        return Problem(self.path, self.line(*key), message, key, code)
 
 
 def read_yaml(path: Path) -> Document:

@@ -49,7 +49,9 @@ class Connection:
             try:
                 self._socket = socket.create_connection((host, port), timeout=limit_s)
             except OSError as error:
-                raise StackError(f"there is no server at {command}: {error.strerror or error}") from error
+                raise StackError(
+                    f"there is no server at {command}: {error.strerror or error}", code="stack-unreachable"
+                ) from error
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             self.channel = Channel(self._socket.fileno(), self._socket.fileno())
             return
@@ -59,7 +61,7 @@ class Connection:
                 start_new_session=True,
             )  # fmt: skip
         except OSError as error:
-            raise StackError(f"{command} cannot be started: {error.strerror or error}") from error
+            raise StackError(f"{command} cannot be started: {error.strerror or error}", code="stack-start") from error
         assert self._child.stdin and self._child.stdout and self._child.stderr
         self.channel = Channel(self._child.stdout.fileno(), self._child.stdin.fileno())
         threading.Thread(target=_keep, args=(self._child.stderr, self._lines), daemon=True).start()
@@ -164,7 +166,7 @@ class External:
         try:
             return frames.read_answer(answer, self._number, self._wanted.protocol)
         except StackError as error:
-            self._broken(str(error))
+            self._broken(str(error), error.code)
 
     def close(self) -> None:
         """End the process, or leave the server."""
@@ -185,23 +187,23 @@ class External:
             try:
                 self._wanted = frames.read_hello(answer)
             except StackError as error:
-                self._broken(str(error))
+                self._broken(str(error), error.code)
 
     def _exchange(self, frame: bytes, limit_s: float) -> bytes:
         if self._connection is None:
-            raise StackError("it ended")
+            raise StackError("it ended", code="stack-ended")
         try:
             self._connection.channel.send(frame, limit_s)
             return self._connection.channel.receive(limit_s)
         except StackError as error:
-            self._broken(f"{error}{self._connection.why()}")
+            self._broken(f"{error}{self._connection.why()}", error.code)
 
-    def _broken(self, reason: str) -> Never:
+    def _broken(self, reason: str, code: str = "stack-answer") -> Never:
         """End the process: the next run gets a fresh one."""
         if self._connection is not None:
             self._connection.close(kill=True)
             self._connection = None
-        raise StackError(reason)
+        raise StackError(reason, code=code)
 
 
 class ExternalPlanner(External, LocalPlanner):

@@ -105,10 +105,14 @@ def read_hello(frame: bytes) -> Wanted:
         told = json.loads(frame[1:])
         version = told["protocol"]
     except (ValueError, TypeError, KeyError) as error:
-        raise StackError(f"its answer to the hello is not one ({error}); expected H and JSON with protocol") from None
+        raise StackError(
+            f"its answer to the hello is not one ({error}); expected H and JSON with protocol", code="stack-hello"
+        ) from None
     if isinstance(version, bool) or version not in PROTOCOLS:
         spoken = " and ".join(map(str, PROTOCOLS))
-        raise StackError(f"it speaks protocol {version!r:.40}, this version of RVSG speaks {spoken}")
+        raise StackError(
+            f"it speaks protocol {version!r:.40}, this version of RVSG speaks {spoken}", code="stack-protocol"
+        )
     scans, people, costmap = (bool(told.get(key, True)) for key in ("scans", "people", "costmap"))
     return Wanted(scans, people, costmap, int(version))
 
@@ -117,12 +121,18 @@ def read_answer(frame: bytes, number: int, protocol: int = 1) -> tuple[int, Comm
     """Return status and velocity of the answer to an observation; StackError where it is no such answer."""
     answer = ANSWER if protocol == 1 else LATERAL_ANSWER
     if len(frame) != answer.size or frame[:1] != b"V":
-        raise StackError(f"it answered {len(frame)} bytes {frame[:12]!r}; expected {answer.size} that begin with V")
+        raise StackError(
+            f"it answered {len(frame)} bytes {frame[:12]!r}; expected {answer.size} that begin with V",
+            code="stack-answer",
+        )
     _, of, status, v, w, *lateral = answer.unpack(frame)
     if of != number:
-        raise StackError(f"it answered observation {of}, but was asked {number}; send one answer for each observation")
+        raise StackError(
+            f"it answered observation {of}, but was asked {number}; send one answer for each observation",
+            code="stack-answer",
+        )
     if status > GAVE_UP:
-        raise StackError(f"it answered with the status {status}; expected 0 to {GAVE_UP}")
+        raise StackError(f"it answered with the status {status}; expected 0 to {GAVE_UP}", code="stack-answer")
     return status, (v, *lateral, w)
 
 
@@ -156,23 +166,24 @@ class Channel:
                 if flooded and not ready:
                     self._take_unasked()
                 elif not ready:
-                    raise StackError(f"it did not read within {limit_s:g} s") from None
+                    raise StackError(f"it did not read within {limit_s:g} s", code="stack-late") from None
             except OSError as error:
-                raise StackError("it ended") from error
+                raise StackError("it ended", code="stack-ended") from error
 
     def _take_unasked(self) -> None:
         """Keep what the other side writes before it has read the question; an early answer is none, a flood ends it."""
         try:
             part = os.read(self.reads, LARGEST_ANSWER)
         except OSError as error:
-            raise StackError("it ended") from error
+            raise StackError("it ended", code="stack-ended") from error
         if not part:
-            raise StackError("it ended")
+            raise StackError("it ended", code="stack-ended")
         self._rest += part
         if len(self._rest) > LARGEST_ANSWER + LENGTH.size:
             raise StackError(
                 f"it wrote {len(self._rest)} bytes without being asked, before it read the question. Does it print to "
-                "standard output? Print to standard error."
+                "standard output? Print to standard error.",
+                code="stack-unasked",
             )
 
     def receive(self, limit_s: float) -> bytes:
@@ -188,7 +199,8 @@ class Channel:
             self._rest = b""
             raise StackError(
                 f"it announced an answer of {size} bytes, at most {LARGEST_ANSWER} are read. Does it print to standard "
-                "output? Print to standard error."
+                "output? Print to standard error.",
+                code="stack-answer",
             )
         end = LENGTH.size + size
         self._read(end, until, limit_s)
@@ -199,13 +211,15 @@ class Channel:
         """Read until `size` bytes are there."""
         while len(self._rest) < size:
             if not select.select([self.reads], [], [], max(0.0, until - time.monotonic()))[0]:
-                raise StackError(f"it did not answer within {limit_s:g} s")
+                raise StackError(f"it did not answer within {limit_s:g} s", code="stack-late")
             try:
                 part = os.read(self.reads, LARGEST_ANSWER)
             except BlockingIOError:
                 continue
             except OSError as error:
-                raise StackError("it ended") from error
+                raise StackError("it ended", code="stack-ended") from error
             if not part:
-                raise StackError("it ended in the middle of an answer" if self._rest else "it ended")
+                raise StackError(
+                    "it ended in the middle of an answer" if self._rest else "it ended", code="stack-ended"
+                )
             self._rest += part

@@ -27,7 +27,14 @@ Floats = NDArray[np.float64]
 
 
 class StackError(Exception):
-    """A stack under test cannot go on; the run ends with the outcome STACK_FAILED and this reason."""
+    """A stack under test cannot go on; the run ends with the outcome STACK_FAILED and this reason.
+
+    `code` says what is wrong as a stable word such as `stack-late`.
+    """
+
+    def __init__(self, reason: str = "", *, code: str = "stack") -> None:
+        super().__init__(reason)
+        self.code = code
 
 
 class Velocity(NamedTuple):

@@ -36,7 +36,7 @@ def check_world(folder: str | Path, *, trial: Trial | None = None, robot: Robot 
     except DocumentError as error:
         return tuple(Remark(problem=p, serious=True) for p in (*error.problems, *problems))
     except FileError as error:
-        return (Remark(problem=Problem(error.path, error.line, error.reason), serious=True),)
+        return (Remark(problem=Problem.of(error), serious=True),)
     found = [Remark(problem=p, serious=True) for p in problems]
     return (*found, *_judged(Subject(folder, world, trial, robot)))
 

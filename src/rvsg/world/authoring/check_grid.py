@@ -18,11 +18,6 @@ from rvsg.world.route_words import nearest_area
 from rvsg.world.space import Space, main_floor, world_map
 from rvsg.world.world import Area
 
-Bools = NDArray[np.bool_]
-
-FASTEST_M_S = 1.5  # a way that asks for more within its time limit cannot be meant
-FAR_M = 3.0
-TIGHT = 0.6  # with less than this share of the clearance the robot surely touches
 AISLE_WIDEST_M = 3.0
 AISLE_LENGTH_M = 1.5
 AISLE_SAMPLES = 9  # points at which an aisle's width is measured
@@ -43,7 +38,7 @@ def walk_hops(s: Subject, trial: Trial) -> None:
             f"a person who walks alone does not get from {listed}{more} in time, although the line between the "
             "waypoints is free. A larger human_clearance_m leaves such a hop out"
         )
-        s.say(s.head, message, "grid")
+        s.say(s.head, "grid-hop-blocked", message, "grid")
 
 
 def reachable_parts(s: Subject) -> list[set[str]]:
@@ -72,9 +67,11 @@ def check_parts(s: Subject, parts: list[set[str]]) -> None:
             f"waypoint{'s' * (len(part) > 1)} {listed_names(sorted(part))} cannot be walked to from the other "
             f"{len(parts[0])}: an isolated part of the map, or the grid is too coarse for the way there"
         )
-        s.say(s.head, message, "grid")
+        s.say(s.head, "grid-isolated", message, "grid")
     if len(parts) > 1 + MOST_OF_A_KIND:
-        s.say(s.head, f"and {len(parts) - 1 - MOST_OF_A_KIND} more isolated groups of waypoints", "grid")
+        s.say(
+            s.head, "grid-isolated", f"and {len(parts) - 1 - MOST_OF_A_KIND} more isolated groups of waypoints", "grid"
+        )
 
 
 def check_isolated_floor(s: Subject) -> None:
@@ -89,7 +86,7 @@ def check_isolated_floor(s: Subject) -> None:
             f"{sizes[number]:.0f} m² of floor about ({x:.1f}, {y:.1f}) are cut off from the rest: people cannot "
             "walk there" + (", and it holds no waypoint" if not s.spec.isolated_parts else "")
         )
-        s.say(s.head, message, "map")
+        s.say(s.head, "floor-isolated", message, "map")
 
 
 def check_aisles(s: Subject) -> None:
@@ -103,7 +100,7 @@ def check_aisles(s: Subject) -> None:
             f"coarse for it. A spacing of {max(0.3, math.floor(width * 5) / 10):g} m, another origin, or rows and "
             "columns of your own would reach it"
         )
-        s.say(s.head, message, "grid")
+        s.say(s.head, "aisle-missed", message, "grid")
     covered = [_strip(s, first, second) for first, second, _ in named]
     for x, y, size in _unreached_floor(s):
         if any(strip.distance(Point(x, y)) < 0.5 for strip in covered):
@@ -111,7 +108,7 @@ def check_aisles(s: Subject) -> None:
         area, away = nearest_area(s.world.areas, x, y)
         near = f" near {area.name}" if area is not None and away < 5.0 else ""
         message = f"{size:.0f} m² of open floor about ({x:.1f}, {y:.1f}){near} hold no waypoint"
-        s.say(s.head, message, "grid")
+        s.say(s.head, "floor-missed", message, "grid")
 
 
 def _strip(s: Subject, first: str, second: str) -> Any:
@@ -208,7 +205,7 @@ def check_unknown(s: Subject) -> None:
             f"{unknown:.0%} of the map around the free space is unknown; unknown space counts as closed for people "
             "and robot"
         )
-        s.say(s.head, message, "map")
+        s.say(s.head, "map-unknown", message, "map")
 
 
 def check_size(s: Subject) -> None:
@@ -216,7 +213,7 @@ def check_size(s: Subject) -> None:
     count = len(s.world.grid.valid)
     if count > MANY_WAYPOINTS:
         message = f"the grid has {count} valid waypoints; a VLM reads a picture of some hundred. Use a coarser one"
-        s.say(s.head, message, "grid")
+        s.say(s.head, "grid-large", message, "grid")
 
 
 def _coarser(space: Space) -> Space:

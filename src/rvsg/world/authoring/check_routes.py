@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rvsg.core.records import Pose
 from rvsg.world.authoring.fixes import (
@@ -25,17 +24,8 @@ from rvsg.world.passages import narrow_passages, passing_m
 from rvsg.world.route_words import length_m, line_of
 from rvsg.world.world import Route
 
-Bools = NDArray[np.bool_]
-
 FASTEST_M_S = 1.5  # a way that asks for more within its time limit cannot be meant
-FAR_M = 3.0
 TIGHT = 0.6  # with less than this share of the clearance the robot surely touches
-AISLE_WIDEST_M = 3.0
-AISLE_LENGTH_M = 1.5
-AISLE_SAMPLES = 9  # points at which an aisle's width is measured
-PART_M2 = 2.0
-MANY_WAYPOINTS = 1000
-MOST_OF_A_KIND = 12
 
 
 def check_routes(s: Subject) -> None:
@@ -44,7 +34,7 @@ def check_routes(s: Subject) -> None:
 
     if not routes_in(s.routes):
         message = "there are no routes: write one before you run a campaign"
-        s.say(s.routes, message, "routes", serious=True)
+        s.say(s.routes, "routes-none", message, "routes", serious=True)
         return
     radius = s.spec.robot_clearance_m if s.driver is None else clearance_m(s.driver)
     parts, _ = label((s.robot.field >= radius) & (s.robot.field > 0))
@@ -73,7 +63,7 @@ def check_routes(s: Subject) -> None:
                 f"the robot cannot drive {route.name}: on its map no way {2 * radius:g} m wide leads from the "
                 "start to the goal"
             )
-            s.say(s.routes, message, "routes", index, serious=True)
+            s.say(s.routes, "route-no-way", message, "routes", index, serious=True)
         _check_time(s, index, route)
         _check_passing(s, index, route)
 
@@ -84,7 +74,7 @@ def _fitted(s: Subject, index: int, route: Route) -> Route:
         return route
     fit = fitted(route, s.driver, s.world)
     for note in fit.notes:
-        s.say(s.routes, note, "routes", index)
+        s.say(s.routes, "route-fitted", note, "routes", index)
     return fit.route
 
 
@@ -97,25 +87,27 @@ def _check_pose(
     if abs(pose.yaw) > 2 * math.pi:
         message = f"{at}: a yaw of {pose.yaw:g} radians is more than a turn; if degrees are meant, write "
         turned = in_radians(route, key[2:], pose)
-        s.say(s.routes, f"{message}{math.radians(pose.yaw):.4f}", *key, fix=turned)
+        s.say(s.routes, "pose-degrees", f"{message}{math.radians(pose.yaw):.4f}", *key, fix=turned)
     column, row = (math.floor(v) for v in s.robot.frame.to_cells(np.array([pose.x, pose.y])))
     rows, columns = parts.shape
     if not (0 <= row < rows and 0 <= column < columns):
-        s.say(s.routes, f"{at} lies outside the map", *key, serious=True, fix=_moved(s, route, pose, key))
+        s.say(
+            s.routes, "pose-outside", f"{at} lies outside the map", *key, serious=True, fix=_moved(s, route, pose, key)
+        )
     elif clear == 0.0:
         message, fix = f"{at} lies in an obstacle or in unknown space", _moved(s, route, pose, key)
-        s.say(s.routes, message, *key, serious=True, fix=fix)
+        s.say(s.routes, "pose-in-obstacle", message, *key, serious=True, fix=fix)
     elif clear < radius:
         message = f"{at} is only {clear:.2f} m clear of obstacles; the robot needs {radius:g} m"
         fix = _moved(s, route, pose, key)
-        s.say(s.routes, message, *key, serious=clear < TIGHT * radius, fix=fix)
+        s.say(s.routes, "pose-tight", message, *key, serious=clear < TIGHT * radius, fix=fix)
         reach = math.ceil(radius / s.robot.frame.resolution)
         near = parts[max(row - reach, 0) : row + reach + 1, max(column - reach, 0) : column + reach + 1]
         return int(near.max(initial=0))
     else:
         if not robot_stands(s.robot, pose, s.driver):
             message = f"{at}: turned as it is there (yaw {pose.yaw:g}), the robot touches an obstacle"
-            s.say(s.routes, message, *key, serious=what == "start", fix=_moved(s, route, pose, key))
+            s.say(s.routes, "pose-touches", message, *key, serious=what == "start", fix=_moved(s, route, pose, key))
         return int(parts[row, column])
     return 0
 
@@ -139,9 +131,9 @@ def _check_time(s: Subject, index: int, route: Route) -> None:
             f"{length / route.time_limit_s:.1f} m/s on average"
         )
         fix = allow_time(route.name, length_m=length)
-        s.say(s.routes, message, "routes", index, "time_limit_s", fix=fix)
+        s.say(s.routes, "route-hurried", message, "routes", index, "time_limit_s", fix=fix)
     if math.dist((route.start.x, route.start.y), (route.goal.x, route.goal.y)) < 0.5 and not route.through:
-        s.say(s.routes, f"{route.name} ends where it starts", "routes", index, "goal")
+        s.say(s.routes, "route-goes-nowhere", f"{route.name} ends where it starts", "routes", index, "goal")
 
 
 def _check_passing(s: Subject, index: int, route: Route) -> None:
@@ -154,7 +146,7 @@ def _check_passing(s: Subject, index: int, route: Route) -> None:
             f"near {place.waypoint}: the way is {place.width_m:.2f} m wide, they need {passing_m(s.driver):.2f} m. "
             "One of them has to wait"
         )
-        s.say(s.routes, message, "routes", index)
+        s.say(s.routes, "route-no-passing", message, "routes", index)
 
 
 def drive_routes(s: Subject, trial: Trial) -> None:
@@ -173,17 +165,17 @@ def drive_routes(s: Subject, trial: Trial) -> None:
                 f"the robot alone does not arrive on {route.name}: {drive.outcome}, after {drive.time_s:.0f} s at "
                 f"{at}. {_turns(s)}Move the poses, or choose another route"
             )
-            s.say(s.routes, message, *key, serious=True)
+            s.say(s.routes, "route-not-driven", message, *key, serious=True)
         elif drive.time_s > route.time_limit_s:
             message = (
                 f"the robot alone takes {drive.time_s:.0f} s for {route.name}, longer than its time limit of "
                 f"{route.time_limit_s:g} s: every run would end without arriving"
             )
             fix = allow_time(route.name, needed_s=drive.time_s)
-            s.say(s.routes, message, *key, "time_limit_s", serious=True, fix=fix)
+            s.say(s.routes, "route-late", message, *key, "time_limit_s", serious=True, fix=fix)
         if drive.touched_s:
             times = ", ".join(f"{time:.1f} s" for time in drive.touched_s[:3])
-            s.say(s.routes, f"the robot alone touches an obstacle on {route.name} (at {times})", *key)
+            s.say(s.routes, "route-touches", f"the robot alone touches an obstacle on {route.name} (at {times})", *key)
 
 
 def _turns(s: Subject) -> str:

@@ -26,6 +26,11 @@ class Remark:
     fix: Fix | None = None
     """What would mend it; None where only a person can tell."""
 
+    @property
+    def code(self) -> str:
+        """What is wrong, as a stable word such as `pose-outside`."""
+        return self.problem.code
+
     def __str__(self) -> str:
         return f"{'error' if self.serious else 'warning'}: {self.problem}"
 
@@ -49,10 +54,12 @@ class Subject:
         self.remarks: list[Remark] = []
 
     def say(
-        self, document: Document, message: str, *key: str | int, serious: bool = False, fix: Fix | None = None
-    ) -> None:
+        self, document: Document, code: str, message: str, *key: str | int, serious: bool = False,
+        fix: Fix | None = None,
+    ) -> None:  # fmt: skip
         """Add a remark on the part of a document that the keys lead to."""
-        self.remarks.append(Remark(problem=document.problem(message, *key), serious=serious, key=key, fix=fix))
+        problem = document.problem(message, *key, code=code)
+        self.remarks.append(Remark(problem=problem, serious=serious, key=key, fix=fix))
 
 
 def listed_names(names: Sequence[str]) -> str:

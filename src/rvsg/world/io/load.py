@@ -106,7 +106,7 @@ def read_world(folder: Path, problems: list[Problem] | None = None) -> World:
             actors=head.actors,
         )
     except InputError as error:
-        raise DocumentError([head_document.problem(str(error), "grid")]) from None
+        raise DocumentError([head_document.problem(str(error), "grid", code=error.code)]) from None
     return _checked(world, routes, area_document, route_document, problems)
 
 
@@ -137,7 +137,7 @@ class _Parts:
         except DocumentError as error:
             self.problems.extend(error.problems)
         except FileError as error:
-            self.problems.append(Problem(error.path, error.line, error.reason))
+            self.problems.append(Problem.of(error))
         return None
 
     def objects(self) -> tuple[SolidObject, ...]:
@@ -170,7 +170,7 @@ class _Parts:
         try:
             document = read_yaml(_beside(self.folder, self.head.routes))
         except FileError as error:
-            self.problems.append(Problem(error.path, error.line, error.reason))
+            self.problems.append(Problem.of(error))
             return {}, None
         try:
             entries = dict(enumerate(validated(document, RoutesFile).routes))
@@ -197,9 +197,9 @@ class _Parts:
         except DocumentError as error:
             self.problems.extend(error.problems)
         except FileError as error:
-            self.problems.append(Problem(error.path, error.line, error.reason))
+            self.problems.append(Problem.of(error))
         except InputError as error:
-            self.problems.append(document.problem(str(error), "map"))
+            self.problems.append(document.problem(str(error), "map", code=error.code))
         return None
 
     def _no_doubles(self, document: Document, key: str, names: Sequence[str]) -> list[str]:
@@ -209,7 +209,7 @@ class _Parts:
             if name in first:
                 line = document.line(key, first[name], "name")
                 said = f'the name "{name}" is already given in line {line}'
-                self.doubles.append(document.problem(said, key, index, "name"))
+                self.doubles.append(document.problem(said, key, index, "name", code="name-twice"))
             first.setdefault(name, index)
         return told_apart(document, key, names)
 
@@ -321,13 +321,17 @@ def _waypoint_problems(world: World, name: str, document: Document | None, key: 
     if document is None or (waypoint is not None and waypoint.human):
         return []
     if waypoint is not None:
-        return [document.problem(f'nobody can stand on waypoint "{name}": it is not clear of obstacles', *key)]
+        return [
+            document.problem(
+                f'nobody can stand on waypoint "{name}": it is not clear of obstacles', *key, code="waypoint-closed"
+            )
+        ]
     near = difflib.get_close_matches(name, world.grid.valid, n=1, cutoff=0.5)
     asked = f' Did you mean "{near[0]}"?' if near else ""
     ends = (
         f"The grid has rows {world.grid.rows[0]} to {world.grid.rows[-1]} and columns 1 to {len(world.grid.columns)}."
     )
-    return [document.problem(f'there is no waypoint "{name}".{asked} {ends}', *key)]
+    return [document.problem(f'there is no waypoint "{name}".{asked} {ends}', *key, code="unknown-waypoint")]
 
 
 def _route(entry: RouteEntry, world: World) -> Route:

@@ -137,7 +137,11 @@ def load_mesh(path: Path, *, submesh: str | None = None, center: bool = False) -
     """
     kind = FORMATS.get(path.suffix.lower())
     if kind is None:
-        raise FileError(path, f"mesh format {path.suffix or '(none)'} is not supported; expected dae, stl, obj or glb.")
+        raise FileError(
+            path,
+            f"mesh format {path.suffix or '(none)'} is not supported; expected dae, stl, obj or glb.",
+            code="mesh-format",
+        )
     content = read_bytes(path)
     if kind == "dae":
         parse_xml(path, content, keep=False)
@@ -149,20 +153,24 @@ def load_mesh(path: Path, *, submesh: str | None = None, center: bool = False) -
             parts = _parts(scene, submesh)
             factor = _unit_m(scene) if kind == "dae" else 1.0
     except Exception as error:  # a foreign reader of a foreign file: whatever it raises, the file cannot be read
-        raise FileError(path, f"the mesh cannot be read: {type(error).__name__}: {error}") from None
+        raise FileError(
+            path, f"the mesh cannot be read: {type(error).__name__}: {error}", code="mesh-unreadable"
+        ) from None
     if submesh is not None and not parts:
         names = ", ".join(sorted(str(name) for name in scene.geometry))
-        raise FileError(path, f'the mesh has no part "{submesh}". Parts: {names}.')
+        raise FileError(path, f'the mesh has no part "{submesh}". Parts: {names}.', code="mesh-part-unknown")
     parts = [part for part in parts if len(part.faces)]
     if not parts:
-        raise FileError(path, "the mesh holds no triangles.")
+        raise FileError(path, "the mesh holds no triangles.", code="mesh-empty")
     mesh = joined(parts).scaled(np.full(3, factor))
     if kind in ("glb", "gltf"):  # glTF has y up; SDF has z up
         mesh = mesh.moved(_Y_UP_TO_Z_UP)
     if len(mesh.faces) > MOST_TRIANGLES:
-        raise FileError(path, f"the mesh has {len(mesh.faces)} triangles; at most {MOST_TRIANGLES} are read.")
+        raise FileError(
+            path, f"the mesh has {len(mesh.faces)} triangles; at most {MOST_TRIANGLES} are read.", code="mesh-large"
+        )
     if not np.isfinite(mesh.vertices).all():
-        raise FileError(path, "the mesh has vertices that are not finite numbers.")
+        raise FileError(path, "the mesh has vertices that are not finite numbers.", code="mesh-unreadable")
     if center:
         middle = (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2.0
         mesh = Triangles(vertices=mesh.vertices - middle, faces=mesh.faces)

@@ -26,7 +26,7 @@ def expanded(
     """
     template = next((child for child in population.children if child.tag in ("model", "include")), None)
     if template is None:
-        problems.append(Problem(path, population.line, "the <population> holds no <model>"))
+        problems.append(Problem(path, population.line, "the <population> holds no <model>", code="sdf-empty"))
         return
     for number, place in enumerate(_places(population, path, problems)):
         name = f"{_name(template)}_clone_{number}"
@@ -51,7 +51,9 @@ def _places(population: Element, path: Path, problems: list[Problem]) -> list[tu
         step = distribution.find("step")
         dx, dy, _ = numbers(step.text.strip(), 3, step, path, problems) if step is not None else (1.0, 1.0, 0.0)
         if rows * columns > MOST_MODELS:
-            problems.append(Problem(path, population.line, f"the <population> has more than {MOST_MODELS} models"))
+            problems.append(
+                Problem(path, population.line, f"the <population> has more than {MOST_MODELS} models", code="sdf-count")
+            )
             return []
         return [
             ((column - (columns - 1) / 2) * dx, (row - (rows - 1) / 2) * dy, 0.0)
@@ -60,7 +62,9 @@ def _places(population: Element, path: Path, problems: list[Problem]) -> list[tu
         ]
     count = int(_number(population, "model_count", 1.0, path, problems))
     if not 0 <= count <= MOST_MODELS:
-        problems.append(Problem(path, population.line, f"<model_count> must be 0 to {MOST_MODELS}, got {count}"))
+        problems.append(
+            Problem(path, population.line, f"<model_count> must be 0 to {MOST_MODELS}, got {count}", code="sdf-count")
+        )
         return []
     if kind.startswith("linear-"):
         axis = "xyz".find(kind[-1])

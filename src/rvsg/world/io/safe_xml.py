@@ -91,11 +91,13 @@ def parse_xml(path: Path, content: bytes, *, keep: bool = True) -> Element:
         parser.Parse(content, True)
     except expat.ExpatError as error:
         reason = expat.errors.messages[error.code] if error.code in expat.errors.messages else str(error)
-        raise FileError(path, f"this is not well-formed XML: {reason}.", line=error.lineno + line_offset) from None
+        raise FileError(
+            path, f"this is not well-formed XML: {reason}.", line=error.lineno + line_offset, code="xml-malformed"
+        ) from None
     except _Forbidden as error:
-        raise FileError(path, str(error), line=parser.CurrentLineNumber + line_offset) from None
+        raise FileError(path, str(error), line=parser.CurrentLineNumber + line_offset, code="xml-refused") from None
     except (LookupError, ValueError) as error:
-        raise FileError(path, f"this XML cannot be read: {error}.") from None
+        raise FileError(path, f"this XML cannot be read: {error}.", code="xml-malformed") from None
     return root[0]
 
 

@@ -87,7 +87,11 @@ def load_sdf(
     objects = _numbered_names(_short_names(reader.objects), notes)
     if not objects:
         gone = f"; {len(tree.missing)} models were not found: {_some(list(tree.missing))}" if tree.missing else ""
-        raise FileError(path, f"nothing solid stands between the floor and 2 m height, so there is no obstacle{gone}")
+        raise FileError(
+            path,
+            f"nothing solid stands between the floor and 2 m height, so there is no obstacle{gone}",
+            code="sdf-nothing-solid",
+        )
     above = np.concatenate(reader.overhead) if reader.overhead else np.empty((0, 3, 2))
     return SdfWorld(
         objects=objects, notes=(*notes, *reader.all_notes()), doors=doors, overhead=above if len(above) else None
@@ -131,7 +135,7 @@ class _Reader:
                 continue
             listed = ", ".join(met[:12]) + (f" and {len(met) - 12} more" if len(met) > 12 else "")
             message = f'no model is called "{pattern}", so none can be left out. Models: {listed}'
-            self.tree.problems.append(Problem(path, None, message))
+            self.tree.problems.append(Problem(path, None, message, code="sdf-unknown-model"))
 
     def _add_links(self, model: Model, frames: Frames, pose: Matrix, name: str) -> None:
         surfaces = self._surfaces(model, frames, pose)
@@ -169,7 +173,7 @@ class _Reader:
             self._ignore("left out: floor, or above head height", name)
         elif float(size[:2].max()) > LARGEST_M:
             message = f'model "{name}" is {size[0]:.0f} x {size[1]:.0f} m wide: is the unit of its mesh right?'
-            self.tree.problems.append(Problem(model.path, model.element.line, message))
+            self.tree.problems.append(Problem(model.path, model.element.line, message, code="sdf-size"))
         else:
             self.objects.extend(found)
             if model.element.all("plugin") or any(link.element.all("sensor") for link in model.links.values()):
@@ -207,7 +211,7 @@ class _Reader:
         geometry = collision.find("geometry")
         if geometry is None or not geometry.children:
             message = f'the collision "{collision.attributes.get("name", "")}" has no geometry'
-            self.tree.problems.append(Problem(model.path, collision.line, message))
+            self.tree.problems.append(Problem(model.path, collision.line, message, code="sdf-tag-missing"))
             return None
         shape = geometry.children[0]
         if shape.tag == "mesh":
@@ -239,14 +243,14 @@ class _Reader:
         try:
             return heightmap(shape, found, model.path, self.tree.problems)
         except FileError as error:
-            self.tree.fault(Problem(error.path, error.line, error.reason), f'the terrain of "{model.name}"')
+            self.tree.fault(Problem.of(error), f'the terrain of "{model.name}"')
             return None
 
     def _mesh(self, shape: Element, link: Element, model: Model) -> Triangles | None:
         uri = shape.text_of("uri")
         found = self.tree.find(uri, shape, model.path) if uri else None
         if not uri:
-            self.tree.problems.append(Problem(model.path, shape.line, "the mesh has no <uri>"))
+            self.tree.problems.append(Problem(model.path, shape.line, "the mesh has no <uri>", code="sdf-tag-missing"))
         if found is None:
             return None
         part = shape.find("submesh")
@@ -261,7 +265,9 @@ class _Reader:
             return surface
         factors = np.array(numbers(scale.text.strip(), 3, scale, model.path, self.tree.problems))
         if not factors.all():
-            self.tree.problems.append(Problem(model.path, scale.line, f"a mesh scale of 0 ({scale.text.strip()})"))
+            self.tree.problems.append(
+                Problem(model.path, scale.line, f"a mesh scale of 0 ({scale.text.strip()})", code="sdf-size")
+            )
             return None
         return surface.scaled(factors)
 
@@ -278,10 +284,10 @@ class _Reader:
                 if self.box_for_unreadable
                 else "Repair it, use its bounding box with --box-for-unreadable, or leave it out with --lenient."
             )
-            problem = Problem(error.path, error.line, f"{error.reason.rstrip('.')}. {advice}")
+            problem = Problem(error.path, error.line, f"{error.reason.rstrip('.')}. {advice}", code=error.code)
             self.tree.fault(problem, f'the mesh {path.name} of "{model.name}"')
         except InputError as error:
-            self.tree.problems.append(Problem(model.path, shape.line, str(error)))
+            self.tree.problems.append(Problem(model.path, shape.line, str(error), code=error.code))
         return None
 
     def _ignore(self, reason: str, name: str) -> None:

@@ -78,11 +78,19 @@ class Frames:
         placed = self._named.get(name) or self._named.get(head)
         if placed is None:
             known = ", ".join(sorted(self._named)) or "none"
-            self._problems.append(Problem(self._path, user.line, f'there is no frame "{name}" here. Known: {known}'))
+            self._problems.append(
+                Problem(
+                    self._path, user.line, f'there is no frame "{name}" here. Known: {known}', code="sdf-unknown-frame"
+                )
+            )
             return np.eye(4)
         if name in trail:
             circle = " → ".join((*trail[trail.index(name) :], name))
-            self._problems.append(Problem(self._path, user.line, f"frames refer to each other in a circle: {circle}"))
+            self._problems.append(
+                Problem(
+                    self._path, user.line, f"frames refer to each other in a circle: {circle}", code="sdf-frame-circle"
+                )
+            )
             return np.eye(4)
         pose = self.pose(placed, (*trail, name))
         child = self._models.get(head)

@@ -27,21 +27,27 @@ def numbers(text: str, count: int, element: Element, path: Path, problems: list[
         values = []
     if len(values) == count and all(math.isfinite(v) for v in values):
         return values
-    problems.append(Problem(path, element.line, f'<{element.tag}> must be {count} finite numbers, got "{text[:80]}"'))
+    problems.append(
+        Problem(
+            path, element.line, f'<{element.tag}> must be {count} finite numbers, got "{text[:80]}"', code="sdf-numbers"
+        )
+    )
     return [0.0] * (count - 1) + [1.0]
 
 
 def _positive(shape: Element, tag: str, count: int, path: Path, problems: list[Problem]) -> list[float]:
     child = shape.find(tag)
     if child is None:
-        problems.append(Problem(path, shape.line, f"the <{shape.tag}> has no <{tag}>"))
+        problems.append(Problem(path, shape.line, f"the <{shape.tag}> has no <{tag}>", code="sdf-tag-missing"))
         return [1.0] * count
     before = len(problems)
     values = numbers(child.text.strip(), count, child, path, problems)
     if len(problems) > before:
         return [1.0] * count
     if min(values) <= 0 or max(values) > LARGEST_SIZE_M:
-        problems.append(Problem(path, child.line, f"<{tag}> must be positive metres, got {child.text.strip()}"))
+        problems.append(
+            Problem(path, child.line, f"<{tag}> must be positive metres, got {child.text.strip()}", code="sdf-size")
+        )
         return [1.0] * count
     return values
 
@@ -72,7 +78,7 @@ def _plane(shape: Element, path: Path, problems: list[Problem]) -> Triangles | N
     normal = np.array(numbers(given.text.strip(), 3, given, path, problems) if given is not None else [0.0, 0.0, 1.0])
     length = float(np.linalg.norm(normal))
     if length < 1e-9:
-        problems.append(Problem(path, shape.line, "the plane's <normal> is zero"))
+        problems.append(Problem(path, shape.line, "the plane's <normal> is zero", code="sdf-normal"))
         return None
     normal = normal / length
     if abs(normal[2]) > 0.99:
@@ -94,7 +100,12 @@ def _polyline(shape: Element, path: Path, problems: list[Problem]) -> Triangles 
         points = points[:-1]
     if len(points) < 3 or not shapely.Polygon(points).is_valid:
         problems.append(
-            Problem(path, shape.line, "the <polyline> needs at least three points and must not cross itself")
+            Problem(
+                path,
+                shape.line,
+                "the <polyline> needs at least three points and must not cross itself",
+                code="sdf-polyline",
+            )
         )
         return None
     return mesh.prism(np.array(points), 0.0, height)

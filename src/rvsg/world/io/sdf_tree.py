@@ -68,7 +68,10 @@ class SdfTree:
             return [model]
         if root.tag not in ("sdf", "gazebo"):
             raise FileError(
-                path, f"expected an SDF file (<sdf>) or a URDF file (<robot>), found <{root.tag}>", line=root.line
+                path,
+                f"expected an SDF file (<sdf>) or a URDF file (<robot>), found <{root.tag}>",
+                line=root.line,
+                code="sdf-expected",
             )
         worlds = root.all("world")
         if len(worlds) > 1:
@@ -76,7 +79,7 @@ class SdfTree:
         top = worlds[0] if worlds else root
         models = [*self._models_in(top, path, (path.resolve(),)), *self._inserted(top, path)]
         if not models and not (self.problems or self.missing or self.left_out):
-            raise FileError(path, "the file holds no model and includes none", line=top.line)
+            raise FileError(path, "the file holds no model and includes none", line=top.line, code="sdf-empty")
         self._skip(top)
         models = self._apply_state(top, models)
         named = {frame.attributes.get("name", ""): self.placed(frame, path) for frame in top.all("frame")}
@@ -94,7 +97,9 @@ class SdfTree:
         """Return the file or folder of a URI; None, with an entry in `missing` or a problem, if there is none."""
         scheme, _ = split(uri)
         if scheme not in SCHEMES:
-            self.problems.append(Problem(path, element.line, f'"{uri}": the scheme {scheme}: is not supported'))
+            self.problems.append(
+                Problem(path, element.line, f'"{uri}": the scheme {scheme}: is not supported', code="sdf-scheme")
+            )
             return None
         found = self.files.find(uri, path)
         if found is None:
@@ -117,10 +122,12 @@ class SdfTree:
             return
         for name, m in self.missing.items():
             times = f", used {m.times} times" if m.times > 1 else ""
-            self.problems.append(Problem(m.path, m.line, f'"{name}" was not found ({m.uri}{times})'))
+            self.problems.append(
+                Problem(m.path, m.line, f'"{name}" was not found ({m.uri}{times})', code="sdf-model-missing")
+            )
         web_said = " Nothing is downloaded: `gz fuel download -u ADDRESS` fills the local cache." if web else ""
         advice = "Give the folder that holds them with --model-path, or import the rest with --lenient."
-        self.problems.append(Problem(world, None, f"{advice}{web_said} {where}"))
+        self.problems.append(Problem(world, None, f"{advice}{web_said} {where}", code="sdf-searched"))
 
     def _skip(self, top: Element) -> None:
         for tag in ("light", "actor", "plugin", "road"):
@@ -172,7 +179,7 @@ class SdfTree:
     def _model(self, element: Element, path: Path, trail: tuple[Path, ...]) -> Model:
         name = element.attributes.get("name", "")
         if not name:
-            self.problems.append(Problem(path, element.line, "the model has no name"))
+            self.problems.append(Problem(path, element.line, "the model has no name", code="sdf-name-missing"))
         model = Model(name=name, path=path, element=element, place=self.placed(element, path))
         model.placement_frame = element.attributes.get("placement_frame")
         for link in element.all("link"):
@@ -192,7 +199,7 @@ class SdfTree:
     def _included(self, element: Element, path: Path, trail: tuple[Path, ...]) -> Model | None:
         uri = element.text_of("uri")
         if not uri:
-            self.problems.append(Problem(path, element.line, "the include has no <uri>"))
+            self.problems.append(Problem(path, element.line, "the include has no <uri>", code="sdf-tag-missing"))
             return None
         name = element.text_of("name")
         found = self._model_file(uri, element, path, name)
@@ -200,13 +207,15 @@ class SdfTree:
             return None
         if found.resolve() in trail or len(trail) > DEEPEST:
             chain = " → ".join(p.name if p.name != "model.sdf" else p.parent.name for p in (*trail, found))
-            self.problems.append(Problem(path, element.line, f"the includes go in a circle: {chain}"))
+            self.problems.append(
+                Problem(path, element.line, f"the includes go in a circle: {chain}", code="sdf-include-circle")
+            )
             return None
         try:
             root = self._parsed(found)
             inner = as_sdf_model(root, found) if root.tag == "robot" else root.find("model")
         except FileError as error:
-            self.fault(Problem(error.path, error.line, error.reason), f'the model "{name or model_of(uri)}"')
+            self.fault(Problem.of(error), f'the model "{name or model_of(uri)}"')
             return None
         if inner is None:
             self._skip_included(root, found, element, path, name or model_of(uri))
@@ -226,7 +235,7 @@ class SdfTree:
         held = next((child.tag for child in root.children if child.tag in NOT_SOLID), None)
         if held is None:
             message = f"the file included by {path.name}:{element.line} holds no <model>"
-            self.fault(Problem(found, root.line, message), f'"{name}"')
+            self.fault(Problem(found, root.line, message, code="sdf-empty"), f'"{name}"')
             return
         self.skipped.setdefault(held, []).append(name)
         self.left_out.append(name)
@@ -300,7 +309,7 @@ class SdfTree:
         inner = model_file(found)
         if inner is None:
             message = f"the model folder {found} holds no model.config that names an SDF file, and no model.sdf"
-            self.fault(Problem(path, element.line, message), f'the model "{name or known}"')
+            self.fault(Problem(path, element.line, message, code="sdf-model-missing"), f'the model "{name or known}"')
         return inner
 
 
