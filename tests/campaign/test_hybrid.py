@@ -14,10 +14,13 @@ from rvsg.campaign.hybrid import HybridStrategy
 from rvsg.campaign.loop import feedback_from, run_campaign
 from rvsg.campaign.racing import Candidate, estimate, in_the_race
 from rvsg.campaign.ranking import best_attempt, measured, seeds_of
+from rvsg.campaign.told import tried, tuning_of
 from rvsg.core.errors import BudgetSpent, GenerationError, NotRecorded
 from rvsg.generation.generator import Call, Proposal
 from rvsg.scenario.aim import Aim
 from rvsg.scenario.brief import Brief
+from rvsg.scenario.differences import differences
+from rvsg.scenario.scenario import Human, HumanConfiguration, Scenario, Task
 
 PLAN = {"scenarios": 5, "refinements": 3, "repeats": 3, "confirmations": 0, "budget_runs": 60}
 
@@ -312,3 +315,54 @@ def test_a_record_that_ends_leaves_the_rest_to_the_optimiser_as_the_budget_did()
 
     told = searched(MemoryLedger(), Dear(), **TURNS, limits=Limits(calls=2))
     assert searched(MemoryLedger(), Ends(), **TURNS) == told
+
+
+def test_a_refinement_is_told_what_the_optimiser_changed(turns: tuple[list[Attempt], Dear]) -> None:
+    """The model starts from the best form, which it sees in full, and is told what its own had measured."""
+    attempts, generator = turns
+    for brief in generator.briefs[1:]:
+        told = brief.feedback or brief.untold
+        assert told is not None and told.tuning is not None and told.best is None
+        known = attempts[: next(k for k, a in enumerate(attempts) if a.brief == brief)]
+        (own,) = (a for a in measured(known) if a.brief.kind == "new" and is_of(a, told.scenario, known))
+        assert own.mean is not None and told.tuning.mean == pytest.approx(own.mean)
+        assert told.tuning.runs == len(own.measurements)
+        assert told.tuning.forms > 0
+        assert own.proposal.scenario is not None
+        people = own.proposal.scenario.people
+        assert told.tuned == bool(told.tuning.change)
+        assert told.tuning.change == (differences(people, told.scenario.people) if told.tuned else "")
+
+
+def is_of(attempt: Attempt, scenario: Scenario, known: list[Attempt]) -> bool:
+    """Whether a configuration belongs to the scenario of an attempt."""
+    at = next(a.brief for a in known if a.proposal.scenario is not None and a.proposal.scenario.id == scenario.id)
+    return at.scenario_index == attempt.brief.scenario_index
+
+
+def test_every_proposal_is_listed_with_the_best_of_its_tuned_forms() -> None:
+    requirement = plan().requirement
+    drafts = [configured(0, 1.1, -3.0, operator="new")]
+    drafts.append(configured(1, 0.9, -2.0, parent=drafts[0], operator="refine"))
+    forms = [configured(2, 1.0, -2.5, parent=drafts[0]), configured(3, 1.2, -2.2, parent=drafts[0])]
+    own = [drafts[0], *forms, drafts[1], configured(4, 1.4, -0.5, parent=forms[1])]
+    told = tried(own, requirement)
+    assert [(each.mean, each.best_of) for each in told] == [(3.0, 0), (0.5, 3), (2.0, 0)]
+    assert told[1].violations == 1
+    assert "walks at 1.4 m/s (was 1.1)" in told[1].change
+    assert tuning_of(drafts[1], own, requirement) is None
+    untuned = tuning_of(drafts[0], own, requirement)
+    assert untuned is not None and (untuned.forms, untuned.change) == (3, "")
+    assert tried(own[:3], requirement) == ()
+
+
+def configured(
+    index: int, speed: float, badness: float, *, parent: Candidate | None = None, operator: str = "tune"
+) -> Candidate:
+    task = Task(name="to", path=("G12", "G13"))
+    people = HumanConfiguration(humans=(Human(name="Human 1", tasks=(task,), speed_m_s=speed),))
+    scenario = Scenario(mission=plan().mission, people=people)
+    made = Candidate(None, Proposal(generator="x", scenario=scenario), index, parent, operator)  # type: ignore[arg-type]
+    made.badness = {0: badness}
+    made.estimate = badness
+    return made

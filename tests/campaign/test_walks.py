@@ -151,3 +151,8 @@ def test_differences_name_what_changed_and_nothing_else() -> None:
     faster = HumanConfiguration(humans=(human.replace(speed_m_s=1.4),))
     assert differences(one, faster) == "Human 1 walks at 1.4 m/s (was 1)"
     assert "pauses 4 s" in differences(one, HumanConfiguration(humans=(paused(human, 1, 4.0),)))
+    way = HumanConfiguration(humans=(human.replace(tasks=(Task(name="a", path=("G12", "F13", "G14")),)),))
+    other = HumanConfiguration(humans=(human.replace(tasks=(Task(name="a", path=("G12", "H13", "G14")),)),))
+    assert differences(way, other) == "Human 1 goes G12 H13 G14 instead of G12 F13 G14"
+    work = HumanConfiguration(humans=(human.replace(tasks=(Task(name="b", path=("G12", "H13", "G14")),)),))
+    assert differences(way, work) == "Human 1 now does b, no longer a"

@@ -32,6 +32,7 @@ from rvsg.scenario.brief import (
     Stop,
     Touched,
     Tried,
+    Tuning,
 )
 from rvsg.scenario.scenario import Scenario
 from rvsg.scenario.validity import check
@@ -348,8 +349,13 @@ def test_feedback_tells_the_truth(brief: Brief, warehouse: World) -> None:
     asked = refining(brief, first.scenario)
     assert asked.feedback is not None
     person = PersonAt(at="D20", doing="walking leg 3 of 12", side="left", distance_m=1.25)
+    still = person.replace(doing="standing still")
     feedback = asked.feedback.replace(
-        rows=(Row(time_s=4.0, robot_at="F13", people={"Human 2": person}, value=0.5),),
+        rows=(
+            Row(time_s=4.0, robot_at="F13", people={"Human 2": person}, value=0.5),
+            Row(time_s=6.0, robot_at="F14", people={"Human 2": still}, value=0.5),
+        ),
+        tuning=Tuning(forms=12, mean=1.34, runs=2, change="Human 2 walks at 1 m/s (was 1.2)"),
         stops=(
             Stop(time_s=3.5, until_s=5.0, at="F13", reason="person_ahead", who="Human 2"),
             Stop(time_s=6.5, until_s=7.6, at="F14", reason="recovery"),
@@ -360,7 +366,7 @@ def test_feedback_tells_the_truth(brief: Brief, warehouse: World) -> None:
         parts=(Part(start_s=0.0, end_s=5.0, mean=1.1),),
         tried=(
             Tried(mean=1.4, change="first configuration", runs=2, violations=0),
-            Tried(mean=1.2, change="walks at 1 m/s", runs=1, violations=1),
+            Tried(mean=1.2, change="walks at 1 m/s", runs=1, violations=1, best_of=7),
         ),
         arrived=1,
         touched=2,
@@ -384,9 +390,13 @@ def test_feedback_tells_the_truth(brief: Brief, warehouse: World) -> None:
         "also stands from 6.5 to 7.6 s at F14 (a recovery of its navigation)",
         '4.2 s at F13 "Human 2" head-on, 0.31 m left.',
         "0 to 5 s 1.1; in the mildest (1.5): 0 to 5 s 1.9.",
-        "- 1.4; 2, 0; first configuration\n- 1.2; 1, 1; walks at 1 m/s",
+        '- 1.4; 2, 0; "first configuration"\n',
+        '- 1.2; 1, 1; the one before with other numbers, the best of 7: "walks at 1 m/s"',
         "The best configuration of the scenario so far reached 1.1 (1 run)",
         '"task":',
+        '"standing still": held up for 2 s or longer)',
+        "An optimiser tried 12 forms",
+        'which had 1.34 m (2 runs): "Human 2 walks at 1 m/s (was 1.2)".',
     ):
         assert words in text
     assert proposal.scenario is not None

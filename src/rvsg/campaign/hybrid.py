@@ -30,13 +30,13 @@ import numpy as np
 
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.candidates import CandidateStrategy
-from rvsg.campaign.feedback import with_history
 from rvsg.campaign.kinds import Kinds, Met
 from rvsg.campaign.operators import key
 from rvsg.campaign.plan import Plan
 from rvsg.campaign.racing import Candidate, estimate, in_the_race
 from rvsg.campaign.ranking import lessons_of, remember
 from rvsg.campaign.strategies import Ask, Batches, FeedbackOf
+from rvsg.campaign.told import mean_of, tried, tuning_of
 from rvsg.core.seeds import seed_for
 from rvsg.scenario.brief import Brief, Encounter, Feedback
 from rvsg.world.world import World
@@ -210,10 +210,16 @@ class HybridStrategy(CandidateStrategy):
         return ask
 
     def _feedback(self, candidate: Candidate) -> Feedback:
-        """Return what a configuration measured, with the others of its scenario."""
-        scenario = candidate.brief.scenario_index
-        siblings = [a for a in self.attempts if a.brief.scenario_index == scenario]
-        return with_history(self.feedback_of(self._attempt_of(candidate), None), siblings, self.plan.requirement)
+        """Return what a configuration measured, what of it was tuned, and the others of its scenario."""
+        own = [c for c in self.candidates if c.runs and c.brief.scenario_index == candidate.brief.scenario_index]
+        best, requirement = max(own, key=lambda c: (c.estimate, -c.index)), self.plan.requirement
+        return self.feedback_of(self._attempt_of(candidate), None).replace(
+            tuning=tuning_of(candidate, own, requirement),
+            best=best.scenario if best is not candidate else None,
+            best_mean=mean_of(best, requirement),
+            best_runs=best.runs,
+            tried=tried(own, requirement),
+        )
 
     def _refining(self, parent: Candidate, seeds: tuple[int, ...]) -> Ask:
         """Return the ask for a refinement by the generator."""

@@ -35,7 +35,7 @@ NEWS = 0.1
 TOLD_AS_MEASURED = frozenset(
     {
         *("parts", "passings", "arrival_s", "arrived", "touched", "touches", "touches_elsewhere"),
-        *("best_mean", "best_runs", "tried"),
+        *("best_mean", "best_runs", "tried", "tuning"),
     }
 )
 

@@ -134,6 +134,21 @@ class Tried(Record):
     """Runs that the mean is of; 0: not known."""
     violations: int | None = None
     """How many of them violate the requirement; None: not known, or there is no limit."""
+    best_of: int = 0
+    """0: written by the generator. Else the configuration before it with other numbers, the best of so many tried."""
+
+
+class Tuning(Record):
+    """What a strategy made of a configuration that the generator wrote, by trying other numbers."""
+
+    forms: int
+    """How many forms of it with other numbers were run."""
+    mean: float
+    """The mean of the configuration as written."""
+    runs: int
+    """Runs that it is of."""
+    change: str = ""
+    """What differs in the best of the forms, in one line; empty where none is better than what was written."""
 
 
 class Encounter(Record):
@@ -202,6 +217,8 @@ class Feedback(Record):
     """When the generator meant each person to reach which waypoint, in seconds: name, waypoint, time."""
     tuned: bool = False
     """Whether a strategy tuned the numbers of the configuration after the generator wrote it."""
+    tuning: Tuning | None = None
+    """What was tuned, and what the configuration measured as it was written; None where it is not known."""
     best: Scenario | None = None
     """The configuration of the scenario that is worst for the robot so far, where `scenario` is not as bad for it."""
     best_mean: float | None = None

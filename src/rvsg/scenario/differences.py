@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from rvsg.scenario.scenario import Human, HumanConfiguration
 
 MOST_PAUSES = 3
 """More pauses than this are summed up."""
+MOST_TASKS, MOST_WAYPOINTS = 4, 8
+"""More tasks, or waypoints of a way, than this are cut off."""
 
 
 def differences(before: HumanConfiguration, after: HumanConfiguration) -> str:
@@ -31,10 +35,7 @@ def _changed(was: Human, human: Human) -> list[str]:
         words.append(f"is {human.behaviour.value} (was {was.behaviour.value})")
     if human.group != was.group:
         words.append("leaves the group" if human.group is None else "joins a group")
-    if [task.name for task in human.tasks] != [task.name for task in was.tasks]:
-        words.append("does other tasks")
-    elif [task.path for task in human.tasks] != [task.path for task in was.tasks]:
-        words.append("takes another way")
+    words += _other_work(was, human)
     if human.tasks[0].path[:1] != was.tasks[0].path[:1]:
         words.append(f"starts at {human.tasks[0].path[0]} (was {was.tasks[0].path[0]})")
     pauses, before = ([(p.at, p.duration_s) for t in h.tasks for p in t.pauses] for h in (human, was))
@@ -45,3 +46,35 @@ def _changed(was: Human, human: Human) -> list[str]:
             f"pauses {len(pauses)} times, {sum(s for _, s in pauses):g} s in all" if many else f"pauses {listed}"
         )
     return words
+
+
+def _other_work(was: Human, human: Human) -> list[str]:
+    """Which tasks are new and which are gone, else which part of the way is another."""
+    tasks, before = [task.name for task in human.tasks], [task.name for task in was.tasks]
+    if tasks != before:
+        new, gone = (
+            [name for name in dict.fromkeys(a) if name not in b] for a, b in ((tasks, before), (before, tasks))
+        )
+        words = [f"now does {_listed(new, MOST_TASKS)}"] if new else []
+        words += [f"no longer {_listed(gone, MOST_TASKS)}"] if gone else []
+        return words or ["does its tasks in another order"]
+    way, old = _way(human), _way(was)
+    if way == old:
+        return []
+    first = next((k for k, (a, b) in enumerate(zip(way, old, strict=False)) if a != b), min(len(way), len(old)))
+    same = min(len(way), len(old)) - first
+    last = next((k for k in range(same) if way[-1 - k] != old[-1 - k]), same)
+    parts = (each[max(0, first - 1) : len(each) - max(0, last - 1)] for each in (way, old))
+    now, then = (_listed(part, MOST_WAYPOINTS, " ") for part in parts)
+    return [f"goes {now} instead of {then}"]
+
+
+def _way(human: Human) -> list[str]:
+    """The waypoints of all tasks in walking order, none twice in a row."""
+    names = [name for task in human.tasks for name in task.path]
+    return [name for k, name in enumerate(names) if not k or name != names[k - 1]]
+
+
+def _listed(names: Sequence[str], most: int, between: str = ", ") -> str:
+    rest = len(names) - most
+    return between.join([*names[:most], f"and {rest} more"] if rest > 0 else names)
