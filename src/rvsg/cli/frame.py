@@ -10,6 +10,7 @@ import shlex
 import sys
 import traceback
 from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 from typing import Annotated, Any, NamedTuple
 
 import typer
@@ -81,39 +82,49 @@ def guarded(work: Callable[[], object], arguments: Sequence[str]) -> int:
 
 def full_command(verbs: Mapping[str, Verb], name: str) -> Any:
     """Return the command of a verb after importing its module."""
-    module = importlib.import_module(f"rvsg.cli.{verbs[name].module}")
-    command = typer.main.get_command(module.app)
+    return _command_of(verbs[name].module, name)
+
+
+@cache
+def _command_of(module: str, name: str) -> Any:
+    command = typer.main.get_command(importlib.import_module(f"rvsg.cli.{module}").app)
     command.name = name
     return command
 
 
+class Frame(TyperGroup):
+    """Lists verbs from their table alone, and imports a verb's module only to run it."""
+
+    verbs: Mapping[str, Verb]
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Return the names of the verbs."""
+        return list(self.verbs)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """Return a verb for the help, without its options."""
+        if cmd_name not in self.verbs:
+            return None
+        return TyperCommand(cmd_name, help=self.verbs[cmd_name].help, rich_markup_mode=None)
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Return the verb that is named, with its options."""
+        name, found, rest = super().resolve_command(ctx, args)
+        return name, (full_command(self.verbs, name) if name and found else found), rest
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the verb; an interruption and a reader that is gone become one of our errors."""
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt:
+            raise Interrupted("Interrupted. Finished work is kept.") from None
+        except BrokenPipeError:  # before Click makes of it exit code 1, which means "violated"
+            _nobody_reads()
+            raise Interrupted("The reader of the output has closed it. Finished work is kept.") from None
+
+
 def _root(verbs: Mapping[str, Verb]) -> Any:
     """Return the top command, which loads verbs lazily."""
-
-    class Frame(TyperGroup):
-        """Lists verbs from the table alone and imports a verb's module only to run it."""
-
-        def list_commands(self, ctx: Any) -> list[str]:
-            return list(verbs)
-
-        def get_command(self, ctx: Any, cmd_name: str) -> Any:
-            if cmd_name not in verbs:
-                return None
-            return TyperCommand(cmd_name, help=verbs[cmd_name].help, rich_markup_mode=None)
-
-        def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-            name, found, rest = super().resolve_command(ctx, args)
-            return name, (full_command(verbs, name) if name and found else found), rest
-
-        def invoke(self, ctx: Any) -> Any:
-            try:
-                return super().invoke(ctx)
-            except KeyboardInterrupt:
-                raise Interrupted("Interrupted. Finished work is kept.") from None
-            except BrokenPipeError:  # before Click makes of it exit code 1, which means "violated"
-                _nobody_reads()
-                raise Interrupted("The reader of the output has closed it. Finished work is kept.") from None
-
     app = typer.Typer(
         cls=Frame,
         rich_markup_mode=None,
@@ -136,9 +147,10 @@ def _root(verbs: Mapping[str, Verb]) -> Any:
     ) -> None:
         """Options before the verb."""
 
-    command = typer.main.get_command(app)
+    command: Any = typer.main.get_command(app)
+    command.verbs = verbs
     # Suggestions for a misspelt verb read this table.
-    command.commands = {name: command.get_command(None, name) for name in verbs}  # type: ignore[attr-defined]
+    command.commands = {name: command.get_command(None, name) for name in verbs}
     return command
 
 

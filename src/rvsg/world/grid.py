@@ -12,6 +12,8 @@ from pydantic import Field, model_validator
 from rvsg.core.errors import UnknownName
 from rvsg.core.records import Record
 
+MOST_WALKS = 10_000
+"""Shortest walks that a grid remembers."""
 Radius = Annotated[float, Field(ge=0, le=5)]
 
 
@@ -174,8 +176,22 @@ class Grid(Record):
         best = min((w for w in self.waypoints if w.human), key=lambda w: (w.x - x) ** 2 + (w.y - y) ** 2)
         return best.name
 
+    @cached_property
+    def _walks(self) -> dict[tuple[str, str], tuple[str, ...] | None]:
+        """Shortest walks by their ends, as far as they were asked for."""
+        return {}
+
     def shortest_path(self, start: str, end: str) -> tuple[str, ...] | None:
         """Return the shortest walk over free hops by length in metres, both ends included; None where there is none."""
+        ends = (start, end)
+        if ends in self._walks:
+            return self._walks[ends]
+        walk = self._shortest(start, end)
+        if len(self._walks) < MOST_WALKS:
+            self._walks[ends] = walk
+        return walk
+
+    def _shortest(self, start: str, end: str) -> tuple[str, ...] | None:
         if start not in self.neighbours or end not in self.neighbours:
             return None
         best = {start: 0.0}
