@@ -170,6 +170,7 @@ def test_the_page_is_not_wider_than_a_phone(show: Show, name: str) -> None:
     assert tab.evaluate("document.documentElement.scrollWidth") <= 390
 
 
+@pytest.mark.exhaustive
 def test_no_two_involved_people_share_a_colour(show: Show) -> None:
     tab = show("crowd")
     groups = tab.evaluate("JSON.parse(document.getElementById('data').textContent).groups")

@@ -50,9 +50,10 @@ def names(folder: Path) -> list[str]:
     return [area.name for area in rvsg.load_world(folder).areas]
 
 
-WAYS = pytest.mark.parametrize("draw", [by_mouse, pytest.param(by_keyboard, marks=pytest.mark.exhaustive)])
+WAYS = pytest.mark.parametrize("draw", [by_mouse, by_keyboard])
 
 
+@pytest.mark.exhaustive
 @WAYS
 def test_a_polygon_is_drawn_undone_and_made_again(show: Show, office: Path, draw: Draw) -> None:
     labels = office / "labels.yaml"

@@ -83,7 +83,11 @@ SECOND = ("edge of an area", "end of a task", "reason", "folder of a campaign")
 """Fields of pages on which another field is tried, too."""
 
 
-@pytest.mark.parametrize("names", [[name for name in FIELDS if name not in SECOND], SECOND], ids=["first", "second"])
+@pytest.mark.parametrize(
+    "names",
+    [pytest.param([name for name in FIELDS if name not in SECOND], marks=pytest.mark.exhaustive), SECOND],
+    ids=["first", "second"],
+)
 def test_what_is_typed_is_there_after_a_kill(show: Show, studio: Server, office: Path, names: tuple[str, ...]) -> None:
     """In every field, not left: all but the last character is on the disk, the last is typed as the studio dies."""
     place = {"confirmed": confirmed(studio.folder)}
@@ -174,7 +178,7 @@ def test_files_stay_whole_whenever_it_is_killed(show: Show, studio: Server) -> N
     office = studio.folder / "office2"
     shutil.copytree(folder_of_world("office"), office)
     edges = []
-    for _ in range(3):
+    for _ in range(2):
         tab = show(WORLD)
         ready(tab)
         press(tab, tab.get_by_role("button", name="Lounge", exact=True))
@@ -182,7 +186,7 @@ def test_files_stay_whole_whenever_it_is_killed(show: Show, studio: Server) -> N
         stored = (office / "labels.yaml").read_text()
         tab.keyboard.press("ArrowLeft")
         waited(lambda stored=stored: (office / "labels.yaml").read_text() != stored)
-        for _ in range(moments.randint(2, 12)):
+        for _ in range(moments.randint(2, 6)):
             tab.keyboard.press(moments.choice(("ArrowLeft", "ArrowUp")))
         tab.wait_for_timeout(moments.uniform(0, 150))
         studio.kill()
@@ -192,7 +196,7 @@ def test_files_stay_whole_whenever_it_is_killed(show: Show, studio: Server) -> N
         for path in studio.own.rglob("*.json"):
             json.loads(path.read_text())
         studio.start()
-    assert len(set(edges)) == 3, "every time some moves are stored"
+    assert len(set(edges)) == 2, "every time some moves are stored"
     tab = show(WORLD)
     ready(tab)
     (undo,) = (studio.own / "undo").glob("*.json")

@@ -14,7 +14,7 @@ from tests.studio.conftest import HOSTILE, Server, axe_violations, fits, waited
 
 import rvsg
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.exhaustive
 Show = Callable[..., Any]
 PATIENT = 600_000
 
@@ -24,7 +24,6 @@ def name_model(tab: Any, server: LoopbackServer) -> None:
     tab.get_by_role("textbox", name=re.compile("^Server")).fill(server.url)
 
 
-@pytest.mark.exhaustive
 def test_a_rejected_description_goes_back_to_the_model_and_the_difference_is_shown(
     show: Show, studio: Server, office: Path
 ) -> None:
