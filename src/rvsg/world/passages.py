@@ -7,7 +7,7 @@ on its right.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -76,13 +76,16 @@ def free_width_m(world: World, x: float, y: float, yaw: float | None = None) -> 
         yaw: Direction of travel in radians. With it, the width is measured across that direction. Without it, the
             width is the shortest straight line from obstacle to obstacle through the point.
     """
-    space = human_space(world)
     at = np.array([[x, y]])
     if yaw is None:
-        angles = np.linspace(0.0, math.pi, 36, endpoint=False)
-    else:
-        angles = yaw + math.pi / 2 + np.linspace(-FAN_RAD, FAN_RAD, FAN_STEPS)
-    return float(_chords(space, at, angles[None, :])[0].sum(axis=-1).min())
+        return float(free_widths_m(world, at)[0])
+    return float(widths_m(human_space(world), at, np.array([yaw]))[0])
+
+
+def free_widths_m(world: World, points: Floats) -> Floats:
+    """Return the shortest straight lines (N,) from obstacle to obstacle through points (N, 2), in metres."""
+    angles = np.linspace(0.0, math.pi, 36, endpoint=False)
+    return np.asarray(_chords(human_space(world), points, angles[None, :]).sum(axis=-1).min(axis=1))
 
 
 def widths_m(space: Space, points: Floats, yaws: Floats) -> Floats:
@@ -120,6 +123,15 @@ def narrowest_passage(world: World, line: Floats) -> Passage | None:
     if not free.any():
         return None
     return _passage(world, line, float(along[np.where(free, widths, np.inf).argmin()]))
+
+
+def narrowest_m(world: World, lines: Sequence[Floats]) -> list[float]:
+    """Return the free width in metres at the narrowest place of each line (N, 2); 0 where all of it is in obstacles."""
+    sampled = [_along(line) for line in lines]
+    points, yaws = (np.concatenate(each) for each in list(zip(*sampled, strict=True))[:2])
+    widths = widths_m(human_space(world), points, yaws)
+    parts = np.split(widths, np.cumsum([len(each[0]) for each in sampled])[:-1])
+    return [round(float(part[part > 0.0].min()), 3) if part.any() else 0.0 for part in parts]
 
 
 def _stretches(world: World, line: Floats, limit: float) -> Iterator[list[tuple[float, float]]]:

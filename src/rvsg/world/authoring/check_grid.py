@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rvsg.world.authoring.remarks import Subject, listed_names
 from rvsg.world.authoring.trial import Trial
-from rvsg.world.passages import free_width_m
+from rvsg.world.passages import free_widths_m
 from rvsg.world.raster import outermost
 from rvsg.world.route_words import nearest_area
 from rvsg.world.space import Space, main_floor, world_map
@@ -152,7 +152,7 @@ def _free_width_m(s: Subject, samples: NDArray[np.float64]) -> float:
     clear = s.human.clearances(samples)
     middle = samples[clear >= np.quantile(clear, 0.8)]
     chosen = middle[:: max(1, len(middle) // AISLE_SAMPLES)]
-    return float(np.median([free_width_m(s.world, float(x), float(y)) for x, y in chosen]))
+    return float(np.median(free_widths_m(s.world, chosen)))
 
 
 def _is_floor(s: Subject, area: Area) -> bool:

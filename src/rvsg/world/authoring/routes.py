@@ -19,7 +19,7 @@ from rvsg.robots.polygons import padded, rectangle
 from rvsg.world.authoring.trial import Trial
 from rvsg.world.fitting import fitted
 from rvsg.world.grid import Grid
-from rvsg.world.passages import narrowest_passage
+from rvsg.world.passages import narrowest_m, narrowest_passage
 from rvsg.world.route_words import length_m, line_of
 from rvsg.world.space import Space, robot_space
 from rvsg.world.world import Route, World
@@ -100,7 +100,8 @@ def _rankings(world: World, walks: Sequence[_Walk]) -> list[list[_Walk]]:
         return []
     longest = min(max(walk.length_m for walk in walks), LONGEST_ROUTE_M)
     users = Counter(_hop(a, b) for walk in walks for a, b in pairwise(walk.path))
-    widths = {hop: _width_m(world, *hop) for hop in users}
+    lines = [np.array([world.grid.position(name) for name in hop]) for hop in users]
+    widths = dict(zip(users, narrowest_m(world, lines), strict=True))
 
     def shared(walk: _Walk) -> float:
         return sum(users[_hop(a, b)] for a, b in pairwise(walk.path)) / len(walk.path)
@@ -118,12 +119,6 @@ def _rankings(world: World, walks: Sequence[_Walk]) -> list[list[_Walk]]:
 
 def _hop(a: str, b: str) -> tuple[str, str]:
     return (a, b) if a < b else (b, a)
-
-
-def _width_m(world: World, a: str, b: str) -> float:
-    """Return the free width in metres at the narrowest place between two waypoints."""
-    found = narrowest_passage(world, np.array([world.grid.position(a), world.grid.position(b)]))
-    return found.width_m if found else 0.0
 
 
 def _driven(world: World, route: Route, trial: Trial | None) -> tuple[int, Route] | None:
