@@ -1,17 +1,15 @@
 from __future__ import annotations
 
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 
-import numpy as np
 import pytest
 from tests.campaign.parts import MemoryLedger, WalkGenerator, parts, plan, warehouse
 
 from rvsg.campaign.accounting import Limits, account
 from rvsg.campaign.attempt import Attempt
-from rvsg.campaign.failures import FailureMode
 from rvsg.campaign.hybrid import HybridStrategy
 from rvsg.campaign.loop import feedback_from, run_campaign
 from rvsg.campaign.racing import Candidate, estimate, in_the_race
@@ -356,24 +354,6 @@ def test_every_proposal_is_listed_with_the_best_of_its_tuned_forms() -> None:
     untuned = tuning_of(drafts[0], own, requirement)
     assert untuned is not None and (untuned.forms, untuned.change) == (3, "")
     assert tried(own[:3], requirement) == ()
-
-
-def test_while_failures_are_of_few_kinds_scenarios_take_turns() -> None:
-    """Those that promise most come first and more often, whether or not anything of theirs violates."""
-    strategy = HybridStrategy(plan(**PLAN), lambda *_: None, warehouse(), explore=1.0)  # type: ignore[arg-type,return-value]
-    assert strategy.kinds is not None
-    for k in range(4):
-        made = configured(k, 1.0, -1.0 - k, operator="new")
-        made.brief = strategy._brief("new", k, 0)
-        strategy.candidates.append(made)
-    mode = FailureMode(place="Area 3", person="stands ahead of it", robot="stops")
-    strategy.kinds.place(strategy.candidates[0], [mode] * 5)
-    chosen = [parent.index for parent, _ in strategy._choices(np.random.default_rng(0), 10, None)]
-    assert Counter(chosen) == {0: 3, 1: 3, 2: 2, 3: 2}
-    assert chosen[0] == 0
-    strategy.few_kinds = 0.0
-    chosen = [parent.index for parent, _ in strategy._choices(np.random.default_rng(0), 10, None)]
-    assert set(chosen) == {0}
 
 
 def configured(

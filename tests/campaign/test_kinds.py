@@ -66,18 +66,6 @@ def test_kinds_take_turns_to_be_changed(shown: tuple[Kinds, list[Candidate]]) ->
     assert Kinds(limit=1.0).least_changed(known, {}) is None
 
 
-def test_kinds_that_few_runs_show_count_less() -> None:
-    kinds = Kinds(limit=1.0)
-    assert kinds.variety() == 0.0
-    often, seldom = (FailureMode(place=place, person="stands ahead of it", robot="stops") for place in ("A", "B"))
-    kinds.place(candidate(0, 2.0), [often] * 3)
-    assert kinds.variety() == 1.0
-    kinds.place(candidate(1, 2.0), [seldom])
-    assert kinds.variety() == 1.6
-    kinds.place(candidate(1, 2.0), [seldom] * 3)
-    assert kinds.variety() == 2.0
-
-
 def test_the_closest_approach_of_a_forecast_has_a_place_and_a_person() -> None:
     """The robot drives along x at 0.5 m/s; somebody crosses from its left and is nearest 1 m ahead of it at 5 s."""
     time = np.arange(0.0, 10.0, 0.1)

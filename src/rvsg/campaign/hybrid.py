@@ -12,11 +12,11 @@ generator and optimiser take turns. The first proposals are new scenarios, the o
 the numbers of each are tuned before the next is asked for, so the model is told how its ideas do at their best. Once
 the proposals are made or the budget of the calls is spent, tuning goes on as above.
 
-Half of what is changed is not the best. As long as there are few kinds of failure (`rvsg.campaign.kinds`: place, what
-the person does, what the robot does), scenarios take turns, those that promise most more often: a search that follows
-one scenario may find one failure over and over. Where kinds are many, a configuration that stands for a kind is
-changed, and kinds take turns. Of the possible changes one is run whose closest approach the forecast sees at a place or
-with a person that no failure has shown yet. Up to half of the races go to kinds that one run shows.
+Half of what is changed is not the best. It stands for a kind of failure (`rvsg.campaign.kinds`): place, what the person
+does, what the robot does. Kinds take turns, and of the possible changes one is run whose closest approach the forecast
+sees at a place or with a person that no failure has shown yet. Up to half of the races go to kinds that one run shows.
+As long as nothing violates the requirement, the worst with their kind of encounter stand in, as in
+`rvsg.campaign.map_elites`.
 """
 
 from __future__ import annotations
@@ -47,9 +47,6 @@ KEEN = 0.35
 TURN = 4
 """Configurations that are tuned at a time between two proposals."""
 
-RANK = 0.5
-"""Every rank counts as so many changes: scenarios that promise more have their turn earlier and more often."""
-
 Batch = Generator[list[Ask], list[Attempt], None]
 
 
@@ -64,17 +61,15 @@ class HybridStrategy(CandidateStrategy):
         explore: Share of the changed configurations that are not the best but stand for their kind of failure.
         spread: Whether that share looks for kinds of failure that nothing shows yet, and races make kinds certain.
             Without it, that share is the worst with their kind of encounter, as in RVSG 0.1.
-        few_kinds: As long as there are fewer kinds of failure, kinds that few runs show counting less, that share is
-            of scenarios in turn. 0, as in an earlier form: never.
         batch: Attempts that may be made side by side.
         finalists: Configurations that are run until their order is settled.
         final_runs: Runs of each finalist.
     """
 
     name = "hybrid"
-    recorded: ClassVar[Mapping[str, Any]] = {"spread": True, "finalists": 3, "few_kinds": 8.0}
+    recorded: ClassVar[Mapping[str, Any]] = {"spread": True, "finalists": 3}
     """What a campaign's record keeps of this form of the strategy."""
-    unrecorded: ClassVar[Mapping[str, Any]] = {"spread": False, "finalists": 4, "few_kinds": 0.0}
+    unrecorded: ClassVar[Mapping[str, Any]] = {"spread": False, "finalists": 4}
     """The form that campaigns have whose record keeps nothing."""
 
     def __init__(
@@ -88,14 +83,13 @@ class HybridStrategy(CandidateStrategy):
         turns: float = 0.6,
         explore: float = 0.5,
         spread: bool = True,
-        few_kinds: float = 8.0,
         batch: int = 8,
         finalists: int = 3,
         final_runs: int = 10,
     ) -> None:
         super().__init__(plan, feedback_of, world, final_runs=final_runs)
         self.drafts, self.refine, self.explore, self.batch = drafts, refine, explore, batch
-        self.turns, self.spent, self.few_kinds = turns, False, few_kinds
+        self.turns, self.spent = turns, False
         self.finalists = finalists
         limit = plan.requirement.threshold
         self.kinds = Kinds(plan.requirement.badness(limit)) if spread and limit is not None else None
@@ -277,31 +271,17 @@ class HybridStrategy(CandidateStrategy):
         """The configurations to change, each with the ways of meeting the robot that a change should leave."""
         if among is not None:
             return [(parent, frozenset()) for parent in self._best(among, rng, count)]
-        few = self.kinds is not None and self.kinds.variety() < self.few_kinds
-        if self.kinds is None or not (few or self.kinds.met()):
+        if self.kinds is None or not self.kinds.met():
             return [(parent, frozenset()) for parent in self._parents(rng, count)]
         known = [c for c in self.candidates if c.runs]
         changes = Counter(c.parent.index for c in self.candidates if c.parent is not None)
         chosen: list[tuple[Candidate, Set[Met]]] = []
         for _ in range(count):
-            parent: Candidate | None = None
-            if rng.random() < self.explore:
-                parent = self._in_turn(known, changes) if few else self.kinds.least_changed(known, changes)
+            parent = self.kinds.least_changed(known, changes) if rng.random() < self.explore else None
             if parent is not None:
                 changes[parent.index] += 1
             chosen.append((parent, self.kinds.met()) if parent else (self._best(known, rng, 1)[0], frozenset()))
         return chosen
-
-    def _in_turn(self, known: Sequence[Candidate], changes: Mapping[int, int]) -> Candidate:
-        """Return a configuration of the scenario whose turn it is: one that promises much and was changed little."""
-        assert self.kinds is not None
-        turns: Counter[int] = Counter()
-        for candidate in known:
-            turns[candidate.brief.scenario_index] += changes.get(candidate.index, 0)
-        best = sorted(self._best_of_each(), key=lambda c: (-c.estimate, c.index))
-        _, _, first = min((turns[c.brief.scenario_index] + RANK * k, k, c) for k, c in enumerate(best))
-        own = [c for c in known if c.brief.scenario_index == first.brief.scenario_index]
-        return self.kinds.least_changed(own, changes) or first
 
     @staticmethod
     def _best(among: Sequence[Candidate], rng: np.random.Generator, count: int) -> list[Candidate]:

@@ -91,11 +91,6 @@ class Kinds:
         """Return the places and persons of all kinds that were shown."""
         return {(mode.place, mode.person) for modes in self._modes.values() for mode in modes}
 
-    def variety(self) -> float:
-        """Return the number of kinds that were shown; kinds that few runs show count less (inverse Simpson index)."""
-        shown = Counter(mode for modes in self._modes.values() for mode in modes.elements())
-        return shown.total() ** 2 / max(1, sum(count**2 for count in shown.values()))
-
     def surely(self, candidate: Candidate, mode: FailureMode) -> float:
         """Return the share of runs that show a kind, pulled towards one half by one run that does and one that not."""
         return (self._modes[candidate.index][mode] + 1.0) / (candidate.runs + 2.0)
