@@ -71,6 +71,7 @@ LIMITS: dict[str, float] = PLAIN["limits"]  # type: ignore[assignment]
         {"lidars": []},
         {"lidars": [LIDAR, LIDAR]},
         {"lidars": [{**LIDAR, "x": 0.0, "height_m": 0.2}]},
+        {"lidars": [{**LIDAR, "x": 30.0}]},
         {"drive": {"kind": "ackermann"}},
         {"drive": {"kind": "differential", "wheelbase_m": 0.5}},
         {"safety_zones": [{"name": "a", "polygon": [[0, 0], [1, 1], [1, 0], [0, 1]], "speed_m_s": 0.0}]},

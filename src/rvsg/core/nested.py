@@ -21,6 +21,8 @@ from numba.core.errors import UnsupportedError
 from numba.core.registry import CPUDispatcher
 from numba.core.sigutils import normalize_signature
 
+from rvsg.core.remembered import remembered
+
 NESTED = "nested"
 """How the cache marks the code of a function that only kernels call."""
 
@@ -104,6 +106,16 @@ _HASH = hash(Flags())
 """Numba's own hash is that of the names of the flags."""
 
 
+UNUSED = frozenset(
+    {
+        "dead_branch_prune", "find_literally", "inline_closure_likes", "inline_inlinables", "inline_overloads",
+        "literal_unroll", "LiteralPropagation", "make_function_op_code_to_jit_function", "Rewrite dynamic raises",
+        "rewrite_semantic_constants", "with_lifting",
+    }
+)  # fmt: skip
+"""Numba's passes for what kernels do not contain: closures, comprehensions, `with`, arguments that may be None."""
+
+
 class DoorCompiler(Compiler):
     """Numba's compiler for kernels."""
 
@@ -111,6 +123,13 @@ class DoorCompiler(Compiler):
         self, typing: Any, target: Any, library: Any, args: Any, returned: Any, flags: Any, local: Any
     ) -> None:
         super().__init__(typing, target, library, args, returned, KeptFlags(flags), local)
+
+    def define_pipelines(self) -> Any:
+        """Return numba's passes without those that kernels do not need."""
+        (manager,) = super().define_pipelines()
+        manager.passes = [entry for entry in manager.passes if entry[0]._name not in UNUSED]
+        manager.finalize()
+        return [manager]
 
 
 class NestedCompiler(DoorCompiler):
@@ -179,7 +198,10 @@ class Nested(CPUDispatcher):
     def compile(self, sig: Any) -> Any:
         """Compile it for a signature, unless that is done."""
         done: Any = self.overloads.get(tuple(normalize_signature(sig)[0]))
-        return super().compile(sig) if done is None else done.entry_point
+        if done is not None:
+            return done.entry_point
+        with remembered():
+            return super().compile(sig)
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
         """Return how a kernel calls it: one compiled form for all constants of a type."""
@@ -197,7 +219,7 @@ class Door(CPUDispatcher):
         """Compile the kernel with all that it calls."""
         kinds = tuple(normalize_signature(sig)[0])
         fresh = kinds not in self.overloads
-        with _no_collection():
+        with _no_collection(), remembered():
             entry = super().compile(sig)
         if fresh:
             compiled: Any = self.overloads[kinds]

@@ -19,6 +19,8 @@ Name = Annotated[str, Field(min_length=1, max_length=60, pattern=r"^[A-Za-z0-9][
 
 HIDDEN_M = 0.15
 """A lidar deeper inside the body than this, and lower than its top, is hidden by it."""
+FAR_M = 2.0
+"""A lidar is mounted at most this far outside of the body."""
 
 
 class Drive(Record):
@@ -188,12 +190,7 @@ class Robot(Record):
             if crosses_itself(zone.polygon):
                 raise ValueError(f"safety_zones: the outline of {zone.name} crosses itself or has no area")
         for lidar in self.lidars:
-            low = lidar.height_m is not None and lidar.height_m < self.body_height_m
-            if low and inside(self.outline, lidar.x, lidar.y) and distance(self.outline, lidar.x, lidar.y) > HIDDEN_M:
-                raise ValueError(
-                    f"lidars: {lidar.name} lies inside the body, more than {HIDDEN_M:g} m from its outline and below "
-                    "its top, so it sees nothing but the body"
-                )
+            self._check_place(lidar)
         if self.limits.lateral_m_s > 0.0 and self.drive.kind != "omnidirectional":
             raise ValueError(f"limits: a {self.drive.kind} drive does not move sideways; leave out lateral_m_s")
         if self.navigation.dwb.max_lateral_m_s > 0.0 and self.limits.lateral_m_s == 0.0:
@@ -202,3 +199,18 @@ class Robot(Record):
         if len(set(names)) < len(names):
             raise ValueError("lidars: two lidars have the same name")
         return self
+
+    def _check_place(self, lidar: Lidar) -> None:
+        """Refuse a lidar that the body hides, or that is nowhere near it."""
+        away = distance(self.outline, lidar.x, lidar.y)
+        if not inside(self.outline, lidar.x, lidar.y):
+            if away > FAR_M:
+                raise ValueError(
+                    f"lidars: {lidar.name} at ({lidar.x:g}, {lidar.y:g}) lies {away:.1f} m outside of the body, "
+                    f"expected at most {FAR_M:g} m; give x and y in metres from the base frame's origin"
+                )
+        elif away > HIDDEN_M and lidar.height_m is not None and lidar.height_m < self.body_height_m:
+            raise ValueError(
+                f"lidars: {lidar.name} lies inside the body, more than {HIDDEN_M:g} m from its outline and below "
+                "its top, so it sees nothing but the body"
+            )

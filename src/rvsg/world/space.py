@@ -117,11 +117,21 @@ def solid_cells(objects: Sequence[SolidObject], frame: Frame) -> Bools:
 
 
 def human_space_of(objects: Sequence[SolidObject], occupancy: OccupancyMap) -> Space:
-    """Return where a person can be: clear of every footprint and of all that the map does not show free."""
+    """Return where a person can be: clear of every footprint and of all that the map does not show free.
+
+    The last answer for a map is kept, as a world is made and checked from the same objects.
+    """
     if not objects:
         return robot_space_of(occupancy)
-    frame = frame_of(occupancy)
-    return space_of((occupancy.cells != FREE) | solid_cells(objects, frame), frame)
+    among, known = _solid_spaces.get(occupancy, ((), None))
+    if known is None or among != tuple(objects):
+        frame = frame_of(occupancy)
+        known = space_of((occupancy.cells != FREE) | solid_cells(objects, frame), frame)
+        _solid_spaces[occupancy] = tuple(objects), known
+    return known
+
+
+_solid_spaces: WeakKeyDictionary[OccupancyMap, tuple[tuple[SolidObject, ...], Space]] = WeakKeyDictionary()
 
 
 def robot_space_of(occupancy: OccupancyMap) -> Space:
