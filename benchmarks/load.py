@@ -1,8 +1,9 @@
 """Measures what runs cost the campaign's own process: `python benchmarks/load.py --runs 2000 --jobs 4`.
 
 Workers make runs with a simulator that only sleeps, so that all processor time of this process is overhead: handing
-out tasks, receiving results, storing them. Prints one JSON object: processor time, memory and store size per run, and
-how far the throughput is from that of the sleeping workers alone.
+out tasks, receiving results, storing them. Prints one JSON object: processor time of this process and of the workers,
+memory and store size per run, and how far the throughput is from that of the sleeping workers alone. With several
+numbers, `--jobs 1 2 4 8 16 32 --sleep-s 1`, one object for each.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import resource
 import sys
 import tempfile
 import time
+from collections import deque
 from pathlib import Path
 
 from rvsg.campaign.measuring import FinishedRun, Measuring
@@ -55,14 +57,31 @@ def memory_kb() -> int:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
 
+def workers_s() -> float:
+    """Processor time that the workers used so far, s."""
+    ids = [pid for task in Path("/proc/self/task").iterdir() for pid in (task / "children").read_text().split()]
+    fields = [Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split() for pid in set(ids)]
+    return sum(int(field[11]) + int(field[12]) for field in fields) / os.sysconf("SC_CLK_TCK")
+
+
 def main() -> int:
     """Make the runs and print the figures."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--runs", type=int, default=2000)
-    parser.add_argument("--jobs", type=int, default=4)
+    parser.add_argument("--runs", type=int, help="by default 2000, or 12 per worker where there are several --jobs")
+    parser.add_argument("--jobs", type=int, nargs="+", default=[4])
     parser.add_argument("--sleep-s", type=float, default=0.05)
     parser.add_argument("--simulator", help="instead of sleeping, this one")
     options = parser.parse_args()
+    found = []
+    for jobs in options.jobs:
+        runs = options.runs or (2000 if len(options.jobs) == 1 else 12 * jobs)
+        found.append(measured(jobs, runs, options.sleep_s, options.simulator))
+        print(json.dumps(found[-1], indent=2 if len(options.jobs) == 1 else None), flush=True)
+    return 0
+
+
+def measured(jobs: int, runs: int, sleep_s: float, name: str | None) -> dict[str, object]:
+    """Make runs with so many workers and return the figures."""
     world = load_world("warehouse")
     route = world.route("route_1")
     requirement = load_requirement("R1").for_time_limit(route.time_limit_s)
@@ -70,43 +89,43 @@ def main() -> int:
     generator = plugins.make("generator", "random", {})
     scenario = generator.propose(Brief(mission=mission, requirement=requirement, seed=1), world).scenario
     assert scenario is not None
-    simulator = plugins.make("simulator", options.simulator, {}) if options.simulator else Sleeping(options.sleep_s)
+    simulator = plugins.make("simulator", name, {}) if name else Sleeping(sleep_s)
     measuring = Measuring(requirement, world)
-    warm = min(4 * options.jobs, options.runs // 4)
+    warm = 2 * jobs
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "ledger.sqlite"
         with (
             SqliteLedger(path) as ledger,
-            Simulations(
-                simulator, world, measure=measuring.measure, jobs=options.jobs, known=ledger.find
-            ) as simulations,
+            Simulations(simulator, world, measure=measuring.measure, jobs=jobs, known=ledger.find) as simulations,
         ):
-            pending: list[PendingRun] = []
-            began, cpu, memory = time.monotonic(), time.process_time(), memory_kb()
-            for number in range(options.runs + warm):
+            for each in [simulations.submit(scenario, seed_for(7, "warm", number)) for number in range(warm)]:
+                keep(each, ledger)
+            pending: deque[PendingRun] = deque()
+            began, cpu, memory, working = time.monotonic(), time.process_time(), memory_kb(), workers_s()
+            for number in range(runs):
                 pending.append(simulations.submit(scenario, seed_for(7, "load", number)))
-                if len(pending) > 5 * options.jobs:
-                    keep(pending.pop(0), ledger)
-                if number == warm:
-                    began, cpu, memory = time.monotonic(), time.process_time(), memory_kb()
+                if len(pending) > 5 * jobs:
+                    keep(pending.popleft(), ledger)
             for each in pending:
                 keep(each, ledger)
             took, used, grown = time.monotonic() - began, time.process_time() - cpu, memory_kb() - memory
+            worked = workers_s() - working
         size = path.stat().st_size
-    figures = {
-        "runs": options.runs,
-        "jobs": options.jobs,
+    figures: dict[str, object] = {
+        "runs": runs,
+        "jobs": jobs,
         "cores": os.cpu_count(),
-        "parent_cpu_ms_per_run": round(1000 * used / options.runs, 3),
-        "parent_memory_growth_kb_per_1000_runs": round(1000 * grown / options.runs, 1),
+        "parent_cpu_ms_per_run": round(1000 * used / runs, 3),
+        "worker_cpu_ms_per_run": round(1000 * worked / runs, 1),
+        "parent_memory_growth_kb_per_1000_runs": round(1000 * grown / runs, 1),
         "parent_memory_kb": memory_kb(),
-        "store_bytes_per_run": round(size / (options.runs + warm)),
-        "runs_per_s": round(options.runs / took, 1),
+        "store_bytes_per_run": round(size / (runs + warm)),
+        "runs_per_s": round(runs / took, 2),
+        "runs_per_hour_by_processor_time": round(3600 * (os.cpu_count() or 1) / ((used + worked) / runs)),
     }
-    if not options.simulator:
-        figures["share_of_ideal_throughput"] = round(options.runs / took * options.sleep_s / options.jobs, 3)
-    print(json.dumps(figures, indent=2))
-    return 0
+    if not name:
+        figures["share_of_ideal_throughput"] = round(runs / took * sleep_s / jobs, 3)
+    return figures
 
 
 def keep(pending: PendingRun, ledger: SqliteLedger) -> None:

@@ -161,7 +161,7 @@ def test_a_generator_that_repeats_itself_costs_no_runs() -> None:
 
 
 def candidate(index: int, *badness: float, parent: Candidate | None = None) -> Candidate:
-    made = Candidate(None, None, index, parent)  # type: ignore[arg-type]
+    made = Candidate(Attempt.model_construct(index=index), parent)
     made.badness = dict(enumerate(badness))
     return made
 
@@ -362,7 +362,8 @@ def configured(
     task = Task(name="to", path=("G12", "G13"))
     people = HumanConfiguration(humans=(Human(name="Human 1", tasks=(task,), speed_m_s=speed),))
     scenario = Scenario(mission=plan().mission, people=people)
-    made = Candidate(None, Proposal(generator="x", scenario=scenario), index, parent, operator)  # type: ignore[arg-type]
+    attempt = Attempt.model_construct(index=index, proposal=Proposal(generator="x", scenario=scenario))
+    made = Candidate(attempt, parent, operator)
     made.badness = {0: badness}
     made.estimate = badness
     return made

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from tests.campaign.parts import WalkGenerator, plan, warehouse
 
+from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.failures import FailureMode
 from rvsg.campaign.kinds import Kinds, _closest, foreseen
 from rvsg.campaign.racing import Candidate
@@ -16,7 +17,7 @@ STOOD = FailureMode(place="Area 4", person="stands beside it", robot="drives on"
 
 
 def candidate(index: int, *badness: float) -> Candidate:
-    made = Candidate(None, None, index)  # type: ignore[arg-type]
+    made = Candidate(Attempt.model_construct(index=index))
     made.badness = dict(enumerate(badness))
     made.estimate = float(np.mean(badness)) if badness else -np.inf
     return made

@@ -15,8 +15,7 @@ from rvsg.campaign.attempt import Attempt, Measurement
 from rvsg.campaign.sharing import Sharing
 from rvsg.campaign.values import Values
 from rvsg.core.records import canonical_json
-from rvsg.scenario.brief import Brief, Feedback, Remembered, Row
-from rvsg.scenario.folded import Folded
+from rvsg.scenario.brief import Brief, Remembered
 
 metrics = st.dictionaries(st.text(max_size=5), st.none() | st.floats(allow_nan=False, allow_infinity=False))
 
@@ -85,26 +84,3 @@ def test_attempts_share_equal_parts_and_say_the_same() -> None:
     assert last.brief.memory[0] is given_attempts[1].brief.memory[0]
     assert last.brief.memory[0].scenario.people.humans[0].tasks[0] is first.proposal.scenario.people.humans[0].tasks[0]
     assert first.replace(index=7).index == 7 and first.model_copy(update={"index": 8}).index == 8
-
-
-def told() -> Attempt:
-    first, second, *_ = attempts()
-    scenario = first.proposal.scenario
-    assert scenario is not None
-    rows = tuple(Row(time_s=2.0 * k, robot_at="A1", people={}, value=0.1 * k) for k in range(40))
-    feedback = Feedback(scenario=scenario, objectives=(1.0,), mean=1.0, interval=(1.0, 1.0), rows=rows)
-    return second.replace(brief=second.brief.replace(kind="refine", feedback=feedback))
-
-
-def test_a_campaign_keeps_feedback_folded_and_says_the_same() -> None:
-    attempt, same = told(), told()
-    assert Sharing(folds=True)(attempt) is attempt
-    folded = attempt.brief.feedback
-    assert isinstance(folded, Folded)
-    assert folded.scenario == same.brief.feedback.scenario and folded.rows == same.brief.feedback.rows  # type: ignore[union-attr]
-    assert attempt == same and same == attempt
-    assert attempt.to_json() == same.to_json() and attempt.brief.model_dump() == same.brief.model_dump()
-    assert attempt.replace(index=7).brief.feedback is folded
-    assert pickle.loads(pickle.dumps(attempt)) == same
-    assert attempt != told().replace(index=9)
-    assert 10 * len(folded._data) < len(same.brief.feedback.to_json())  # type: ignore[union-attr]

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from tests.campaign.parts import WalkGenerator, plan, warehouse
 
+from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.operators import Operators
 from rvsg.campaign.racing import Candidate
 from rvsg.generation.descriptions import TUNED, describe_new, tells_of
@@ -23,7 +24,7 @@ def candidate(index: int, scenario_index: int, *, told: str | None, seed: int) -
     ours = describe_new(scenario.people.humans, "The hour.", goods=True)
     description, idea = (told, "") if told is not None else ours
     proposal = proposal.replace(scenario=scenario.replace(description=description, idea=idea))
-    made = Candidate(brief, proposal, index)
+    made = Candidate(Attempt(campaign="c", index=index, strategy="hybrid", brief=brief, proposal=proposal))
     made.badness, made.estimate = {1: 1.0}, float(-index)
     return made
 
@@ -56,7 +57,8 @@ def test_a_models_person_is_exchanged_for_the_same_one_of_another_configuration(
     parent, sibling = candidate(0, 0, told=TOLD, seed=1), candidate(1, 0, told=TOLD, seed=1)
     first, *rest = sibling.scenario.people.humans
     slower = sibling.scenario.people.replace(humans=(first.replace(speed_m_s=0.4), *rest))
-    sibling.proposal = sibling.proposal.replace(scenario=sibling.scenario.replace(people=slower))
+    changed = sibling.attempt.proposal.replace(scenario=sibling.scenario.replace(people=slower))
+    sibling.attempt = sibling.attempt.replace(proposal=changed)
     rng = np.random.default_rng(3)
     made = [m for _ in range(100) if (m := operators._crossed(parent, [parent, sibling], rng)) is not None]
     names = [[task.name for task in human.tasks] for human in parent.scenario.people.humans]

@@ -7,11 +7,8 @@ import math
 import numpy as np
 import pytest
 
+from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.racing import ITERATIONS, PRIOR_RUNS, SHARES, SMALLEST, Candidate, estimate
-from rvsg.generation.generator import Proposal
-from rvsg.scenario.brief import Brief
-
-BRIEF, PROPOSAL = Brief.model_construct(), Proposal.model_construct()
 
 
 def race(seed: int, count: int, seeds: int) -> list[Candidate]:
@@ -21,7 +18,7 @@ def race(seed: int, count: int, seeds: int) -> list[Candidate]:
         parent = found[int(rng.integers(index))] if index and rng.random() < 0.8 else None
         met = rng.permutation(seeds)[: int(rng.integers(seeds + 1))]
         badness = {int(each): float(rng.normal()) for each in met}
-        found.append(Candidate(BRIEF, PROPOSAL, index, parent, "new", badness))
+        found.append(Candidate(Attempt.model_construct(index=index), parent, "new", badness))
     return found
 
 
@@ -85,6 +82,6 @@ def test_estimates_are_those_of_the_whole_matrix(seed: int, count: int, seeds: i
 
 
 def test_a_race_without_runs_has_no_estimates() -> None:
-    candidates = [Candidate(BRIEF, PROPOSAL, 0)]
+    candidates = [Candidate(Attempt.model_construct(index=0))]
     estimate(candidates)
     assert candidates[0].estimate == -math.inf

@@ -78,6 +78,46 @@ class Attempt(Record):
         """Return how many runs were asked for, those that could not be made included."""
         return len(self.measurements) + len(self.failures)
 
+    @property
+    def measured_runs(self) -> int:
+        """Return how many runs were measured."""
+        return len(self.measurements)
+
+    @property
+    def seeds(self) -> tuple[int, ...]:
+        """The seeds of all runs: of those that were measured, then of those that could not be made."""
+        return (*(m.seed for m in self.measurements), *(f.seed for f in self.failures))
+
+    @property
+    def violations(self) -> int:
+        """Return how many runs violate the requirement."""
+        return self.verdict.violations if self.verdict else 0
+
+    @property
+    def valued_runs(self) -> int:
+        """Return how many runs have an objective."""
+        return self.verdict.runs if self.verdict else 0
+
+    @property
+    def scenario_index(self) -> int:
+        """The number of its scenario among those of the campaign, from 0."""
+        return self.brief.scenario_index
+
+    @property
+    def scenario_id(self) -> str | None:
+        """The content id of the configuration; None where nothing valid was proposed."""
+        return self.proposal.scenario.id if self.proposal.scenario else None
+
+    @property
+    def untold_id(self) -> str | None:
+        """The content id of the configuration that its brief tells of before a new scenario begins."""
+        return self.brief.untold.scenario.id if self.brief.untold else None
+
+    @property
+    def lesson(self) -> str:
+        """What the generator learnt from the measurements before it."""
+        return self.proposal.lesson
+
 
 class Ledger(Protocol):
     """Where attempts and runs are stored, in order, for good.
@@ -85,6 +125,9 @@ class Ledger(Protocol):
     A plug-in of the kind `store` is made with the path that is its own in the campaign's folder, and its options. A
     run is stored by its content id, possibly before the attempt it belongs to, so that an interruption loses at most
     the runs in progress.
+
+    A ledger that has a method `attempt` as well, with the name of a campaign and the index of one attempt, which it
+    returns, is read again during a long campaign, so that this one need not keep its attempts in memory.
     """
 
     def begin(self, campaign: str, settings: Mapping[str, Any]) -> None:

@@ -39,6 +39,8 @@ class CandidateStrategy(BatchStrategy):
         self.asked = 0
         self._numbers: dict[int, int] = {}
         self._cells: dict[int, Encounter] = {}
+        self._by_id: dict[str, Candidate] = {}
+        self._keys: set[str] = set()
         self._operators = Operators(plan.mission, world, aim_of(plan.requirement))
 
     # -- asks ------------------------------------------------------------------------------------------------------
@@ -73,7 +75,7 @@ class CandidateStrategy(BatchStrategy):
         if change is None:
             return None
         known.add(key(change.people))
-        brief = self._brief("tune", parent.brief.scenario_index, self._next(parent))
+        brief = self._brief("tune", parent.scenario_index, self._next(parent))
         proposal = answer(
             change.people,
             brief,
@@ -87,9 +89,9 @@ class CandidateStrategy(BatchStrategy):
 
     def _again(self, candidate: Candidate, runs: int) -> Ask:
         """The ask for more runs of a candidate, on the first seeds of the race that it did not meet."""
-        seen = self._seen(candidate)
+        attempt, seen = candidate.attempt, self._seen(candidate)
         more = [seed for seed in self._seeds(len(seen) + runs + self.final_runs) if seed not in seen]
-        return Ask(brief=candidate.brief, proposal=candidate.proposal, seeds=(*seen, *more[:runs]))
+        return Ask(brief=attempt.brief, proposal=attempt.proposal, seeds=(*seen, *more[:runs]))
 
     def _seeds(self, count: int) -> tuple[int, ...]:
         """The first seeds of the race."""
@@ -97,19 +99,21 @@ class CandidateStrategy(BatchStrategy):
 
     def _next(self, parent: Candidate) -> int:
         """The number of the next configuration of a scenario."""
-        return 1 + self._numbers[parent.brief.scenario_index]
+        return 1 + self._numbers[parent.scenario_index]
 
     # -- results ---------------------------------------------------------------------------------------------------
 
     def _add(self, attempt: Attempt, parent: Candidate | None, operator: str) -> None:
         """Keep a new candidate, unless the same configuration is in the race already."""
         scenario = attempt.proposal.scenario
-        if scenario is None or any(
-            c.proposal.scenario is not None and c.proposal.scenario.id == scenario.id for c in self.candidates
-        ):
+        if scenario is None:
             return
-        candidate = Candidate(attempt.brief, attempt.proposal, attempt.index, parent, operator)
+        if scenario.id in self._by_id:
+            self._by_id[scenario.id].last = attempt
+            return
+        candidate = self._by_id[scenario.id] = Candidate(attempt, parent, operator)
         self.candidates.append(candidate)
+        self._keys.add(key(scenario.people))
         self._measured(candidate, attempt)
         self._place(candidate, attempt)
 
@@ -124,13 +128,12 @@ class CandidateStrategy(BatchStrategy):
             if measurement.objective is not None:
                 candidate.badness[measurement.seed] = self.plan.requirement.badness(measurement.objective)
 
-    def _attempt_of(self, candidate: Candidate) -> Attempt:
-        """The last attempt of a candidate: the one with the most runs."""
-        name = candidate.scenario.id
-        return next(
-            a for a in reversed(self.attempts) if a.proposal.scenario is not None and a.proposal.scenario.id == name
-        )
+    def tell(self, attempt: Attempt) -> None:
+        """Receive an attempt of the current batch."""
+        super().tell(attempt)
+        if (candidate := self._by_id.get(attempt.scenario_id or "")) is not None:
+            candidate.last = attempt
 
-    def _seen(self, candidate: Candidate) -> Sequence[int]:
-        last = self._attempt_of(candidate)
-        return [*(m.seed for m in last.measurements), *(f.seed for f in last.failures)]
+    @staticmethod
+    def _seen(candidate: Candidate) -> Sequence[int]:
+        return candidate.last.seeds

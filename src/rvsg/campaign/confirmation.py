@@ -12,6 +12,7 @@ from collections.abc import Iterator, Sequence
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.events import Attempted, Confirming, Event, Explaining
 from rvsg.campaign.failures import FailureMode, usual_mode
+from rvsg.campaign.filing import whole
 from rvsg.campaign.finding import badness
 from rvsg.campaign.parts import Made, Parts, collect, store, submit
 from rvsg.campaign.plan import Plan
@@ -41,7 +42,7 @@ def confirm_all(plan: Plan, attempts: Sequence[Attempt], parts: Parts) -> Iterat
     if not plan.confirmations:
         return
     order_of = candidates(done, plan.requirement)
-    scenarios = len({candidate.brief.scenario_index for candidate in order_of})
+    scenarios = len({candidate.scenario_index for candidate in order_of})
     order_of = [*_one_of_each_kind(plan, order_of[:scenarios], parts), *order_of[scenarios:]]
     share = parts.procedure.max_runs
     if plan.requirement.threshold is not None:
@@ -57,7 +58,7 @@ def confirm_all(plan: Plan, attempts: Sequence[Attempt], parts: Parts) -> Iterat
             break
         budget = min(left, share)
         of = len(order_of) if another else scenarios
-        yield Confirming(campaign=plan.name, candidate=candidate, number=number, of=of, runs=budget)
+        yield Confirming(campaign=plan.name, candidate=whole(candidate), number=number, of=of, runs=budget)
         more = any(not _is_confirmed(other, done) for other in order_of[number:])
         reserve = parts.procedure.fewest_for(0, 0).get(Status.FAIL, 0) if more else 0
         spare = max(0, reserve - (left - budget))
@@ -101,7 +102,7 @@ def _decide(
             continue
         if not _reachable(plan, _objectives(attempt), parts.procedure.replace(max_runs=max(1, budget))):
             continue
-        yield Confirming(campaign=plan.name, candidate=candidate, number=number, of=len(undecided), runs=budget)
+        yield Confirming(campaign=plan.name, candidate=whole(candidate), number=number, of=len(undecided), runs=budget)
         run = confirm(plan, candidate, done, parts, budget=budget, known=attempt)
         yield from _noted(run, done)
         latest[attempt.confirms] = done[-1]
@@ -258,7 +259,7 @@ def _with_people(
 
 def confirmation_seeds(plan: Plan, attempts: Sequence[Attempt], count: int) -> tuple[int, ...]:
     """Return the first `count` seeds of a campaign's confirmations: none of them took part in the search."""
-    used = {measurement.seed for attempt in search_attempts(attempts) for measurement in attempt.measurements}
+    used = {seed for attempt in search_attempts(attempts) for seed in attempt.seeds[: attempt.measured_runs]}
     return fresh_seeds(plan.seed, "confirmation", count, used=used)
 
 

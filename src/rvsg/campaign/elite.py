@@ -35,13 +35,13 @@ class EliteStrategy(StudyStrategy):
         """Return a draft as long as there are scenarios to begin, then a refinement of one of the best."""
         standing = self._standing(known)
         if index < self.plan.scenarios or not standing:
-            begun = 1 + max((brief.scenario_index for brief in self._briefs), default=-1)
+            begun = 1 + max(self._scenarios, default=-1)
             return self._new(index, (begun, 0), known)
         chosen = standing[self._rank(index, len(standing))]
         best = worst_by_mean(chosen, self.plan.requirement)
         assert best is not None
-        at, scenario = chosen.index(best), best.brief.scenario_index
-        tried = sum(brief.scenario_index == scenario for brief in self._briefs)
+        at, scenario = chosen.index(best), best.scenario_index
+        tried = self._scenarios.count(scenario)
         feedback = self.feedback_of(best, chosen[at - 1] if at > 0 else None)
         return self._refinement(index, (scenario, tried), feedback, known)
 
@@ -50,7 +50,7 @@ class EliteStrategy(StudyStrategy):
         groups: dict[int, list[Attempt]] = {}
         for attempt in known:
             if attempt.mean is not None:
-                groups.setdefault(attempt.brief.scenario_index, []).append(attempt)
+                groups.setdefault(attempt.scenario_index, []).append(attempt)
 
         def standing(group: list[Attempt]) -> float:
             badness = sorted((self.plan.requirement.badness(a.mean) for a in group if a.mean is not None), reverse=True)

@@ -5,7 +5,7 @@ Distances between robot and human are gaps: centre distance less both radii, so 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -13,29 +13,23 @@ from numpy.typing import NDArray
 
 from rvsg.campaign.attempt import Attempt, Measurement
 from rvsg.campaign.driving import passings_of, stops_of
+from rvsg.campaign.glance import MEETING_M, Glance, glance_of, influences
 from rvsg.campaign.ranking import measured
 from rvsg.campaign.walks import Walk, arrivals, side_of, walks_of
 from rvsg.evaluation.aims import series_name, series_of
-from rvsg.evaluation.detection import contacts
-from rvsg.evaluation.events import Place
 from rvsg.evaluation.naming import WaypointNames
 from rvsg.evaluation.sampled import sampled
 from rvsg.evaluation.statistics import welch
 from rvsg.evaluation.verdict import Verdict
-from rvsg.scenario.brief import Feedback, HumanInfluence, Moment, Part, PersonAt, Row, Sample, Touched, Tried
+from rvsg.scenario.brief import Feedback, Moment, Part, PersonAt, Row, Sample, Tried
 from rvsg.scenario.differences import differences
 from rvsg.scenario.requirement import Requirement
-from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.run import Run, Trajectory
 from rvsg.world.grid import Grid
 from rvsg.world.world import World
 
 Floats = NDArray[np.float64]
 
-NEAR_M = 2.0
-"""A human nearer than this may influence how the robot drives (the inflation and the social zone end before it)."""
-MEETING_M = 3.0
-"""A waypoint at which a human never came nearer than this to the robot played no part in the encounter."""
 APART_S = 3.0
 """Decisive moments of one kind that are closer together than this are one moment."""
 SERIES_PERIOD_S = 1.0
@@ -65,15 +59,44 @@ def feedback_of(
     Raises:
         ValueError: The attempt has no objective or no run.
     """
+    by_id = {run.id: run for run in runs}
+    return told_of(
+        attempt,
+        [glance_of(run, grid, world) for run in runs],
+        by_id.__getitem__,
+        requirement=requirement,
+        grid=grid,
+        previous=previous,
+        moments=moments,
+        world=world,
+    )
+
+
+def told_of(
+    attempt: Attempt,
+    glances: Sequence[Glance],
+    run_of: Callable[[str], Run],
+    *,
+    requirement: Requirement,
+    grid: Grid,
+    previous: Attempt | None = None,
+    moments: int = 4,
+    world: World | None = None,
+) -> Feedback:
+    """Return what an attempt measured, as `feedback_of` does, from a glance at each run.
+
+    Args:
+        run_of: Finds a run by its id; asked for the worst run and the mildest one.
+    """
     scenario, verdict = attempt.proposal.scenario, attempt.verdict
-    if scenario is None or verdict is None or verdict.mean is None or not runs:
+    if scenario is None or verdict is None or verdict.mean is None or not glances:
         raise ValueError("an attempt without an objective has no feedback")
-    worst = worst_run(attempt, runs, requirement)
+    worst = run_of(worst_measurement(attempt, requirement).run_id)
     before = previous.verdict if previous else None
-    times = [float(run.trajectory.t[-1]) for run in runs if run.completed]
+    times = [glance.ended_s for glance in glances if glance.completed]
     walks = walks_of(worst, scenario.people, grid)
-    mild = mildest_run(attempt, runs, requirement)
-    touched = {run.id: touches for run in runs if (touches := touches_of(run, grid, world))}
+    mild = mildest_measurement(attempt, requirement)
+    touched = {glance.run_id: glance.touches for glance in glances if glance.touches}
     return Feedback(
         scenario=scenario,
         analysis="" if attempt.brief.kind == "tune" else attempt.proposal.reasoning,
@@ -88,20 +111,20 @@ def feedback_of(
         previous_mean=before.mean if before else None,
         separable=separable(before, verdict) if before and before.mean is not None else None,
         moments=decisive_moments(worst, grid, world, at_most=moments),
-        influences=influences(attempt, runs, grid, world),
+        influences=influences(scenario.people.humans, glances),
         series=series(worst, grid, requirement, world),
         series_of=series_name(requirement),
         rows=rows_of(worst, walks, grid, series_of(worst, requirement, world=world)),
         parts=parts_of(worst, requirement, world),
         stops=stops_of(worst, world) if world is not None else (),
         passings=passings_of(worst, world) if world is not None else (),
-        mildest=mild[1] if mild is not None else None,
-        mildest_parts=parts_of(mild[0], requirement, world) if mild is not None else (),
+        mildest=mild.objective if mild is not None else None,
+        mildest_parts=parts_of(run_of(mild.run_id), requirement, world) if mild is not None else (),
         arrivals={
             human.name: arrivals(walk, human, grid) for walk, human in zip(walks, scenario.people.humans, strict=True)
         },
         arrival_s=float(np.mean(times)) if times else None,
-        arrived=sum(run.completed for run in runs),
+        arrived=len(times),
         capped=verdict.censored,
         touched=len(touched),
         touches=touched.get(worst.id, ()),
@@ -120,27 +143,33 @@ def with_history(
         attempts: The attempts of the scenario, in order.
         most: How many tried configurations to keep.
     """
-    known = [
-        (a.proposal.scenario, a.mean, a.verdict)
-        for a in measured(attempts)
-        if a.proposal.scenario is not None and a.verdict is not None and a.mean is not None
-    ]
-    tried: list[Tried] = []
-    before: Scenario | None = None
+    known = [(a, a.mean) for a in measured(attempts) if a.mean is not None]
     judged = requirement.threshold is not None
-    for scenario, mean, verdict in known:
-        change = differences(before.people, scenario.people) if before is not None else "first configuration"
-        violations = verdict.violations if judged else None
-        tried.append(Tried(mean=mean, change=change, runs=verdict.runs, violations=violations))
-        before = scenario
-    best = max(known, key=lambda each: requirement.badness(each[1]), default=None)
-    worse = best is not None and requirement.badness(best[1]) > requirement.badness(feedback.mean)
+    tried = [
+        Tried(
+            mean=mean,
+            change=_change(known[place - 1][0], attempt) if place else "first configuration",
+            runs=attempt.valued_runs,
+            violations=attempt.violations if judged else None,
+        )
+        for place, (attempt, mean) in enumerate(known)
+        if len(known) > 1 and place >= len(known) - most
+    ]
+    best, best_mean = max(known, key=lambda each: requirement.badness(each[1]), default=(None, None))
+    worse = best_mean is not None and requirement.badness(best_mean) > requirement.badness(feedback.mean)
     return feedback.replace(
-        best=best[0] if best and worse else None,
-        best_mean=best[1] if best else None,
-        best_runs=best[2].runs if best else 0,
-        tried=tuple(tried[-most:]) if len(tried) > 1 else (),
+        best=best.proposal.scenario if best is not None and worse else None,
+        best_mean=best_mean,
+        best_runs=best.valued_runs if best is not None else 0,
+        tried=tuple(tried),
     )
+
+
+def _change(before: Attempt, after: Attempt) -> str:
+    """What an attempt changed against another one, in one line."""
+    first, second = before.proposal.scenario, after.proposal.scenario
+    assert first is not None and second is not None
+    return differences(first.people, second.people)
 
 
 def rows_of(run: Run, walks: Sequence[Walk], grid: Grid, values: Floats | None = None) -> tuple[Row, ...]:
@@ -199,13 +228,12 @@ def worst_measurement(attempt: Attempt, requirement: Requirement) -> Measurement
     return max(attempt.measurements, key=lambda m: -np.inf if m.objective is None else requirement.badness(m.objective))
 
 
-def mildest_run(attempt: Attempt, runs: Sequence[Run], requirement: Requirement) -> tuple[Run, float] | None:
-    """Return the run that is least bad for the robot with its objective; None where there is only one to choose."""
-    known = {m.run_id: m.objective for m in attempt.measurements if m.objective is not None}
-    if len(known) < 2:
+def mildest_measurement(attempt: Attempt, requirement: Requirement) -> Measurement | None:
+    """Return the measurement whose objective is least bad for the robot; None where there is only one to choose."""
+    known = [(m, m.objective) for m in attempt.measurements if m.objective is not None]
+    if len({m.run_id for m, _ in known}) < 2:
         return None
-    least = min(known, key=lambda name: requirement.badness(known[name]))
-    return next(run for run in runs if run.id == least), known[least]
+    return min(known, key=lambda each: requirement.badness(each[1]))[0]
 
 
 def separable(before: Verdict, after: Verdict) -> bool:
@@ -220,25 +248,6 @@ def separable(before: Verdict, after: Verdict) -> bool:
 def gaps(run: Run, world: World | None = None) -> Floats:
     """Return (N, H) the gap in metres between robot and each human at every sample of the trajectory."""
     return sampled(run, world).gap
-
-
-def touches_of(run: Run, grid: Grid, world: World | None = None) -> tuple[Touched, ...]:
-    """Return the touches of the robot and a person in a run, as events tell them, in order."""
-    s, names = sampled(run, world), WaypointNames(grid)
-
-    def at(x: float, y: float) -> Place:
-        return Place(x=x, y=y, waypoint=names.nearest(np.array([x]), np.array([y]))[0])
-
-    return tuple(
-        Touched(
-            who=contact.person,
-            at=contact.place.waypoint,
-            time_s=round(contact.time_s, 1),
-            until_s=round(contact.until_s, 1),
-            moved_by=contact.moved_by,
-        )
-        for contact in sorted(contacts(s, at), key=lambda contact: contact.time_s)
-    )
 
 
 def decisive_moments(run: Run, grid: Grid, world: World | None = None, *, at_most: int = 4) -> tuple[Moment, ...]:
@@ -263,33 +272,6 @@ def decisive_moments(run: Run, grid: Grid, world: World | None = None, *, at_mos
     for index, note in found[:at_most]:
         chosen[index] = f"{chosen[index]}; {note}" if index in chosen else note
     return tuple(_moment(run, gap, index, note, names) for index, note in sorted(chosen.items()))
-
-
-def influences(
-    attempt: Attempt, runs: Sequence[Run], grid: Grid, world: World | None = None
-) -> tuple[HumanInfluence, ...]:
-    """Return what each human contributed over all runs: closest gap, share of time near, waypoints without effect."""
-    scenario = attempt.proposal.scenario
-    assert scenario is not None
-    planned = {human.name: human for human in scenario.people.humans}
-    names = WaypointNames(grid)
-    all_gaps = [gaps(run, world) for run in runs]
-    found = []
-    for h, name in enumerate(runs[0].human_names):
-        closest = min(float(gap[:, h].min()) for gap in all_gaps)
-        share = float(np.mean([(gap[:, h] < NEAR_M).mean() for gap in all_gaps]))
-        met: dict[str, float] = {}
-        for run, gap in zip(runs, all_gaps, strict=True):
-            step = max(1, len(run.trajectory) // 400)
-            at = names.nearest(run.trajectory.human_x[::step, h], run.trajectory.human_y[::step, h])
-            for place, distance in zip(at, gap[::step, h], strict=True):
-                met[place] = min(met.get(place, np.inf), float(distance))
-        path = dict.fromkeys(w for task in planned[name].tasks for w in task.path) if name in planned else {}
-        idle = tuple(w for w in path if met.get(w, np.inf) > MEETING_M)
-        found.append(
-            HumanInfluence(name=name, closest_gap_m=closest, share_within_2_m=min(share, 1.0), idle_waypoints=idle)
-        )
-    return tuple(found)
 
 
 def series(run: Run, grid: Grid, requirement: Requirement, world: World | None = None) -> tuple[Sample, ...]:

@@ -31,7 +31,6 @@ import numpy as np
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.candidates import CandidateStrategy
 from rvsg.campaign.kinds import Kinds, Met
-from rvsg.campaign.operators import key
 from rvsg.campaign.plan import Plan
 from rvsg.campaign.racing import Candidate, estimate, in_the_race
 from rvsg.campaign.ranking import lessons_of, remember
@@ -149,7 +148,7 @@ class HybridStrategy(CandidateStrategy):
             else:
                 rng = np.random.default_rng(seed_for(self.plan.seed, "hybrid", self.asked))
                 (parent,) = self._best(self._best_of_each(), rng, 1)
-                scenario = parent.brief.scenario_index
+                scenario = parent.scenario_index
                 yield from self._propose(self._refining(parent, self._seeds(1)), parent)
             if self.spent:
                 return
@@ -158,13 +157,13 @@ class HybridStrategy(CandidateStrategy):
     def _tune(self, scenario: int, until: float) -> Batch:
         """Change the numbers of a scenario's configurations and race them until so many runs are left."""
         while self.left > until and self.left > 0:
-            own = [c for c in self.candidates if c.runs and c.brief.scenario_index == scenario]
+            own = [c for c in self.candidates if c.runs and c.scenario_index == scenario]
             before = self.left
             if not own:
                 return
             yield from self._change(min(TURN, math.ceil(self.left - until)), own)
             if self.left > until:
-                own = [c for c in self.candidates if c.runs and c.brief.scenario_index == scenario]
+                own = [c for c in self.candidates if c.runs and c.scenario_index == scenario]
                 yield from self._race(min(TURN // 2, math.ceil(self.left - until)), among=own)
             if self.left == before:
                 return
@@ -173,15 +172,15 @@ class HybridStrategy(CandidateStrategy):
         """Return the best configuration of every scenario."""
         found: dict[int, Candidate] = {}
         for candidate in self.candidates:
-            known = found.get(candidate.brief.scenario_index)
+            known = found.get(candidate.scenario_index)
             if candidate.runs and (known is None or candidate.estimate > known.estimate):
-                found[candidate.brief.scenario_index] = candidate
+                found[candidate.scenario_index] = candidate
         return list(found.values())
 
     def _new_ask(self, scenario: int) -> Ask:
         """Return the ask for a new scenario, with what the best configuration of the one before measured."""
         memory = remember(self.attempts, self.plan.requirement, last=self.plan.memory)
-        last = next((c for c in self._best_of_each() if c.brief.scenario_index == scenario - 1), None)
+        last = next((c for c in self._best_of_each() if c.scenario_index == scenario - 1), None)
         untold = self._feedback(last) if last is not None and memory else None
         return Ask(brief=self._brief("new", scenario, 0, memory=memory, untold=untold), seeds=self._seeds(1))
 
@@ -202,18 +201,18 @@ class HybridStrategy(CandidateStrategy):
     def _instead(self, base: Candidate, brief: Brief) -> Ask | None:
         """The ask for a changed configuration in the place of a proposal; it takes its number only if it is used."""
         numbers = dict(self._numbers)
-        if brief.scenario_index == base.brief.scenario_index:
+        if brief.scenario_index == base.scenario_index:
             self._numbers[brief.scenario_index] = brief.configuration_index - 1
         rng = np.random.default_rng(seed_for(self.plan.seed, "instead", self.asked))
-        ask = self._changed(base, rng, {key(c.scenario.people) for c in self.candidates}, self._seeds(1))
+        ask = self._changed(base, rng, set(self._keys), self._seeds(1))
         self._numbers = numbers
         return ask
 
     def _feedback(self, candidate: Candidate) -> Feedback:
         """Return what a configuration measured, what of it was tuned, and the others of its scenario."""
-        own = [c for c in self.candidates if c.runs and c.brief.scenario_index == candidate.brief.scenario_index]
+        own = [c for c in self.candidates if c.runs and c.scenario_index == candidate.scenario_index]
         best, requirement = max(own, key=lambda c: (c.estimate, -c.index)), self.plan.requirement
-        return self.feedback_of(self._attempt_of(candidate), None).replace(
+        return self.feedback_of(candidate.last, None).replace(
             tuning=tuning_of(candidate, own, requirement),
             best=best.scenario if best is not candidate else None,
             best_mean=mean_of(best, requirement),
@@ -223,9 +222,9 @@ class HybridStrategy(CandidateStrategy):
 
     def _refining(self, parent: Candidate, seeds: tuple[int, ...]) -> Ask:
         """Return the ask for a refinement by the generator."""
-        scenario = parent.brief.scenario_index
-        others = [a for a in self.attempts if a.brief.scenario_index != scenario]
-        lessons = lessons_of(remember(others, self.plan.requirement, last=self.plan.memory))
+        scenario = parent.scenario_index
+        others = [a for a in self.attempts if a.scenario_index != scenario]
+        lessons = lessons_of(others, last=self.plan.memory)
         feedback = self._feedback(parent)
         brief = self._brief("refine", scenario, self._next(parent), feedback=feedback, lessons=lessons)
         return Ask(brief=brief, seeds=seeds)
@@ -241,7 +240,7 @@ class HybridStrategy(CandidateStrategy):
         rng = np.random.default_rng(seed_for(self.plan.seed, "hybrid", self.asked))
         asks: list[Ask] = []
         origins: list[tuple[Candidate, str]] = []
-        known = {key(c.scenario.people) for c in self.candidates}
+        known = set(self._keys)
         for parent, avoid in self._choices(rng, count, among):
             if self.plan.proposals is None and rng.random() < self._refine_share():
                 asks.append(self._refining(parent, seeds))

@@ -7,7 +7,7 @@ An Ask may name the seeds of its runs; runs that the ledger holds already are no
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 
 from rvsg.campaign.accounting import calls_of
 from rvsg.campaign.attempt import Attempt, Ledger
@@ -15,12 +15,13 @@ from rvsg.campaign.confirmation import confirm_all
 from rvsg.campaign.encounter import encounter_of
 from rvsg.campaign.events import Attempted, Event, Finished, Message, Proposing, Started
 from rvsg.campaign.failures import FailureMode, mode_of
-from rvsg.campaign.feedback import feedback_of, worst_measurement, worst_run
+from rvsg.campaign.feedback import told_of, worst_measurement
+from rvsg.campaign.filing import Filing
+from rvsg.campaign.glance import Glance, glance_at
 from rvsg.campaign.parallel import PendingRun
 from rvsg.campaign.parts import Cancelled, Made, Parts, collect, store, submit
 from rvsg.campaign.plan import Plan
 from rvsg.campaign.ranking import search_attempts
-from rvsg.campaign.sharing import Sharing
 from rvsg.campaign.smallest import shrink_all
 from rvsg.campaign.strategies import Ask, FeedbackOf, Strategy
 from rvsg.core.errors import BudgetSpent, GenerationError, NotRecorded
@@ -28,7 +29,6 @@ from rvsg.core.records import text_id
 from rvsg.core.seeds import seed_for
 from rvsg.generation.generator import Call
 from rvsg.scenario.brief import Encounter, Feedback
-from rvsg.scenario.scenario import Scenario
 from rvsg.world.world import World
 
 WITHOUT_MODEL = "The budget of the model is spent, or its record ends. The search continues without it."
@@ -48,17 +48,17 @@ def stream_campaign(plan: Plan, strategy: Strategy, parts: Parts) -> Iterator[Ev
     ends with the same records. An error of the generator is raised after everything proposed before it is simulated
     and stored.
     """
-    shared = Sharing(folds=True)
-    attempts = [shared(attempt) for attempt in parts.ledger.attempts(plan.name)]
+    known = _Known(plan, parts.ledger)
+    attempts = known.attempts
     yield Started(campaign=plan.name, plan=plan, attempts=len(attempts), runs=sum(a.runs for a in attempts))
-    for known in search_attempts(attempts):
-        strategy.tell(known)
+    for attempt in search_attempts(attempts):
+        strategy.tell(attempt)
     complete = True
     try:
         if len(search_attempts(attempts)) == len(attempts):
-            yield from _noted(_search(plan, strategy, attempts, parts), attempts, shared)
-        yield from _noted(confirm_all(plan, tuple(attempts), parts), attempts, shared)
-        yield from _noted(shrink_all(plan, tuple(attempts), parts), attempts, shared)
+            yield from _search(plan, strategy, known, parts)
+        yield from _noted(confirm_all(plan, tuple(attempts), parts), known)
+        yield from _noted(shrink_all(plan, tuple(attempts), parts), known)
     except Cancelled:
         complete = False
     yield Finished(campaign=plan.name, complete=complete, attempts=len(attempts))
@@ -74,10 +74,15 @@ class FeedbackFrom:
 
     def __call__(self, attempt: Attempt, previous: Attempt | None) -> Feedback:
         """Return the feedback."""
-        plan, world = self._plan, self._world
-        runs = [self._ledger.run(measurement.run_id) for measurement in attempt.measurements]
-        told = feedback_of(attempt, runs, requirement=plan.requirement, grid=world.grid, previous=previous, world=world)
-        return told.replace(encounter=encounter_of(worst_run(attempt, runs, plan.requirement), world))
+        requirement, world, run = self._plan.requirement, self._world, self._ledger.run
+        glances = [self._glance(measurement.run_id) for measurement in attempt.measurements]
+        told = told_of(attempt, glances, run, requirement=requirement, grid=world.grid, previous=previous, world=world)
+        return told.replace(encounter=encounter_of(run(worst_measurement(attempt, requirement).run_id), world))
+
+    def _glance(self, run_id: str) -> Glance:
+        """Return what the worker that made a run saw of it, else look at the stored run."""
+        recalled: Callable[[str], Glance | None] = getattr(self._ledger, "glance", lambda _: None)
+        return recalled(run_id) or glance_at(self._ledger.run(run_id), self._world)
 
     def encounter(self, attempt: Attempt) -> Encounter | None:
         """Return the encounter alone, which is a small part of the work."""
@@ -102,16 +107,56 @@ def feedback_from(ledger: Ledger, plan: Plan, world: World) -> FeedbackOf:
     return FeedbackFrom(ledger, plan, world)
 
 
-def _noted(events: Iterator[Event], attempts: list[Attempt], shared: Sharing) -> Iterator[Event]:
-    """Pass events on, adding every finished attempt to `attempts`."""
+class _Known:
+    """The attempts of a campaign so far, filed, and what every further one is compared with.
+
+    Attributes:
+        calls: Those of the generator.
+    """
+
+    def __init__(self, plan: Plan, ledger: Ledger) -> None:
+        self._filing = Filing(ledger, plan.name)
+        self._first: dict[str, tuple[Attempt, tuple[int, ...]]] = {}
+        self.attempts: list[Attempt] = []
+        self.calls: list[Call] = calls_of(self._read(ledger.attempts(plan.name)))
+
+    def add(self, attempt: Attempt) -> Attempt:
+        """Add a stored attempt and return what stands for it."""
+        filed = self._filing(attempt)
+        self.attempts.append(filed)
+        key = _people_id(attempt)
+        if key is not None:
+            first, seeds = self._first.get(key, (attempt, attempt.seeds))
+            self._first[key] = (filed if first.index == attempt.index else first, seeds)
+        return filed
+
+    def first(self, attempt: Attempt, seeds: tuple[int, ...]) -> tuple[Attempt, tuple[int, ...]]:
+        """Return the first attempt with the same people, which may be this one, and the seeds of its runs."""
+        key = _people_id(attempt)
+        return (attempt, seeds) if key is None else self._first.setdefault(key, (attempt, seeds))
+
+    def _read(self, attempts: Iterable[Attempt]) -> Iterator[Attempt]:
+        for attempt in attempts:
+            self.add(attempt)
+            yield attempt
+
+
+def _people_id(attempt: Attempt) -> str | None:
+    """Return what tells the people of attempts apart; None without a scenario."""
+    scenario = attempt.proposal.scenario
+    return None if scenario is None else text_id("people", scenario.people.model_dump_json())
+
+
+def _noted(events: Iterator[Event], known: _Known) -> Iterator[Event]:
+    """Pass events on, adding every finished attempt to those known."""
     for event in events:
         if isinstance(event, Attempted):
-            attempts.append(shared(event.attempt))
+            known.add(event.attempt)
         yield event
 
 
-def _search(plan: Plan, strategy: Strategy, known: Sequence[Attempt], parts: Parts) -> Iterator[Event]:
-    """Make the attempts a strategy asks for, after those known; several may be in progress.
+def _search(plan: Plan, strategy: Strategy, known: _Known, parts: Parts) -> Iterator[Event]:
+    """Make the attempts a strategy asks for, adding them to those known; several may be in progress.
 
     The strategy receives them in their order, whichever finishes first. As soon as it has one, it is asked
     what can begin beside those still in progress.
@@ -119,7 +164,7 @@ def _search(plan: Plan, strategy: Strategy, known: Sequence[Attempt], parts: Par
     in_progress: deque[tuple[Attempt, list[PendingRun]]] = deque()
     upcoming: deque[Ask] = deque()
     stopped: GenerationError | None = None
-    index, calls, tried = len(known), calls_of(known), _Tried(known)
+    index = len(known.attempts)
     while True:
         if not upcoming and not stopped:
             upcoming.extend(strategy.ask()[len(in_progress) :])
@@ -129,11 +174,11 @@ def _search(plan: Plan, strategy: Strategy, known: Sequence[Attempt], parts: Par
             if ask.proposal is None:
                 yield Proposing(campaign=plan.name, index=index, brief=ask.brief)
             try:
-                in_progress.append(_begin(plan, strategy.name, index, ask, parts, tried, calls))
+                in_progress.append(_begin(plan, strategy.name, index, ask, parts, known))
             except GenerationError as error:
                 stopped = error
             else:
-                calls += in_progress[-1][0].proposal.calls if ask.proposal is None else ()
+                known.calls += in_progress[-1][0].proposal.calls if ask.proposal is None else ()
                 if in_progress[-1][0].brief != ask.brief:
                     yield Message(campaign=plan.name, text=WITHOUT_MODEL)
             index += 1
@@ -143,54 +188,35 @@ def _search(plan: Plan, strategy: Strategy, known: Sequence[Attempt], parts: Par
         made = Made()
         yield from collect(attempt, ordered, made, parts)
         done = store(attempt, made, parts)
-        strategy.tell(done)
+        strategy.tell(known.add(done))
         yield Attempted(campaign=plan.name, attempt=done)
     if stopped:
         raise stopped
 
 
-class _Tried:
-    """The configurations of the search, each with its first attempt and the seeds of the runs of that."""
-
-    def __init__(self, attempts: Sequence[Attempt]) -> None:
-        self._first: dict[str, tuple[int, Scenario | None, tuple[int, ...]]] = {}
-        for attempt in attempts:
-            self.first(attempt, (*(m.seed for m in attempt.measurements), *(f.seed for f in attempt.failures)))
-
-    def first(self, attempt: Attempt, seeds: tuple[int, ...]) -> tuple[int, Scenario | None, tuple[int, ...]]:
-        """Return the first attempt with the same people, which may be this one: index, scenario and seeds."""
-        scenario = attempt.proposal.scenario
-        found = (attempt.index, scenario, seeds)
-        if scenario is None:
-            return found
-        return self._first.setdefault(text_id("people", scenario.people.model_dump_json()), found)
-
-
 def _begin(
-    plan: Plan, strategy: str, index: int, ask: Ask, parts: Parts, tried: _Tried, calls: Sequence[Call]
+    plan: Plan, strategy: str, index: int, ask: Ask, parts: Parts, known: _Known
 ) -> tuple[Attempt, list[PendingRun]]:
     """Get the proposal of an ask, from the generator where it holds none, and order its runs.
 
     A configuration that the generator proposes again is not run with other seeds: the runs it has stand. Where the
     budget of the generator is spent, or its record ends, what the ask names instead is done.
-
-    Args:
-        calls: The calls of the campaign so far.
     """
     proposal = ask.proposal
     if proposal is None:
         try:
-            parts.limits.check(calls)
+            parts.limits.check(known.calls)
             proposal = parts.generator.propose(ask.brief, parts.simulations.world)
         except (BudgetSpent, NotRecorded):
             if ask.instead is None:
                 raise
-            return _begin(plan, strategy, index, ask.instead, parts, tried, calls)
+            return _begin(plan, strategy, index, ask.instead, parts, known)
     attempt = Attempt(campaign=plan.name, index=index, strategy=strategy, brief=ask.brief, proposal=proposal)
     seeds = ask.seeds
     if seeds is None:
         seeds = tuple(seed_for(plan.seed, "search", index, repeat) for repeat in range(plan.repeats))
-    first, scenario, known = tried.first(attempt, seeds)
-    if ask.proposal is None and first != attempt.index:
-        attempt, seeds = attempt.replace(proposal=proposal.replace(scenario=scenario), same_as=first), known
+    first, its_seeds = known.first(attempt, seeds)
+    if ask.proposal is None and first.index != index:
+        same = proposal.replace(scenario=first.proposal.scenario)
+        attempt, seeds = attempt.replace(proposal=same, same_as=first.index), its_seeds
     return attempt, submit(attempt, seeds, parts)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from rvsg.campaign.attempt import Failure, Measurement
+from rvsg.campaign.glance import Glance
 from rvsg.core.errors import SimulationError
 from rvsg.evaluation.judge import DEFAULT, Procedure, judge, objective
 from rvsg.evaluation.metrics import measure
@@ -35,6 +36,8 @@ class FinishedRun:
     outcome: Outcome
     measurement: Measurement
     packed: PackedRun
+    glance: Glance | None = None
+    """What feedback takes of it, where a worker looked."""
 
     @property
     def id(self) -> str:
@@ -64,6 +67,8 @@ class RunMaker:
     measure: Callable[[Run, World], Measurement] = unmeasured
     judged: Callable[[Run, World], Measurement] | None = None
     """Measures only what a verdict takes, for trials; `measure` where None."""
+    glance: Callable[[Run, World], Glance] | None = None
+    """Looks at every run for feedback, unless `made` receives it; None where hardly any run gets feedback."""
 
     def __call__(
         self, scenario: Scenario, seed: int, *, trial: bool = False, made: Callable[[Run], None] | None = None
@@ -81,9 +86,12 @@ class RunMaker:
             return Failure(seed=seed, reason=str(error))
         if trial:
             return Trial(run.seed, run.outcome, (self.judged or self.measure)(run, place))
+        finished = self._finished(run, place)
         if made is not None:
             made(run)
-        return self._finished(run, place)
+        elif self.glance is not None:
+            return replace(finished, glance=self.glance(run, self.world))
+        return finished
 
     def close(self) -> None:
         """Release what the simulator holds."""

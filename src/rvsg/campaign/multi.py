@@ -45,7 +45,7 @@ class MultiStrategy(KeepingStrategy):
         return found
 
     def _tried_by(self, candidate: Candidate) -> Any:
-        return tried_by(self._attempt_of(candidate).measurements, self.plan) if candidate.runs else None
+        return tried_by(candidate.last.measurements, self.plan) if candidate.runs else None
 
     def _parents(self, rng: np.random.Generator, count: int) -> list[Candidate]:
         fronts = self.fronts()

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from rvsg.campaign.kinds import Met, foreseen
 from rvsg.campaign.racing import Candidate
 from rvsg.campaign.surrogate import Surrogate
-from rvsg.core.records import Record
+from rvsg.core.records import Record, text_id
 from rvsg.generation.descriptions import Described, describe_changed, describe_tuned, same_work, tells_of
 from rvsg.generation.places import handles_goods, places_of
 from rvsg.generation.screening import Screen
@@ -30,6 +30,8 @@ OPTIONS = 16
 """The number of changes forecast for every one that is run."""
 SHORTLIST = 2
 """One of this many most promising changes is run, since the forecast is rough."""
+SPACES = 64
+"""Search spaces that are kept, of the configurations changed last."""
 CROSSED = 0.15
 """How often a person of another configuration is put into one, where both have several people."""
 
@@ -88,6 +90,8 @@ class Operators:
         scenario = parent.scenario
         space = self._spaces.get(parent.index)
         if space is None:
+            if len(self._spaces) == SPACES:
+                del self._spaces[next(iter(self._spaces))]
             space = self._spaces[parent.index] = TuningSpace(scenario.people, self.mission, self.world)
         people, words = Mutations(space, rng).draw()
         if people is None:
@@ -103,8 +107,8 @@ class Operators:
         """
         humans = parent.scenario.people.humans
         ours = tells_of(parent.scenario, goods=self._goods)
-        own = parent.brief.scenario_index
-        lenders = [c for c in others if (c.brief.scenario_index != own) == ours and c is not parent]
+        own = parent.scenario_index
+        lenders = [c for c in others if (c.scenario_index != own) == ours and c is not parent]
         if len(humans) < 2 or not lenders:
             return None
         ranked = sorted(lenders, key=lambda c: (-c.estimate, c.index))
@@ -134,4 +138,4 @@ class Operators:
 
 def key(people: HumanConfiguration) -> str:
     """Return what tells configurations apart, whatever their description."""
-    return people.model_dump_json()
+    return text_id("people", people.model_dump_json())

@@ -7,10 +7,12 @@ whose id is known is not simulated again.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from types import TracebackType
 from typing import Any, Protocol, Self
 
 from rvsg.campaign.attempt import Failure, Measurement
+from rvsg.campaign.glance import Glance
 from rvsg.campaign.measuring import FinishedRun, RunMaker, Trial, unmeasured
 from rvsg.campaign.processes import Processes
 from rvsg.scenario.scenario import Scenario
@@ -101,6 +103,8 @@ class Simulations:
         executor: Where runs are made instead of in `jobs` processes.
         notify: Receives messages for the user, such as that a machine is gone.
         made: Receives the runs that are made in this process, with their arrays.
+        glance: Looks at every run in the process that made it, for feedback.
+        glanced: Receives what `glance` saw in another process.
         closes: Close the simulator at the end; its next run makes again what it needs.
     """
 
@@ -116,17 +120,20 @@ class Simulations:
         executor: Executor | None = None,
         notify: Callable[[str], None] = lambda _: None,
         made: Callable[[Run], None] | None = None,
+        glance: Callable[[Run, World], Glance] | None = None,
+        glanced: Callable[[Glance], None] = lambda _: None,
         closes: bool = False,
     ) -> None:
         self.closes = closes
         self.simulator = simulator
         self.world = world
         self.options = dict(simulator.options)
-        self._maker = RunMaker(simulator, world, measure, judged)
+        self._maker = RunMaker(simulator, world, measure, judged, glance)
         self._executor: Executor | None = executor or (Processes(jobs) if jobs > 1 else None)
         self._known = known or (lambda _: None)
         self._notify = notify
         self._made = made
+        self._glanced = glanced
         self._open: dict[tuple[str, bool], PendingRun] = {}
         self._recent: dict[tuple[str, bool], FinishedRun | Trial] = {}
         self._started = False
@@ -165,6 +172,9 @@ class Simulations:
             found = self._maker(pending.scenario, pending.seed, trial=pending.trial, made=self._made)
         else:
             found = self._executor.result(pending._submitted)
+        if isinstance(found, FinishedRun) and found.glance is not None:
+            self._glanced(found.glance)
+            found = replace(found, glance=None)
         key = (pending.run_id, pending.trial)
         self._open.pop(key, None)
         if not isinstance(found, Failure):

@@ -14,9 +14,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.racing_kernel import fit
-from rvsg.generation.generator import Proposal
-from rvsg.scenario.brief import Brief
 from rvsg.scenario.scenario import Scenario
 
 ITERATIONS = 8
@@ -34,20 +33,35 @@ BOUND = 1.645
 class Candidate:
     """One configuration in the race: what it was changed from, and the badness of its runs by seed."""
 
-    brief: Brief
-    proposal: Proposal
-    index: int
+    attempt: Attempt
+    """Its first attempt."""
     parent: Candidate | None = None
     operator: str = "new"
     badness: dict[int, float] = field(default_factory=dict)
     estimate: float = -math.inf
     deviation: float = math.inf
+    last: Attempt = field(init=False)
+    """Its last attempt: the one with the most runs."""
+
+    def __post_init__(self) -> None:
+        self.last = self.attempt
+
+    @property
+    def index(self) -> int:
+        """The index of its first attempt."""
+        return self.attempt.index
+
+    @property
+    def scenario_index(self) -> int:
+        """The number of its scenario."""
+        return self.attempt.scenario_index
 
     @property
     def scenario(self) -> Scenario:
         """The scenario that is run."""
-        assert self.proposal.scenario is not None
-        return self.proposal.scenario
+        scenario = self.attempt.proposal.scenario
+        assert scenario is not None
+        return scenario
 
     @property
     def runs(self) -> int:

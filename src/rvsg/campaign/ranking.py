@@ -34,11 +34,10 @@ def standing(attempt: Attempt, requirement: Requirement) -> tuple[float, float]:
 
     ValueError if nothing of the attempt was measured.
     """
-    verdict = attempt.verdict
-    if verdict is None or verdict.mean is None:
+    if attempt.mean is None:
         raise ValueError("an attempt without an objective has no standing")
-    judged = requirement.threshold is not None and verdict.runs > 0
-    return (verdict.violations / verdict.runs if judged else 0.0, requirement.badness(verdict.mean))
+    judged = requirement.threshold is not None and attempt.valued_runs > 0
+    return (attempt.violations / attempt.valued_runs if judged else 0.0, requirement.badness(attempt.mean))
 
 
 def measured(attempts: Iterable[Attempt]) -> list[Attempt]:
@@ -49,20 +48,20 @@ def measured(attempts: Iterable[Attempt]) -> list[Attempt]:
     kept: list[Attempt] = []
     last: dict[str, int] = {}
     for attempt in search_attempts(attempts):
-        if attempt.mean is None or attempt.proposal.scenario is None:
+        if attempt.mean is None or attempt.scenario_id is None:
             continue
-        before = last.get(attempt.proposal.scenario.id)
+        before = last.get(attempt.scenario_id)
         if before is not None and seeds_of(kept[before]) < seeds_of(attempt):
             kept[before] = attempt
             continue
-        last[attempt.proposal.scenario.id] = len(kept)
+        last[attempt.scenario_id] = len(kept)
         kept.append(attempt)
     return kept
 
 
 def seeds_of(attempt: Attempt) -> frozenset[int]:
     """Return the seeds of all runs of an attempt, those that failed included."""
-    return frozenset([*(m.seed for m in attempt.measurements), *(f.seed for f in attempt.failures)])
+    return frozenset(attempt.seeds)
 
 
 def in_full(attempts: Iterable[Attempt]) -> list[Attempt]:
@@ -92,8 +91,7 @@ def confirmed_candidate(confirmation: Attempt, attempts: Iterable[Attempt]) -> A
     runs stands for them.
     """
     scenario = confirmation.proposal.scenario
-    tried = [a for a in measured(attempts) if scenario is not None and a.proposal.scenario is not None
-             and a.proposal.scenario.id == scenario.id]  # fmt: skip
+    tried = [a for a in measured(attempts) if scenario is not None and a.scenario_id == scenario.id]
     return max(tried, key=lambda a: (len(seeds_of(a)), a.index), default=None)
 
 
@@ -101,7 +99,7 @@ def by_scenario(attempts: Iterable[Attempt]) -> list[list[Attempt]]:
     """Return the attempts of the search that have an objective, scenario by scenario."""
     groups: dict[int, list[Attempt]] = {}
     for attempt in measured(attempts):
-        groups.setdefault(attempt.brief.scenario_index, []).append(attempt)
+        groups.setdefault(attempt.scenario_index, []).append(attempt)
     return [group for _, group in sorted(groups.items())]
 
 
@@ -138,6 +136,7 @@ def candidates(attempts: Iterable[Attempt], requirement: Requirement) -> list[At
 def remember(attempts: Iterable[Attempt], requirement: Requirement, *, last: int) -> tuple[Remembered, ...]:
     """Return the memory for a new scenario: the `last` scenarios, each by its best configuration."""
     attempts, found = list(attempts), []
+    taught = _taught(attempts)
     for group in by_scenario(attempts)[-last:] if last else ():
         attempt = worst_by_mean(group, requirement)
         assert attempt is not None
@@ -150,7 +149,7 @@ def remember(attempts: Iterable[Attempt], requirement: Requirement, *, last: int
                 mean=verdict.mean,
                 interval=verdict.interval or (verdict.mean, verdict.mean),
                 scenario=scenario,
-                lesson=_lesson(group, attempts),
+                lesson=_lesson(group, taught),
                 capped=verdict.censored,
                 runs=verdict.runs,
             )
@@ -158,24 +157,32 @@ def remember(attempts: Iterable[Attempt], requirement: Requirement, *, last: int
     return tuple(found)
 
 
-def lessons_of(memory: Iterable[Remembered]) -> tuple[str, ...]:
-    """Return the lessons of a memory, without repetition."""
-    return tuple(dict.fromkeys(earlier.lesson for earlier in memory if earlier.lesson))
+def lessons_of(attempts: Iterable[Attempt], *, last: int) -> tuple[str, ...]:
+    """Return what was learnt from the `last` scenarios, without repetition."""
+    attempts = list(attempts)
+    taught = _taught(attempts)
+    lessons = (_lesson(group, taught) for group in (by_scenario(attempts)[-last:] if last else ()))
+    return tuple(dict.fromkeys(lesson for lesson in lessons if lesson))
 
 
 def last_untold(attempts: Iterable[Attempt]) -> Attempt | None:
     """Return the measured attempt of the search that was made last, unless a later brief told of it."""
     attempts = list(attempts)
     last = max(measured(attempts), key=lambda a: a.index, default=None)
-    if last is None or last.proposal.scenario is None:
+    if last is None:
         return None
     told = (a.brief.feedback for a in attempts if a.index > last.index)
-    return None if any(f is not None and f.scenario.id == last.proposal.scenario.id for f in told) else last
+    return None if any(f is not None and f.scenario.id == last.scenario_id for f in told) else last
 
 
-def _lesson(group: list[Attempt], attempts: list[Attempt]) -> str:
+def _taught(attempts: Iterable[Attempt]) -> list[Attempt]:
+    """The attempts whose generator said, before a new scenario, what it learnt from the one before."""
+    return [a for a in attempts if a.untold_id is not None and a.lesson]
+
+
+def _lesson(group: list[Attempt], taught: list[Attempt]) -> str:
     """The lesson of a scenario: what was said when the next one began and all of it was known, else the last of it."""
-    own = {a.proposal.scenario.id for a in group if a.proposal.scenario is not None}
-    after = [a for a in attempts if a.brief.untold is not None and a.brief.untold.scenario.id in own]
-    during = [a for a in group if a.brief.untold is None]
-    return next((a.proposal.lesson for a in (*reversed(after), *reversed(during)) if a.proposal.lesson), "")
+    own = {a.scenario_id for a in group}
+    after = [a for a in taught if a.untold_id in own]
+    during = [a for a in group if a.untold_id is None]
+    return next((a.lesson for a in (*reversed(after), *reversed(during)) if a.lesson), "")

@@ -6,10 +6,13 @@ from collections import OrderedDict
 from typing import Any
 
 from rvsg.campaign.attempt import Ledger
+from rvsg.campaign.glance import Glance
 from rvsg.simulation.run import Run
 
 MOST = 16
 """Runs kept with their arrays, some 0.3 MB each."""
+MOST_GLANCES = 512
+"""Glances kept, some 4 kB each."""
 
 
 class Recalling:
@@ -18,6 +21,7 @@ class Recalling:
     def __init__(self, ledger: Ledger) -> None:
         self._ledger = ledger
         self._runs: OrderedDict[str, Run] = OrderedDict()
+        self._glances: OrderedDict[str, Glance] = OrderedDict()
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._ledger, name)
@@ -28,6 +32,16 @@ class Recalling:
         self._runs.move_to_end(run.id)
         if len(self._runs) > MOST:
             self._runs.popitem(last=False)
+
+    def glanced(self, glance: Glance) -> None:
+        """Keep what a worker saw of a run until `MOST_GLANCES` others came."""
+        self._glances[glance.run_id] = glance
+        if len(self._glances) > MOST_GLANCES:
+            self._glances.popitem(last=False)
+
+    def glance(self, run_id: str) -> Glance | None:
+        """Return what the worker that made a run saw of it; None if that is not known any more."""
+        return self._glances.get(run_id)
 
     def run(self, run_id: str) -> Run:
         """Return the run of that id; StoreError if there is none."""

@@ -12,21 +12,15 @@ from typing import TypeVar, cast
 from rvsg.campaign.attempt import Attempt
 from rvsg.core.records import Record
 from rvsg.scenario.brief import Feedback, Remembered
-from rvsg.scenario.folded import Folded
 from rvsg.scenario.scenario import Scenario
 
 T = TypeVar("T")
 
 
 class Sharing:
-    """Replaces parts of attempts by equal parts of the attempts before.
+    """Replaces parts of attempts by equal parts of the attempts before."""
 
-    Args:
-        folds: Also fold the feedback in briefs, which nobody is likely to read again.
-    """
-
-    def __init__(self, *, folds: bool = False) -> None:
-        self._folds = folds
+    def __init__(self) -> None:
         self._known: dict[Hashable, list[object]] = {}
         self._given: dict[frozenset[str], set[str]] = {}
 
@@ -40,8 +34,6 @@ class Sharing:
             told = getattr(brief, name)
             if isinstance(told, Feedback):
                 self._feedback(told)
-                if self._folds:
-                    _put(brief, name, Folded(told))
         _put(brief, "memory", tuple(self._remembered(earlier) for earlier in brief.memory))
         self._slim(attempt)
         return attempt

@@ -10,6 +10,7 @@ from collections.abc import Iterator, Sequence
 
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.events import Attempted, Event, Shrinks
+from rvsg.campaign.filing import whole
 from rvsg.campaign.finding import distinct_failures, findings
 from rvsg.campaign.parts import Made, Parts, collect, store, submit
 from rvsg.campaign.plan import Plan
@@ -51,7 +52,7 @@ def _shrunk(plan: Plan, confirmation: Attempt, done: Sequence[Attempt], parts: P
     """Shrink one confirmed scenario in at most `runs` runs, the check at the end included."""
     scenario = confirmation.proposal.scenario
     assert scenario is not None
-    yield Shrinks(campaign=plan.name, confirmation=confirmation, runs=runs)
+    yield Shrinks(campaign=plan.name, confirmation=whole(confirmation), runs=runs)
     seeds = [m.seed for m in confirmation.measurements][:CHECKED]
 
     def watch(_: Simplification) -> None:

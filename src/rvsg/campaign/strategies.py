@@ -7,6 +7,7 @@ spend the same number of runs, `plan.search_runs`.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Generator, Iterable
 from typing import Protocol
 
@@ -14,7 +15,7 @@ from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.failures import FailureMode
 from rvsg.campaign.feedback import with_history
 from rvsg.campaign.plan import Plan
-from rvsg.campaign.ranking import last_untold, lessons_of, remember, seeds_of, worst_by_mean
+from rvsg.campaign.ranking import last_untold, lessons_of, remember, worst_by_mean
 from rvsg.core.records import Record
 from rvsg.core.seeds import seed_for
 from rvsg.evaluation.aims import aim_of, moved_by
@@ -99,7 +100,7 @@ class BatchStrategy:
         known: Callable[[Attempt], tuple[FailureMode, ...]] | None = getattr(self.feedback_of, "failures", None)
         if known is not None:
             return known(attempt)
-        if attempt.verdict is None or not attempt.verdict.violations:
+        if not attempt.violations:
             return ()
         met = self.encounter_of(attempt)
         return (FailureMode(place=met.place, person=met.kind, robot=""),) if met is not None else ()
@@ -126,17 +127,12 @@ class BatchStrategy:
         self.ask()
         self.attempts.append(attempt)
         self._results.append(attempt)
-        self.used.update((self._key(attempt), seed) for seed in seeds_of(attempt))
+        self.used.update((attempt.scenario_id, seed) for seed in attempt.seeds)
 
     @property
     def left(self) -> int:
         """Return how many runs the search may still spend."""
         return self.plan.search_runs - len(self.used)
-
-    @staticmethod
-    def _key(attempt: Attempt) -> str | None:
-        scenario = attempt.proposal.scenario
-        return scenario.id if scenario else None
 
     def _take(self, batch: Iterable[Ask]) -> None:
         """Keep the asks of a batch that the remaining runs pay for."""
@@ -160,12 +156,17 @@ class StudyStrategy:
     """
 
     name = "study"
+    tells_all = True
+    """Nearly every run of the search gets feedback."""
 
     def __init__(self, plan: Plan, feedback_of: FeedbackOf, world: World | None = None) -> None:
         self.plan = plan
         self.feedback_of = feedback_of
         self.attempts: list[Attempt] = []
-        self._briefs: list[Brief] = []
+        self._open: deque[Brief] = deque()
+        """The briefs of the attempts that are under way."""
+        self._scenarios: list[int] = []
+        """The scenarios of all attempts, those under way included."""
 
     def ask(self) -> tuple[Ask, ...]:
         """What can be tried now. What is tried as number n follows from the attempts before n + 1 - k, k of the plan.
@@ -173,14 +174,18 @@ class StudyStrategy:
         So up to k attempts are under way at a time, and which they are does not depend on who is done first.
         """
         answered = len(self.attempts)
-        while (index := len(self._briefs)) < self.plan.attempts and (known := self._known(index)) <= answered:
-            self._briefs.append(self._next(index, self.attempts[:known]))
-        return tuple(Ask(brief=brief) for brief in self._briefs[answered:])
+        while (index := len(self._scenarios)) < self.plan.attempts and (known := self._known(index)) <= answered:
+            brief = self._next(index, self.attempts[:known])
+            self._open.append(brief)
+            self._scenarios.append(brief.scenario_index)
+        return tuple(Ask(brief=brief) for brief in self._open)
 
     def tell(self, attempt: Attempt) -> None:
         """Learn of an attempt."""
-        if len(self.attempts) == len(self._briefs):
-            self._briefs.append(attempt.brief)
+        if self._open:
+            self._open.popleft()
+        else:
+            self._scenarios.append(attempt.scenario_index)
         self.attempts.append(attempt)
 
     def _known(self, index: int) -> int:
@@ -190,7 +195,7 @@ class StudyStrategy:
     def _next(self, index: int, known: list[Attempt]) -> Brief:
         """Return the brief of attempt `index`, from the attempts known."""
         scenario, configuration, _ = self._place(index)
-        measured = [a for a in known if a.brief.scenario_index == scenario and a.mean is not None]
+        measured = [a for a in known if a.scenario_index == scenario and a.mean is not None]
         if not measured:
             return self._new(index, (scenario, configuration), known)
         at = self._refines(measured)
@@ -206,9 +211,9 @@ class StudyStrategy:
 
     def _refinement(self, index: int, place: tuple[int, int], feedback: Feedback, known: list[Attempt]) -> Brief:
         """Return the brief of a refinement: with what was tried in its scenario, and the lessons of the others."""
-        own = [a for a in known if a.brief.scenario_index == place[0]]
-        others = [a for a in known if a.brief.scenario_index != place[0]]
-        lessons = lessons_of(remember(others, self.plan.requirement, last=self.plan.memory))
+        own = [a for a in known if a.scenario_index == place[0]]
+        others = [a for a in known if a.scenario_index != place[0]]
+        lessons = lessons_of(others, last=self.plan.memory)
         feedback = with_history(feedback, own, self.plan.requirement)
         return self._brief(index, place, feedback=feedback, lessons=lessons)
 

@@ -8,7 +8,6 @@ from pydantic import Field
 
 from rvsg.core.records import Record
 from rvsg.scenario.aim import Aim
-from rvsg.scenario.folded import Foldable
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission, Scenario
 
@@ -267,9 +266,9 @@ class Brief(Record):
     seed: Annotated[int, Field(ge=0)]
     scenario_index: Annotated[int, Field(ge=0)] = 0
     configuration_index: Annotated[int, Field(ge=0)] = 0
-    feedback: Annotated[Feedback, Foldable] | None = None
+    feedback: Feedback | None = None
     memory: tuple[Remembered, ...] = ()
-    untold: Annotated[Feedback, Foldable] | None = None
+    untold: Feedback | None = None
     """What the last configuration before a new scenario measured, where no refinement was told of it."""
     lessons: tuple[str, ...] = ()
     """What the generator learnt from the other scenarios, for a refinement."""

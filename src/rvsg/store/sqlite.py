@@ -247,15 +247,31 @@ class SqliteLedger:
             rows = connection.execute(query).all()
             dictionary = self._dictionary(connection, campaign)
         shared = Sharing()
-        for position, kept_id, kept in rows:
-            try:
-                record = packing.unpack(kept, dictionary).decode() if isinstance(kept, bytes) else kept
-            except ValueError:
-                record = None
-            # The text is verified, not the parsed record: an older one lacks the fields that came later.
-            if not isinstance(record, str) or text_id(Attempt.__name__.lower(), record) != kept_id:
-                raise self._damaged(f"attempt {position} of campaign {campaign!r} is not what was stored")
-            yield shared(self._parsed(record, f"attempt {position} of {campaign!r}"))
+        for row in rows:
+            yield shared(self._attempt(campaign, row, dictionary))
+
+    def attempt(self, campaign: str, index: int) -> Attempt:
+        """Return one attempt of a campaign; StoreError if there is none, or its record was altered."""
+        query = sa.select(_attempts.c.position, _attempts.c.id, _attempts.c.record).where(
+            _attempts.c.campaign == campaign, _attempts.c.position == index
+        )
+        with self._translated(), self._engine.connect() as connection:
+            row = connection.execute(query).one_or_none()
+            dictionary = self._dictionary(connection, campaign)
+        if row is None:
+            raise self._damaged(f"there is no attempt {index} of campaign {campaign!r}")
+        return self._attempt(campaign, row, dictionary)
+
+    def _attempt(self, campaign: str, row: Any, dictionary: bytes) -> Attempt:
+        position, kept_id, kept = row
+        try:
+            record = packing.unpack(kept, dictionary).decode() if isinstance(kept, bytes) else kept
+        except ValueError:
+            record = None
+        # The text is verified, not the parsed record: an older one lacks the fields that came later.
+        if not isinstance(record, str) or text_id(Attempt.__name__.lower(), record) != kept_id:
+            raise self._damaged(f"attempt {position} of campaign {campaign!r} is not what was stored")
+        return self._parsed(record, f"attempt {position} of {campaign!r}")
 
     def _packed(self, connection: sa.Connection, attempt: Attempt, record: bytes) -> bytes:
         """Pack a record; the first with measurements, so with the names of all metrics, is what the others repeat."""

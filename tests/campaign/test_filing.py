@@ -1,0 +1,86 @@
+"""Attempts that a campaign keeps in its store only: they say the same, and hardly any is in memory."""
+
+from __future__ import annotations
+
+import gc
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.campaign.parts import parts, plan, warehouse
+
+from rvsg.campaign import filing, parallel
+from rvsg.campaign.attempt import Attempt, Ledger, Measurement
+from rvsg.campaign.elite import EliteStrategy
+from rvsg.campaign.events import Attempted
+from rvsg.campaign.filing import ASKED_OFTEN, Filed, Filing, whole
+from rvsg.campaign.hybrid import HybridStrategy
+from rvsg.campaign.loop import feedback_from, run_campaign, stream_campaign
+from rvsg.campaign.map_elites import MapElitesStrategy
+from rvsg.campaign.strategies import ClimbStrategy, StudyStrategy
+from rvsg.core.errors import StoreError
+from rvsg.generation.heuristic import HeuristicGenerator
+from rvsg.store.memory import MemoryLedger
+from rvsg.store.sqlite import SqliteLedger
+
+STRATEGIES = [StudyStrategy, ClimbStrategy, EliteStrategy, HybridStrategy, MapElitesStrategy]
+
+
+@pytest.fixture
+def few(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Keep so few attempts that nearly everything is read from the store."""
+    monkeypatch.setattr(filing, "LAST", 2)
+    monkeypatch.setattr(filing, "LAST_BRIEFS", 1)
+
+
+def made(ledger: Ledger, strategy: Any) -> list[Attempt]:
+    wanted = plan(scenarios=3, refinements=2, repeats=2)
+    asking = strategy(wanted, feedback_from(ledger, wanted, warehouse()), warehouse())
+    return run_campaign(wanted, asking, parts(ledger, generator=HeuristicGenerator()))
+
+
+@pytest.mark.usefixtures("few")
+@pytest.mark.parametrize("strategy", STRATEGIES)
+def test_a_search_that_reads_its_attempts_from_the_store_makes_the_same_records(strategy: Any, tmp_path: Path) -> None:
+    kept = made(MemoryLedger(), strategy)
+    with SqliteLedger(tmp_path / "ledger.sqlite") as ledger:
+        assert [a.to_json() for a in made(ledger, strategy)] == [a.to_json() for a in kept]
+
+
+@pytest.mark.usefixtures("few")
+def test_a_filed_attempt_says_what_the_record_says(tmp_path: Path) -> None:
+    with SqliteLedger(tmp_path / "ledger.sqlite") as ledger:
+        attempts = made(ledger, StudyStrategy)
+        file = Filing(ledger, "test")
+        filed = [file(attempt) for attempt in attempts]
+        assert all(isinstance(each, Filed) for each in filed)
+        for attempt, each in zip(attempts, filed, strict=True):
+            for name in (*Attempt.model_fields, *ASKED_OFTEN):
+                assert getattr(each, name) == getattr(attempt, name), name
+            assert each == attempt and attempt == whole(each) and type(whole(each)) is Attempt
+            assert each.replace(index=99) == attempt.replace(index=99)
+            assert each != attempt.replace(index=99)
+        assert filed[0] != filed[1] and filed[0] == file(attempts[0])
+        with pytest.raises(StoreError) as caught:
+            ledger.attempt("test", len(attempts))
+        assert caught.value.code == "store-damaged"
+        with pytest.raises(AttributeError):
+            filed[0].nothing  # type: ignore[attr-defined]  # noqa: B018
+
+
+@pytest.mark.usefixtures("few")
+def test_a_campaign_holds_few_measurements_at_a_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(parallel, "RECENT", 3)
+    wanted = plan(scenarios=6, refinements=1, repeats=3, confirmations=0)
+    with SqliteLedger(tmp_path / "ledger.sqlite") as ledger:
+        strategy = StudyStrategy(wanted, feedback_from(ledger, wanted, warehouse()), warehouse())
+        before = _measurements()
+        running = stream_campaign(wanted, strategy, parts(ledger))
+        most = max(_measurements() - before for event in running if isinstance(event, Attempted))
+    assert len(strategy.attempts) == 12
+    assert most <= 3 * (2 + 1 + 1 + 1), "two without a brief, one with it, the one just told, and the last runs"
+
+
+def _measurements() -> int:
+    gc.collect()
+    return sum(type(each) is Measurement for each in gc.get_objects())
