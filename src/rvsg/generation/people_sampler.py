@@ -88,6 +88,11 @@ class Stop:
     place: Place
     waypoint: str
 
+    @property
+    def key(self) -> tuple[str, str]:
+        """What tells stops apart; far sooner hashed than all waypoints of the place."""
+        return (self.place.name, self.waypoint)
+
 
 class Layout:
     """How places lie to the robot's route and to each other, for an aim; all samplers of a campaign share it."""
@@ -98,18 +103,19 @@ class Layout:
         closest = [min((self.near[name] for name in p.waypoints), key=lambda at: at[1]) for p in places]
         self.along = [along for along, _ in closest]
         self.beside = [1.0 if aim is Aim.NONE else math.exp(-away / REACH_M) for _, away in closest]
-        self._apart: dict[tuple[Stop, bool], NDArray[np.float64]] = {}
+        self._apart: dict[tuple[tuple[str, str], bool], NDArray[np.float64]] = {}
         self._close: dict[tuple[str, frozenset[str]], tuple[list[str], NDArray[np.float64]]] = {}
-        self._tasks: dict[tuple[Stop, Stop, bool], Task | None] = {}
+        self._tasks: dict[tuple[tuple[str, str], tuple[str, str], bool], Task | None] = {}
 
     def apart(self, last: Stop, far: bool) -> NDArray[np.float64]:
         """Return how much each place suits after the last one: far from it or near to it, and another one."""
-        if (last, far) not in self._apart:
+        key = (last.key, far)
+        if key not in self._apart:
             here = self.near[last.waypoint][0]
             suits = [1.0 if self.aim is Aim.NONE else _suits(abs(along - here), far) for along in self.along]
             others = [place.name != last.place.name for place in self.places]
-            self._apart[last, far] = np.where(others, suits, 0.0)
-        return self._apart[last, far]
+            self._apart[key] = np.where(others, suits, 0.0)
+        return self._apart[key]
 
     def waypoints(self, place: Place, without: frozenset[str]) -> tuple[list[str], NDArray[np.float64]]:
         """Return the waypoints of a place but some, and how often each is drawn, as `drawn` takes it."""
@@ -122,7 +128,7 @@ class Layout:
 
     def task(self, a: Stop, b: Stop, along_route: bool) -> Task | None:
         """Return the task from a stop to another; the same object each time, as tasks never change."""
-        key = (a, b, along_route)
+        key = (a.key, b.key, along_route)
         if key not in self._tasks:
             path = self.ground.path(a.waypoint, b.waypoint, along_route=along_route)
             joined = path if path is not None and len(path) > 1 else None
@@ -158,7 +164,7 @@ class PeopleSampler:
         self.ground, self.places, self.aim, self.rng = ground, places, aim, rng
         self.goods = handles_goods(places)
         self.layout = layout_of(ground, places, aim)
-        self._known: dict[tuple[Stop | None, bool], NDArray[np.float64] | None] = {}
+        self._known: dict[tuple[tuple[str, str] | None, bool], NDArray[np.float64] | None] = {}
         self._roles = shares_of([role.weights[aim] for role in ROLES])
         worked = [0.4 ** min(3, uses.get(place.name, 0)) for place in places]
         self._usual = np.array([a * b for a, b in zip(worked, self.layout.beside, strict=True)])
@@ -258,7 +264,7 @@ class PeopleSampler:
 
     def _shares(self, last: Stop | None, far: bool) -> NDArray[np.float64] | None:
         """Return how often each place is drawn after the last one, as `drawn` takes it; None where none is."""
-        key = (last, far)
+        key = (last.key if last is not None else None, far)
         if key not in self._known:
             weights = self._usual if last is None else self._usual * self.layout.apart(last, far)
             self._known[key] = shares_of(weights) if weights.any() else None

@@ -29,11 +29,14 @@ class WalkingGraph:
             name: [(other, math.dist(self.at[name], self.at[other])) for other in others]
             for name, others in grid.neighbours.items()
         }
-        self._came: dict[tuple[str, bool], dict[str, str]] = {}
+        self._came: dict[tuple[str, bool], list[int]] = {}
         self._paths: dict[tuple[str, str, bool], Path | None] = {}
         self._along: dict[str, tuple[float, float]] = {}
         self.robot_path = _robot_path(world, route)
         self.corridor = frozenset(name for name in self.hops if self.along(name)[1] < 0.7)
+        self._names = sorted(self.hops)
+        self._number = {name: number for number, name in enumerate(self._names)}
+        self._weighed = {along_route: self._weigh(0.6 if along_route else 1.0) for along_route in (False, True)}
 
     def path(self, start: str, end: str, *, along_route: bool = False) -> Path | None:
         """The shortest valid path; `along_route` counts hops between waypoints of the robot's corridor at 0.6 of
@@ -46,28 +49,42 @@ class WalkingGraph:
     def _path(self, start: str, end: str, along_route: bool) -> Path | None:
         key = (start, along_route)
         if key not in self._came:
-            self._came[key] = self._search(start, 0.6 if along_route else 1.0)
-        came = self._came[key]
-        if end not in came:
+            self._came[key] = self._search(self._number[start], self._weighed[along_route])
+        came, names, at = self._came[key], self._names, self._number.get(end, -1)
+        if at < 0 or came[at] < 0:
             return None
         path = [end]
-        while path[-1] != start:
-            path.append(came[path[-1]])
+        while names[at] != start:
+            at = came[at]
+            path.append(names[at])
         return tuple(reversed(path))
 
-    def _search(self, start: str, discount: float) -> dict[str, str]:
-        """For every waypoint that can be reached, the one before it on the cheapest way from `start`."""
-        best, came, queue = {start: 0.0}, {start: start}, [(0.0, start)]
+    def _weigh(self, discount: float) -> list[list[tuple[int, float]]]:
+        """The hops of every waypoint with their costs, by number: the numbers are in the order of the names."""
+        corridor = self.corridor
+        return [
+            [
+                (self._number[other], length * (discount if name in corridor and other in corridor else 1.0))
+                for other, length in self.hops[name]
+            ]
+            for name in self._names
+        ]
+
+    @staticmethod
+    def _search(start: int, hops: list[list[tuple[int, float]]]) -> list[int]:
+        """For every waypoint the one before it on the cheapest way from `start`; -1 where there is no way."""
+        best, came, queue = [math.inf] * len(hops), [-1] * len(hops), [(0.0, start)]
+        best[start], came[start] = 0.0, start
+        pop, push = heapq.heappop, heapq.heappush
         while queue:
-            cost, name = heapq.heappop(queue)
-            if cost > best[name]:
+            cost, at = pop(queue)
+            if cost > best[at]:
                 continue
-            liked = name in self.corridor
-            for other, length in self.hops[name]:
-                further = cost + length * (discount if liked and other in self.corridor else 1.0)
-                if further < best.get(other, math.inf):
-                    best[other], came[other] = further, name
-                    heapq.heappush(queue, (further, other))
+            for other, length in hops[at]:
+                further = cost + length
+                if further < best[other]:
+                    best[other], came[other] = further, at
+                    push(queue, (further, other))
         return came
 
     def length(self, path: Path) -> float:
