@@ -60,3 +60,15 @@ def test_a_metric_of_two_packages_names_both(site: Path, monkeypatch: pytest.Mon
     with pytest.raises(InputError, check=coded("plug-in-name-taken")) as raised:
         list(METRICS)
     assert "acme 1.2" in str(raised.value) and "rvsg 0" in str(raised.value)
+
+
+def test_an_error_of_a_plug_in_is_laid_to_its_package(site: Path) -> None:
+    (site / "acme_walks.py").write_text("class Walks:\n    def __init__(self):\n        {}['no such key']\n")
+    install(site, "acme", "rvsg.generators", "walks", "acme_walks:Walks")
+    with pytest.raises(KeyError) as raised:
+        plugins.make("generator", "walks", {})
+    package = plugins.at_fault(raised.value)
+    assert package is not None and "acme 1.2" in package
+    with pytest.raises(ValueError, match="expected") as ours:
+        plugins.find("generator", "heuristic")(tries=0)
+    assert plugins.at_fault(ours.value) is None

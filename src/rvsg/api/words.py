@@ -8,6 +8,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from rvsg.api.evaluating import Judgement
 from rvsg.campaign.accounting import calls_of
 from rvsg.campaign.finding import DistinctFailure, Finding
+from rvsg.core.plugins import at_fault
 from rvsg.evaluation.judge import DEFAULT, OPEN, still_open
 from rvsg.evaluation.metrics import METRICS, measure, metric
 from rvsg.evaluation.verdict import Status, Verdict
@@ -35,6 +36,7 @@ __all__ = [
     "Status",
     "Summary",
     "Verdict",
+    "at_fault",
     "calls_of",
     "counted",
     "how_sure",

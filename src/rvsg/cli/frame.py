@@ -193,8 +193,17 @@ def _report_defect(error: Exception, arguments: Sequence[str]) -> int:
         traceback.print_exc()
     where = traceback.extract_tb(error.__traceback__)[-1]
     shown = as_started(shlex.join(["rvsg", "--debug", *(a for a in arguments if a != "--debug")]))
+    from rvsg.api.words import at_fault  # imports much, and is needed at this end alone
+
+    what = f"{type(error).__name__}: {error} (line {where.lineno} of {where.filename})\n"
+    if package := at_fault(error):
+        _tell(
+            f"Error in a plug-in of {package}: {what}"
+            f"This is a defect in that package, not in RVSG. To see the traceback: {shown}"
+        )
+        return 4
     _tell(
-        f"Error in RVSG itself: {type(error).__name__}: {error} (line {where.lineno} of {where.filename})\n"
+        f"Error in RVSG itself: {what}"
         f"This is a defect in RVSG, not in your input. To see the traceback: {shown}\n"
         f"Please report it with that traceback and the version ({rvsg.__version__}) in the project's issue tracker."
     )

@@ -257,8 +257,10 @@ def _show_lost(attempts: list[Attempt]) -> None:
 
     search = [attempt for attempt in attempts if attempt.purpose == "search"]
     lost = [attempt for attempt in search if attempt.proposal.scenario is None]
-    if lost and (problems := lost[0].proposal.problems):
-        say(f"{counted(len(lost), 'attempt')} of {len(search)} brought no scenario; the first reason: {problems[0]}")
+    if lost:
+        problems = lost[0].proposal.problems
+        why = f"the first reason: {problems[0]}" if problems else "the generator gave no reason."
+        say(f"{counted(len(lost), 'attempt')} of {len(search)} brought no scenario; {why}")
     if unusable := describe_unusable(calls_of(search)):
         say(unusable)
 
@@ -273,7 +275,8 @@ def _show(campaign: Campaign, summary: Summary, spent_s: float, *, as_json: bool
     plan, folder = campaign.plan, campaign.folder
     if as_json:
         print_json(campaign.result())
-    say(ranked_table(plan, summary, width=console().width))
+    if summary.ranking:
+        say(ranked_table(plan, summary, width=console().width))
     show_findings(campaign, summary)
     verdict = summary.confirmed.verdict if summary.confirmed else None
     if verdict and verdict.status is Status.INCONCLUSIVE:

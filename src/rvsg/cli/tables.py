@@ -189,7 +189,7 @@ def how_far(plan: Plan, summary: Summary) -> str:
 def show_findings(campaign: Campaign, summary: Summary) -> None:
     """Print the worst finding in full, one line for each other finding, and the candidates."""
     if not summary.ranking:
-        say("No valid scenario was found.")
+        say("No valid scenario was measured, so nothing is known of the robot.")
         return
     found = campaign.findings
     if not found:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import difflib
 import sys
+import traceback
 from collections.abc import Mapping
 from functools import lru_cache
 from importlib.metadata import EntryPoint, entry_points
@@ -82,13 +83,31 @@ def find(kind: str, name: str) -> Any:
 
 def origin(point: EntryPoint) -> str:
     """Return which package registers an entry point, and what it stands for."""
-    package = f"{point.dist.name} {point.dist.version}" if point.dist is not None else "a package without a name"
-    return f"{package} ({point.value})"
+    return f"{_package(point)} ({point.value})"
 
 
 def origins(kind: str, name: str) -> str:
     """Return which packages register a name, for a message."""
     return " and ".join(sorted({origin(point) for point in _points(kind, tuple(sys.path)) if point.name == name}))
+
+
+def at_fault(error: BaseException) -> str | None:
+    """Return the installed package, other than RVSG, in whose plug-in an error arose; None where RVSG is at fault."""
+    points = [point for kind in KINDS for point in _points(kind, tuple(sys.path))]
+    packages = {_top(point.module): _package(point) for point in points}
+    for frame, _ in reversed(list(traceback.walk_tb(error.__traceback__))):
+        package = _top(str(frame.f_globals.get("__name__", "")))
+        if package == "rvsg" or package in packages:
+            return None if package == "rvsg" else packages[package]
+    return None
+
+
+def _package(point: EntryPoint) -> str:
+    return f"{point.dist.name} {point.dist.version}" if point.dist is not None else "a package without a name"
+
+
+def _top(module: str) -> str:
+    return module.partition(".")[0]
 
 
 def make(kind: str, name: str, options: Mapping[str, Any], *given: Any) -> Any:
