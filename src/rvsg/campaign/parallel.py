@@ -182,7 +182,7 @@ class Simulations:
         return found
 
     def _remember(self, key: tuple[str, bool], run: FinishedRun | Trial) -> None:
-        """Keep a run in memory until `RECENT` others came."""
+        """Keep a run in memory until `RECENT` newer ones are kept."""
         self._recent[key] = run
         if len(self._recent) > RECENT:
             del self._recent[next(iter(self._recent))]

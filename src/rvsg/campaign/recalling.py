@@ -1,4 +1,4 @@
-"""A ledger whose last runs need no reading: feedback asks for a run right after it was made, several times."""
+"""A ledger that keeps its last runs in memory: feedback asks several times for a run that was just made."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MOST_GLANCES = 512
 
 
 class Recalling:
-    """The Ledger given, which also keeps the last runs that were made in this process or read."""
+    """Wraps a Ledger and keeps the last runs that were made in this process or read."""
 
     def __init__(self, ledger: Ledger) -> None:
         self._ledger = ledger
@@ -27,7 +27,7 @@ class Recalling:
         return getattr(self._ledger, name)
 
     def made(self, run: Run) -> None:
-        """Keep a run until `MOST` others came."""
+        """Keep a run until `MOST` newer ones are kept."""
         self._runs[run.id] = run
         self._runs.move_to_end(run.id)
         if len(self._runs) > MOST:

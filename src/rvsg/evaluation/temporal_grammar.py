@@ -1,4 +1,4 @@
-"""The grammar of temporal formulas, and what is wrong with a text that is none."""
+"""The grammar of temporal formulas, and the mistakes in a text that is not one."""
 
 from __future__ import annotations
 

@@ -74,8 +74,7 @@ def read_recording(
     facts = contents.facts
     header = _header(path, facts) if facts is not None else None
     robot, there = _robot_track(path, contents, frames, offset, notes)
-    start = float(facts["t0"]) - robot[0, 0] if facts is not None else -robot[0, 0]
-    shift = start
+    shift = (float(facts["t0"]) if facts is not None else 0.0) - robot[0, 0]
     robot[:, 0] += shift
     times = robot[:, 0]
     if said := _gaps(times):

@@ -27,26 +27,8 @@ def seen_beside(
     touched = [run for run in runs if run.contacts]
     people = any(run.closest_m is not None for run in runs)
     if touched:
-        longest, in_longest = max(
-            ((_measured(run, "contact_longest", c.duration_s), run) for run in touched for c in run.contacts),
-            key=lambda pair: pair[0],
-        )
-        fastest, in_fastest = max(
-            ((_measured(run, "contact_speed", c.closing_speed_m_s), run) for run in touched for c in run.contacts),
-            key=lambda pair: pair[0],
-        )
         badges.append(Badge(tone="bad", text=f"contact in {len(touched)} of {len(runs)} runs", runs=ids_of(touched)))
-        sentences.append(
-            [
-                Piece("Robot and person touch in "),
-                Piece(f"{len(touched)} of {total}", ids_of(touched)),
-                Piece(f" ({_touched(touched)}); the longest contact lasts "),
-                Piece(number(longest, "s"), (in_longest.id,), in_longest.contacts[0].time_s),
-                Piece(", and the largest relative speed is "),
-                Piece(number(fastest, "m/s"), (in_fastest.id,), in_fastest.contacts[0].time_s),
-                Piece("."),
-            ]
-        )
+        sentences.append(_contacts(touched, total))
     elif people:
         badges.append(Badge(tone="good", text=f"no contact in {counted(len(runs), 'run')}"))
     struck = [run for run in runs if run.obstacle_contacts]
@@ -77,6 +59,27 @@ def seen_beside(
             ]
         )
     return badges, sentences
+
+
+def _contacts(touched: Sequence[RunFacts], total: str) -> Sentence:
+    """Return in which runs robot and person touch, for how long at most, and how fast."""
+    longest, in_longest = max(
+        ((_measured(run, "contact_longest", c.duration_s), run) for run in touched for c in run.contacts),
+        key=lambda pair: pair[0],
+    )
+    fastest, in_fastest = max(
+        ((_measured(run, "contact_speed", c.closing_speed_m_s), run) for run in touched for c in run.contacts),
+        key=lambda pair: pair[0],
+    )
+    return [
+        Piece("Robot and person touch in "),
+        Piece(f"{len(touched)} of {total}", ids_of(touched)),
+        Piece(f" ({_touched(touched)}); the longest contact lasts "),
+        Piece(number(longest, "s"), (in_longest.id,), in_longest.contacts[0].time_s),
+        Piece(", and the largest relative speed is "),
+        Piece(number(fastest, "m/s"), (in_fastest.id,), in_fastest.contacts[0].time_s),
+        Piece("."),
+    ]
 
 
 def _struck(runs: Sequence[RunFacts], total: str, nobody: Pair | None) -> Sentence:

@@ -1,4 +1,4 @@
-"""What is typed in a field and not stored elsewhere yet: on the disk with every keystroke, there after a restart."""
+"""Unsaved input of the studio's pages, kept on disk with every keystroke so that it survives a restart."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _keeping = threading.Lock()
 
 
 class Typed:
-    """What is typed on one page, by field."""
+    """The unsaved input of one page, by field."""
 
     def __init__(self, workspace: Workspace, page: str) -> None:
         name = hashlib.sha256(page.encode()).hexdigest()[:16]
@@ -31,7 +31,7 @@ class Typed:
         return found
 
     def keep(self, fields: Mapping[str, Any]) -> None:
-        """Keep what stands in fields; None forgets one. On return it is on the disk."""
+        """Write the values of fields to disk; None forgets a field."""
         with _keeping:
             kept = {key: value for key, value in {**self.fields, **fields}.items() if value is not None}
             if kept:
@@ -46,9 +46,9 @@ def typed(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
 
 
 def typed_keep(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
-    """Keep what stands in fields of a page; null forgets one."""
+    """Keep the values of fields of a page; null forgets a field."""
     fields = given.get("fields")
     if not isinstance(fields, dict):
-        raise InputError("The question lacks fields.")
+        raise InputError("The request has no fields.")
     Typed(workspace, str(given.get("page"))).keep(fields)
     return {}

@@ -29,22 +29,20 @@ from rvsg.api.wiring import wire
 from rvsg.api.words import describe_calls
 from rvsg.studio.jobs import EVENTS, JOB, PAUSE, RESULT, holding
 
-Tell = Callable[..., None]
-
 
 class Work:
     """The work of one job: its arguments, where its events go, and whether it was asked to pause."""
 
     def __init__(self, folder: Path, events: TextIO) -> None:
-        told = json.loads((folder / JOB).read_text(encoding="utf-8"))
-        self.kind: str = told["kind"]
-        self.arguments: dict[str, Any] = told["arguments"]
+        job = json.loads((folder / JOB).read_text(encoding="utf-8"))
+        self.kind: str = job["kind"]
+        self.arguments: dict[str, Any] = job["arguments"]
         self._events = events
         self.pausing = False
         self.cancel: Callable[[], None] = lambda: None
 
     def tell(self, kind: str, **facts: Any) -> None:
-        """Append an event; on return it is in the file."""
+        """Append an event to the file at once."""
         self._events.write(json.dumps({"at": time.time(), "kind": kind, **facts}) + "\n")
         self._events.flush()
 
@@ -190,7 +188,7 @@ def shrink(work: Work) -> dict[str, Any]:
 
 
 def describe(work: Work) -> dict[str, Any]:
-    """Have a model describe a world, or revise its description for the reasons of a person."""
+    """Have a model describe a world, or revise its description for the reasons that a person gives."""
     given = work.arguments
     session = open_session(rvsg.load_world(_world(given["world"])), record=None, prompts=None, **given["access"])
     assert session is not None, "a model is named"
@@ -239,7 +237,7 @@ def make_proposals(work: Work) -> dict[str, Any]:
 
 
 def _judged_by(work: Work) -> tuple[Any, Any]:
-    """Return requirement and simulator: those of the campaign the scenario is of, or the named ones."""
+    """Return requirement and simulator: those of the scenario's campaign, or the named ones."""
     given = work.arguments
     if given.get("folder") is None:
         return given["requirement"], "embedded"

@@ -14,9 +14,11 @@ from rvsg.world.grid import Grid
 FARTHEST_M = 10.0
 """A pose is not moved farther than this."""
 TRIED = 60
+"""The nearest waypoints that are tried as the new place of a pose."""
 SPARE = 1.5
 """A time limit is this many times what the robot needs alone."""
 STEP_S = 5.0
+"""Time limits are multiples of this."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,7 +43,7 @@ def remove_area(name: str) -> Fix:
 
 
 def renew_waypoints(name: str) -> Fix:
-    """Return the fix that has the waypoints of an area found from the grid."""
+    """Return the fix that derives the waypoints of an area from the grid again."""
     return Fix(label="Find its waypoints again", change={"what": "renew waypoints", "name": name})
 
 
@@ -72,7 +74,7 @@ def move_pose(
 
 
 def in_radians(route: str, key: Sequence[str | int], pose: Pose) -> Fix:
-    """Return the fix that takes the yaw of a pose for degrees."""
+    """Return the fix that reads the yaw of a pose as degrees."""
     yaw = round(math.radians(pose.yaw), 4)
     return _pose(f"Write {yaw:g} radians", route, key, [pose.x, pose.y, yaw])
 
@@ -85,7 +87,7 @@ def allow_time(route: str, *, length_m: float = 0.0, needed_s: float = 0.0) -> F
 
 
 def rename_in_activity(activities: Sequence[str], index: int, wrong: str, right: str) -> Fix:
-    """Return the fix that names an area in an activity as it is called."""
+    """Return the fix that corrects the name of an area in an activity."""
     values = list(activities)
     values[index] = values[index].replace(wrong, right)
     return Fix(label=f'Write "{right}"', change={"what": "set activities", "values": values})

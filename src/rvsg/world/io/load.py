@@ -203,7 +203,7 @@ class _Parts:
         return None
 
     def _no_doubles(self, document: Document, key: str, names: Sequence[str]) -> list[str]:
-        """Tell of names that were given before; the names to go on with."""
+        """Report repeated names; return all names, with the repeated ones made unique."""
         first: dict[str, int] = {}
         for index, name in enumerate(names):
             if name in first:
@@ -259,7 +259,7 @@ def _sound_routes(document: Document) -> dict[int, RouteEntry]:
 
 
 def told_apart(document: Document, key: str, names: Sequence[str]) -> list[str]:
-    """The names of the entries under a key, each that was given before with its line, which no name of a file holds."""
+    """Return the names of the entries under a key; a repeated name carries its line, which makes it unique."""
     return [
         f"{name} (line {document.line(key, index)})" if name in names[:index] else name
         for index, name in enumerate(names)
@@ -291,7 +291,7 @@ def _checked(
     routes: Document | None,
     noted: list[Problem] | None,
 ) -> World:
-    """The world with its routes' waypoint names looked up; raises DocumentError naming every unknown waypoint."""
+    """Return the world with the waypoints of its routes looked up; DocumentError names every unknown waypoint."""
     problems: list[Problem] = []
     if areas is not None:
         for i, area in enumerate(world.areas):

@@ -44,6 +44,7 @@ def _name(template: Element) -> str:
 
 
 def _places(population: Element, path: Path, problems: list[Problem]) -> list[tuple[float, float, float]]:
+    """Return the position of every copy relative to the population, in metres."""
     distribution = population.find("distribution")
     kind = distribution.text_of("type", "random") if distribution is not None else "random"
     if kind == "grid" and distribution is not None:
