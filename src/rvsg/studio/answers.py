@@ -35,7 +35,7 @@ def text_of(given: dict[str, Any], key: str) -> str:
     """Return a text of a question; InputError where it is missing."""
     value = given.get(key)
     if not isinstance(value, str) or not value:
-        raise InputError(f"The question lacks {key!r}.")
+        raise InputError(f"The request has no {key!r}.")
     return value
 
 
@@ -44,7 +44,7 @@ def number_of(given: dict[str, Any], key: str) -> int:
     try:
         return int(str(given[key]))
     except (KeyError, ValueError):
-        raise InputError(f"The question lacks a whole number {key!r}.") from None
+        raise InputError(f"The request has no whole number {key!r}.") from None
 
 
 def replay(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
@@ -85,7 +85,7 @@ def world_edit(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
     """Make a change in a world and return the world as it is then."""
     change = given.get("change")
     if not isinstance(change, dict):
-        raise InputError("The question lacks a change.")
+        raise InputError("The request has no change.")
     with _editing:
         history_of(workspace, given).make(world_place(workspace, given), change, together=given.get("together") or "")
     return world(workspace, given)
@@ -233,7 +233,7 @@ def _asked(workspace: Workspace, given: dict[str, Any]) -> tuple[Scenario, World
 def _wanted(given: dict[str, Any]) -> Scenario:
     value = given.get("scenario")
     if not isinstance(value, dict):
-        raise InputError("The question lacks a scenario.")
+        raise InputError("The request has no scenario.")
     return scenario_of(value)
 
 
