@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from rvsg.campaign.keeping import KeepingStrategy
-from rvsg.campaign.pareto import tried_by, undominated
+from rvsg.campaign.pareto import Tried, tried_by, undominated
 from rvsg.campaign.racing import Candidate
 
 KEEN = 0.6
@@ -32,6 +32,7 @@ class MultiStrategy(KeepingStrategy):
 
     def __init__(self, *args: Any, drafts: float = 0.2, repeated: float = 0.4, **options: Any) -> None:
         super().__init__(*args, drafts=drafts, repeated=repeated, **options)
+        self._known: dict[int, tuple[Tried, ...] | None] = {}
 
     def fronts(self) -> list[list[Candidate]]:
         """Return the candidates front by front: those that none beats, those that none of the others beats, ..."""
@@ -44,8 +45,13 @@ class MultiStrategy(KeepingStrategy):
             left = [k for k in left if k not in front]
         return found
 
-    def _tried_by(self, candidate: Candidate) -> Any:
-        return tried_by(candidate.last.measurements, self.plan) if candidate.runs else None
+    def _tried_by(self, candidate: Candidate) -> tuple[Tried, ...] | None:
+        if not candidate.runs:
+            return None
+        last = candidate.last.index
+        if last not in self._known:
+            self._known[last] = tried_by(candidate.last.measurements, self.plan)
+        return self._known[last]
 
     def _parents(self, rng: np.random.Generator, count: int) -> list[Candidate]:
         fronts = self.fronts()
