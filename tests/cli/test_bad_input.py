@@ -419,11 +419,12 @@ def a_run(tmp_path: Path, scenario: dict, monkeypatch: pytest.MonkeyPatch) -> di
         ({"outcome": "x"}, "run-invalid"),
         ({"seed": "many"}, "run-invalid"),
         ({"mood": 1}, "run-invalid"),
-        ({"time_limit_s": -1.0}, "run-impossible"),
+        ({"time_limit_s": -1.0}, "run-invalid"),
         ({"arrays": {}}, "run-invalid"),
-        ({"robot_radius_m": -0.3}, "run-impossible"),
-        ({"human_radius_m": [0.3, -0.3]}, "run-impossible"),
-        ({"clock_ratio": 0.0}, "run-impossible"),
+        ({"robot_radius_m": -0.3}, "run-invalid"),
+        ({"human_radius_m": [0.3, -0.3]}, "run-invalid"),
+        ({"clock_ratio": 0.0}, "run-invalid"),
+        ({"robot_radius_m": 0.0}, "run-impossible"),
     ],
 )
 def test_a_run_that_is_wrong_is_told_with_its_key_and_line(

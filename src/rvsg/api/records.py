@@ -126,7 +126,7 @@ def _impossible(run: Run) -> str:
     """Return why a run is impossible; empty if it is not."""
     if not len(run.trajectory) or not len(run.log):
         return "this run holds no moment; its arrays are empty."
-    named = {name: getattr(run, name) for name in ("time_limit_s", "clock_ratio", "robot_radius_m")}
+    named = {name: getattr(run, name) for name in ("time_limit_s", "robot_radius_m")}
     radii = enumerate(run.human_radius_m)
     for name, value in (named | {f"human_radius_m[{human}]": radius for human, radius in radii}).items():
         if not value > 0:
