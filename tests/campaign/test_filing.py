@@ -68,6 +68,7 @@ def test_a_filed_attempt_says_what_the_record_says(tmp_path: Path) -> None:
             filed[0].nothing  # type: ignore[attr-defined]  # noqa: B018
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("few")
 def test_a_campaign_holds_few_measurements_at_a_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(parallel, "RECENT", 3)
