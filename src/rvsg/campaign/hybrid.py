@@ -246,6 +246,7 @@ class HybridStrategy(CandidateStrategy):
                 asks.append(self._refining(parent, seeds))
                 origins.append((parent, "refine"))
             elif (ask := self._changed(parent, rng, known, seeds, avoid)) is not None:
+                self.announce(ask)
                 asks.append(ask)
                 origins.append((parent, "tune"))
         results = yield asks

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
+from functools import partial
+from itertools import islice
 
 from rvsg.campaign.accounting import calls_of
 from rvsg.campaign.attempt import Attempt, Ledger
@@ -32,6 +34,9 @@ from rvsg.scenario.brief import Encounter, Feedback
 from rvsg.world.world import World
 
 WITHOUT_MODEL = "The budget of the model is spent, or its record ends. The search continues without it."
+
+MOST_EARLY = 64
+"""Asks whose runs are begun, at most, before their turn."""
 
 
 def run_campaign(plan: Plan, strategy: Strategy, parts: Parts) -> list[Attempt]:
@@ -165,9 +170,13 @@ def _search(plan: Plan, strategy: Strategy, known: _Known, parts: Parts) -> Iter
     upcoming: deque[Ask] = deque()
     stopped: GenerationError | None = None
     index = len(known.attempts)
+    if hasattr(strategy, "announce"):
+        strategy.announce = partial(_begin_early, parts=parts)
     while True:
         if not upcoming and not stopped:
             upcoming.extend(strategy.ask()[len(in_progress) :])
+            for ask in islice(upcoming, MOST_EARLY):
+                _begin_early(ask, parts)
         while upcoming and not stopped and len(in_progress) <= parts.simulations.lookahead:
             ask = upcoming.popleft()
             parts.check()
@@ -192,6 +201,13 @@ def _search(plan: Plan, strategy: Strategy, known: _Known, parts: Parts) -> Iter
         yield Attempted(campaign=plan.name, attempt=done)
     if stopped:
         raise stopped
+
+
+def _begin_early(ask: Ask, parts: Parts) -> None:
+    """Begin the runs of an ask that needs no generator, while the attempts before it are proposed and collected."""
+    if ask.proposal is not None and ask.proposal.scenario is not None:
+        for seed in ask.seeds or ():
+            parts.simulations.submit(ask.proposal.scenario, seed)
 
 
 def _begin(

@@ -142,6 +142,9 @@ class Shrinking:
         """Return how many runs violate the requirement, and how many were made before it was clear that too few do."""
         violations = 0
         for count, seed in enumerate(seeds, start=1):
+            spare = violations + len(seeds) - count + 1 - needed
+            for certain in seeds[count - 1 : count + spare]:  # made whatever they show, so workers begin them at once
+                self.simulations.submit(scenario, certain, trial=True)
             (measured,) = self._measured(scenario, [seed]) or (None,)
             objective = measured.objective if measured else None
             violations += objective is not None and self.requirement.violated_by(objective)

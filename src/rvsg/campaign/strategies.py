@@ -86,6 +86,8 @@ class BatchStrategy:
         self.world = world
         self.attempts: list[Attempt] = []
         self.used: set[tuple[str | None, int]] = set()
+        self.announce: Callable[[Ask], None] = lambda _: None
+        """Called with an ask of the next batch as soon as it is certain, so that its runs may begin."""
         self._search: Batches | None = None
         self._batch: list[Ask] = []
         self._results: list[Attempt] = []
