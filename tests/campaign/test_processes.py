@@ -24,7 +24,7 @@ from rvsg.simulation.run import Run
 from rvsg.world.world import World
 
 pytestmark = pytest.mark.slow
-STUCK_S = 120.0
+STUCK_S = 300.0
 """A campaign that takes longer hangs; it takes a few seconds."""
 
 

@@ -565,7 +565,7 @@ def test_junit_into_a_folder_is_refused_before_the_work(refused) -> None:
 @pytest.mark.slow
 def test_a_reader_that_goes_away_is_no_violation(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "rvsg", "run", *SMALL, "--out", str(tmp_path / "one")]
-    process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL)
-    assert process.stderr is not None
-    process.stderr.close()
-    assert process.wait(timeout=60) == 3
+    with subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL) as process:
+        assert process.stderr is not None
+        process.stderr.close()
+        assert process.wait(timeout=300) == 3

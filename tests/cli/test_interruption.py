@@ -71,7 +71,7 @@ def ended(code: str) -> subprocess.CompletedProcess[str]:
         [sys.executable, "-c", code],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=300,
         cwd=Path(__file__).parents[2],
         start_new_session=True,
     )
@@ -115,7 +115,7 @@ def test_ctrl_c_while_the_workers_start_ends_in_order_and_resumes(tmp_path: Path
             "with interruption.interruptible() as one, one.at_once('Begin again.'):\n        signal.raise_signal(2)\n",
             "Begin again.\n",
         ),
-        ("threading.Thread(target=time.sleep, args=(50,)).start()\n    return 3\n", ""),
+        ("threading.Thread(target=time.sleep, args=(1000,)).start()\n    return 3\n", ""),
         ("import atexit\n    atexit.register(signal.raise_signal, signal.SIGINT)\n    return 3\n", ""),
     ],
     ids=["asked twice", "asked while it compiles", "a thread is left", "asked while it leaves"],

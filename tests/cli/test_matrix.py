@@ -7,20 +7,16 @@ import json
 import re
 import shutil
 import signal
-import subprocess
-import sys
-import time
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import pytest
-from tests.cli.test_run import records
+from tests.cli.test_run import records, signalled
 
 from rvsg.api.folder import LEDGER
 from rvsg.api.matrix import folders_in
 from rvsg.cli import main
 from rvsg.core.errors import RvsgError, UnknownName
-from rvsg.store.sqlite import SqliteLedger
 from rvsg.world.io.load import SHIPPED
 
 SMALL = [
@@ -85,31 +81,13 @@ def test_cells_that_are_stopped_resume_to_identical_records(
     tmp_path: Path, alone: dict[str, list[str]], how: signal.Signals
 ) -> None:
     out = tmp_path / "all"
-    command = [sys.executable, "-m", "rvsg", "run", *SMALL, *ASKED, "--out", str(out), "--jobs", "2"]
-    process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True)
-    deadline = time.monotonic() + 60
-    while time.monotonic() < deadline and not _attempts(out / "route_1-R1" / LEDGER):
-        time.sleep(0.02)
-    process.send_signal(how)
-    _, told = process.communicate(timeout=60)
-    if how is not signal.SIGKILL:
-        assert process.returncode == 3
-        assert f" -m rvsg run --out {out}" in told
-        assert "Traceback" not in told
-    deadline = time.monotonic() + 20
-    code = 2
-    while code == 2 and time.monotonic() < deadline:  # where all were killed, the cells notice it within a second
-        code = main(["run", "--out", str(out)])
-        time.sleep(0.2)
-    assert code == 0
+    done = signalled(how, 9, "run", *SMALL, *ASKED, "--out", str(out), "--jobs", "2")
+    assert done.returncode == (3 if how is signal.SIGINT else -how)
+    if how is signal.SIGINT:
+        assert f" -m rvsg run --out {out}" in done.stderr
+        assert "Traceback" not in done.stderr
+    assert main(["run", "--out", str(out)]) == 0
     assert {name: records(out / name) for name in alone} == alone
-
-
-def _attempts(ledger_file: Path) -> int:
-    if not ledger_file.exists() or ledger_file.stat().st_size == 0:
-        return 0
-    with SqliteLedger(ledger_file) as ledger:
-        return sum(len(list(ledger.attempts(name))) for name in ledger.campaigns())
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ DRIVE = Path(__file__).with_name("drive_world.py")
 BUSY = {"start_limit_s": 600.0}  # a process that imports and compiles may start late
 
 
-@pytest.mark.slow
+@pytest.mark.service
 @pytest.mark.parametrize("people_msgs", [False, pytest.param(True, marks=pytest.mark.exhaustive)])
 def test_the_recorded_run_is_the_one_that_the_world_played(people_msgs: bool) -> None:
     topic = "people" if people_msgs else "human_states"
@@ -37,7 +37,7 @@ def test_the_recorded_run_is_the_one_that_the_world_played(people_msgs: bool) ->
     assert told["off"]["people"] < 0.08
 
 
-@pytest.mark.slow
+@pytest.mark.service
 @pytest.mark.skipif("RVSG_HUNAV_MANAGER" not in os.environ, reason="RVSG_HUNAV_MANAGER does not say how it starts")
 def test_people_of_hunavsims_own_agent_manager_are_recorded() -> None:
     told = run_isolated(DRIVE, world={"manager": os.environ["RVSG_HUNAV_MANAGER"]}, options={"dialect": "flat"})

@@ -48,7 +48,7 @@ def test_it_drives_runs_one_after_another_and_through_poses() -> None:
     assert driven("works", through=(Pose(x=0.0, y=0.0),))[0].outcome is Outcome.REACHED
 
 
-@pytest.mark.slow
+@pytest.mark.service
 def test_what_goes_wrong_is_an_outcome_with_its_reason() -> None:
     assert driven("aborts")[0].outcome is Outcome.ABORTED
     for behaviour, said in (("rejects", "rejected"), ("sleeps", "controller_server is not active")):
@@ -70,7 +70,7 @@ def rclpy_command() -> str | None:
     return command if done.returncode == 0 else None
 
 
-@pytest.mark.slow
+@pytest.mark.service
 @pytest.mark.parametrize("through", [(), (Pose(x=0.0, y=0.0),)], ids=["goal", "poses"])
 def test_a_real_rclpy_drives_a_real_nav2(
     through: tuple[Pose, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch

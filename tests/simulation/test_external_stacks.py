@@ -207,7 +207,7 @@ FAULTS = {
     "crash": "raise ValueError('no map')",
     "exit": "os._exit(3)",
     "middle": "os.write(4, b'')\nos._exit(0) if seen.t < 1 else None\nreturn None",
-    "hang": "time.sleep(60)",
+    "hang": "time.sleep(1000)",
     "status": "return rvsg_client.REACHED",
 }
 
@@ -215,10 +215,11 @@ FAULTS = {
 @pytest.mark.slow
 @pytest.mark.parametrize("body", FAULTS.values(), ids=FAULTS)
 def test_a_process_that_fails_ends_its_run_and_the_next_gets_a_fresh_one(folder: Path, body: str) -> None:
-    once = f"if seen.t > 0.5 and not os.path.exists({str(folder / 'failed')!r}):\n"
-    once += f"    open({str(folder / 'failed')!r}, 'w').close()\n"
+    failed = folder / "failed"
+    once = f"if seen.t > 0.5 and not os.path.exists({str(failed)!r}):\n    open({str(failed)!r}, 'w').close()\n"
     lines = "\n".join(f"    {line}" for line in body.splitlines())
-    choice = StackChoice.of(script(folder, f"{once}{lines}\nreturn 0.5, 0.0"), {"timeout_s": 1.0})
+    limits = {"timeout_s": 10.0 if body == FAULTS["hang"] else 300.0, "start_timeout_s": 300.0}
+    choice = StackChoice.of(script(folder, f"{once}{lines}\nreturn 0.5, 0.0"), limits)
     first, second = drive(choice), drive(choice)
     assert first.outcome is Outcome.STACK_FAILED
     told: Any = first.details["stack"]
@@ -249,7 +250,9 @@ def test_a_process_that_floods_or_prints_ends_its_run(folder: Path) -> None:
         "        os.write(self.out, b'x' * 60000)\n        return 0.1, 0.0\n"
         "mine = Mine()\nmine.out = os.dup(1)\nrvsg_client.serve(mine)\n"
     )
-    choice = StackChoice.of(f"exec:{sys.executable} {folder / 'flood.py'}", {"timeout_s": 2.0})
+    choice = StackChoice.of(
+        f"exec:{sys.executable} {folder / 'flood.py'}", {"timeout_s": 300.0, "start_timeout_s": 300.0}
+    )
     run = drive(choice)
     assert run.outcome is Outcome.STACK_FAILED
     assert "standard output" in str(run.details["stack"])
@@ -284,7 +287,7 @@ def server() -> Iterator[str]:
     thread = threading.Thread(target=serve)
     thread.start()
     yield f"exec:tcp://127.0.0.1:{listening.getsockname()[1]}"
-    thread.join(10.0)
+    thread.join(300.0)
     listening.close()
     assert not thread.is_alive()
 

@@ -12,7 +12,6 @@ from tests.studio.conftest import HOSTILE, Server, axe_violations, confirmed, fi
 import rvsg
 from rvsg.api.notes import notes_of
 
-pytestmark = pytest.mark.slow
 Show = Callable[..., Any]
 PATIENT = 300_000
 """Milliseconds after which something is broken rather than slow."""

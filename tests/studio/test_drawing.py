@@ -13,7 +13,6 @@ from tests.studio.conftest import Server, pixel, press, reach, ready, waited
 import rvsg
 from rvsg.api.editing import editable_world
 
-pytestmark = pytest.mark.slow
 Show = Callable[..., Any]
 Draw = Callable[[Any, list[tuple[float, float]]], None]
 PATIENT = 300_000

@@ -12,7 +12,6 @@ from tests.studio.conftest import HOSTILE, Server, pixel, ready
 import rvsg
 from rvsg.api.scenarios import load_scenario_in
 
-pytestmark = pytest.mark.slow
 Show = Callable[..., Any]
 PATIENT = 300_000
 

@@ -24,7 +24,6 @@ from rvsg.api.proposing import proposal_json, propose
 from rvsg.api.records import runs_text
 from rvsg.api.scenarios import load_scenario_in, save_scenario
 
-pytestmark = pytest.mark.slow
 Open = Callable[[str], Any]
 PATIENT = 300_000
 LOOK = (1280, "light")

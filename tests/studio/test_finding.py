@@ -16,7 +16,6 @@ import rvsg
 from rvsg.api.notes import STATES, notes_of
 from rvsg.api.scenarios import load_scenario_in
 
-pytestmark = pytest.mark.slow
 Show = Callable[..., Any]
 PATIENT = 600_000
 

@@ -12,7 +12,6 @@ from urllib.parse import urlsplit
 import pytest
 from tests.studio.conftest import HOSTILE, Server
 
-pytestmark = pytest.mark.slow
 Show = Callable[..., Any]
 
 

@@ -13,7 +13,6 @@ import rvsg
 from rvsg.api.proposing import proposal_json, propose
 from rvsg.api.scenarios import load_scenario_in
 
-pytestmark = pytest.mark.slow
 Show = Callable[..., Any]
 PATIENT = 600_000
 

@@ -16,7 +16,6 @@ from tests.studio.conftest import Server, confirmed, pixel, press, reach, ready,
 import rvsg
 from rvsg.api.editing import History, folder_of_world
 
-pytestmark = pytest.mark.slow
 Show = Callable[..., Any]
 Page = tuple[str, Callable[[Any], Any], str]
 

@@ -14,7 +14,6 @@ import rvsg
 from rvsg.api.matrix import Matrix
 from rvsg.studio.jobs import Jobs
 
-pytestmark = pytest.mark.slow
 Show = Callable[..., Any]
 PATIENT = 600_000
 SETTINGS = {"simulator": "kinematic", "scenarios": 1, "refinements": 0, "repeats": 2, "confirmations": 2, "jobs": 1}

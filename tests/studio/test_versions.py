@@ -10,7 +10,6 @@ from tests.studio.conftest import HOSTILE, Server
 
 import rvsg
 
-pytestmark = pytest.mark.slow
 Show = Callable[..., Any]
 PATIENT = 300_000
 

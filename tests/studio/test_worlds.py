@@ -14,7 +14,6 @@ from tests.studio.conftest import HOSTILE, Server, ready
 import rvsg
 from rvsg.api.editing import folder_of_world
 
-pytestmark = pytest.mark.slow
 Show = Callable[..., Any]
 PATIENT = 600_000
 WALLS = [(0, 3, 8, 0.2), (0, -3, 8, 0.2), (4, 0, 0.2, 6), (-4, 0, 0.2, 6), (1, 1, 1.2, 0.8)]

@@ -14,7 +14,7 @@ from rvsg.simulation.ros2.options import Ros2Options
 from rvsg.simulation.ros2.waiting import Lifecycle
 
 
-@pytest.mark.slow
+@pytest.mark.service
 def test_a_system_that_can_drive_is_usable() -> None:
     told = drive({"release": "jazzy", "stamped": True}, check=8.0)
     assert told["usable"]
@@ -27,7 +27,7 @@ def test_a_system_that_can_drive_is_usable() -> None:
     assert found["reader of /initialpose"][0] == "FOUND"
 
 
-@pytest.mark.slow
+@pytest.mark.service
 def test_what_is_missing_and_of_another_type_is_named() -> None:
     told = drive({"stamped": True, "inactive": ["planner_server"]}, check=8.0, options={
         "cmd_vel_type": "Twist", "nodes": ["planner_server", "smoother_server"],
@@ -41,7 +41,7 @@ def test_what_is_missing_and_of_another_type_is_named() -> None:
     assert found["node smoother_server"][0] == "MISSING"
 
 
-@pytest.mark.slow
+@pytest.mark.service
 def test_nothing_at_all_is_not_usable() -> None:
     told = drive(None, check=0.5)
     assert not told["usable"]

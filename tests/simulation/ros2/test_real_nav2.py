@@ -35,7 +35,7 @@ def launch_command() -> str | None:
 
 LAUNCH = launch_command()
 pytestmark = [
-    pytest.mark.slow,
+    pytest.mark.service,
     pytest.mark.skipif(
         LAUNCH is None,
         reason="no Nav2 is found: neither RVSG_NAV2_LAUNCH nor a sourced ROS 2 with nav2_bringup (ros2 on PATH)",

@@ -8,7 +8,7 @@ import zlib
 import pytest
 from tests.simulation.ros2.isolated import drive
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.service
 SPEED = 3
 
 
