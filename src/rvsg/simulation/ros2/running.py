@@ -14,6 +14,9 @@ from rvsg.simulation.ros2.run_record import RunRecord
 from rvsg.simulation.ros2.session import Session
 from rvsg.simulation.stacks.protocol import Ended, Observation, Task, Twist
 
+STEP_S = 0.01
+"""Simulated time between two looks for commands, a tick of the base. A period of 20 Hz is a multiple of it: commands
+taken every 20 ms would act after 40 and 60 ms in turn, so that every second sample of 20 Hz repeats the one before."""
 PERIOD_S = 0.02
 """Simulated time between two messages of odometry, transforms and clock."""
 LOCALISED_M, LOCALISED_RAD = 0.5, 0.35
@@ -46,6 +49,7 @@ class Running:
             raise
         self.robot.start_over()
         self._base = self._now - round(seen.t * 1e9)
+        self._publish_at = self._now
         self._due = time.monotonic()
         self._begun, self._begun_t = self._due, seen.t
         self._last_step = (time.time(), time.time())
@@ -205,8 +209,10 @@ class Running:
     def step(self, seen: Observation) -> Twist | Ended | None:
         """Send what the robot senses, wait until its time has come, and take what the system answers."""
         self._now = self._base + round(seen.t * 1e9)
-        self.robot.publish(self._now, seen)
-        self.robot.publish_joints(self._now)
+        if self._now >= self._publish_at:
+            self._publish_at += round(PERIOD_S * 1e9)
+            self.robot.publish(self._now, seen)
+            self.robot.publish_joints(self._now)
         self._keep_pace()
         self.client.poll()
         self.record.note(seen, self.client.feedback)
@@ -222,7 +228,7 @@ class Running:
         return (at - begin) / max(end - begin, 1e-6)
 
     def _keep_pace(self) -> None:
-        self._due += PERIOD_S / self.session.speed
+        self._due += STEP_S / self.session.speed
         rest = self._due - time.monotonic()
         if rest > 0.0:
             time.sleep(rest)
@@ -235,7 +241,7 @@ class Running:
         for message in self._commands.take():
             twist = getattr(message, "twist", message)
             newest = Twist(float(twist.linear.x), float(twist.linear.y), float(twist.angular.z))
-            self.record.commanded(seen.t + PERIOD_S * self._share(message.sample_info.source_timestamp / 1e9))
+            self.record.commanded(seen.t + STEP_S * self._share(message.sample_info.source_timestamp / 1e9))
         if newest is not None:
             self._heard = time.monotonic()
         elif time.monotonic() - self._heard > self.options.answer_limit_s:

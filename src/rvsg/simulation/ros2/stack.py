@@ -10,11 +10,12 @@ from typing import Any, ClassVar
 from rvsg.core.errors import SimulationError
 from rvsg.core.records import text_id
 from rvsg.simulation.ros2.options import read_options
-from rvsg.simulation.ros2.running import PERIOD_S, Running, wait
+from rvsg.simulation.ros2.running import STEP_S, Running, wait
 from rvsg.simulation.ros2.session import Session
 from rvsg.simulation.stacks.protocol import Command, Ended, Observation, StackError, Task, WholeStack
 
-VERSION = "1"
+VERSION = "2"
+"""2: commands act within 0.01 s of simulated time, 0.02 s before."""
 MISSED_SHARE = 0.02
 """A larger share of missed control periods lowers the speed of the runs that follow."""
 REACHED_SHARE = 0.85
@@ -66,7 +67,7 @@ class Ros2Stack(WholeStack):
     @property
     def period_s(self) -> float:
         """Simulated time between two steps."""
-        return PERIOD_S
+        return STEP_S
 
     def prepare(self, tell: Callable[[str], None]) -> None:
         """Find the running system or start it, so that what is missing is said before the first run.
