@@ -299,13 +299,11 @@ def series(run: Run, grid: Grid, requirement: Requirement, world: World | None =
 def _approaches(t: Floats, nearest: Floats) -> list[int]:
     """Samples at which somebody is nearer than during the seconds before and after, the nearest first."""
     found: list[int] = []
-    for index in np.argsort(nearest, kind="stable"):
-        if nearest[index] > 2 * MEETING_M:
-            break
-        first, end = np.searchsorted(t, [t[index] - APART_S, t[index] + APART_S])
+    firsts, ends = np.searchsorted(t, t - APART_S), np.searchsorted(t, t + APART_S)
+    for index in np.argsort(nearest, kind="stable")[: int((nearest <= 2 * MEETING_M).sum())].tolist():
         alone = all(abs(t[index] - t[other]) >= APART_S for other in found)
-        if alone and nearest[index] <= nearest[first:end].min():
-            found.append(int(index))
+        if alone and nearest[index] <= nearest[firsts[index] : ends[index]].min():
+            found.append(index)
     return found
 
 

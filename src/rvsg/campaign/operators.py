@@ -7,6 +7,8 @@ worst for the robot.
 from __future__ import annotations
 
 from collections.abc import Sequence, Set
+from itertools import islice
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +46,15 @@ class Change(Record):
     words: str
 
 
+class _Option(NamedTuple):
+    """A change that may be chosen."""
+
+    people: HumanConfiguration
+    words: str
+    written: bool = False
+    """A person of another scenario came in, and the text is written anew for all."""
+
+
 class Operators:
     """Changes candidates of one campaign. Everything random comes from the generator of the call."""
 
@@ -69,24 +80,37 @@ class Operators:
             known: Keys of configurations that were tried, as `key` makes them.
             avoid: Where and how nobody should meet the robot, if the forecast sees another way.
         """
-        options: dict[str, Change] = {}
+        options: dict[str, _Option] = {}
         for _ in range(OPTIONS):
             crossed = rng.random() < CROSSED
             made = self._crossed(parent, others, rng) if crossed else self._tuned(parent, rng)
-            if made is not None and key(made.people) not in known:
-                options.setdefault(key(made.people), made)
+            if made is not None and (new := key(made.people)) not in known:
+                options.setdefault(new, made)
         if not options:
             return None
         changes = list(options.values())
         surrogate = Surrogate(others, np.array([self._features_of(c) for c in others]))
         gains = surrogate.differences(self._screen([c.people for c in changes]), self._features_of(parent))
         order = [int(k) for k in np.argsort(-np.round(gains / (np.abs(gains).max() or 1.0), 6), kind="stable")]
-        if avoid:
-            met = foreseen(self._screen.forecaster, [c.people for c in changes], self.world)
-            order = [k for k in order if met[k] not in avoid] or order
-        return changes[order[int(rng.integers(min(SHORTLIST, len(order))))]]
+        best = self._shortlist([changes[k] for k in order], avoid)
+        chosen = best[int(rng.integers(len(best)))]
+        people, before = chosen.people, parent.scenario
+        if chosen.written:
+            described = describe_changed(before, people.humans, goods=self._goods)
+        else:
+            described = describe_tuned(before, people, goods=self._goods)
+        return Change(people=people, described=described, words=chosen.words)
 
-    def _tuned(self, parent: Candidate, rng: np.random.Generator) -> Change | None:
+    def _shortlist(self, ranked: Sequence[_Option], avoid: Set[Met]) -> Sequence[_Option]:
+        """Return the first of some changes, of those that leave the ways of meeting to avoid where there are such."""
+        leaves = (
+            option
+            for option in ranked
+            if foreseen(self._screen.forecaster, [option.people], self.world)[0] not in avoid
+        )
+        return (list(islice(leaves, SHORTLIST)) if avoid else []) or ranked[:SHORTLIST]
+
+    def _tuned(self, parent: Candidate, rng: np.random.Generator) -> _Option | None:
         scenario = parent.scenario
         space = self._spaces.get(parent.index)
         if space is None:
@@ -96,10 +120,9 @@ class Operators:
         people, words = Mutations(space, rng).draw()
         if people is None:
             return None
-        described = describe_tuned(scenario, people, goods=self._goods)
-        return Change(people=people, described=described, words=f"with other numbers: {words}")
+        return _Option(people, f"with other numbers: {words}")
 
-    def _crossed(self, parent: Candidate, others: Sequence[Candidate], rng: np.random.Generator) -> Change | None:
+    def _crossed(self, parent: Candidate, others: Sequence[Candidate], rng: np.random.Generator) -> _Option | None:
         """Replace one person of the parent by one of another scenario.
 
         A text that a model wrote cannot be written again. There, only a person with the same name and tasks, of
@@ -121,10 +144,7 @@ class Operators:
         people = HumanConfiguration(humans=(*humans[:out], new, *humans[out + 1 :]))
         if not self._starts_clear(people) or check(people, self.mission, self.world):
             return None
-        words = f"with {lent.name} of attempt {lender.index} as {new.name}"
-        changed = describe_changed(parent.scenario, people.humans, goods=self._goods)
-        described = changed if ours else describe_tuned(parent.scenario, people, goods=self._goods)
-        return Change(people=people, described=described, words=words)
+        return _Option(people, f"with {lent.name} of attempt {lender.index} as {new.name}", written=ours)
 
     def _starts_clear(self, people: HumanConfiguration) -> bool:
         starts = [(human.radius_m, human.starts_at(self.world.grid)) for human in people.humans]

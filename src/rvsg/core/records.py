@@ -38,12 +38,12 @@ class Record(BaseModel):
 
     def replace(self, **changes: Any) -> Self:
         """Return a validated copy with some fields changed and an id of its own."""
-        fields = {name: getattr(self, name) for name in type(self).model_fields}
+        fields = {name: getattr(self, name) for name in type(self).__pydantic_fields__}
         return type(self)(**(fields | changes))
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
         """Return a copy with some fields changed but not validated; cached properties are not copied."""
-        fields = type(self).model_fields
+        fields = type(self).__pydantic_fields__
         if deep or update is None or not update.keys() <= fields.keys():
             copied = super().model_copy(update=update, deep=deep)
             for name in copied.__dict__.keys() - fields.keys():
@@ -51,8 +51,10 @@ class Record(BaseModel):
             return copied
         # As pydantic does it, in a third of the time: generators change hundreds of records for each one they keep.
         copied = type(self).__new__(type(self))
-        values = {name: value for name, value in self.__dict__.items() if name in fields}
-        object.__setattr__(copied, "__dict__", values | dict(update))
+        values = {**self.__dict__, **update}
+        if len(values) > len(fields):  # a cached property is among them
+            values = {name: value for name, value in values.items() if name in fields}
+        object.__setattr__(copied, "__dict__", values)
         object.__setattr__(copied, "__pydantic_fields_set__", self.__pydantic_fields_set__ | update.keys())
         object.__setattr__(copied, "__pydantic_extra__", None)
         object.__setattr__(copied, "__pydantic_private__", None)

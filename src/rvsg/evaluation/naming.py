@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,10 +35,17 @@ def place_name(world: World, x: float, y: float) -> str:
 
     It is the labelled area whose waypoints are nearest; where nothing is labelled, the nearest waypoint.
     """
-    grid = world.grid
-    nearest = [
-        (min(math.dist((x, y), grid.position(name)) for name in names), area.name)
-        for area in world.areas
-        if (names := [name for name in area.waypoints if name in grid.by_name])
-    ]
-    return min(nearest)[1] if nearest else grid.nearest(x, y)
+    nearest = [(min(math.dist((x, y), at) for at in points), name) for name, points in _areas_of(world)]
+    return min(nearest)[1] if nearest else world.grid.nearest(x, y)
+
+
+def _areas_of(world: World) -> list[tuple[str, list[tuple[float, float]]]]:
+    """Return the labelled areas that have waypoints, with where these are; kept for each world."""
+    if world not in _areas:
+        grid = world.grid
+        at = [(area.name, [grid.position(w) for w in area.waypoints if w in grid.by_name]) for area in world.areas]
+        _areas[world] = [(name, points) for name, points in at if points]
+    return _areas[world]
+
+
+_areas: WeakKeyDictionary[World, list[tuple[str, list[tuple[float, float]]]]] = WeakKeyDictionary()

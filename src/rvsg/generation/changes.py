@@ -4,9 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
 
 from rvsg.generation.descriptions import work_of
-from rvsg.generation.people_sampler import HEEDLESS_AIMS, ROLES, UNDERWAY, PeopleSampler, Stop, at_places, ends_of
+from rvsg.generation.people_sampler import (
+    HEEDLESS_AIMS,
+    UNDERWAY,
+    PeopleSampler,
+    Stop,
+    at_places,
+    drawn,
+    ends_of,
+    shares_of,
+)
 from rvsg.generation.places import Place
 from rvsg.generation.replies import LONGEST_DELAY_S
 from rvsg.scenario.aim import Aim
@@ -32,10 +45,8 @@ class Changing:
 
     def once(self, human: Human) -> tuple[Human, str] | None:
         """One random change and its words; None where it is not possible for this person."""
-        special = tuple((change, weight) for change, aims, weight in _SPECIAL if self.work.aim in aims)
-        changes = (*_CHANGES, *special)
-        change, _ = self.work.pick(changes, [weight for _, weight in changes])
-        return change(self, human)
+        changes, shares = _changes_for(self.work.aim)
+        return changes[drawn(shares, self.work.rng)](self, human)
 
     def place_of(self, waypoint: str) -> Place | None:
         """The place a waypoint belongs to."""
@@ -127,8 +138,7 @@ def _replaced(changing: Changing, human: Human) -> tuple[Human, str] | None:
         return None
     weights = [4.0 if stop.waypoint in changing.idle else 1.0 for stop in stops]
     index = changing.work.pick(range(len(stops)), weights)
-    role = changing.work.pick(ROLES, [role.weights[changing.work.aim] for role in ROLES])
-    stop = changing.work.stop(stops[:index] or stops[-1:], role)
+    stop = changing.work.stop(stops[:index] or stops[-1:], changing.work.role())
     if stop is None:
         return None
     changed = changing.rebuilt(human, [*stops[:index], stop, *stops[index + 1 :]])
@@ -189,3 +199,10 @@ _SPECIAL: tuple[tuple[Change, frozenset[Aim], float], ...] = (
     (_heedless, frozenset(HEEDLESS_AIMS), 0.5),
 )
 """Changes for some aims only."""
+
+
+@cache
+def _changes_for(aim: Aim) -> tuple[tuple[Change, ...], NDArray[np.float64]]:
+    """Return the changes for an aim, and how often each is drawn, as `drawn` takes it."""
+    changes = (*_CHANGES, *((change, weight) for change, aims, weight in _SPECIAL if aim in aims))
+    return tuple(change for change, _ in changes), shares_of([weight for _, weight in changes])

@@ -82,6 +82,7 @@ class Forecaster:
         self.bodies = robot_radius_m + PERSON_M
         self.robot_radius = robot_radius_m
         self._way = _way(ground.robot_path, self.bodies)
+        self._steps = int(time_limit_s / STEP_S)
 
     def __call__(self, humans: Sequence[Human]) -> Forecast:
         """What is expected with these people."""
@@ -102,7 +103,7 @@ class Forecaster:
         if not variants:
             return []
         count = len(variants)
-        measured, tracks = self._run(variants, [self.robot_speed] * count, [self.pace] * count, keep=True)
+        measured, tracks = self._run(variants, [self.robot_speed] * count, [self.pace] * count, keep=self._steps)
         ends = np.round(measured[:, DURATION] / STEP_S).astype(int)
         return [tracks[:end, b] for b, end in enumerate(ends)]
 
@@ -120,18 +121,25 @@ class Forecaster:
         scale = self.robot_speed / ROBOT_SPEED_M_S
         speeds = [speed * scale for speed in (0.42, 0.46, 0.49)]
         choices = [(speed, pace) for speed in speeds for pace in (0.8, 0.9, 0.95, 1.0, 1.05, 1.1, 1.2)]
-        _, track = self._run([humans] * len(choices), [c[0] for c in choices], [c[1] for c in choices], keep=True)
-        rows = np.clip(np.round([t / STEP_S for t, _ in seen]).astype(int), 0, len(track) - 1)
+        wanted = np.round([t / STEP_S for t, _ in seen]).astype(int)
+        speeds, paces = [c[0] for c in choices], [c[1] for c in choices]
+        _, track = self._run([humans] * len(choices), speeds, paces, keep=1 + int(wanted.max()))
+        rows = np.clip(wanted, 0, len(track) - 1)
         errors = (np.abs(track[rows] - np.array([places for _, places in seen])[:, None]) ** 2).sum(axis=(0, 2))
         speed, pace = choices[int(np.argmin(errors))]
         return Forecaster(self.ground, self.limit, robot_speed_m_s=speed, pace=pace, robot_radius_m=self.robot_radius)
 
     def _run(
-        self, variants: Sequence[Sequence[Human]], speeds: Sequence[float], paces: Sequence[float], keep: bool = False
+        self, variants: Sequence[Sequence[Human]], speeds: Sequence[float], paces: Sequence[float], keep: int = 0
     ) -> tuple[Floats, Complexes]:
-        """Return what is measured of each variant, and with `keep` robot and people over time, (steps, B, 1 + H)."""
+        """Return what is measured of each variant, or of its first `keep` steps, and then robot and people over time.
+
+        What is kept, (steps, B, 1 + H), ends when the last robot is done.
+        """
         walks = _Walks(variants, self.ground.at, np.asarray(paces, float))
-        steps = int(self.limit / STEP_S)
+        steps = self._steps
+        if keep:
+            steps = min(steps, keep)
         tracks = np.zeros((len(variants), steps if keep else 0, 1 + walks.goals.shape[1]), complex)
         measured, done = run_all(
             self._way,
@@ -190,22 +198,17 @@ class _Walks:
     """The walks of the people of B variants, H in each, as arrays for the kernel."""
 
     def __init__(self, variants: Sequence[Sequence[Human]], at: dict[str, Point], paces: Floats) -> None:
-        routes: dict[int, tuple[Complexes, Floats]] = {}
-        for human in (human for humans in variants for human in humans):
-            if id(human) not in routes:
-                points, stops = goals_of(human, at)
-                routes[id(human)] = (np.array(points, float).view(complex)[:, 0], np.array(stops))
-        table = [[routes[id(human)] for human in humans] for humans in variants]
-        longest = max(len(goals) for row in table for goals, _ in row)
-        shape = (len(variants), len(variants[0]))
-        self.goals = np.zeros((*shape, longest), complex)
-        self.stops = np.zeros((*shape, longest))
-        self.count = np.ones(shape, np.int64)
-        for b, row in enumerate(table):
-            for h, (goals, pauses) in enumerate(row):
-                self.count[b, h] = len(goals)
-                self.goals[b, h, : len(goals)] = goals
-                self.stops[b, h, : len(goals)] = pauses
+        doing = {id(human.tasks): human for humans in variants for human in humans}  # most variants share their tasks
+        routes = [goals_of(human, at) for human in doing.values()]
+        longest = max(len(points) for points, _ in routes)
+        goals, pauses = np.zeros((len(routes), longest), complex), np.zeros((len(routes), longest))
+        for k, (points, stops) in enumerate(routes):
+            goals[k, : len(points)] = np.array(points, float).view(complex)[:, 0]
+            pauses[k, : len(points)] = stops
+        number = {key: k for k, key in enumerate(doing)}
+        table = np.array([[number[id(human.tasks)] for human in humans] for humans in variants])
+        self.goals, self.stops = goals[table], pauses[table]
+        self.count = np.array([len(points) for points, _ in routes])[table]
         self.speed = np.array([[h.speed_m_s for h in humans] for humans in variants]) * paces[:, None]
         self.heeds = np.array([[h.behaviour is not Behaviour.IMPASSIVE for h in humans] for humans in variants])
         self.delays = np.array([[h.start_delay_s for h in humans] for humans in variants], float)

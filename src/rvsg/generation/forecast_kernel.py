@@ -61,6 +61,7 @@ class People(NamedTuple):
     v: Complexes
     force: Complexes
     wait: Floats
+    stands: NDArray[np.bool_]
     next: NDArray[np.int64]
     before: Floats
     close: NDArray[np.bool_]
@@ -148,6 +149,9 @@ def _walk(walks: Walks, people: People, robot: complex, robot_v: complex) -> Non
     count = len(people.p)
     for h in range(count):
         way = walks.goals[h, people.next[h]] - people.p[h]
+        people.stands[h] = people.wait[h] > 0.0 or abs(way) <= ARRIVES_AT_M
+        if people.stands[h]:
+            continue  # nothing moves them in this step
         pull = way * (walks.speed[h] / max(abs(way), 1e-6))
         force = (pull - people.v[h]) * (GOAL_WEIGHT / RELAXATION_S)
         social = 0j
@@ -160,8 +164,8 @@ def _walk(walks: Walks, people: People, robot: complex, robot_v: complex) -> Non
     for h in range(count):
         waiting = people.wait[h] > 0.0
         people.wait[h] = max(0.0, people.wait[h] - STEP_S)
-        arrived = abs(walks.goals[h, people.next[h]] - people.p[h]) <= ARRIVES_AT_M and not waiting
-        if arrived or waiting:
+        arrived = people.stands[h] and not waiting
+        if people.stands[h]:
             people.v[h] = 0j
         else:
             v = people.v[h] + people.force[h] * STEP_S
@@ -257,6 +261,7 @@ def run_all(
             np.zeros(humans, np.complex128),
             np.zeros(humans, np.complex128),
             delays[b].copy(),
+            np.zeros(humans, np.bool_),
             np.minimum(1, count[b] - 1),
             np.zeros(humans),
             np.zeros(humans, np.bool_),

@@ -12,6 +12,7 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +40,10 @@ MATES = {Aim.DELAY: 0.4}
 """How often somebody is drawn as a mate of the person before, by the aim: two people hold a robot up twice as much."""
 WORK_TRIES = 20
 """How often somebody is drawn for an activity before the next person is tried."""
+
+
+_free: WeakKeyDictionary[World, dict[tuple[str, str, float], bool]] = WeakKeyDictionary()
+"""Whether a person of a radius may start at a waypoint of a mission, alone: every proposal asks of the same ones."""
 
 
 class HeuristicGenerator(Generator):
@@ -177,9 +182,13 @@ class _Plan:
         """Return whether a person who is alone may start at a waypoint; remembered."""
         key = (begins, human.radius_m)
         if key not in self.free:
-            at, mission = self.ground.at[begins], self.brief.mission
-            gap = start_gap_m(human.radius_m, at, mission)
-            self.free[key] = gap >= START_CLEARANCE_M and not spawn_finding(human, at, [], mission, self.world)
+            known = {} if human.outline else _free.setdefault(self.world, {})  # an outline is not told by its radius
+            asked = (self.brief.mission.id, *key)
+            if asked not in known:
+                at, mission = self.ground.at[begins], self.brief.mission
+                gap = start_gap_m(human.radius_m, at, mission)
+                known[asked] = gap >= START_CLEARANCE_M and not spawn_finding(human, at, [], mission, self.world)
+            self.free[key] = known[asked]
         return self.free[key]
 
     def described(self, humans: list[Human]) -> tuple[list[Human], Described]:
