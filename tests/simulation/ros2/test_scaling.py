@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,6 @@ import yaml
 from tests.coded import coded
 
 from rvsg.core.errors import FileError
-from rvsg.simulation.ros2.running import STEP_S
 from rvsg.simulation.ros2.scaling import scale, scale_file
 
 TEXT = """
@@ -120,11 +118,3 @@ def test_a_file_of_another_program_is_refused(tmp_path: Path) -> None:
     path.write_text("slam_toolbox: {ros__parameters: {a: 1}}\n")
     with pytest.raises(FileError, check=coded("nav2-params")):
         scale_file(path, 2.0, "humble")
-
-
-@pytest.mark.parametrize("rate_hz", [10.0, 20.0, 25.0, 50.0])
-def test_commands_of_a_usual_rate_act_at_equal_distances(rate_hz: float) -> None:
-    step, period = round(1000 * STEP_S), round(1000 / rate_hz)
-    for phase in range(period):
-        acts = [-(-(phase + k * period) // step) * step for k in range(50)]
-        assert {later - earlier for earlier, later in pairwise(acts)} == {period}

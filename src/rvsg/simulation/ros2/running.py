@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from rvsg.core.errors import SimulationError
@@ -17,6 +18,9 @@ from rvsg.simulation.stacks.protocol import Ended, Observation, Task, Twist
 STEP_S = 0.01
 """Simulated time between two looks for commands, a tick of the base. A period of 20 Hz is a multiple of it: commands
 taken every 20 ms would act after 40 and 60 ms in turn, so that every second sample of 20 Hz repeats the one before."""
+LATE_S = 0.2
+"""Simulated time that this process may be behind the wall's clock and still catch up. A system goes on by that clock,
+and drives with measurements that are as old."""
 PERIOD_S = 0.02
 """Simulated time between two messages of odometry, transforms and clock."""
 LOCALISED_M, LOCALISED_RAD = 0.5, 0.35
@@ -52,9 +56,8 @@ class Running:
         self._publish_at = self._now
         self._due = time.monotonic()
         self._begun, self._begun_t = self._due, seen.t
-        self._last_step = (time.time(), time.time())
+        self._sent = CommandQueue()
         self._heard = self._due
-        self._velocity: Twist | None = None
 
     def _control_hz(self) -> float:
         if self.options.control_hz is not None:
@@ -221,32 +224,28 @@ class Running:
             return Ended.REACHED if self.client.status == SUCCEEDED else Ended.GAVE_UP
         return self._command(seen)
 
-    def _share(self, at: float) -> float:
-        """Return how much of the last step had passed at a time of the wall clock: commands are dated in simulated
-        time, so that a step that took too long here counts against nobody."""
-        begin, end = self._last_step
-        return (at - begin) / max(end - begin, 1e-6)
-
     def _keep_pace(self) -> None:
+        """Wait until the step is due by the wall clock; a step that comes late is caught up by those that follow."""
         self._due += STEP_S / self.session.speed
         rest = self._due - time.monotonic()
         if rest > 0.0:
             time.sleep(rest)
-        else:
+        elif -rest > LATE_S / self.session.speed:
             self._due -= rest
-        self._last_step = (self._last_step[1], time.time())
 
     def _command(self, seen: Observation) -> Twist | None:
-        newest = None
-        for message in self._commands.take():
-            twist = getattr(message, "twist", message)
-            newest = Twist(float(twist.linear.x), float(twist.linear.y), float(twist.angular.z))
-            self.record.commanded(seen.t + STEP_S * self._share(message.sample_info.source_timestamp / 1e9))
-        if newest is not None:
+        """Return the last command that was sent before the end of this step. Those that are taken late, because this
+        process was, act in the order and at the distances in which they were sent."""
+        now = time.time()
+        if self._sent.put(self._commands.take(), now):
             self._heard = time.monotonic()
-        elif time.monotonic() - self._heard > self.options.answer_limit_s:
+        end = now - time.monotonic() + self._due
+        due = self._sent.before(end)
+        for at, _ in due:
+            self.record.commanded(seen.t + STEP_S - (end - at) * self.session.speed)
+        if not due and time.monotonic() - self._heard > self.options.answer_limit_s:
             self._ask_whether_alive()
-        return newest
+        return due[-1][1] if due else None
 
     def _ask_whether_alive(self) -> None:
         """Name the nodes that are gone or do not answer; a system that only waits goes on."""
@@ -270,6 +269,33 @@ class Running:
     def _give_back(self) -> None:
         if self.session.launched is None:
             self.session.turn.give_back(self._now)
+
+
+class CommandQueue:
+    """Commands that a system has sent and that have not acted yet, in the order in which they were sent."""
+
+    def __init__(self) -> None:
+        self._sent: deque[tuple[float, Twist]] = deque()
+
+    def put(self, messages: Sequence[Any], now: float) -> bool:
+        """Add messages of type Twist or TwistStamped that were taken at a time of the system's clock, s.
+
+        Returns:
+            Whether there were any.
+        """
+        for message in messages:
+            twist = getattr(message, "twist", message)
+            velocity = Twist(float(twist.linear.x), float(twist.linear.y), float(twist.angular.z))
+            # No command is from the future: the clock of its sender may be ahead.
+            self._sent.append((min(message.sample_info.source_timestamp / 1e9, now), velocity))
+        return bool(messages)
+
+    def before(self, end: float) -> list[tuple[float, Twist]]:
+        """Remove and return the commands that were sent until then, each with its time, s."""
+        due = []
+        while self._sent and self._sent[0][0] <= end:
+            due.append(self._sent.popleft())
+        return due
 
 
 def wait() -> None:
