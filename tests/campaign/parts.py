@@ -7,11 +7,13 @@ import signal
 from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from rvsg.campaign.attempt import Ledger, Measurement
-from rvsg.campaign.parallel import Simulations
+from rvsg.campaign.attempt import Failure, Ledger, Measurement
+from rvsg.campaign.measuring import FinishedRun, Trial
+from rvsg.campaign.parallel import PendingRun, Simulations
 from rvsg.campaign.parts import Parts
 from rvsg.campaign.plan import Plan
 from rvsg.evaluation.verdict import Status, Verdict
@@ -136,3 +138,21 @@ def parts(
         judge=judge,
         ledger=ledger,
     )
+
+
+class Noted(Simulations):
+    """Notes the ids of the runs that begin, and, for each that is waited for, how many had begun."""
+
+    def __init__(self, *args: Any, **more: Any) -> None:
+        super().__init__(*args, **more)
+        self.begun: set[str] = set()
+        self.made: list[tuple[str, int]] = []
+
+    def submit(self, scenario: Scenario, seed: int, *, trial: bool = False) -> PendingRun:
+        pending = super().submit(scenario, seed, trial=trial)
+        self.begun.add(pending.run_id)
+        return pending
+
+    def _collect(self, pending: PendingRun) -> FinishedRun | Trial | Failure:
+        self.made.append((pending.run_id, len(self.begun)))
+        return super()._collect(pending)

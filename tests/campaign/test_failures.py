@@ -4,16 +4,23 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.campaign.parts import MemoryLedger, parts, plan, warehouse
+from tests.campaign.parts import REQUIREMENT, MemoryLedger, WalkGenerator, parts, plan, warehouse
 
 from rvsg.campaign import confirmation as confirming
 from rvsg.campaign.attempt import Attempt
-from rvsg.campaign.failures import FailureMode, candidates, met, mode_of, usual_mode
+from rvsg.campaign.encounter import encounter_of, look_at
+from rvsg.campaign.failures import FailureMode, candidates, met, mode_of, modes_in, usual_mode
 from rvsg.campaign.finding import Finding, distinct_failures, worst_confirmation
+from rvsg.campaign.glance import Look
 from rvsg.campaign.loop import feedback_from, run_campaign
+from rvsg.campaign.measuring import FinishedRun
+from rvsg.campaign.parallel import Simulations
+from rvsg.campaign.recalling import Recalling
 from rvsg.campaign.strategies import StudyStrategy
 from rvsg.evaluation.statistics import clopper_pearson
 from rvsg.evaluation.verdict import Status, Verdict
+from rvsg.scenario.brief import Brief
+from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.simulation.run import Outcome, Run, Trajectory
 
 
@@ -140,13 +147,33 @@ def test_a_kind_of_encounter_reads_without_the_robot_named_before(kind: str, sai
     assert met(kind) == said
 
 
+def test_what_was_seen_of_a_run_when_it_was_made_is_what_the_stored_run_shows() -> None:
+    ledger = MemoryLedger()
+    looks: dict[str, Look] = {}
+    with Simulations(
+        KinematicSimulator(), warehouse(), look=look_at, looked=lambda look: looks.update({look.run_id: look})
+    ) as simulations:
+        brief = Brief(mission=plan().mission, requirement=REQUIREMENT, seed=0, scenario_index=0)
+        scenario = WalkGenerator().propose(brief, warehouse()).scenario
+        assert scenario is not None
+        made = simulations.submit(scenario, 1).result()
+    assert isinstance(made, FinishedRun) and made.look is None
+    ledger.keep(made.packed)
+    stored = ledger.run(made.id)
+    assert looks[made.id] == Look(made.id, mode_of(stored, warehouse()), encounter_of(stored, warehouse()))
+    recalling = Recalling(ledger)
+    recalling.looked(looks[made.id])
+    ledger.runs.clear()
+    assert modes_in(recalling, warehouse())(made.id) == mode_of(stored, warehouse())
+
+
 def test_one_of_every_kind_of_failure_is_confirmed_before_the_second_of_one(monkeypatch: pytest.MonkeyPatch) -> None:
     the_plan, ledger = plan(scenarios=4, refinements=0, repeats=1, confirmations=0), MemoryLedger()
     made = parts(ledger)
     with made.simulations:
         found = run_campaign(the_plan, StudyStrategy(the_plan, feedback_from(ledger, the_plan, warehouse())), made)
         kinds = {m.run_id: "same" if a.index != 2 else "other" for a in found for m in a.measurements}
-        monkeypatch.setattr(confirming, "usual_mode", lambda runs, world: next((kinds[run.id] for run in runs), None))
+        monkeypatch.setattr(confirming, "modes_in", lambda ledger, world: kinds.__getitem__)
         always = the_plan.replace(requirement=the_plan.requirement.replace(limit=99.0))
         ordered = confirming._one_of_each_kind(always, found, made)
     assert [a.index for a in ordered] == [0, 2, 1, 3]

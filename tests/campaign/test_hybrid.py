@@ -6,7 +6,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 import pytest
-from tests.campaign.parts import MemoryLedger, WalkGenerator, parts, plan, warehouse
+from tests.campaign.parts import MemoryLedger, Noted, WalkGenerator, measure, parts, plan, warehouse
 
 from rvsg.campaign.accounting import Limits, account
 from rvsg.campaign.attempt import Attempt
@@ -21,6 +21,7 @@ from rvsg.scenario.aim import Aim
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.differences import differences
 from rvsg.scenario.scenario import Human, HumanConfiguration, Scenario, Task
+from rvsg.simulation.kinematic import KinematicSimulator
 
 PLAN = {"scenarios": 5, "refinements": 3, "repeats": 3, "confirmations": 0, "budget_runs": 60}
 
@@ -133,6 +134,18 @@ def test_it_resumes_to_the_same_records(whole: list[Attempt], cut: int) -> None:
 @pytest.mark.exhaustive
 def test_it_is_the_same_for_any_number_of_workers(whole: list[Attempt]) -> None:
     assert searched(MemoryLedger(), jobs=3) == whole
+
+
+def test_the_runs_of_a_batch_begin_before_their_turn_and_no_others() -> None:
+    the_plan, ledger = plan(**PLAN), MemoryLedger()
+    simulations = Noted(KinematicSimulator(), warehouse(), measure=measure, known=ledger.find)
+    strategy = HybridStrategy(the_plan, feedback_from(ledger, the_plan, warehouse()), warehouse())
+    made = replace(parts(ledger), simulations=simulations)
+    with simulations:
+        run_campaign(the_plan, strategy, made)
+    assert {run for run, _ in simulations.made} == simulations.begun
+    ahead = [begun - k for k, (_, begun) in enumerate(simulations.made)]
+    assert max(ahead) >= strategy.batch / 2
 
 
 def test_a_generator_that_never_answers_well_ends_the_search() -> None:

@@ -40,11 +40,10 @@ def test_our_own_text_is_written_anew_for_people_of_another_scenario(operators: 
     made = next(m for _ in range(200) if (m := operators._crossed(parent, [parent, other], rng)) is not None)
     lent = {human.tasks for human in other.scenario.people.humans}
     assert any(human.tasks in lent for human in made.people.humans)
-    after = parent.scenario.replace(
-        people=made.people, description=made.described.description, idea=made.described.idea
-    )
+    described = operators._described(parent.scenario, made)
+    after = parent.scenario.replace(people=made.people, description=described.description, idea=described.idea)
     assert tells_of(after, goods=True)
-    assert made.described.description != parent.scenario.description
+    assert described.description != parent.scenario.description
 
 
 def test_a_models_text_stays_with_its_own_people(operators: Operators) -> None:
@@ -65,17 +64,17 @@ def test_a_models_person_is_exchanged_for_the_same_one_of_another_configuration(
     assert any(0.4 in [human.speed_m_s for human in each.people.humans] for each in made)
     for each in made:
         assert [[task.name for task in human.tasks] for human in each.people.humans] == names
-        assert each.described.description == f"{TOLD} {TUNED}"
+        assert operators._described(parent.scenario, each).description == f"{TOLD} {TUNED}"
 
 
 def test_tuned_numbers_are_told_in_either_text(operators: Operators) -> None:
     rng = np.random.default_rng(4)
     model, ours = candidate(0, 0, told=TOLD, seed=1), candidate(1, 1, told=None, seed=2)
     tuned = operators._tuned(model, rng)
-    assert tuned is not None and tuned.described.description == f"{TOLD} {TUNED}"
+    assert tuned is not None
+    assert operators._described(model.scenario, tuned).description == f"{TOLD} {TUNED}"
     tuned = operators._tuned(ours, rng)
     assert tuned is not None
-    after = ours.scenario.replace(
-        people=tuned.people, description=tuned.described.description, idea=tuned.described.idea
-    )
+    described = operators._described(ours.scenario, tuned)
+    after = ours.scenario.replace(people=tuned.people, description=described.description, idea=described.idea)
     assert tells_of(after, goods=True)

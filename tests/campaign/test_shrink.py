@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from tests.campaign.parts import REQUIREMENT, Counted, measure, warehouse
+from tests.campaign.parts import REQUIREMENT, Counted, Noted, measure, warehouse
 from tests.coded import coded
 
 from rvsg.campaign.attempt import Measurement
@@ -77,6 +77,16 @@ def test_trials_are_judged_and_neither_packed_nor_measured_otherwise() -> None:
     assert trial.measurement() == measure(stored.result().unpack()).replace(values={})  # type: ignore[union-attr]
     assert judged == [1] and stored.measurement().values.keys() == {"dto"}  # type: ignore[union-attr]
     assert simulations.submit(crowd(), 1, trial=True).measurement() is trial.measurement()
+
+
+def test_trials_that_are_made_in_any_case_begin_at_once_and_no_others() -> None:
+    simulations = Noted(Counted(), WORLD, measure=measure)  # type: ignore[arg-type]
+    shrinks = shrinking()
+    shrinks.simulations = simulations
+    _, steps = shrinks.smallest(crowd())
+    assert {run for run, _ in simulations.made} == simulations.begun
+    assert [begun for _, begun in simulations.made[:3]] == [3, 3, 3]  # nothing depends on the runs of the original
+    assert any(step.runs < shrinks.repeats for step in steps)
 
 
 def test_what_matters_stays_and_is_said_to_have_been_tried() -> None:

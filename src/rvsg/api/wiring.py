@@ -6,6 +6,7 @@ import math
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from rvsg.api.scenarios import check_mission, check_route, mission_of
 from rvsg.api.simulating import make_simulator
 from rvsg.api.worlds import doors_in, load_moved, load_world
 from rvsg.campaign.accounting import Limits
-from rvsg.campaign.glance import glance_at
+from rvsg.campaign.encounter import look_at
 from rvsg.campaign.loop import feedback_from
 from rvsg.campaign.measuring import Measuring
 from rvsg.campaign.parallel import Executor, Simulations
@@ -91,8 +92,8 @@ class Wired:
             measure=measuring.measure,
             judged=measuring.judged,
             made=ledger.made,
-            glance=glance_at if getattr(self.strategy_class, "tells_all", False) else None,
-            glanced=ledger.glanced,
+            look=partial(look_at, told=getattr(self.strategy_class, "tells_all", False)),
+            looked=ledger.looked,
             jobs=jobs,
             known=ledger.find,
             executor=executor or self.executor,

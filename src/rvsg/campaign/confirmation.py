@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.events import Attempted, Confirming, Event, Explaining
-from rvsg.campaign.failures import FailureMode, usual_mode
+from rvsg.campaign.failures import FailureMode, modes_in, usual
 from rvsg.campaign.filing import whole
 from rvsg.campaign.finding import badness
 from rvsg.campaign.parts import Made, Parts, collect, store, submit
@@ -72,10 +72,11 @@ def _one_of_each_kind(plan: Plan, found: Sequence[Attempt], parts: Parts) -> lis
     """Return candidates with the first of every kind of failure before the second ones, else in their order."""
     seen: Counter[FailureMode | None] = Counter()
     rank: dict[int, int] = {}
+    mode = modes_in(parts.ledger, parts.simulations.world)
     for attempt in found:
         values = [(m.run_id, m.objective) for m in attempt.measurements]
         violating = [run for run, value in values if value is not None and plan.requirement.violated_by(value)]
-        kind = usual_mode(map(parts.ledger.run, violating), parts.simulations.world)
+        kind = usual(map(mode, violating))
         rank[attempt.index] = seen[kind]
         seen[kind] += 1
     return sorted(found, key=lambda attempt: rank[attempt.index])

@@ -7,8 +7,9 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 
 from rvsg.campaign.attempt import Attempt
-from rvsg.campaign.failures import mode_of
+from rvsg.campaign.failures import FailureMode, mode_of
 from rvsg.campaign.feedback import worst_run
+from rvsg.campaign.glance import Look, glance_at
 from rvsg.campaign.ranking import measured, standing
 from rvsg.core.records import Record
 from rvsg.scenario.brief import Encounter
@@ -21,7 +22,16 @@ STRETCHES = ("first third", "middle third", "last third")
 
 def encounter_of(run: Run, world: World) -> Encounter | None:
     """Return the encounter at the closest approach of a run; None for a run without people."""
+    return _encounter(run, mode_of(run, world))
+
+
+def look_at(run: Run, world: World, *, told: bool = False) -> Look:
+    """Return what a campaign asks of a run; `told`: what feedback takes of it as well."""
     mode = mode_of(run, world)
+    return Look(run.id, mode, _encounter(run, mode), glance_at(run, world) if told else None)
+
+
+def _encounter(run: Run, mode: FailureMode | None) -> Encounter | None:
     if mode is None:
         return None
     path = run.trajectory

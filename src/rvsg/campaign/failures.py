@@ -9,10 +9,11 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
+from typing import Any
 
 import numpy as np
 
-from rvsg.campaign.attempt import Attempt
+from rvsg.campaign.attempt import Attempt, Ledger
 from rvsg.campaign.ranking import in_full, measured, standing
 from rvsg.core.records import Record
 from rvsg.evaluation.naming import place_name
@@ -84,8 +85,25 @@ def mode_of(run: Run, world: World) -> FailureMode | None:
 
 def usual_mode(runs: Iterable[Run], world: World) -> FailureMode | None:
     """Return the failure that most of the runs show; the first of equals; None where there is none."""
-    counted = Counter(mode for run in runs if (mode := mode_of(run, world)) is not None)
+    return usual(mode_of(run, world) for run in runs)
+
+
+def usual(modes: Iterable[FailureMode | None]) -> FailureMode | None:
+    """Return the most frequent of some failures, the first of equals; None where there is none."""
+    counted = Counter(mode for mode in modes if mode is not None)
     return counted.most_common(1)[0][0] if counted else None
+
+
+def modes_in(ledger: Ledger, world: World) -> Callable[[str], FailureMode | None]:
+    """Return the function that tells how the run of an id fails: as it was seen when it was made, else as stored."""
+    look: Callable[[str], Any] = getattr(ledger, "look", lambda _: None)
+
+    def mode(run_id: str) -> FailureMode | None:
+        seen = look(run_id)
+        found: FailureMode | None = seen.mode if seen is not None else mode_of(ledger.run(run_id), world)
+        return found
+
+    return mode
 
 
 def candidates(

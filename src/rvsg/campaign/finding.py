@@ -8,8 +8,8 @@ from typing import Annotated, Literal, NamedTuple
 from pydantic import Field
 
 from rvsg.campaign.attempt import Attempt, Measurement
-from rvsg.campaign.failures import FailureMode, usual_mode
-from rvsg.campaign.feedback import worst_run
+from rvsg.campaign.failures import FailureMode, mode_of, usual
+from rvsg.campaign.feedback import worst_measurement
 from rvsg.campaign.plan import Plan
 from rvsg.campaign.ranking import confirmations
 from rvsg.core.records import Record
@@ -144,15 +144,23 @@ class Finding(Record):
 
 
 def findings(
-    plan: Plan, attempts: Sequence[Attempt], *, run_of: RunOf, world: World, procedure: Procedure = DEFAULT
+    plan: Plan,
+    attempts: Sequence[Attempt],
+    *,
+    run_of: RunOf,
+    world: World,
+    procedure: Procedure = DEFAULT,
+    mode_of_run: Callable[[str], FailureMode | None] | None = None,
 ) -> tuple[Finding, ...]:
     """Return every confirmation with what it means, the worst first.
 
     Args:
         run_of: finds a run by its id.
+        mode_of_run: tells how the run of an id fails; by default `run_of` finds it.
     """
+    modes = mode_of_run or (lambda run_id: mode_of(run_of(run_id), world))
     confirmed = [a for a in confirmations(attempts) if a.verdict is not None]
-    made = [_finding(plan, attempt, attempts, run_of, world, procedure) for attempt in confirmed]
+    made = [_finding(plan, attempt, attempts, run_of, modes, world, procedure) for attempt in confirmed]
     by_index = sorted(made, key=lambda f: f.confirmation)
     return tuple(sorted(by_index, key=lambda f: badness(f.verdict, procedure), reverse=True))
 
@@ -225,7 +233,13 @@ def _outcomes(share: Share) -> list[bool]:
 
 
 def _finding(
-    plan: Plan, attempt: Attempt, attempts: Sequence[Attempt], run_of: RunOf, world: World, procedure: Procedure
+    plan: Plan,
+    attempt: Attempt,
+    attempts: Sequence[Attempt],
+    run_of: RunOf,
+    modes: Callable[[str], FailureMode | None],
+    world: World,
+    procedure: Procedure,
 ) -> Finding:
     scenario, verdict = attempt.proposal.scenario, attempt.verdict
     assert scenario is not None and verdict is not None
@@ -233,9 +247,7 @@ def _finding(
     baseline = next((a for a in reversed(attempts) if a.purpose == "baseline"), None)
     without = _share(baseline, _seeds(attempt), plan.requirement) if baseline else None
     bad = violated(verdict, procedure=procedure)
-    runs = [run_of(m.run_id) for m in attempt.measurements]
-    worst = worst_run(attempt, runs, plan.requirement)
-    failing = [r for r, m in zip(runs, attempt.measurements, strict=True) if _violates(m, plan.requirement)]
+    worst = run_of(worst_measurement(attempt, plan.requirement).run_id)
     story = story_of(worst, world=world, scenario=scenario)
     values = {
         "scenario": attempt.brief.scenario_index,
@@ -254,7 +266,7 @@ def _finding(
         "without_people": without,
         "cause": tuple(_removals(attempt, attempts, plan.requirement)),
         "smallest": _smallest(attempt, attempts, plan.requirement),
-        "failure": usual_mode(failing, world),
+        "failure": usual(modes(m.run_id) for m in attempt.measurements if _violates(m, plan.requirement)),
         "story": tuple(sentence.text for sentence in story),
         "story_run": worst.id,
     }

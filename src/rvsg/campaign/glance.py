@@ -10,11 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rvsg.campaign.failures import FailureMode
 from rvsg.evaluation.detection import contacts
 from rvsg.evaluation.events import Place
 from rvsg.evaluation.naming import WaypointNames
 from rvsg.evaluation.sampled import sampled
-from rvsg.scenario.brief import HumanInfluence, Touched
+from rvsg.scenario.brief import Encounter, HumanInfluence, Touched
 from rvsg.scenario.scenario import Human
 from rvsg.simulation.run import Run
 from rvsg.world.grid import Grid
@@ -47,6 +48,18 @@ class Glance:
     ended_s: float
     people: tuple[PersonGlance, ...]
     touches: tuple[Touched, ...]
+
+
+@dataclass(frozen=True)
+class Look:
+    """What the process that made a run tells of it, so that the campaign seldom unpacks it."""
+
+    run_id: str
+    mode: FailureMode | None
+    """How it fails if it does."""
+    encounter: Encounter | None
+    glance: Glance | None = None
+    """None where hardly any run gets feedback."""
 
 
 def glance_at(run: Run, world: World) -> Glance:

@@ -16,10 +16,10 @@ from rvsg.campaign.attempt import Attempt, Ledger
 from rvsg.campaign.confirmation import confirm_all
 from rvsg.campaign.encounter import encounter_of
 from rvsg.campaign.events import Attempted, Event, Finished, Message, Proposing, Started
-from rvsg.campaign.failures import FailureMode, mode_of
+from rvsg.campaign.failures import FailureMode, modes_in
 from rvsg.campaign.feedback import told_of, worst_measurement
 from rvsg.campaign.filing import Filing
-from rvsg.campaign.glance import Glance, glance_at
+from rvsg.campaign.glance import Glance, Look, glance_at
 from rvsg.campaign.parallel import PendingRun
 from rvsg.campaign.parts import Cancelled, Made, Parts, collect, store, submit
 from rvsg.campaign.plan import Plan
@@ -74,6 +74,7 @@ class FeedbackFrom:
 
     def __init__(self, ledger: Ledger, plan: Plan, world: World) -> None:
         self._ledger, self._plan, self._world = ledger, plan, world
+        self._mode = modes_in(ledger, world)
         self._modes: dict[str, FailureMode | None] = {}
         self._kinds: dict[FailureMode | None, FailureMode | None] = {}
 
@@ -92,7 +93,9 @@ class FeedbackFrom:
     def encounter(self, attempt: Attempt) -> Encounter | None:
         """Return the encounter alone, which is a small part of the work."""
         worst = worst_measurement(attempt, self._plan.requirement)
-        return encounter_of(self._ledger.run(worst.run_id), self._world)
+        recalled: Callable[[str], Look | None] = getattr(self._ledger, "look", lambda _: None)
+        look = recalled(worst.run_id)
+        return encounter_of(self._ledger.run(worst.run_id), self._world) if look is None else look.encounter
 
     def failures(self, attempt: Attempt) -> tuple[FailureMode, ...]:
         """Return how each run that violates the requirement fails."""
@@ -101,7 +104,7 @@ class FeedbackFrom:
             if measurement.objective is None or not self._plan.requirement.violated_by(measurement.objective):
                 continue
             if measurement.run_id not in self._modes:
-                mode = mode_of(self._ledger.run(measurement.run_id), self._world)
+                mode = self._mode(measurement.run_id)
                 self._modes[measurement.run_id] = self._kinds.setdefault(mode, mode)
             found.append(self._modes[measurement.run_id])
         return tuple(mode for mode in found if mode is not None)

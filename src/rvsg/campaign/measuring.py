@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from rvsg.campaign.attempt import Failure, Measurement
-from rvsg.campaign.glance import Glance
+from rvsg.campaign.glance import Look
 from rvsg.core.errors import SimulationError
 from rvsg.evaluation.judge import DEFAULT, Procedure, judge, objective
 from rvsg.evaluation.metrics import measure
@@ -36,8 +36,8 @@ class FinishedRun:
     outcome: Outcome
     measurement: Measurement
     packed: PackedRun
-    glance: Glance | None = None
-    """What feedback takes of it, where a worker looked."""
+    look: Look | None = None
+    """What was seen of it where it was made."""
 
     @property
     def id(self) -> str:
@@ -67,8 +67,8 @@ class RunMaker:
     measure: Callable[[Run, World], Measurement] = unmeasured
     judged: Callable[[Run, World], Measurement] | None = None
     """Measures only what a verdict takes, for trials; `measure` where None."""
-    glance: Callable[[Run, World], Glance] | None = None
-    """Looks at every run for feedback, unless `made` receives it; None where hardly any run gets feedback."""
+    look: Callable[[Run, World], Look] | None = None
+    """Looks at every run that is stored."""
 
     def __call__(
         self, scenario: Scenario, seed: int, *, trial: bool = False, made: Callable[[Run], None] | None = None
@@ -89,9 +89,7 @@ class RunMaker:
         finished = self._finished(run, place)
         if made is not None:
             made(run)
-        elif self.glance is not None:
-            return replace(finished, glance=self.glance(run, self.world))
-        return finished
+        return finished if self.look is None else replace(finished, look=self.look(run, self.world))
 
     def close(self) -> None:
         """Release what the simulator holds."""

@@ -22,7 +22,7 @@ from rvsg.generation.places import handles_goods, places_of
 from rvsg.generation.screening import Screen
 from rvsg.generation.tuning import Mutations, TuningSpace
 from rvsg.scenario.aim import Aim
-from rvsg.scenario.scenario import HumanConfiguration, Mission
+from rvsg.scenario.scenario import HumanConfiguration, Mission, Scenario
 from rvsg.scenario.validity import check
 from rvsg.scenario.validity.rules import START_CLEARANCE_M
 from rvsg.scenario.validity.starts import start_gap_m
@@ -94,12 +94,12 @@ class Operators:
         order = [int(k) for k in np.argsort(-np.round(gains / (np.abs(gains).max() or 1.0), 6), kind="stable")]
         best = self._shortlist([changes[k] for k in order], avoid)
         chosen = best[int(rng.integers(len(best)))]
-        people, before = chosen.people, parent.scenario
-        if chosen.written:
-            described = describe_changed(before, people.humans, goods=self._goods)
-        else:
-            described = describe_tuned(before, people, goods=self._goods)
-        return Change(people=people, described=described, words=chosen.words)
+        return Change(people=chosen.people, described=self._described(parent.scenario, chosen), words=chosen.words)
+
+    def _described(self, before: Scenario, option: _Option) -> Described:
+        if option.written:
+            return describe_changed(before, option.people.humans, goods=self._goods)
+        return describe_tuned(before, option.people, goods=self._goods)
 
     def _shortlist(self, ranked: Sequence[_Option], avoid: Set[Met]) -> Sequence[_Option]:
         """Return the first of some changes, of those that leave the ways of meeting to avoid where there are such."""

@@ -12,7 +12,7 @@ from types import TracebackType
 from typing import Any, Protocol, Self
 
 from rvsg.campaign.attempt import Failure, Measurement
-from rvsg.campaign.glance import Glance
+from rvsg.campaign.glance import Look
 from rvsg.campaign.measuring import FinishedRun, RunMaker, Trial, unmeasured
 from rvsg.campaign.processes import Processes
 from rvsg.scenario.scenario import Scenario
@@ -103,8 +103,8 @@ class Simulations:
         executor: Where runs are made instead of in `jobs` processes.
         notify: Receives messages for the user, such as that a machine is gone.
         made: Receives the runs that are made in this process, with their arrays.
-        glance: Looks at every run in the process that made it, for feedback.
-        glanced: Receives what `glance` saw in another process.
+        look: Looks at every run in the process that made it.
+        looked: Receives what `look` saw.
         closes: Close the simulator at the end; its next run makes again what it needs.
     """
 
@@ -120,20 +120,20 @@ class Simulations:
         executor: Executor | None = None,
         notify: Callable[[str], None] = lambda _: None,
         made: Callable[[Run], None] | None = None,
-        glance: Callable[[Run, World], Glance] | None = None,
-        glanced: Callable[[Glance], None] = lambda _: None,
+        look: Callable[[Run, World], Look] | None = None,
+        looked: Callable[[Look], None] = lambda _: None,
         closes: bool = False,
     ) -> None:
         self.closes = closes
         self.simulator = simulator
         self.world = world
         self.options = dict(simulator.options)
-        self._maker = RunMaker(simulator, world, measure, judged, glance)
+        self._maker = RunMaker(simulator, world, measure, judged, look)
         self._executor: Executor | None = executor or (Processes(jobs) if jobs > 1 else None)
         self._known = known or (lambda _: None)
         self._notify = notify
         self._made = made
-        self._glanced = glanced
+        self._looked = looked
         self._open: dict[tuple[str, bool], PendingRun] = {}
         self._recent: dict[tuple[str, bool], FinishedRun | Trial] = {}
         self._started = False
@@ -172,9 +172,9 @@ class Simulations:
             found = self._maker(pending.scenario, pending.seed, trial=pending.trial, made=self._made)
         else:
             found = self._executor.result(pending._submitted)
-        if isinstance(found, FinishedRun) and found.glance is not None:
-            self._glanced(found.glance)
-            found = replace(found, glance=None)
+        if isinstance(found, FinishedRun) and found.look is not None:
+            self._looked(found.look)
+            found = replace(found, look=None)
         key = (pending.run_id, pending.trial)
         self._open.pop(key, None)
         if not isinstance(found, Failure):

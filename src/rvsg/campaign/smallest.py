@@ -10,6 +10,7 @@ from collections.abc import Iterator, Sequence
 
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.events import Attempted, Event, Shrinks
+from rvsg.campaign.failures import modes_in
 from rvsg.campaign.filing import whole
 from rvsg.campaign.finding import distinct_failures, findings
 from rvsg.campaign.parts import Made, Parts, collect, store, submit
@@ -31,7 +32,8 @@ def shrink_all(plan: Plan, attempts: Sequence[Attempt], parts: Parts) -> Iterato
         return
     done = list(attempts)
     world = parts.simulations.world
-    found = findings(plan, done, run_of=parts.ledger.run, world=world, procedure=parts.procedure)
+    runs, modes = parts.ledger.run, modes_in(parts.ledger, world)
+    found = findings(plan, done, run_of=runs, world=world, procedure=parts.procedure, mode_of_run=modes)
     confirmations = {finding.attempt: finding.confirmation for finding in found}
     worst = [confirmations[failure.attempts[0]] for failure in distinct_failures(found)]
     for place, index in enumerate(worst):

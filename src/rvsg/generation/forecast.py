@@ -12,6 +12,7 @@ The steps are in `rvsg.generation.forecast_kernel`.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -82,7 +83,6 @@ class Forecaster:
         self.bodies = robot_radius_m + PERSON_M
         self.robot_radius = robot_radius_m
         self._way = _way(ground.robot_path, self.bodies)
-        self._steps = int(time_limit_s / STEP_S)
 
     def __call__(self, humans: Sequence[Human]) -> Forecast:
         """What is expected with these people."""
@@ -103,7 +103,7 @@ class Forecaster:
         if not variants:
             return []
         count = len(variants)
-        measured, tracks = self._run(variants, [self.robot_speed] * count, [self.pace] * count, keep=self._steps)
+        measured, tracks = self._run(variants, [self.robot_speed] * count, [self.pace] * count, keep=True)
         ends = np.round(measured[:, DURATION] / STEP_S).astype(int)
         return [tracks[:end, b] for b, end in enumerate(ends)]
 
@@ -123,23 +123,27 @@ class Forecaster:
         choices = [(speed, pace) for speed in speeds for pace in (0.8, 0.9, 0.95, 1.0, 1.05, 1.1, 1.2)]
         wanted = np.round([t / STEP_S for t, _ in seen]).astype(int)
         speeds, paces = [c[0] for c in choices], [c[1] for c in choices]
-        _, track = self._run([humans] * len(choices), speeds, paces, keep=1 + int(wanted.max()))
+        _, track = self._run([humans] * len(choices), speeds, paces, keep=True, most=1 + int(wanted.max()))
         rows = np.clip(wanted, 0, len(track) - 1)
         errors = (np.abs(track[rows] - np.array([places for _, places in seen])[:, None]) ** 2).sum(axis=(0, 2))
         speed, pace = choices[int(np.argmin(errors))]
         return Forecaster(self.ground, self.limit, robot_speed_m_s=speed, pace=pace, robot_radius_m=self.robot_radius)
 
     def _run(
-        self, variants: Sequence[Sequence[Human]], speeds: Sequence[float], paces: Sequence[float], keep: int = 0
+        self,
+        variants: Sequence[Sequence[Human]],
+        speeds: Sequence[float],
+        paces: Sequence[float],
+        *,
+        keep: bool = False,
+        most: float = math.inf,
     ) -> tuple[Floats, Complexes]:
-        """Return what is measured of each variant, or of its first `keep` steps, and then robot and people over time.
+        """Return what is measured of each variant in so many steps, and with `keep` robot and people over time.
 
         What is kept, (steps, B, 1 + H), ends when the last robot is done.
         """
         walks = _Walks(variants, self.ground.at, np.asarray(paces, float))
-        steps = self._steps
-        if keep:
-            steps = min(steps, keep)
+        steps = int(min(self.limit / STEP_S, most))
         tracks = np.zeros((len(variants), steps if keep else 0, 1 + walks.goals.shape[1]), complex)
         measured, done = run_all(
             self._way,
