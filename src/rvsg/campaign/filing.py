@@ -13,7 +13,7 @@ from typing import Any, cast
 
 from rvsg.campaign.attempt import Attempt, Ledger
 
-LAST = 64
+LAST = 256
 """Attempts kept as they are but for their brief, some 25 kB each: those made or read last."""
 LAST_BRIEFS = 4
 """Attempts kept with their brief, some 0.5 MB each where it tells of measurements."""
