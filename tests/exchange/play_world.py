@@ -51,14 +51,15 @@ class PlayedWorld(Peer):
 
     def __init__(self, agents: Path, settings: dict[str, Any]) -> None:
         interfaces("humble").register(COMPUTED if "manager" in settings else HUNAV_TYPES)
-        super().__init__(Options(domain=settings.get("domain", 0), localises=False))
+        domain = int(os.environ["ROS_DOMAIN_ID"])  # another run of this machine may hold the first one
+        super().__init__(Options(domain=domain, localises=False))
         self.settings = settings
         self.people = to_humans(read_agents(agents)).agents
         self.clock_out = self.writer("rt/clock", "rosgraph_msgs/msg/Clock")
         self.odom_out = self.writer("rt/odom", "nav_msgs/msg/Odometry")
         kind = "people_msgs/msg/People" if settings.get("people_msgs") else "hunav_msgs/msg/Agents"
         if "manager" in settings:
-            self.manager = Manager(settings["manager"], settings.get("domain", 0), self.people)
+            self.manager = Manager(settings["manager"], domain, self.people)
         else:
             self.people_out = self.writer(f"rt/{settings.get('topic', 'human_states')}", kind)
 
@@ -81,7 +82,7 @@ class PlayedWorld(Peer):
         human_x, human_y = self.manager.along(path.t) if "manager" in self.settings else (path.human_x, path.human_y)
         np.savez(self.settings["truth"], t=path.t, x=path.x, y=path.y, human_x=human_x, human_y=human_y)
         self.end(SUCCEEDED if run.outcome is Outcome.REACHED else ABORTED)
-        until = time.monotonic() + 20.0
+        until = time.monotonic() + 300.0  # a busy reader hears of the end late; it ends this process
         while time.monotonic() < until:
             self.serve()
             time.sleep(0.01)

@@ -23,6 +23,8 @@ Floats = NDArray[np.float64]
 ROW_S = 0.05
 LOG_S = 0.5
 AGENTS, PEOPLE = "hunav_msgs/msg/Agents", "people_msgs/msg/People"
+QUEUE = 1000
+"""Messages kept until they are read: a recorder that gets no processor for seconds loses none."""
 ROBOT = 2
 """The type of a robot in hunav_msgs/Agent."""
 
@@ -36,9 +38,9 @@ class Recorder:
         self._bus = bus
         self._clock = bus.subscribe("/clock", "rosgraph_msgs/msg/Clock", reliable=False, depth=1)
         self._has_clock = False
-        self._tf = bus.subscribe("/tf", "tf2_msgs/msg/TFMessage", reliable=True, depth=200)
+        self._tf = bus.subscribe("/tf", "tf2_msgs/msg/TFMessage", reliable=True, depth=QUEUE)
         self._static = bus.subscribe("/tf_static", "tf2_msgs/msg/TFMessage", reliable=True, latched=True)
-        self._robot = bus.subscribe(options.robot or options.odom, "nav_msgs/msg/Odometry")
+        self._robot = bus.subscribe(options.robot or options.odom, "nav_msgs/msg/Odometry", depth=QUEUE)
         self._people: Subscription | None = None
         self._links: dict[str, tuple[str, tuple[float, float, float]]] = {}
         self._now = 0.0
@@ -114,7 +116,7 @@ class Recorder:
             kind = wanted or next((name for name in (AGENTS, PEOPLE) if name in kinds), None)
             if kind not in kinds:
                 return
-            self._people = self._bus.subscribe(self._options.people, kind)
+            self._people = self._bus.subscribe(self._options.people, kind, depth=QUEUE)
         for message in self._people.take():
             self._hear_people(message)
 

@@ -62,7 +62,7 @@ def qos(kind: str, types: Any, announce: bool, latched: bool = False, reliable: 
     return Qos(
         Policy.Reliability.Reliable(duration(seconds=1)) if reliable else Policy.Reliability.BestEffort,
         Policy.Durability.TransientLocal if latched else Policy.Durability.Volatile,
-        Policy.History.KeepLast(50),
+        Policy.History.KeepLast(1000),
         Policy.DataRepresentation(use_cdrv0_representation=True),
         Policy.Userdata(data.encode()),
     )
