@@ -40,7 +40,10 @@ def made(ledger: Ledger, strategy: Any) -> list[Attempt]:
 
 
 @pytest.mark.usefixtures("few")
-@pytest.mark.parametrize("strategy", STRATEGIES)
+@pytest.mark.parametrize(
+    "strategy",
+    [each if each is not ClimbStrategy else pytest.param(each, marks=pytest.mark.exhaustive) for each in STRATEGIES],
+)
 def test_a_search_that_reads_its_attempts_from_the_store_makes_the_same_records(strategy: Any, tmp_path: Path) -> None:
     kept = made(MemoryLedger(), strategy)
     with SqliteLedger(tmp_path / "ledger.sqlite") as ledger:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from tests.cli.json_store import JsonLedger
-from tests.cli.test_run import SMALL, records
+from tests.cli.test_run import ONE, SMALL, records
 from tests.conformance.test_campaign_parts import answered, warehouse
 
 from rvsg.campaign.attempt import Attempt
@@ -100,14 +100,14 @@ def test_a_store_that_fails_when_it_is_made_is_not_taken_for_that_of_the_folder(
     out = tmp_path / "one"
     with monkeypatch.context() as broken:
         broken.setattr(JsonLedger, "__init__", refuse)
-        assert main(["run", *SMALL, "--store", "json", "--out", str(out)]) == 2
+        assert main(["run", *ONE, "--store", "json", "--out", str(out)]) == 2
     assert errors[-1].code == "plug-in-options"
-    assert main(["run", *SMALL, "--out", str(out)]) == 0  # SQLite keeps it now
+    assert main(["run", *ONE, "--out", str(out)]) == 0  # SQLite keeps it now
     assert not (out / "store.json").exists()
 
 
 def test_a_campaign_stays_in_its_store(tmp_path: Path, errors: list[RvsgError]) -> None:
     out = str(tmp_path / "one")
-    main(["run", *SMALL, "--out", out])
+    main(["run", *ONE, "--out", out])
     assert main(["run", "--out", out, "--store", "json"]) == 2
     assert errors[-1].code == "other-store"
