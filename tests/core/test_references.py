@@ -14,7 +14,7 @@ from numba.core.registry import cpu_target
 from tests.simulation.tiago import STACK
 
 from rvsg.core.compiled import inner, kernel
-from rvsg.core.references import _form, _type_of, by_reference, refer
+from rvsg.core.references import _layout, by_reference, refer
 
 
 class Part(NamedTuple):
@@ -77,7 +77,7 @@ def parts() -> tuple[Part, Any, Whole]:
 def test_a_record_lies_in_memory_as_the_compiler_reads_it(kind: Any) -> None:
     context = cpu_target.target_context
     payload = context.data_model_manager[kind.get_data_type()].get_value_type()
-    assert _form(kind)[0].itemsize == context.get_abi_sizeof(payload)
+    assert _layout(kind).itemsize == context.get_abi_sizeof(payload)
 
 
 @pytest.mark.parametrize(
@@ -85,9 +85,17 @@ def test_a_record_lies_in_memory_as_the_compiler_reads_it(kind: Any) -> None:
     [np.zeros(3), np.zeros((2, 3), np.float32), np.zeros((4, 3, 2), bool)[:, 1], np.asfortranarray(np.ones((2, 2)))],
 )
 def test_an_array_has_the_type_that_numba_gives_it(array: Any) -> None:
-    assert _type_of(array) == numba.typeof(array)
+    def kept() -> Any:
+        return refer(Part(array, True, 7, 0.5))._type.field_dict["weights"]
+
+    assert kept() == kept() == numba.typeof(array)
     array.flags.writeable = False
-    assert _type_of(array) == numba.typeof(array)
+    assert kept() == numba.typeof(array)
+
+
+def test_other_types_of_numbers_are_another_type_of_reference() -> None:
+    kinds = [refer(Part(np.zeros(1), *values))._type for values in ((True, 7, 0.5), (True, 7, 1), (1, 7, 0.5))]
+    assert len({str(kind.field_dict) for kind in kinds}) == 3
 
 
 @pytest.mark.slow

@@ -8,8 +8,8 @@ And LLVM is told that the fields never change, so a loop does not read them agai
 from __future__ import annotations
 
 import hashlib
+import struct
 import sys
-from collections.abc import Callable
 from functools import cache
 from typing import Any, cast
 
@@ -25,8 +25,10 @@ from numba.core.runtime.nrt import MemInfo
 from numba.core.runtime.nrtdynmod import _meminfo_struct_type
 from numba.core.typing.templates import AttributeTemplate
 from numba.experimental import structref
-from numba.np.numpy_support import as_dtype, from_dtype, map_layout
+from numba.np.numpy_support import as_dtype
 
+_KNOWN: dict[tuple[Any, ...], tuple[Any, struct.Struct]] = {}
+"""The type of references to named tuples with these fields, and how to fill their memory."""
 FIELDS: dict[type, tuple[str, ...]] = {}
 """The names of the fields of each class of references."""
 _DATA = 3
@@ -69,47 +71,56 @@ def by_reference(cls: Any) -> Any:
 def refer(values: Any, **others: Any) -> Any:
     """Return a named tuple by reference, sharing its arrays; `others` are the references that are fields of it."""
     cls: Any = type(values)
-    given = tuple(others.get(name, value) for name, value in zip(cls._fields, values, strict=True))
-    kind = _kind(cls, tuple(_type_of(value) for value in given))
-    layout, pack = _form(kind)
-    memory = np.zeros(1, layout)
-    memory[0] = tuple(each(value) for each, value in zip(pack, given, strict=True))
-    rtsys.initialize(cpu_target.target_context)
+    given = values._replace(**others) if others else values
+    signature: list[Any] = [cls]
+    words: list[Any] = []
+    _read(given, signature, words)
+    key = tuple(signature)
+    if key not in _KNOWN:
+        rtsys.initialize(cpu_target.target_context)
+        kinds = zip(cls._fields, map(_type_of, given), strict=True)
+        kind = getattr(sys.modules[cls.__module__], f"{cls.__name__}RefType")(kinds)
+        _KNOWN[key] = kind, struct.Struct(_format(_layout(kind)))
+    kind, packed = _KNOWN[key]
+    memory = np.zeros(-(-packed.size // 8), np.int64)
+    packed.pack_into(memory, 0, *words)
     head = _nrt_python.meminfo_new(memory.ctypes.data, (memory, values, others))
     made = getattr(sys.modules[cls.__module__], f"{cls.__name__}Ref")._numba_box_(kind, MemInfo(head))
     made._head = head
     return made
 
 
+def _read(values: Any, signature: list[Any], words: list[Any]) -> None:
+    """Add what the types of fields depend on, and the numbers that lie in memory.
+
+    Arrays have no owner there: the reference keeps them.
+    """
+    for value in values:
+        kind = type(value)
+        if kind is np.ndarray:
+            signature.append((value.dtype, value.ndim, value.flags.num))
+            words += (0, 0, value.size, value.itemsize, value.__array_interface__["data"][0])
+            words += value.shape
+            words += value.strides
+        elif issubclass(kind, tuple):
+            signature += (kind, len(value))
+            _read(value, signature, words)
+        elif issubclass(kind, structref.StructRefProxy):
+            signature.append(value._type)
+            words.append(value._head)
+        else:
+            signature.append(kind)
+            words.append(value)
+
+
 def _type_of(value: Any) -> Any:
-    if type(value) is not np.ndarray:
-        return cast(Any, numba.typeof)(value)
-    flags = value.flags
-    return _array_type(value.dtype, value.ndim, map_layout(value), flags.writeable, flags.aligned)
+    return cast(Any, numba.typeof)(value)
 
 
 @cache
-def _array_type(dtype: Any, ndim: int, order: Any, writeable: bool, aligned: bool) -> Any:
-    return types.Array(from_dtype(dtype), ndim, order, readonly=not writeable, aligned=aligned)
-
-
-@cache
-def _kind(cls: Any, kinds: tuple[Any, ...]) -> Any:
-    """Return the type of the references to a class of named tuples whose fields have these types."""
-    return getattr(sys.modules[cls.__module__], f"{cls.__name__}RefType")(zip(cls._fields, kinds, strict=True))
-
-
-@cache
-def _form(kind: Any) -> tuple[np.dtype[Any], tuple[Callable[[Any], Any], ...]]:
-    """Return how what a reference refers to lies in memory, and how each field is packed."""
-    fields = kind.field_dict
-    layout = np.dtype([(name, _field_layout(each)) for name, each in fields.items()], align=True)
-    return layout, tuple(_packer(each) for each in fields.values())
-
-
-@cache
-def _offset(kind: Any, attr: str) -> int:
-    return int(_form(kind)[0].fields[attr][1])  # type: ignore[index]
+def _layout(kind: Any) -> np.dtype[Any]:
+    """Return how what a reference refers to lies in memory."""
+    return np.dtype([(name, _field_layout(each)) for name, each in kind.field_dict.items()], align=True)
 
 
 def _field_layout(kind: Any) -> Any:
@@ -117,24 +128,22 @@ def _field_layout(kind: Any) -> Any:
         numbers = [(name, np.int64) for name in ("memory", "parent", "count", "size", "data")]
         return np.dtype([*numbers, ("shape", np.int64, (kind.ndim,)), ("strides", np.int64, (kind.ndim,))])
     if isinstance(kind, types.BaseTuple):
-        return np.dtype([(f"f{k}", _field_layout(each)) for k, each in enumerate(_parts(kind))], align=True)
+        parts: Any = kind.types  # type: ignore[attr-defined]
+        return np.dtype([(f"f{k}", _field_layout(each)) for k, each in enumerate(parts)], align=True)
     return np.dtype(np.int64) if isinstance(kind, types.StructRef) else as_dtype(kind)
 
 
-def _packer(kind: Any) -> Callable[[Any], Any]:
-    """Return what makes of a field what numpy takes. Arrays have no owner there: the reference keeps them."""
-    if isinstance(kind, types.Array):
-        return lambda array: (
-            0, 0, array.size, array.itemsize, array.__array_interface__["data"][0], array.shape, array.strides
-        )  # fmt: skip
-    if isinstance(kind, types.BaseTuple):
-        inner = tuple(_packer(each) for each in _parts(kind))
-        return lambda values: tuple(each(value) for each, value in zip(inner, values, strict=True))
-    return (lambda reference: reference._head) if isinstance(kind, types.StructRef) else lambda value: value
-
-
-def _parts(kind: Any) -> tuple[Any, ...]:
-    return tuple(kind.types)
+def _format(layout: np.dtype[Any]) -> str:
+    """Return a layout as the standard library's `struct` writes it."""
+    if layout.subdtype is not None:
+        return f"{layout.shape[0]}{layout.subdtype[0].char}"
+    if layout.fields is None:
+        return layout.char
+    found, at = "", 0
+    for each, start, *_ in layout.fields.values():
+        found += f"{start - at}x{_format(each)}"
+        at = start + each.itemsize
+    return f"{found}{layout.itemsize - at}x"
 
 
 def _read_fields(kind: Any) -> None:
@@ -153,7 +162,7 @@ def _read_fields(kind: Any) -> None:
         memory = builder.extract_value(value, 0)
         head = builder.bitcast(memory, _meminfo_struct_type.as_pointer())
         data = _constant(builder, builder.load(cgutils.gep_inbounds(builder, head, 0, _DATA)))
-        at = builder.gep(data, [ir.Constant(ir.IntType(64), _offset(typ, attr))], inbounds=True)
+        at = builder.gep(data, [ir.Constant(ir.IntType(64), _layout(typ).fields[attr][1])], inbounds=True)
         pointer = builder.bitcast(at, context.get_value_type(field).as_pointer())
         found = _constant(builder, builder.load(pointer))
         return imputils.impl_ret_borrowed(context, builder, field, found)

@@ -133,12 +133,13 @@ def _hold_back(crowd: CrowdRef, body: Floats, x: float, y: float, yaw: float) ->
 
 def overlap_at_start(outline: Floats, people: Floats, radius: Floats, x: float, y: float, yaw: float) -> float:
     """Return how far the robot's outline and people (N, 2) of these radii (N,) overlap at most, metres."""
+    far = np.hypot(outline[:, 0], outline[:, 1]).max() + radius
+    near = ~(np.hypot(people[:, 0] - x, people[:, 1] - y) > far + 0.01)
+    if not near.any():
+        return 0.0
     from shapely import Point, Polygon
 
     cos, sin = math.cos(yaw), math.sin(yaw)
-    corners = outline @ np.array([[cos, sin], [-sin, cos]]) + (x, y)
-    polygon = Polygon(corners)
-    far = np.hypot(outline[:, 0], outline[:, 1]).max() + radius
-    near = ~(np.hypot(people[:, 0] - x, people[:, 1] - y) > far + 0.01)
+    polygon = Polygon(outline @ np.array([[cos, sin], [-sin, cos]]) + (x, y))
     gaps = [polygon.distance(Point(point)) - r for point, r in zip(people[near], radius[near], strict=True)]
     return max(0.0, -min(gaps, default=0.0))

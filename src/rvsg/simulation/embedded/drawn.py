@@ -82,6 +82,8 @@ def draw_settings(
 
 def _clock(options: SimulatorOptions, seed: int) -> float:
     """Simulated over wall seconds of a run; the mean of all runs where its noise is off."""
+    if options.clock_ratio_sd == 0.0 and options.clock_slow_share == 0.0:
+        return options.clock_ratio
     rng = stream(seed, "clock")
     spread = options.clock_ratio_sd * rng.standard_normal()
     share = options.clock_slow_share

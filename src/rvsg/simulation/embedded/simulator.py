@@ -37,9 +37,9 @@ from rvsg.simulation.embedded.rehearsal import rehearsal
 from rvsg.simulation.embedded.scene import Scene, Surroundings
 from rvsg.simulation.embedded.sensing.localisation import Localisation
 from rvsg.simulation.embedded.stack import stack_of
-from rvsg.simulation.embedded.start import is_blocked, stands_on_person
-from rvsg.simulation.embedded.state import NOISE_TABLE, State, new_state
-from rvsg.simulation.embedded.walls import Walls, free_pose, is_stuck, obstacle_contacts
+from rvsg.simulation.embedded.start import free_start, is_blocked, stands_on_person
+from rvsg.simulation.embedded.state import State, new_state
+from rvsg.simulation.embedded.walls import Walls, is_stuck, obstacle_contacts
 from rvsg.simulation.events import in_order
 from rvsg.simulation.protocol import Simulator
 from rvsg.simulation.run import Outcome, Run, Trajectory
@@ -164,7 +164,7 @@ def simulate_agents(
     robot = _with_options(robot if stack is None else stack.driver.adapt(robot), options)
     around = surroundings(world, robot)
     walls = around.walls()
-    start = free_pose(walls, route.start) if options.solid_walls else route.start
+    start = free_start(around, route.start) if options.solid_walls else route.start
     if start is not None:
         route = route.model_copy(update={"start": start})
     settings, scene, offset = draw_settings(world, route, options, around, seed)
@@ -191,8 +191,9 @@ def simulate_agents(
         _stand_still(record, route.start, crowd)
         outcome = Outcome.BLOCKED_START
     else:
-        state.noise[:] = stream(seed, "lidar").standard_normal(NOISE_TABLE)
-        state.dropouts[:] = stream(seed, "lidar/dropouts").random(NOISE_TABLE)
+        stream(seed, "lidar").standard_normal(out=state.noise)
+        if any(lidar.dropout > 0.0 for lidar in robot.lidars):
+            stream(seed, "lidar/dropouts").random(out=state.dropouts)
         phases, intervals = draw_phases(options, seed), draw_intervals(options, seed, route)
         driving = None
         if stack is not None and stack.record.name != DEFAULT_STACK:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +14,12 @@ from rvsg.simulation.embedded.contact import overlap_at_start
 from rvsg.simulation.embedded.navigation.costmap import LETHAL
 from rvsg.simulation.embedded.people import Crowd
 from rvsg.simulation.embedded.scene import Scene, Surroundings
+from rvsg.simulation.embedded.walls import free_pose
 
 Floats = NDArray[np.float64]
 
+KEPT_STARTS = 8
+"""The runs of a campaign have few starts, and what is in the way there does not change."""
 START_OVERLAP_M = 0.01
 """In the default profile a run does not start where the robot's body and a person overlap by more than this."""
 
@@ -38,9 +42,22 @@ def is_blocked(around: Surroundings, scene: Scene, start: Pose, offset: tuple[fl
         return True
     if (static[rows, columns] == LETHAL).any():
         return True
+    return _is_in_solid(around, start)
+
+
+@lru_cache(maxsize=KEPT_STARTS)
+def free_start(around: Surroundings, start: Pose) -> Pose | None:
+    """Return the pose nearest to `start` at which the robot's body overlaps nothing; None where there is none."""
+    return free_pose(around.walls(), start)
+
+
+@lru_cache(maxsize=KEPT_STARTS)
+def _is_in_solid(around: Surroundings, start: Pose) -> bool:
+    """Whether the robot's footprint or a lidar is in what the lidar plane cuts."""
     if around.is_inside_solid(start.x, start.y) or _has_lidar_in_solid(around, start):
         return True
-    return bool(_crosses(around.edges, start, (rear, front), (right, left)))
+    (rear, right), (front, left) = rectangle(around.robot.footprint)
+    return _crosses(around.edges, start, (rear, front), (right, left))
 
 
 def _crosses(edges: Floats, start: Pose, length: tuple[float, float], width: tuple[float, float]) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import chain
 from typing import Annotated, NamedTuple
 
 import numpy as np
@@ -168,7 +169,7 @@ CrowdRef = by_reference(Crowd)
 
 def begins_early(chance: float, seed: int) -> bool:
     """Whether this is one of the runs in which people begin `EARLY_S` sooner than usual, before the first row."""
-    return bool(stream(seed, "people/early").random() < chance)
+    return chance > 0.0 and bool(stream(seed, "people/early").random() < chance)
 
 
 def beginning(options: PeopleOptions, seed: int) -> float:
@@ -204,7 +205,7 @@ def initial(
     n = len(agents)
     published = options.published_defects
     for agent in agents:
-        if not np.isfinite([*agent.start, *np.ravel(agent.goals), *agent.pauses_s]).all():
+        if not all(map(math.isfinite, chain(agent.start, *agent.goals, agent.pauses_s))):
             raise InputError(
                 f"human {agent.name!r} has a start, goal or pause that is not a finite number", code="agent-not-finite"
             )

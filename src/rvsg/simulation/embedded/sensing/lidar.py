@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,7 @@ STEP_LENGTH_M = 1.2
 """Two lower legs at 0.21 m height: discs beside the body's middle that swing against each other while it walks."""
 
 
+@lru_cache(maxsize=8)
 def ray_directions(rays: int, field_of_view: float) -> Floats:
     """(rays, 2) cosine and sine of every ray's angle after the first ray's; the last ray ends the field of view."""
     angles = np.arange(rays) * (field_of_view / (rays - 1))
