@@ -83,7 +83,7 @@ def refer(values: Any, **others: Any) -> Any:
         _KNOWN[key] = kind, struct.Struct(_format(_layout(kind)))
     kind, packed = _KNOWN[key]
     memory = np.zeros(-(-packed.size // 8), np.int64)
-    packed.pack_into(memory, 0, *words)
+    packed.pack_into(memory.data, 0, *words)
     head = _nrt_python.meminfo_new(memory.ctypes.data, (memory, values, others))
     made = getattr(sys.modules[cls.__module__], f"{cls.__name__}Ref")._numba_box_(kind, MemInfo(head))
     made._head = head
@@ -123,12 +123,17 @@ def _layout(kind: Any) -> np.dtype[Any]:
     return np.dtype([(name, _field_layout(each)) for name, each in kind.field_dict.items()], align=True)
 
 
+@cache
+def _offset(kind: Any, attr: str) -> int:
+    return int(_layout(kind).fields[attr][1])  # type: ignore[index]
+
+
 def _field_layout(kind: Any) -> Any:
     if isinstance(kind, types.Array):
         numbers = [(name, np.int64) for name in ("memory", "parent", "count", "size", "data")]
         return np.dtype([*numbers, ("shape", np.int64, (kind.ndim,)), ("strides", np.int64, (kind.ndim,))])
     if isinstance(kind, types.BaseTuple):
-        parts: Any = kind.types  # type: ignore[attr-defined]
+        parts: Any = kind.types
         return np.dtype([(f"f{k}", _field_layout(each)) for k, each in enumerate(parts)], align=True)
     return np.dtype(np.int64) if isinstance(kind, types.StructRef) else as_dtype(kind)
 
@@ -162,7 +167,7 @@ def _read_fields(kind: Any) -> None:
         memory = builder.extract_value(value, 0)
         head = builder.bitcast(memory, _meminfo_struct_type.as_pointer())
         data = _constant(builder, builder.load(cgutils.gep_inbounds(builder, head, 0, _DATA)))
-        at = builder.gep(data, [ir.Constant(ir.IntType(64), _layout(typ).fields[attr][1])], inbounds=True)
+        at = builder.gep(data, [ir.Constant(ir.IntType(64), _offset(typ, attr))], inbounds=True)
         pointer = builder.bitcast(at, context.get_value_type(field).as_pointer())
         found = _constant(builder, builder.load(pointer))
         return imputils.impl_ret_borrowed(context, builder, field, found)
