@@ -29,7 +29,8 @@ PACKAGE = "import rvsg.simulation, sys; rvsg.simulation.__path__.append({folder!
 
 def run(folder: Path, cache: Path, code: str) -> str:
     """What a fresh process prints that has the module of this test in rvsg.simulation."""
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(cache)}
+    # Python takes a module compiled in the same second for current where the source has as many characters.
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(cache), "PYTHONDONTWRITEBYTECODE": "1"}
     text = PACKAGE.format(folder=str(folder)) + code
     done = subprocess.run([sys.executable, "-c", text], env=environment, capture_output=True, text=True, check=True)
     return done.stdout.strip()
