@@ -45,3 +45,23 @@ def test_a_refinement_starts_from_the_best_configuration_of_its_scenario() -> No
         assert attempt.brief.feedback is not None
         best = max(before, key=lambda a: (made.requirement.badness(a.mean or 0.0), -a.index))
         assert attempt.brief.feedback.mean == best.mean
+        assert attempt.brief.feedback.weaker is None
+
+
+def test_a_model_is_told_what_its_last_answer_measured_where_that_is_not_refined() -> None:
+    made = plan(scenarios=2, refinements=5, proposals=12)
+    ledger = MemoryLedger()
+    strategy = EliteStrategy(made, feedback_from(ledger, made, warehouse()))  # type: ignore[arg-type]
+    attempts = [a for a in run_campaign(made, strategy, parts(ledger)) if a.purpose == "search"]
+    told = 0
+    for attempt in attempts[2:]:
+        last = [a for a in attempts[: attempt.index] if a.brief.scenario_index == attempt.brief.scenario_index][-1]
+        feedback = attempt.brief.feedback
+        assert feedback is not None
+        if feedback.scenario == last.proposal.scenario:
+            assert feedback.weaker is None
+        else:
+            assert feedback.weaker is not None and feedback.weaker.scenario == last.proposal.scenario
+            assert feedback.weaker.rows and feedback.weaker.mean == last.mean
+            told += 1
+    assert told

@@ -14,7 +14,7 @@ from rvsg.campaign.hybrid import HybridStrategy
 from rvsg.campaign.loop import feedback_from, run_campaign
 from rvsg.campaign.racing import Candidate, estimate, in_the_race
 from rvsg.campaign.ranking import best_attempt, measured, seeds_of
-from rvsg.campaign.told import tried, tuning_of
+from rvsg.campaign.told import last_written, tried, tuning_of
 from rvsg.core.errors import BudgetSpent, GenerationError, NotRecorded
 from rvsg.generation.generator import Call, Proposal
 from rvsg.scenario.aim import Aim
@@ -218,9 +218,14 @@ class Dear(WalkGenerator):
 
     asks_a_model = True
 
+    def __init__(self) -> None:
+        super().__init__()
+        self.answers: list[Scenario] = []
+
     def propose(self, brief: Brief, world: object) -> Proposal:
         proposal = super().propose(brief, world)  # type: ignore[arg-type]
         assert proposal.scenario is not None
+        self.answers.append(proposal.scenario)
         call = Call(purpose=brief.kind, model="walk", input_tokens=1000, output_tokens=200)
         return proposal.replace(calls=(call,), lesson="Corners hold it up.", reasoning="They meet.")
 
@@ -347,6 +352,22 @@ def test_a_refinement_is_told_what_the_optimiser_changed(turns: tuple[list[Attem
         assert told.tuning.change == (differences(people, told.scenario.people) if told.tuned else "")
 
 
+def test_a_refinement_is_told_why_the_last_answer_was_weaker() -> None:
+    """Where the model goes on from an earlier configuration, the table of its last answer stands beside that one's."""
+    generator = Dear()
+    searched(MemoryLedger(), generator, scenarios=1, refinements=4, proposals=5, budget_runs=50)
+    first, *refining = (brief.feedback for brief in generator.briefs)
+    assert first is None
+    told = []
+    for k, feedback in enumerate(refining):
+        assert feedback is not None
+        if feedback.weaker is not None:
+            assert feedback.weaker.scenario.people == generator.answers[k].people
+            assert feedback.weaker.rows
+            told.append(k)
+    assert told and told[0] > 0, "the first refinement goes on from the only answer"
+
+
 def is_of(attempt: Attempt, scenario: Scenario, known: list[Attempt]) -> bool:
     """Whether a configuration belongs to the scenario of an attempt."""
     at = next(a.brief for a in known if a.proposal.scenario is not None and a.proposal.scenario.id == scenario.id)
@@ -362,6 +383,8 @@ def test_every_proposal_is_listed_with_the_best_of_its_tuned_forms() -> None:
     told = tried(own, requirement)
     assert [(each.mean, each.best_of) for each in told] == [(3.0, 0), (0.5, 3), (2.0, 0)]
     assert told[1].violations == 1
+    assert last_written(own) is drafts[1]
+    assert last_written(forms) is None
     assert "walks at 1.4 m/s (was 1.1)" in told[1].change
     assert tuning_of(drafts[1], own, requirement) is None
     untuned = tuning_of(drafts[0], own, requirement)

@@ -11,6 +11,7 @@ from rvsg.campaign.loop import feedback_from, run_campaign
 from rvsg.campaign.strategies import StudyStrategy
 from rvsg.campaign.walks import arrivals, walk_of
 from rvsg.core import plugins
+from rvsg.scenario.cycles import begin_at
 from rvsg.scenario.differences import differences
 from rvsg.scenario.scenario import Human, HumanConfiguration, Pause, Scenario, Task
 from rvsg.simulation.kinematic import KinematicSimulator
@@ -156,3 +157,18 @@ def test_differences_name_what_changed_and_nothing_else() -> None:
     assert differences(way, other) == "Human 1 goes G12 H13 G14 instead of G12 F13 G14"
     work = HumanConfiguration(humans=(human.replace(tasks=(Task(name="b", path=("G12", "H13", "G14")),)),))
     assert differences(way, work) == "Human 1 now does b, no longer a"
+
+
+def test_differences_name_no_task_by_the_waypoint_where_it_is_cut() -> None:
+    out = Task(name="A to B", path=("G12", "H13", "G14"), start_area="A", end_area="B")
+    back = Task.between("B", "A", ("G14", "H13", "G12"))
+    one, other, underway = (
+        HumanConfiguration(humans=(walker().replace(tasks=tasks),))
+        for tasks in ((out, back), (back, out), begin_at((out, back), 0, 1))
+    )
+    assert underway.humans[0].tasks[0].name == "H13 → B"
+    assert differences(one, underway) == "Human 1 starts at H13 on the way to B (was G12)"
+    assert differences(underway, one) == "Human 1 starts at G12 (was H13 on the way to B)"
+    assert differences(one, other) == "Human 1 starts at G14 (was G12)"
+    turned = HumanConfiguration(humans=(walker().replace(tasks=begin_at((out, back), 1, 1)),))
+    assert differences(underway, turned) == "Human 1 starts at H13 on the way to A (was H13 on the way to B)"

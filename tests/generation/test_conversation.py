@@ -376,6 +376,10 @@ def test_feedback_tells_the_truth(brief: Brief, warehouse: World) -> None:
         best_mean=1.1,
         best_runs=1,
     )
+    weaker = feedback.replace(
+        objectives=(1.9,), mean=1.9, rows=(Row(time_s=2.0, robot_at="F12", people={"Human 2": person}, value=1.9),)
+    )
+    feedback = feedback.replace(weaker=weaker)
     proposal = VlmGenerator(model).propose(asked.replace(feedback=feedback), warehouse)
     text = model.asked[0].messages[-1].text
     for words in (
@@ -392,6 +396,8 @@ def test_feedback_tells_the_truth(brief: Brief, warehouse: World) -> None:
         "0 to 5 s 1.1; in the mildest (1.5): 0 to 5 s 1.9.",
         '- 1.4; 2, 0; "first configuration"\n',
         '- 1.2; 1, 1; the one before with other numbers, the best of 7: "walks at 1 m/s"',
+        "Your last answer measured 1.9 m (1 run), less bad for the robot than the configuration above",
+        "| 2 | F12 | 1.9 | D20, leg 3 of 12, 1.25 left |",
         "The best configuration of the scenario so far reached 1.1 (1 run)",
         '"task":',
         '"standing still": held up for 2 s or longer)',

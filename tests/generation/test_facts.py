@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 
@@ -9,6 +10,8 @@ from rvsg.generation.facts import brief_facts, neighbour_rule, world_facts
 from rvsg.generation.prompts import Prompts
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.requirements import load_requirement
+from rvsg.scenario.scenario import Human, HumanConfiguration, Task
+from rvsg.scenario.validity.starts import spawn_findings
 from rvsg.world.grid import Grid, Waypoint
 from rvsg.world.world import World
 
@@ -43,9 +46,10 @@ def grid_up_y() -> Grid:
     return Grid(rows=("A", "B"), columns=("1", "2", "3"), waypoints=waypoints, hops=hops)
 
 
-def test_coordinates_are_those_of_the_axis_along_which_rows_and_columns_differ(warehouse: World) -> None:
-    from dataclasses import replace
-
+def test_coordinates_are_those_of_the_axis_along_which_rows_and_columns_differ(
+    warehouse: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rvsg.generation.facts.is_walkable", lambda a, b, world: True)
     facts = world_facts(replace(warehouse, grid=grid_up_y(), areas=()))
     assert (facts["row_axis"], facts["column_axis"]) == ("y", "x")
     assert facts["rows"] == [{"name": "A", "at": 5.0}, {"name": "B", "at": 3.5}]
@@ -55,6 +59,29 @@ def test_coordinates_are_those_of_the_axis_along_which_rows_and_columns_differ(w
     assert joined_by_rule(grid_up_y()) == {frozenset(hop) for hop in grid_up_y().hops}
     text = Prompts().render("environment-2-grid", {**facts, "heights": False})
     assert "Rows by their y in metres: A 5, B 3.5" in text
+
+
+def test_a_hop_that_nobody_fits_through_is_told_as_one_that_is_not_joined(
+    warehouse: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The checker refuses it, so the prompt must not offer it."""
+    monkeypatch.setattr("rvsg.generation.facts.is_walkable", lambda a, b, world: {a, b} != {"A1", "A2"})
+    facts = world_facts(replace(warehouse, grid=grid_up_y(), areas=()))
+    assert facts["not_joined"] == [{"name": "A1", "to": ["A2"]}, {"name": "A2", "to": ["B2"]}]
+    assert {entry["name"]: entry["to"] for entry in facts["neighbours"]}["A1"] == ["B1"]
+
+
+def test_the_prompt_names_the_distance_of_starts_that_the_checker_keeps(brief: Brief, warehouse: World) -> None:
+    told = float(brief_facts(brief, warehouse)["route"]["apart_m"])
+    assert f"two people less than {told:g} m apart" in Prompts().render("_starts", brief_facts(brief, warehouse))
+
+    def findings(apart_m: float) -> list[str]:
+        walks = ({"tasks": (Task(name="a", path=("G16", "G17")),), "start": (x, -7.0)} for x in (0.8, 0.8 + apart_m))
+        people = HumanConfiguration(humans=tuple(Human(name=f"Human {k}", **walk) for k, walk in enumerate(walks)))
+        return [each.rule for each in spawn_findings(people, brief.mission, warehouse)]
+
+    assert findings(told - 0.01) == ["spawn-on-human"]
+    assert findings(told + 0.01) == []
 
 
 def test_the_warehouse_keeps_its_own_axes(warehouse: World) -> None:

@@ -9,11 +9,11 @@ from rvsg.generation.conformance import DISTANCE, SMOOTH, TIMELY, check_generato
 from rvsg.generation.forecast import Forecaster
 from rvsg.generation.generator import Proposal
 from rvsg.generation.heuristic import HeuristicGenerator
-from rvsg.generation.people_sampler import at_places, ends_of
 from rvsg.generation.random_search import RandomGenerator
 from rvsg.generation.walking_graph import WalkingGraph
 from rvsg.scenario.aim import Aim
 from rvsg.scenario.brief import Brief, Feedback, Remembered
+from rvsg.scenario.cycles import at_places, ends_of
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Behaviour, ForceFactors, Human, HumanConfiguration, Mission, Scenario, Task
 from rvsg.scenario.validity import warnings

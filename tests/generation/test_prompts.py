@@ -61,7 +61,14 @@ def test_a_file_of_the_same_name_replaces_a_template_and_only_that(tmp_path: Pat
 def test_a_part_can_be_replaced_too(tmp_path: Path) -> None:
     (tmp_path / "_route.md.j2").write_text("{# declares: route #}\nROUTE {{ route.name }}\n")
     facts = {name: [] for name in declared_variables("P4-paths")} | {
-        "route": {"name": "r", "start": "A1", "taken": ["A1"], "nearest_starts": ["B2"], "time_limit_s": 25.0},
+        "route": {
+            "name": "r",
+            "start": "A1",
+            "taken": ["A1"],
+            "nearest_starts": ["B2"],
+            "apart_m": 0.8,
+            "time_limit_s": 25.0,
+        },
         "walking_speed_m_s": 1.3,
         "names": ["A"],
     }

@@ -11,8 +11,9 @@ from rvsg.generation.actors import box
 from rvsg.generation.facts import configuration_object, world_facts
 from rvsg.generation.prompts import Prompts
 from rvsg.generation.replies import read_configuration
+from rvsg.generation.reply_actors import MOST_MOVED
 from rvsg.generation.reply_schema import configuration_schema
-from rvsg.scenario.bodies import PersonKind, Trolley
+from rvsg.scenario.bodies import LIMITS, TROLLEY_LENGTHS_M, TROLLEY_SPEEDS_M_S, PersonKind, Trolley
 from rvsg.world.io.load import load_world
 
 ALL = ("trolley", "child", "wheelchair", "moved_object")
@@ -74,3 +75,12 @@ def test_the_prompt_names_only_what_the_world_has() -> None:
     part = Prompts().render("_actors", world_facts(replace(warehouse, actors=("trolley",))))
     assert '"trolley"' in part and "wheelchair" not in part and "moved" not in part
     assert world_facts(warehouse)["actors"] == []
+
+
+def test_the_prompt_names_the_limits_that_the_checker_keeps() -> None:
+    part = Prompts().render("_actors", world_facts(replace(load_world("warehouse"), actors=ALL)))
+    low, high = LIMITS[PersonKind.WHEELCHAIR].speeds_m_s
+    assert f'wheelchairs, 1.1 x 0.66 m: "kind": "wheelchair" in a person, at {low:g} to {high:g} m/s' in part
+    assert f"at {TROLLEY_SPEEDS_M_S[0]:g} to {TROLLEY_SPEEDS_M_S[1]:g} m/s" in part
+    assert f"{TROLLEY_LENGTHS_M[0]:g} to {TROLLEY_LENGTHS_M[1]:g} m long" in part
+    assert f"at most {MOST_MOVED}:" in part

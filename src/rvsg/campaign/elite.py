@@ -43,6 +43,8 @@ class EliteStrategy(StudyStrategy):
         at, scenario = chosen.index(best), best.scenario_index
         tried = self._scenarios.count(scenario)
         feedback = self.feedback_of(best, chosen[at - 1] if at > 0 else None)
+        if self.plan.proposals is not None and chosen[-1] is not best:
+            feedback = feedback.replace(weaker=self.feedback_of(chosen[-1], None))
         return self._refinement(index, (scenario, tried), feedback, known)
 
     def _standing(self, known: list[Attempt]) -> list[list[Attempt]]:

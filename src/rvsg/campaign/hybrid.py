@@ -35,7 +35,7 @@ from rvsg.campaign.plan import Plan
 from rvsg.campaign.racing import Candidate, estimate, in_the_race
 from rvsg.campaign.ranking import lessons_of, remember
 from rvsg.campaign.strategies import Ask, Batches, FeedbackOf
-from rvsg.campaign.told import mean_of, tried, tuning_of
+from rvsg.campaign.told import last_written, mean_of, tried, tuning_of, written
 from rvsg.core.seeds import seed_for
 from rvsg.scenario.brief import Brief, Encounter, Feedback
 from rvsg.world.world import World
@@ -212,12 +212,15 @@ class HybridStrategy(CandidateStrategy):
         """Return what a configuration measured, what of it was tuned, and the others of its scenario."""
         own = [c for c in self.candidates if c.runs and c.scenario_index == candidate.scenario_index]
         best, requirement = max(own, key=lambda c: (c.estimate, -c.index)), self.plan.requirement
+        last = last_written(own) if self.plan.proposals is not None else None
+        weaker = self.feedback_of(last.last, None) if last not in (None, written(candidate)) else None
         return self.feedback_of(candidate.last, None).replace(
             tuning=tuning_of(candidate, own, requirement),
             best=best.scenario if best is not candidate else None,
             best_mean=mean_of(best, requirement),
             best_runs=best.runs,
             tried=tried(own, requirement),
+            weaker=weaker,
         )
 
     def _refining(self, parent: Candidate, seeds: tuple[int, ...]) -> Ask:

@@ -15,15 +15,14 @@ from rvsg.generation.people_sampler import (
     UNDERWAY,
     PeopleSampler,
     Stop,
-    at_places,
     drawn,
-    ends_of,
     shares_of,
 )
 from rvsg.generation.places import Place
 from rvsg.generation.replies import LONGEST_DELAY_S
 from rvsg.scenario.aim import Aim
 from rvsg.scenario.brief import Feedback
+from rvsg.scenario.cycles import at_places, ends_of
 from rvsg.scenario.scenario import Behaviour, Human, Pause, Task
 
 Change = Callable[["Changing", Human], tuple[Human, str] | None]

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from enum import Enum
 from typing import NamedTuple
 
-from rvsg.generation.people_sampler import at_places, ends_of
 from rvsg.scenario.bodies import PersonKind
+from rvsg.scenario.cycles import at_places, ends_of
 from rvsg.scenario.scenario import Behaviour, Human, HumanConfiguration, Scenario
 
 MOST_DESCRIBED = 6

@@ -11,18 +11,26 @@ import numpy as np
 
 from rvsg.generation.rehearsal import Rehearsal
 from rvsg.generation.replies import LONGEST_DELAY_S
+from rvsg.generation.reply_actors import MOST_MOVED
 from rvsg.robots import Robot, shipped_robots
-from rvsg.scenario.bodies import PersonKind
+from rvsg.scenario.bodies import (
+    LIMITS,
+    TROLLEY_LENGTHS_M,
+    TROLLEY_SPEEDS_M_S,
+    TROLLEY_WIDTHS_M,
+    WHEELCHAIR,
+    PersonKind,
+)
 from rvsg.scenario.brief import Arrival, Brief, Feedback, Remembered, Row
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Behaviour, Human, HumanConfiguration, Mission
-from rvsg.scenario.validity.rules import START_CLEARANCE_M
+from rvsg.scenario.validity.rules import SPEED_RANGE_M_S, START_CLEARANCE_M
 from rvsg.scenario.validity.starts import start_gap_m
+from rvsg.scenario.validity.walkable import is_walkable
 from rvsg.world.grid import Grid
 from rvsg.world.route_words import route_paragraph
 from rvsg.world.world import Description, SolidObject, World
 
-SPEED_RANGE_M_S = (0.3, 2.0)
 LONGEST_SERIES = 120
 NEAREST_STARTS = 4
 LONGEST_ANALYSIS = 800
@@ -77,6 +85,7 @@ def world_facts(world: World, description: Description | None = None) -> dict[st
         "provoking": False,
         "activities": list(world.activities),
         "actors": list(world.actors),
+        "actor_limits": actor_limits(),
         "layout": described.layout if described else "",
         "grid": described.grid if described else "",
         "areas": [
@@ -93,9 +102,26 @@ def world_facts(world: World, description: Description | None = None) -> dict[st
         "columns": [{"name": name, "at": at} for name, at in grid.column_positions.items()],
         "row_axis": grid.up,
         "column_axis": grid.across,
-        "neighbours": [{"name": name, "to": list(others)} for name, others in grid.neighbours.items()],
-        **neighbour_rule(grid),
+        "neighbours": [
+            {"name": name, "to": [other for other in others if is_walkable(name, other, world)]}
+            for name, others in grid.neighbours.items()
+        ],
+        **neighbour_rule(grid, [(a, b) for a, b in grid.hops if is_walkable(a, b, world)]),
         "invalid": _invalid(grid),
+    }
+
+
+def actor_limits() -> dict[str, Any]:
+    """Return the speeds (m/s) and sizes (m) that the checker allows children, wheelchairs and trolleys, as ranges."""
+    xs, ys = ([corner[i] for corner in WHEELCHAIR] for i in (0, 1))
+    return {
+        "child": LIMITS[PersonKind.CHILD].speeds_m_s,
+        "wheelchair": LIMITS[PersonKind.WHEELCHAIR].speeds_m_s,
+        "wheelchair_m": (max(xs) - min(xs), max(ys) - min(ys)),
+        "trolley": TROLLEY_SPEEDS_M_S,
+        "trolley_length_m": TROLLEY_LENGTHS_M,
+        "trolley_width_m": TROLLEY_WIDTHS_M,
+        "moved": MOST_MOVED,
     }
 
 
@@ -159,13 +185,13 @@ def brief_facts(
 
 
 def start_facts(mission: Mission, grid: Grid) -> dict[str, Any]:
-    """Where nobody may start because of the robot, and the nearest waypoints where people may."""
+    """Where nobody may start because of the robot, the nearest waypoints where people may, and how far apart (m)."""
     start, radius = mission.route.start, Human.model_fields["radius_m"].default
     free = [waypoint for waypoint in grid.waypoints if waypoint.human]
     taken = [w.name for w in free if start_gap_m(radius, (w.x, w.y), mission) < START_CLEARANCE_M]
     rest = sorted(free, key=lambda w: (math.dist((w.x, w.y), (start.x, start.y)), w.name))
     nearest = [w.name for w in rest if w.name not in taken][:NEAREST_STARTS]
-    return {"taken": taken or [grid.nearest(start.x, start.y)], "nearest_starts": nearest}
+    return {"taken": taken or [grid.nearest(start.x, start.y)], "nearest_starts": nearest, "apart_m": 2 * radius}
 
 
 def route_facts(mission: Mission, world: World, undisturbed: Rehearsal | None = None) -> dict[str, Any]:
@@ -274,6 +300,7 @@ def feedback_facts(
             for name, arrived in _telling(feedback).items()
         },
         "missed": _missed(feedback),
+        "weaker": feedback_facts(feedback.weaker, requirement, passes) if feedback.weaker else None,
         "configuration": configuration_object(feedback.scenario.people),
         "best": configuration_object(feedback.best.people) if feedback.best else None,
         "series": [sample.model_dump(mode="json") for sample in feedback.series[:LONGEST_SERIES]],
@@ -421,15 +448,18 @@ def _how(human: Human) -> str:
     return f"{human.behaviour.value}, {human.speed_m_s:g} m/s{waits}"
 
 
-def neighbour_rule(grid: Grid) -> dict[str, Any]:
+def neighbour_rule(grid: Grid, hops: Iterable[tuple[str, str]] | None = None) -> dict[str, Any]:
     """Return the neighbour list as a rule and its exceptions, which is far shorter than the list.
 
     `diagonal` says whether the rule joins diagonal waypoints; `not_joined` are pairs that the rule joins and the map
     does not, by their first waypoint, `also_joined` pairs that the map joins and the rule does not.
+
+    Args:
+        hops: Those that a person fits through; None: all of the grid's.
     """
     valid = [waypoint for waypoint in grid.waypoints if waypoint.human]
     at = {(waypoint.row, waypoint.column): waypoint.name for waypoint in valid}
-    free = {frozenset(hop) for hop in grid.hops}
+    free = {frozenset(hop) for hop in (grid.hops if hops is None else hops)}
     straight, diagonal = set[frozenset[str]](), set[frozenset[str]]()
     for (row, column), name in at.items():
         for (down, right), pairs in (((0, 1), straight), ((1, 0), straight), ((1, 1), diagonal), ((1, -1), diagonal)):

@@ -24,13 +24,14 @@ from rvsg.generation.changes import Changing
 from rvsg.generation.descriptions import Described, describe_changed, describe_new, in_company_of
 from rvsg.generation.forecast import AIMED, Forecast, forecaster_of
 from rvsg.generation.generator import Generator, Proposal
-from rvsg.generation.people_sampler import PeopleSampler, ends_of
+from rvsg.generation.people_sampler import PeopleSampler
 from rvsg.generation.places import Place, places_of
 from rvsg.generation.seeding import rng_of
 from rvsg.generation.walking_graph import walking_graph
 from rvsg.generation.work import follows, named_in, sentence
 from rvsg.scenario.aim import Aim
 from rvsg.scenario.brief import Brief, Feedback, Remembered
+from rvsg.scenario.cycles import ends_of
 from rvsg.scenario.scenario import Behaviour, Human, HumanConfiguration, Task
 from rvsg.scenario.validity.rules import START_CLEARANCE_M
 from rvsg.scenario.validity.starts import spawn_finding, start_gap_m

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from rvsg.generation.places import Place, handles_goods
 from rvsg.generation.walking_graph import WalkingGraph
 from rvsg.scenario.aim import Aim
+from rvsg.scenario.cycles import at_places, begin_at, ends_of
 from rvsg.scenario.scenario import Behaviour, ForceFactors, Human, Pause, Task
 
 T = TypeVar("T")
@@ -312,30 +313,3 @@ def shares_of(weights: Sequence[float] | NDArray[np.float64]) -> NDArray[np.floa
 def drawn(shares: NDArray[np.float64], rng: np.random.Generator) -> int:
     """Return an index drawn by weight: as `rng.choice` draws it, without its checks. `shares` is of `shares_of`."""
     return int(shares.searchsorted(rng.random(), side="right"))
-
-
-def begin_at(tasks: tuple[Task, ...], k: int, at: int) -> tuple[Task, ...]:
-    """Return the cycle of tasks beginning at place `at` in the path of task `k`, and ending there."""
-    if at == 0:
-        return (*tasks[k:], *tasks[:k])
-    task, here = tasks[k], tasks[k].path[at]
-    start, end = ends_of(task)
-    rest, begun = task.path[at:], task.path[: at + 1]
-    first = Task.between(here, end, rest, tuple(p for p in task.pauses if p.at in rest[1:]))
-    last = Task.between(start, here, begun, tuple(p for p in task.pauses if p.at in begun[1:]))
-    return (first, *tasks[k + 1 :], *tasks[:k], last)
-
-
-def at_places(tasks: tuple[Task, ...]) -> tuple[Task, ...]:
-    """The cycle of tasks from place to place again, where it begins on the way through one of them."""
-    first, last = tasks[0], tasks[-1]
-    (begin, end), (start, close) = ends_of(first), ends_of(last)
-    if len(tasks) < 3 or not begin == close == first.path[0]:
-        return tasks
-    path, pauses = (*last.path, *first.path[1:]), (*last.pauses, *first.pauses)
-    return (Task.between(start, end, path, pauses), *tasks[1:-1])
-
-
-def ends_of(task: Task) -> tuple[str, str]:
-    """Return the areas, or else the waypoints, between which a task leads."""
-    return task.start_area or task.path[0], task.end_area or task.path[-1]

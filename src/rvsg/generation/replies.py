@@ -17,6 +17,7 @@ from rvsg.generation.reply_actors import known_keys, moved_in, person_of
 from rvsg.scenario.bodies import LIMITS
 from rvsg.scenario.scenario import Behaviour, Human, HumanConfiguration, Pause, Task
 from rvsg.scenario.validity import Finding, Repair
+from rvsg.scenario.validity.rules import SPEED_RANGE_M_S
 from rvsg.world.world import SolidObject
 
 MAX_TASKS = 60
@@ -24,7 +25,6 @@ MAX_PATH = 400
 MAX_GROUP = 1000
 NAME_CHARACTERS = 120
 TEXT_CHARACTERS = 20_000
-SPEED_LIMITS_M_S = (0.3, 2.0)
 LONGEST_S = 600.0
 LONGEST_DELAY_S = 10.0
 """Nobody waits longer for their work to begin: a generated scenario needs no idle people in the way."""
@@ -280,7 +280,7 @@ def _human(name: str | None, value: Any, notes: _Notes, actors: Sequence[str] = 
         name=name,
         tasks=tuple(tasks),
         behaviour=_behaviour(_get(value, ("behaviour", "behavior")), name, notes),
-        speed_m_s=_in_range(_get(value, _SPEED), SPEED_LIMITS_M_S, usual, "the speed", "m/s", name, notes),
+        speed_m_s=_in_range(_get(value, _SPEED), SPEED_RANGE_M_S, usual, "the speed", "m/s", name, notes),
         start_delay_s=_in_range(_get(value, _DELAY), (0.0, LONGEST_DELAY_S), 0.0, "the start delay", "s", name, notes),
         group=_group(_get(value, ("group",)), name, notes),
         **more,

@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 from rvsg.generation.actors import CHILD, MOVED, TROLLEY, WHEELCHAIR, box
 from rvsg.generation.lenient_json import number_of
-from rvsg.scenario.bodies import LIMITS, PersonKind, Trolley
+from rvsg.scenario.bodies import LIMITS, TROLLEY_LENGTHS_M, TROLLEY_WIDTHS_M, PersonKind, Trolley
 from rvsg.world.world import SolidObject
 
 MOST_MOVED = 3
@@ -40,7 +40,8 @@ def person_of(value: Mapping[str, Any], actors: Sequence[str], find: Find) -> di
         try:
             found["trolley"] = Trolley.model_validate({} if pushed is True else pushed)
         except ValidationError:
-            sizes = 'Give {"length_m": 0.3 to 2.4, "width_m": 0.3 to 1.2}.'
+            (short, long), (thin, wide) = TROLLEY_LENGTHS_M, TROLLEY_WIDTHS_M
+            sizes = f'Give {{"length_m": {short:g} to {long:g}, "width_m": {thin:g} to {wide:g}}}.'
             find("bad-trolley", "the trolley has no size that a trolley has.", sizes)
     return found
 

@@ -15,10 +15,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.generation.people_sampler import at_places, begin_at, ends_of
 from rvsg.generation.places import places_of
 from rvsg.generation.replies import LONGEST_DELAY_S
 from rvsg.generation.walking_graph import WalkingGraph, walking_graph
+from rvsg.scenario.cycles import at_places, begin_at, ends_of
 from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Pause, Task
 from rvsg.scenario.validity import check
 from rvsg.scenario.validity.rules import START_CLEARANCE_M

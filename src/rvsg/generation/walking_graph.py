@@ -8,6 +8,7 @@ from collections import OrderedDict
 from collections.abc import Sequence
 from itertools import pairwise
 
+from rvsg.scenario.validity.walkable import is_walkable
 from rvsg.world.space import robot_space
 from rvsg.world.world import Route, World
 
@@ -26,7 +27,9 @@ class WalkingGraph:
         grid = world.grid
         self.at: dict[str, Point] = {w.name: (w.x, w.y) for w in grid.waypoints}
         self.hops = {
-            name: [(other, math.dist(self.at[name], self.at[other])) for other in others]
+            name: [
+                (other, math.dist(self.at[name], self.at[other])) for other in others if is_walkable(name, other, world)
+            ]
             for name, others in grid.neighbours.items()
         }
         self._came: dict[tuple[str, bool], list[int]] = {}
@@ -104,7 +107,7 @@ _GRAPHS: OrderedDict[tuple[str, str], WalkingGraph] = OrderedDict()
 
 def walking_graph(world: World, route: Route) -> WalkingGraph:
     """Return the graph of a world and a route. The last few are cached together with their paths."""
-    key = (world.id, route.id)
+    key = (world.place_id, route.id)
     if key not in _GRAPHS:
         _GRAPHS[key] = WalkingGraph(world, route)
         while len(_GRAPHS) > _KEPT:

@@ -6,8 +6,8 @@ import re
 from collections.abc import Sequence
 from functools import lru_cache
 
-from rvsg.generation.people_sampler import ends_of
 from rvsg.generation.places import Place
+from rvsg.scenario.cycles import ends_of
 from rvsg.scenario.scenario import Human
 
 

@@ -14,6 +14,7 @@ Outline = tuple[tuple[float, float], ...]
 TROLLEY_GAP_M = 0.1
 """Between the body of a person and the trolley in front: the handle."""
 TROLLEY_SPEEDS_M_S = (0.3, 1.5)
+TROLLEY_LENGTHS_M, TROLLEY_WIDTHS_M = (0.3, 2.4), (0.3, 1.2)
 WHEELCHAIR: Outline = ((-0.45, -0.33), (0.65, -0.33), (0.65, 0.33), (-0.45, 0.33))
 """1.1 x 0.66 m with the feet of who sits in it: ISO 7176-5 allows up to 1.3 x 0.7 m."""
 
@@ -29,8 +30,8 @@ class PersonKind(str, Enum):
 class Trolley(Record):
     """What a person pushes: a trolley, a cart or a bed, as a rectangle ahead of the person. Metres."""
 
-    length_m: Annotated[float, Field(ge=0.3, le=2.4)] = 0.9
-    width_m: Annotated[float, Field(ge=0.3, le=1.2)] = 0.55
+    length_m: Annotated[float, Field(ge=TROLLEY_LENGTHS_M[0], le=TROLLEY_LENGTHS_M[1])] = 0.9
+    width_m: Annotated[float, Field(ge=TROLLEY_WIDTHS_M[0], le=TROLLEY_WIDTHS_M[1])] = 0.55
 
 
 class Limits(NamedTuple):

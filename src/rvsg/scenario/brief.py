@@ -224,6 +224,9 @@ class Feedback(Record):
     """The mean of the configuration that is worst for the robot so far, of all that `tried` lists."""
     best_runs: int = 0
     """Runs that it is of; 0: not known."""
+    weaker: Annotated[Feedback | None, Field(exclude_if=lambda weaker: weaker is None)] = None
+    """What the last configuration that a model wrote for the scenario measured, where `scenario` is another one that is
+    worse for the robot; else None."""
     encounter: Encounter | None = None
     """Of the run that is worst for the robot; None without people, or where it was not looked at."""
     tried: tuple[Tried, ...] = ()

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from rvsg.scenario.scenario import Human, HumanConfiguration
+from rvsg.scenario.cycles import at_places, ends_of
+from rvsg.scenario.scenario import Human, HumanConfiguration, Task
 
 MOST_PAUSES = 3
 """More pauses than this are summed up."""
@@ -36,10 +37,8 @@ def _changed(was: Human, human: Human) -> list[str]:
     if human.group != was.group:
         words.append("leaves the group" if human.group is None else "joins a group")
     words += _other_work(was, human)
-    if human.tasks[0].path[:1] != was.tasks[0].path[:1]:
-        words.append(f"starts at {human.tasks[0].path[0]} (was {was.tasks[0].path[0]})")
     pauses, before = ([(p.at, p.duration_s) for t in h.tasks for p in t.pauses] for h in (human, was))
-    if pauses != before:
+    if sorted(pauses) != sorted(before):
         listed = ", ".join(f"{s:g} s at {at}" for at, s in pauses) or "nowhere"
         many = len(pauses) > MOST_PAUSES
         words.append(
@@ -49,16 +48,61 @@ def _changed(was: Human, human: Human) -> list[str]:
 
 
 def _other_work(was: Human, human: Human) -> list[str]:
-    """Which tasks are new and which are gone, else which part of the way is another."""
-    tasks, before = [task.name for task in human.tasks], [task.name for task in was.tasks]
-    if tasks != before:
+    """Which tasks are new and which are gone, else which part of the way is another; and where the person starts."""
+    before = _whole(was.tasks, human.tasks)
+    tasks = _turned(_whole(human.tasks, before), before)
+    names, old_names = _names(tasks), _names(before)
+    if names != old_names:
         new, gone = (
-            [name for name in dict.fromkeys(a) if name not in b] for a, b in ((tasks, before), (before, tasks))
+            [name for name in dict.fromkeys(a) if name not in b] for a, b in ((names, old_names), (old_names, names))
         )
         words = [f"now does {_listed(new, MOST_TASKS)}"] if new else []
         words += [f"no longer {_listed(gone, MOST_TASKS)}"] if gone else []
-        return words or ["does its tasks in another order"]
-    way, old = _way(human), _way(was)
+        words = words or ["does its tasks in another order"]
+    else:
+        words = _other_way(_way(before), _way(tasks))
+    start, old_start = _start(human), _start(was)
+    if start != old_start:
+        words.append(f"starts at {start} (was {old_start})")
+    elif names == old_names and human.tasks[0].name != was.tasks[0].name:
+        words.append(f"starts with {human.tasks[0].name}")
+    return words
+
+
+def _whole(tasks: tuple[Task, ...], known: tuple[Task, ...]) -> tuple[Task, ...]:
+    """The tasks from place to place: who starts on the way still does the task that is cut there.
+
+    Args:
+        known: Tasks from which that one takes its name.
+    """
+    whole = at_places(tasks)
+    if whole == tasks:
+        return tasks
+    names = {ends_of(task): task.name for task in known}
+    first = whole[0]
+    return (first.model_copy(update={"name": names.get(ends_of(first), first.name)}), *whole[1:])
+
+
+def _turned(tasks: tuple[Task, ...], before: tuple[Task, ...]) -> tuple[Task, ...]:
+    """The cycle of tasks from the task with which an earlier cycle begins, where both are the same cycle."""
+    turns = [(*tasks[k:], *tasks[:k]) for k in range(len(tasks))]
+    alike = [turn for turn in turns if _names(turn) == _names(before)]
+    return max(alike or turns[:1], key=lambda turn: sum(a.path == b.path for a, b in zip(turn, before, strict=False)))
+
+
+def _names(tasks: Sequence[Task]) -> list[str]:
+    return [task.name for task in tasks]
+
+
+def _start(human: Human) -> str:
+    """Where a person starts. The cut task has no name of its own: areas name tasks, and this is a waypoint."""
+    first = human.tasks[0]
+    underway = at_places(human.tasks) != human.tasks
+    return f"{first.path[0]} on the way to {ends_of(first)[1]}" if underway else first.path[0]
+
+
+def _other_way(old: Sequence[str], way: Sequence[str]) -> list[str]:
+    """Which part of the way is another."""
     if way == old:
         return []
     first = next((k for k, (a, b) in enumerate(zip(way, old, strict=False)) if a != b), min(len(way), len(old)))
@@ -69,9 +113,9 @@ def _other_work(was: Human, human: Human) -> list[str]:
     return [f"goes {now} instead of {then}"]
 
 
-def _way(human: Human) -> list[str]:
+def _way(tasks: Sequence[Task]) -> list[str]:
     """The waypoints of all tasks in walking order, none twice in a row."""
-    names = [name for task in human.tasks for name in task.path]
+    names = [name for task in tasks for name in task.path]
     return [name for k, name in enumerate(names) if not k or name != names[k - 1]]
 
 
