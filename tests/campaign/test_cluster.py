@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import os
+import signal
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -180,6 +184,43 @@ def test_a_scheduler_that_ends_stops_the_campaign_with_one_message() -> None:
             simulations.submit(scenario, 2).result()
 
 
+FREEZES = """
+import distributed, sys
+if __name__ == "__main__":
+    how = {"protocol": "tcp://", "host": "127.0.0.1", "dashboard_address": ":0"}
+    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=False, **how) as local:
+        print(local.scheduler_address, flush=True)
+        sys.stdin.read()
+"""
+
+
+@pytest.fixture
+def frozen() -> Iterator[subprocess.Popen[str]]:
+    """A cluster in a process of its own, to be stopped as if its machine were lost: no connection is closed."""
+    command = [sys.executable, "-c", FREEZES]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        yield process
+        process.kill()
+
+
+def test_a_scheduler_whose_machine_is_lost_stops_the_campaign(
+    frozen: subprocess.Popen[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert frozen.stdout is not None
+    executor = Cluster(address=frozen.stdout.readline().strip(), patience_s=300.0)
+    scenario = alone(plan(scenarios=1, refinements=0, repeats=1, confirmations=0))[0].proposal.scenario
+    assert scenario is not None
+    with Simulations(KinematicSimulator(), warehouse(), executor=executor) as simulations:
+        assert isinstance(simulations.submit(scenario, 1).result(), FinishedRun)
+        os.kill(frozen.pid, signal.SIGSTOP)
+        monkeypatch.setattr("rvsg.campaign.cluster.CONNECT_S", 1.0)
+        executor.patience_s = 1.0
+        with pytest.raises(SimulationError, check=coded("cluster-no-worker")):
+            simulations.submit(scenario, 2).result()
+    with pytest.raises(InputError, check=coded("cluster-unreachable")):
+        executor.start(RunMaker(KinematicSimulator(), warehouse()), lambda _: None)
+
+
 def test_workers_of_other_versions_are_refused(cluster, monkeypatch: pytest.MonkeyPatch) -> None:
     mine = versions() | {"numba": "0.1"}
     monkeypatch.setattr("rvsg.campaign.cluster.versions", lambda: mine)
@@ -187,6 +228,27 @@ def test_workers_of_other_versions_are_refused(cluster, monkeypatch: pytest.Monk
     versions_of_old = mine | {"numba": "0.2"}
     with pytest.raises(InputError, check=coded("cluster-versions")):
         campaign(plan(), cluster.scheduler_address, [])
+
+
+class Closes(KinematicSimulator):
+    """Leaves a file where it is closed."""
+
+    def __init__(self, mark: Path) -> None:
+        super().__init__()
+        self.mark = mark
+
+    def close(self) -> None:
+        self.mark.touch()
+
+
+def test_a_worker_closes_its_copy_of_the_simulator(cluster, tmp_path: Path) -> None:
+    scenario = alone(plan(scenarios=1, refinements=0, repeats=1, confirmations=0))[0].proposal.scenario
+    assert scenario is not None
+    closes = Closes(tmp_path / "closed")
+    with Simulations(closes, warehouse(), executor=Cluster(address=cluster.scheduler_address)) as simulations:
+        assert isinstance(simulations.submit(scenario, 1).result(), FinishedRun)
+        assert not closes.mark.exists()
+    assert closes.mark.exists()
 
 
 @pytest.mark.parametrize(

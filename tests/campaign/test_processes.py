@@ -96,6 +96,35 @@ def test_the_death_of_an_idle_worker_is_not_noticed() -> None:
     assert again == first
 
 
+class Forks(KinematicSimulator):
+    """Dies for one seed, and leaves a process behind that holds the pipes of the worker until the file is there."""
+
+    def __init__(self, end: Path) -> None:
+        super().__init__()
+        self.end = end
+
+    def run(self, scenario: Scenario, world: World, *, seed: int) -> Run:
+        if seed == 2:
+            if os.fork() == 0:
+                while not self.end.exists():
+                    time.sleep(0.1)
+                os._exit(0)
+            os.kill(os.getpid(), signal.SIGKILL)
+        return super().run(scenario, world, seed=seed)
+
+
+def test_a_worker_that_dies_is_noticed_though_its_child_holds_the_pipe(tmp_path: Path) -> None:
+    processes = started(Forks(tmp_path / "end"), jobs=1)
+    pending = [processes.submit(scenario(), seed) for seed in (1, 2, 3)]
+    done = []
+    waiting = threading.Thread(target=lambda: done.extend(map(processes.result, pending)), daemon=True)
+    waiting.start()
+    waiting.join(STUCK_S)
+    (tmp_path / "end").touch()
+    assert [type(each) for each in done] == [FinishedRun, Failure, FinishedRun]
+    processes.stop(kill=True)
+
+
 class Halves(KinematicSimulator):
     """Dies while its result is half written, as long as the file is absent."""
 

@@ -8,6 +8,7 @@ API: distributed 2024.8 and later (`Client.register_plugin`), https://distribute
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import pickle
 import platform
@@ -16,7 +17,7 @@ import threading
 import time
 import uuid
 from collections.abc import Callable
-from concurrent.futures import CancelledError
+from concurrent.futures import CancelledError, Future
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,7 @@ from typing import Any
 import rvsg
 from rvsg.campaign.attempt import Failure
 from rvsg.campaign.measuring import FinishedRun, RunMaker, Trial
+from rvsg.campaign.processes import START_S
 from rvsg.core.errors import FileError, InputError, SimulationError, how_to_install
 from rvsg.core.inputs import parse_json, read_text
 from rvsg.scenario.scenario import Scenario
@@ -62,7 +64,8 @@ class Cluster:
     Args:
         address: The scheduler's address, e.g. `tcp://10.0.0.1:8786`.
         scheduler_file: Instead of the address, the file that the scheduler wrote.
-        patience_s: The campaign stops after this many seconds without any worker; it can be resumed.
+        patience_s: The campaign stops after this many seconds without any worker, or without an answer of the
+            scheduler; it can be resumed.
     """
 
     def __init__(self, address: str | None = None, scheduler_file: str | None = None, patience_s: float = 60.0) -> None:
@@ -100,32 +103,43 @@ class Cluster:
 
         where = self.address or f"the address in {self.scheduler_file}"
         try:
-            self._client = distributed.Client(
+            self._client = _within(
+                CONNECT_S + self.patience_s,
+                distributed.Client,
                 self.address,
                 scheduler_file=self.scheduler_file,
                 timeout=min(CONNECT_S, self.patience_s),
                 set_as_default=False,
             )
-            self._client.wait_for_workers(1, timeout=self.patience_s)
-        except TimeoutError:
-            self.stop(kill=True)
-            raise InputError(
-                f"The Dask scheduler at {where} has no worker after {self.patience_s:g} s. "
-                f"Start some: dask worker {self.address or '--scheduler-file FILE'} --nworkers auto --nthreads 1",
-                code="cluster-no-worker",
-            ) from None
+            _within(CONNECT_S + self.patience_s, self._client.wait_for_workers, 1, timeout=self.patience_s)
         except (OSError, ValueError) as error:
+            connected = self._client is not None
             self.stop(kill=True)
+            if connected and isinstance(error, TimeoutError):
+                raise InputError(
+                    f"The Dask scheduler at {where} has no worker after {self.patience_s:g} s. "
+                    f"Start some: dask worker {self.address or '--scheduler-file FILE'} --nworkers auto --nthreads 1",
+                    code="cluster-no-worker",
+                ) from None
             raise InputError(
                 f"No Dask scheduler answers at {where} ({error}). Is it running? `dask scheduler` starts one.",
                 code="cluster-unreachable",
             ) from None
         self._notify = notify
         self._look()
-        self._compare_versions(notify)
         shared = cloudpickle.dumps(maker)  # a simulator may be defined in a script
-        self._token = f"rvsg-{uuid.uuid4().hex}"  # names this campaign in this process; never recorded
-        self._client.register_plugin(_plugin(distributed, self._token, shared), name=self._token)
+        try:
+            self._compare_versions(notify)
+            self._token = f"rvsg-{uuid.uuid4().hex}"  # names this campaign in this process; never recorded
+            sharing = _plugin(distributed, self._token, shared)
+            _within(START_S, self._client.register_plugin, sharing, name=self._token)
+        except (OSError, CancelledError) as error:
+            self.stop(kill=True)
+            raise InputError(
+                f"The cluster at {where} is gone, or was not ready within {START_S:g} s ({error}). Start it again, "
+                "with workers.",
+                code="cluster-unreachable",
+            ) from None
         notify(f"{len(self._workers)} workers of the cluster at {where} make the runs.")
 
     def submit(self, scenario: Scenario, seed: int, *, trial: bool = False) -> Submitted:
@@ -190,7 +204,8 @@ class Cluster:
             return self._now()
         if self._now() - seen > self.patience_s:
             raise SimulationError(
-                f"The cluster has had no worker for {self.patience_s:g} s. Start workers and resume.",
+                f"The cluster has had no worker for {self.patience_s:g} s, or its scheduler does not answer. Start "
+                "workers and resume.",
                 code="cluster-no-worker",
             ) from None
         return seen
@@ -205,19 +220,20 @@ class Cluster:
         try:
             if client.status == "running":
                 if kill:
-                    client.cancel(left, force=True)
+                    _within(CONNECT_S, client.cancel, left, force=True)
                 if hasattr(self, "_token"):
-                    client.unregister_worker_plugin(self._token)
-        except (OSError, TimeoutError):
+                    _within(CONNECT_S, client.unregister_worker_plugin, self._token)
+        except (OSError, CancelledError):
             pass  # the cluster is gone already
         finally:
-            client.close(timeout=5)
+            with contextlib.suppress(TimeoutError):  # it does not answer the farewell either
+                client.close(timeout=5)
 
     def _look(self) -> bool:
         """Update the set of workers, report those that are gone, and return whether there is any."""
         try:
-            now = frozenset(self._client.scheduler_info(n_workers=-1).get("workers", ()))
-        except (OSError, TimeoutError):
+            now = frozenset(_within(CONNECT_S, self._client.scheduler_info, n_workers=-1).get("workers", ()))
+        except OSError:
             return False
         gone = self._workers - now
         for worker in sorted(gone):
@@ -228,7 +244,7 @@ class Cluster:
     def _compare_versions(self, notify: Callable[[str], None]) -> None:
         """Refuse workers whose versions would give other runs; report other processors, which may."""
         mine = versions()
-        theirs: dict[str, dict[str, str]] = self._client.run(versions)
+        theirs: dict[str, dict[str, str]] = _within(START_S, self._client.run, versions)
         wrong = [
             f"{worker}: {key} {found.get(key)}, here {value}"
             for worker, found in sorted(theirs.items())
@@ -266,6 +282,26 @@ def versions() -> dict[str, str]:
     }
 
 
+def _within(limit_s: float, call: Callable[..., Any], *given: Any, **named: Any) -> Any:
+    """Return what a call of Dask's client returns.
+
+    Most of these calls wait as long as the connection to the scheduler is open, also where its machine was lost.
+
+    Raises:
+        TimeoutError: There is no answer within the limit; the call waits on in its own thread.
+    """
+    answer: Future[Any] = Future()
+
+    def ask() -> None:
+        try:
+            answer.set_result(call(*given, **named))
+        except BaseException as error:
+            answer.set_exception(error)
+
+    threading.Thread(target=ask, name="rvsg-cluster", daemon=True).start()
+    return answer.result(limit_s)
+
+
 def _distributed() -> Any:
     try:
         import distributed
@@ -300,11 +336,16 @@ def _plugin(distributed: Any, token: str, shared: bytes) -> Any:
 
 
 def keep(token: str, shared: bytes | None) -> None:
-    """Keep the RunMaker of a campaign in this process; None: forget it."""
-    if shared is None:
-        _shared.pop(token, None)
-    else:
+    """Keep the RunMaker of a campaign in this process; None: close and forget it."""
+    if shared is not None:
         _shared[token] = pickle.loads(shared)  # noqa: S301 - sent by the campaign, as Dask sends everything
+        return
+    maker = _shared.pop(token, None)
+    if maker is not None and _one_at_a_time.acquire(blocking=False):  # a run that was cancelled may go on
+        try:
+            maker.close()
+        finally:
+            _one_at_a_time.release()
 
 
 def _work(token: str, scenario: Scenario, seed: int, trial: bool) -> FinishedRun | Trial | Failure:

@@ -9,8 +9,10 @@ becomes a Failure.
 from __future__ import annotations
 
 import contextlib
+import io
 import os
 import pickle
+import select
 import signal
 import subprocess
 import threading
@@ -18,7 +20,7 @@ from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rvsg.campaign.attempt import Failure
 from rvsg.campaign.worker import ENDING, READY, command, read_frame, write_frame
@@ -36,6 +38,8 @@ READ_AHEAD = 2
 """Tasks a worker has at most, so that it never waits for this process between two runs."""
 START_S = 600.0
 """A worker that cannot work by then is killed, which counts as a failed start."""
+LOOK_S = 2.0
+"""The time between two looks at whether a silent worker lives. A run may take as long as it likes."""
 STOP_S = 5.0
 """Killed workers are waited for at most this long."""
 
@@ -246,14 +250,14 @@ class _Keeper(threading.Thread):
 
     def _serve(self, process: subprocess.Popen[bytes]) -> None:
         """Give the worker its work and tasks until there are none; EOFError or OSError when it dies."""
-        assert process.stdin is not None and process.stdout is not None
-        answer = b""
+        assert process.stdin is not None
+        answers, answer = io.BufferedReader(_Answers(process)), b""
         late = threading.Timer(START_S, process.kill)
         late.daemon = True
         late.start()
         try:
             write_frame(process.stdin, self.pool.work)
-            answer = read_frame(process.stdout)
+            answer = read_frame(answers)
         finally:
             late.cancel()
             self.pool.started(bool(answer))
@@ -265,12 +269,30 @@ class _Keeper(threading.Thread):
             if not self.tasks:
                 write_frame(process.stdin, b"")
                 return
-            succeeded, value = pickle.loads(read_frame(process.stdout))  # noqa: S301 - from our own worker
+            succeeded, value = pickle.loads(read_frame(answers))  # noqa: S301 - from our own worker
             future = self.pool.done(self)
             if succeeded:
                 future.set_result(value)
             else:
                 future.set_exception(value)
+
+
+class _Answers(io.RawIOBase):
+    """What a worker writes; it ends with the worker, also where a process that the worker forked holds the pipe."""
+
+    def __init__(self, process: subprocess.Popen[bytes]) -> None:
+        assert process.stdout is not None
+        self._process, self._pipe, self._ready = process, process.stdout.fileno(), select.poll()
+        self._ready.register(self._pipe, select.POLLIN)
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: Any) -> int:
+        while not self._ready.poll(1000.0 * LOOK_S):
+            if self._process.poll() is not None and not self._ready.poll(0.0):
+                return 0
+        return os.readv(self._pipe, [buffer])
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
