@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 import pytest
 import yaml
 
-from rvsg.core.documents import DocumentError
+from rvsg.core.documents import DocumentError, read_yaml
 from rvsg.core.errors import FileError, UnknownName
 from rvsg.robots import load_robot, shipped_robots
 from rvsg.robots.drawing import draw_robot
@@ -85,6 +85,33 @@ def test_a_robot_that_cannot_be_is_one_mistake_with_its_line(tmp_path: Path, cha
     assert len(caught.value.problems) == 1
     assert caught.value.problems[0].path == path
     assert caught.value.problems[0].line is not None
+
+
+BOWTIE = [[0.3, 0.2], [-0.3, -0.2], [-0.3, 0.2], [0.3, -0.2]]
+ZONE = {"name": "a", "polygon": BOWTIE, "speed_m_s": 0.0}
+
+
+@pytest.mark.parametrize(
+    ("changes", "key"),
+    [
+        ({"footprint": BOWTIE}, ("footprint",)),
+        ({"body": [[0.3, 0.2], [0.1, 0.2], [0.1, -0.2], [0.3, -0.2]]}, ("body",)),
+        ({"lidars": [LIDAR, {**LIDAR, "name": "far", "x": 30.0}]}, ("lidars", 1)),
+        ({"lidars": [LIDAR, {**LIDAR, "name": "in", "x": 0.0, "height_m": 0.2}]}, ("lidars", 1)),
+        ({"lidars": [LIDAR, LIDAR]}, ("lidars", 1, "name")),
+        ({"safety_zones": [ZONE]}, ("safety_zones", 0, "polygon")),
+        ({"limits": {**LIMITS, "lateral_m_s": 0.5}}, ("limits", "lateral_m_s")),
+        ({"navigation": {"dwb": {"max_lateral_m_s": 0.5}}}, ("navigation", "dwb", "max_lateral_m_s")),
+    ],
+)
+def test_what_does_not_fit_the_rest_of_the_robot_is_told_at_its_line(
+    tmp_path: Path, changes: dict[str, object], key: tuple[str | int, ...]
+) -> None:
+    path = written(tmp_path, **changes)
+    with pytest.raises(DocumentError) as caught:
+        load_robot(path)
+    (problem,) = caught.value.problems
+    assert problem.key == key and problem.line == read_yaml(path).lines[key]
 
 
 def test_an_unknown_robot_and_a_missing_file_are_told(tmp_path: Path) -> None:

@@ -13,15 +13,19 @@ import rvsg
 from rvsg.core.compiled import kernel
 from rvsg.core.errors import InputError, InvalidOptions, SimulationError, UnknownName
 from rvsg.core.records import Pose
-from rvsg.robots import load_robot
+from rvsg.robots import Robot, load_robot
+from rvsg.robots.navigation import Planner
 from rvsg.scenario.agents import HumanAgent
 from rvsg.simulation.archive import PackedRun, run_from_json, run_to_json
 from rvsg.simulation.embedded import base
+from rvsg.simulation.embedded import state as st
 from rvsg.simulation.embedded.episode import Episode, Outside
 from rvsg.simulation.embedded.navigation.behaviour_tree import choose_dwb
+from rvsg.simulation.embedded.navigation.planners.choice import plan_outside
 from rvsg.simulation.embedded.options import Noise, profile
 from rvsg.simulation.embedded.people.crowd import begins_early
 from rvsg.simulation.embedded.rehearsal import empty_room
+from rvsg.simulation.embedded.scene import Scene
 from rvsg.simulation.embedded.simulator import EmbeddedSimulator, simulate_agents
 from rvsg.simulation.embedded.state import State
 from rvsg.simulation.run import Outcome, Run
@@ -256,6 +260,13 @@ def test_a_run_holds_the_groups_of_its_people_in_the_store_too(warehouse: World)
     assert run_from_json(run_to_json(run)).human_groups == (2, 2, None)
 
 
+def behaving(**behaviours: object) -> Robot:
+    """The default robot with these keys of `navigation.behaviours`."""
+    robot = load_robot("tiago_omni")
+    navigation = robot.navigation
+    return robot.replace(navigation=navigation.replace(behaviours=navigation.behaviours.replace(**behaviours)))
+
+
 class TestOutside:
     """What is computed outside of the compiled loop, which is left for it and entered again."""
 
@@ -285,6 +296,52 @@ class TestOutside:
         run = simulate_agents(warehouse, route, [], outside=Outside(control=lambda _: None))
         assert run.recoveries > 0
         assert np.abs(run.trajectory.v).max() <= 0.05 + 1e-12
+
+    @pytest.mark.parametrize(("waits", "least", "most"), [(False, 0.01, 0.06), (True, 0.1, 1.1)])
+    def test_who_needs_a_cleared_costmap_waits_for_its_next_update(
+        self, warehouse: World, waits: bool, least: float, most: float
+    ) -> None:
+        """The local map is cleared after 0.3 s without a command, and both are with the first recovery."""
+        asked: list[float] = []
+        brief = warehouse.route("route_1").model_copy(update={"time_limit_s": 1.3})
+        simulate_agents(
+            warehouse, brief, [], robot=behaving(waits_for_costmaps=waits), seed=1,
+            outside=Outside(control=lambda episode: asked.append(episode.t)),
+        )  # fmt: skip
+        assert least < np.diff(asked).max() < most
+
+    @pytest.mark.parametrize(
+        ("behaviours", "outcome", "recoveries"),
+        [
+            ({}, Outcome.REACHED, 0),
+            ({"waits_for_costmaps": True}, Outcome.REACHED, 1),
+            ({"waits_for_costmaps": True, "gives_up_without_plan": True}, Outcome.ABORTED, 0),
+        ],
+        ids=["published", "humble", "jazzy"],
+    )
+    def test_what_follows_a_plan_on_the_way_that_fails_once(
+        self,
+        warehouse: World,
+        behaviours: dict[str, bool],
+        outcome: Outcome,
+        recoveries: int,
+        monkeypatch: pytest.MonkeyPatch,
+    ) -> None:
+        calls = []
+
+        def plan(scene: Scene, state: State) -> None:
+            calls.append(1)
+            if len(calls) == 4:
+                state.nav[st.OUTSIDE_PLAN] = st.PLANNED_FROM
+            else:
+                plan_outside(scene, state)
+
+        monkeypatch.setattr("rvsg.simulation.embedded.episode.plan_outside", plan)
+        robot = behaving(**behaviours)
+        smac = robot.replace(navigation=robot.navigation.replace(planner=Planner(kind="smac_2d")))
+        run = simulate_agents(warehouse, warehouse.route("route_1"), [], robot=smac, seed=1)
+        assert len(calls) >= 4
+        assert (run.outcome, run.recoveries) == (outcome, recoveries)
 
     @pytest.mark.parametrize(("verdict", "outcome"), [(True, Outcome.REACHED), (False, Outcome.ABORTED)])
     def test_a_whole_stack_drives_the_base_and_ends_the_run(self, verdict: bool, outcome: Outcome) -> None:

@@ -10,7 +10,11 @@ import shapely
 from tests.simulation.corridor import END, HINGE, ROUTE, hall, person, run
 
 from rvsg.core.errors import InputError
+from rvsg.core.records import Pose
+from rvsg.evaluation.detection import events_of
+from rvsg.evaluation.events import ObstacleContact as Hit
 from rvsg.evaluation.sampled import Sampled
+from rvsg.evaluation.story import what_is_hit
 from rvsg.scenario.bodies import PersonKind, Trolley
 from rvsg.scenario.scenario import Behaviour
 from rvsg.simulation.archive import PackedRun
@@ -18,6 +22,7 @@ from rvsg.simulation.embedded.options import profile
 from rvsg.simulation.embedded.simulator import simulate_agents
 from rvsg.simulation.events import DoorMoved, ObstacleContact, RobotContact
 from rvsg.simulation.run import Outcome, Run
+from rvsg.stacks import Observation, StackChoice, Task, WholeStack
 from rvsg.world.doors import Door
 from rvsg.world.space import human_space
 
@@ -87,6 +92,39 @@ def test_a_closed_door_is_solid_and_not_on_the_map() -> None:
     assert not human_space(closed).segment_free((7.0, 2.0), (9.0, 2.0))
     assert [thing.kind for thing in closed.solids if thing not in closed.objects] == ["door"]
     assert run(closed, time_limit_s=20.0).trajectory.x.max() < 8.0
+
+
+class Straight(WholeStack):
+    """Drives straight on, whatever is in front of it."""
+
+    def reset(self, task: Task) -> None:
+        return
+
+    def step(self, seen: Observation) -> tuple[float, float]:
+        return (0.5, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("given", "y", "named"),
+    [
+        ({"kind": "swing", "state": "open"}, 1.35, "D"),
+        ({"kind": "swing"}, 1.35, "D"),
+        ({"kind": "swing", "opening_s": 12.0, "range_m": 4.0}, 1.35, "D"),
+        ({"kind": "swing", "state": "closed"}, 2.0, "D"),
+        ({"kind": "sliding", "range_m": 0.5}, 2.0, "D"),
+        ({"kind": "swing", "state": "open", "turns": "right"}, 1.35, ""),  # the leaf is behind the frame that it hits
+        ({"kind": "swing"}, 2.65, ""),  # the frame on the other side, long after the leaf left it
+        ({"kind": "sliding"}, 1.35, ""),
+    ],
+)
+def test_a_contact_with_a_leaf_names_the_door(given: dict[str, object], y: float, named: str) -> None:
+    world = hall(door(**given))
+    route = ROUTE.model_copy(update={"start": Pose(x=2.0, y=y), "time_limit_s": 20.0})
+    found = simulate_agents(world, route, [], seed=1, stack=StackChoice.of(Straight()))
+    hit = [event for event in events_of(found, world=world) if isinstance(event, Hit)]
+    assert hit and hit[0].door == named
+    assert what_is_hit(hit[0]) == ("the door D" if named else "an obstacle")
+    assert not any(event.door for event in events_of(found) if isinstance(event, Hit))
 
 
 @pytest.fixture(scope="module")

@@ -63,6 +63,21 @@ class Towards(WholeStack):
         return (0.5, 0.0)
 
 
+@pytest.mark.parametrize("period_s", [0.01, 0.05, 0.1])
+def test_a_whole_stack_is_told_how_often_it_is_called(period_s: float) -> None:
+    """One that keeps pace with a system on the wall's clock paces each call by that."""
+
+    class Often(Towards):
+        @property
+        def period_s(self) -> float:
+            return period_s
+
+    stack = Often(until_s=2.0)
+    drive(stack)
+    assert stack.task.period_s == pytest.approx(period_s)
+    assert stack.steps * stack.task.period_s == pytest.approx(2.0, abs=2 * period_s)
+
+
 def test_a_planner_drives_and_is_told_where_it_is() -> None:
     planner = Straight()
     run = drive(planner)

@@ -66,6 +66,14 @@ class DocumentError(FileError):
             self.args = (f"{len(self.problems)} things are wrong:\n{listed}",)
 
 
+class WrongValue(ValueError):
+    """What a validator of a whole record raises about one value inside; `key` is the path of keys to that value."""
+
+    def __init__(self, message: str, *key: str | int) -> None:
+        super().__init__(message)
+        self.key: Key = key
+
+
 @dataclass(frozen=True)
 class Document:
     """A YAML file as plain values; `lines` maps the path of keys to every value to its line, counted from 1."""
@@ -186,7 +194,7 @@ def validated(document: Document, model: type[Model]) -> Model:
 
 def problems_of(error: ValidationError, document: Document, model: type[BaseModel]) -> list[Problem]:
     """Return each error of a validation as a problem with its line, in the order of the file."""
-    details: list[dict[str, Any]] = [dict(detail) for detail in error.errors(include_url=False)]
+    details = _details(error)
     keys = [_file_key(detail["loc"], document) for detail in details]
     within = Counter(key[:length] for key in keys for length in range(len(key) + 1))
     mapping_wanted = {key for key, detail in zip(keys, details, strict=True) if detail["type"] in _NO_MAPPING}
@@ -214,22 +222,31 @@ def mistakes_of(
         whole: The word for a value as a whole, put before a mistake that names no key.
     """
     found = []
-    for detail in error.errors(include_url=False):
+    for detail in _details(error):
         if detail["loc"] and detail["loc"][0] in besides:
             continue
         place = tuple(part for part in detail["loc"] if isinstance(part, int) or part.isidentifier())
-        found.append(_message(dict(detail), place, model, noun=noun, whole=whole))
+        found.append(_message(detail, place, model, noun=noun, whole=whole))
     return list(dict.fromkeys(found))
 
 
 def keys_of(error: ValidationError) -> tuple[str, ...]:
     """Return the keys a validation complains of, as people write them: `areas[0].name`."""
-    return tuple(dict.fromkeys(_place(detail["loc"]) for detail in error.errors(include_url=False)))
+    return tuple(dict.fromkeys(_place(detail["loc"]) for detail in _details(error)))
 
 
 def invalid_options(error: ValidationError, model: type[BaseModel], where: str) -> InvalidOptions:
     """Return the error for options that their record refuses, with every mistake. `where` begins the message."""
     return InvalidOptions(f"{where}: {'; '.join(mistakes_of(error, model, noun='option'))}", keys_of(error))
+
+
+def _details(error: ValidationError) -> list[dict[str, Any]]:
+    """Return pydantic's details of a validation; a WrongValue is located where its value is."""
+    details: list[dict[str, Any]] = [dict(detail) for detail in error.errors(include_url=False)]
+    for detail in details:
+        if isinstance(raised := detail.get("ctx", {}).get("error"), WrongValue):
+            detail["loc"] = (*detail["loc"], *raised.key)
+    return details
 
 
 def _file_key(loc: Key, document: Document) -> Key:

@@ -95,6 +95,12 @@ class Behaviours(Record):
     recoveries: Annotated[int, Field(ge=0, le=100)] = 6
     smoothed: Annotated[bool, Field(exclude_if=lambda smoothed: not smoothed)] = False
     """Whether recoveries drive through the velocity smoother (Nav2 Jazzy and later) or past it (Humble, Iron)."""
+    waits_for_costmaps: Annotated[bool, Field(exclude_if=lambda waits: not waits)] = False
+    """Whether planner and controller wait for the next regular update of a costmap that was cleared, as in Nav2; else
+    it is updated at once. With it, the robot also does not go on with a plan where the next one cannot be made."""
+    gives_up_without_plan: Annotated[bool, Field(exclude_if=lambda gives_up: not gives_up)] = False
+    """Whether the navigation fails where the next plan on the way cannot be made (Nav2 Jazzy and later, whose default
+    tree has no recovery for the error of an empty path); else that is tried again, or the recovery begins (Humble)."""
 
 
 class Planner(Record):

@@ -7,6 +7,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
+from rvsg.core.documents import WrongValue
 from rvsg.core.records import Record
 from rvsg.robots.navigation import Navigation
 from rvsg.robots.polygons import crosses_itself, distance, inside, reach, rectangle
@@ -183,34 +184,40 @@ class Robot(Record):
             if polygon is None:
                 continue
             if crosses_itself(polygon):
-                raise ValueError(f"{name}: the outline crosses itself or has no area; list its corners in order")
+                raise WrongValue("the outline crosses itself or has no area; list its corners in order", name)
             if not inside(polygon, 0.0, 0.0):
-                raise ValueError(f"{name}: the base frame's origin (0, 0) must lie inside the outline")
-        for zone in self.safety_zones:
+                raise WrongValue("the base frame's origin (0, 0) must lie inside the outline", name)
+        for number, zone in enumerate(self.safety_zones):
             if crosses_itself(zone.polygon):
-                raise ValueError(f"safety_zones: the outline of {zone.name} crosses itself or has no area")
-        for lidar in self.lidars:
-            self._check_place(lidar)
-        if self.limits.lateral_m_s > 0.0 and self.drive.kind != "omnidirectional":
-            raise ValueError(f"limits: a {self.drive.kind} drive does not move sideways; leave out lateral_m_s")
-        if self.navigation.dwb.max_lateral_m_s > 0.0 and self.limits.lateral_m_s == 0.0:
-            raise ValueError("navigation: dwb.max_lateral_m_s needs limits.lateral_m_s over 0")
+                message = f"the outline of {zone.name} crosses itself or has no area"
+                raise WrongValue(message, "safety_zones", number, "polygon")
         names = [lidar.name for lidar in self.lidars]
-        if len(set(names)) < len(names):
-            raise ValueError("lidars: two lidars have the same name")
+        for number, lidar in enumerate(self.lidars):
+            self._check_place(number, lidar)
+            if lidar.name in names[:number]:
+                raise WrongValue(f"two lidars have the name {lidar.name}", "lidars", number, "name")
+        if self.limits.lateral_m_s > 0.0 and self.drive.kind != "omnidirectional":
+            message = f"a {self.drive.kind} drive does not move sideways; leave it out"
+            raise WrongValue(message, "limits", "lateral_m_s")
+        if self.navigation.dwb.max_lateral_m_s > 0.0 and self.limits.lateral_m_s == 0.0:
+            raise WrongValue("needs limits.lateral_m_s over 0", "navigation", "dwb", "max_lateral_m_s")
         return self
 
-    def _check_place(self, lidar: Lidar) -> None:
+    def _check_place(self, number: int, lidar: Lidar) -> None:
         """Refuse a lidar that the body hides, or that is nowhere near it."""
         away = distance(self.outline, lidar.x, lidar.y)
         if not inside(self.outline, lidar.x, lidar.y):
             if away > FAR_M:
-                raise ValueError(
-                    f"lidars: {lidar.name} at ({lidar.x:g}, {lidar.y:g}) lies {away:.1f} m outside of the body, "
-                    f"expected at most {FAR_M:g} m; give x and y in metres from the base frame's origin"
+                raise WrongValue(
+                    f"{lidar.name} at ({lidar.x:g}, {lidar.y:g}) lies {away:.1f} m outside of the body, "
+                    f"expected at most {FAR_M:g} m; give x and y in metres from the base frame's origin",
+                    "lidars",
+                    number,
                 )
         elif away > HIDDEN_M and lidar.height_m is not None and lidar.height_m < self.body_height_m:
-            raise ValueError(
-                f"lidars: {lidar.name} lies inside the body, more than {HIDDEN_M:g} m from its outline and below "
-                "its top, so it sees nothing but the body"
+            raise WrongValue(
+                f"{lidar.name} lies inside the body, more than {HIDDEN_M:g} m from its outline and below "
+                "its top, so it sees nothing but the body",
+                "lidars",
+                number,
             )

@@ -126,6 +126,12 @@ class Run:
         return str(told.get("fault", "")) if isinstance(told, dict) else ""
 
     @property
+    def stack_warnings(self) -> tuple[str, ...]:
+        """What the stack under test did not do as it should, such as control periods that it missed."""
+        told = self.details.get("stack")
+        return tuple(map(str, told.get("warnings", ()))) if isinstance(told, dict) else ()
+
+    @property
     def completed(self) -> bool:
         """Whether the goal was reached in time."""
         return self.outcome is Outcome.REACHED

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.core.compiled import kernel
+from rvsg.robots import Robot
 from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded import state as st
 from rvsg.simulation.embedded.episode import Answer, Episode, Outside
@@ -175,7 +176,7 @@ class Driving:
         except Exception as error:
             self._fail(error)
         if isinstance(self.driver, WholeStack):
-            return replace(besides, stack=self._step, stack_ticks=max(1, round(self.driver.period_s / base.STEP_S)))
+            return replace(besides, stack=self._step, stack_ticks=_ticks(self.driver))
         return replace(besides, control=self._control)
 
     def details(self) -> dict[str, Any]:
@@ -257,6 +258,17 @@ class Driving:
         if self.fault is None:
             self._fault_t = t
             self.fault = str(error) if isinstance(error, StackError) else _where(error)
+
+
+def called_every(driver: NavigationStack, robot: Robot) -> float:
+    """Return the simulated time between two calls of a stack, s."""
+    if isinstance(driver, WholeStack):
+        return _ticks(driver) * base.STEP_S
+    return 1.0 / robot.navigation.behaviours.controller_hz
+
+
+def _ticks(driver: WholeStack) -> int:
+    return max(1, round(driver.period_s / base.STEP_S))
 
 
 def _where(error: Exception) -> str:

@@ -141,9 +141,13 @@ def prepare(state: State, settings: Settings, phases: Floats) -> None:
 
 @inner
 def update_maps(scene: Scene, state: State, settings: Settings, t: float) -> None:
-    """Update each costmap that is due or to be cleared, with the latest scans."""
-    do_local = state.nav[st.CLEAR_LOCAL] != 0
-    do_global = state.nav[st.CLEAR_GLOBAL] != 0
+    """Update each costmap that is due or to be cleared, with the latest scans.
+
+    A cleared layer of Nav2 is not current before its next regular update (`ObstacleLayer::reset`).
+    """
+    waits = state.stack.waits_for_maps
+    do_local = state.nav[st.CLEAR_LOCAL] != 0 and not waits
+    do_global = state.nav[st.CLEAR_GLOBAL] != 0 and not waits
     if t >= state.times[st.LOCAL_T] - 1e-9:
         state.times[st.LOCAL_T] += state.stack.local_period * settings.clock
         do_local = True

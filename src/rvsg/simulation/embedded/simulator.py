@@ -23,7 +23,7 @@ from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded import state as st
 from rvsg.simulation.embedded.bodies import MovingBodies, moves
 from rvsg.simulation.embedded.drawn import draw_intervals, draw_phases, draw_settings, new_localisation, people_options
-from rvsg.simulation.embedded.driving import Driving
+from rvsg.simulation.embedded.driving import Driving, called_every
 from rvsg.simulation.embedded.episode import Episode, Outside, Recording, go_on, new_recording
 from rvsg.simulation.embedded.navigation.controllers.rollouts import Rollouts
 from rvsg.simulation.embedded.navigation.controllers.rollouts import rollouts as new_rollouts
@@ -43,7 +43,7 @@ from rvsg.simulation.embedded.walls import Walls, is_stuck, obstacle_contacts
 from rvsg.simulation.events import in_order
 from rvsg.simulation.protocol import Simulator
 from rvsg.simulation.run import Outcome, Run, Trajectory
-from rvsg.simulation.stacks.protocol import Task
+from rvsg.simulation.stacks.protocol import NavigationStack, Task
 from rvsg.simulation.stacks.registry import DEFAULT_STACK, StackChoice, StackLike
 from rvsg.world.world import Route, World
 
@@ -101,9 +101,9 @@ class EmbeddedSimulator(Simulator):
             self._stack.driver.prepare(tell)
 
     def close(self) -> None:
-        """Close the stack under test."""
+        """Close the stack under test, unless it was given as an instance."""
         if self._stack is not None:
-            self._stack.driver.close()
+            self._stack.close()
 
     def run(self, scenario: Scenario, world: World, *, seed: int, outside: Outside | None = None) -> Run:
         """Simulate one episode; raises InputError where world or scenario cannot be simulated at all.
@@ -197,7 +197,7 @@ def simulate_agents(
         phases, intervals = draw_phases(options, seed), draw_intervals(options, seed, route)
         driving = None
         if stack is not None and stack.record.name != DEFAULT_STACK:
-            driving = Driving(stack.driver, _task(robot, world, route, goals, own, seed))
+            driving = Driving(stack.driver, _task(stack.driver, robot, world, route, goals, own, seed))
             outside = driving.outside(outside)
         step = None if moving is None else moving.step
         Episode(scene, state, settings, crowd, phases, intervals, record, outside, step).run()
@@ -257,7 +257,9 @@ def _moving(
     return MovingBodies(world.moving_doors, agents, scene, walls, crowd)
 
 
-def _task(robot: Robot, world: World, route: Route, goals: Floats, own: Localisation, seed: int) -> Task:
+def _task(
+    driver: NavigationStack, robot: Robot, world: World, route: Route, goals: Floats, own: Localisation, seed: int
+) -> Task:
     """What a stack under test is told before a run."""
     x, y, turn = own.present
     cos, sin = math.cos(turn), math.sin(turn)
@@ -269,7 +271,7 @@ def _task(robot: Robot, world: World, route: Route, goals: Floats, own: Localisa
         goals=tuple(Pose(x=float(gx), y=float(gy), yaw=float(yaw)) for gx, gy, yaw in goals),
         time_limit_s=route.time_limit_s,
         seed=seed,
-        period_s=1.0 / robot.navigation.behaviours.controller_hz,
+        period_s=called_every(driver, robot),
     )
 
 

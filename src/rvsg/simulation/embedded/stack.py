@@ -109,6 +109,10 @@ class Stack(NamedTuple):
     recoveries: int
     recoveries_direct: bool
     """They drive past the velocity smoother."""
+    waits_for_maps: bool
+    """A cleared costmap is updated when its next update is due, not at once."""
+    gives_up_without_plan: bool
+    """The navigation fails where the next plan on the way cannot be made."""
     dwb_acc_v: float
     dwb_dec_v: float
     dwb_acc_w: float
@@ -275,6 +279,8 @@ def stack_of(robot: Robot) -> Stack:
         look_ahead_s=behaviours.look_ahead_s,
         recoveries=behaviours.recoveries,
         recoveries_direct=not behaviours.smoothed,
+        waits_for_maps=behaviours.waits_for_costmaps,
+        gives_up_without_plan=behaviours.gives_up_without_plan,
         enforced=limits.enforced,
         base_v=limits.speed_m_s,
         base_reverse=limits.reverse_m_s,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar
 
 from pydantic import Field, ValidationError
@@ -13,6 +14,8 @@ from rvsg.robots.navigation import Behaviours, Costmaps, Dwb, MonitorPolygon, Pl
 from rvsg.robots.robot import Polygon
 from rvsg.simulation.stacks.protocol import LocalPlanner
 
+AS_JAZZY: Mapping[str, Any] = {"smoothed": True, "waits_for_costmaps": True, "gives_up_without_plan": True}
+"""Keys of the robot's `navigation.behaviours` of a stack that is to act as Nav2 since Jazzy does."""
 SECTIONS: dict[str, type[Record]] = {
     "smoother": Smoother,
     "costmaps": Costmaps,
@@ -44,8 +47,8 @@ class Configured(LocalPlanner):
 
     answer_time_s: ClassVar[float | None] = None
     Settings: ClassVar[type[Nav2Settings]] = Nav2Settings
-    smoothed_recoveries: ClassVar[bool] = False
-    """Whether recoveries drive through the velocity smoother (Nav2 Jazzy and later), unless the options tell."""
+    own_behaviours: ClassVar[Mapping[str, Any]] = {}
+    """Keys of the robot's `navigation.behaviours` that this stack sets, unless the options tell."""
 
     def __init__(self, **options: Any) -> None:
         try:
@@ -70,8 +73,8 @@ class Configured(LocalPlanner):
         sections = {key: getattr(given, key) for key in SECTIONS if getattr(given, key, None)}
         if robot.limits.lateral_m_s == 0.0 and "max_lateral_m_s" in sections.get("dwb", {}):
             sections["dwb"] = {**sections["dwb"], "max_lateral_m_s": 0.0}
-        if self.smoothed_recoveries:
-            sections["behaviours"] = {"smoothed": True, **given.behaviours}
+        if self.own_behaviours:
+            sections["behaviours"] = {**self.own_behaviours, **given.behaviours}
         parts = {key: getattr(robot.navigation, key).replace(**values) for key, values in sections.items()}
         if given.collision_monitor:
             parts["collision_monitor"] = given.collision_monitor

@@ -8,9 +8,9 @@ the omnidirectional and Ackermann models, ObstaclesCritic, VelocityDeadbandCriti
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ from rvsg.core.records import Record
 from rvsg.core.seeds import stream
 from rvsg.robots import Robot
 from rvsg.robots.polygons import distance, padded, reach
-from rvsg.simulation.stacks.configured import Configured, Nav2Settings
+from rvsg.simulation.stacks.configured import AS_JAZZY, Configured, Nav2Settings
 from rvsg.simulation.stacks.mppi_kernel import optimise
 from rvsg.simulation.stacks.mppi_work import Numbers, bind, new_work, start_again
 from rvsg.simulation.stacks.protocol import LocalObservation, StackError, Task
@@ -147,8 +147,8 @@ class Mppi(Configured):
     """Nav2 with MPPI as local planner."""
 
     name: ClassVar[str] = "nav2-mppi"
-    version = "3"
-    smoothed_recoveries: ClassVar[bool] = True
+    version = "4"
+    own_behaviours: ClassVar[Mapping[str, Any]] = AS_JAZZY
     sideways: ClassVar[bool] = False
     title: ClassVar[str] = "Nav2 (Kilted) with MPPI, NavFn and the default behaviour tree"
     Settings: ClassVar[type[Nav2Settings]] = MppiSettings

@@ -96,8 +96,8 @@ class Reader:
         self.path, self.document = path, document
         self.used: dict[Key, str] = {}
         self.refused: dict[Key, str] = {}
-        self.idle: set[Key] = set()
-        """Sections of plug-ins that are not among those to load."""
+        self.idle: dict[Key, str] = {}
+        """Sections that change nothing, and why."""
         self.options: dict[str, Any] = {"smoother": {}, "costmaps": {}, "behaviours": {}}
 
     def use(self, key: Key, note: str = "") -> None:

@@ -186,7 +186,7 @@ class _Params(Reader):
         listed = {str(name) for key in ("plugins", "filters") for name in section.values.get(key) or ()}
         for name, values in section.values.items():
             if isinstance(values, Mapping) and name not in listed:
-                self.idle.add((*section.place, name))
+                self.idle[(*section.place, name)] = f"{name} is not among the plug-ins of the costmap"
         for name in section.values.get("filters") or ():
             self.refuse((*section.place, "filters"), "costmap filters (keepout and speed zones) are not simulated")
             for key in leaves_of(section.values.get(str(name)), (*section.place, str(name))):
@@ -269,6 +269,7 @@ class _Params(Reader):
     def _behaviours(self) -> None:
         server = self.node("behavior_server")
         server = server if server.values else self.node("recoveries_server")
+        self.options["behaviours"]["waits_for_costmaps"] = True
         names = {"spin_max_rad_s": "max_rotational_vel", "spin_min_rad_s": "min_rotational_vel",
                  "spin_acceleration_rad_s2": "rotational_acc_lim", "look_ahead_s": "simulate_ahead_time"}  # fmt: skip
         for key, name in names.items():
@@ -276,10 +277,11 @@ class _Params(Reader):
         for name in server.get("behavior_plugins", server.get("recovery_plugins", [])):
             plugin = server.inner(str(name))
             if kind := str(plugin.values.get("plugin", "")):
-                smoothed = self.options["behaviours"]["smoothed"] = "::" in kind
+                is_jazzy = "::" in kind
+                self.options["behaviours"] |= {"smoothed": is_jazzy, "gives_up_without_plan": is_jazzy}
                 way = (
                     "through the velocity smoother, as from Jazzy on"
-                    if smoothed
+                    if is_jazzy
                     else "past the velocity smoother, as in Humble"
                 )
                 plugin.get("plugin", note=f"recoveries drive {way}")
@@ -320,15 +322,13 @@ class _Params(Reader):
         section = self.node("collision_monitor")
         polygons = []
         sources = section.get("observation_sources", [])
-        for name in sources:
-            source = section.inner(str(name))
-            if source.get("type", "scan") != "scan" or source.get("enabled", True) is False:
-                self.refuse((*source.place, "type"), "the monitor sees the scans of every lidar, and nothing else")
         for name in section.get("polygons", []):
             polygon = section.inner(str(name))
             action, points = str(polygon.values.get("action_type")), points_of(polygon.values)
-            if polygon.get("enabled", True) is False or action == "none":
+            if polygon.values.get("enabled", True) is False or action == "none":
+                self.idle[polygon.place] = "this polygon changes no command"
                 continue
+            polygon.get("enabled")
             kind = polygon.get("type")
             if action not in ACTIONS or kind == "velocity_polygon" or (points is None and action != "approach"):
                 self.refuse((*polygon.place, "type"), "a polygon of a topic or by speed is not simulated")
@@ -342,6 +342,11 @@ class _Params(Reader):
             if "max_points" in polygon.values:
                 found["min_points"] = polygon.number("max_points") + 1
             polygons.append({"name": str(name), "action_type": action, "points": points, **found})
+        for name in sources:
+            source = section.inner(str(name))
+            only_scans = source.get("type", "scan") == "scan" and source.get("enabled", True) is not False
+            if polygons and not only_scans:
+                self.refuse((*source.place, "type"), "the monitor sees the scans of every lidar, and nothing else")
         self.options["collision_monitor"] = tuple(polygons)
 
     def _entries(self) -> Iterator[Entry]:
@@ -349,8 +354,8 @@ class _Params(Reader):
             name, shown = ".".join(part for part in key if part != "ros__parameters"), f"{value!r:.60}"
             if key in self.refused:
                 yield Entry(name, shown, "not supported", self.refused[key])
-            elif any(key[: len(idle)] == idle for idle in self.idle):
-                yield Entry(name, shown, "no effect", f"{key[-2]} is not among the plug-ins of the costmap")
+            elif idle := next((why for place, why in self.idle.items() if key[: len(place)] == place), ""):
+                yield Entry(name, shown, "no effect", idle)
             elif any(key[: len(used)] == used for used in self.used):
                 note = next(self.used[used] for used in self.used if key[: len(used)] == used)
                 yield Entry(name, shown, "honoured", note)

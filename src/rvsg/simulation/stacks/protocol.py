@@ -185,7 +185,10 @@ class NavigationStack(ABC):
         """Get ready for a run. Forget everything of the run before: equal tasks must give equal runs."""
 
     def close(self) -> None:
-        """Release what `prepare` or `reset` acquired. May be called again; `prepare` or `reset` may follow."""
+        """Release what `prepare` or `reset` acquired. May be called again; `prepare` or `reset` may follow.
+
+        An instance that you make and hand over stays open: close it yourself. A copy in a worker is closed there.
+        """
         return
 
     def finish(self) -> Mapping[str, Any]:

@@ -7,8 +7,8 @@ none), `use_dynamic_window` and slowing down when a goal is cancelled.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Annotated, ClassVar, NamedTuple
+from collections.abc import Callable, Mapping
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from pydantic import Field
 from rvsg.core.compiled import kernel
 from rvsg.robots.polygons import distance, padded, reach
 from rvsg.simulation.embedded.navigation.costmap import FREE, UNKNOWN, outline_hits
-from rvsg.simulation.stacks.configured import Configured, Nav2Settings
+from rvsg.simulation.stacks.configured import AS_JAZZY, Configured, Nav2Settings
 from rvsg.simulation.stacks.protocol import LocalObservation, Task
 
 Floats = NDArray[np.float64]
@@ -247,8 +247,8 @@ class PurePursuit(Configured):
     """Nav2 with regulated pure pursuit as local planner."""
 
     name: ClassVar[str] = "nav2-rpp"
-    version = "2"
-    smoothed_recoveries: ClassVar[bool] = True
+    version = "3"
+    own_behaviours: ClassVar[Mapping[str, Any]] = AS_JAZZY
     sideways: ClassVar[bool] = False
     title: ClassVar[str] = "Nav2 (Jazzy) with regulated pure pursuit, NavFn and the default behaviour tree"
     Settings: ClassVar[type[Nav2Settings]] = PurePursuitSettings

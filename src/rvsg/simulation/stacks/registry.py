@@ -90,6 +90,16 @@ class StackChoice:
         )
         self.messages: tuple[str, ...] = ()
         """What a user has to know of it, e.g. which parameters are not supported."""
+        self._given = False
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Restore a copy, such as that of a worker process: its driver was made for it."""
+        self.__dict__.update(state, _given=False)
+
+    def close(self) -> None:
+        """Close the driver, unless `of` was given it as an instance: that is for who made it."""
+        if not self._given:
+            self.driver.close()
 
     @classmethod
     def of(cls, given: StackLike, options: Mapping[str, Any] | None = None) -> StackChoice:
@@ -104,7 +114,9 @@ class StackChoice:
             FileError: its file cannot be used.
         """
         if isinstance(given, NavigationStack):
-            return cls(given, _name(type(given)), {})
+            choice = cls(given, _name(type(given)), {})
+            choice._given = True
+            return choice
         if isinstance(given, type):
             return _of_class(given, _name(given), options or {})
         if isinstance(given, Mapping):

@@ -368,12 +368,21 @@ def navigate(scene: Scene, state: State, settings: Settings, t: float) -> int:
         nav[st.NEED_PLAN] = 1
     if nav[st.NEED_PLAN] != 0 or t - state.times[st.PLAN_T] >= REPLAN_PERIOD_S * settings.clock - 1e-9:
         if nav[st.CLEAR_GLOBAL] != 0:
+            if state.stack.waits_for_maps:
+                begin_following(state, t)  # the controller gets its goal with the plan
             return st.NOTHING
         if state.stack.planner != NAVFN and not answered:
             return ask_for_plan(state)
         if plan_route(scene, state, t):
             nav[st.PLAN_RETRIED] = 0
-        elif nav[st.PLAN_RETRIED] == 0:
+        elif nav[st.NEED_PLAN] == 0 and state.stack.gives_up_without_plan:
+            command(state, 0.0, 0.0, 0.0, False, t)
+            nav[st.MODE] = st.DONE
+            nav[st.RESULT] = st.ABORTED
+            return st.NOTHING
+        elif nav[st.PLAN_RETRIED] == 0 and not (state.stack.waits_for_maps and nav[st.NEED_PLAN] == 0):
+            # On the way Nav2 empties the plan, and the controller refuses an empty one twice before the global map is
+            # current again: the recovery begins.
             nav[st.PLAN_RETRIED] = 1
             nav[st.CLEAR_GLOBAL] = 1
             return st.NOTHING
