@@ -54,5 +54,8 @@ class Simulator(Protocol):
         ...
 
     def close(self) -> None:
-        """Release what `prepare` or `run` acquired. May be called again."""
+        """Release what `prepare` or `run` acquired. May be called again.
+
+        Who makes a simulator or a stack closes it: functions of RVSG leave open what they are given as an instance.
+        """
         return

@@ -36,7 +36,8 @@ def drive(peer: dict[str, Any] | None = None, **given: Any) -> dict[str, Any]:
 def run_isolated(file: Path, **given: Any) -> dict[str, Any]:
     """Run a Python file with its options as JSON; return the JSON that it prints last."""
     pytest.importorskip("cyclonedds", reason="ROS 2 needs cyclonedds (extra ros2)")
-    environment = {**os.environ, "PYTHONPATH": str(HERE.parents[2])}
+    paths = [str(HERE.parents[2]), *filter(None, [os.environ.get("PYTHONPATH")])]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
     if not namespace():
         environment |= {"CYCLONEDDS_URI": LOOPBACK, "ROS_DOMAIN_ID": str(100 + os.getpid() % 100)}
     command = [*namespace(), sys.executable, str(file), json.dumps(given)]

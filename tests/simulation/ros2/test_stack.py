@@ -103,6 +103,20 @@ def test_a_missing_system_is_an_error_before_the_first_run() -> None:
     assert told["runs"] == []
 
 
+def test_a_node_that_is_gone_is_named_where_the_navigator_gives_up_before() -> None:
+    told = drive({"lose_controller_at_s": 1.0, "abort_at_s": 1.3}, options={"answer_limit_s": 2.0})
+    assert [run["outcome"] for run in told["runs"]] == ["STACK_FAILED"]
+    assert "controller_server" in told["runs"][0]["stack"]["fault"]
+
+
+def test_nodes_that_keep_the_action_from_being_there_are_named() -> None:
+    names = {"to_pose_action": "/elsewhere", "through_poses_action": "/nowhere"}
+    told = drive({"inactive": ["planner_server"]}, options={"start_limit_s": 15.0, **names})
+    assert "planner_server is inactive" in told["error"]
+    assert "bt_navigator" not in told["error"]  # it is active
+    assert told["runs"] == []
+
+
 def test_a_launched_system_is_restarted_after_a_crash_and_leaves_no_process() -> None:
     told = drive({"die_at_s": 1.0}, runs=2, options={"launch": "{peer}", "answer_limit_s": 1.0})
     assert [run["outcome"] for run in told["runs"]] == ["STACK_FAILED", "STACK_FAILED"]

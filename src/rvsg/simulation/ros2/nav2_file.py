@@ -129,7 +129,7 @@ def _dwb(robot: Robot) -> dict[str, Any]:
 
 class _Writer:
     def __init__(self, robot: Robot, controller: dict[str, Any], release: Release, options: Ros2Options) -> None:
-        self.robot, self.controller, self.options = robot, controller, options
+        self.robot, self.controller, self.release, self.options = robot, controller, release, options
         self.separator = "/" if release == "humble" else "::"
 
     def sections(self) -> dict[str, Any]:
@@ -152,6 +152,10 @@ class _Writer:
         }  # fmt: skip
         if self.robot.navigation.collision_monitor:
             nodes["collision_monitor"] = self._monitor()
+        elif self.release != "humble":
+            nodes["collision_monitor"] = self._idle_monitor()
+        if self.release != "humble":
+            nodes["docking_server"] = self._docking()
         found = {name: {"ros__parameters": {"use_sim_time": True, **values}} for name, values in nodes.items()}
         for name, values in (("local_costmap", self._local()), ("global_costmap", self._global())):
             found[name] = {name: {"ros__parameters": {"use_sim_time": True, **values}}}
@@ -194,9 +198,21 @@ class _Writer:
         return {"plugin": f"{package}{self.separator}{name}", **chosen[planner.kind], **PLANNING[planner.kind]}
 
     def _monitor(self) -> dict[str, Any]:
-        polygons = self.robot.navigation.collision_monitor
+        polygons = {each.name: self._polygon(each) for each in self.robot.navigation.collision_monitor}
+        return self._monitored(polygons, enabled=True)
+
+    def _idle_monitor(self) -> dict[str, Any]:
+        """Return a monitor that changes no command.
+
+        Since Jazzy, Nav2's launch file starts one between the velocity smoother and the robot, and without polygons
+        and sources it refuses to be configured.
+        """
+        polygon = {"type": "polygon", "action_type": "stop", "points": _corners(self.robot.footprint), "enabled": False}
+        return self._monitored({"Unused": polygon}, enabled=False)
+
+    def _monitored(self, polygons: dict[str, Any], enabled: bool) -> dict[str, Any]:
         sources = {
-            lidar.name: {"type": "scan", "topic": scan_topic(self.options, self.robot.lidars, k), "enabled": True}
+            lidar.name: {"type": "scan", "topic": scan_topic(self.options, self.robot.lidars, k), "enabled": enabled}
             for k, lidar in enumerate(self.robot.lidars)
         }
         return {
@@ -208,8 +224,17 @@ class _Writer:
             "source_timeout": 1.0,
             "observation_sources": list(sources),
             **sources,
-            "polygons": [polygon.name for polygon in polygons],
-            **{polygon.name: self._polygon(polygon) for polygon in polygons},
+            "polygons": list(polygons),
+            **polygons,
+        }
+
+    def _docking(self) -> dict[str, Any]:
+        """Return what the docking server, which has no part in a run, needs to be configured."""
+        return {
+            "base_frame": self.options.base_frame,
+            "fixed_frame": self.options.odom_frame,
+            "dock_plugins": ["simple_charging_dock"],
+            "simple_charging_dock": {"plugin": "opennav_docking::SimpleChargingDock"},
         }
 
     def _polygon(self, polygon: MonitorPolygon) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from typing import Any
 
 from rvsg.core.errors import SimulationError
 from rvsg.simulation.ros2.dds import POLL_S, SUCCEEDED, ActionClient, Subscription
+from rvsg.simulation.ros2.foreign_map import SAME, share_of_obstacles
 from rvsg.simulation.ros2.robot_side import RobotSide
 from rvsg.simulation.ros2.run_record import RunRecord
 from rvsg.simulation.ros2.session import Session
@@ -30,6 +31,8 @@ ASK_AGAIN_S = 2.0
 APPEAR_S = 3.0
 """Wall time in which a map server appears after the action of the goal."""
 TURN_LIMIT_S = 3600.0
+MAP_LIMIT_S = 2.0
+"""Wall time in which a latched map arrives."""
 _END_LIMIT_S = 1.0
 
 
@@ -39,7 +42,7 @@ class Running:
     def __init__(self, session: Session, task: Task, seen: Observation) -> None:
         self.session, self.task, self.options = session, task, session.options
         self.record = RunRecord(session.speed, self._control_hz(), task, session.bus.types.release)
-        self._base = session.turn.take(TURN_LIMIT_S)
+        self._base = session.turn.take(TURN_LIMIT_S, session.tell)
         self._now = self._base
         try:
             session.find(wait)
@@ -73,6 +76,7 @@ class Running:
         self._mapped = False
         self._transforms = self.session.bus.subscribe("/tf", "tf2_msgs/msg/TFMessage", reliable=True, depth=200)
         self._wait_until_active(pump, until)
+        self._check_map(pump)
         self.actions = {through: self.session.action(through) for through in (False, True)}
         self._stop_others(pump)
         self._wait_until_localised(seen, pump, until)
@@ -116,6 +120,26 @@ class Running:
         if not self._mapped and (lacks_map or options.publish_map == "always"):
             self.robot.publish_map(self._now, self.task.world)
             self._mapped = True
+
+    def _check_map(self, pump: Callable[[], None]) -> None:
+        """Refuse a system whose own map shows another place; looked at once for each world."""
+        topic, world = self.options.map, self.task.world
+        if self._mapped or world.id in self.session.checked_worlds or not self.session.bus.graph().publishers(topic):
+            return
+        found = self.session.bus.subscribe(topic, "nav_msgs/msg/OccupancyGrid", reliable=True, latched=True, depth=1)
+        until = time.monotonic() + MAP_LIMIT_S
+        while not (messages := found.take()):
+            if time.monotonic() > until:
+                return  # a publisher that has published nothing, such as a SLAM that begins
+            pump()
+        share = share_of_obstacles(messages[-1], world.occupancy)
+        if share < SAME:
+            raise SimulationError(
+                f"The map on {topic} has {share:.0%} of the obstacles of the world {world.name}, so it shows another "
+                "place. Give your map server that world's map (`rvsg world copy`), or make a world of yours "
+                "(`rvsg world new`)."
+            )
+        self.session.checked_worlds.add(world.id)
 
     def _send_start(self) -> None:
         """Tell localisation the start: costmaps become active only with a transform from the map."""
@@ -221,7 +245,10 @@ class Running:
         self.record.note(seen, self.client.feedback)
         if self.client.status is not None:
             self.record.end(self.client)
-            return Ended.REACHED if self.client.status == SUCCEEDED else Ended.GAVE_UP
+            if self.client.status == SUCCEEDED:
+                return Ended.REACHED
+            self._ask_whether_alive()  # the navigator gives up, too, where another node is gone
+            return Ended.GAVE_UP
         return self._command(seen)
 
     def _keep_pace(self) -> None:

@@ -22,6 +22,8 @@ from rvsg.simulation.ros2.waiting import Lifecycle
 TO_POSE, THROUGH_POSES = "nav2_msgs/action/NavigateToPose", "nav2_msgs/action/NavigateThroughPoses"
 CLEAR = "nav2_msgs/srv/ClearEntireCostmap"
 _TRIED_DOMAINS = 64
+_ASKED_S = 2.0
+"""How long nodes are asked for their states where the action is missing."""
 _OLDEST_HASHED: Release = "jazzy"
 
 
@@ -38,6 +40,8 @@ class Session:
         self.launched: Launched | None = None
         self.scaled: Scaled | None = None
         self.robot_side: RobotSide | None = None
+        self.checked_worlds: set[str] = set()
+        """Worlds whose map the system was seen to have."""
         self._folder: tempfile.TemporaryDirectory[str] | None = None
         self._clients: list[Client] = []
         self.domain = options.first_domain
@@ -93,11 +97,26 @@ class Session:
             if time.monotonic() > until:
                 raise SimulationError(
                     f"No action server {' or '.join(self.actions())} in DDS domain {self.domain} after "
-                    f"{self.options.start_limit_s:g} s. Start your navigation with RMW_IMPLEMENTATION="
-                    f"rmw_cyclonedds_cpp and this ROS_DOMAIN_ID; `rvsg ros2 check` lists what is found."
+                    f"{self.options.start_limit_s:g} s. {self._why_not_there(pump)}"
                 )
             pump()
         self.bus.set_release(release_of(graph, self.options))
+
+    def _why_not_there(self, pump: Callable[[], None]) -> str:
+        """Return what keeps the navigation from offering its action, as far as its nodes tell."""
+        until = time.monotonic() + _ASKED_S
+        while time.monotonic() < until:
+            self.lifecycle.poll()
+            pump()
+        if not self.lifecycle.found():
+            return (
+                "Start your navigation with RMW_IMPLEMENTATION=rmw_cyclonedds_cpp and this ROS_DOMAIN_ID; "
+                "`rvsg ros2 check` lists what is found."
+            )
+        waiting = ", ".join(self.lifecycle.waiting_for())
+        tail = self.launched.tail() if self.launched is not None else ""
+        said = f" The last lines of the launch command:\n{tail}" if tail else ""
+        return f"Not active: {waiting or 'no node'}. A node that refuses its parameters says so in its log.{said}"
 
     def actions(self) -> tuple[str, ...]:
         """Return the names of the actions that can get the goal."""
@@ -177,11 +196,13 @@ def release_of(graph: Graph, options: Ros2Options) -> Release:
     if options.release != "auto":
         return options.release
     announced: dict[str, set[str]] = {}
-    for endpoint in (*graph.readers, *graph.writers):
-        if endpoint.type_hash and endpoint.type_name.startswith("nav2_msgs/action/Navigate"):
+    endpoints = (*graph.readers, *graph.writers)
+    goals = [each for each in endpoints if each.type_name.startswith("nav2_msgs/action/Navigate")]
+    for endpoint in goals:
+        if endpoint.type_hash:
             announced.setdefault(endpoint.type_name, set()).add(endpoint.type_hash)
-    if not announced:
-        return "humble"
+    if not announced:  # Humble announces none; before the navigator is configured, other nodes tell
+        return _OLDEST_HASHED if not goals and any(each.type_hash for each in endpoints) else "humble"
     for release in RELEASES[1:]:
         known = interfaces(release)
         if all(known.type_hash(name) in hashes for name, hashes in announced.items()):

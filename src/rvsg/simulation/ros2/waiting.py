@@ -41,7 +41,8 @@ class Lifecycle:
 
     def waiting_for(self, navigator: str = NAVIGATOR) -> list[str]:
         """Return what is not active yet, each with its state: `controller_server is inactive`."""
-        wanted = self._required or tuple(sorted({*self.states, *self.found(), navigator}))
+        # A node that has been there and is gone is missing.
+        wanted = self._required or tuple(sorted({*self._clients, *self.found(), navigator}))
         said = []
         for name in wanted:
             state = self.states.get(name)
