@@ -3,13 +3,13 @@
     python benchmarks/nav2_agreement.py --launch 'ros2 launch nav2_bringup navigation_launch.py use_sim_time:=True
         params_file:={params}' [--speed 4] [--stacks nav2-dwb nav2-rpp nav2-mppi] [--suite examples/suites/warehouse]
         [--scenarios FILE.json ...] [--routes route_1 ...] [--runs 10] [--own-runs 30]
-        [--keep DIR] [--json FILE]
+        [--keep DIR] [--json FILE] [--rows FILE]
 
 For every stack the real Nav2 is started with the parameters that the built-in one has (`rvsg ros2 new-params`), and
 the built-in one reads the same file. Without --launch the Nav2 that runs is measured as it is, against every stack.
 Scenarios are the cases of a suite, with their requirements, files, or else the five routes of the warehouse without
-people. --keep keeps every run in a folder and goes on from there, also with more --runs. Exit code 3 where there is no
-Nav2.
+people. --keep keeps every run in a folder and goes on from there, also with more --runs. --rows writes every run as a
+line of CSV. Exit code 3 where there is no Nav2.
 
 For each scenario: path RMS (m) between runs of the same seed at equal shares of the way, beside that between two seeds
 of each; time, rounds of recovery, share that reached the goal, the requirement's value and the share that violates it.
@@ -20,6 +20,7 @@ many scenarios a Kolmogorov-Smirnov test tells the two apart.
 from __future__ import annotations
 
 import argparse
+import csv
 import json
 import sys
 import tempfile
@@ -63,6 +64,7 @@ def main() -> int:
         return NO_NAV2
     questions, own_runs = asked(given), given.own_runs or given.runs
     found: dict[str, Any] = {"runs": given.runs, "speed": given.speed, "stacks": {}}
+    lines: list[dict[str, Any]] = []
     try:
         for name in given.stacks:
             rows: list[dict[str, Any]] = []
@@ -72,6 +74,7 @@ def main() -> int:
                 driven = kept(given.keep, real.key(question), question, real.of(question))
                 rows.append(compared(question, driven, own))
                 print(json.dumps(rows[-1]), flush=True)
+                lines += [*each_run(name, "nav2", question, driven), *each_run(name, "built in", question, own)]
             real.close()
             found["stacks"][name] = {"scenarios": rows, "over_all": over_all(rows)}
     except RvsgError as error:
@@ -79,6 +82,11 @@ def main() -> int:
     print(json.dumps({name: each["over_all"] for name, each in found["stacks"].items()}, indent=1))
     if given.json is not None:
         given.json.write_text(json.dumps(found, indent=1) + "\n")
+    if given.rows is not None and lines:
+        with given.rows.open("w", newline="") as file:
+            table = csv.DictWriter(file, list(lines[0]), lineterminator="\n")
+            table.writeheader()
+            table.writerows(lines)
     return 0
 
 
@@ -98,6 +106,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--stack-option", action="append", default=[])
     parser.add_argument("--keep", type=Path)
     parser.add_argument("--json", type=Path)
+    parser.add_argument("--rows", type=Path)
     return parser.parse_args()
 
 
@@ -279,6 +288,32 @@ def figures(runs: list[Any], question: Question) -> dict[str, Any]:
         found["values"] = [round(value, 4) for value in values if value is not None]
         found["violated"] = judged.violation_probability
     return found
+
+
+def each_run(stack: str, driver: str, question: Question, runs: list[Any]) -> list[dict[str, Any]]:
+    """Return one line of the table for each run; `value` is the requirement's, empty where there is none."""
+    values: list[Any] = [None] * len(runs)
+    if question.requirement is not None:
+        from rvsg.api.evaluating import evaluate
+        from rvsg.api.simulating import RunSet
+
+        judged = evaluate(RunSet(tuple(runs)), question.requirement, scenario=question.scenario)
+        values = [measured.objective for measured in judged]
+    return [
+        {
+            "stack": stack,
+            "scenario": question.name,
+            "requirement": getattr(question.requirement, "name", ""),
+            "driver": driver,
+            "run": k,
+            "outcome": run.outcome.value,
+            "time_s": round(float(run.trajectory.t[-1]), 3),
+            "recoveries": rounds(run),
+            "value": "" if value is None else round(value, 4),
+            "missed_share": round(missed(run.details.get("stack", {})), 4) if driver == "nav2" else "",
+        }
+        for k, (run, value) in enumerate(zip(runs, values, strict=True))
+    ]
 
 
 def missed(told: dict[str, Any]) -> float:
