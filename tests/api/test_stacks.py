@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import json
+import pickle
+from collections.abc import Callable
 from pathlib import Path
+from typing import ClassVar
 
 import pytest
 
 import rvsg
 from rvsg.api.config import read_campaign_file
 from rvsg.api.matrix import Matrix
+from rvsg.api.tracing import trace
 from rvsg.cli import main
 from rvsg.core.errors import InputError
+from rvsg.stacks import Ended, Observation, StackChoice, Task, WholeStack
 
 EXAMPLE = str(Path(__file__).parents[2] / "examples" / "stacks" / "follow_the_plan.py") + ":FollowThePlan"
 SMALL = {"scenarios": 1, "refinements": 0, "repeats": 1, "confirmations": 0}
@@ -64,3 +69,61 @@ def test_the_list_names_every_stack(capsys: pytest.CaptureFixture[str], tmp_path
     assert listed["nav2-rpp"]["options"]["lookahead_dist"] == 0.6
     assert main(["stacks", "--write-clients", str(tmp_path)]) == 0
     assert (tmp_path / "rvsg_client.py").stat().st_size and (tmp_path / "rvsg_client.hpp").stat().st_size
+
+
+class GivesUp(WholeStack):
+    """Ends every run at once, and counts how often a stack of this class is closed."""
+
+    closed: ClassVar[int] = 0
+
+    def reset(self, task: Task) -> None:
+        return
+
+    def step(self, seen: Observation) -> Ended:
+        return Ended.GAVE_UP
+
+    def close(self) -> None:
+        type(self).closed += 1
+
+
+def _campaign(stack: object, folder: Path) -> None:
+    campaign = rvsg.Campaign.create(folder / "campaign", stack=stack, **SMALL)
+    list(campaign.run(jobs=1))
+
+
+def _suite(stack: object, folder: Path) -> None:
+    suite = rvsg.Suite.create(folder / "suite").add(alone(), "R1", name="alone", expected="pass")
+    suite.run(stack=stack, runs=1)
+
+
+def alone() -> rvsg.Scenario:
+    return rvsg.scenario(rvsg.load_world("warehouse"), "route_1", [])
+
+
+@pytest.mark.parametrize(
+    "work",
+    [
+        lambda stack, folder: rvsg.simulate(alone(), 1, stack=stack),
+        lambda stack, folder: trace(alone(), stack=stack),
+        _campaign,
+        _suite,
+    ],
+)
+def test_who_makes_a_stack_closes_it(
+    work: Callable[[object, Path], object], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(GivesUp, "closed", 0)
+    work(GivesUp(), tmp_path / "given")
+    assert GivesUp.closed == 0
+    if work is not _campaign:  # whose stack is data or an instance, no class
+        work(GivesUp, tmp_path / "made")
+        assert GivesUp.closed == 1
+
+
+def test_the_copy_of_a_stack_in_a_worker_is_closed_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(GivesUp, "closed", 0)
+    choice = StackChoice.of(GivesUp())
+    choice.close()
+    assert GivesUp.closed == 0
+    pickle.loads(pickle.dumps(choice)).close()
+    assert GivesUp.closed == 1

@@ -16,6 +16,7 @@ from rvsg.campaign.watch.journal import Journal
 from rvsg.campaign.watch.parts import RuleSet
 from rvsg.cli import main
 from rvsg.core.errors import InputError
+from rvsg.simulation.embedded.simulator import EmbeddedSimulator
 from rvsg.store.knowledge import KnowledgeBase
 
 FAST = "kinematic"
@@ -137,7 +138,11 @@ PARAMETERS = """controller_server:
 """
 
 
-def test_a_parameter_file_that_changes_is_a_new_version_and_a_broken_one_is_left(tmp_path: Path) -> None:
+def test_a_parameter_file_that_changes_is_a_new_version_and_a_broken_one_is_left(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    closed: list[object] = []
+    monkeypatch.setattr(EmbeddedSimulator, "close", lambda simulator: closed.append(simulator))
     file = tmp_path / "nav2_params.yaml"
     file.write_text(PARAMETERS.format(more=""))
     made: list[object] = []
@@ -151,6 +156,7 @@ def test_a_parameter_file_that_changes_is_a_new_version_and_a_broken_one_is_left
     assert subject.renew() == [] and subject.version != first
     driven = subject.simulator
     assert driven is made[-1]
+    assert closed == made[:-1]
     second = subject.version
     file.write_text("controller_server: [")
     (told,) = subject.renew()

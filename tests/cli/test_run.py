@@ -10,6 +10,7 @@ import sqlite3
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -18,6 +19,11 @@ from rvsg.api.folder import LEDGER
 from rvsg.cli import main
 from rvsg.core.errors import InvalidOptions, RvsgError
 from rvsg.evaluation.verdict import Status
+from rvsg.generation.generator import Proposal
+from rvsg.generation.random_search import RandomGenerator
+from rvsg.scenario.validity import Finding
+from rvsg.simulation.kinematic import KinematicSimulator
+from rvsg.simulation.run import Outcome
 from rvsg.store.sqlite import SqliteLedger
 from rvsg.world.io.load import SHIPPED
 
@@ -272,6 +278,37 @@ def test_a_violation_in_few_fresh_runs_fails_the_build_though_fail_or_flaky_is_o
     assert "violates far in 8 of 8 confirmation runs; FAIL or FLAKY is still open (INCONCLUSIVE)." in page
 
 
+@pytest.fixture
+def refusing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every proposal of the generator `random` is refused."""
+    problem = Finding(rule="unreadable", reason="The answer is no configuration.")
+    refused = Proposal(generator="random", scenario=None, problems=(problem,))
+    monkeypatch.setattr(RandomGenerator, "propose", lambda self, brief, world: refused)
+
+
+@pytest.mark.usefixtures("refusing")
+@pytest.mark.parametrize("several", [[], ["--requirement", "R1", "--requirement", "R3"]])
+def test_a_campaign_without_a_valid_scenario_is_no_success(
+    tmp_path: Path, errors: list[RvsgError], several: list[str]
+) -> None:
+    out = ["--out", str(tmp_path / "one")]
+    assert main(["run", *SMALL, "--generator", "random", *several, *out]) == 2
+    assert errors[-1].code == "nothing-judged" and "The answer is no configuration." in str(errors[-1])
+    assert (tmp_path / "one" / "report.html").exists()
+    assert main(["report", out[1]]) == 0
+    assert main(["report", out[1], "--fail-on-violation"]) == 2
+
+
+def test_a_campaign_whose_stack_failed_in_every_run_is_no_success(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, errors: list[RvsgError]
+) -> None:
+    run, details = KinematicSimulator.run, {"stack": {"fault": "the planner is gone"}}
+    failed = {"outcome": Outcome.STACK_FAILED, "details": details}
+    monkeypatch.setattr(KinematicSimulator, "run", lambda *given, **seed: replace(run(*given, **seed), **failed))
+    assert main(["run", *ONE, "--out", str(tmp_path / "one")]) == 2
+    assert errors[-1].code == "nothing-judged" and "the planner is gone" in str(errors[-1])
+
+
 @pytest.mark.slow
 def test_an_undecided_campaign_says_the_command_that_adds_fresh_runs_to_those_it_made(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -300,7 +337,6 @@ def test_a_simulator_that_fails_says_that_what_there_is_is_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     from rvsg.core.errors import SimulationError
-    from rvsg.simulation.kinematic import KinematicSimulator
 
     made: list[int] = []
     run = KinematicSimulator.run

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,8 @@ import pytest
 import rvsg
 from rvsg.api.scenarios import save_scenario
 from rvsg.cli import main
+from rvsg.simulation.kinematic import KinematicSimulator
+from rvsg.simulation.run import Outcome
 
 
 @pytest.fixture
@@ -37,6 +40,20 @@ def test_a_suite_is_made_run_and_compared(
     assert main(["compare-versions", str(tmp_path / "a.json"), str(tmp_path / "b.json"), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["counts"]["unchanged"] == 1
     assert main(["suite", "update", suite, str(tmp_path / "a.json")]) == 0
+
+
+def test_a_suite_whose_stack_failed_in_every_run_is_no_success(
+    scenario_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    suite = str(tmp_path / "suite")
+    added = ["suite", "add", str(scenario_file), "--suite", suite, "--requirement", "R3", "--name", "aisle"]
+    assert main([*added, "--expect", "pass"]) == 0
+    run = KinematicSimulator.run
+    failed = {"outcome": Outcome.STACK_FAILED, "details": {"stack": {"fault": "the planner is gone"}}}
+    monkeypatch.setattr(KinematicSimulator, "run", lambda *given, **seed: replace(run(*given, **seed), **failed))
+    junit = tmp_path / "junit.xml"
+    assert main(["suite", "run", suite, "--simulator", "kinematic", "--junit", str(junit)]) == 2
+    assert "<skipped" in junit.read_text()
 
 
 def test_a_broken_case_ends_with_exit_code_1(scenario_file: Path, tmp_path: Path) -> None:

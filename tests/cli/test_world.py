@@ -11,6 +11,8 @@ from PIL import Image
 
 from rvsg.cli import main
 from rvsg.core.errors import RvsgError
+from rvsg.world.io.load import load_world
+from rvsg.world.io.nav2_map import read_map
 
 
 def write_map(folder: Path, **header: object) -> Path:
@@ -180,3 +182,15 @@ def test_a_picture_that_cannot_show_a_window_says_so(tmp_path: Path, capsys: pyt
     assert "birdseye.png\n  shows the whole world" in capsys.readouterr().err
     assert main([*asked, "labels"]) == 0
     assert "whole world" not in capsys.readouterr().err
+
+
+def test_a_copy_is_the_same_world_with_the_map_for_a_navigation_stack(tmp_path: Path) -> None:
+    folder = tmp_path / "own"
+    assert main(["world", "copy", "warehouse", str(folder)]) == 0
+    shipped, copied = load_world("warehouse"), load_world(folder)
+    assert copied.id == shipped.id
+    occupancy = read_map(folder / "map.yaml")
+    assert np.array_equal(occupancy.cells, shipped.occupancy.cells)
+    (folder / "labels.yaml").write_text("mine")
+    assert main(["world", "copy", "bookstore", str(folder)]) != 0
+    assert (folder / "labels.yaml").read_text() == "mine"

@@ -86,7 +86,7 @@ class Campaign(StoredCampaign):
             out: the folder; by default one under `runs/` named for the settings.
             file: settings of a campaign file, as `read_campaign_file` returns them.
             generator, simulator: a registered name, a Spec, or an instance of your own; an instance has to be given
-                again to `open` the campaign.
+                again to `open` the campaign, and stays open after a run.
             stack: the navigation stack under test, in the same ways, or as `module:Class`.
             on_message: called with what a person should know.
             paths: where typed paths among the settings are, if they are not relative to the current folder.

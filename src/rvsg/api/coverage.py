@@ -51,6 +51,7 @@ def coverage(
         sources: suites and campaigns, or their folders. A folder of several campaigns counts with all of them.
         runs: runs of each scenario of a suite, which stores none: they show the encounters. 0 runs none.
         jobs: worker processes.
+        simulator: a name, a Spec, or an instance, which stays open.
 
     Raises:
         InputError: a folder holds neither a suite nor a campaign.

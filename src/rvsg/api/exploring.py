@@ -81,6 +81,7 @@ def explore(
     Args:
         runs: points of the Latin hypercube.
         seed: of the points and of the runs.
+        simulator: a name, a Spec, or an instance, which stays open.
 
     Raises:
         InputError: no range, a requirement without a limit, or no point that is valid.

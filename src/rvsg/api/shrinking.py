@@ -43,6 +43,7 @@ def shrink(
         repeats: runs of every simpler scenario.
         confirmations: runs with new seeds of the original and of the smallest.
         keep: the share of the original's violations that has to stay.
+        simulator: a name, a Spec, or an instance, which stays open.
 
     Raises:
         InvalidScenario: the scenario breaks a rule.

@@ -16,6 +16,7 @@ from rvsg.api.scenarios import scenario_json
 from rvsg.api.simulating import described, with_stack
 from rvsg.api.tracing import traces_beside
 from rvsg.api.worlds import world_of
+from rvsg.campaign.accounting import runs_of
 from rvsg.campaign.attempt import Attempt, Ledger
 from rvsg.campaign.encounter import MapCell as MapCell
 from rvsg.campaign.encounter import failure_map
@@ -23,14 +24,14 @@ from rvsg.campaign.finding import DistinctFailure, Finding, distinct_failures, f
 from rvsg.campaign.pareto import Front as Front
 from rvsg.campaign.pareto import front_of
 from rvsg.campaign.plan import Plan
-from rvsg.campaign.ranking import best_attempt, candidates, standing
-from rvsg.core.errors import InputError
+from rvsg.campaign.ranking import best_attempt, candidates, search_attempts, standing
+from rvsg.core.errors import InputError, NothingJudged
 from rvsg.core.files import write_whole
 from rvsg.core.plugins import Spec
 from rvsg.evaluation.verdict import Verdict
 from rvsg.generation.vlm.recording import CALLS, Recording
 from rvsg.report.page import write_page
-from rvsg.report.summary import Summary, summarise
+from rvsg.report.summary import Summary, counted, summarise
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission
 from rvsg.simulation.run import Run
@@ -157,6 +158,34 @@ class StoredCampaign:
     def summary(self, attempts: Sequence[Attempt] | None = None) -> Summary:
         """Return what was found so far as plain data, or what some of its attempts found."""
         return summarise(self.plan, self.attempts() if attempts is None else attempts)
+
+    def check_judged(self) -> None:
+        """Check that something is known of the robot, before "no violation" is taken for an answer.
+
+        Raises:
+            NothingJudged: no proposal was a valid scenario, or the requirement has no value in any run (as where
+                the stack under test failed in all of them).
+        """
+        searched = search_attempts(self.attempts())
+        if self.summary(searched).ranking:
+            return
+        if not searched:
+            raise NothingJudged(f"{self.folder}: nothing was judged: no attempt is stored. Run the campaign first.")
+        if runs := runs_of(searched):
+            first = next(self.runs())
+            fault = f" ({first.stack_fault})" if first.stack_fault else ""
+            why = (
+                f"{self.requirement.name} has no value in any of {counted(runs, 'run')}; the first ended so: "
+                f"{first.outcome.value}{fault}. Mend the stack under test or choose another requirement"
+            )
+        else:
+            problems = searched[0].proposal.problems
+            reason = problems[0] if problems else "the generator gave no reason."
+            why = (
+                f"none of {counted(len(searched), 'proposal')} is a valid scenario; the first reason: {reason} "
+                "Change what is asked for (--humans, --generator, --model or --route)"
+            )
+        raise NothingJudged(f"{self.folder}: nothing was judged: {why}, and run it with another --out.")
 
     @property
     def verdict(self) -> Verdict | None:

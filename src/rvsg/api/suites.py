@@ -173,7 +173,8 @@ class Suite:
 
         Args:
             simulator: what runs the scenarios: the version under test.
-            stack: the navigation stack under test, by default the simulator's own.
+            stack: the navigation stack under test, by default the simulator's own. Like a simulator, it stays open
+                where it is given as an instance.
             version: a label for the results.
             jobs: worker processes; the results are the same.
             runs: runs of every case; by default as few as decide each verdict. Give a number to compare versions.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -104,6 +105,8 @@ def trace(
 ) -> Trace:
     """Simulate a scenario with everything recorded: scans, costmaps, plans, trajectories tried, behaviour tree.
 
+    A stack that is given as an instance stays open.
+
     Raises:
         InputError: the simulator records no traces, or the scenario cannot be simulated.
     """
@@ -112,8 +115,9 @@ def trace(
     made = make_simulator(simulator, stack)
     if not isinstance(made, EmbeddedSimulator):
         raise InputError(f'The simulator "{made.name}" records no traces; "embedded" does.')
-    made.prepare(on_message)
-    return _as_stored(trace_run(scenario, place, seed=seed, simulator=made))
+    with closing(made):
+        made.prepare(on_message)
+        return _as_stored(trace_run(scenario, place, seed=seed, simulator=made))
 
 
 def _as_stored(found: Trace) -> Trace:
@@ -140,8 +144,9 @@ def trace_again(run: Run, scenario: Scenario, world: World, *, on_message: Calla
         )
     options = {name: value for name, value in run.options.items() if name not in OF_RECORD}
     made = EmbeddedSimulator(**options)  # type: ignore[arg-type]  # checked by it
-    made.prepare(on_message)
-    found = trace_run(scenario, world, seed=run.seed, simulator=made)
+    with closing(made):
+        made.prepare(on_message)
+        found = trace_run(scenario, world, seed=run.seed, simulator=made)
     if found.run.id != run.id or PackedRun.of(rounded(found.run)).data != PackedRun.of(rounded(run)).data:
         made_by = run.options.get("version")
         raise InputError(

@@ -170,8 +170,14 @@ class Subject:
             self.made(simulator)
         except RvsgError as error:
             return [f"the stack is left as it was: {error}"]
+        self.close()
         self.simulator, self.version = simulator, label
         return []
+
+    def close(self) -> None:
+        """Close the simulator, unless it was given as an instance."""
+        if self.given is not None:
+            self.simulator.close()
 
 
 def _label(stack: Spec) -> str:

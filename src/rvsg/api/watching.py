@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -74,6 +75,7 @@ def watch(
         route: of all recordings; by default the folder of a recording names its route.
         rules: what makes a plan legitimate; by default `rules.yaml` in the suite's folder, else the defaults.
         generator: writes variants of what is near its limit.
+        simulator: a name, a Spec, or an instance, which stays open.
         stack: the navigation stack under test. A parameter file of Nav2 is read again when it changes: a new version.
         knowledge: the knowledge base; by default one in `out`.
 
@@ -95,7 +97,7 @@ def watch(
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
     time_left = _time_left(seconds, clock)
-    with alone_in(folder), open_knowledge(knowledge or folder / KNOWLEDGE) as known:
+    with closing(subject), alone_in(folder), open_knowledge(knowledge or folder / KNOWLEDGE) as known:
         parts = _Parts(cases, subject, watching, writer, chosen, known, folder)
         loop = parts.loop(jobs=jobs, seed=seed, on_note=on_note, stop=lambda: time_left() <= 0)
         _repeat(loop.cycle, cycles, time_left, lambda: sleep(max(0.0, min(every_s, time_left()))))

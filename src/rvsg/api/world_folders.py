@@ -106,6 +106,17 @@ def create_world(
     return created, remarks
 
 
+def copy_world(world: World, folder: Path, *, force: bool = False) -> None:
+    """Write a world into a folder of its own, with the map that the robot localises in (`map.yaml` with `map.png`).
+
+    Raises:
+        FileError: the folder is occupied, or cannot be written.
+        InputError: a world without the specification of its grid.
+    """
+    _refuse_occupied(folder, force=force)
+    save_world(world, folder)
+
+
 def _created(
     source: str,
     path: Path,

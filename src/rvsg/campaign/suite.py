@@ -13,11 +13,13 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
+from rvsg.core.errors import NothingJudged
 from rvsg.core.plugins import Spec
 from rvsg.core.records import Record
 from rvsg.evaluation.judge import DEFAULT, Procedure, violated
 from rvsg.evaluation.statistics import holm, share_difference
 from rvsg.evaluation.verdict import Status, Verdict
+from rvsg.evaluation.wording import counted
 from rvsg.robots import Robot
 from rvsg.scenario.scenario import Scenario
 
@@ -106,6 +108,19 @@ class SuiteResult(Record):
     def broken(self) -> tuple[CaseResult, ...]:
         """The cases that should pass and do not."""
         return tuple(case for case in self.cases if case.state.fails)
+
+    def check_judged(self) -> None:
+        """Check that something is known of the system under test, before "nothing is broken" is taken for an answer.
+
+        Raises:
+            NothingJudged: the requirement has no value in any run of any case, as where the stack failed in all.
+        """
+        runs = [violated for case in self.cases for violated in case.violations]
+        if runs and all(violated is None for violated in runs):
+            raise NothingJudged(
+                f"{self.suite}: nothing was judged: no requirement has a value in any of {counted(len(runs), 'run')} "
+                f"of {counted(len(self.cases), 'case')}. Mend the stack under test; see `rvsg simulate`."
+            )
 
 
 def state_of(expected: Literal["pass", "violation"], verdict: Verdict, *, procedure: Procedure = DEFAULT) -> State:

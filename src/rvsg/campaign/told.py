@@ -22,6 +22,11 @@ def written(candidate: Candidate) -> Candidate:
     return candidate
 
 
+def last_written(own: Sequence[Candidate]) -> Candidate | None:
+    """Return the last configuration of a scenario that the generator wrote; None if all were tuned."""
+    return next((candidate for candidate in reversed(own) if candidate.operator != TUNED), None)
+
+
 def mean_of(candidate: Candidate, requirement: Requirement) -> float:
     """Return the mean objective of a candidate's runs."""
     return requirement.badness(candidate.mean)  # the sign turned back

@@ -27,8 +27,8 @@ HELP = """Find, confirm and explain human behaviours that make a mobile robot vi
 Standard output carries machine-readable results only; everything for people goes to standard error.
 """
 EPILOG = (
-    "Exit codes: 0 done; 1 done, and a requirement is violated (--fail-on-violation); 2 usage or input error; "
-    "3 interrupted but resumable; 4 an error in RVSG itself."
+    "Exit codes: 0 done; 1 done, and a requirement is violated (--fail-on-violation); 2 usage or input error, "
+    "or nothing could be judged; 3 interrupted but resumable; 4 an error in RVSG itself."
 )
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
 NO_NAME = (errno.ENAMETOOLONG, errno.ELOOP)

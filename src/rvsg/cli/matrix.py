@@ -41,6 +41,8 @@ def run_matrix(matrix: Matrix, *, as_json: bool) -> int:
     if failed:
         say(f"Resume the others with: {resume}")
         return max(code for _, code in failed.values())
+    for campaign in done:
+        campaign.check_judged()
     violated = any(each.summary().violated for each in done)
     return 1 if matrix.settings.get("fail_on_violation") and violated else 0
 

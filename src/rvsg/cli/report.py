@@ -57,8 +57,11 @@ def report(
     else:
         for campaign, page in zip(campaigns, pages, strict=True):
             _show(campaign, page)
-    if fail_on_violation and any(campaign.summary().violated for campaign in campaigns):
-        raise typer.Exit(1)
+    if fail_on_violation:
+        for campaign in campaigns:
+            campaign.check_judged()
+        if any(campaign.summary().violated for campaign in campaigns):
+            raise typer.Exit(1)
 
 
 def _show(campaign: Campaign, page: Path) -> None:

@@ -171,6 +171,7 @@ def run_campaign_of(
     campaign = run_one(from_file, given)
     summary = campaign.summary()
     _show(campaign, summary, time.monotonic() - started, as_json=as_json)
+    campaign.check_judged()
     if remark is not None:
         say(remark(campaign.plan, summary))
     return 1 if campaign.config.fail_on_violation and summary.violated else 0
@@ -257,7 +258,7 @@ def _show_lost(attempts: list[Attempt]) -> None:
 
     search = [attempt for attempt in attempts if attempt.purpose == "search"]
     lost = [attempt for attempt in search if attempt.proposal.scenario is None]
-    if lost:
+    if lost and len(lost) < len(search):  # where all are lost, that is the error at the end
         problems = lost[0].proposal.problems
         why = f"the first reason: {problems[0]}" if problems else "the generator gave no reason."
         say(f"{counted(len(lost), 'attempt')} of {len(search)} brought no scenario; {why}")
@@ -277,7 +278,7 @@ def _show(campaign: Campaign, summary: Summary, spent_s: float, *, as_json: bool
         print_json(campaign.result())
     if summary.ranking:
         say(ranked_table(plan, summary, width=console().width))
-    show_findings(campaign, summary)
+        show_findings(campaign, summary)
     verdict = summary.confirmed.verdict if summary.confirmed else None
     if verdict and verdict.status is Status.INCONCLUSIVE:
         scenarios = sum(entry.state == "confirmed" for entry in summary.ranking)

@@ -60,6 +60,7 @@ def simulate(
         say(
             f"seed {run.seed}: {run.outcome.value}, after {run.trajectory.t[-1]:.1f} s"
             + (f": {fault}" if fault else "")
+            + "".join(f"\n  warning: {warning}" for warning in run.stack_warnings)
         )
 
     seeds = range(seed, seed + repeats)

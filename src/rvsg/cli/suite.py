@@ -63,7 +63,7 @@ def run(
     ] = None,
     json: AsJson = False,
 ) -> None:
-    """Run a suite. The exit code is 1 where a case that should pass violates its requirement.
+    """Run a suite. The exit code is 1 where a case that should pass violates its requirement, 2 where no run is judged.
 
     Each case stops as soon as its verdict is certain. A known failure does not fail the build. A fixed one is reported,
     and `rvsg suite update` writes it into the suite.
@@ -92,6 +92,7 @@ def run(
         write_text(junit, junit_of_suite(result))
     if json:
         print_json(result.model_dump(mode="json"))
+    result.check_judged()
     if result.broken:
         raise typer.Exit(1)
 

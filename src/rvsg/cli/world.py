@@ -1,4 +1,4 @@
-"""`rvsg world`: make, check, draw, show and compare worlds."""
+"""`rvsg world`: make, copy, check, draw, show and compare worlds."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from rvsg.cli.model_options import BaseUrl, BudgetCalls, BudgetUsd, Model, Price
 if TYPE_CHECKING:
     from rvsg.api.authoring import Created, Remark, World
 
-app = verb(no_args_is_help=True, help="Make, check, draw, show and compare worlds.")
+app = verb(no_args_is_help=True, help="Make, copy, check, draw, show and compare worlds.")
 
 WorldName = Annotated[str, typer.Argument(metavar="WORLD", help="A shipped world or a world folder.")]
 Robot = Annotated[
@@ -105,6 +105,25 @@ def new(
     _show_created(created, remarks, folder)
     if json:
         print_json(world_summary(created.world) | {"folder": str(folder), "notes": list(created.notes)})
+
+
+@app.command("copy")
+def copy(
+    world: WorldName,
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="The world folder to make.")],
+    force: Annotated[bool, typer.Option("--force", help="Replace the world in a folder that has one.")] = False,
+) -> None:
+    """Copy a world into a folder of its own.
+
+    Edit a shipped world there, or give its map to your navigation: the folder
+    holds it as map.yaml.
+    """
+    from rvsg.api.authoring import load_world
+    from rvsg.api.world_folders import copy_world
+
+    copy_world(load_world(world), folder, force=force)
+    say(f"wrote {folder}; its map is {folder / 'map.yaml'}")
+    say(f"next: rvsg run --world {shlex.quote(str(folder))}")
 
 
 @app.command()

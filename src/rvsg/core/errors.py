@@ -15,6 +15,7 @@
     │   ├── BudgetSpent           the declared budget of calls, tokens or money is spent (resumable)
     │   └── ReplayDiverged        a recorded conversation does not hold the call that is asked for
     │       └── NotRecorded       it holds none for the attempt: the record ended before
+    ├── NothingJudged             a campaign or suite is over, and no run says anything of the robot
     ├── StoreError                the store cannot be read or written
     │   └── NewerStore            it was written by a newer version of RVSG
     └── Interrupted               the user or the system stopped the work (exit code 3, resumable)
@@ -160,6 +161,12 @@ class NotRecorded(ReplayDiverged):
     """The record holds no call for an attempt at all: it ended before."""
 
     code = "replay-ended"
+
+
+class NothingJudged(RvsgError):
+    """No run of a campaign or suite could be judged, so its requirements are neither kept nor violated."""
+
+    code = "nothing-judged"
 
 
 class StoreError(RvsgError):

@@ -12,6 +12,7 @@ from functools import lru_cache
 from typing import Any, Literal
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from rvsg.evaluation.events import (
@@ -38,6 +39,7 @@ from rvsg.scenario.scenario import Scenario
 from rvsg.simulation import events as recorded
 from rvsg.simulation.events import RobotContact
 from rvsg.simulation.run import Outcome, Run
+from rvsg.world.doors import Door
 from rvsg.world.world import World
 
 Floats = NDArray[np.float64]
@@ -58,6 +60,10 @@ BESIDE_M = 1.0
 """A person with a smaller gap may be the reason for standing still."""
 AHEAD_RAD = np.pi / 3
 OBSTACLE_M = 0.15
+ON_LEAF_M = 0.02
+"""A contact within this of the leaf of a door is one with the door."""
+LEAF_STEPS, AT_FRAME = 100, 0.1
+"""Positions of a leaf that are looked at, and the share up to which its end is at the frame of the door."""
 NEAR_M = 2.0
 GOAL_NEAR_M = 3.0
 GOAL_TOLERANCE_M = 0.25
@@ -97,7 +103,7 @@ def place_namer(world: World | None) -> PlaceAt:
 
 
 def obstacle_contacts(s: Sampled, at: PlaceAt) -> Iterator[ObstacleContact]:
-    """Yield the recorded contacts of the robot's body with walls and objects."""
+    """Yield the recorded contacts of the robot's body with walls, objects and doors."""
     for event in s.run.events:
         if isinstance(event, recorded.ObstacleContact):
             yield ObstacleContact(
@@ -105,7 +111,37 @@ def obstacle_contacts(s: Sampled, at: PlaceAt) -> Iterator[ObstacleContact]:
                 place=at(event.x, event.y),
                 until_s=event.until_s,
                 speed_m_s=event.speed_m_s,
+                door=_door_at(s, event),
             )
+
+
+def _door_at(s: Sampled, touch: recorded.ObstacleContact) -> str:
+    """Return the name of the door whose leaf is where the robot touches something; empty where there is none."""
+    place, near = shapely.Point(touch.x, touch.y), []
+    for door in s.world.staged_doors if s.world is not None else ():
+        away = min((shapely.Polygon(leaf).distance(place) for leaf in _leaves(door, s.run, touch.time_s)), default=1.0)
+        if away < ON_LEAF_M:
+            near.append((away, door.name))
+    return min(near)[1] if near else ""
+
+
+def _leaves(door: Door, run: Run, t: float) -> list[tuple[tuple[float, float], ...]]:
+    """Return where the leaf of a door may be at a time, as corners; nowhere for one that has slid into the wall.
+
+    The movements of an automatic door are recorded, but not who is in the way of its leaf and holds it up. A swing leaf
+    may therefore be anywhere on its way since it began to move, but for the first part, where its end is at the frame.
+    """
+    if door.state != "automatic":
+        return [door.still] if door.still is not None else []
+    begin = share = 0.0
+    for move in run.events:
+        if isinstance(move, recorded.DoorMoved) and move.door == door.name and move.time_s <= t:
+            way = (min(t, move.until_s) - move.time_s) / door.opening_s
+            begin, share = move.share, min(1.0, max(0.0, move.share + (way if move.opens else -way)))
+    if door.kind == "sliding":
+        return [door.leaf(share)] if share < 1.0 else []
+    held = [float(each) for each in np.linspace(begin, share, LEAF_STEPS) if each > AT_FRAME]
+    return [door.leaf(each) for each in (share, *held)]
 
 
 def navigation(s: Sampled, at: PlaceAt) -> Iterator[Replan | Recovery]:

@@ -73,11 +73,13 @@ class Contact(_Lasting):
 
 
 class ObstacleContact(_Lasting):
-    """The robot's body touches a wall or an object."""
+    """The robot's body touches a wall, an object or the leaf of a door."""
 
     kind: Literal["obstacle_contact"] = "obstacle_contact"
     speed_m_s: float
     """The robot's speed at first touch."""
+    door: Annotated[str, Field(exclude_if=lambda door: door == "")] = ""
+    """The name of the door whose leaf it touches first; empty for anything else, or if the world is not given."""
 
 
 class NearMiss(_Event):

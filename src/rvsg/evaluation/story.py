@@ -139,7 +139,7 @@ def _what(event: Event) -> str:
         case Contact():
             return _contact(event)
         case ObstacleContact():
-            return f"the robot hits an obstacle {where} at {event.speed_m_s:.1f} m/s"
+            return f"the robot hits {what_is_hit(event)} {where} at {event.speed_m_s:.1f} m/s"
         case NearMiss():
             speed = f"a relative speed of {event.relative_speed_m_s:.1f} m/s"
             return f"the robot passes {event.person} {where} with a gap of {in_metres(event.gap_m)} and {speed}"
@@ -171,6 +171,11 @@ def _what(event: Event) -> str:
             return f"{outcome_in_words(event.outcome)}; the robot is {in_metres(event.remaining_m)} from its goal"
         case Arrival():
             return "the robot reaches its goal"
+
+
+def what_is_hit(event: ObstacleContact) -> str:
+    """Return the door that the robot touches, by its name, or "an obstacle"."""
+    return f"the door {event.door}" if event.door else "an obstacle"
 
 
 def _contact(event: Contact) -> str:

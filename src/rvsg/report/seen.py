@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 
 from rvsg.campaign.plan import Plan
 from rvsg.evaluation.naming import place_name
+from rvsg.evaluation.story import what_is_hit
 from rvsg.report.causes import Pair
 from rvsg.report.facts import AttemptFacts, RunFacts
 from rvsg.report.pieces import Badge, Piece, Sentence, ids_of, span_of
@@ -33,7 +34,8 @@ def seen_beside(
         badges.append(Badge(tone="good", text=f"no contact in {counted(len(runs), 'run')}"))
     struck = [run for run in runs if run.obstacle_contacts]
     if struck:
-        badges.append(Badge(tone="bad", text=f"hits an obstacle in {len(struck)} of {len(runs)}", runs=ids_of(struck)))
+        hit = f"hits {_what_is_hit(struck)} in {len(struck)} of {len(runs)}"
+        badges.append(Badge(tone="bad", text=hit, runs=ids_of(struck)))
         sentences.append(_struck(struck, total, nobody))
     late = [run for run in runs if not run.arrived]
     if late:
@@ -89,7 +91,7 @@ def _struck(runs: Sequence[RunFacts], total: str, nobody: Pair | None) -> Senten
     hits = ((event, run) for run in runs for event in run.obstacle_contacts)
     hardest, in_hardest = max(hits, key=lambda pair: pair[0].speed_m_s)
     sentence = [
-        Piece("The robot hits an obstacle in "),
+        Piece(f"The robot hits {_what_is_hit(runs)} in "),
         Piece(f"{len(runs)} of {total}", ids_of(runs)),
         Piece(f", first near {near.most_common(1)[0][0]}, {span_of([event.time_s for event in first])}; at most at "),
         Piece(number(hardest.speed_m_s, "m/s"), (in_hardest.id,), hardest.time_s),
@@ -99,6 +101,12 @@ def _struck(runs: Sequence[RunFacts], total: str, nobody: Pair | None) -> Senten
         said = f"{len(alone)} of {counted(len(nobody.runs), 'run')}"
         sentence += [Piece("; on the same seeds without people in "), Piece(said, ids_of(alone or nobody.runs))]
     return [*sentence, Piece(".")]
+
+
+def _what_is_hit(runs: Sequence[RunFacts]) -> str:
+    """Return what the robot hits in any of the runs: a door by its name where it is that alone."""
+    hit = {what_is_hit(event) for run in runs for event in run.obstacle_contacts}
+    return hit.pop() if len(hit) == 1 else "an obstacle"
 
 
 def _touched(runs: Sequence[RunFacts]) -> str:
