@@ -42,7 +42,8 @@ def check(
             }
         )
     else:
-        print(f"DDS domain {found.domain}, message definitions of {found.release}")
+        known = f"message definitions of {found.release}" if found.release else "no ROS 2 node is heard"
+        print(f"DDS domain {found.domain}, {known}")
         for each in found.findings:
             print(f"{each.status.value:33}{each.name}{f': {each.detail}' if each.detail else ''}")
     if not found.is_usable:
@@ -73,7 +74,7 @@ def params(
         out.mkdir(parents=True, exist_ok=True)
         console.say(f"wrote {scaled.write(out)}")
     for change in scaled.changes:
-        console.say(f"{change.name}: {change.before} becomes {change.after}")
+        console.say(str(change))
     for note in scaled.notes:
         console.say(f"note: {note}")
 

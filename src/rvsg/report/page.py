@@ -42,6 +42,7 @@ from rvsg.report.shown import Shown, look_of
 from rvsg.report.summary import Summary, counted, number, summarise, tried_of
 from rvsg.report.tables import finding_rows, people_rows, run_rows
 from rvsg.report.thinking import thinking
+from rvsg.report.under_test import under_test
 from rvsg.report.words import direction, quantity, unbroken
 from rvsg.simulation.run import Run
 from rvsg.world.drawing.svg import floor_plan
@@ -93,6 +94,7 @@ def render_page(
         floor=floor_plan(world, tooltips=False),
     )
     requirement, subject = plan.requirement, shown.subject
+    stack = under_test(run.run for facts in shown.facts for run in facts.runs)
     final = shown.summary.confirmed.verdict if shown.summary.confirmed is not None else None
     return (
         environment()
@@ -132,6 +134,7 @@ def render_page(
             component=Markup(component()),  # noqa: S704
             command=escape(command),
             simulator=simulator,
+            stack=stack,
             overview=overview,
             traces=[script_safe(trace) for trace in traces],
         )

@@ -25,6 +25,7 @@ from rvsg.report.robot import robot_words
 from rvsg.report.shown import Shown
 from rvsg.report.summary import counted, summarise
 from rvsg.report.tables import people_rows, run_rows_of
+from rvsg.report.under_test import under_test
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission, Scenario
@@ -79,7 +80,7 @@ def write_runs_page(
         place=f"{world.title}, {mission.route.name}",
         robot=robot_words(mission) if scenario is not None else "",
         answer=answer_of_runs(plan, facts),
-        notes=notes,
+        notes=[*notes, *(f"{label}: {text}." for label, text in under_test(runs).rows)],
         happened=what_happens(shown, facts),
         people=people_rows(facts),
         shown_tasks=SHOWN_TASKS,

@@ -12,7 +12,7 @@ import os
 import sys
 import time
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -52,6 +52,8 @@ class Options:
     """controller_server answers and commands no more."""
     abort_at_s: float = math.inf
     reject: bool = False
+    parameters: dict[str, dict[str, Any]] = field(default_factory=dict)
+    """What nodes tell of their parameters, by node and name."""
     speed_m_s: float = 0.5
     report: str = ""
     """File to which what was heard is written, at the end."""
@@ -109,6 +111,10 @@ class Peer:
             self.server(f"{which}_costmap/clear_entirely_{which}_costmap", "nav2_msgs/srv/ClearEntireCostmap")
             for which in ("global", "local")
         ]
+        self.parameters = {
+            node: self.server(f"{node}/get_parameters", "rcl_interfaces/srv/GetParameters")
+            for node in options.parameters
+        }
         self.actions = {name: self.action(name, kind) for name, kind in (
             ("navigate_to_pose", "nav2_msgs/action/NavigateToPose"),
             ("navigate_through_poses", "nav2_msgs/action/NavigateThroughPoses"),
@@ -212,10 +218,21 @@ class Peer:
                 self.answer(server, lambda _, node=node: {"current_state": self.state_of(node)})
         for server in self.clears:
             self.answer(server, self.cleared)
+        for node, server in self.parameters.items():
+            self.answer(server, lambda request, node=node: self.tell(node, request.names))
         for action in self.actions.values():
             self.answer(action["send"], lambda request, action=action: self.accept(request, action))
             self.answer(action["result"], lambda request: self.wait_for_result(request))
             self.answer(action["cancel"], lambda _: self.cancel())
+
+    def tell(self, node: str, names: list[str]) -> dict[str, Any]:
+        """As rclcpp does: nothing at all where one of the names is not declared."""
+        known = self.o.parameters[node]
+        return {"values": [self.value(known[name]) for name in names] if all(n in known for n in names) else []}
+
+    def value(self, given: Any) -> Any:
+        kind = {int: (2, "integer_value"), float: (3, "double_value"), str: (4, "string_value")}[type(given)]
+        return self.T["rcl_interfaces/msg/ParameterValue"](type=kind[0], **{kind[1]: given})
 
     def cleared(self, _: Any) -> dict[str, Any]:
         self.heard["clears"] += 1

@@ -13,7 +13,7 @@ SEEN = cast(Observation, SimpleNamespace(t=1.0))
 
 
 def record() -> RunRecord:
-    return RunRecord(1.0, 20.0, cast(Task, SimpleNamespace(goals=(Pose(x=0.0, y=0.0),))), "jazzy")
+    return RunRecord(1.0, cast(Task, SimpleNamespace(goals=(Pose(x=0.0, y=0.0),))), "jazzy")
 
 
 def log(*changes: tuple[str, int, str]) -> Any:

@@ -11,11 +11,14 @@ from rvsg.core.errors import SimulationError
 from rvsg.robots import Robot
 from rvsg.simulation.ros2.dds import Bus, Endpoint, Graph
 from rvsg.simulation.ros2.interfaces import Release, interfaces
+from rvsg.simulation.ros2.node_parameters import NodeParameters, ask_nodes
 from rvsg.simulation.ros2.options import Ros2Options
 from rvsg.simulation.ros2.robot_side import scan_topic
 from rvsg.simulation.ros2.session import CLEAR, THROUGH_POSES, TO_POSE, release_of
 from rvsg.simulation.ros2.waiting import ACTIVE, GET_STATE, STATES, Lifecycle
 
+ANSWER_S = 1.0
+"""Wall time in which a node tells a parameter."""
 TWISTS = ("geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped")
 
 
@@ -28,6 +31,7 @@ class Status(str, Enum):
     OTHER_TYPE = "of another type"
     CONFLICT = "also published by somebody else"
     INACTIVE = "not active"
+    OTHER_ROBOT = "for another robot"
 
 
 FAULTS = (Status.MISSING, Status.OTHER_TYPE, Status.CONFLICT)
@@ -48,7 +52,8 @@ class Found:
     """A running system as RVSG sees it."""
 
     domain: int
-    release: Release
+    release: Release | None
+    """None: nothing is heard in the domain."""
     findings: tuple[Finding, ...]
 
     @property
@@ -84,8 +89,10 @@ def check_system(options: Ros2Options, robot: Robot, *, seconds: float = 5.0) ->
             *_map(graph, options),
             *_costmaps(graph, options),
             *_nodes(lifecycle, options),
+            *_parameters(ask_nodes(bus, ANSWER_S), robot),
         ]
-        return Found(bus.domain, release, tuple(findings))
+        is_heard = bool(graph.readers or graph.writers)
+        return Found(bus.domain, release if is_heard else None, tuple(findings))
     finally:
         bus.close()
 
@@ -149,7 +156,8 @@ def _costmaps(graph: Graph, options: Ros2Options) -> Iterable[Finding]:
 def _nodes(lifecycle: Lifecycle, options: Ros2Options) -> Iterable[Finding]:
     found = sorted({*lifecycle.found(), *(name.strip("/") for name in options.nodes)})
     if not found:
-        yield Finding("lifecycle nodes", Status.MISSING, f"no service of {GET_STATE} answers")
+        where = f"ROS_DOMAIN_ID={options.first_domain} and RMW_IMPLEMENTATION=rmw_cyclonedds_cpp"
+        yield Finding("lifecycle nodes", Status.MISSING, f"no service of {GET_STATE} answers; start them with {where}")
     for name in found:
         state = lifecycle.states.get(name)
         if state == ACTIVE:
@@ -163,6 +171,15 @@ def _nodes(lifecycle: Lifecycle, options: Ros2Options) -> Iterable[Finding]:
             yield Finding(f"node {name}", Status.MISSING)
         else:
             yield Finding(f"node {name}", Status.INACTIVE, STATES.get(state, "in transition"))
+
+
+def _parameters(told: NodeParameters, robot: Robot) -> Iterable[Finding]:
+    if told.control_hz is not None:
+        yield Finding("rate of velocity commands", Status.FOUND, f"{told.control_hz:g} Hz, as its node says")
+    wrong = told.of_another_robot(robot)
+    for node in told.bodies:
+        status = Status.OTHER_ROBOT if node in wrong else Status.FOUND
+        yield Finding(f"robot of {node}", status, wrong.get(node, f"the footprint of {robot.name}, to 0.1 m"))
 
 
 def _typed(

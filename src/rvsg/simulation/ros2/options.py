@@ -76,7 +76,7 @@ class Ros2Options(Record):
     settle_s: Annotated[float, Field(ge=0, le=60)] = 1.0
     """Simulated time between clearing the costmaps and sending the goal."""
     control_hz: Annotated[float, Field(gt=0, le=200)] | None = None
-    """Expected rate of velocity commands; None: from `params`, else 20 Hz."""
+    """Expected rate of velocity commands; None: from `params`, else from the running nodes, else 20 Hz."""
     reliable: dict[str, bool] = Field(default_factory=dict)
     """Topics whose subscription asks for (or does without) reliable delivery; default: as the publisher offers."""
 

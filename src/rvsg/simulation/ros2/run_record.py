@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from rvsg.simulation.ros2.dds import ActionClient, Subscription
 from rvsg.simulation.ros2.interfaces import Release
 from rvsg.simulation.ros2.options import Ros2Options
+from rvsg.simulation.ros2.scaling import CONTROL_HZ
 from rvsg.simulation.stacks.protocol import Observation, Task
 
 if TYPE_CHECKING:
@@ -22,19 +23,26 @@ NEAR_M, AWAY_M = 1.0, 1.5
 and the pose is still to come."""
 MOST_PLANS, MOST_POINTS, MOST_CHANGES, MOST_COSTMAPS = 200, 60, 2000, 200
 COSTMAP_EVERY_S = 1.0
+LOST_SHARE, LOST_AFTER = 0.1, 100
+"""A run with a larger share of missed control periods, after so many of them, says nothing of the system under test."""
+FOLLOWS = "FollowPath"
+"""The node of Nav2's behaviour trees in which its controller drives; recoveries command at rates of their own."""
 
 
 class RunRecord:
     """Counts and lists of one run; `facts` returns them."""
 
-    def __init__(self, speed: float, control_hz: float, task: Task, release: Release) -> None:
+    def __init__(self, speed: float, task: Task, release: Release) -> None:
         self.release = release
         self.failed = False
         """Whether a node crashed or hung."""
-        self._speed, self._period, self._task = speed, 1.0 / control_hz, task
+        self.control_hz = CONTROL_HZ
+        """The rate at which commands are due, in simulated time."""
+        self._speed, self._task = speed, task
         self._warnings: list[str] = []
         self._commands = self._missed = 0
         self._last: float | None = None
+        self._follows = True
         self._recoveries = self._turned_back = 0
         self._was_near = False
         self._remaining = len(task.goals)
@@ -64,16 +72,27 @@ class RunRecord:
     def commanded(self, at: float) -> None:
         """Count a command sent at this simulated time, s."""
         self._commands += 1
-        if self._last is not None:
+        if self._last is not None and self._follows:
             gap = at - self._last
-            if 1.5 * self._period < gap < PAUSE_S:
-                self._missed += round(gap / self._period) - 1
+            if 1.5 / self.control_hz < gap < PAUSE_S:
+                self._missed += round(gap * self.control_hz) - 1
         self._last = at
 
     @property
     def missed_share(self) -> float:
         """Missed control periods over all."""
         return self._missed / max(1, self._missed + self._commands)
+
+    @property
+    def lost_pace(self) -> bool:
+        """Whether so many periods are missed that the run cannot be judged."""
+        return self._missed + self._commands > LOST_AFTER and self.missed_share > LOST_SHARE
+
+    @property
+    def missed(self) -> str:
+        """The missed control periods, in words."""
+        due = self._missed + self._commands
+        return f"controller: {self._missed} of {due} periods of {1.0 / self.control_hz:.3g} s missed"
 
     def note(self, seen: Observation, feedback: Any) -> None:
         """Take over feedback, plans, costmaps and the behaviour tree's log."""
@@ -89,6 +108,8 @@ class RunRecord:
         if self._tree_topic is not None:
             for message in self._tree_topic.take():
                 for change in message.event_log:
+                    if change.node_name == FOLLOWS:
+                        self._follows = change.current_status == "RUNNING"
                     self._keep_change(seen.t, change)
         self._keep_costmaps(seen.t)
 
@@ -139,9 +160,7 @@ class RunRecord:
         """Return everything as JSON-able data; `speed` is the one that was reached."""
         warnings = list(self._warnings)
         if self._missed and self.missed_share > 0.0:
-            warnings.append(
-                f"controller: {self._missed} of {self._missed + self._commands} periods of {self._period:g} s missed"
-            )
+            warnings.append(self.missed)
         if speed < 0.95 * self._speed:
             warnings.append(f"speed {speed:.2f} reached, {self._speed:g} asked")
         return {
@@ -149,6 +168,7 @@ class RunRecord:
             "release": self.release,
             "speed_asked": self._speed,
             "speed": round(speed, 3),
+            "control_hz": round(self.control_hz, 3),
             "commands": self._commands,
             "missed_periods": self._missed,
             "recoveries": self._recoveries,

@@ -41,7 +41,7 @@ class Running:
 
     def __init__(self, session: Session, task: Task, seen: Observation) -> None:
         self.session, self.task, self.options = session, task, session.options
-        self.record = RunRecord(session.speed, self._control_hz(), task, session.bus.types.release)
+        self.record = RunRecord(session.speed, task, session.bus.types.release)
         self._base = session.turn.take(TURN_LIMIT_S, session.tell)
         self._now = self._base
         try:
@@ -62,11 +62,6 @@ class Running:
         self._sent = CommandQueue()
         self._heard = self._due
 
-    def _control_hz(self) -> float:
-        if self.options.control_hz is not None:
-            return self.options.control_hz
-        return 20.0 if self.session.scaled is None else self.session.scaled.control_hz
-
     # Getting ready: simulated time stands still, ROS time goes on at the pace of the run.
 
     def _get_ready(self, seen: Observation) -> None:
@@ -77,6 +72,9 @@ class Running:
         self._transforms = self.session.bus.subscribe("/tf", "tf2_msgs/msg/TFMessage", reliable=True, depth=200)
         self._wait_until_active(pump, until)
         self._check_map(pump)
+        self.record.control_hz = self.session.control_hz(pump)
+        for node, wrong in self.session.parameters(pump).of_another_robot(self.task.robot).items():
+            self.record.warn(f"{node}: {wrong}")
         self.actions = {through: self.session.action(through) for through in (False, True)}
         self._stop_others(pump)
         self._wait_until_localised(seen, pump, until)
@@ -270,6 +268,11 @@ class Running:
         due = self._sent.before(end)
         for at, _ in due:
             self.record.commanded(seen.t + STEP_S - (end - at) * self.session.speed)
+        if self.record.lost_pace and self.session.speed > 1.0:
+            raise SimulationError(
+                f"{self.record.missed}, so the system does not keep up with {self.session.speed:g} times real time "
+                "(option speed; control_hz if its controller has another rate)"
+            )
         if not due and time.monotonic() - self._heard > self.options.answer_limit_s:
             self._ask_whether_alive()
         return due[-1][1] if due else None

@@ -49,6 +49,10 @@ TREES = {
     "default_nav_through_poses_bt_xml": "navigate_through_poses_w_replanning_and_recovery.xml",
 }
 """The parameters of bt_navigator that name a tree, and the trees that Nav2 takes without them."""
+CONTROL_HZ = 20.0
+"""Nav2's default rate of velocity commands."""
+BY_THE_CLOCK: tuple[Release, ...] = ("lyrical",)
+"""Releases whose loops follow the simulated clock."""
 NOT_SCALED = ("docking_server", "route_server", "collision_monitor")
 _RATE = re.compile(r'(<RateController\b[^>]*?\bhz\s*=\s*")([^"]+)(")')
 
@@ -60,7 +64,13 @@ class Change:
     name: str
     """`node.parameter`, or the file of a behaviour tree."""
     before: Any
+    """None: not given, so Nav2's default was scaled."""
     after: Any
+
+    def __str__(self) -> str:
+        """Return the change in words."""
+        before = "Nav2's default" if self.before is None else self.before
+        return f"{self.name}: {before} becomes {self.after}"
 
 
 @dataclass
@@ -72,7 +82,7 @@ class Scaled:
     notes: list[str] = field(default_factory=list)
     trees: dict[str, str] = field(default_factory=dict)
     """Texts of scaled behaviour trees, by the parameter that names the file."""
-    control_hz: float = 20.0
+    control_hz: float = CONTROL_HZ
     """The rate at which velocity commands come, in simulated time."""
 
     def text(self) -> str:
@@ -114,7 +124,7 @@ def scale(values: dict[str, Any], speed: float, release: Release) -> Scaled:
     made.control_hz = _control_hz(values)
     if speed == 1.0:
         return made
-    if release == "lyrical":
+    if release in BY_THE_CLOCK:
         _scale_trees(made, speed)
         return made
     for node, name, default in (*FREQUENCIES, *STEPS, *ALLOWANCES):
@@ -134,7 +144,7 @@ def scale(values: dict[str, Any], speed: float, release: Release) -> Scaled:
     for section in _sections(values, "velocity_smoother"):
         _fit_timer(made, section, speed)
     _scale_trees(made, speed)
-    made.notes += [f"{node}: not scaled" for node in NOT_SCALED if any(True for _ in _sections(values, node))]
+    made.notes += [f"{node}: not scaled" for node in NOT_SCALED if any(map(_works, _sections(values, node)))]
     return made
 
 
@@ -149,6 +159,15 @@ def _sections(values: Any, node: str) -> Iterator[dict[str, Any]]:
             yield inner["ros__parameters"]
         if key != "ros__parameters":
             yield from _sections(inner, node)
+
+
+def _works(section: dict[str, Any]) -> bool:
+    """Return whether a node has anything to do: a collision monitor whose polygons are all off has not."""
+    polygons = section.get("polygons")
+    if not isinstance(polygons, list):
+        return True
+    named = [section.get(name) for name in polygons]
+    return any(not isinstance(each, dict) or each.get("enabled", True) for each in named)
 
 
 def _set(made: Scaled, section: dict[str, Any], node: str, name: str, value: Any) -> None:
@@ -170,10 +189,10 @@ def _control_hz(values: dict[str, Any]) -> float:
     """Return the rate of velocity commands: that of the last node that shapes them."""
     for node, name in (("velocity_smoother", "smoothing_frequency"), ("controller_server", "controller_frequency")):
         for section in _sections(values, node):
-            rate = section.get(name, 20.0)
+            rate = section.get(name, CONTROL_HZ)
             if isinstance(rate, int | float) and rate > 0:
                 return float(rate)
-    return 20.0
+    return CONTROL_HZ
 
 
 def _fit_timer(made: Scaled, section: dict[str, Any], speed: float) -> None:

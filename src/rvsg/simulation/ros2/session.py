@@ -13,9 +13,10 @@ from rvsg.robots import Robot
 from rvsg.simulation.ros2.dds import ActionClient, Bus, Client, Graph, Subscription
 from rvsg.simulation.ros2.interfaces import RELEASES, Release, interfaces
 from rvsg.simulation.ros2.launching import Launched, ros_environment
+from rvsg.simulation.ros2.node_parameters import NodeParameters, ask_nodes
 from rvsg.simulation.ros2.options import Ros2Options
 from rvsg.simulation.ros2.robot_side import RobotSide
-from rvsg.simulation.ros2.scaling import Scaled, scale_file
+from rvsg.simulation.ros2.scaling import BY_THE_CLOCK, CONTROL_HZ, Scaled, scale_file
 from rvsg.simulation.ros2.turns import Turn
 from rvsg.simulation.ros2.waiting import Lifecycle
 
@@ -42,6 +43,7 @@ class Session:
         self.robot_side: RobotSide | None = None
         self.checked_worlds: set[str] = set()
         """Worlds whose map the system was seen to have."""
+        self._parameters: NodeParameters | None = None
         self._folder: tempfile.TemporaryDirectory[str] | None = None
         self._clients: list[Client] = []
         self.domain = options.first_domain
@@ -117,6 +119,23 @@ class Session:
         tail = self.launched.tail() if self.launched is not None else ""
         said = f" The last lines of the launch command:\n{tail}" if tail else ""
         return f"Not active: {waiting or 'no node'}. A node that refuses its parameters says so in its log.{said}"
+
+    def parameters(self, pump: Callable[[], None]) -> NodeParameters:
+        """Return what the nodes tell of their parameters; they are asked once."""
+        if self._parameters is None:
+            self._parameters = ask_nodes(self.bus, self.options.answer_limit_s, pump)
+        return self._parameters
+
+    def control_hz(self, pump: Callable[[], None]) -> float:
+        """Return the rate at which velocity commands are due, in simulated time."""
+        if self.options.control_hz is not None:
+            return self.options.control_hz
+        if self.scaled is not None:
+            return self.scaled.control_hz
+        told = self.parameters(pump).control_hz
+        if told is None:
+            return CONTROL_HZ
+        return told if self.bus.types.release in BY_THE_CLOCK else told / self.speed
 
     def actions(self) -> tuple[str, ...]:
         """Return the names of the actions that can get the goal."""

@@ -97,7 +97,7 @@ class Ros2Stack(WholeStack):
         scaled = self._session.scaled
         if scaled is not None and self._speed != 1.0:
             for change in scaled.changes:
-                tell(f"speed {self._speed:g}: {change.name}: {change.before} becomes {change.after}")
+                tell(f"speed {self._speed:g}: {change}")
             for note in scaled.notes:
                 tell(f"speed {self._speed:g}: {note}")
         elif self._speed != 1.0:
