@@ -248,7 +248,8 @@ def _what_it_does(campaign: Campaign) -> str:
     at_most = "at most " if plan.requirement.threshold is not None and plan.confirmations else ""
     return (
         f"{plan.requirement.name} ({plan.requirement.title}) on {plan.mission.world}, {plan.mission.route.name}: "
-        f"{search}, then {at_most}{plan.confirmations or 'none'} to confirm."
+        f"{search}, then {at_most}{plan.confirmations or 'none'} to confirm"
+        f"{' and further ones without some of the people, to name the cause' if plan.confirmations else ''}."
     )
 
 
@@ -287,7 +288,8 @@ def _show(campaign: Campaign, summary: Summary, spent_s: float, *, as_json: bool
         say(f"More confirmation runs can decide it: {more}")
     account = summary.accounting
     say(
-        f"{counted(account.search_runs, 'run')} of search and {account.confirmation_runs} of confirmation in "
+        f"{counted(account.search_runs, 'run')} of search, {account.confirmation_runs} of confirmation, "
+        f"{account.baseline_runs} without some of the people and {account.shrinking_runs} to shrink, in "
         f"{spent_s:.0f} s; stored in {folder}"
     )
     if account.calls:
