@@ -1,6 +1,6 @@
 """A local planner of your own: follow the plan, and wait where the costmap is occupied ahead.
 
-rvsg simulate best.json --stack examples/stacks/follow_the_plan.py:FollowThePlan --stack-option speed=0.4
+rvsg simulate best_scenario.json --stack examples/stacks/follow_the_plan.py:FollowThePlan --stack-option speed=0.4
 """
 
 import math

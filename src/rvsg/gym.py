@@ -5,7 +5,7 @@
     import rvsg
     from rvsg.gym import DriveEnv
 
-    env = DriveEnv([rvsg.load_scenario("best.json")])
+    env = DriveEnv([rvsg.load_scenario("best_scenario.json")])
     seen, info = env.reset(seed=0)
     seen, reward, terminated, truncated, info = env.step(env.action_space.sample())
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import pickle
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import ClassVar
@@ -127,3 +128,21 @@ def test_the_copy_of_a_stack_in_a_worker_is_closed_there(monkeypatch: pytest.Mon
     assert GivesUp.closed == 0
     pickle.loads(pickle.dumps(choice)).close()
     assert GivesUp.closed == 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "name",
+    [EXAMPLE, "beside:FollowThePlan", str(Path(__file__).parents[2] / "examples" / "stacks" / "nav2_params.yaml")],
+)
+def test_a_stack_of_ones_own_drives_in_worker_processes(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = Path(EXAMPLE.rpartition(":")[0])
+    shutil.copy(file, tmp_path / "beside.py")
+    monkeypatch.chdir(tmp_path)
+    campaign = rvsg.Campaign.create(tmp_path / "a", stack=name, **{**SMALL, "repeats": 4})
+    list(campaign.run(jobs=2))
+    attempts = campaign.attempts()
+    assert [attempt.failures for attempt in attempts] == [()] * len(attempts)
+    assert sum(len(attempt.measurements) for attempt in attempts) >= 4

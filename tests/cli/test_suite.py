@@ -72,6 +72,7 @@ def test_a_broken_case_ends_with_exit_code_1(scenario_file: Path, tmp_path: Path
     "arguments",
     [
         ["suite", "run", "nowhere"],
+        ["suite", "run", "empty"],
         ["suite", "add", "nowhere.json", "--suite", "s"],
         ["compare-versions", "nowhere.json", "nowhere.json"],
         ["compare-versions", "embedded:profile", "embedded", "--suite", "nowhere"],
@@ -81,5 +82,6 @@ def test_bad_input_is_one_message(
     arguments: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    rvsg.Suite.create("empty")
     assert main(arguments) == 2
     assert "Traceback" not in capsys.readouterr().err

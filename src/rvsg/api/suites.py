@@ -122,7 +122,7 @@ class Suite:
         """Add a scenario, or one more requirement to a case that holds the same scenario; return the new suite.
 
         Args:
-            source: a scenario, or a file of one (also of a proposal or an attempt, such as `best.json`).
+            source: a scenario, or a file of one (also of a proposal or an attempt, such as `best_scenario.json`).
             requirement: what it is judged by.
             name: the case's name and file; by default made from the title.
             expected: `violation` for a known failure, `pass` for a scenario the robot must master.
@@ -186,6 +186,7 @@ class Suite:
 
         Raises:
             UnknownName: there is no such case, or the simulator does not know a robot.
+            FileError: the suite has no case.
             SimulationError: a run could not be made.
         """
         chosen = self._chosen(only)
@@ -209,6 +210,8 @@ class Suite:
 
     def _chosen(self, only: Sequence[str]) -> list[Case]:
         """Return the named cases in the order of the suite; all where none is named."""
+        if not self.cases:
+            raise FileError(self.folder, "the suite has no case. Add one with: rvsg suite add FILE --suite DIR")
         names = {case.name for case in self.cases}
         for name in only:
             if name not in names:

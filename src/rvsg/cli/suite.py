@@ -19,7 +19,7 @@ Folder = Annotated[Path, typer.Argument(help="The folder of the suite.")]
 @app.command()
 def add(
     scenario: Annotated[
-        Path, typer.Argument(help="A scenario, proposal or attempt as JSON, e.g. runs/first/best.json.")
+        Path, typer.Argument(help="A scenario, proposal or attempt as JSON, e.g. runs/first/best_scenario.json.")
     ],
     suite: Annotated[Path, typer.Option(help="The folder of the suite; created if missing.")],
     requirement: Annotated[str, typer.Option(help="A shipped requirement, or FILE.yaml#NAME beside the suite.")] = "R1",

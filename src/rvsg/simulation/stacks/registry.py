@@ -212,6 +212,8 @@ def _load_file(path: Path) -> ModuleType:
     path = path.resolve()
     if not path.is_file():
         raise FileError(path, "there is no such file. Expected a Python file that defines the stack.")
+    import cloudpickle
+
     name = f"_rvsg_stack_{path.stem}_{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"
     if name in sys.modules:
         return sys.modules[name]
@@ -225,6 +227,8 @@ def _load_file(path: Path) -> ModuleType:
         del sys.modules[name]
         line = error.lineno if isinstance(error, SyntaxError) else None
         raise FileError(path, f"cannot be imported: {type(error).__name__}: {error}", line=line) from error
+    # Workers cannot import it by this name; they get its content as it is now, wherever they are.
+    cloudpickle.register_pickle_by_value(module)
     return module
 
 

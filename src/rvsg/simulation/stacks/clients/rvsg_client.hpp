@@ -6,7 +6,7 @@
 //   int main() { MyPlanner planner; return rvsg::serve(planner); }
 //
 // Build it with: g++ -O2 -std=c++17 my_planner.cpp -o my_planner
-// Run it with:   rvsg simulate best.json --stack exec:./my_planner
+// Run it with:   rvsg simulate best_scenario.json --stack exec:./my_planner
 // Write to standard error, never to standard output.
 #pragma once
 

@@ -8,7 +8,7 @@
 
     rvsg_client.serve(MyPlanner())
 
-Run it with: rvsg simulate best.json --stack "exec:python3 my_planner.py"
+Run it with: rvsg simulate best_scenario.json --stack "exec:python3 my_planner.py"
 """
 
 import json
