@@ -14,6 +14,7 @@ import rvsg
 from rvsg.api.versions import compare_versions
 from rvsg.campaign.suite import Change
 from rvsg.cli import main
+from rvsg.core.errors import InputError
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "suites" / "warehouse"
 
@@ -113,3 +114,14 @@ def test_the_verb_writes_a_page(tmp_path: Path) -> None:
     assert main([*wanted, "--html", str(page)]) == 0
     assert "1 unchanged" in page.read_text()
     assert main([*wanted, "--html", str(tmp_path)]) == 2
+
+
+def test_a_version_that_cannot_be_made_is_refused_before_the_other_runs(tmp_path: Path) -> None:
+    world = rvsg.load_world("warehouse")
+    crossing = rvsg.scenario(world, "route_1", [rvsg.walk("Anna", "E15", "H15")])
+    rvsg.Suite.create(tmp_path / "suite").add(crossing, "R3", name="aisle", expected="pass")
+    said: list[str] = []
+    for wrong in ("kinematic:robot=missing.yaml", "embedded:stack=nav2-rrp", "kinemtic"):
+        with pytest.raises(InputError):
+            compare_versions("kinematic", wrong, suite=tmp_path / "suite", runs=1, on_message=said.append)
+    assert said == []

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from rvsg.api.simulating import ignore, simulate
+from rvsg.api.scenarios import as_robot
+from rvsg.api.simulating import ignore, make_simulator, simulate
 from rvsg.api.suites import Suite, driven_by, read_results, requirement_of
 from rvsg.campaign.measuring import Measuring
 from rvsg.campaign.suite import CaseChange, Change, SuiteResult, compare_results, counts
@@ -17,6 +19,7 @@ from rvsg.core.errors import InputError
 from rvsg.core.plugins import Spec
 from rvsg.report.facts import run_facts
 from rvsg.report.suites import changes_markdown
+from rvsg.report.summary import counted
 from rvsg.report.versions import ORDER, ShownPair, change_rows, pair_replay, versions_page
 
 
@@ -105,9 +108,11 @@ def compare_versions(
     if opened is None:
         results = [given if isinstance(given, SuiteResult) else read_results(given) for given in (first, second)]
     else:
-        results = []
-        for given in (str(first), str(second)):
-            on_message(f"Running {len(opened.cases)} cases with {given}.")
+        results, asked = [], (str(first), str(second))
+        for given in asked:
+            _check_version(given)
+        for given in asked:
+            on_message(f"Running {counted(len(opened.cases), 'case')} with {given}.")
             simulator, robot = _version(given)
             made = opened.run(
                 simulator=simulator, version=given, robot=robot, jobs=jobs, runs=runs, on_message=on_message
@@ -162,6 +167,14 @@ def _differing(first: SuiteResult, second: SuiteResult, change: CaseChange) -> i
         if (each.case, each.requirement) == (change.case, change.requirement)
     ]
     return next(seed for seed, flag in flags[0].items() if seed in flags[1] and flag != flags[1][seed])
+
+
+def _check_version(text: str) -> None:
+    """Refuse a version that cannot be made, before the other one runs."""
+    simulator, robot = _version(text)
+    with closing(make_simulator(simulator)) as made:
+        if robot is not None:
+            as_robot(robot, made)
 
 
 def _version(text: str) -> tuple[Spec, str | None]:

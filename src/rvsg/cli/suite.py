@@ -31,11 +31,12 @@ def add(
 ) -> None:
     """Add a scenario to a suite, or one more requirement to a case that holds the same scenario."""
     from rvsg import Suite
+    from rvsg.api.words import counted
 
     made = Suite.create(suite).add(
         scenario, requirement, name=name, title=title, expected=expect, reason=reason, world=world
     )
-    say(f"{suite} holds {len(made.cases)} cases. Run it with: rvsg suite run {suite}")
+    say(f"{suite} holds {counted(len(made.cases), 'case')}. Run it with: rvsg suite run {suite}")
 
 
 @app.command()

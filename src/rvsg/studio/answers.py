@@ -25,6 +25,7 @@ from rvsg.api.showing import floor_of, related, replay_of_attempts, replay_of_ru
 from rvsg.api.simulating import RunSet
 from rvsg.api.trying import BEHAVIOURS, empty_scenario, scenario_of, simulated, try_out, with_person
 from rvsg.api.versions import VersionComparison, compare_versions
+from rvsg.api.words import counted
 from rvsg.api.worlds import world_of
 from rvsg.studio.workspace import Workspace
 
@@ -208,7 +209,7 @@ def scenario_save(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]
         suite = rvsg.Suite.create(folder).add(
             wanted, requirement.name, title=str(given.get("title") or "") or None, world=place
         )
-        said = f"{workspace.relative(folder)} holds {len(suite.cases)} cases."
+        said = f"{workspace.relative(folder)} holds {counted(len(suite.cases), 'case')}."
     else:
         path = workspace.path(text_of(given, "save_as"))
         save_scenario(wanted, path)
