@@ -22,7 +22,8 @@ class UnderTest:
 
 def under_test(runs: Iterable[Run]) -> UnderTest:
     """Return what the runs tell of their stack; no rows where it is the built-in one and nothing went wrong."""
-    told = [(run, facts) for run in runs if isinstance(facts := run.details.get("stack"), Mapping)]
+    made = {run.id: run for run in runs}.values()  # attempts share runs
+    told = [(run, facts) for run in made if isinstance(facts := run.details.get("stack"), Mapping)]
     rows = [
         *_start([run for run, _ in told]),
         *_pace([facts for _, facts in told]),
@@ -62,7 +63,7 @@ def _pace(told: list[Mapping[str, Any]]) -> Iterable[tuple[str, str]]:
     if due:
         missed, worst = sum(some for some, _ in counts), max(some / every for some, every in counts if every)
         most = f" ({100.0 * missed / due:.2g} %), at most {100.0 * worst:.2g} % in one run" if missed else ""
-        yield "Control periods missed", f"{missed} of {due}{most}"
+        yield "Control periods missed", f"{missed:,} of {due:,}{most}"
 
 
 def _refused(told: list[Mapping[str, Any]]) -> Iterable[tuple[str, str]]:
@@ -73,7 +74,7 @@ def _refused(told: list[Mapping[str, Any]]) -> Iterable[tuple[str, str]]:
     ):
         found = [facts[name] for facts in told if facts.get(name)]
         if found:
-            yield label, f"{sum(found)} in {counted(len(found), 'run')}"
+            yield label, f"{sum(found):,} in {counted(len(found), 'run')}"
 
 
 def _warnings(runs: list[Run]) -> Iterable[tuple[str, str]]:
