@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import itertools
 import os
 import signal
+import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -136,6 +139,21 @@ def test_an_error_of_the_simulator_is_none_of_the_connection(cluster, error: Exc
 def test_a_scheduler_that_is_not_there_is_one_message() -> None:
     with pytest.raises(InputError, check=coded("cluster-unreachable")):
         campaign(plan(), "tcp://127.0.0.1:9", [], patience_s=1.0)
+
+
+def test_what_answers_without_being_a_scheduler_is_one_message() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def answer() -> None:
+            with contextlib.suppress(OSError):  # until the test closes it
+                while True:
+                    connection, _ = server.accept()
+                    with connection:
+                        connection.sendall(b"HTTP/1.1 400 Bad Request\r\n\r\n")
+
+        threading.Thread(target=answer, daemon=True).start()
+        with pytest.raises(InputError, check=coded("cluster-unreachable")):
+            campaign(plan(), f"tcp://127.0.0.1:{server.getsockname()[1]}", [])
 
 
 def test_a_cluster_without_workers_is_one_message() -> None:

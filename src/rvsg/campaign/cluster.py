@@ -104,15 +104,15 @@ class Cluster:
         where = self.address or f"the address in {self.scheduler_file}"
         try:
             self._client = _within(
-                CONNECT_S + self.patience_s,
-                distributed.Client,
+                2.0 * CONNECT_S if self.scheduler_file is None else CONNECT_S + self.patience_s,
+                _client_class(distributed),
                 self.address,
                 scheduler_file=self.scheduler_file,
                 timeout=min(CONNECT_S, self.patience_s),
                 set_as_default=False,
             )
             _within(CONNECT_S + self.patience_s, self._client.wait_for_workers, 1, timeout=self.patience_s)
-        except (OSError, ValueError) as error:
+        except Exception as error:  # Dask takes whatever else answers there for lengths of messages
             connected = self._client is not None
             self.stop(kill=True)
             if connected and isinstance(error, TimeoutError):
@@ -122,7 +122,8 @@ class Cluster:
                     code="cluster-no-worker",
                 ) from None
             raise InputError(
-                f"No Dask scheduler answers at {where} ({error}). Is it running? `dask scheduler` starts one.",
+                f"No Dask scheduler answers at {where} ({str(error) or type(error).__name__}). Is it running? "
+                "`dask scheduler` starts one, and prints its address.",
                 code="cluster-unreachable",
             ) from None
         self._notify = notify
@@ -300,6 +301,16 @@ def _within(limit_s: float, call: Callable[..., Any], *given: Any, **named: Any)
 
     threading.Thread(target=ask, name="rvsg-cluster", daemon=True).start()
     return answer.result(limit_s)
+
+
+def _client_class(distributed: Any) -> Any:
+    """Return Dask's client, but one that could not connect is given up without waiting and without a traceback."""
+
+    class Client(distributed.Client):  # type: ignore[misc]
+        def __del__(self) -> None:
+            return  # `Cluster.stop` closes what was connected
+
+    return Client
 
 
 def _distributed() -> Any:
