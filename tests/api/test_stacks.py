@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import pickle
 import shutil
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import ClassVar
@@ -133,14 +134,26 @@ def test_the_copy_of_a_stack_in_a_worker_is_closed_there(monkeypatch: pytest.Mon
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
-    [EXAMPLE, "beside:FollowThePlan", str(Path(__file__).parents[2] / "examples" / "stacks" / "nav2_params.yaml")],
+    [
+        EXAMPLE,
+        "beside:FollowThePlan",
+        "lib/mine.py:FollowThePlan",
+        str(Path(__file__).parents[2] / "examples" / "stacks" / "nav2_params.yaml"),
+    ],
 )
 def test_a_stack_of_ones_own_drives_in_worker_processes(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     file = Path(EXAMPLE.rpartition(":")[0])
     shutil.copy(file, tmp_path / "beside.py")
+    (tmp_path / "lib").mkdir()
+    (tmp_path / "lib" / "what_it_imports.py").write_text("SPEED = 0.4\n")
+    text = file.read_text().replace("import numpy as np\n", "import what_it_imports\nimport numpy as np\n", 1)
+    (tmp_path / "lib" / "mine.py").write_text(
+        text.replace("speed: float = 0.5", "speed: float = what_it_imports.SPEED")
+    )
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", list(sys.path))
     campaign = rvsg.Campaign.create(tmp_path / "a", stack=name, **{**SMALL, "repeats": 4})
     list(campaign.run(jobs=2))
     attempts = campaign.attempts()

@@ -208,7 +208,7 @@ def _load_module(module: str, name: str) -> ModuleType:
 
 
 def _load_file(path: Path) -> ModuleType:
-    """Import a Python file under a name that is made of its path."""
+    """Import a Python file under a name that is made of its path; modules beside it can be imported by it."""
     path = path.resolve()
     if not path.is_file():
         raise FileError(path, "there is no such file. Expected a Python file that defines the stack.")
@@ -221,6 +221,8 @@ def _load_file(path: Path) -> ModuleType:
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module
+    if str(path.parent) not in sys.path:
+        sys.path.append(str(path.parent))  # it may import a module beside it, as a script may
     try:
         spec.loader.exec_module(module)
     except Exception as error:
