@@ -10,9 +10,10 @@ of a run, can be given the noise that Nav2 had.
 
 KEPT is a folder that `nav2_agreement.py --stacks nav2-mppi --keep KEPT` filled: the routes without people, driven in
 the order of the routes and seeds by one process of Nav2. --draw is the draw of its first goal, counted from 0: two are
-spent before, when the generator is made and when it is first reset. --skipped RUN ... names the runs (counted from 0)
-before which Nav2's optimiser was reset once more than at the end of the goal, as a counter in its source tells. Prints
-JSON: times of both, their correlation and differences.
+spent before, when the generator is made and when it is first reset. --started RUN ... names the runs (counted from 0)
+before which Nav2 was started again, --skipped RUN ... those before which its optimiser was reset once more than at the
+end of the goal, as a counter in its source tells. Runs in which the stack failed are left out. Prints JSON: times of
+both, their correlation and differences.
 """
 
 from __future__ import annotations
@@ -39,6 +40,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("kept", type=Path)
     parser.add_argument("--draw", type=int, default=2)
+    parser.add_argument("--started", type=int, nargs="*", default=[], metavar="RUN")
     parser.add_argument("--skipped", type=int, nargs="*", default=[], metavar="RUN")
     given = parser.parse_args()
     import rvsg
@@ -59,12 +61,15 @@ def main() -> int:
         noise = Noise(given.draw)
         rows = []
         for number, (route, run) in enumerate(driven):
+            if number in given.started:
+                noise = Noise(given.draw)
             noise.skip(given.skipped.count(number))
-            rows.append(row(route, run, str(file), noise))
+            if not run.stack_fault:
+                rows.append(row(route, run, str(file), noise))
     real, built_in = (np.array([each[key] for each in rows]) for key in ("nav2_s", "built_in_s"))
     over_all = {
         "runs": len(rows),
-        "correlation": round(float(np.corrcoef(real, built_in)[0, 1]), 3) if len(rows) > 2 else None,
+        "correlation_within_routes": within(rows),
         "mean_difference_s": round(float((built_in - real).mean()), 3),
         "median_absolute_difference_s": round(float(np.median(np.abs(built_in - real))), 3),
     }
@@ -87,6 +92,16 @@ def row(route: str, run: Any, stack: str, noise: Noise) -> dict[str, Any]:
         "nav2_s": round(float(run.trajectory.t[-1]), 2),
         "built_in_s": round(float(own.trajectory.t[-1]), 2),
     }
+
+
+def within(rows: list[dict[str, Any]]) -> float | None:
+    """Return the correlation of the times of both, each less the mean of its route; None for too few runs."""
+    routes = [each["route"] for each in rows]
+    off = []
+    for key in ("nav2_s", "built_in_s"):
+        means = {name: np.mean([each[key] for each in rows if each["route"] == name]) for name in routes}
+        off.append([each[key] - means[each["route"]] for each in rows])
+    return round(float(np.corrcoef(off[0], off[1])[0, 1]), 3) if len(rows) > len(means) + 2 else None
 
 
 def by_route(rows: list[dict[str, Any]]) -> dict[str, dict[str, float]]:
