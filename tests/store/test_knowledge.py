@@ -10,8 +10,10 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -93,6 +95,19 @@ def test_vectors_are_kept(where: str) -> None:
         assert base.vectors(["a", "b"])["a"].tolist() == [0.0, 1.0, 2.0, 3.0]
 
 
+def test_several_that_open_the_same_new_file_at_once_all_open_it(tmp_path: Path) -> None:
+    together = threading.Barrier(8)
+
+    def add(path: Path) -> int:
+        together.wait(60)
+        with KnowledgeBase(str(path)) as base:
+            return base.add([entry(1)])
+
+    with ThreadPoolExecutor(8) as pool:
+        for round_ in range(10):
+            assert sum(pool.map(add, [tmp_path / f"{round_}.sqlite"] * 8)) == 1
+
+
 @pytest.mark.slow
 def test_four_writers_killed_at_random_lose_nothing_and_add_nothing_twice(where: str, tmp_path: Path) -> None:
     rng = random.Random(5)
@@ -106,25 +121,30 @@ def test_four_writers_killed_at_random_lose_nothing_and_add_nothing_twice(where:
     writers = {k: start(k) for k in range(4)}
     killed, kills, written = [], 12, rng.randint(1, 15)
     deadline = time.monotonic() + 300
-    while writers:
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
-        for k, writer in list(writers.items()):
-            if (code := writer.poll()) is not None:
-                assert code in (0, -signal.SIGKILL)
-                if code == 0:
-                    del writers[k]
-                else:
-                    writers[k] = start(k)
-        alive = [k for k, writer in writers.items() if writer.poll() is None]
-        acknowledged = [line for each in notes if each.exists() for line in each.read_text().splitlines()]
-        if alive and len(killed) < kills and len(acknowledged) >= written:
-            written += rng.randint(1, 15)  # a kill follows what was done, not the clock
-            k = rng.choice(alive)
-            writers[k].kill()
-            writers[k].wait()
-            killed.append(k)
-            writers[k] = start(k)
+    try:
+        while writers:
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
+            for k, writer in list(writers.items()):
+                if (code := writer.poll()) is not None:
+                    assert code in (0, -signal.SIGKILL)
+                    if code == 0:
+                        del writers[k]
+                    else:
+                        writers[k] = start(k)
+            alive = [k for k, writer in writers.items() if writer.poll() is None]
+            acknowledged = [line for each in notes if each.exists() for line in each.read_text().splitlines()]
+            if alive and len(killed) < kills and len(acknowledged) >= written:
+                written += rng.randint(1, 15)  # a kill follows what was done, not the clock
+                k = rng.choice(alive)
+                writers[k].kill()
+                writers[k].wait()
+                killed.append(k)
+                writers[k] = start(k)
+    finally:
+        for writer in writers.values():
+            writer.kill()
+            writer.wait()
     assert len(killed) >= 4
     numbers = {int(line) for each in notes for line in each.read_text().splitlines()}
     with KnowledgeBase(where) as base:

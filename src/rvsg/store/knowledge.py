@@ -7,6 +7,7 @@ is there twice. What `add` returned for is committed, so a writer that is killed
 from __future__ import annotations
 
 import datetime
+import sqlite3
 from collections.abc import Iterable, Sequence
 from typing import Any, Self
 
@@ -21,6 +22,7 @@ from sqlalchemy.exc import ArgumentError, DatabaseError, NoSuchModuleError
 from rvsg.campaign.knowledge import Entry
 from rvsg.core.errors import InputError, StoreError, how_to_install
 from rvsg.core.records import canonical_json, text_id
+from rvsg.store.sqlite_file import write_ahead
 
 _meta = sa.MetaData()
 _entries = sa.Table(
@@ -50,8 +52,8 @@ _embeddings = sa.Table(
 )
 _INSERT: dict[str, Any] = {"sqlite": sqlite_insert, "postgresql": postgresql_insert}
 PATIENCE_S = 60.0
-LOCK = 0x52565347
-"""The key of PostgreSQL's advisory lock under which the tables are made."""
+_ALONE = {"sqlite": "BEGIN IMMEDIATE", "postgresql": f"SELECT pg_advisory_xact_lock({0x52565347})"}
+"""What makes the others that open the same new database wait until this transaction ends."""
 
 
 class KnowledgeBase:
@@ -72,9 +74,9 @@ class KnowledgeBase:
         self._insert = _INSERT[self._engine.dialect.name]
         try:
             with self._translated(), self._engine.begin() as connection:
-                if self._engine.dialect.name == "postgresql":  # two that make the same table at once collide there
-                    connection.execute(sa.select(sa.func.pg_advisory_xact_lock(LOCK)))
-                _meta.create_all(connection)
+                if not _meta.tables.keys() <= set(sa.inspect(connection).get_table_names()):
+                    connection.exec_driver_sql(_ALONE[self._engine.dialect.name])
+                    _meta.create_all(connection)  # looks again: another may have made them meanwhile
         except StoreError:
             self.close()
             raise
@@ -226,16 +228,15 @@ def _engine(where: str) -> sa.Engine:
         engine = sa.create_engine(url, connect_args={"timeout": PATIENCE_S})
     except (ImportError, NoSuchModuleError):
         raise InputError(f"PostgreSQL needs the driver psycopg: {how_to_install('postgres')}.") from None
-    sa.event.listen(engine, "connect", _wait_for_locks)
+    sa.event.listen(engine, "connect", _configure)
     return engine
 
 
 _EXPECTED = "Give the path of an SQLite file, or postgresql://user@host/database."
 
 
-def _wait_for_locks(connection: Any, _: Any) -> None:
+def _configure(connection: sqlite3.Connection, _: object) -> None:
     cursor = connection.cursor()
-    cursor.execute("PRAGMA busy_timeout=60000")
-    cursor.execute("PRAGMA journal_mode=WAL")
+    write_ahead(cursor, PATIENCE_S)
     cursor.execute("PRAGMA synchronous=FULL")
     cursor.close()

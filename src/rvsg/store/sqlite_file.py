@@ -60,17 +60,28 @@ def _configure(connection: Any, _: Any) -> None:
     cursor = connection.cursor()
     cursor.execute(f"PRAGMA page_size={PAGE_BYTES}")  # changes nothing in a file that has pages
     cursor.execute(f"PRAGMA wal_autocheckpoint={LOG_PAGES}")
-    deadline = time.monotonic() + PATIENCE_S
+    write_ahead(cursor, PATIENCE_S)
+    cursor.execute("PRAGMA synchronous=NORMAL")
+    cursor.close()
+
+
+def write_ahead(cursor: sqlite3.Cursor, patience_s: float) -> None:
+    """Have the file keep a write-ahead log.
+
+    SQLite does not wait by itself here where another process opens the same new file.
+
+    Raises:
+        sqlite3.OperationalError: the file cannot be written, or another process held it for longer than `patience_s`.
+    """
+    deadline = time.monotonic() + patience_s
     while True:
         try:
             cursor.execute("PRAGMA journal_mode=WAL")
-            break
-        except sqlite3.OperationalError as error:  # SQLite does not wait here where another process opens a new store
+            return
+        except sqlite3.OperationalError as error:
             if result_code(error) not in BUSY or time.monotonic() > deadline:
                 raise
             time.sleep(0.02)
-    cursor.execute("PRAGMA synchronous=NORMAL")
-    cursor.close()
 
 
 def migrate(connection: sa.Connection, path: Path) -> None:
