@@ -11,7 +11,7 @@ from rvsg.core.errors import SimulationError
 from rvsg.robots import Robot
 from rvsg.simulation.ros2.dds import Bus, Endpoint, Graph
 from rvsg.simulation.ros2.interfaces import Release, interfaces
-from rvsg.simulation.ros2.node_parameters import NodeParameters, ask_nodes
+from rvsg.simulation.ros2.node_parameters import OTHER_ROBOT_M, NodeParameters, ask_nodes
 from rvsg.simulation.ros2.options import Ros2Options
 from rvsg.simulation.ros2.robot_side import scan_topic
 from rvsg.simulation.ros2.session import CLEAR, THROUGH_POSES, TO_POSE, release_of
@@ -179,7 +179,7 @@ def _parameters(told: NodeParameters, robot: Robot) -> Iterable[Finding]:
     wrong = told.of_another_robot(robot)
     for node in told.bodies:
         status = Status.OTHER_ROBOT if node in wrong else Status.FOUND
-        yield Finding(f"robot of {node}", status, wrong.get(node, f"the footprint of {robot.name}, to 0.1 m"))
+        yield Finding(f"robot of {node}", status, wrong.get(node, f"the footprint of {robot.name}, to {OTHER_ROBOT_M:g} m"))
 
 
 def _typed(

@@ -159,7 +159,7 @@ class RunRecord:
     def facts(self, speed: float) -> dict[str, Any]:
         """Return everything as JSON-able data; `speed` is the one that was reached."""
         warnings = list(self._warnings)
-        if self._missed and self.missed_share > 0.0:
+        if self._missed:
             warnings.append(self.missed)
         if speed < 0.95 * self._speed:
             warnings.append(f"speed {speed:.2f} reached, {self._speed:g} asked")
