@@ -179,7 +179,9 @@ def _parameters(told: NodeParameters, robot: Robot) -> Iterable[Finding]:
     wrong = told.of_another_robot(robot)
     for node in told.bodies:
         status = Status.OTHER_ROBOT if node in wrong else Status.FOUND
-        yield Finding(f"robot of {node}", status, wrong.get(node, f"the footprint of {robot.name}, to {OTHER_ROBOT_M:g} m"))
+        yield Finding(
+            f"robot of {node}", status, wrong.get(node, f"the footprint of {robot.name}, to {OTHER_ROBOT_M:g} m")
+        )
 
 
 def _typed(
