@@ -101,6 +101,23 @@ def driven(crowd: Crowd, speed: float, ticks: int, yaw: float = 0.0) -> np.ndarr
     return body
 
 
+def walkers(world: World, count: int) -> list[HumanAgent]:
+    """People on random shortest paths there and back."""
+    rng = np.random.default_rng(count)
+    names = sorted(world.grid.valid)
+    people: list[HumanAgent] = []
+    while len(people) < count:
+        start, end = rng.choice(names, 2, replace=False)
+        way = world.grid.shortest_path(str(start), str(end))
+        if way is None or len(way) < 3:
+            continue
+        goals = tuple(world.grid.position(name) for name in [*way, *way[-2:0:-1]])
+        people.append(
+            HumanAgent(name=f"human_{len(people)}", start=goals[0], goals=goals, pauses_s=(0.0,) * len(goals))
+        )
+    return people
+
+
 class TestBase:
     @pytest.mark.parametrize("speed", [0.2, 0.5, 2.0])
     def test_a_standing_person_holds_the_base_back(self, speed: float) -> None:
@@ -181,8 +198,6 @@ class TestRuns:
 
     @pytest.mark.slow
     def test_bodies_stay_apart_in_a_crowd_of_fifty(self) -> None:
-        from tests.simulation.test_golden_runs import walkers
-
         world = load_world("warehouse")
         route = world.route("route_1")
         people: list[HumanAgent] = []
