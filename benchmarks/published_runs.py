@@ -14,8 +14,8 @@ from pathlib import Path
 from rvsg.core.errors import InputError
 from rvsg.core.records import Pose
 from rvsg.scenario.agents import HumanAgent
-from rvsg.study.study_format import read_study_configuration
 from rvsg.world.grid import Grid
+from rvsg_study.study_format import read_study_configuration
 
 METHODS = ("distance", "jerk", "reach", "no_req", "random")
 COLUMNS = {

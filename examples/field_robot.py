@@ -19,7 +19,7 @@ import yaml
 
 import rvsg
 from rvsg import Spec
-from rvsg.api.exchange import export
+from rvsg_exchange.formats import export
 
 NAV2 = {
     "controller_server": {

@@ -10,15 +10,15 @@ import pytest
 import yaml
 
 import rvsg
-from rvsg.api.exchange import export, import_agents, load_recordings
 from rvsg.api.scenarios import save_scenario
 from rvsg.api.tracing import trace
 from rvsg.cli import main
 from rvsg.core.errors import InputError, UnknownName
 from rvsg.evaluation.metrics import measure
-from rvsg.exchange.foxglove import foxglove_layout
 from rvsg.simulation.archive import rounded
 from rvsg.simulation.embedded.simulator import EmbeddedSimulator
+from rvsg_exchange.formats import export, import_agents, load_recordings
+from rvsg_exchange.foxglove import foxglove_layout
 
 
 @pytest.fixture(scope="module")
@@ -89,7 +89,7 @@ def test_a_trace_is_the_run_and_its_bag_holds_what_the_robot_sees(scenario: rvsg
     assert again == {
         name: value if value is None else pytest.approx(value, abs=1e-6) for name, value in measured.items()
     }
-    from rvsg.exchange.bag_reading import open_bag
+    from rvsg_exchange.bag_reading import open_bag
 
     with open_bag(tmp_path / "run.mcap") as reader:
         topics = {connection.topic for connection in reader.connections}

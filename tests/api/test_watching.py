@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 import rvsg
-from rvsg.api.exchange import export
 from rvsg.api.watch_parts import RecordingMonitor, SuiteAnalyser
 from rvsg.api.watch_subject import LiveSuite, Subject
 from rvsg.api.watching import approve, watch
@@ -18,6 +17,7 @@ from rvsg.cli import main
 from rvsg.core.errors import InputError
 from rvsg.simulation.embedded.simulator import EmbeddedSimulator
 from rvsg.store.knowledge import KnowledgeBase
+from rvsg_exchange.formats import export
 
 FAST = "kinematic"
 pytest.importorskip("rosbags")

@@ -7,12 +7,12 @@ from types import ModuleType
 import pytest
 import typer
 
-from rvsg.cli import VERBS, main
+from rvsg.cli import main, verbs
 from rvsg.cli.console import as_started
 from rvsg.cli.frame import Verb, command_line, full_command, verb
 from rvsg.core.errors import BudgetSpent, InputError, Interrupted
 
-PROBE = {"probe": Verb("_probe", "A verb for this test")}
+PROBE = {"probe": Verb("rvsg.cli._probe", "A verb for this test")}
 
 
 @pytest.fixture
@@ -107,9 +107,9 @@ def test_version_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().out == f"{rvsg.__version__}\n"
 
 
-@pytest.mark.parametrize("name", sorted(VERBS))
+@pytest.mark.parametrize("name", sorted(verbs()))
 def test_every_verb_of_the_table_loads_and_helps(name: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert full_command(VERBS, name).name == name
+    assert full_command(verbs(), name).name == name
     assert main([name, "--help"]) == 0
     assert "Usage: rvsg " + name in capsys.readouterr().out
 

@@ -54,12 +54,12 @@ def test_a_name_that_one_package_registers_is_that_packages(site: Path) -> None:
 
 
 def test_a_metric_of_two_packages_names_both(site: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    value = "rvsg.study.metrics:METRICS"
+    value = "rvsg_study.metrics:METRICS"
     install(site, "acme", "rvsg.metrics", "extra", value)
     monkeypatch.setattr(METRICS, "_all", None)
     with pytest.raises(InputError, check=coded("plug-in-name-taken")) as raised:
         list(METRICS)
-    assert "acme 1.2" in str(raised.value) and "rvsg 0" in str(raised.value)
+    assert "acme 1.2" in str(raised.value) and "rvsg-study 0" in str(raised.value)
 
 
 def test_an_error_of_a_plug_in_is_laid_to_its_package(site: Path) -> None:

@@ -14,12 +14,12 @@ from tests.simulation.ros2.drive import raise_loopback
 
 from rvsg.core.errors import RvsgError
 from rvsg.core.records import Pose
-from rvsg.exchange import ros2_world
-from rvsg.exchange.ros2_world import Ros2World
 from rvsg.scenario.agents import HumanAgent
 from rvsg.simulation.archive import run_from_json, run_to_json
 from rvsg.simulation.embedded.rehearsal import empty_room
 from rvsg.world.world import Route
+from rvsg_exchange import ros2_world
+from rvsg_ros2.world import Ros2World
 
 HUMANS = (
     HumanAgent(name="Ann", start=(0.5, 2.0), goals=((0.5, 2.0), (0.5, -2.0)), pauses_s=(0.0, 0.0)),

@@ -23,17 +23,17 @@ import numpy as np
 from tests.simulation.ros2.peer import ABORTED, EXECUTING, SUCCEEDED, Options, Peer
 
 from rvsg.core.records import Pose
-from rvsg.exchange.hunav import read_agents, to_humans
-from rvsg.exchange.ros2_world import FLAT_HUNAV_TYPES
-from rvsg.exchange.ros_types import HUNAV_TYPES
 from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded.episode import Episode, Outside
 from rvsg.simulation.embedded.rehearsal import empty_room, rehearsal
 from rvsg.simulation.embedded.simulator import simulate_agents
-from rvsg.simulation.ros2.dds import Bus
-from rvsg.simulation.ros2.interfaces import interfaces
 from rvsg.simulation.run import Outcome
 from rvsg.world.world import Route
+from rvsg_exchange.hunav import read_agents, to_humans
+from rvsg_exchange.ros_types import HUNAV_TYPES
+from rvsg_ros2.dds import Bus
+from rvsg_ros2.interfaces import interfaces
+from rvsg_ros2.world import FLAT_HUNAV_TYPES
 
 SPEED = 3.0
 STEP_S = 0.05

@@ -13,11 +13,6 @@ import numpy as np
 import pytest
 
 from rvsg.core.errors import FileError
-from rvsg.exchange.bag import CYLINDER, write_bag
-from rvsg.exchange.bag_reading import open_bag
-from rvsg.exchange.messages import Messages
-from rvsg.exchange.recording import read_recording
-from rvsg.exchange.ros_types import rosbags_types
 from rvsg.generation.random_search import RandomGenerator
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.scenario import Mission
@@ -25,6 +20,11 @@ from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.simulation.run import Run
 from rvsg.world.io.load import load_world
 from rvsg.world.world import World
+from rvsg_exchange.bag import CYLINDER, write_bag
+from rvsg_exchange.bag_reading import open_bag
+from rvsg_exchange.messages import Messages
+from rvsg_exchange.recording import read_recording
+from rvsg_exchange.ros_types import rosbags_types
 
 rosbags = pytest.importorskip("rosbags.rosbag2", reason="the extra `bag` is not installed")
 NEEDED = ("/odom", "/tf", "/tf_static", "/human_states", "/goal_pose")

@@ -14,14 +14,6 @@ import yaml
 from rvsg.core.errors import FileError, UnknownName
 from rvsg.core.records import Pose
 from rvsg.evaluation.metrics import METRICS, measure
-from rvsg.exchange.bag import write_bag
-from rvsg.exchange.bag_reading import open_bag
-from rvsg.exchange.gazebo import world_sdf
-from rvsg.exchange.nav2_goals import goals_yaml
-from rvsg.exchange.openscenario import scenario_osc
-from rvsg.exchange.recording import read_recording
-from rvsg.exchange.ros_types import rosbags_types
-from rvsg.exchange.tables import write_csv, write_parquet
 from rvsg.generation.random_search import RandomGenerator
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.scenario import Mission, Scenario
@@ -29,6 +21,14 @@ from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.simulation.run import Run
 from rvsg.world.io.load import load_world
 from rvsg.world.world import World
+from rvsg_exchange.bag import write_bag
+from rvsg_exchange.bag_reading import open_bag
+from rvsg_exchange.gazebo import world_sdf
+from rvsg_exchange.nav2_goals import goals_yaml
+from rvsg_exchange.openscenario import scenario_osc
+from rvsg_exchange.recording import read_recording
+from rvsg_exchange.ros_types import rosbags_types
+from rvsg_exchange.tables import write_csv, write_parquet
 
 
 @pytest.fixture(scope="module")

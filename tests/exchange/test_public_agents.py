@@ -16,9 +16,9 @@ import pytest
 import yaml
 
 import rvsg
-from rvsg.api.exchange import import_agents
 from rvsg.world.authoring.create import world_from_map
 from rvsg.world.world import World
+from rvsg_exchange.formats import import_agents
 
 pytestmark = pytest.mark.slow
 HALF_M = 12.0

@@ -12,8 +12,8 @@ from tests.simulation.ros2.isolated import run_isolated
 import rvsg
 from rvsg.core.errors import InputError, InvalidOptions, SimulationError
 from rvsg.core.plugins import make
-from rvsg.exchange.ros2_world import Ros2World
 from rvsg.scenario.bodies import Trolley
+from rvsg_ros2.world import Ros2World
 
 DRIVE = Path(__file__).with_name("drive_world.py")
 BUSY = {"start_limit_s": 600.0}  # a process that imports and compiles may start late

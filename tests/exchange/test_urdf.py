@@ -8,8 +8,8 @@ import pytest
 import yaml
 
 from rvsg.core.errors import FileError
-from rvsg.exchange.urdf import read_urdf
 from rvsg.robots import load_robot
+from rvsg_exchange.urdf import read_urdf
 
 URDF = """<robot name="my robot">
   <link name="base_footprint"/>

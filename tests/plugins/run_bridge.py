@@ -11,7 +11,7 @@ ROOT = Path(__file__).parents[2]
 def main() -> None:
     """Answer RVSG until it closes."""
     sys.path[:0] = [
-        str(ROOT / "plugins" / "rvsg-ros2" / "src"),
+        str(ROOT / "packages" / "rvsg-ros2" / "src"),
         str(ROOT / "src" / "rvsg" / "simulation" / "stacks" / "clients"),
     ]
     import rvsg_client

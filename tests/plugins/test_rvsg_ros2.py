@@ -1,4 +1,4 @@
-"""plugins/rvsg-ros2 behind the stack protocol: with a stand-in for rclpy, and with rclpy and Nav2 where they are.
+"""packages/rvsg-ros2 behind the stack protocol: with a stand-in for rclpy, and with rclpy and Nav2 where they are.
 
 `RVSG_RCLPY` is a command that runs a Python with rclpy; without it the `python3` of a sourced ROS 2 is taken.
 """
@@ -17,18 +17,18 @@ from typing import Any
 import pytest
 from tests.simulation.ros2.test_real_nav2 import LAUNCH
 
-from rvsg.api.ros2 import new_nav2_params
 from rvsg.core.records import Pose
 from rvsg.simulation.embedded.rehearsal import empty_room
 from rvsg.simulation.embedded.simulator import simulate_agents
-from rvsg.simulation.ros2.launching import Launched, ros_environment
 from rvsg.simulation.run import Outcome, Run
 from rvsg.simulation.stacks.registry import StackChoice
 from rvsg.world.world import Route
+from rvsg_ros2.commands import new_nav2_params
+from rvsg_ros2.launching import Launched, ros_environment
 
 FAKE = Path(__file__).with_name("fake_ros.py")
 BRIDGE = Path(__file__).with_name("run_bridge.py")
-PLUGIN = Path(__file__).parents[2] / "plugins" / "rvsg-ros2"
+PLUGIN = Path(__file__).parents[2] / "packages" / "rvsg-ros2"
 
 
 def driven(behaviour: str, runs: int = 1, through: tuple[Pose, ...] = (), **parameters: Any) -> list[Run]:

@@ -5,9 +5,9 @@ from tests.published_data import published_data
 
 from rvsg.evaluation.metrics import measure
 from rvsg.store.sqlite import SqliteLedger
-from rvsg.study.import_study import import_study
-from rvsg.study.study_folder import EXACT, TOLERANCE
 from rvsg.world.io.load import load_world
+from rvsg_study.import_study import import_study
+from rvsg_study.study_folder import EXACT, TOLERANCE
 
 FOLDER = published_data()
 pytestmark = [

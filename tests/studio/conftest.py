@@ -18,7 +18,7 @@ import pytest
 
 import rvsg
 from rvsg.api.editing import folder_of_world
-from rvsg.studio.jobs import Jobs
+from rvsg_studio.jobs import Jobs
 
 HOSTILE = "<img src=x onerror=alert(1)><script>alert(2)</script>"
 

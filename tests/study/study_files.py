@@ -10,8 +10,8 @@ from tests.evaluation.runs import run_of
 
 from rvsg.evaluation.metrics import measure
 from rvsg.simulation.run import Outcome
-from rvsg.study.study_folder import LOGGED
-from rvsg.study.study_log import read_log
+from rvsg_study.study_folder import LOGGED
+from rvsg_study.study_log import read_log
 
 
 def configuration(*paths):

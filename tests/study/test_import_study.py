@@ -7,8 +7,8 @@ from tests.study.study_files import lines_of, put, write_log, write_logged, writ
 
 from rvsg.core.errors import FileError
 from rvsg.store.sqlite import SqliteLedger
-from rvsg.study.import_study import import_study, write_findings
 from rvsg.world.io.load import load_world
+from rvsg_study.import_study import import_study, write_findings
 
 
 @pytest.fixture

@@ -6,9 +6,9 @@ import pytest
 from tests.study.study_files import write_log, write_logged, write_scenario
 
 from rvsg.store.sqlite import SqliteLedger
-from rvsg.study.import_study import import_study
-from rvsg.study.table_files import write_tables
 from rvsg.world.io.load import load_world
+from rvsg_study.import_study import import_study
+from rvsg_study.table_files import write_tables
 
 ROUTES = ("route_1", "route_4", "route_5")
 
@@ -23,7 +23,7 @@ def tabulated(root, folder):
             for a in ledger.attempts(campaign)
         }
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("rvsg.study.table_files.can_draw", lambda: False)  # figures take seconds
+            patch.setattr("rvsg_study.table_files.can_draw", lambda: False)  # figures take seconds
             write_tables(ledger, out=folder / "tables")
     rows = {}
     for path in (folder / "tables").glob("*/*.csv"):

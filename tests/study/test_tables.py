@@ -10,12 +10,12 @@ from tests.study.study_files import write_log, write_logged, write_scenario
 
 from rvsg.core.errors import InputError
 from rvsg.store.sqlite import SqliteLedger
-from rvsg.study.import_study import import_study
-from rvsg.study.material import Sample, gather
-from rvsg.study.study_folder import REQUIREMENTS
-from rvsg.study.table_files import write_tables
-from rvsg.study.tables import Row, build, corrected, expected_best
 from rvsg.world.io.load import load_world
+from rvsg_study.import_study import import_study
+from rvsg_study.material import Sample, gather
+from rvsg_study.study_folder import REQUIREMENTS
+from rvsg_study.table_files import write_tables
+from rvsg_study.tables import Row, build, corrected, expected_best
 
 METHODS = {"distance": 0.0, "no_req": 1.0, "random": 2.0}
 

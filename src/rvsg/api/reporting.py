@@ -69,7 +69,7 @@ def write_junit(path: Path, campaigns: Sequence[Campaign]) -> None:
 
 def write_study_tables(stores: Sequence[Path], out: Path) -> list[str]:
     """Write the tables of the published study from stores; return notes on what could not be computed."""
-    from rvsg.study.table_files import write_tables
+    from rvsg_study.table_files import write_tables
 
     make_folder(out, option="--tables")
     with ExitStack() as stack:

@@ -16,8 +16,6 @@ from rvsg.core.errors import FileError, InputError, UnknownName
 from rvsg.core.files import write_whole
 from rvsg.core.inputs import parse_json, read_text
 from rvsg.core.plugins import Spec
-from rvsg.exchange.bag import write_bag
-from rvsg.exchange.ros_types import rosbags_types
 from rvsg.report.trace_view import FORMAT, VERSION, trace_json
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.archive import PackedRun, rounded
@@ -26,6 +24,8 @@ from rvsg.simulation.embedded.trace import Trace, trace_run
 from rvsg.simulation.run import Run
 from rvsg.simulation.stacks.registry import StackLike
 from rvsg.world.world import World
+from rvsg_exchange.bag import write_bag
+from rvsg_exchange.ros_types import rosbags_types
 
 if TYPE_CHECKING:
     from rvsg.api.campaign import Campaign

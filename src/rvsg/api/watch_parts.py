@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 
 from rvsg.api.campaign import Campaign
-from rvsg.api.exchange import is_recording, load_recordings
 from rvsg.api.folder import LEDGER, reading
 from rvsg.api.index import campaigns_in
 from rvsg.api.proposing import brief_of
@@ -31,6 +30,7 @@ from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import HumanConfiguration, Mission, Scenario
 from rvsg.store.knowledge import KnowledgeBase
 from rvsg.world.world import World
+from rvsg_exchange.formats import is_recording, load_recordings
 
 VERSION = "version.txt"
 """A file in the watched folder with the label of the stack that drives."""

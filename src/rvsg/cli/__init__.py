@@ -1,7 +1,8 @@
 """The command line: one verb per stage, each in its own module, loaded only when it is used.
 
 To add a verb, write `rvsg/cli/<module>.py` with a Typer named `app` (made by `frame.verb()`; with several commands
-for a verb that has sub-verbs), and add one line to `VERBS`. The front door raises the errors; the frame prints each
+for a verb that has sub-verbs), and add one line to `VERBS`. Another distribution registers a table
+like it under the entry point group `rvsg.verbs`. The front door raises the errors; the frame prints each
 as one message and exits with its code. Standard output carries machine-readable results only (`console.print_json`);
 everything for people goes to standard error (`console.say`).
 """
@@ -11,40 +12,40 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from rvsg.api.files import open_standard_streams
-from rvsg.cli.frame import Verb, command_line
+from rvsg.cli.frame import Verb, command_line, installed_verbs
 from rvsg.cli.interruption import until_gone
 
 VERBS: dict[str, Verb] = {
-    "world": Verb("world", "Make a world from a map, check it, draw it, show it, compare two"),
-    "run": Verb("run", "Find, confirm and report scenarios that make the robot violate a requirement"),
-    "propose": Verb("propose", "Ask a generator for one scenario, and show what the checker said"),
-    "simulate": Verb("simulate", "Simulate a scenario and write its runs"),
-    "evaluate": Verb("evaluate", "Measure runs of a scenario, and judge them by a requirement"),
-    "compare": Verb("compare", "Compare generators and strategies at an equal number of runs"),
-    "scenario": Verb("scenario", "Adapt a saved scenario to a world that has changed"),
-    "shrink": Verb("shrink", "Find the smallest scenario that violates a requirement about as often"),
-    "confirm": Verb("confirm", "Confirm one more candidate of a campaign"),
-    "report": Verb("report", "Write the page of a stored campaign, and print its ranked scenarios"),
-    "export": Verb("export", "Write a scenario or runs for Foxglove, HuNavSim, Nav2, Gazebo, pandas"),
-    "import-agents": Verb("import_agents", "Make a scenario from a HuNavSim agents file"),
-    "suite": Verb("suite", "Keep scenarios, run them against every version, report what broke"),
-    "compare-versions": Verb("compare_versions", "Compare two versions on the same scenarios and seeds"),
-    "explore": Verb("explore", "Run a scenario with ranges, and show where in them it violates a requirement"),
-    "coverage": Verb("coverage", "Show what suites and campaigns exercise, and what is untested"),
-    "trace": Verb("trace", "Repeat a run and record everything, for the report and Foxglove"),
-    "knowledge": Verb("knowledge", "Collect what campaigns find, search it, and give it to generators"),
-    "watch": Verb("watch", "Monitor a robot, and test next what its runs suggest"),
-    "replay": Verb("replay", "Write a run as a film or a strip of pictures"),
-    "demo": Verb("demo", "Replay a recorded campaign whose scenarios a vision language model wrote"),
-    "describe": Verb("describe", "Let a vision language model describe a world"),
-    "prompt": Verb("prompt", "Print the next prompt of a campaign without calling a model"),
-    "studio": Verb("studio", "Open a local web page for worlds, campaigns, findings and scenarios"),
-    "robots": Verb("robots", "List the robots that can be tested, check a robot file, or draw them"),
-    "stacks": Verb("stacks", "List the navigation stacks that can be tested, or compare several"),
-    "ros2": Verb("ros2", "Check a running ROS 2 navigation, or scale Nav2's parameters for a faster clock"),
-    "metrics": Verb("metrics", "List the metrics with formula and unit, or measure a run"),
-    "import-study": Verb("import_study", "Import results in the published study's layout into a store"),
+    "world": Verb("rvsg.cli.world", "Make a world from a map, check it, draw it, show it, compare two"),
+    "run": Verb("rvsg.cli.run", "Find, confirm and report scenarios that make the robot violate a requirement"),
+    "propose": Verb("rvsg.cli.propose", "Ask a generator for one scenario, and show what the checker said"),
+    "simulate": Verb("rvsg.cli.simulate", "Simulate a scenario and write its runs"),
+    "evaluate": Verb("rvsg.cli.evaluate", "Measure runs of a scenario, and judge them by a requirement"),
+    "compare": Verb("rvsg.cli.compare", "Compare generators and strategies at an equal number of runs"),
+    "scenario": Verb("rvsg.cli.scenario", "Adapt a saved scenario to a world that has changed"),
+    "shrink": Verb("rvsg.cli.shrink", "Find the smallest scenario that violates a requirement about as often"),
+    "confirm": Verb("rvsg.cli.confirm", "Confirm one more candidate of a campaign"),
+    "report": Verb("rvsg.cli.report", "Write the page of a stored campaign, and print its ranked scenarios"),
+    "suite": Verb("rvsg.cli.suite", "Keep scenarios, run them against every version, report what broke"),
+    "compare-versions": Verb("rvsg.cli.compare_versions", "Compare two versions on the same scenarios and seeds"),
+    "explore": Verb("rvsg.cli.explore", "Run a scenario with ranges, and show where in them it violates a requirement"),
+    "coverage": Verb("rvsg.cli.coverage", "Show what suites and campaigns exercise, and what is untested"),
+    "trace": Verb("rvsg.cli.trace", "Repeat a run and record everything, for the report and Foxglove"),
+    "knowledge": Verb("rvsg.cli.knowledge", "Collect what campaigns find, search it, and give it to generators"),
+    "watch": Verb("rvsg.cli.watch", "Monitor a robot, and test next what its runs suggest"),
+    "replay": Verb("rvsg.cli.replay", "Write a run as a film or a strip of pictures"),
+    "demo": Verb("rvsg.cli.demo", "Replay a recorded campaign whose scenarios a vision language model wrote"),
+    "describe": Verb("rvsg.cli.describe", "Let a vision language model describe a world"),
+    "prompt": Verb("rvsg.cli.prompt", "Print the next prompt of a campaign without calling a model"),
+    "robots": Verb("rvsg.cli.robots", "List the robots that can be tested, check a robot file, or draw them"),
+    "stacks": Verb("rvsg.cli.stacks", "List the navigation stacks that can be tested, or compare several"),
+    "metrics": Verb("rvsg.cli.metrics", "List the metrics with formula and unit, or measure a run"),
 }
+
+
+def verbs() -> dict[str, Verb]:
+    """Return all verbs: those of the core, then those of other installed distributions (entry points `rvsg.verbs`)."""
+    return VERBS | installed_verbs()
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -54,6 +55,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     3 interrupted but resumable; 4 an error in RVSG itself.
     """
     if argv is not None:
-        return command_line(VERBS, argv)
+        return command_line(verbs(), argv)
     open_standard_streams()
-    return until_gone(lambda: command_line(VERBS))
+    return until_gone(lambda: command_line(verbs()))

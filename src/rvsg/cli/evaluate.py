@@ -42,10 +42,10 @@ def evaluate(
     """
     import rvsg
     from rvsg.api import evaluating
-    from rvsg.api.exchange import load_any
     from rvsg.api.records import write_text
     from rvsg.api.scenarios import load_scenario_in
     from rvsg.api.words import describe_judgement
+    from rvsg_exchange.formats import load_any
 
     if feedback is not None:
         evaluating.check_feedback_file(feedback, scenario)

@@ -20,6 +20,7 @@ import rvsg
 from rvsg.api.errors import Interrupted, RvsgError
 from rvsg.cli.console import as_started
 from rvsg.cli.interruption import interruptible
+from rvsg.core import plugins
 
 HELP = """Find, confirm and explain human behaviours that make a mobile robot violate its requirements, in simulation.
 
@@ -37,10 +38,16 @@ CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
 
 
 class Verb(NamedTuple):
-    """A verb of the command line: the module under `rvsg.cli` that holds its `app`, and its line in the help."""
+    """A verb of the command line: the module that holds its `app`, and its line in the help."""
 
     module: str
     help: str
+
+
+def installed_verbs() -> dict[str, Verb]:
+    """Return the verbs that other installed distributions register."""
+    tables = [plugins.find("verb", name) for name in plugins.names("verb")]
+    return {name: verb for table in tables for name, verb in table.items()}
 
 
 def verb(**settings: Any) -> typer.Typer:
@@ -87,7 +94,7 @@ def full_command(verbs: Mapping[str, Verb], name: str) -> Any:
 
 @cache
 def _command_of(module: str, name: str) -> Any:
-    command = typer.main.get_command(importlib.import_module(f"rvsg.cli.{module}").app)
+    command = typer.main.get_command(importlib.import_module(module).app)
     command.name = name
     return command
 

@@ -46,10 +46,10 @@ def simulate(
     RVSG checks the scenario first: it simulates no unknown waypoint and no path through an obstacle.
     """
     import rvsg
-    from rvsg.api.exchange import check_bag, write_bag_of
     from rvsg.api.records import check_writable, runs_text, write_text
     from rvsg.api.scenarios import load_changed
     from rvsg.cli.options import spec, stack_spec, states
+    from rvsg_exchange.formats import check_bag, write_bag_of
 
     check_writable(out)
     check_bag(bag, repeats)

@@ -19,12 +19,12 @@ from rvsg.robots import load_robot
 from rvsg.scenario.agents import HumanAgent
 from rvsg.simulation.embedded.rehearsal import empty_room
 from rvsg.simulation.embedded.simulator import simulate_agents
-from rvsg.simulation.ros2 import keeper
-from rvsg.simulation.ros2.check import check_system
-from rvsg.simulation.ros2.options import read_options
-from rvsg.simulation.ros2.stack import Ros2Stack
 from rvsg.simulation.stacks.registry import StackChoice
 from rvsg.world.world import Route
+from rvsg_ros2 import keeper
+from rvsg_ros2.check import check_system
+from rvsg_ros2.options import read_options
+from rvsg_ros2.stack import Ros2Stack
 
 HERE = Path(__file__).parent
 

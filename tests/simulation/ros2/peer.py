@@ -23,7 +23,7 @@ from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 
-from rvsg.simulation.ros2.interfaces import interfaces
+from rvsg_ros2.interfaces import interfaces
 
 NODES = ("map_server", "amcl", "controller_server", "planner_server", "behavior_server", "bt_navigator")
 ACCEPTED, EXECUTING, SUCCEEDED, CANCELED, ABORTED = 1, 2, 4, 5, 6

@@ -22,7 +22,7 @@ from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 from peer import qos, valid
 
-from rvsg.simulation.ros2.interfaces import interfaces
+from rvsg_ros2.interfaces import interfaces
 
 ACTION = "navigate_through_poses/_action"
 

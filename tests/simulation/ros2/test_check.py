@@ -9,9 +9,9 @@ import pytest
 from tests.simulation.ros2.isolated import drive
 
 from rvsg.cli import main
-from rvsg.simulation.ros2 import check
-from rvsg.simulation.ros2.options import Ros2Options
-from rvsg.simulation.ros2.waiting import Lifecycle
+from rvsg_ros2 import check
+from rvsg_ros2.options import Ros2Options
+from rvsg_ros2.waiting import Lifecycle
 
 
 @pytest.mark.service

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rvsg.simulation.ros2.foreign_map import SAME, share_of_obstacles
-from rvsg.simulation.ros2.interfaces import interfaces
 from rvsg.world.io.load import load_world
 from rvsg.world.world import OCCUPIED
+from rvsg_ros2.foreign_map import SAME, share_of_obstacles
+from rvsg_ros2.interfaces import interfaces
 
 T = interfaces("jazzy")
 

@@ -15,7 +15,7 @@ from rvsg.core.errors import UnknownName
 pytest.importorskip("cyclonedds", reason="ROS 2 needs cyclonedds (extra ros2)")
 from rosbags.interfaces import Nodetype
 
-from rvsg.simulation.ros2.interfaces import RELEASES, dds_type, definitions, interfaces, ros_type
+from rvsg_ros2.interfaces import RELEASES, dds_type, definitions, interfaces, ros_type
 
 PUBLIC = json.loads((Path(__file__).parent / "nav2_msgs.json").read_text())
 """Goal, result, feedback and messages of nav2_msgs as its public repository has them on the branch of each release."""

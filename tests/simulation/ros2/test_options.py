@@ -12,11 +12,11 @@ from rvsg.api.simulating import described
 from rvsg.core.errors import InputError, InvalidOptions
 from rvsg.core.plugins import Spec, make
 from rvsg.robots import load_robot
-from rvsg.simulation.ros2.launching import Launched, ros_environment
-from rvsg.simulation.ros2.options import domain_of, read_options
-from rvsg.simulation.ros2.robot_side import scan_topic
-from rvsg.simulation.ros2.stack import Ros2Stack
 from rvsg.simulation.stacks.registry import StackChoice
+from rvsg_ros2.launching import Launched, ros_environment
+from rvsg_ros2.options import domain_of, read_options
+from rvsg_ros2.robot_side import scan_topic
+from rvsg_ros2.stack import Ros2Stack
 
 
 def test_the_stack_is_registered_and_says_its_options() -> None:

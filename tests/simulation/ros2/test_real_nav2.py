@@ -11,14 +11,14 @@ from pathlib import Path
 
 import pytest
 
-from rvsg.api.ros2 import new_nav2_params
 from rvsg.core.records import Pose
 from rvsg.simulation.embedded.rehearsal import empty_room
 from rvsg.simulation.embedded.simulator import simulate_agents
-from rvsg.simulation.ros2.stack import Ros2Stack
 from rvsg.simulation.run import Outcome
 from rvsg.simulation.stacks.registry import StackChoice
 from rvsg.world.world import Route
+from rvsg_ros2.commands import new_nav2_params
+from rvsg_ros2.stack import Ros2Stack
 
 
 def launch_command() -> str | None:

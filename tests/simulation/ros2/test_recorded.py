@@ -13,8 +13,8 @@ pytest.importorskip("cyclonedds", reason="ROS 2 needs cyclonedds (extra ros2)")
 
 from tests.simulation.ros2.isolated import drive
 
-from rvsg.simulation.ros2.dds import SUCCEEDED
-from rvsg.simulation.ros2.interfaces import interfaces
+from rvsg_ros2.dds import SUCCEEDED
+from rvsg_ros2.interfaces import interfaces
 
 HERE = Path(__file__).parent
 NODES = json.loads((HERE / "recorded_jazzy.json").read_text())

@@ -6,8 +6,8 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 from rvsg.core.records import Pose
-from rvsg.simulation.ros2.run_record import RunRecord
 from rvsg.simulation.stacks.protocol import Observation, Task
+from rvsg_ros2.run_record import RunRecord
 
 SEEN = cast(Observation, SimpleNamespace(t=1.0))
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from rvsg.core.errors import SimulationError
-from rvsg.simulation.ros2 import turns
-from rvsg.simulation.ros2.turns import GAP_S, Turn
+from rvsg_ros2 import turns
+from rvsg_ros2.turns import GAP_S, Turn
 
 
 @pytest.fixture(autouse=True)

@@ -1,7 +1,7 @@
 """The registry of metrics, and `measure`, which reads any of them off a run.
 
 An id that ends in `_hunav` gives the HuNavSim evaluator's number, its defects included. Metrics of the published study
-as its client logged them (`_logged`) are plug-ins of `rvsg.study`.
+as its client logged them (`_logged`) are plug-ins of `rvsg_study`.
 """
 
 from __future__ import annotations

@@ -1,0 +1,55 @@
+"""`rvsg export`: a scenario or its runs in the format of another tool."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rvsg.cli.arguments import OtherWorld, Simulator, SimulatorOption
+from rvsg.cli.console import say
+from rvsg.cli.frame import verb
+
+app = verb()
+
+
+@app.command()
+def export(
+    to: Annotated[
+        str,
+        typer.Option(help="csv, parquet, mcap (runs); hunav, nav2-goals, initial-pose, osc, sdf; foxglove-layout."),
+    ],
+    out: Annotated[Path, typer.Option(help="The file to write.")],
+    source: Annotated[Path | None, typer.Argument(help="A scenario or runs, as JSON.")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the run that a scenario is simulated with.")] = 0,
+    simulator: Simulator = "embedded",
+    simulator_option: SimulatorOption = None,
+    world: OtherWorld = None,
+    dialect: Annotated[str, typer.Option(help="Of hunav: flat, block or v2.")] = "block",
+    release: Annotated[str, typer.Option(help="Of nav2-goals: humble, jazzy or kilted.")] = "jazzy",
+    trace: Annotated[bool, typer.Option("--trace", help="For mcap: record scans, costmaps and plans, too.")] = False,
+) -> None:
+    """Write a scenario or its runs for another tool: Foxglove, HuNavSim, Nav2, Gazebo, OpenSCENARIO, pandas.
+
+    A format of runs simulates a scenario first, with --seed. What the format cannot hold is printed.
+    """
+    from rvsg.api.records import check_writable
+    from rvsg.cli.options import spec
+    from rvsg_exchange import formats as exchange
+
+    check_writable(out)
+    notes = exchange.export(
+        source,
+        out,
+        to,
+        seed=seed,
+        simulator=spec("simulator", simulator, simulator_option),
+        world=world,
+        dialect=dialect,
+        release=release,
+        trace=trace,
+        on_message=say,
+    )
+    for note in notes:
+        say(note)

@@ -1,0 +1,104 @@
+"""`rvsg ros2`: check a running ROS 2 navigation, and write or scale Nav2's parameters."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rvsg.cli import console
+from rvsg.cli.arguments import AsJson, StackOption
+from rvsg.cli.frame import verb
+from rvsg.cli.options import pairs
+
+app = verb(no_args_is_help=True, help="Check a running ROS 2 navigation; write or scale Nav2's parameters.")
+
+
+@app.command()
+def check(
+    robot: Annotated[str, typer.Option(help="A shipped robot (`rvsg robots`) or a robot file.")] = "tiago_omni",
+    stack_option: StackOption = None,
+    seconds: Annotated[float, typer.Option(min=0.5, max=60, help="How long to listen.")] = 5.0,
+    json: AsJson = False,
+) -> None:
+    """Report what the running ROS 2 system offers, what is missing and what has another type.
+
+    Exits with code 1 if the system cannot drive. Run it in the environment of your system (ROS_DOMAIN_ID,
+    CYCLONEDDS_URI). It starts and changes nothing.
+    """
+    from rvsg_ros2.commands import check_ros2
+
+    found = check_ros2(pairs("stack", stack_option), robot, seconds=seconds)
+    if json:
+        console.print_json(
+            {
+                "domain": found.domain,
+                "release": found.release,
+                "usable": found.is_usable,
+                "findings": [
+                    {"name": each.name, "status": each.status.name, "detail": each.detail} for each in found.findings
+                ],
+            }
+        )
+    else:
+        known = f"message definitions of {found.release}" if found.release else "no ROS 2 node is heard"
+        print(f"DDS domain {found.domain}, {known}")
+        for each in found.findings:
+            print(f"{each.status.value:33}{each.name}{f': {each.detail}' if each.detail else ''}")
+    if not found.is_usable:
+        raise typer.Exit(1)
+
+
+@app.command()
+def params(
+    file: Annotated[Path, typer.Argument(help="A Nav2 parameter file.")],
+    speed: Annotated[float, typer.Option(min=0.1, max=20, help="Simulated over wall time.")],
+    release: Annotated[str, typer.Option(help="humble, jazzy, kilted or lyrical.")] = "jazzy",
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Write params.yaml and the behaviour trees there.")
+    ] = None,
+) -> None:
+    """Scale the wall-clock rates of a Nav2 parameter file for a faster clock, and list the changes.
+
+    Nav2 before Lyrical runs its loops on wall time even with use_sim_time.
+    """
+    from rvsg_ros2.commands import release_named, scale_nav2_params
+
+    scaled = scale_nav2_params(file, speed, release_named(release))
+    if out is None:
+        print(scaled.text(), end="")
+        if scaled.trees:
+            console.say("The behaviour trees need scaling, too. Write them with --out DIR.")
+    else:
+        out.mkdir(parents=True, exist_ok=True)
+        console.say(f"wrote {scaled.write(out)}")
+    for change in scaled.changes:
+        console.say(str(change))
+    for note in scaled.notes:
+        console.say(f"note: {note}")
+
+
+@app.command("new-params")
+def new_params(
+    robot: Annotated[str, typer.Option(help="A shipped robot (`rvsg robots`) or a robot file.")] = "tiago_omni",
+    stack: Annotated[
+        str, typer.Option(help="The stack whose controller is used: nav2-dwb, nav2-rpp or nav2-mppi.")
+    ] = "nav2-dwb",
+    stack_option: StackOption = None,
+    release: Annotated[str, typer.Option(help="humble, jazzy, kilted or lyrical.")] = "jazzy",
+    out: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the file here. [standard output]")] = None,
+) -> None:
+    """Write a Nav2 parameter file for a robot, with the parameters that a built-in stack uses.
+
+    Frames and topics match those of the stack ros2, so `rvsg run --stack ros2` works with the file as it is.
+    """
+    from rvsg.api.files import write_whole
+    from rvsg_ros2.commands import new_nav2_params, release_named
+
+    text = new_nav2_params(robot, stack, pairs("stack", stack_option), release=release_named(release))
+    if out is None:
+        print(text, end="")
+    else:
+        write_whole(out, text)
+        console.say(f"wrote {out}")

@@ -1,0 +1,305 @@
+"""What each address of data answers, as functions of the workspace and the question."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import threading
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from fastapi.responses import Response
+
+import rvsg
+from rvsg import Scenario, Spec, World
+from rvsg.api.authoring import shipped_worlds, trial_of
+from rvsg.api.conversations import picture_of_call
+from rvsg.api.editing import History, editable_world, remarks_on
+from rvsg.api.errors import InputError
+from rvsg.api.files import write_whole
+from rvsg.api.requirements import Requirement, load_requirement, shipped_requirements
+from rvsg.api.scenarios import check_valid, load_scenario_in, save_scenario
+from rvsg.api.showing import floor_of, related, replay_of_attempts, replay_of_runs
+from rvsg.api.simulating import RunSet
+from rvsg.api.trying import BEHAVIOURS, empty_scenario, scenario_of, simulated, try_out, with_person
+from rvsg.api.versions import VersionComparison, compare_versions
+from rvsg.api.words import counted
+from rvsg.api.worlds import world_of
+from rvsg_studio.workspace import Workspace
+
+Answer = Callable[[Workspace, dict[str, Any]], Any]
+
+
+def text_of(given: dict[str, Any], key: str) -> str:
+    """Return a text of a question; InputError where it is missing."""
+    value = given.get(key)
+    if not isinstance(value, str) or not value:
+        raise InputError(f"The request has no {key!r}.")
+    return value
+
+
+def number_of(given: dict[str, Any], key: str) -> int:
+    """Return a whole number of a question; InputError where it is missing or none."""
+    try:
+        return int(str(given[key]))
+    except (KeyError, ValueError):
+        raise InputError(f"The request has no whole number {key!r}.") from None
+
+
+def replay(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
+    """Return the replay of an attempt of a campaign, and of what is tied to it unless it is asked for `alone`."""
+    folder = workspace.existing(text_of(given, "campaign"))
+    alone = bool(given.get("alone"))
+    name, index = given.get("name") or None, number_of(given, "attempt")
+
+    def made() -> dict[str, Any]:
+        campaign = rvsg.Campaign.open(folder, name)
+        shown = related(campaign.attempts(), index)
+        return replay_of_attempts(campaign, shown[:1] if alone else shown)
+
+    found: dict[str, Any] = workspace.kept(("replay", str(folder), name, index, alone), folder, made)
+    return found
+
+
+def world_place(workspace: Workspace, given: dict[str, Any]) -> str | Path:
+    """Return the world that is meant: the name of a shipped one, or a folder in the workspace."""
+    name = text_of(given, "world")
+    return name if name in shipped_worlds() else workspace.existing(name)
+
+
+def world(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
+    """Return what the editor of a world shows."""
+    place = world_place(workspace, given)
+    done, undone = history_of(workspace, given).steps
+    return editable_world(place) | {"undo": done, "redo": undone}
+
+
+def world_check(workspace: Workspace, given: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return what the check finds in a world."""
+    place = world_place(workspace, given)
+    return remarks_on(place, trial=trial_of() if given.get("drive") else None)
+
+
+def world_edit(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
+    """Make a change in a world and return the world as it is then."""
+    change = given.get("change")
+    if not isinstance(change, dict):
+        raise InputError("The request has no change.")
+    with _editing:
+        history_of(workspace, given).make(world_place(workspace, given), change, together=given.get("together") or "")
+    return world(workspace, given)
+
+
+def world_undo(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
+    """Undo the last change of a world and return the world as it is then."""
+    with _editing:
+        history_of(workspace, given).undo()
+    return world(workspace, given)
+
+
+def world_redo(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
+    """Make the change again that was undone last, and return the world as it is then."""
+    with _editing:
+        history_of(workspace, given).redo()
+    return world(workspace, given)
+
+
+def world_drive(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
+    """Drive a route with nobody about and return how it went."""
+    loaded = rvsg.load_world(world_place(workspace, given))
+    drive = trial_of().drive(loaded, loaded.route(text_of(given, "route")))
+    return drive.model_dump(mode="json")
+
+
+def history_of(workspace: Workspace, given: dict[str, Any]) -> History:
+    """Return the changes of a world that can be undone."""
+    place = str(world_place(workspace, given))
+    return History(workspace.own / "undo" / f"{hashlib.sha256(place.encode()).hexdigest()[:16]}.json")
+
+
+def scenario(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
+    """Return what the editor of a scenario shows: of an attempt, a case of a suite, a file, or a route of a world."""
+    loaded, place, simulator = scenario_place(workspace, given)
+    draft = draft_of(workspace, given)
+    kept = json.loads(draft.read_text(encoding="utf-8")) if draft.is_file() else None
+    names = {waypoint.name for waypoint in place.grid.waypoints if waypoint.human}
+    return {
+        "scenario": kept or loaded.model_dump(mode="json"),
+        "original": loaded.model_dump(mode="json"),
+        "draft": kept is not None,
+        "simulator": simulator.name,
+        "floor": floor_of(place),
+        "title": place.title,
+        "waypoints": [[w.name, w.x, w.y] for w in place.grid.waypoints if w.name in names],
+        "requirements": {name: each.title for name, each in shipped_requirements().items()},
+        "behaviours": list(BEHAVIOURS),
+    }
+
+
+def scenario_place(workspace: Workspace, given: dict[str, Any]) -> tuple[Scenario, World, Spec]:
+    """Return the scenario a page is about, its world, and what simulates it."""
+    embedded = Spec("embedded")
+    if given.get("campaign"):
+        folder = workspace.existing(text_of(given, "campaign"))
+        name, index = given.get("name") or None, number_of(given, "attempt")
+
+        def made() -> tuple[Scenario, World, Spec]:
+            campaign = rvsg.Campaign.open(folder, name)
+            found = next((a.proposal.scenario for a in campaign.attempts() if a.index == index), None)
+            if found is None:
+                raise InputError(f"There is no attempt {index} with a scenario in this campaign.")
+            return found, campaign.world, campaign.simulator
+
+        kept: tuple[Scenario, World, Spec] = workspace.kept(("scenario", str(folder), name, index), folder, made)
+        return kept
+    if given.get("case"):
+        suite, case = rvsg.Suite.open(workspace.existing(text_of(given, "suite"))), text_of(given, "case")
+        told = next((each.scenario for each in suite.cases if each.name == case), None)
+        if told is None:
+            raise InputError(f"There is no case {case!r} in this suite.")
+        return told, suite.worlds[case], embedded
+    if given.get("file"):
+        file = workspace.existing(text_of(given, "file"))
+        return *load_scenario_in(file), embedded
+    place = rvsg.load_world(world_place(workspace, {"world": given.get("world") or "warehouse"}))
+    if not place.routes:
+        raise InputError(f"{place.name} has no route yet. Draw one on its map first.")
+    return empty_scenario(place, given.get("route") or place.routes[0].name), place, embedded
+
+
+def scenario_try(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
+    """Simulate the scenario as it stands in the editor."""
+    wanted, place, simulator, requirement = _asked(workspace, given)
+    if given.get("stops"):
+        stops = [str(stop) for stop in given["stops"]]
+        wanted = with_person(wanted, place, stops)
+    seeds = range(min(MOST_SEEDS, max(1, number_of(given, "seeds"))))
+    tried = try_out(wanted, place, requirement, seeds=seeds, simulator=simulator)
+    unit = requirement.unit
+    limit = requirement.threshold
+    return tried.model_dump(mode="json") | {"unit": unit, "limit": limit, "requirement": requirement.name}
+
+
+def scenario_keep(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
+    """Keep the scenario of the editor as a draft until it is saved, where it differs from what was loaded."""
+    wanted = _wanted(given)
+    loaded, draft = scenario_place(workspace, given)[0], draft_of(workspace, given)
+    with _editing:
+        if wanted == loaded:
+            draft.unlink(missing_ok=True)
+        else:
+            write_whole(draft, json.dumps(wanted.model_dump(mode="json")))
+    return {}
+
+
+def scenario_replay(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
+    """Return the replay of the scenario as it stands in the editor, over 20 seeds."""
+    wanted, place, simulator, requirement = _asked(workspace, given)
+    return replay_of_runs(simulated(wanted, place, range(MOST_SEEDS), simulator), requirement)
+
+
+def scenario_save(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
+    """Save the scenario of the editor as a file, or as a case of a suite."""
+    wanted, place, _, requirement = _asked(workspace, given)
+    check_valid(wanted, place)
+    if given.get("add_to"):
+        folder = workspace.path(text_of(given, "add_to"))
+        suite = rvsg.Suite.create(folder).add(
+            wanted, requirement.name, title=str(given.get("title") or "") or None, world=place
+        )
+        said = f"{workspace.relative(folder)} holds {counted(len(suite.cases), 'case')}."
+    else:
+        path = workspace.path(text_of(given, "save_as"))
+        save_scenario(wanted, path)
+        said = f"Saved as {workspace.relative(path)}."
+    draft_of(workspace, given).unlink(missing_ok=True)
+    return {"said": said}
+
+
+def scenario_discard(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
+    """Forget the changes that were not saved."""
+    draft_of(workspace, given).unlink(missing_ok=True)
+    return scenario(workspace, given)
+
+
+def _asked(workspace: Workspace, given: dict[str, Any]) -> tuple[Scenario, World, Spec, Requirement]:
+    _, place, simulator = scenario_place(workspace, given)
+    wanted = _wanted(given)
+    requirement = load_requirement(str(given.get("requirement") or "R1"), wanted.mission.route)
+    return wanted, world_of(wanted.mission, place), simulator, requirement
+
+
+def _wanted(given: dict[str, Any]) -> Scenario:
+    value = given.get("scenario")
+    if not isinstance(value, dict):
+        raise InputError("The request has no scenario.")
+    return scenario_of(value)
+
+
+def draft_of(workspace: Workspace, given: dict[str, Any]) -> Path:
+    """Return where changes of a scenario are kept until they are saved."""
+    keys = ("campaign", "name", "attempt", "file", "world", "route", "suite", "case")
+    named = json.dumps([given.get(key) or "" for key in keys])
+    return workspace.own / "drafts" / f"{hashlib.sha256(named.encode()).hexdigest()[:16]}.json"
+
+
+def runs(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
+    """Return the replay of a file of runs of a scenario."""
+    file, scenario_file = workspace.existing(text_of(given, "file")), workspace.existing(text_of(given, "scenario"))
+
+    def made() -> dict[str, Any]:
+        asked, place = load_scenario_in(scenario_file)
+        requirement = load_requirement("R1", asked.mission.route)
+        if given.get("campaign"):
+            requirement = rvsg.Campaign.open(workspace.existing(text_of(given, "campaign"))).requirement
+        loaded = rvsg.load_runs(file)
+        return replay_of_runs(RunSet(loaded.runs, asked, place), requirement)
+
+    found: dict[str, Any] = workspace.kept(("runs", str(file), str(scenario_file)), file, made)
+    return found
+
+
+def versions(workspace: Workspace, given: dict[str, Any]) -> dict[str, Any]:
+    """Return the replay of a case of a suite by two versions, run again on the first seed that differs."""
+    compared = compared_versions(workspace, *(text_of(given, key) for key in ("first", "second", "suite")))
+    return compared.replay(text_of(given, "case"), text_of(given, "requirement"))
+
+
+def compared_versions(workspace: Workspace, first: str, second: str, suite: str = "") -> VersionComparison:
+    """Return two results of a suite compared; with the folder of the suite, its cases can be run again."""
+    compared = compare_versions(workspace.existing(first), workspace.existing(second))
+    return replace(compared, suite=rvsg.Suite.open(workspace.existing(suite))) if suite else compared
+
+
+def picture(workspace: Workspace, given: dict[str, Any]) -> Response:
+    """Return a picture that a model was shown."""
+    campaign = rvsg.Campaign.open(workspace.existing(text_of(given, "campaign")), given.get("name") or None)
+    return Response(picture_of_call(campaign, text_of(given, "digest")), media_type="image/png")
+
+
+MOST_SEEDS = 20
+_editing = threading.Lock()
+
+ANSWERS: dict[str, Answer] = {
+    "replay": replay,
+    "world": world,
+    "world-check": world_check,
+    "scenario": scenario,
+    "runs": runs,
+    "versions": versions,
+}
+"""Questions by their address below `/data/`: they change nothing."""
+CHANGES: dict[str, Answer] = {
+    "world-edit": world_edit,
+    "world-undo": world_undo,
+    "world-redo": world_redo,
+    "world-drive": world_drive,
+    "scenario-try": scenario_try,
+    "scenario-keep": scenario_keep,
+    "scenario-replay": scenario_replay,
+    "scenario-save": scenario_save,
+    "scenario-discard": scenario_discard,
+}
+"""What may change something or takes a long question."""

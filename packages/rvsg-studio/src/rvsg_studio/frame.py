@@ -1,0 +1,209 @@
+"""What every page of the studio stands in, and the plain HTML elements pages are made of.
+
+Text from files, models and people is only ever set as text (`tag`) or as an attribute; SVG comes from `rvsg.api`,
+where everything in it is escaped.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import html
+import json
+from collections.abc import Awaitable, Callable, Iterator
+from typing import Any
+from urllib.parse import urlencode
+
+from nicegui import run, ui
+from nicegui.elements.mixins.text_element import TextElement
+
+from rvsg.api.errors import RvsgError
+from rvsg_studio.workspace import Workspace
+
+PAGES = (
+    ("/", "Home"),
+    ("/campaign/new", "New campaign"),
+    ("/inbox", "Proposals"),
+    ("/compare", "Compare"),
+    ("/conversations", "Conversations"),
+)
+HEAD = (
+    '<link rel="icon" href="data:,"><link rel="stylesheet" href="/files/look.css">'
+    '<link rel="stylesheet" href="/files/studio.css">'
+    '<script src="/files/replay.js"></script><script src="/files/studio.js"></script>'
+    '<script src="/files/world.js"></script><script src="/files/pages.js"></script>'
+    '<script src="/files/scenario.js"></script>'
+)
+PATIENT_S = 600.0
+"""Seconds a page may take that reads every campaign of the folder: the first time they are all read."""
+Handler = Callable[[], Any] | Callable[[], Awaitable[Any]]
+
+
+class Tag(TextElement):
+    """An HTML element with text."""
+
+    def __init__(self, name: str, text: str = "") -> None:
+        super().__init__(tag=name, text=text)
+
+
+def tag(name: str, text: str = "", *, cls: str = "", **attributes: Any) -> Tag:
+    """Add an HTML element to the page; `_` in names of attributes stands for `-`, None leaves one out."""
+    element = Tag(name, text)
+    if cls:
+        element.classes(cls)
+    for key, value in attributes.items():
+        if value is not None and value is not False:
+            element._props[key.strip("_").replace("_", "-")] = "" if value is True else value
+    return element
+
+
+def svg(markup: str, **attributes: Any) -> Any:
+    """Add SVG made by `rvsg.api`, whose words are escaped there."""
+    element = ui.html(markup, sanitize=False)
+    for key, value in attributes.items():
+        element._props[key.replace("_", "-")] = value
+    return element
+
+
+def link(text: str, path: str, *, cls: str = "", **query: Any) -> Tag:
+    """Add a link to a page of the studio."""
+    return tag("a", text, cls=cls, href=address(path, **query))
+
+
+def address(path: str, **query: Any) -> str:
+    """Return the address of a page of the studio."""
+    given = {key: value for key, value in query.items() if value is not None}
+    return path + (f"?{urlencode(given)}" if given else "")
+
+
+class Page:
+    """The page of one tab: its messages, its command lines."""
+
+    def __init__(self, workspace: Workspace) -> None:
+        self.workspace = workspace
+        self._commands: Tag | None = None
+        self._listed: set[str] = set()
+        self.message: Tag | None = None
+
+    def say(self, text: str, *, wrong: bool = False) -> None:
+        """Show a message under the title, and read it out."""
+        if self.message is not None:
+            self.message.set_text(text)
+            self.message.classes(replace=f"st-message{' st-wrong' if wrong else ''}")
+
+    def command(self, what: str, line: str) -> None:
+        """List the command line that does the same as an action of this page."""
+        if self._commands is None or line in self._listed:
+            return
+        self._listed.add(line)
+        with self._commands, tag("div", cls="st-command"):
+            tag("span", what, cls="st-command-what")
+            tag("code", line)
+
+    def button(
+        self, text: str, action: Handler, *, command: str = "", cls: str = "", what: str = "", **attributes: Any
+    ) -> Tag:
+        """Add a button; an error of its action becomes a message. `command` is listed on the page."""
+        made = tag("button", text, cls=f"st-button {cls}".strip(), type="button", title=command or None, **attributes)
+        made.on("click", self.guarded(action))
+        if command:
+            self.command(what or text, command)
+        return made
+
+    def guarded(self, action: Handler) -> Callable[..., Awaitable[None]]:
+        """Return the action with its errors shown as a message."""
+
+        async def acting(*_: Any) -> None:
+            try:
+                done = action()
+                if isinstance(done, Awaitable):
+                    await done
+            except RvsgError as error:
+                self.say(str(error), wrong=True)
+
+        return acting
+
+
+@contextlib.contextmanager
+def page(workspace: Workspace, title: str, *, here: str = "", wide: bool = False) -> Iterator[Page]:
+    """Lay out a page: navigation, title, a line for messages, the content, and the command lines that do the same."""
+    made = Page(workspace)
+    ui.add_head_html(HEAD)
+    ui.page_title(f"{title} – RVSG studio")
+    with ui.header(fixed=False).classes(replace="st-bar"), tag("nav", cls="st-nav", aria_label="Pages"):
+        tag("a", "Skip to the content", cls="st-skip", href="#content")
+        tag("a", "RVSG", cls="st-brand", href="/", aria_label="RVSG studio, home")
+        for path, name in PAGES:
+            tag("a", name, href=path, aria_current="page" if path == here else None)
+    with tag("div", cls=f"st-main{' st-wide' if wide else ''}", id="content", tabindex="-1"):
+        tag("h1", title)
+        made.message = tag("p", "", cls="st-message", role="status", aria_live="polite")
+        body = tag("div", cls="st-body")
+        with tag("details", cls="st-commands") as folded:
+            tag("summary", "The same on the command line")
+            made._commands = tag("div")
+        with body:
+            yield made
+        folded.set_visibility(bool(made._listed))
+
+
+async def load(work: Callable[..., Any], *arguments: Any, **named: Any) -> Any:
+    """Do work that reads files in a thread, so that other tabs stay responsive."""
+    return await run.io_bound(work, *arguments, **named)
+
+
+def problem(workspace: Workspace, title: str, error: Exception) -> None:
+    """Lay out a page that says why something cannot be shown."""
+    with page(workspace, title):
+        tag("p", str(error), cls="st-message st-wrong")
+        tag("p").classes("soft")
+        link("Back to the overview", "/")
+
+
+def chip(status: str, *, bad: bool = False, good: bool = False) -> Tag:
+    """Add a chip with a status in the colours of the report."""
+    return tag("span", status, cls=f"chip{' bad' if bad else ''}{' good' if good else ''}")
+
+
+def field(label: str, *, help: str = "") -> Any:
+    """Add a label around an input; use it as a context."""
+    holder = tag("label", cls="st-field")
+    with holder:
+        tag("span", label, cls="st-label")
+        if help:
+            tag("span", help, cls="st-help")
+    return holder
+
+
+Changed = Callable[[str], Any]
+
+
+def text_input(value: Any, changed: Changed | None = None, *, kind: str = "text", **attributes: Any) -> Tag:
+    """Add an input; `changed` gets its text with every keystroke."""
+    made = tag("input", type=kind, **attributes)
+    made._props["^value"] = "" if value is None else str(value)
+    if changed is not None:
+        made.on("input", lambda event: changed(str(event.args)), js_handler="(e) => emit(e.target.value)")
+    return made
+
+
+def select(options: dict[str, str], value: str | None, changed: Changed | None = None, **attributes: Any) -> Tag:
+    """Add a list to choose from: value and text of each option."""
+    made = tag("select", **attributes)
+    with made:
+        for key, text in options.items():
+            option = tag("option", text, value=key)
+            if key == value:
+                option._props["^selected"] = "selected"
+    if changed is not None:
+        made.on("change", lambda event: changed(str(event.args)), js_handler="(e) => emit(e.target.value)")
+    return made
+
+
+def as_script(text: str) -> str:
+    """Return text as a literal of JavaScript that may stand in a page."""
+    return json.dumps(text).replace("<", "\\u003c")
+
+
+def escape(text: str) -> str:
+    """Return text that may stand in markup."""
+    return html.escape(text, quote=True)

@@ -1,0 +1,317 @@
+"""A campaign: the course of its search, its worst run so far, what the model thinks, and what it costs; live."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from nicegui import ui
+
+import rvsg
+from rvsg.api.commands import confirm_command, resume_command, runs_command
+from rvsg.api.errors import InputError, RvsgError
+from rvsg.api.events import Attempt, best_attempt, confirmations
+from rvsg.api.scenarios import save_scenario
+from rvsg.api.showing import search_chart
+from rvsg.api.words import Summary, counted, interval, number, tried_of
+from rvsg_studio.frame import Page, address, chip, link, load, page, problem, svg, tag
+from rvsg_studio.jobs import Job
+from rvsg_studio.pages.finding import FRESH_SEED, MORE
+from rvsg_studio.workspace import Workspace
+
+EVERY_S = 1.0
+PATIENCE = 6.0
+"""Reading the store again may take this share of the time at most: one part in so many."""
+SHOWN = 40
+
+
+@dataclass(frozen=True)
+class State:
+    """A campaign as it is stored now."""
+
+    campaign: rvsg.Campaign
+    attempts: list[Attempt]
+    summary: Summary
+
+    @property
+    def worst(self) -> Attempt | None:
+        """The configuration that is worst for the robot so far."""
+        return best_attempt(self.attempts, self.campaign.requirement)
+
+    @property
+    def latest(self) -> Attempt | None:
+        """The newest attempt with a reasoning."""
+        return next((a for a in reversed(self.attempts) if a.proposal.reasoning and a.purpose == "search"), None)
+
+
+def add(workspace: Workspace) -> None:
+    """Add the page."""
+
+    @ui.page("/campaign", response_timeout=60)
+    async def campaign(folder: str = "", name: str = "") -> None:
+        try:
+            state = await load(read, workspace, folder, name)
+        except RvsgError as error:
+            problem(workspace, "Campaign", error)
+            return
+        with page(workspace, folder, wide=True) as made:
+            Live(made, workspace.relative(workspace.path(folder)), state)
+
+
+def read(workspace: Workspace, folder: str, name: str) -> State:
+    """Read a campaign; what was read is kept until its store changes."""
+    path = workspace.existing(folder)
+    if not path.is_dir():
+        raise InputError(f"{folder}: this is a file; a campaign is a folder.")
+
+    def made() -> State:
+        opened = rvsg.Campaign.open(path, name or None)
+        attempts = opened.attempts()  # read once: a running campaign has more a moment later
+        return State(opened, attempts, opened.summary(attempts))
+
+    found: State = workspace.kept(("campaign", folder, name), path, made)
+    return found
+
+
+class Live:
+    """The page of a campaign, which follows it while it runs."""
+
+    def __init__(self, made: Page, folder: str, state: State) -> None:
+        self.page, self.folder, self.state = made, folder, state
+        self.workspace = made.workspace
+        self._at, self._next, self._shown_worst = 0, 0.0, -1
+        self._following: str | None = None
+        self._last = ""
+        self._buttons_for: tuple[bool, bool] | None = None
+        plan = state.campaign.plan
+        tag("p", f"{plan.requirement.name}: {plan.requirement.title} · {plan.mission.world}, "
+                 f"{plan.mission.route.name} · robot {plan.mission.robot_name}", cls="soft")  # fmt: skip
+        with tag("div", cls="st-status"):
+            self.chip = tag("span", "", cls="chip")
+            self.progress = tag("span", "")
+            self.spend = tag("span", "", cls="soft")
+        self.bar = tag("progress", max="1", aria_label="Part of the planned runs that is made")
+        self.actions = tag("p", cls="st-actions")
+        self.news = tag("p", "", cls="soft small st-news")
+        with tag("section", aria_labelledby="course"):
+            tag("h2", "Course of the search", id="course")
+            with tag("div", cls="scroll", tabindex="0", role="region", aria_label="Chart of the search"):
+                self.course = tag("div", cls="chart-box")
+        with tag("div", cls="st-two st-unequal"):
+            with tag("section", aria_labelledby="worst"):
+                tag("h2", "Worst so far", id="worst")
+                self.about = tag("p", "", cls="small")
+                self.replay = tag("div", data_studio="replay", data_play=True, id="worst-replay")
+            with tag("section", aria_labelledby="thought"):
+                tag("h2", "Latest reasoning", id="thought")
+                self.reasoning = tag("p", "", cls="reasoning small")
+        self.lists = tag("div")
+        self._commands()
+        self._show(self._job())
+        self.timer = ui.timer(EVERY_S, made.guarded(self._follow))
+
+    def _commands(self) -> None:
+        campaign = self.state.campaign
+        self.page.command("Start it again elsewhere", campaign.command)
+        self.page.command("Resume", resume_command(campaign.config))
+        self.page.command("Report", f"rvsg report {self.folder}")
+
+    def _job(self) -> Job | None:
+        """The newest job on this campaign, or on the folder of campaigns that it stands in."""
+        found = [self.workspace.jobs.of(self.folder), self.workspace.jobs.of(self.folder.rpartition("/")[0])]
+        jobs = [job for job in found if job is not None and (job.target == self.folder or job.kind == "matrix")]
+        return max(jobs, key=lambda job: (job.running, job.id), default=None)
+
+    async def _follow(self) -> None:
+        """Take in what happened, and read the store again where an attempt was finished."""
+        job = await load(self._job)
+        if job is None:
+            return
+        if job.id != self._following:
+            self._following, self._at = job.id, 0
+        events, self._at = await load(self.workspace.jobs.events, job.id, self._at)
+        events = [event for event in events if event.get("folder", self.folder) == self.folder]
+        for event in events:
+            self._say(event)
+        changed = any(event["kind"] in ("attempt", "run") for event in events) or not job.running
+        if changed and time.monotonic() >= self._next and not (not events and not job.running):
+            begun = time.monotonic()
+            self.state = await load(read, self.workspace, self.folder, self.state.campaign.name)
+            self._next = time.monotonic() + max(EVERY_S, PATIENCE * (time.monotonic() - begun))
+            self._show(job)
+        elif events or job.state != self._last:
+            self._status(job)
+
+    def _say(self, event: dict[str, Any]) -> None:
+        match event["kind"]:
+            case "message":
+                self.news.set_text(event["text"])
+            case "proposing":
+                place = f"scenario {event['scenario'] + 1}, configuration {event['configuration'] + 1}"
+                self.news.set_text(f"A scenario is being written: {place}.")
+            case "model":
+                why = f" ({event['why']})" if event["why"] else ""
+                self.news.set_text(f"The model {event['model']}, {event['purpose']}: {event['what']}{why}.")
+            case "confirming":
+                self.news.set_text(f"Confirming candidate {event['number']} of {event['of']}.")
+            case "explaining":
+                self.news.set_text(f"Running without {', '.join(event['without']) or 'people'} to find the cause.")
+
+    def _show(self, job: Job | None) -> None:
+        self._status(job)
+        state, campaign = self.state, self.state.campaign
+        chart = search_chart(campaign.plan, state.attempts)
+        self.course.clear()
+        with self.course:
+            if chart:
+                svg(chart)
+            else:
+                tag("p", "No configuration is measured yet.", cls="soft")
+        latest = state.latest
+        said = latest.proposal.reasoning if latest is not None else "No reasoning yet."
+        self.reasoning.set_text(said)
+        self._worst()
+        self._lists()
+
+    def _status(self, job: Job | None) -> None:
+        self._last = job.state if job is not None else ""
+        plan, account = self.state.campaign.plan, self.state.summary.accounting
+        running = job is not None and job.running
+        words = job.state if job is not None else ("finished" if self.state.summary.complete else "not finished")
+        if self.state.summary.complete and not running:
+            words = "finished"
+        failed = job is not None and job.state == "failed"
+        self.chip.set_text(words)
+        self.chip.classes(replace=f"chip{' bad' if failed else ' good' if words == 'finished' else ''}")
+        if failed and job is not None:
+            self.page.say(job.result.get("reason", ""), wrong=True)
+        made = account.search_runs
+        tried = tried_of(account.search_attempts, plan.attempts)
+        self.progress.set_text(f"{tried} configurations tried, {made} of {plan.search_runs} search runs, "
+                               f"{account.confirmation_runs} of at most {plan.confirmations} to confirm")  # fmt: skip
+        share = 1.0 if self.state.summary.complete else min(1.0, made / max(1, plan.search_runs)) * 0.9
+        self.bar._props["value"] = f"{share:.3f}"
+        self.bar.update()
+        self.spend.set_text(self._spent(job))
+        self._buttons(job)
+
+    def _spent(self, job: Job | None) -> str:
+        account = self.state.summary.accounting
+        if not account.calls:
+            return "no model called"
+        cost = "cost unknown" if account.cost_usd is None else f"{account.cost_usd:.2f} USD"
+        budget = (job.arguments.get("machine") or {}).get("budget_usd") if job is not None else None
+        return f"{counted(account.calls, 'call')}, {cost}" + (f" of {budget:.2f} USD" if budget else "")
+
+    def _buttons(self, job: Job | None) -> None:
+        running = job is not None and job.running
+        wanted = (running, self.state.summary.complete)
+        if self._buttons_for == wanted:
+            return
+        self._buttons_for = wanted
+        self.actions.clear()
+        with self.actions:
+            if running and job is not None:
+                self.page.button("Pause", lambda: self._end(job, now=False), command="Ctrl-C in `rvsg run`")
+                self.page.button("Stop now", lambda: self._end(job, now=True), cls="st-danger")
+            elif not self.state.summary.complete:
+                self.page.button("Resume", self._resume, cls="st-primary",
+                                 command=resume_command(self.state.campaign.config))  # fmt: skip
+            if self.state.attempts:
+                self.page.button("Write the report", self._report, command=f"rvsg report {self.folder}")
+
+    def _end(self, job: Job, *, now: bool) -> None:
+        (self.workspace.jobs.stop if now else self.workspace.jobs.pause)(job.id)
+        self.news.set_text("Stopped." if now else "Pausing when the runs in progress end…")
+
+    def _resume(self) -> None:
+        campaign, before = self.state.campaign, self.workspace.jobs.of(self.folder)
+        machine = before.arguments.get("machine", {}) if before is not None else {}
+        told = {"folder": self.folder, "name": campaign.name, "machine": machine}
+        command = resume_command(campaign.config)
+        self.workspace.jobs.start("campaign", title="Campaign", command=command, target=self.folder, **told)
+        self.news.set_text("Resuming…")
+
+    async def _report(self) -> None:
+        written = await load(self.state.campaign.report)
+        self.page.say(f"Written: {self.workspace.relative(Path(written))}")
+
+    def _worst(self) -> None:
+        worst = self.state.worst
+        if worst is None:
+            self.about.set_text("No run yet.")
+            return
+        verdict, requirement = worst.verdict, self.state.campaign.requirement
+        if verdict is not None:
+            scenario = f"Scenario {worst.brief.scenario_index + 1}"
+            self.about.set_text(f"{scenario}: {interval(verdict, requirement.unit)}, {verdict.violations} of "
+                                f"{counted(verdict.runs, 'run')} violate it.")  # fmt: skip
+        if worst.index == self._shown_worst:
+            return
+        self._shown_worst = worst.index
+        where = address("/data/replay", campaign=self.folder, name=self.state.campaign.name, attempt=worst.index,
+                        alone=1)  # fmt: skip
+        self.replay._props["data-url"] = where
+        self.replay.update()
+
+    def _lists(self) -> None:
+        state = self.state
+        self.lists.clear()
+        with self.lists:
+            confirmed = confirmations(state.attempts)
+            if confirmed:
+                tag("h2", "Findings")
+                for attempt in confirmed:
+                    self._line(attempt)
+            done = {attempt.confirms for attempt in confirmed}
+            open_ = [entry for entry in state.summary.ranking if entry.attempt not in done]
+            if open_:
+                tag("h2", "Candidates and other scenarios, the worst first")
+                by_index = {attempt.index: attempt for attempt in state.attempts}
+                for entry in open_[:SHOWN]:
+                    self._line(by_index[entry.attempt])
+                if len(open_) > SHOWN:
+                    tag("p", f"and {len(open_) - SHOWN} more in the report.", cls="soft")
+
+    def _line(self, attempt: Attempt) -> None:
+        verdict, scenario = attempt.verdict, attempt.proposal.scenario
+        if verdict is None or scenario is None:
+            return
+        campaign = self.state.campaign
+        with tag("div", cls="st-row"):
+            with tag("span", cls="st-row-head"):
+                chip(verdict.status.value, bad=verdict.violations > 0, good=verdict.status.value == "PASS")
+                tag("span", f"{verdict.violations} of {verdict.runs}; mean "
+                            f"{number(verdict.mean, campaign.requirement.unit)}", cls="small")  # fmt: skip
+            link(scenario.description or "Without a description", "/finding", campaign=self.folder,
+                 name=campaign.name, attempt=attempt.index, cls="st-clip")  # fmt: skip
+            if attempt.purpose == "search" and verdict.violations:
+                label = f"Confirm attempt {attempt.index} now"
+                made = self.page.button("Confirm now", lambda: self._confirm(attempt), aria_label=label)
+                made._props["title"] = confirm_command(Path(self.folder), attempt.index)
+
+    def _confirm(self, attempt: Attempt) -> None:
+        """Confirm a candidate; while the search runs, in fresh runs beside the campaign, whose records stay its own."""
+        job, campaign = self._job(), self.state.campaign
+        told: dict[str, Any] = {"folder": self.folder, "name": campaign.name}
+        if self.state.summary.complete and not (job is not None and job.running):
+            command = confirm_command(Path(self.folder), attempt.index)
+            self.workspace.jobs.start("confirm", title="Confirm", command=command, target=self.folder,
+                                      candidate=attempt.index, **told)  # fmt: skip
+            self.page.command("Confirm", command)
+            self.news.set_text("Confirming…")
+            return
+        scenario = attempt.proposal.scenario
+        if scenario is None:
+            raise InputError(f"Attempt {attempt.index} has no scenario.")
+        file = f"{self.folder}/attempt-{attempt.index}.json"
+        out = file.replace(".json", "-runs.jsonl")
+        save_scenario(scenario, self.workspace.path(file))
+        command = runs_command(file, campaign.config, seed=FRESH_SEED, repeats=MORE, out=out)
+        self.workspace.jobs.start("runs", title=f"{MORE} fresh runs", command=command, target=file, scenario=file,
+                                  seed=FRESH_SEED, repeats=MORE, out=out, **told)  # fmt: skip
+        self.page.command("Confirm beside the search", command)
+        where = address("/finding", campaign=self.folder, name=campaign.name, attempt=attempt.index)
+        ui.navigate.to(where)

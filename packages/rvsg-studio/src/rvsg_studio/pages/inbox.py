@@ -1,0 +1,234 @@
+"""Proposals: scenarios that a generator wrote, what the checker says of each, and what a person makes of them."""
+
+from __future__ import annotations
+
+import contextlib
+import shlex
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from nicegui import ui
+
+import rvsg
+from rvsg.api.authoring import shipped_worlds
+from rvsg.api.errors import InputError, RvsgError
+from rvsg.api.proposing import Proposal, read_proposal
+from rvsg.api.requirements import shipped_requirements
+from rvsg.api.scenarios import load_scenario_in, save_scenario
+from rvsg.api.words import counted
+from rvsg_studio.asked_model import asked_model, model_form
+from rvsg_studio.frame import Page, chip, field, link, load, page, select, tag, text_input
+from rvsg_studio.jobs import Job
+from rvsg_studio.pages.new_campaign import GENERATORS
+from rvsg_studio.typed import Typed
+from rvsg_studio.workspace import Workspace
+
+FOLDER = "proposals"
+"""Where the proposals lie, in the folder of the studio."""
+TARGET = "proposals"
+ASKED = {"world": "warehouse", "route": "route_1", "requirement": "R1", "generator": "heuristic",
+         "humans": 2, "seed": 0, "count": 3}  # fmt: skip
+"""What is asked for until somebody chooses otherwise."""
+MOST = 100
+SHOWN = 100
+
+
+@dataclass(frozen=True)
+class Found:
+    """A proposal in the inbox. `wrong` says why it cannot be read, or what the checker finds in it now."""
+
+    path: Path
+    proposal: Proposal | None
+    wrong: tuple[str, ...]
+
+    @property
+    def valid(self) -> bool:
+        """Whether it can be simulated as it is."""
+        return self.proposal is not None and self.proposal.scenario is not None and not self.wrong
+
+
+def add(workspace: Workspace) -> None:
+    """Add the page."""
+
+    @ui.page("/inbox", response_timeout=60)
+    async def inbox() -> None:
+        found = await load(proposals, workspace)
+        listing = await load(workspace.listing)
+        with page(workspace, "Proposals", here="/inbox") as made:
+            Inbox(made, found, (*shipped_worlds(), *listing.worlds))
+
+
+def proposals(workspace: Workspace) -> list[Found]:
+    """Return the proposals of the folder, the newest first, each with what the checker says of it."""
+    folder = workspace.path(FOLDER)
+    paths = sorted(folder.glob("*.json"), key=lambda path: -path.stat().st_mtime_ns) if folder.is_dir() else []
+    return [workspace.kept(("proposal", str(path)), path, partial(read, path)) for path in paths[:SHOWN]]
+
+
+def read(path: Path) -> Found:
+    """Read a proposal and check its scenario."""
+    try:
+        proposal = read_proposal(path)
+        if proposal.scenario is None:
+            return Found(path, proposal, ())
+        scenario, world = load_scenario_in(path)
+        return Found(path, proposal, tuple(str(finding) for finding in rvsg.check(scenario, world)))
+    except RvsgError as error:
+        return Found(path, None, (str(error),))
+
+
+class Inbox:
+    """The list, and the form that asks for more."""
+
+    def __init__(self, made: Page, found: list[Found], worlds: tuple[str, ...]) -> None:
+        self.page, self.workspace, self.found = made, made.workspace, found
+        self.kept = Typed(self.workspace, "inbox")
+        self.asked: dict[str, Any] = {**ASKED, **self.kept.fields}
+        tag("p", "A generator writes scenarios; you open, accept or drop each. They lie in proposals/ as files.")
+        with tag("details", cls="st-ask", open=not found):
+            tag("summary", "Ask for proposals")
+            self.fields = tag("div", cls="st-form")
+            self._fields(worlds)
+            tag("p", "For a vision language model:", cls="soft small")
+            model_form(made.workspace)
+            with tag("p", cls="st-actions"):
+                made.button("Ask", self._ask, cls="st-primary")
+        self.news = tag("p", "", cls="st-news soft small", role="status")
+        self.list = tag("div")
+        made.command("Ask for a proposal", f"rvsg propose --seed 0 --out {FOLDER}/NAME.json")
+        made.command("Try it", f"rvsg simulate {FOLDER}/NAME.json")
+        self._show()
+        self.timer = ui.timer(1.0, made.guarded(self._follow))
+
+    def _fields(self, worlds: tuple[str, ...]) -> None:
+        self.fields.clear()
+        asked = self.asked
+        with self.fields:
+            with field("World"):
+                select({name: name for name in worlds}, asked["world"], lambda v: self._choose_world(v, worlds))
+            with field("Route"):
+                select({name: name for name in self._routes()}, asked["route"], partial(self._set, "route"))
+            with field("Requirement"):
+                options = {name: f"{name}: {each.title}" for name, each in shipped_requirements().items()}
+                select(options, asked["requirement"], partial(self._set, "requirement"))
+            with field("Who writes it"):
+                select(GENERATORS, asked["generator"], partial(self._set, "generator"))
+            for key, label in (("humans", "People"), ("seed", "First seed"), ("count", "How many")):
+                with field(label):
+                    text_input(asked[key], self._number(key), kind="number", min="0", inputmode="numeric")
+
+    def _set(self, key: str, value: Any) -> None:
+        self.asked[key] = value
+        self.kept.keep({key: value})
+
+    def _choose_world(self, name: str, worlds: tuple[str, ...]) -> None:
+        self._set("world", name)
+        self._set("route", next(iter(self._routes()), ""))
+        self._fields(worlds)
+
+    def _routes(self) -> list[str]:
+        try:
+            return [route.name for route in rvsg.load_world(self.asked["world"]).routes]
+        except RvsgError:  # the world that is chosen may be broken; asking says why
+            return []
+
+    def _number(self, key: str) -> Any:
+        def changed(text: str) -> None:
+            with contextlib.suppress(ValueError):  # an unfinished number
+                self._set(key, int(text) if text else 0)
+
+        return changed
+
+    def _ask(self) -> None:
+        asked = dict(self.asked)
+        count = asked.pop("count")
+        if not 1 <= count <= MOST:
+            raise InputError(f"Ask for 1 to {MOST} proposals at a time.")
+        options = " ".join(f"--{key} {shlex.quote(str(value))}" for key, value in asked.items())
+        if asked["generator"] == "vlm":
+            known = asked_model(self.workspace)
+            asked |= known.arguments
+            options += f" {known.options}"
+        command = f"rvsg propose {options} --out {FOLDER}/NAME.json"
+        self.workspace.jobs.start("propose", title="Proposals", command=command, target=TARGET, folder=FOLDER,
+                                  settings=asked, count=count)  # fmt: skip
+        self.page.command("Ask for these", command)
+
+    async def _follow(self) -> None:
+        job: Job | None = await load(self.workspace.jobs.of, TARGET)
+        if job is not None:
+            said = job.result.get("reason", "")
+            self.news.set_text("Proposals are being written…" if job.running else said)
+        found = await load(proposals, self.workspace)
+        if found != self.found:
+            self.found = found
+            self._show()
+
+    def _show(self) -> None:
+        self.list.clear()
+        with self.list:
+            if not self.found:
+                tag("p", "No proposal is in the inbox.", cls="soft")
+            for each in self.found:
+                self._one(each)
+
+    def _one(self, each: Found) -> None:
+        name, proposal = each.path.stem, each.proposal
+        file = self.workspace.relative(each.path)
+        with tag("section", cls="st-card st-proposal", aria_label=name):
+            with tag("p", cls="st-card-head"):
+                chip("valid" if each.valid else "invalid", good=each.valid, bad=not each.valid)
+                tag("strong", name)
+                if proposal is not None:
+                    spent = f", {counted(len(proposal.calls), 'call')}" if proposal.calls else ""
+                    tag("span", f"{proposal.generator}{spent}", cls="soft small")
+            if proposal is not None and proposal.scenario is not None:
+                tag("p", proposal.scenario.description or "Without a description", cls="st-clip")
+            _verdict(each)
+            with tag("p", cls="st-actions"):
+                if each.valid:
+                    link("Open in the editor", "/scenario", cls="st-button", file=file)
+                    self.page.button("Accept", lambda: self._accept(each), aria_label=f"Accept {name}")
+                self.page.button("Drop", lambda: self._drop(each), cls="st-danger", aria_label=f"Drop {name}")
+
+    def _accept(self, each: Found) -> None:
+        """Keep the scenario of a proposal with the others, and take it out of the inbox."""
+        target = self.workspace.path(f"scenarios/{each.path.name}")
+        if target.exists():
+            where = self.workspace.relative(target)
+            raise InputError(f"{where} exists already. Open the proposal to save it under another name.")
+        scenario, _ = load_scenario_in(each.path)
+        save_scenario(scenario, target)
+        self._take_out(each)
+        self.page.say(f"Kept as {self.workspace.relative(target)}.")
+
+    def _drop(self, each: Found) -> None:
+        self._take_out(each)
+        self.page.say(f"Dropped. It still lies in {FOLDER}/dropped.")
+
+    def _take_out(self, each: Found) -> None:
+        out = each.path.parent / "dropped"
+        out.mkdir(exist_ok=True)
+        each.path.replace(out / each.path.name)
+        self.found = [other for other in self.found if other.path != each.path]
+        self._show()
+
+
+def _verdict(each: Found) -> None:
+    """Lay out what the checker says: of the first answer, what was repaired, and what is left."""
+    proposal = each.proposal
+    first = () if proposal is None else tuple(str(finding) for finding in proposal.first_findings)
+    repaired = () if proposal is None else tuple(f"{r.human}, {r.task}: {r.what}" for r in proposal.repairs)
+    left = (*(() if proposal is None else tuple(str(finding) for finding in proposal.problems)), *each.wrong)
+    if not (first or repaired or left):
+        tag("p", "The checker finds nothing.", cls="soft small")
+    for title, lines in (("Left", left), ("In the first answer", first), ("Repaired", repaired)):
+        if not lines:
+            continue
+        with tag("details", open=title == "Left"):
+            tag("summary", f"{title}: {counted(len(lines), 'finding' if title != 'Repaired' else 'repair')}")
+            with tag("ul", cls="small"):
+                for line in lines[:SHOWN]:
+                    tag("li", line)

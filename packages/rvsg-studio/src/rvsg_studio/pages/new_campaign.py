@@ -1,0 +1,299 @@
+"""A new campaign: the form and the campaign file side by side, with what it will take."""
+
+from __future__ import annotations
+
+import contextlib
+from pathlib import Path
+from typing import Any
+
+import yaml
+from nicegui import ui
+
+import rvsg
+from rvsg.api.authoring import shipped_worlds
+from rvsg.api.commands import command_for
+from rvsg.api.config import MACHINE, CampaignConfig, effective, parse_campaign_file
+from rvsg.api.errors import InputError, RvsgError
+from rvsg.api.estimating import Estimate, estimate, estimate_all
+from rvsg.api.files import write_whole
+from rvsg.api.matrix import LISTED, Matrix
+from rvsg.api.requirements import shipped_requirements
+from rvsg.api.robots import shipped_robots
+from rvsg.api.words import counted
+from rvsg_studio.frame import PATIENT_S, Page, address, as_script, field, load, page, select, tag, text_input
+from rvsg_studio.workspace import Workspace
+
+DRAFT = "new-campaign.yaml"
+HEAD = "# A campaign file: every key is an option of `rvsg run`.\n"
+NUMBERS = {
+    "humans": ("People", "In each scenario"),
+    "scenarios": ("Scenarios", "To find"),
+    "refinements": ("Refinements", "Of each scenario"),
+    "repeats": ("Runs", "Of each configuration"),
+    "confirmations": ("Confirmation runs", "In all, at most"),
+    "max_in_flight": ("Attempts at a time", "More keep more cores busy"),
+    "seed": ("Seed", "Of everything random"),
+}
+STRATEGIES = ("study", "climb", "elite", "hybrid", "map-elites", "multi", "unguided", "random")
+GENERATORS = {"heuristic": "heuristic, offline", "random": "random", "vlm": "vision language model"}
+MACHINE_KEYS = ("jobs", "budget_usd", "budget_calls", "budget_tokens")
+"""Settings that are not stored with the campaign, and go to the process that runs it."""
+
+
+class Draft:
+    """The settings of a campaign that is being written; what is typed is on the disk at once."""
+
+    def __init__(self, workspace: Workspace) -> None:
+        self.workspace = workspace
+        self.path = workspace.own / DRAFT
+        self.text = self.path.read_text(encoding="utf-8") if self.path.is_file() else HEAD + "world: warehouse\n"
+        self.problem = ""
+        self.settings: dict[str, Any] = {}
+        self.read()
+
+    def write(self, text: str) -> None:
+        """Take a new text of the file."""
+        self.text = text
+        write_whole(self.path, text)
+        self.read()
+
+    def read(self) -> None:
+        """Read the text; where it is wrong the settings stay as they were, and `problem` says why."""
+        try:
+            found = parse_campaign_file(self.text, Path("campaign.yaml"))
+            effective(None, {}, {k: v[0] if k in LISTED and isinstance(v, list) and v else v for k, v in found.items()})
+        except RvsgError as error:
+            self.problem = str(error)
+            return
+        self.settings, self.problem = found, ""
+
+    def set(self, key: str, value: Any) -> None:
+        """Change one setting in the text; None or the default takes it out."""
+        kept = dict(self.settings)
+        kept.pop(key, None)
+        if value is not None and value != CampaignConfig.model_fields[key].get_default(call_default_factory=True):
+            kept[key] = value
+        if key == "world":
+            kept = {"world": value, **kept}
+            kept.pop("route", None)
+        self.write(HEAD + (yaml.safe_dump(kept, sort_keys=False, allow_unicode=True) if kept else ""))
+
+    @property
+    def config(self) -> CampaignConfig:
+        """The settings as a configuration.
+
+        Raises:
+            InputError: they are wrong, or ask for several campaigns.
+        """
+        if self.problem:
+            raise InputError(self.problem)
+        single = {}
+        for key, value in self.settings.items():
+            if isinstance(value, list) and key in ("route", "requirement"):
+                if len(value) != 1 or value == ["all"]:
+                    raise InputError("Several routes or requirements are several campaigns.")
+                value = value[0]
+            single[key] = value
+        return effective(None, {}, single)
+
+    @property
+    def matrix(self) -> Matrix | None:
+        """The campaigns that the settings ask for, where they ask for several.
+
+        Raises:
+            InputError: the settings are wrong, or the folder holds campaigns with others.
+        """
+        if self.problem:
+            raise InputError(self.problem)
+        return Matrix.of(self.settings, {})
+
+
+def add(workspace: Workspace) -> None:
+    """Add the page."""
+
+    @ui.page("/campaign/new", response_timeout=PATIENT_S)
+    async def new_campaign() -> None:
+        listing = await load(workspace.listing)
+        draft = Draft(workspace)
+        with page(workspace, "New campaign", here="/campaign/new") as made:
+            Form(made, draft, (*shipped_worlds(), *listing.worlds))
+
+
+class Form:
+    """The form beside the file. Each writes the other."""
+
+    def __init__(self, made: Page, draft: Draft, worlds: tuple[str, ...]) -> None:
+        self.page, self.draft, self.worlds = made, draft, worlds
+        with tag("div", cls="st-two"):
+            with tag("section", aria_label="Settings"):
+                self.fields = tag("div")
+            with tag("section", aria_label="Campaign file"):
+                with field("campaign.yaml", help="Edit here or in the form. Every option of `rvsg run` is a key."):
+                    self.text = tag("textarea", draft.text, rows=16, spellcheck="false", cls="st-code", id="yaml")
+                self.text.on("input", self._typed, js_handler="(e) => emit(e.target.value)")
+                self.problem = tag("p", draft.problem, cls="st-message st-wrong", role="alert")
+                self.estimate = tag("p", "", cls="soft", role="status")
+                with tag("p", cls="st-actions"):
+                    made.button("Start", self._start, cls="st-primary")
+                    made.button("Estimate time and cost", self._estimate)
+                self.command = tag("p", cls="small")
+        made.command("Start", "rvsg run campaign.yaml --out runs/NAME")
+        self._show()
+
+    def _typed(self, event: Any) -> None:
+        if str(event.args) == self.draft.text:  # a browser reports a pasted text once per line
+            return
+        self.draft.write(str(event.args))
+        self._show(written=False)
+
+    def _set(self, key: str, value: Any) -> None:
+        self.draft.set(key, value)
+        self._show(fields=key in ("world", "generator"))
+
+    def _show(self, *, written: bool = True, fields: bool = True) -> None:
+        """Show the settings as they are now; the text is left alone while somebody writes in it."""
+        self.problem.set_text(self.draft.problem)
+        self.estimate.set_text("")
+        if written:
+            ui.run_javascript(f"document.getElementById('yaml').value = {as_script(self.draft.text)}")
+        if fields and not self.draft.problem:
+            self.fields.clear()
+            with self.fields:
+                self._fields()
+        self.command.clear()
+        with self.command:
+            try:
+                matrix = self.draft.matrix
+                if matrix is not None:
+                    tag("p", f"{len(matrix.pairs)} campaigns, one for each route and requirement.")
+                    tag("code", matrix.commands())
+                else:
+                    config = self.draft.config
+                    tag("code", command_for(config, out=config.folder))
+            except RvsgError as error:
+                tag("span", str(error), cls="soft")
+
+    def _fields(self) -> None:
+        values = CampaignConfig().model_dump() | self.draft.settings
+        self._choice("world", "World", {name: name for name in self.worlds}, values)
+        self._several("route", "Routes", {name: name for name in _routes(str(values["world"]))}, values)
+        requirements = {name: f"{name}: {each.title}" for name, each in shipped_requirements().items()}
+        self._several("requirement", "Requirements", requirements, values)
+        self._choice("robot", "Robot", {name: name for name in shipped_robots()}, values)
+        chosen = values["generator"] or ("vlm" if values["model"] or values["replay"] else "heuristic")
+        self._choice("generator", "Who writes the scenarios", GENERATORS, values | {"generator": chosen})
+        self._choice("strategy", "Strategy of the search", {name: name for name in STRATEGIES}, values)
+        with tag("div", cls="st-form"):
+            for key, (label, help) in NUMBERS.items():
+                with field(label, help=help):
+                    text_input(values[key], self._number(key), kind="number", min="0", inputmode="numeric")
+        with field("Folder", help="Where the campaign is kept; by default named for its settings, under runs/"):
+            text_input(values["out"], lambda text: self._set("out", text or None), autocomplete="off")
+        if chosen == "vlm":
+            with field("Model", help="PROVIDER:NAME, e.g. openai-chat:gpt-4.1. Its key is read from the environment."):
+                text_input(values["model"], lambda text: self._set("model", text or None), autocomplete="off")
+            with field("Budget in USD", help="The campaign stops before its calls cost more."):
+                text_input(values["budget_usd"], self._number("budget_usd", float), kind="number", min="0", step="any")
+
+    def _choice(self, key: str, label: str, options: dict[str, str], values: dict[str, Any]) -> None:
+        value = str(values[key])
+        if value not in options:
+            options = {value: value, **options}
+        with field(label):
+            select(options, value, lambda chosen: self._set(key, chosen))
+
+    def _several(self, key: str, label: str, options: dict[str, str], values: dict[str, Any]) -> None:
+        """Boxes to tick; more than one route or requirement makes a campaign for each pair."""
+        given = values[key] if isinstance(values[key], list) else [values[key]]
+        chosen = list(options) if given == ["all"] else [str(each) for each in given]
+        options = {each: each for each in chosen if each not in options} | options
+
+        def ticked(name: str, on: bool) -> None:
+            chosen[:] = [each for each in options if (on if each == name else each in chosen)]
+            if chosen:
+                self._set(key, chosen[0] if len(chosen) == 1 else list(chosen))
+            else:
+                self.page.say(f"Choose at least one of the {label.lower()}.", wrong=True)
+
+        with tag("fieldset", cls="st-boxes"):
+            tag("legend", label, cls="st-label")
+            for name, text in options.items():
+                with tag("label"):
+                    box = tag("input", type="checkbox", name_=key)
+                    if name in chosen:
+                        box._props["^checked"] = True
+                    tag("span", text)
+                box.on("change", lambda event, name=name: ticked(name, bool(event.args)),
+                       js_handler="(e) => emit(e.target.checked)")  # fmt: skip
+
+    def _number(self, key: str, kind: type = int) -> Any:
+        def changed(text: str) -> None:
+            with contextlib.suppress(ValueError):  # an unfinished number, e.g. "-"
+                self._set(key, kind(text) if text else None)
+
+        return changed
+
+    async def _estimate(self) -> None:
+        self.estimate.set_text("Simulating the mission a few times…")
+        listing = await load(self.page.workspace.whole_listing)
+        matrix = self.draft.matrix
+        if matrix is not None:
+            found = await load(estimate_all, matrix, listing.campaigns)
+        else:
+            found = await load(estimate, self.draft.config, listing.campaigns)
+        self.estimate.set_text(in_words(found))
+
+    async def _start(self) -> None:
+        if self.draft.matrix is not None:
+            await self._start_matrix()
+            return
+        config = self.draft.config
+        workspace = self.page.workspace
+        folder = workspace.path(str(config.folder))
+        name = workspace.relative(folder)
+        settings = {key: value for key, value in config.model_dump().items() if key not in ("out", *MACHINE)}
+        changed = {
+            key: value
+            for key, value in settings.items()
+            if key == "strategy" or value != getattr(CampaignConfig(), key)
+        }
+        campaign = await load(rvsg.Campaign.create, name, file=changed, begun_in=str(workspace.folder))
+        machine = {key: getattr(config, key) for key in MACHINE_KEYS if getattr(config, key) is not None}
+        told = {"folder": name, "name": campaign.name, "machine": machine}
+        workspace.jobs.start(
+            "campaign", title="Campaign", command=command_for(config, out=Path(name)), target=name, **told
+        )
+        ui.navigate.to(address("/campaign", folder=name, name=campaign.name))
+
+    async def _start_matrix(self) -> None:
+        """Start a campaign for each route and requirement, as one job."""
+        matrix, workspace = self.draft.matrix, self.page.workspace
+        assert matrix is not None
+        name = workspace.relative(workspace.path(str(matrix.folder)))
+        matrix = Matrix.of(self.draft.settings | {"out": name}, {})
+        assert matrix is not None
+        await load(matrix.create)
+        workspace.jobs.start("matrix", title="Campaigns", command=matrix.commands(), target=name, folder=name)
+        ui.navigate.to(address("/matrix", folder=name))
+
+
+def in_words(found: Estimate) -> str:
+    """Return an estimate as a sentence or two."""
+    minutes = "less than a minute" if found.minutes < 1 else f"about {counted(round(found.minutes), 'minute')}"
+    said = (
+        f"{minutes.capitalize()}: {counted(found.runs, 'run')} at {found.run_s:.2f} s on "
+        f"{counted(found.jobs, 'core')}, and {counted(found.proposals, 'proposal')}."
+    )
+    if not found.calls_of:
+        return f"{said} No model is called: it costs nothing."
+    if found.known_calls == 0:
+        return f"{said} No earlier campaign of this folder called {found.calls_of}: its time and cost are not known."
+    cost = "at an unknown price" if found.usd is None else f"about {found.usd:.2f} USD"
+    return f"{said} The calls of {found.calls_of}: {cost}, by {found.known_calls} earlier calls."
+
+
+def _routes(world: str) -> list[str]:
+    try:
+        return [route.name for route in rvsg.load_world(world).routes]
+    except RvsgError:  # the world that is chosen may be broken; starting says why
+        return []

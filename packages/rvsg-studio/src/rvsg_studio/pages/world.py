@@ -1,0 +1,107 @@
+"""A world: its map to label, and a new world from a map or a Gazebo file."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+from nicegui import ui
+
+from rvsg.api.authoring import check_world, save_world, shipped_worlds, world_from_map, world_from_sdf, write_readme
+from rvsg.api.editing import editable_world, folder_of_world
+from rvsg.api.errors import InputError, RvsgError
+from rvsg_studio.frame import Page, address, field, load, page, problem, tag, text_input
+from rvsg_studio.received import KINDS, forget, received
+from rvsg_studio.typed import Typed
+from rvsg_studio.workspace import Workspace
+
+
+def add(workspace: Workspace) -> None:
+    """Add the pages."""
+
+    @ui.page("/world", response_timeout=60)
+    async def world(world: str = "") -> None:
+        try:
+            place = world if world in shipped_worlds() else workspace.existing(world)
+            found = await load(editable_world, place)
+        except RvsgError as error:
+            problem(workspace, "World", error)
+            return
+        with page(workspace, found["title"], wide=True) as made:
+            _lay_out(made, world, found)
+
+    @ui.page("/world/new", response_timeout=60)
+    async def new_world() -> None:
+        with page(workspace, "New world") as made:
+            NewWorld(made)
+
+
+def _lay_out(made: Page, name: str, found: dict[str, Any]) -> None:
+    with tag("p", cls="st-actions"):
+        where = "shipped with RVSG" if not found["editable"] else name
+        tag("span", where, cls="soft")
+        if not found["editable"]:
+            made.button("Copy into this folder to edit it", lambda: _copy(made, name), cls="st-primary")
+        tag("a", "Review its description", cls="st-button", href=address("/describe", world=name))
+        tag("a", "New scenario here", cls="st-button", href=address("/scenario", world=name))
+    tag("div", data_studio="world", data_world=name, id="world-editor")
+    made.command("Check", f"rvsg world check {name}")
+    made.command("Draw", f"rvsg world draw {name}")
+    made.command("Let a model propose names of areas", f"rvsg world name {name} --model PROVIDER:NAME")
+    made.command("Edit", "edit labels.yaml, routes.yaml and world.yaml in the folder")
+
+
+async def _copy(made: Page, name: str) -> None:
+    target = made.workspace.path(name)
+    if target.exists():
+        raise InputError(f"{name}: this folder exists already.")
+    await load(shutil.copytree, folder_of_world(name), target)
+    ui.navigate.to(address("/world", world=f"./{name}"))
+
+
+class NewWorld:
+    """The form for a new world from dropped files."""
+
+    def __init__(self, made: Page) -> None:
+        self.page = made
+        self.typed = Typed(made.workspace, "world/new")
+        self.name = str(self.typed.fields.get("folder", ""))
+        tag("p", "Drop a Nav2 map (its .yaml with the picture beside it) or a Gazebo world (.sdf, .world). Labels and "
+                 "routes are proposed; you correct them on the map.")  # fmt: skip
+        with field("Folder", help="Where the world is made, in the folder of the studio"):
+            text_input(self.name, self._named, autocomplete="off", required=True)
+        tag("div", data_studio="drop", data_accept=",".join(KINDS), id="files")
+        with tag("p", cls="st-actions"):
+            made.button("Make the world", self._make, cls="st-primary")
+        made.command("From a Nav2 map", "rvsg world new DIR --map map.yaml")
+        made.command("From a Gazebo world", "rvsg world new DIR --sdf FILE")
+
+    def _named(self, text: str) -> None:
+        self.name = text.strip()
+        self.typed.keep({"folder": text})
+
+    async def _make(self) -> None:
+        if not self.name:
+            raise InputError("Give the new world a folder.")
+        folder = self.page.workspace.path(self.name)
+        if folder.exists() and any(folder.iterdir()):
+            raise InputError(f"{self.name}: this folder is not empty. Choose a new one.")
+        self.page.say("Making the world…")
+        await load(make_world, received(self.page.workspace), folder)
+        forget(self.page.workspace)
+        self.typed.keep({"folder": None})
+        ui.navigate.to(address("/world", world=self.name))
+
+
+def make_world(files: list[Path], folder: Path) -> None:
+    """Make a world folder of received files: a Nav2 map or a Gazebo world."""
+    maps = [path for path in files if path.suffix.lower() in (".yaml", ".yml")]
+    gazebo = [path for path in files if path.suffix.lower() in (".sdf", ".world")]
+    if len(maps) + len(gazebo) != 1:
+        raise InputError("Give exactly one map .yaml (with its picture) or one .sdf or .world file.")
+    name = folder.name
+    created = world_from_map(maps[0], name=name) if maps else world_from_sdf(gazebo[0], name=name, lenient=True)
+    save_world(created.world, folder)
+    remarks = check_world(folder)
+    write_readme(created, folder, [f"{'error' if r.serious else 'warning'}: {r.problem.message}" for r in remarks])

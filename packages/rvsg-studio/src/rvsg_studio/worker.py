@@ -1,0 +1,279 @@
+"""The process of a job: `python -m rvsg_studio.worker FOLDER`. It writes what happens as JSON lines."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sys
+import time
+import traceback
+from collections.abc import Callable
+from pathlib import Path
+from types import FrameType
+from typing import Any, TextIO
+
+import rvsg
+from rvsg.api.authoring import Description, shipped_worlds
+from rvsg.api.config import effective, safe_name
+from rvsg.api.describing import open_session, propose_names, revised
+from rvsg.api.errors import RvsgError
+from rvsg.api.events import Attempted, Confirming, Event, Explaining, Message, ModelCall, Proposing, RunMade
+from rvsg.api.files import write_whole
+from rvsg.api.matrix import Ended, Matrix
+from rvsg.api.models import CallNews
+from rvsg.api.proposing import proposal_json, propose_as
+from rvsg.api.records import runs_text
+from rvsg.api.scenarios import load_scenario_in, save_scenario
+from rvsg.api.wiring import wire
+from rvsg.api.words import describe_calls
+from rvsg_studio.jobs import EVENTS, JOB, PAUSE, RESULT, holding
+
+
+class Work:
+    """The work of one job: its arguments, where its events go, and whether it was asked to pause."""
+
+    def __init__(self, folder: Path, events: TextIO) -> None:
+        job = json.loads((folder / JOB).read_text(encoding="utf-8"))
+        self.kind: str = job["kind"]
+        self.arguments: dict[str, Any] = job["arguments"]
+        self._events = events
+        self.pausing = False
+        self.cancel: Callable[[], None] = lambda: None
+
+    def tell(self, kind: str, **facts: Any) -> None:
+        """Append an event to the file at once."""
+        self._events.write(json.dumps({"at": time.time(), "kind": kind, **facts}) + "\n")
+        self._events.flush()
+
+    def say(self, text: str) -> None:
+        """Append a message."""
+        self.tell("message", text=text)
+
+    def asked_to_end(self, *_: int | FrameType | None) -> None:
+        """Pause at the first signal; end at once at the second."""
+        if self.pausing:
+            os._exit(3)
+        self.pausing = True
+        self.cancel()
+
+    def campaign(self) -> rvsg.Campaign:
+        """Return the campaign that the job is about."""
+        return rvsg.Campaign.open(self.arguments["folder"], self.arguments.get("name"), **self._machine())
+
+    def _machine(self) -> dict[str, Any]:
+        return {key: value for key, value in self.arguments.get("machine", {}).items() if value is not None}
+
+
+def run_campaign(work: Work) -> dict[str, Any]:
+    """Do what is left of a campaign and write its report."""
+    campaign = work.campaign()
+    work.cancel = campaign.cancel
+    if work.pausing:
+        campaign.cancel()
+    for _ in campaign.run(observe=lambda event: tell_event(work, event)):
+        if work.pausing:
+            campaign.cancel()
+    summary = campaign.summary()
+    campaign.report()
+    return {"state": "finished" if summary.complete else "paused", "violated": summary.violated}
+
+
+def run_matrix(work: Work) -> dict[str, Any]:
+    """Do what is left of several campaigns in one folder, and write their reports."""
+    matrix = Matrix.open(Path(work.arguments["folder"]))
+    campaigns = matrix.create(work.say)
+    campaigns[0].prepare(work.say)
+
+    def cancel() -> None:
+        for campaign in campaigns:
+            campaign.cancel()
+
+    work.cancel = cancel
+    if work.pausing:
+        cancel()
+    failed = []
+    for campaign, event in matrix.run(campaigns):
+        if work.pausing:
+            cancel()
+        folder = Path(os.path.relpath(campaign.folder)).as_posix()
+        if not isinstance(event, Ended):
+            tell_event(work, event, folder=folder)
+        elif isinstance(event.error, RvsgError):
+            failed.append(f"{campaign.folder.name}: {event.error}")
+        elif event.error is not None:
+            raise event.error
+        else:
+            campaign.report()
+    matrix.report()
+    if failed:
+        return {"state": "failed", "reason": "\n".join(failed)}
+    return {"state": "finished" if all(each.summary().complete for each in campaigns) else "paused"}
+
+
+def tell_event(work: Work, event: Event, **where: str) -> None:
+    """Append what a page shows of an event of a campaign.
+
+    Args:
+        where: the folder of the campaign, where the job is about several.
+    """
+
+    def tell(kind: str, **facts: Any) -> None:
+        work.tell(kind, **facts, **where)
+
+    match event:
+        case Message():
+            tell("message", text=event.text)
+        case Proposing():
+            brief = event.brief
+            tell("proposing", scenario=brief.scenario_index, configuration=brief.configuration_index)
+        case ModelCall():
+            tell_call(work, event.news, **where)
+        case RunMade():
+            tell("run", attempt=event.index, purpose=event.purpose)
+        case Attempted():
+            tell("attempt", attempt=event.attempt.index, purpose=event.attempt.purpose)
+        case Confirming():
+            tell("confirming", number=event.number, of=event.of, runs=event.runs)
+        case Explaining():
+            tell("explaining", without=list(event.without), runs=event.runs)
+
+
+def confirm(work: Work) -> dict[str, Any]:
+    """Confirm one more candidate of a campaign."""
+    campaign = work.campaign()
+    work.cancel = campaign.cancel
+    made = campaign.confirm(work.arguments["candidate"], observe=lambda event: tell_event(work, event))
+    campaign.report()
+    verdict = made.verdict
+    status = verdict.status.value if verdict else ""
+    return {"state": "finished", "attempt": made.index, "status": status, "reason": verdict.reason if verdict else ""}
+
+
+def make_runs(work: Work) -> dict[str, Any]:
+    """Simulate a scenario with seeds one after the other, judge the runs and write them to a file."""
+    given = work.arguments
+    scenario, world = load_scenario_in(given["scenario"])
+    requirement, simulator = _judged_by(work)
+    first, count = given["seed"], given["repeats"]
+    runs = rvsg.simulate(
+        scenario, range(first, first + count), jobs=os.cpu_count() or 1, simulator=simulator, world=world,
+        on_run=lambda run: work.tell("run", seed=run.seed), on_message=work.say,
+    )  # fmt: skip
+    write_whole(Path(given["out"]), runs_text(runs))
+    judged = rvsg.judge(runs, requirement)
+    verdict = judged.verdict
+    counts = {"violations": verdict.violations, "runs": verdict.runs}
+    return {"state": "finished", "out": given["out"], "status": verdict.status.value, "reason": str(judged), **counts}
+
+
+def shrink(work: Work) -> dict[str, Any]:
+    """Find the smallest scenario that violates about as often, and write it to a file."""
+    given = work.arguments
+    scenario, world = load_scenario_in(given["scenario"])
+    requirement, simulator = _judged_by(work)
+    shrunk = rvsg.shrink(
+        scenario, requirement, jobs=os.cpu_count() or 1, simulator=simulator, world=world, on_message=work.say,
+        on_step=lambda step: work.tell("step", what=step.what, kept=step.kept, violations=step.violations,
+                                       runs=step.runs),
+    )  # fmt: skip
+    save_scenario(shrunk.smallest, given["out"])
+    before, after = shrunk.before, shrunk.after
+    reason = (
+        f"{len(shrunk.original.people.humans)} people become {len(shrunk.smallest.people.humans)}. The original "
+        f"violates it in {before.violations} of {before.runs} fresh runs, the smallest in {after.violations} of "
+        f"{after.runs}."
+    )
+    return {"state": "finished", "out": given["out"], "reason": reason}
+
+
+def describe(work: Work) -> dict[str, Any]:
+    """Have a model describe a world, or revise its description for the reasons that a person gives."""
+    given = work.arguments
+    session = open_session(rvsg.load_world(_world(given["world"])), record=None, prompts=None, **given["access"])
+    assert session is not None, "a model is named"
+    session.wiring.model.tell = lambda news: tell_call(work, news)
+    start = Description(**given["start"]) if given["start"] is not None else None
+    made = revised(session, start, given["reasons"])
+    return {"state": "finished", "layout": made.layout, "grid": made.grid, "said": " ".join(session.notes())}
+
+
+def name_areas(work: Work) -> dict[str, Any]:
+    """Have a model propose names for the areas of a world."""
+    given = work.arguments
+    made = propose_names(rvsg.load_world(_world(given["world"])), **given["access"])
+    said = " ".join([describe_calls(made.calls), *made.unusable])
+    return {"state": "finished", "names": [each.model_dump(mode="json") for each in made.names], "said": said}
+
+
+def _world(name: str) -> str | Path:
+    return name if name in shipped_worlds() else Path(name)
+
+
+def tell_call(work: Work, news: CallNews, **where: str) -> None:
+    """Append what a page shows of a call of a model."""
+    work.tell("model", what=news.what, model=news.model, purpose=news.purpose, why=news.why,
+              usd=news.spent.cost_usd, calls=news.spent.calls, **where)  # fmt: skip
+
+
+def make_proposals(work: Work) -> dict[str, Any]:
+    """Ask a generator for scenarios with seeds one after the other, and write each to a file."""
+    given = work.arguments
+    settings, folder = given["settings"], Path(given["folder"])
+    folder.mkdir(exist_ok=True)
+    valid = 0
+    for seed in range(settings["seed"], settings["seed"] + given["count"]):
+        if work.pausing:
+            return {"state": "paused", "reason": "Paused."}
+        wired = wire(effective(None, {}, settings | {"seed": seed, "out": "runs/proposals"}))
+        wired.generator.watch(lambda news: tell_call(work, news))
+        made = propose_as(wired)
+        parts = (settings["world"], settings["route"], settings["requirement"], settings["generator"], seed)
+        name = safe_name("-".join(Path(str(part)).name for part in parts))
+        write_whole(folder / f"{name}.json", proposal_json(made))
+        valid += made.scenario is not None
+        work.tell("proposal", name=name)
+    return {"state": "finished", "reason": f"{valid} of {given['count']} proposals are valid."}
+
+
+def _judged_by(work: Work) -> tuple[Any, Any]:
+    """Return requirement and simulator: those of the scenario's campaign, or the named ones."""
+    given = work.arguments
+    if given.get("folder") is None:
+        return given["requirement"], "embedded"
+    campaign = work.campaign()
+    return campaign.requirement, campaign.simulator
+
+
+KINDS: dict[str, Callable[[Work], dict[str, Any]]] = {
+    "campaign": run_campaign,
+    "matrix": run_matrix,
+    "confirm": confirm,
+    "runs": make_runs,
+    "shrink": shrink,
+    "describe": describe,
+    "names": name_areas,
+    "propose": make_proposals,
+}
+
+
+def main(folder: Path) -> None:
+    """Do a job and write how it ended."""
+    with holding(folder), (folder / EVENTS).open("a", encoding="utf-8") as events:
+        work = Work(folder, events)
+        for number in (signal.SIGTERM, signal.SIGINT):
+            signal.signal(number, work.asked_to_end)
+        work.pausing = work.pausing or (folder / PAUSE).exists()
+        try:
+            result = KINDS[work.kind](work)
+        except RvsgError as error:
+            result = {"state": "failed", "reason": str(error)}
+        except Exception as unexpected:
+            traceback.print_exc()  # into worker.log
+            reason = f"Error in RVSG itself: {type(unexpected).__name__}: {unexpected}. The log lies in {folder}."
+            result = {"state": "failed", "reason": reason}
+        write_whole(folder / RESULT, json.dumps(result))
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
