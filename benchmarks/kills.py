@@ -27,7 +27,7 @@ from rvsg.campaign.plan import Plan
 from rvsg.campaign.processes import Processes
 from rvsg.campaign.strategies import StudyStrategy
 from rvsg.core import plugins
-from rvsg.scenario.requirements import load_requirement
+from rvsg.scenario.requirement import load_requirement
 from rvsg.scenario.scenario import Mission
 from rvsg.store.memory import MemoryLedger
 from rvsg.world.io.load import load_world

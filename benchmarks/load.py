@@ -23,7 +23,7 @@ from rvsg.campaign.parallel import PendingRun, Simulations
 from rvsg.core import plugins
 from rvsg.core.seeds import seed_for
 from rvsg.scenario.brief import Brief
-from rvsg.scenario.requirements import load_requirement
+from rvsg.scenario.requirement import load_requirement
 from rvsg.scenario.scenario import Mission, Scenario
 from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.simulation.run import Run

@@ -27,7 +27,7 @@ from rvsg.generation.reply_schema import configuration_schema
 from rvsg.generation.vlm.recording import CALLS, Recorded, Recording, place_of
 from rvsg.generation.vlm.replay import Replayed
 from rvsg.scenario.brief import Brief
-from rvsg.scenario.requirements import load_requirement
+from rvsg.scenario.requirement import load_requirement
 from rvsg.scenario.scenario import Mission
 from rvsg.world.io.load import load_world
 from rvsg.world.world import World

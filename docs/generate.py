@@ -61,13 +61,6 @@ def command_line_page(commands: dict[tuple[str, ...], str]) -> str:
     return "".join(parts).rstrip("\n") + "\n"
 
 
-def validity_page() -> str:
-    """The page of the rules of validity, from their table."""
-    from rvsg.scenario.validity.rules import rules_page
-
-    return "# Rules of validity\n\n" + GENERATED + rules_page()
-
-
 def metrics_page() -> str:
     """The page of the metrics, from their registry."""
     from rvsg.report import reference
@@ -155,7 +148,6 @@ def main() -> int:
     commands = dict(all_commands())
     made = {
         DOCS / "reference" / "command-line.md": command_line_page(commands),
-        DOCS / "reference" / "validity-rules.md": validity_page(),
         DOCS / "reference" / "metrics.md": metrics_page(),
         DOCS / "reference" / "requirements.md": requirements_page(),
     }

@@ -16,7 +16,7 @@ from rvsg.core.errors import GenerationError
 from rvsg.generation.generator import Proposal
 from rvsg.report.summary import summarise
 from rvsg.scenario.brief import Brief
-from rvsg.scenario.validity import Finding
+from rvsg.scenario.rules import Finding
 from rvsg.world.world import World
 
 STRATEGIES = [StudyStrategy, EliteStrategy, HybridStrategy, MapElitesStrategy]

@@ -17,9 +17,9 @@ from rvsg.campaign.ranking import best_attempt, measured, seeds_of
 from rvsg.campaign.told import last_written, tried, tuning_of
 from rvsg.core.errors import BudgetSpent, GenerationError, NotRecorded
 from rvsg.generation.generator import Call, Proposal
-from rvsg.scenario.aim import Aim
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.differences import differences
+from rvsg.scenario.requirement import Aim
 from rvsg.scenario.scenario import Human, HumanConfiguration, Scenario, Task
 from rvsg.simulation.kinematic import KinematicSimulator
 

@@ -8,8 +8,8 @@ from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.operators import Operators
 from rvsg.campaign.racing import Candidate
 from rvsg.generation.descriptions import TUNED, describe_new, tells_of
-from rvsg.scenario.aim import Aim
 from rvsg.scenario.brief import Brief
+from rvsg.scenario.requirement import Aim
 from rvsg.scenario.scenario import Scenario
 
 TOLD = "Ann brings boxes to the shelf and waits there for 5 s."

@@ -14,7 +14,7 @@ from rvsg.cli.demo import what_it_means
 from rvsg.core.errors import RvsgError
 from rvsg.evaluation.judge import DEFAULT
 from rvsg.evaluation.verdict import Status
-from rvsg.scenario.requirements import load_requirement
+from rvsg.scenario.requirement import load_requirement
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ from rvsg.api.requirements import load_requirement
 from rvsg.core.documents import DocumentError
 from rvsg.evaluation.judge import check_requirement
 from rvsg.evaluation.metrics import METRICS
-from rvsg.scenario.requirements import shipped_requirements
+from rvsg.scenario.requirement import shipped_requirements
 
 
 def of(tmp_path: Path, said: str) -> str:

@@ -21,7 +21,7 @@ from rvsg.core.errors import InvalidOptions, RvsgError
 from rvsg.evaluation.verdict import Status
 from rvsg.generation.generator import Proposal
 from rvsg.generation.random_search import RandomGenerator
-from rvsg.scenario.validity import Finding
+from rvsg.scenario.rules import Finding
 from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.simulation.run import Outcome
 from rvsg.store.sqlite import SqliteLedger

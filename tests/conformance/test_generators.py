@@ -1,12 +1,13 @@
 """Every offline generator passes the exam that plug-in writers are given, in every shipped world."""
 
 import pytest
+from tests.conformance.briefs import odd_briefs
 
-from rvsg.generation.conformance import check_generator, odd_briefs
 from rvsg.generation.generator import Generator
 from rvsg.generation.heuristic import HeuristicGenerator
 from rvsg.generation.random_search import RandomGenerator
 from rvsg.scenario.scenario import Mission
+from rvsg.testing import check_generator
 from rvsg.world.io.load import load_world, shipped_worlds
 
 GENERATORS: list[Generator] = [RandomGenerator(), HeuristicGenerator(tries=5, changes=10)]

@@ -7,9 +7,7 @@ from tests.evaluation.runs import run_of, trajectory
 from rvsg.evaluation.aims import aim_of, series_name, series_of
 from rvsg.evaluation.metrics import METRICS
 from rvsg.evaluation.signals import SIGNALS, robustness
-from rvsg.scenario.aim import Aim
-from rvsg.scenario.requirement import Requirement
-from rvsg.scenario.requirements import load_requirement, shipped_requirements
+from rvsg.scenario.requirement import Aim, Requirement, load_requirement, shipped_requirements
 
 T = np.arange(0.0, 5.0, 0.05)
 

@@ -8,7 +8,7 @@ from scipy.stats import binom
 
 from rvsg.evaluation.judge import DEFAULT, judge, next_repeats
 from rvsg.evaluation.statistics import clopper_pearson
-from rvsg.scenario.requirements import shipped_requirements
+from rvsg.scenario.requirement import shipped_requirements
 
 CLEARANCE = shipped_requirements()["clearance"]
 GRID = np.linspace(0.005, 0.995, 199)

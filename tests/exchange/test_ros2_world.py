@@ -12,7 +12,7 @@ from tests.simulation.ros2.isolated import run_isolated
 import rvsg
 from rvsg.core.errors import InputError, InvalidOptions, SimulationError
 from rvsg.core.plugins import make
-from rvsg.scenario.bodies import Trolley
+from rvsg.scenario.scenario import Trolley
 from rvsg_ros2.world import Ros2World
 
 DRIVE = Path(__file__).with_name("drive_world.py")

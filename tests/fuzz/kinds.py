@@ -23,8 +23,9 @@ from rvsg.cli import main
 from rvsg.generation.generator import Proposal
 from rvsg.generation.replies import read_configuration, read_description, read_path_lines
 from rvsg.scenario.brief import Brief
+from rvsg.scenario.repair import repair
 from rvsg.scenario.scenario import Scenario
-from rvsg.scenario.validity import check, repair
+from rvsg.scenario.validity import check
 from rvsg.simulation.archive import run_to_json
 from rvsg.simulation.kinematic import KinematicSimulator
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from rvsg.scenario.brief import Brief
-from rvsg.scenario.requirements import load_requirement
+from rvsg.scenario.requirement import load_requirement
 from rvsg.scenario.scenario import Mission
 from rvsg.world.io.load import load_world
 from rvsg.world.world import World

@@ -6,9 +6,9 @@ from typing import Any, Literal
 
 import pytest
 from tests.coded import coded
+from tests.conformance.briefs import odd_briefs
 
 from rvsg.core.errors import BudgetSpent, InputError, ModelUnavailable, ReplayDiverged
-from rvsg.generation.conformance import check_generator, odd_briefs
 from rvsg.generation.conversation import VlmGenerator
 from rvsg.generation.generator import Proposal
 from rvsg.generation.pictures import Way, pictures_of
@@ -36,6 +36,7 @@ from rvsg.scenario.brief import (
 )
 from rvsg.scenario.scenario import Scenario
 from rvsg.scenario.validity import check
+from rvsg.testing import check_generator
 from rvsg.world.world import World
 
 ONE = {

@@ -16,8 +16,7 @@ from rvsg.generation.descriptions import (
     tells_of,
     work_of,
 )
-from rvsg.scenario.bodies import PersonKind
-from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Pause, Scenario, Task
+from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Pause, PersonKind, Scenario, Task
 from rvsg.world.world import Route
 
 ROUTE = Route(name="r", start=Pose(x=0, y=0, yaw=0), goal=Pose(x=5, y=0, yaw=0), time_limit_s=30)

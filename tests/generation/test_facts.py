@@ -9,9 +9,9 @@ import pytest
 from rvsg.generation.facts import brief_facts, neighbour_rule, world_facts
 from rvsg.generation.prompts import Prompts
 from rvsg.scenario.brief import Brief
-from rvsg.scenario.requirements import load_requirement
+from rvsg.scenario.placement import spawn_findings
+from rvsg.scenario.requirement import load_requirement
 from rvsg.scenario.scenario import Human, HumanConfiguration, Task
-from rvsg.scenario.validity.starts import spawn_findings
 from rvsg.world.grid import Grid, Waypoint
 from rvsg.world.world import World
 

@@ -2,22 +2,31 @@ import re
 from collections import Counter
 
 import pytest
+from tests.conformance.briefs import DISTANCE, SMOOTH, TIMELY, odd_briefs
 from tests.scenario.small_world import MISSION as HALL_MISSION
 from tests.scenario.small_world import WORLD as HALL
 
-from rvsg.generation.conformance import DISTANCE, SMOOTH, TIMELY, check_generator, odd_briefs
 from rvsg.generation.forecast import Forecaster
 from rvsg.generation.generator import Proposal
 from rvsg.generation.heuristic import HeuristicGenerator
 from rvsg.generation.random_search import RandomGenerator
 from rvsg.generation.walking_graph import WalkingGraph
-from rvsg.scenario.aim import Aim
 from rvsg.scenario.brief import Brief, Feedback, Remembered
-from rvsg.scenario.cycles import at_places, ends_of
-from rvsg.scenario.requirement import Requirement
-from rvsg.scenario.scenario import Behaviour, ForceFactors, Human, HumanConfiguration, Mission, Scenario, Task
+from rvsg.scenario.requirement import Aim, Requirement
+from rvsg.scenario.scenario import (
+    Behaviour,
+    ForceFactors,
+    Human,
+    HumanConfiguration,
+    Mission,
+    Scenario,
+    Task,
+    at_places,
+    ends_of,
+)
+from rvsg.scenario.task_ends import task_ends
 from rvsg.scenario.validity import warnings
-from rvsg.scenario.validity.task_ends import task_ends
+from rvsg.testing import check_generator
 from rvsg.world.io.load import load_world
 
 WORLD = load_world("warehouse")

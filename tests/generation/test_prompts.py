@@ -10,7 +10,7 @@ from tests.coded import coded
 from rvsg.core.errors import FileError, UnknownName
 from rvsg.generation.facts import route_facts
 from rvsg.generation.prompts import SHIPPED, Prompts, block, declared_variables, number, quoted, shipped_prompts
-from rvsg.scenario.requirements import shipped_requirements
+from rvsg.scenario.requirement import shipped_requirements
 from rvsg.scenario.scenario import Mission
 from rvsg.world.io.load import load_world
 

@@ -13,7 +13,7 @@ from rvsg.generation.prompts import Prompts
 from rvsg.generation.replies import read_configuration
 from rvsg.generation.reply_actors import MOST_MOVED
 from rvsg.generation.reply_schema import configuration_schema
-from rvsg.scenario.bodies import LIMITS, TROLLEY_LENGTHS_M, TROLLEY_SPEEDS_M_S, PersonKind, Trolley
+from rvsg.scenario.scenario import LIMITS, TROLLEY_LENGTHS_M, TROLLEY_SPEEDS_M_S, PersonKind, Trolley
 from rvsg.world.io.load import load_world
 
 ALL = ("trolley", "child", "wheelchair", "moved_object")

@@ -6,7 +6,7 @@ import pytest
 from rvsg.generation.heuristic import HeuristicGenerator
 from rvsg.generation.tuning import LONGEST_PAUSE_S, SPEEDS_M_S, Mutations, TuningSpace
 from rvsg.scenario.brief import Brief
-from rvsg.scenario.requirements import load_requirement
+from rvsg.scenario.requirement import load_requirement
 from rvsg.scenario.scenario import Mission, Scenario
 from rvsg.scenario.validity import check
 from rvsg.world.io.load import load_world

@@ -12,11 +12,9 @@ from rvsg.generation.heuristic import HeuristicGenerator
 from rvsg.generation.places import Place, handles_goods, places_of
 from rvsg.generation.random_search import RandomGenerator
 from rvsg.generation.work import follows, named_in, sentence
-from rvsg.scenario.aim import Aim
-from rvsg.scenario.bodies import PersonKind
 from rvsg.scenario.brief import Brief
-from rvsg.scenario.requirements import load_requirement
-from rvsg.scenario.scenario import Mission, Scenario
+from rvsg.scenario.requirement import Aim, load_requirement
+from rvsg.scenario.scenario import Mission, PersonKind, Scenario
 from rvsg.scenario.validity import check
 from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.world.io.load import load_world

@@ -20,9 +20,10 @@ from rvsg.generation.replies import read_configuration
 from rvsg.generation.vlm.recording import Recording
 from rvsg.generation.vlm.replay import Replayed
 from rvsg.scenario.brief import Brief
-from rvsg.scenario.requirements import load_requirement
+from rvsg.scenario.requirement import load_requirement
 from rvsg.scenario.scenario import Mission, Scenario
-from rvsg.scenario.validity import check, read_ends
+from rvsg.scenario.task_ends import read_ends
+from rvsg.scenario.validity import check
 from rvsg.world.io.load import load_world
 from rvsg.world.world import World
 

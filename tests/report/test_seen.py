@@ -12,7 +12,7 @@ from tests.simulation.corridor import ROUTE, hall
 from rvsg.campaign.measuring import Measuring
 from rvsg.report.facts import run_facts
 from rvsg.report.seen import seen_beside
-from rvsg.scenario.requirements import shipped_requirements
+from rvsg.scenario.requirement import shipped_requirements
 from rvsg.simulation.events import ObstacleContact
 from rvsg.world.doors import Door
 

@@ -15,8 +15,8 @@ from rvsg.evaluation.metrics import measure
 from rvsg.evaluation.sampled import Sampled
 from rvsg.generation.forecast import forecaster_of
 from rvsg.robots import load_robot
+from rvsg.scenario.placement import robot_reach_m, start_gap_m
 from rvsg.scenario.scenario import Mission
-from rvsg.scenario.validity.starts import robot_reach_m, start_gap_m
 from rvsg.simulation.archive import PackedRun, run_from_json, run_to_json
 from rvsg.simulation.events import ObstacleContact
 from rvsg.simulation.run import Run

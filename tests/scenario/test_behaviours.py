@@ -1,4 +1,4 @@
-"""The facts about behaviours are those of the simulated people."""
+"""Simulated people react to the robot as docs/explanation/people.md says."""
 
 from __future__ import annotations
 
@@ -7,11 +7,10 @@ import math
 import pytest
 from tests.simulation.test_people import CORRECT, crowd_of, human, tick
 
-from rvsg.scenario.agents import reaction_of
-from rvsg.scenario.behaviours import BEHAVIOURS, SEES_RAD
 from rvsg.scenario.scenario import Behaviour
 
-REACTING = [behaviour for behaviour, facts in BEHAVIOURS.items() if facts.reacts]
+SEES_RAD = 1.74
+WITHIN_M = {Behaviour.SURPRISED: 4.0, Behaviour.SCARED: 3.0, Behaviour.CURIOUS: 10.0, Behaviour.THREATENING: 4.5}
 
 
 def reacts(behaviour: Behaviour, distance_m: float, bearing_rad: float = 0.0, pause_s: float = 0.0) -> bool:
@@ -25,32 +24,15 @@ def reacts(behaviour: Behaviour, distance_m: float, bearing_rad: float = 0.0, pa
     return False
 
 
-def test_every_behaviour_has_its_facts() -> None:
-    assert set(BEHAVIOURS) == set(Behaviour)
-
-
-@pytest.mark.parametrize("behaviour", REACTING)
-def test_people_react_from_the_distance_and_angle_that_the_facts_name(behaviour: Behaviour) -> None:
-    facts = BEHAVIOURS[behaviour]
-    assert facts.trigger_distance_m is not None
-    assert reacts(behaviour, facts.trigger_distance_m - 0.05)
-    assert not reacts(behaviour, facts.trigger_distance_m + 0.05)
+@pytest.mark.parametrize(("behaviour", "within_m"), WITHIN_M.items())
+def test_people_react_within_the_documented_distance_and_angle(behaviour: Behaviour, within_m: float) -> None:
+    assert reacts(behaviour, within_m - 0.05)
+    assert not reacts(behaviour, within_m + 0.05)
     assert reacts(behaviour, 2.0, SEES_RAD - 0.02)
     assert not reacts(behaviour, 2.0, SEES_RAD + 0.02)
+    assert reacts(behaviour, 2.0, pause_s=60.0)  # a reaction interrupts a pause
 
 
-@pytest.mark.parametrize("behaviour", REACTING)
-def test_a_reaction_interrupts_a_pause_as_the_facts_say(behaviour: Behaviour) -> None:
-    assert reacts(behaviour, 2.0, pause_s=60.0) == BEHAVIOURS[behaviour].interrupts_pause
-
-
-@pytest.mark.parametrize("behaviour", REACTING)
-def test_the_facts_agree_with_the_default_reaction(behaviour: Behaviour) -> None:
-    facts, reaction = BEHAVIOURS[behaviour], reaction_of(behaviour, 1.5)
-    assert facts.duration_s == reaction.duration_s
-    assert reaction.distance_m == (facts.keeps_distance_m or facts.trigger_distance_m)
-
-
-@pytest.mark.parametrize("behaviour", [b for b in Behaviour if b not in REACTING])
+@pytest.mark.parametrize("behaviour", [b for b in Behaviour if b not in WITHIN_M])
 def test_the_others_never_react(behaviour: Behaviour) -> None:
     assert not reacts(behaviour, 1.0)

@@ -7,8 +7,7 @@ from tests.coded import coded
 from tests.scenario.small_world import GOOD, WORLD, human, people
 
 from rvsg.core.errors import InputError
-from rvsg.scenario.dependence import changes_that_matter, same_floor, waypoints_used
-from rvsg.scenario.migrate import migrate
+from rvsg.scenario.adaptation import changes_that_matter, migrate, same_floor, waypoints_used
 from rvsg.scenario.scenario import HumanConfiguration, Mission, Scenario
 from rvsg.scenario.validity import check, warnings
 from rvsg.world.world import World
@@ -70,9 +69,9 @@ def test_migrating_takes_the_nearest_waypoints_and_refuses_what_is_too_far() -> 
     used = waypoints_used(PEOPLE)[1]
     scenario = Scenario(mission=MISSION, people=PEOPLE)
     world = with_waypoint_moved(used, 0.4)
-    migrated = migrate(scenario, world)
-    assert migrated.scenario.mission.world_id == world.id
-    assert len(migrated.changes) == 1 and migrated.changes[0].startswith(f"Waypoint {used} becomes {used}, 0.40 m")
-    assert changes_that_matter(migrated.scenario.people, migrated.scenario.mission, world) == ()
+    migrated, changes = migrate(scenario, world)
+    assert migrated.mission.world_id == world.id
+    assert len(changes) == 1 and changes[0].startswith(f"Waypoint {used} becomes {used}, 0.40 m")
+    assert changes_that_matter(migrated.people, migrated.mission, world) == ()
     with pytest.raises(InputError, check=coded("waypoint-too-far")):
         migrate(scenario, world, reach_m=0.1)

@@ -2,8 +2,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.scenario.small_world import GOOD, MISSION, WORLD, human, people
 
+from rvsg.scenario.repair import repair
 from rvsg.scenario.scenario import Human, HumanConfiguration, Pause, Task
-from rvsg.scenario.validity import check, repair
+from rvsg.scenario.validity import check
 
 words = st.sampled_from([*WORLD.grid.by_name, "Z9", "e-1", "A 2", "", "Dock"])
 sides = st.sampled_from([*(area.name for area in WORLD.areas), "Dokc", "Corridor", "B2", "Dock (A1)"])

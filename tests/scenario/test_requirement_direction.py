@@ -6,7 +6,7 @@ import pytest
 from tests.coded import at_key
 
 from rvsg.core.documents import DocumentError
-from rvsg.scenario.requirements import load_requirement
+from rvsg.scenario.requirement import load_requirement
 
 SMOOTH = "smooth: {title: Smooth, text: No jerks., metric: jerk, limit: 3%s}\n"
 

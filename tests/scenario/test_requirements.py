@@ -5,7 +5,7 @@ from rvsg.core.documents import DocumentError
 from rvsg.core.errors import FileError, UnknownName
 from rvsg.generation.facts import requirement_facts
 from rvsg.report.reference import requirements_page
-from rvsg.scenario.requirements import load_requirement, load_requirements, shipped_requirements
+from rvsg.scenario.requirement import load_requirement, load_requirements, shipped_requirements
 
 
 def test_the_study_requirements_and_more_are_shipped():

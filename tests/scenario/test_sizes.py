@@ -6,8 +6,7 @@ import pytest
 from tests.scenario.small_world import GOOD, MISSION, WORLD, human, people
 
 from rvsg.scenario.agents import decode
-from rvsg.scenario.bodies import PersonKind, Trolley
-from rvsg.scenario.scenario import Human, HumanConfiguration
+from rvsg.scenario.scenario import Human, HumanConfiguration, PersonKind, Trolley
 from rvsg.scenario.validity import check
 
 

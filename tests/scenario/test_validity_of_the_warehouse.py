@@ -7,8 +7,9 @@ from pathlib import Path
 import pytest
 from tests.published_data import published_data
 
+from rvsg.scenario.repair import repair
 from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Task
-from rvsg.scenario.validity import check, repair
+from rvsg.scenario.validity import check
 from rvsg.world.io.load import load_world
 
 WORLD = load_world("warehouse")

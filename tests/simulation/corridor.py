@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from rvsg.core.records import Pose
 from rvsg.scenario.agents import HumanAgent
-from rvsg.scenario.bodies import PersonKind, Trolley, outline_of
+from rvsg.scenario.scenario import PersonKind, Trolley, outline_of
 from rvsg.simulation.embedded.simulator import simulate_agents
 from rvsg.simulation.run import Run
 from rvsg.world.build import build_world

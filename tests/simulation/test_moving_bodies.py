@@ -15,8 +15,7 @@ from rvsg.evaluation.detection import events_of
 from rvsg.evaluation.events import ObstacleContact as Hit
 from rvsg.evaluation.sampled import Sampled
 from rvsg.evaluation.story import what_is_hit
-from rvsg.scenario.bodies import PersonKind, Trolley
-from rvsg.scenario.scenario import Behaviour
+from rvsg.scenario.scenario import Behaviour, PersonKind, Trolley
 from rvsg.simulation.archive import PackedRun
 from rvsg.simulation.embedded.options import profile
 from rvsg.simulation.embedded.simulator import simulate_agents

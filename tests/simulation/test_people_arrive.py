@@ -10,7 +10,7 @@ import pytest
 from tests.simulation.test_people import CORRECT, crowd_of, human, walk, world_with
 
 from rvsg.scenario.scenario import Behaviour
-from rvsg.scenario.validity.walkable import is_walkable
+from rvsg.scenario.validity import is_walkable
 from rvsg.simulation.embedded.people.alone import not_walked
 from rvsg.simulation.embedded.people.recorded import events_of
 from rvsg.world.grid import Grid, Waypoint

@@ -45,7 +45,7 @@ from rvsg.core.errors import FileError, InputError, RvsgError
 from rvsg.core.files import write_whole
 from rvsg.core.inputs import exists, parse_json, read_text
 from rvsg.report.overview import Pin, pins_of, write_overview
-from rvsg.scenario.requirements import shipped_requirements
+from rvsg.scenario.requirement import shipped_requirements
 from rvsg.world.io.load import load_world
 
 Pair = tuple[str, str]

@@ -7,13 +7,14 @@ from pathlib import Path
 from rvsg.api.records import read_scenario
 from rvsg.api.scenarios import check_valid
 from rvsg.api.worlds import load_world
-from rvsg.scenario.migrate import REACH_M, Migrated, migrate
+from rvsg.scenario.adaptation import REACH_M, migrate
+from rvsg.scenario.scenario import Scenario
 
 
 def migrate_scenario(
     path: str | Path, world: str | Path, *, route: str | None = None, reach_m: float = REACH_M
-) -> Migrated:
-    """Read a scenario, adapt it to a world and check it there.
+) -> tuple[Scenario, tuple[str, ...]]:
+    """Read a scenario, adapt it to a world and check it there; return it with the changes.
 
     Raises:
         InputError: A waypoint has no successor within `reach_m`.
@@ -21,6 +22,6 @@ def migrate_scenario(
     """
     saved, _ = read_scenario(Path(path))
     place = load_world(world)
-    migrated = migrate(saved, place, reach_m=reach_m, route=place.route(route) if route else None)
-    check_valid(migrated.scenario, place)
-    return migrated
+    scenario, changes = migrate(saved, place, reach_m=reach_m, route=place.route(route) if route else None)
+    check_valid(scenario, place)
+    return scenario, changes

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from rvsg.api.config import file_of
-from rvsg.scenario.requirements import shipped_requirements
+from rvsg.scenario.requirement import shipped_requirements
 from rvsg.world.io.load import shipped_worlds
 
 FILES = ("world", "requirement", "moved", "knowledge", "stack", "prompts", "replay")

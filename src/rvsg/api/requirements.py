@@ -5,9 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from rvsg.evaluation.judge import check_requirement
-from rvsg.scenario import requirements
-from rvsg.scenario.requirement import Requirement
-from rvsg.scenario.requirements import shipped_requirements
+from rvsg.scenario import requirement as requirements
+from rvsg.scenario.requirement import Requirement, shipped_requirements
 from rvsg.world.world import Route
 
 __all__ = ["Requirement", "load_requirement", "shipped_requirements"]

@@ -13,8 +13,8 @@ from rvsg.core.errors import InputError, InvalidScenario, UnknownName
 from rvsg.core.files import write_whole
 from rvsg.robots import Robot, load_robot
 from rvsg.scenario import validity
+from rvsg.scenario.rules import Finding
 from rvsg.scenario.scenario import ROBOT, Behaviour, Human, HumanConfiguration, Mission, Pause, Scenario, Task
-from rvsg.scenario.validity import Finding
 from rvsg.simulation.protocol import Simulator
 from rvsg.world.doors import State
 from rvsg.world.fitting import fitted
@@ -261,7 +261,7 @@ def load_scenario_in(path: str | Path, world: World | str | Path | None = None) 
     beside = path.parent / found.mission.world
     near = (saved, beside) if saved is not None else (beside,)
     place = world_of(found.mission, world, near=near)
-    return found.replace(people=validity.read_ends(found.people, place, saved=True)), place
+    return found, place
 
 
 def load_changed(

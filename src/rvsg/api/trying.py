@@ -17,9 +17,10 @@ from rvsg.core.documents import mistakes_of
 from rvsg.core.errors import InputError
 from rvsg.core.plugins import Spec
 from rvsg.core.records import Record
+from rvsg.scenario.repair import repair
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Behaviour, HumanConfiguration, Mission, Scenario
-from rvsg.scenario.validity import check, repair
+from rvsg.scenario.validity import check
 from rvsg.simulation.protocol import Simulator
 from rvsg.simulation.run import Run
 from rvsg.world.world import Route, World

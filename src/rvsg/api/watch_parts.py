@@ -25,7 +25,7 @@ from rvsg.core.seeds import seed_for
 from rvsg.evaluation.judge import judge, objective
 from rvsg.evaluation.naming import WaypointNames
 from rvsg.generation.generator import Generator
-from rvsg.scenario.dependence import waypoints_used
+from rvsg.scenario.adaptation import waypoints_used
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import HumanConfiguration, Mission, Scenario
 from rvsg.store.knowledge import KnowledgeBase

@@ -237,8 +237,7 @@ def also_of(
 
 def let_rehearse(generator: Generator, simulator: Simulator, world: World, *, seed: int) -> None:
     """Let a generator that rehearses its answers do so in this simulator."""
-    if hasattr(generator, "rehearse"):
-        generator.rehearse = rehearsing(simulator, world, seed=seed)
+    generator.allow_rehearsals(rehearsing(simulator, world, seed=seed))
 
 
 def remembered_file(config: CampaignConfig, paths: Mapping[str, str]) -> Path:

@@ -13,7 +13,7 @@ from typing import get_args
 
 from rvsg.core.documents import read_document
 from rvsg.core.errors import InputError, RvsgError, UnknownName
-from rvsg.scenario.dependence import same_floor
+from rvsg.scenario.adaptation import same_floor
 from rvsg.scenario.scenario import Mission
 from rvsg.world.doors import State
 from rvsg.world.doorways import with_doors
@@ -127,7 +127,7 @@ def world_of(mission: Mission, given: World | str | Path | None = None, *, near:
 
 def _why(mission: Mission) -> str:
     if mission.parts is None:
-        return "an earlier version of RVSG saved the scenario without what it depends on."
+        return "it does not say what it depends on."
     return "its map or objects have changed."
 
 

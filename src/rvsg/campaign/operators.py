@@ -21,11 +21,11 @@ from rvsg.generation.descriptions import Described, describe_changed, describe_t
 from rvsg.generation.places import handles_goods, places_of
 from rvsg.generation.screening import Screen
 from rvsg.generation.tuning import Mutations, TuningSpace
-from rvsg.scenario.aim import Aim
+from rvsg.scenario.placement import start_gap_m
+from rvsg.scenario.requirement import Aim
+from rvsg.scenario.rules import START_CLEARANCE_M
 from rvsg.scenario.scenario import HumanConfiguration, Mission, Scenario
 from rvsg.scenario.validity import check
-from rvsg.scenario.validity.rules import START_CLEARANCE_M
-from rvsg.scenario.validity.starts import start_gap_m
 from rvsg.world.world import World
 
 OPTIONS = 16

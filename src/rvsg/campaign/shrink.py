@@ -18,9 +18,10 @@ from rvsg.core.errors import InputError
 from rvsg.core.records import Record
 from rvsg.core.seeds import fresh_seeds
 from rvsg.evaluation.verdict import Verdict
+from rvsg.scenario.repair import repair
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Behaviour, ForceFactors, Human, HumanConfiguration, Scenario, Task
-from rvsg.scenario.validity import check, repair
+from rvsg.scenario.validity import check
 from rvsg.world.grid import Grid
 
 

@@ -37,9 +37,9 @@ def migrate(
     from rvsg.api.scenarios import scenario_json
 
     check_writable(out)
-    migrated = migrate_scenario(scenario, world, route=route, reach_m=reach)
-    for change in migrated.changes:
+    migrated, changes = migrate_scenario(scenario, world, route=route, reach_m=reach)
+    for change in changes:
         say(change)
-    if not migrated.changes:
+    if not changes:
         say("No waypoint had to be changed.")
-    write_text(out, scenario_json(migrated.scenario))
+    write_text(out, scenario_json(migrated))

@@ -11,8 +11,7 @@ from rvsg.evaluation.metrics import find_metric
 from rvsg.evaluation.sampled import Floats, sampled
 from rvsg.evaluation.signals import SIGNALS, NotKnown, formula, known_signals
 from rvsg.evaluation.temporal import body_of, signals_of
-from rvsg.scenario.aim import Aim
-from rvsg.scenario.requirement import Requirement
+from rvsg.scenario.requirement import Aim, Requirement
 from rvsg.simulation.run import Run
 from rvsg.world.world import World
 

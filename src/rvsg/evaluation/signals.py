@@ -14,7 +14,7 @@ from rvsg.core.registry import Registry
 from rvsg.evaluation.sampled import Sampled, sampled
 from rvsg.evaluation.temporal import Node
 from rvsg.evaluation.temporal_syntax import parse
-from rvsg.scenario.aim import Aim
+from rvsg.scenario.requirement import Aim
 from rvsg.simulation.run import Run
 from rvsg.world.world import World
 

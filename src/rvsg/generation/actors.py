@@ -11,8 +11,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from rvsg.scenario.bodies import LIMITS, PersonKind, Trolley
-from rvsg.scenario.scenario import Human, HumanConfiguration, Mission
+from rvsg.scenario.scenario import LIMITS, Human, HumanConfiguration, Mission, PersonKind, Trolley
 from rvsg.scenario.validity import check
 from rvsg.world.io.files import ObjectEntry
 from rvsg.world.space import robot_space

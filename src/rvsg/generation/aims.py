@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from rvsg.generation.forecast import Forecast
-from rvsg.scenario.aim import Aim
+from rvsg.scenario.requirement import Aim
 
 # How many of a refinement's variants count as equally promising. The forecast ranks nearness as the simulator does
 # (rank correlation 0.95), braking and delay hardly (0.3 to 0.4): there what is measured has to choose.

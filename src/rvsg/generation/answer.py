@@ -8,8 +8,10 @@ from rvsg.generation.actors import placed
 from rvsg.generation.descriptions import Described, inherited
 from rvsg.generation.generator import Call, Proposal
 from rvsg.scenario.brief import Brief
+from rvsg.scenario.repair import repair
+from rvsg.scenario.rules import Finding, Repair
 from rvsg.scenario.scenario import HumanConfiguration, Scenario
-from rvsg.scenario.validity import Finding, Repair, check, repair
+from rvsg.scenario.validity import check
 from rvsg.world.world import SolidObject, World
 
 

@@ -20,10 +20,9 @@ from rvsg.generation.people_sampler import (
 )
 from rvsg.generation.places import Place
 from rvsg.generation.replies import LONGEST_DELAY_S
-from rvsg.scenario.aim import Aim
 from rvsg.scenario.brief import Feedback
-from rvsg.scenario.cycles import at_places, ends_of
-from rvsg.scenario.scenario import Behaviour, Human, Pause, Task
+from rvsg.scenario.requirement import Aim
+from rvsg.scenario.scenario import Behaviour, Human, Pause, Task, at_places, ends_of
 
 Change = Callable[["Changing", Human], tuple[Human, str] | None]
 

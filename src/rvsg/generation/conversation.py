@@ -47,8 +47,11 @@ from rvsg.generation.vlm.recording import MEASURED, place_of
 from rvsg.generation.vlm.watching import Tell
 from rvsg.generation.wiring import Access, wired
 from rvsg.scenario.brief import Brief
+from rvsg.scenario.repair import repair
+from rvsg.scenario.rules import Finding, Repair
 from rvsg.scenario.scenario import HumanConfiguration, Mission
-from rvsg.scenario.validity import Finding, Repair, check, read_ends, repair
+from rvsg.scenario.task_ends import read_ends
+from rvsg.scenario.validity import check
 from rvsg.world.world import SolidObject, World
 
 DRIVE = "drive"
@@ -136,6 +139,10 @@ class VlmGenerator(Generator):
         """Tell of every call while it is made; None ends it. A replay makes no calls."""
         if not self.wiring.replaying:
             self.wiring.model.tell = tell
+
+    def allow_rehearsals(self, rehearse: Rehearse) -> None:
+        """Simulate configurations with `rehearse` before they are accepted."""
+        self.rehearse = rehearse
 
     def propose(self, brief: Brief, world: World) -> Proposal:
         """Answer the brief; raises ModelUnavailable, BudgetSpent or ReplayDiverged where there is no answer."""

@@ -6,9 +6,7 @@ from collections.abc import Sequence
 from enum import Enum
 from typing import NamedTuple
 
-from rvsg.scenario.bodies import PersonKind
-from rvsg.scenario.cycles import at_places, ends_of
-from rvsg.scenario.scenario import Behaviour, Human, HumanConfiguration, Scenario
+from rvsg.scenario.scenario import Behaviour, Human, HumanConfiguration, PersonKind, Scenario, at_places, ends_of
 
 MOST_DESCRIBED = 6
 """At most this many people are described one by one."""

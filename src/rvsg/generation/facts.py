@@ -13,20 +13,23 @@ from rvsg.generation.rehearsal import Rehearsal
 from rvsg.generation.replies import LONGEST_DELAY_S
 from rvsg.generation.reply_actors import MOST_MOVED
 from rvsg.robots import Robot, shipped_robots
-from rvsg.scenario.bodies import (
+from rvsg.scenario.brief import Arrival, Brief, Feedback, Remembered, Row
+from rvsg.scenario.placement import start_gap_m
+from rvsg.scenario.requirement import Requirement
+from rvsg.scenario.rules import SPEED_RANGE_M_S, START_CLEARANCE_M
+from rvsg.scenario.scenario import (
     LIMITS,
     TROLLEY_LENGTHS_M,
     TROLLEY_SPEEDS_M_S,
     TROLLEY_WIDTHS_M,
     WHEELCHAIR,
+    Behaviour,
+    Human,
+    HumanConfiguration,
+    Mission,
     PersonKind,
 )
-from rvsg.scenario.brief import Arrival, Brief, Feedback, Remembered, Row
-from rvsg.scenario.requirement import Requirement
-from rvsg.scenario.scenario import Behaviour, Human, HumanConfiguration, Mission
-from rvsg.scenario.validity.rules import SPEED_RANGE_M_S, START_CLEARANCE_M
-from rvsg.scenario.validity.starts import start_gap_m
-from rvsg.scenario.validity.walkable import is_walkable
+from rvsg.scenario.validity import is_walkable
 from rvsg.world.grid import Grid
 from rvsg.world.route_words import route_paragraph
 from rvsg.world.world import Description, SolidObject, World

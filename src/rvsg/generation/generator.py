@@ -7,10 +7,11 @@ from typing import Any, Protocol
 from pydantic import Field
 
 from rvsg.core.records import Record
+from rvsg.generation.rehearsal import Rehearse
 from rvsg.generation.vlm.watching import Tell
 from rvsg.scenario.brief import Brief
+from rvsg.scenario.rules import Finding, Repair
 from rvsg.scenario.scenario import Scenario
-from rvsg.scenario.validity import Finding, Repair
 from rvsg.world.world import World
 
 
@@ -80,6 +81,10 @@ class Generator(Protocol):
 
     def watch(self, tell: Tell | None) -> None:
         """Tell of every call of a model while it is made; None ends it. Without a model there is nothing to tell."""
+        return
+
+    def allow_rehearsals(self, rehearse: Rehearse) -> None:
+        """Accept a function that simulates a configuration once, for generators that try an answer before giving it."""
         return
 
     def propose(self, brief: Brief, world: World) -> Proposal:

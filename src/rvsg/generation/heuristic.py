@@ -29,12 +29,11 @@ from rvsg.generation.places import Place, places_of
 from rvsg.generation.seeding import rng_of
 from rvsg.generation.walking_graph import walking_graph
 from rvsg.generation.work import follows, named_in, sentence
-from rvsg.scenario.aim import Aim
 from rvsg.scenario.brief import Brief, Feedback, Remembered
-from rvsg.scenario.cycles import ends_of
-from rvsg.scenario.scenario import Behaviour, Human, HumanConfiguration, Task
-from rvsg.scenario.validity.rules import START_CLEARANCE_M
-from rvsg.scenario.validity.starts import spawn_finding, start_gap_m
+from rvsg.scenario.placement import spawn_finding, start_gap_m
+from rvsg.scenario.requirement import Aim
+from rvsg.scenario.rules import START_CLEARANCE_M
+from rvsg.scenario.scenario import Behaviour, Human, HumanConfiguration, Task, ends_of
 from rvsg.world.world import World
 
 MATES = {Aim.DELAY: 0.4}

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 from rvsg.generation.generator import Generator, Proposal
+from rvsg.generation.rehearsal import Rehearse
 from rvsg.generation.vlm.watching import Tell
 from rvsg.scenario.brief import Brief, Remembered
 from rvsg.world.world import World
@@ -20,9 +20,6 @@ class InformedGenerator(Generator):
     def __init__(self, generator: Generator, earlier: Sequence[Remembered]) -> None:
         self.generator = generator
         self.earlier = tuple(earlier)
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self.generator, name)
 
     @property
     def name(self) -> str:
@@ -42,6 +39,10 @@ class InformedGenerator(Generator):
     def watch(self, tell: Tell | None) -> None:
         """Tell of its calls of a model."""
         self.generator.watch(tell)
+
+    def allow_rehearsals(self, rehearse: Rehearse) -> None:
+        """Let that generator rehearse."""
+        self.generator.allow_rehearsals(rehearse)
 
     def propose(self, brief: Brief, world: World) -> Proposal:
         """Answer the brief with what is known from elsewhere in its memory, the oldest first."""

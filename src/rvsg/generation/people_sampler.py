@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 
 from rvsg.generation.places import Place, handles_goods
 from rvsg.generation.walking_graph import WalkingGraph
-from rvsg.scenario.aim import Aim
-from rvsg.scenario.cycles import at_places, begin_at, ends_of
-from rvsg.scenario.scenario import Behaviour, ForceFactors, Human, Pause, Task
+from rvsg.scenario.requirement import Aim
+from rvsg.scenario.scenario import Behaviour, ForceFactors, Human, Pause, Task, at_places, begin_at, ends_of
 
 T = TypeVar("T")
 

@@ -20,9 +20,9 @@ from rvsg.generation.generator import Generator, Proposal
 from rvsg.generation.places import Place, places_of
 from rvsg.generation.seeding import rng_of
 from rvsg.scenario.brief import Brief
+from rvsg.scenario.placement import robot_reach_m
+from rvsg.scenario.rules import START_CLEARANCE_M
 from rvsg.scenario.scenario import ForceFactors, Human, HumanConfiguration, Task
-from rvsg.scenario.validity.rules import START_CLEARANCE_M
-from rvsg.scenario.validity.starts import robot_reach_m
 from rvsg.world.world import World
 
 HUMAN_RADIUS_M = 0.4

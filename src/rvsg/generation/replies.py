@@ -14,10 +14,8 @@ from typing import Any
 
 from rvsg.generation.lenient_json import Found, find_json, number_of
 from rvsg.generation.reply_actors import known_keys, moved_in, person_of
-from rvsg.scenario.bodies import LIMITS
-from rvsg.scenario.scenario import Behaviour, Human, HumanConfiguration, Pause, Task
-from rvsg.scenario.validity import Finding, Repair
-from rvsg.scenario.validity.rules import SPEED_RANGE_M_S
+from rvsg.scenario.rules import SPEED_RANGE_M_S, Finding, Repair
+from rvsg.scenario.scenario import LIMITS, Behaviour, Human, HumanConfiguration, Pause, Task
 from rvsg.world.world import SolidObject
 
 MAX_TASKS = 60

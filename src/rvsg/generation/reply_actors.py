@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 from rvsg.generation.actors import CHILD, MOVED, TROLLEY, WHEELCHAIR, box
 from rvsg.generation.lenient_json import number_of
-from rvsg.scenario.bodies import LIMITS, TROLLEY_LENGTHS_M, TROLLEY_WIDTHS_M, PersonKind, Trolley
+from rvsg.scenario.scenario import LIMITS, TROLLEY_LENGTHS_M, TROLLEY_WIDTHS_M, PersonKind, Trolley
 from rvsg.world.world import SolidObject
 
 MOST_MOVED = 3

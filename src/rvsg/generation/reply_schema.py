@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from rvsg.scenario.bodies import PersonKind
-from rvsg.scenario.scenario import Behaviour
+from rvsg.scenario.scenario import Behaviour, PersonKind
 
 
 def object_schema(properties: dict[str, Any], required: list[str] | None = None) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rvsg.generation.aims import promise
 from rvsg.generation.forecast import AIMED, Forecaster, forecaster_of
-from rvsg.scenario.aim import Aim
+from rvsg.scenario.requirement import Aim
 from rvsg.scenario.scenario import HumanConfiguration, Mission
 from rvsg.world.world import World
 

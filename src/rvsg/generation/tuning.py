@@ -18,11 +18,10 @@ from numpy.typing import NDArray
 from rvsg.generation.places import places_of
 from rvsg.generation.replies import LONGEST_DELAY_S
 from rvsg.generation.walking_graph import WalkingGraph, walking_graph
-from rvsg.scenario.cycles import at_places, begin_at, ends_of
-from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Pause, Task
+from rvsg.scenario.placement import start_gap_m
+from rvsg.scenario.rules import START_CLEARANCE_M
+from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Pause, Task, at_places, begin_at, ends_of
 from rvsg.scenario.validity import check
-from rvsg.scenario.validity.rules import START_CLEARANCE_M
-from rvsg.scenario.validity.starts import start_gap_m
 from rvsg.world.world import World
 
 Vector = NDArray[np.float64]

@@ -8,7 +8,7 @@ from collections import OrderedDict
 from collections.abc import Sequence
 from itertools import pairwise
 
-from rvsg.scenario.validity.walkable import is_walkable
+from rvsg.scenario.validity import is_walkable
 from rvsg.world.space import robot_space
 from rvsg.world.world import Route, World
 

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 from rvsg.generation.places import Place
-from rvsg.scenario.cycles import ends_of
-from rvsg.scenario.scenario import Human
+from rvsg.scenario.scenario import Human, ends_of
 
 
 def named_in(activity: str, places: Sequence[Place]) -> tuple[tuple[Place, ...], ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from rvsg.evaluation.metrics import METRICS
-from rvsg.scenario.requirements import shipped_requirements
+from rvsg.scenario.requirement import shipped_requirements
 
 INTRODUCTION = """`rvsg metrics` prints the same list; `rvsg metrics --run FILE` measures a run. A metric is None
 (`null`) where a run cannot be judged by it, for example a distance to people where there are none.
@@ -36,7 +36,7 @@ the signal `shown` is the series that feedback and report show; bounds and censo
 ```python
 from rvsg.evaluation.metrics import Metric
 from rvsg.evaluation.sampled import Sampled
-from rvsg.scenario.aim import Aim
+from rvsg.scenario.requirement import Aim
 
 
 def reversing(s: Sampled) -> float | None:

@@ -1,4 +1,4 @@
-"""From named waypoints to coordinates: a HumanConfiguration becomes the HumanAgents that a simulator moves."""
+"""People in coordinates, as a simulator moves them."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from rvsg.core.records import Record
-from rvsg.scenario.bodies import Outline
 from rvsg.scenario.scenario import (
     GOAL_RADIUS_M,
     Behaviour,
     ForceFactors,
     Human,
     HumanConfiguration,
+    Outline,
     Point,
     Reaction,
 )

@@ -7,8 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from rvsg.core.records import Record
-from rvsg.scenario.aim import Aim
-from rvsg.scenario.requirement import Requirement
+from rvsg.scenario.requirement import Aim, Requirement
 from rvsg.scenario.scenario import Mission, Scenario
 
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from rvsg.scenario.cycles import at_places, ends_of
-from rvsg.scenario.scenario import Human, HumanConfiguration, Task
+from rvsg.scenario.scenario import Human, HumanConfiguration, Task, at_places, ends_of
 
 MOST_PAUSES = 3
 """More pauses than this are summed up."""

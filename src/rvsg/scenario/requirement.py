@@ -1,12 +1,42 @@
-"""A requirement as data: what is asked, what measures it, and its limit."""
+"""Requirements on the robot, and their files. A new one on an existing metric needs no code.
+
+A file maps names to requirements::
+
+    wide_berth:
+      title: Wide berth
+      text: The robot stays at least 0.5 m away from every person.
+      metric: min_distance        # or formula: always (distance_to_person > 0.5)
+      worse: smaller
+      limit: 0.5
+      unit: m                     # that of the metric; may be left out
+      source: our risk assessment
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+from functools import cache
+from importlib import resources
+from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationError, model_validator
 
+from rvsg.core.documents import Document, DocumentError, Problem, read_yaml
+from rvsg.core.errors import FileError, InputError, Unfit, UnknownName
 from rvsg.core.records import Record
+
+
+class Aim(str, Enum):
+    """What a generator aims at. Each metric declares its aim; the value is the wording that generators use."""
+
+    SHARE = "work close to the robot all along its way"
+    MEET = "meet the robot closely where it has to pass"
+    DISTURB = "come up in front of the robot again and again"
+    DELAY = "walk and stand in the robot's lane, before it or towards it"
+    NONE = "do the place's work wherever it is"
 
 
 class Requirement(Record):
@@ -71,3 +101,127 @@ class Requirement(Record):
     def badness(self, objective: float) -> float:
         """Return the objective with its sign turned so that larger is worse."""
         return -objective if self.worse == "smaller" else objective
+
+
+Check = Callable[[Requirement], Requirement]
+_FIELDS = sorted(set(Requirement.model_fields) - {"name"})
+
+
+@cache
+def _shipped() -> dict[str, Requirement]:
+    with resources.as_file(resources.files("rvsg.scenario") / "requirements.yaml") as path:
+        return load_requirements(path)
+
+
+def shipped_requirements() -> dict[str, Requirement]:
+    """Return the requirements that ship with RVSG by name, in the order of the list."""
+    return dict(_shipped())
+
+
+def load_requirement(name_or_path: str | Path, *, check: Check | None = None) -> Requirement:
+    """Load a shipped requirement by its name, or one of a file as `file.yaml` or `file.yaml#name`.
+
+    `file.yaml` alone must hold exactly one. What cannot be measured, such as a metric of a plug-in that is not
+    installed, blocks the requirement that asks for it and no other of its file.
+
+    Args:
+        check: Completes a requirement of a file, and raises InputError if it cannot be measured.
+
+    Raises:
+        UnknownName: There is no such requirement.
+        FileError: The file cannot be used; it names every mistake with its line.
+    """
+    text = str(name_or_path)
+    if text in _shipped():
+        return _shipped()[text]
+    file, wanted = _file_and_name(text)
+    if not (file.endswith((".yaml", ".yml")) or Path(file).exists()):
+        raise UnknownName("requirement", text, _shipped(), hint="Or give a file: my.yaml or my.yaml#name.")
+    read = _read(Path(file), check)
+    names = [*read.found, *read.blocked]
+    if wanted and wanted not in names and not read.mistakes:
+        raise UnknownName("requirement", wanted, names, hint=f"File: {file}.")
+    if not wanted and len(names) > 1 and not read.mistakes:
+        raise FileError(file, f"holds {len(names)} requirements; say which: {file}#{names[0]}")
+    asked = wanted or next(iter(names), "")
+    if read.mistakes or asked in read.blocked:
+        raise read.error()
+    return read.found[asked]
+
+
+def _file_and_name(text: str) -> tuple[str, str]:
+    """Return the file and the name in `file.yaml:name` (or `#name`); an empty name where none is given."""
+    for ending in (".yaml", ".yml"):
+        for mark in ":#":
+            file, found, wanted = text.rpartition(f"{ending}{mark}")
+            if found:
+                return f"{file}{ending}", wanted
+    return text, ""
+
+
+def load_requirements(path: Path, *, check: Check | None = None) -> dict[str, Requirement]:
+    """Load all requirements of a file by name; a FileError names every mistake with its line."""
+    read = _read(path, check)
+    if read.mistakes or read.blocked:
+        raise read.error()
+    return read.found
+
+
+@dataclass(frozen=True)
+class _Read:
+    """A file of requirements: those that can be used, those that cannot be measured, and other mistakes."""
+
+    found: dict[str, Requirement]
+    blocked: dict[str, Problem]
+    mistakes: list[Problem]
+
+    def error(self) -> DocumentError:
+        """Return all mistakes, in the order of their lines."""
+        return DocumentError(sorted([*self.mistakes, *self.blocked.values()], key=lambda mistake: mistake.line or 0))
+
+
+def _read(path: Path, check: Check | None) -> _Read:
+    """Read a file of requirements."""
+    document = read_yaml(path)
+    if not isinstance(document.value, dict) or not document.value:
+        raise FileError(path, 'expected a mapping from names to requirements, e.g. "R1: {title: ..., metric: dto}"')
+    found: dict[str, Requirement] = {}
+    blocked: dict[str, Problem] = {}
+    mistakes: list[Problem] = []
+    for name, fields in document.value.items():
+        if not isinstance(fields, dict):
+            message = f"{name}: expected a mapping with the keys {', '.join(_FIELDS)}"
+            mistakes.append(document.problem(message, str(name)))
+            continue
+        if "name" in fields:
+            message = f"{name}: the name is the key above; leave out `name`"
+            mistakes.append(document.problem(message, str(name), "name"))
+            continue
+        if "metric" in fields and not {"worse", "formula"} & fields.keys():  # a guess could turn the verdict round
+            message = f"{name}.worse: is missing; say which values of the metric are worse: smaller or larger"
+            mistakes.append(document.problem(message, str(name), "worse"))
+        try:
+            read = Requirement.model_validate({"name": str(name), **fields})
+            found[str(name)] = check(read) if check is not None else read
+        except Unfit as error:
+            mistakes.append(document.problem(f"{name}.{error.key}: {error}", str(name), error.key))
+        except InputError as error:
+            measured = "formula" if "formula" in fields else "metric"
+            blocked[str(name)] = document.problem(f"{name}.{measured}: {error}", str(name), measured)
+        except ValidationError as error:
+            mistakes += [_mistake(document, str(name), detail["loc"], detail) for detail in error.errors()]
+    return _Read(found, blocked, mistakes)
+
+
+def _mistake(document: Document, name: str, loc: tuple[int | str, ...], detail: object) -> Problem:
+    assert isinstance(detail, dict)
+    where = ".".join([name, *(str(part) for part in loc)])
+    if detail["type"] == "extra_forbidden":
+        said = f"{where}: there is no such key; known: {', '.join(_FIELDS)}"
+    elif detail["type"] == "missing":
+        said = f"{where}: is missing"
+    else:
+        said = f"{where}: {detail['msg'].removeprefix('Value error, ')}"
+        if loc:
+            said += f", got {detail['input']!r}"
+    return document.problem(said, name, *loc)

@@ -1,21 +1,75 @@
-"""Mission, HumanConfiguration and Scenario: what the robot is to do, and what people do meanwhile."""
+"""Missions, people and scenarios: what the robot is to do, and what people do meanwhile."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from enum import Enum
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, NamedTuple, Self
 
 from pydantic import Field, SerializerFunctionWrapHandler, field_validator, model_serializer, model_validator
 
 from rvsg.core.records import Record
 from rvsg.robots import Robot, shipped_robots
 from rvsg.robots.files import DEFAULT_ROBOT
-from rvsg.scenario.bodies import LIMITS, Outline, PersonKind, Trolley, outline_of
 from rvsg.world.doors import State
 from rvsg.world.doorways import place_of
 from rvsg.world.grid import Grid
 from rvsg.world.world import Route, SolidObject, World, WorldParts
+
+Outline = tuple[tuple[float, float], ...]
+
+TROLLEY_GAP_M = 0.1
+"""Between the body of a person and the trolley in front: the handle."""
+TROLLEY_SPEEDS_M_S = (0.3, 1.5)
+TROLLEY_LENGTHS_M, TROLLEY_WIDTHS_M = (0.3, 2.4), (0.3, 1.2)
+WHEELCHAIR: Outline = ((-0.45, -0.33), (0.65, -0.33), (0.65, 0.33), (-0.45, 0.33))
+"""1.1 x 0.66 m with the feet of who sits in it: ISO 7176-5 allows up to 1.3 x 0.7 m."""
+
+
+class PersonKind(str, Enum):
+    """Who a person is."""
+
+    ADULT = "adult"
+    CHILD = "child"
+    WHEELCHAIR = "wheelchair"
+
+
+class Trolley(Record):
+    """What a person pushes: a trolley, a cart or a bed, as a rectangle ahead of the person. Metres."""
+
+    length_m: Annotated[float, Field(ge=TROLLEY_LENGTHS_M[0], le=TROLLEY_LENGTHS_M[1])] = 0.9
+    width_m: Annotated[float, Field(ge=TROLLEY_WIDTHS_M[0], le=TROLLEY_WIDTHS_M[1])] = 0.55
+
+
+class Limits(NamedTuple):
+    """Smallest and largest radius (m) and speed (m/s) of a kind of person, and what is taken where nothing is said."""
+
+    radii_m: tuple[float, float]
+    speeds_m_s: tuple[float, float]
+    radius_m: float
+    speed_m_s: float
+
+
+LIMITS = {
+    PersonKind.CHILD: Limits((0.15, 0.35), (0.3, 2.0), 0.25, 1.1),
+    PersonKind.WHEELCHAIR: Limits((0.25, 0.4), (0.3, 1.7), 0.33, 0.9),
+}
+"""Of everybody but adults, who keep to the general limits."""
+
+
+def outline_of(kind: PersonKind, trolley: Trolley | None, radius_m: float) -> Outline:
+    """Return the corners of what a person sits in or pushes, in the person's frame (x ahead); empty for the body alone.
+
+    The body itself is a disc of `radius_m` at the origin.
+    """
+    if kind is PersonKind.WHEELCHAIR:
+        return WHEELCHAIR
+    if trolley is None:
+        return ()
+    near, half = radius_m + TROLLEY_GAP_M, trolley.width_m / 2
+    far = near + trolley.length_m
+    return tuple((round(x, 4), round(y, 4)) for x, y in ((near, -half), (far, -half), (far, half), (near, half)))
+
 
 Name = Annotated[str, Field(min_length=1, max_length=120)]
 Point = tuple[float, float]
@@ -241,3 +295,30 @@ class Scenario(Record):
     description: str = ""
     idea: Annotated[str, Field(exclude_if=lambda idea: not idea)] = ""
     """The part of the description that does not depend on the tasks, which a refinement keeps. Empty: all of it."""
+
+
+def begin_at(tasks: tuple[Task, ...], k: int, at: int) -> tuple[Task, ...]:
+    """Return the cycle of tasks beginning at place `at` in the path of task `k`, and ending there."""
+    if at == 0:
+        return (*tasks[k:], *tasks[:k])
+    task, here = tasks[k], tasks[k].path[at]
+    start, end = ends_of(task)
+    rest, begun = task.path[at:], task.path[: at + 1]
+    first = Task.between(here, end, rest, tuple(p for p in task.pauses if p.at in rest[1:]))
+    last = Task.between(start, here, begun, tuple(p for p in task.pauses if p.at in begun[1:]))
+    return (first, *tasks[k + 1 :], *tasks[:k], last)
+
+
+def at_places(tasks: tuple[Task, ...]) -> tuple[Task, ...]:
+    """The cycle of tasks from place to place again, where it begins on the way through one of them."""
+    first, last = tasks[0], tasks[-1]
+    (begin, end), (start, close) = ends_of(first), ends_of(last)
+    if len(tasks) < 3 or not begin == close == first.path[0]:
+        return tasks
+    path, pauses = (*last.path, *first.path[1:]), (*last.pauses, *first.pauses)
+    return (Task.between(start, end, path, pauses), *tasks[1:-1])
+
+
+def ends_of(task: Task) -> tuple[str, str]:
+    """Return the areas, or else the waypoints, between which a task leads."""
+    return task.start_area or task.path[0], task.end_area or task.path[-1]

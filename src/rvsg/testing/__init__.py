@@ -6,11 +6,10 @@ model and no files.
 """
 
 from rvsg.campaign.conformance import check_ledger, check_strategy
-from rvsg.generation.conformance import check_generator
 from rvsg.simulation.conformance import check_simulator
 from rvsg.simulation.stacks.conformance import check_stack
 from rvsg.store.memory import MemoryLedger
-from rvsg.testing.generators import ScriptedGenerator, WalkingGenerator
+from rvsg.testing.generators import ScriptedGenerator, WalkingGenerator, check_generator
 
 __all__ = [
     "MemoryLedger",

@@ -1,8 +1,8 @@
-"""Generators for tests: one that gives prepared scenarios, one whose people walk to and fro."""
+"""Generators for tests, and the promises that every generator keeps."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
@@ -69,3 +69,53 @@ class WalkingGenerator(Generator):
         people = HumanConfiguration(humans=tuple(humans))
         scenario = Scenario(mission=brief.mission, people=people, description=f"walk {brief.scenario_index}")
         return Proposal(generator=self.name, scenario=scenario)
+
+
+def check_generator(generator: Generator, briefs: Iterable[Brief], world: World, *, repeatable: bool = True) -> None:
+    """Raises AssertionError naming the first thing a generator does that none may do.
+
+    Equal briefs give equal proposals (unless not `repeatable`: an outside model answers); a proposal is valid or
+    says why it is not; it is of the mission that was asked; a brief is not changed; only a GenerationError may be
+    raised, and a repeatable generator raises none.
+    """
+    assert generator.name and generator.name == generator.name.strip(), "a generator has a name"
+    for brief in briefs:
+        before = brief.to_json()
+        proposal = _proposed(generator, brief, world, repeatable)
+        if proposal is None:
+            continue
+        assert brief.to_json() == before, f"{generator.name} changed the brief it was given"
+        if repeatable:
+            again = generator.propose(brief, world)
+            assert again.id == proposal.id, f"{generator.name} answered an equal brief differently: seed {brief.seed}"
+        for complaint in complaints(proposal, brief, world):
+            raise AssertionError(f"{generator.name}, brief {brief.kind} with seed {brief.seed}: {complaint}")
+
+
+def _proposed(generator: Generator, brief: Brief, world: World, repeatable: bool) -> Proposal | None:
+    try:
+        return generator.propose(brief, world)
+    except GenerationError as error:
+        assert not repeatable, f"{generator.name} could not answer: {error}"
+        return None
+
+
+def complaints(proposal: Proposal, brief: Brief, world: World) -> Iterator[str]:
+    """What is wrong with a proposal."""
+    if not proposal.generator:
+        yield "the proposal does not name its generator"
+    if proposal.scenario is None:
+        if not proposal.problems:
+            yield "there is no scenario, and nothing says why"
+        return
+    if proposal.problems:
+        yield "there is a scenario, and problems are left"
+    if proposal.scenario.mission != brief.mission:
+        yield "the scenario is of another mission than was asked for"
+    found = check(proposal.scenario.people, brief.mission, world)
+    if found:
+        yield f"the scenario is not valid: {found[0]}"
+    if len(proposal.scenario.people.humans) != brief.humans:
+        yield f"{brief.humans} humans were asked for, {len(proposal.scenario.people.humans)} came"
+    if Proposal.from_json(proposal.to_json()).id != proposal.id:
+        yield "the proposal does not survive being written and read"

@@ -16,8 +16,7 @@ from pydantic import Field
 
 from rvsg.core.errors import InputError, SimulationError
 from rvsg.scenario.agents import HumanAgent, decode
-from rvsg.scenario.bodies import PersonKind
-from rvsg.scenario.scenario import Scenario
+from rvsg.scenario.scenario import PersonKind, Scenario
 from rvsg.simulation.protocol import Simulator
 from rvsg.simulation.run import Outcome, Run
 from rvsg.world.world import World

@@ -23,8 +23,8 @@ from rvsg.evaluation.judge import judge
 from rvsg.evaluation.metrics import measure
 from rvsg.generation.generator import Proposal
 from rvsg.scenario.brief import Brief
+from rvsg.scenario.rules import Finding
 from rvsg.scenario.scenario import Mission, Scenario
-from rvsg.scenario.validity import Finding
 from rvsg.simulation.archive import PackedRun
 from rvsg.simulation.run import Outcome, Run
 from rvsg.world.world import Route, World

@@ -15,7 +15,7 @@ from rvsg.evaluation.metrics.metric import Metric
 from rvsg.evaluation.metrics.performance import METRICS as CORRECT
 from rvsg.evaluation.metrics.performance import STUDY
 from rvsg.evaluation.sampled import Sampled
-from rvsg.scenario.aim import Aim
+from rvsg.scenario.requirement import Aim
 
 CLIENT = "RVSG study, as its client logged it"
 LOG_INTERVAL_S = 0.509

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 
 from rvsg.campaign.watch.parts import Change, Decision, Planned, RuleSet
 from rvsg.scenario import validity
-from rvsg.scenario.validity.starts import start_gap_m
+from rvsg.scenario.placement import start_gap_m
 from rvsg.world.world import World
 
 

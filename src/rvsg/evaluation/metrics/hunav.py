@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from rvsg.evaluation.metrics.metric import Metric
 from rvsg.evaluation.metrics.safety import HUNAV, INTIMATE_M, PERSONAL_M, SOCIAL_M
 from rvsg.evaluation.sampled import CONTACT_GAP_M, STILL_SPEED_M_S, STILL_TURN_RAD_S, Floats, Sampled, wrap
-from rvsg.scenario.aim import Aim
+from rvsg.scenario.requirement import Aim
 
 LAMBDA, GAMMA, N, N_PRIME = 2.0, 0.35, 2.0, 3.0
 FORCE_FACTOR = 2.1

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.evaluation.sampled import Sampled
-from rvsg.scenario.aim import Aim
+from rvsg.scenario.requirement import Aim
 from rvsg.simulation.run import Run
 from rvsg.world.world import World
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rvsg.evaluation.metrics.metric import Metric
 from rvsg.evaluation.sampled import Sampled
-from rvsg.scenario.aim import Aim
+from rvsg.scenario.requirement import Aim
 from rvsg.simulation.run import Outcome
 
 Floats = NDArray[np.float64]

@@ -8,7 +8,7 @@ import numpy as np
 
 from rvsg.evaluation.metrics.metric import Metric
 from rvsg.evaluation.sampled import STILL_SPEED_M_S, Flags, Sampled, stretches
-from rvsg.scenario.aim import Aim
+from rvsg.scenario.requirement import Aim
 
 REACTION_S = 0.3
 INTIMATE_M, PERSONAL_M, SOCIAL_M = 0.45, 1.2, 3.6

@@ -15,8 +15,7 @@ import shapely
 from numpy.typing import NDArray
 
 from rvsg.scenario.agents import HumanAgent
-from rvsg.scenario.bodies import WHEELCHAIR
-from rvsg.scenario.scenario import Behaviour
+from rvsg.scenario.scenario import WHEELCHAIR, Behaviour
 from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded.leaves import Body, Leaves, edges_of
 from rvsg.simulation.embedded.people.crowd import PERIOD_S, Crowd

@@ -51,23 +51,14 @@ def task_ends(task: Task, world: World) -> tuple[TaskEnd, TaskEnd]:
     return (resolve(start, world) if start else ANYWHERE, resolve(end, world) if end else ANYWHERE)
 
 
-def read_ends(people: HumanConfiguration, world: World, *, saved: bool = False) -> HumanConfiguration:
+def read_ends(people: HumanConfiguration, world: World) -> HumanConfiguration:
     """Return the configuration with the areas of tasks read from their names where the fields do not say them.
 
-    For what comes from outside: replies of models and files of earlier versions say "Area 2 → Shelf 6" in the name
-    alone. Nothing else reads the name of a task.
-
-    Args:
-        saved: The configuration is that of a file, where a field that is null means "anywhere". Only a file of an
-            earlier version lacks the fields.
+    For replies of models, which say "Area 2 → Shelf 6" in the name alone. Nothing else reads the name of a task.
     """
-
-    def ends(task: Task) -> Task:
-        said = saved and {"start_area", "end_area"} <= task.model_fields_set
-        return task if said else _with_ends(task, world)
-
     humans = tuple(
-        human.model_copy(update={"tasks": tuple(ends(task) for task in human.tasks)}) for human in people.humans
+        human.model_copy(update={"tasks": tuple(_with_ends(task, world) for task in human.tasks)})
+        for human in people.humans
     )
     return people if humans == people.humans else people.model_copy(update={"humans": humans})
 

@@ -1,15 +1,28 @@
-"""Findings of the checker, and Repairs, the changes of the repair."""
+"""Limits of a valid configuration, and the findings and repairs of the checker."""
 
 from __future__ import annotations
 
 from rvsg.core.records import Record
+
+MAX_HUMANS = 100
+"""More people than this in one configuration are refused (Brief allows as many)."""
+
+SPEED_RANGE_M_S = (0.3, 2.0)
+"""Walking, not running: an ambling and a fast walk. HuNavSim's sample people walk at up to 1.5 m/s."""
+
+ROBOT_RADIUS_M = 0.35
+"""Radius of the disc that stands for a robot known by name only, and for the robot in the study's metrics."""
+
+START_CLEARANCE_M = 0.5
+"""Gap that RVSG's generators keep between robot and people at the start: the clearance that ISO 3691-4 requires beside
+a driverless truck."""
 
 
 class Finding(Record):
     """One reason why a configuration is not valid."""
 
     rule: str
-    """The rule it breaks, a key of `RULES`."""
+    """The rule it breaks, a row of `docs/reference/validity-rules.md`."""
     human: str | None = None
     """The name of the person."""
     task: str | None = None

@@ -11,13 +11,11 @@ from collections import Counter
 from dataclasses import dataclass, field
 from itertools import pairwise
 
+from rvsg.scenario.placement import spawn_finding, speed_range
+from rvsg.scenario.rules import MAX_HUMANS, Repair
 from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Pause, Task
-from rvsg.scenario.validity.checker import check
-from rvsg.scenario.validity.findings import Repair
-from rvsg.scenario.validity.rules import MAX_HUMANS
-from rvsg.scenario.validity.sizes import speed_range
-from rvsg.scenario.validity.starts import spawn_finding
-from rvsg.scenario.validity.task_ends import TaskEnd, near_place, spelled, task_ends
+from rvsg.scenario.task_ends import TaskEnd, near_place, spelled, task_ends
+from rvsg.scenario.validity import check
 from rvsg.world.grid import Grid
 from rvsg.world.world import World
 
