@@ -53,8 +53,8 @@ class Question:
 def main() -> int:
     """Measure, print and write the table."""
     given = arguments()
-    from rvsg.api.errors import RvsgError
     from rvsg.cli.options import pairs
+    from rvsg.core.errors import RvsgError
 
     options = pairs("stack", given.stack_option)
     if given.launch is not None:
@@ -112,7 +112,7 @@ def arguments() -> argparse.Namespace:
 
 def missing(options: dict[str, Any]) -> str:
     """Return why no real Nav2 can be measured here; empty where it can."""
-    from rvsg.api.errors import RvsgError
+    from rvsg.core.errors import RvsgError
     from rvsg_ros2.commands import check_ros2
 
     if "launch" in options:

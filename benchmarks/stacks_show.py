@@ -18,14 +18,15 @@ import html
 import sys
 from pathlib import Path
 
-from rvsg.api.stacks import compare_stacks
+from rvsg.api.stack_comparison import compare_stacks
 from rvsg.api.suites import Suite
 from rvsg.campaign.stack_scores import ScoredRun, StackScore, StackScores, score_stacks
 from rvsg.evaluation.statistics import wilson
 from rvsg.report.comparison import COLOURS
 from rvsg.report.frames import Turn
 from rvsg.report.stacks import percent, stacks_figure, stacks_markdown
-from rvsg.world.drawing.svg import floor_plan, palette, style
+from rvsg.world.drawing.palette import palette
+from rvsg.world.drawing.svg import floor_plan, style
 from rvsg.world.io.load import load_world
 
 HERE = Path(__file__).resolve().parents[1]

@@ -3,7 +3,7 @@
 See docs/how-to/test-your-own-stack.md. `rvsg.testing.check_stack` examines one.
 """
 
-from rvsg.simulation.stacks import (
+from rvsg.simulation.stacks.protocol import (
     Command,
     Costmap,
     Ended,
@@ -12,15 +12,13 @@ from rvsg.simulation.stacks import (
     NavigationStack,
     Observation,
     Scan,
-    Stack,
-    StackChoice,
     StackError,
     Task,
     Twist,
     Velocity,
     WholeStack,
-    stack_names,
 )
+from rvsg.simulation.stacks.registry import Stack, StackChoice, stack_names
 
 __all__ = [
     "Command",

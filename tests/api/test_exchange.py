@@ -14,7 +14,7 @@ from rvsg.api.scenarios import save_scenario
 from rvsg.api.tracing import trace
 from rvsg.cli import main
 from rvsg.core.errors import InputError, UnknownName
-from rvsg.evaluation.metrics import measure
+from rvsg.evaluation.metrics.registry import measure
 from rvsg.simulation.archive import rounded
 from rvsg.simulation.embedded.simulator import EmbeddedSimulator
 from rvsg_exchange.formats import export, import_agents, load_recordings

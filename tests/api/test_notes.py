@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from rvsg.api.errors import FileError
 from rvsg.api.notes import FILE, Note, note, notes_of
+from rvsg.core.errors import FileError
 
 
 def test_a_note_is_kept_and_changed_in_part(tmp_path: Path) -> None:

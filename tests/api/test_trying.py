@@ -9,13 +9,14 @@ import pytest
 import rvsg
 from rvsg.api.config import CampaignConfig
 from rvsg.api.conversations import conversations_of
-from rvsg.api.errors import InputError
 from rvsg.api.estimating import estimate
 from rvsg.api.listing import FoundCampaign
 from rvsg.api.models import named_in
-from rvsg.api.pairing import Change, pairs_of
+from rvsg.api.pairing import pairs_of
 from rvsg.api.requirements import load_requirement
 from rvsg.api.trying import empty_scenario, scenario_of, try_out, with_person
+from rvsg.campaign.suite import Change
+from rvsg.core.errors import InputError
 
 
 def test_a_scenario_is_built_repaired_and_tried_as_simulate_does() -> None:

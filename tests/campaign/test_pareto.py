@@ -11,7 +11,7 @@ from rvsg.campaign.loop import feedback_from, run_campaign
 from rvsg.campaign.multi import MultiStrategy
 from rvsg.campaign.pareto import front_of, hypervolume, share_of, undominated
 from rvsg.campaign.plan import Plan
-from rvsg.evaluation.metrics import measure as measure_all
+from rvsg.evaluation.metrics.registry import measure as measure_all
 from rvsg.scenario.requirement import Requirement
 from rvsg.simulation.run import Run
 

@@ -12,8 +12,7 @@ from rvsg.api.demos import CAMPAIGN, demo_folder, demos
 from rvsg.cli import main
 from rvsg.cli.demo import what_it_means
 from rvsg.core.errors import RvsgError
-from rvsg.evaluation.judge import DEFAULT
-from rvsg.evaluation.verdict import Status
+from rvsg.evaluation.verdict import DEFAULT, Status
 from rvsg.scenario.requirement import load_requirement
 
 

@@ -8,7 +8,7 @@ from tests.coded import at_key
 from rvsg.api.requirements import load_requirement
 from rvsg.core.documents import DocumentError
 from rvsg.evaluation.judge import check_requirement
-from rvsg.evaluation.metrics import METRICS
+from rvsg.evaluation.metrics.registry import METRICS
 from rvsg.scenario.requirement import shipped_requirements
 
 

@@ -5,7 +5,7 @@ import pytest
 from tests.evaluation.runs import run_of, trajectory
 
 from rvsg.evaluation.aims import aim_of, series_name, series_of
-from rvsg.evaluation.metrics import METRICS
+from rvsg.evaluation.metrics.registry import METRICS
 from rvsg.evaluation.signals import SIGNALS, robustness
 from rvsg.scenario.requirement import Aim, Requirement, load_requirement, shipped_requirements
 

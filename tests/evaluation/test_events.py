@@ -24,7 +24,7 @@ from rvsg.evaluation.events import (
     StandStill,
     TimeOut,
 )
-from rvsg.evaluation.metrics import measure
+from rvsg.evaluation.metrics.registry import measure
 from rvsg.evaluation.sampled import Sampled
 from rvsg.scenario.scenario import Behaviour, Human, HumanConfiguration, Mission, Pause, Scenario, Task
 from rvsg.simulation import events as recorded

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from tests.evaluation.runs import run_of, trajectory
 
-from rvsg.evaluation.metrics import measure
+from rvsg.evaluation.metrics.registry import measure
 from rvsg.world.io.load import load_world
 from rvsg.world.space import human_space, robot_space
 

@@ -5,8 +5,8 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 from tests.evaluation.runs import run_of, trajectory
 
-from rvsg.evaluation.judge import DEFAULT, Procedure, judge, next_repeats, objective, still_open, violated
-from rvsg.evaluation.verdict import Status, Verdict
+from rvsg.evaluation.judge import judge, next_repeats, objective, still_open, violated
+from rvsg.evaluation.verdict import DEFAULT, Procedure, Status, Verdict
 from rvsg.evaluation.wording import status_in_words, value_in_words
 from rvsg.scenario.requirement import Requirement
 from rvsg.simulation.run import Outcome

@@ -8,7 +8,7 @@ from tests.coded import nearest
 from tests.evaluation.runs import run_of, trajectory
 
 from rvsg.core.errors import UnknownName
-from rvsg.evaluation.metrics import METRICS, measure
+from rvsg.evaluation.metrics.registry import METRICS, measure
 from rvsg.simulation.run import Outcome
 
 

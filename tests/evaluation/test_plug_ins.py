@@ -12,8 +12,8 @@ from tests.evaluation.runs import run_of, trajectory
 
 from rvsg.core import plugins
 from rvsg.core.errors import InputError, UnknownName
-from rvsg.evaluation.metrics import METRICS, Metric, measure
-from rvsg.evaluation.metrics.registry import BUILT_IN
+from rvsg.evaluation.metrics.metric import Metric
+from rvsg.evaluation.metrics.registry import BUILT_IN, METRICS, measure
 from rvsg.evaluation.signals import SIGNALS, RunSignal, formula, robustness
 
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "metrics.md"

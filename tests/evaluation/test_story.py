@@ -7,7 +7,7 @@ from tests.evaluation.test_events import REACH, T, a_run, dip, passing, scenario
 
 from rvsg.evaluation.detection import events_of
 from rvsg.evaluation.events import Contact
-from rvsg.evaluation.metrics import measure
+from rvsg.evaluation.metrics.registry import measure
 from rvsg.evaluation.naming import place_name
 from rvsg.evaluation.safety_summary import MEASURED, summarise_safety
 from rvsg.evaluation.story import story_of

@@ -13,7 +13,7 @@ import yaml
 
 from rvsg.core.errors import FileError, UnknownName
 from rvsg.core.records import Pose
-from rvsg.evaluation.metrics import METRICS, measure
+from rvsg.evaluation.metrics.registry import METRICS, measure
 from rvsg.generation.random_search import RandomGenerator
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.scenario import Mission, Scenario

@@ -14,7 +14,7 @@ from tests.evaluation.runs import run_of, trajectory
 from tests.report.test_page import campaign, default_campaign, default_page, page
 
 from rvsg.evaluation.judge import objective
-from rvsg.evaluation.metrics import METRICS
+from rvsg.evaluation.metrics.registry import METRICS
 from rvsg.evaluation.sampled import Sampled
 from rvsg.report.colours import distinct_colours
 from rvsg.report.payload import FAR_STEP, INVOLVED_M, ReplayGroup, ReplayRun, people_colours, replay_payload, varints

@@ -18,7 +18,7 @@ from hypothesis.extra import numpy as hnp
 from tests.campaign.parts import WalkGenerator, plan, warehouse
 
 from rvsg.core import plugins
-from rvsg.evaluation.metrics import measure
+from rvsg.evaluation.metrics.registry import measure
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation import byte_planes

@@ -9,7 +9,8 @@ import pytest
 from tests.simulation.tiago import STACK, TIAGO
 
 from rvsg.core.references import refer
-from rvsg.robots import Robot, load_robot
+from rvsg.robots.files import load_robot
+from rvsg.robots.robot import Robot
 from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded.stack import stack_of
 

@@ -9,7 +9,7 @@ import pytest
 
 from rvsg.core.errors import InvalidOptions
 from rvsg.core.records import Pose
-from rvsg.robots import load_robot
+from rvsg.robots.files import load_robot
 from rvsg.robots.navigation import MonitorPolygon
 from rvsg.scenario.agents import HumanAgent
 from rvsg.simulation.embedded.rehearsal import empty_room

@@ -17,7 +17,7 @@ from rvsg.simulation.archive import run_from_json, run_to_json
 from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded.contact import touch_people
 from rvsg.simulation.embedded.options import profile
-from rvsg.simulation.embedded.people import Crowd
+from rvsg.simulation.embedded.people.crowd import Crowd
 from rvsg.simulation.embedded.people.recorded import events_of
 from rvsg.simulation.embedded.rehearsal import empty_room
 from rvsg.simulation.embedded.simulator import simulate_agents

@@ -21,7 +21,7 @@ from tests.coded import coded
 import rvsg
 from rvsg.core.errors import InputError
 from rvsg.core.records import Pose
-from rvsg.robots import load_robot
+from rvsg.robots.files import load_robot
 from rvsg.scenario.agents import HumanAgent
 from rvsg.simulation.embedded.rehearsal import empty_room
 from rvsg.simulation.embedded.simulator import simulate_agents

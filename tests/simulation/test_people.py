@@ -16,8 +16,8 @@ from rvsg.core.records import Pose
 from rvsg.core.references import refer
 from rvsg.scenario.agents import HumanAgent, reaction_of
 from rvsg.scenario.scenario import Behaviour
-from rvsg.simulation.embedded.people import Crowd, PeopleOptions, initial
-from rvsg.simulation.embedded.people import tick as tick_by_reference
+from rvsg.simulation.embedded.people.behaviour import tick as tick_by_reference
+from rvsg.simulation.embedded.people.crowd import Crowd, PeopleOptions, initial
 from rvsg.simulation.embedded.people.forces import (
     coherence_force,
     desired_force,

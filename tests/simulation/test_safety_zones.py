@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from rvsg.core.records import Pose
-from rvsg.robots import Robot, SafetyZone, load_robot
+from rvsg.robots.files import load_robot
+from rvsg.robots.robot import Robot, SafetyZone
 from rvsg.scenario.agents import HumanAgent
 from rvsg.simulation.embedded.rehearsal import empty_room
 from rvsg.simulation.embedded.simulator import simulate_agents

@@ -13,7 +13,8 @@ import pytest
 from rvsg.core.documents import read_document
 from rvsg.core.records import Pose
 from rvsg.core.references import refer
-from rvsg.robots import Robot, load_robot
+from rvsg.robots.files import load_robot
+from rvsg.robots.robot import Robot
 from rvsg.scenario.agents import HumanAgent
 from rvsg.simulation.archive import PackedRun, run_from_json, run_to_json
 from rvsg.simulation.embedded import base

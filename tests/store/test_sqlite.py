@@ -16,7 +16,7 @@ from tests.campaign.parts import WalkGenerator, plan, warehouse
 from rvsg.campaign.attempt import Attempt, Measurement
 from rvsg.core.errors import NewerStore, StoreError
 from rvsg.core.records import canonical_json, content_id
-from rvsg.evaluation.metrics import measure
+from rvsg.evaluation.metrics.registry import measure
 from rvsg.generation.generator import Proposal
 from rvsg.scenario.brief import Brief
 from rvsg.simulation.archive import PackedRun, arrays_of, run_from_json, run_to_json

@@ -10,7 +10,8 @@ from tests.coded import coded
 from rvsg.core.errors import InputError
 from rvsg.core.records import Pose
 from rvsg.world.build import build_world
-from rvsg.world.drawing import GRID, LABELLED, Picture, draw_plan, png_bytes, tiles
+from rvsg.world.drawing import png_bytes, tiles
+from rvsg.world.drawing.plan import GRID, LABELLED, Picture, draw_plan
 from rvsg.world.grid import GridSpec
 from rvsg.world.io.nav2_map import load_nav2_map
 from rvsg.world.occupancy import write_map

@@ -16,8 +16,8 @@ from tests.published_data import published_data
 from rvsg.core.documents import DocumentError
 from rvsg.core.errors import FileError
 from rvsg.core.records import Pose
-from rvsg.world.io.nav2_map import FREE, OCCUPIED, UNKNOWN, load_nav2_map, upright
-from rvsg.world.world import OccupancyMap
+from rvsg.world.io.nav2_map import load_nav2_map, upright
+from rvsg.world.world import FREE, OCCUPIED, UNKNOWN, OccupancyMap
 
 
 def write_map(folder: Path, pixels: np.ndarray, *, image: str = "map.pgm", **header) -> Path:

@@ -11,7 +11,9 @@ from tests.coded import coded, nearest
 from rvsg.core.errors import InputError, UnknownName
 from rvsg.core.records import Pose
 from rvsg.world.build import build_world
-from rvsg.world.drawing import GRID, LABELLED, PALETTES, Picture, draw_plan, grid_picture, labelled_map, png_bytes
+from rvsg.world.drawing import grid_picture, labelled_map, png_bytes
+from rvsg.world.drawing.palette import PALETTES
+from rvsg.world.drawing.plan import GRID, LABELLED, Picture, draw_plan
 from rvsg.world.drawing.route import time_marks
 from rvsg.world.grid import GridSpec
 from rvsg.world.io.load import load_world, shipped_worlds

@@ -21,7 +21,7 @@ from rvsg.core.documents import Document, DocumentError, keys_of, mistakes_of, p
 from rvsg.core.errors import FileError, InputError, InvalidOptions
 from rvsg.core.plugins import Spec
 from rvsg.core.records import Record
-from rvsg.evaluation.judge import DEFAULT, Procedure
+from rvsg.evaluation.verdict import DEFAULT, Procedure
 from rvsg.generation.vlm.budget import NO_CALL
 from rvsg.robots.files import DEFAULT_ROBOT
 from rvsg.simulation.stacks.registry import DEFAULT_STACK, runs_own_code

@@ -16,10 +16,11 @@ from rvsg.campaign.feedback import feedback_of
 from rvsg.campaign.measuring import Measuring
 from rvsg.core.errors import InputError
 from rvsg.core.records import Pose
-from rvsg.evaluation.judge import DEFAULT, Procedure, next_repeats, violated
-from rvsg.evaluation.verdict import Status, Verdict
+from rvsg.evaluation.judge import next_repeats, violated
+from rvsg.evaluation.verdict import DEFAULT, Procedure, Status, Verdict
+from rvsg.evaluation.wording import status_in_words
 from rvsg.generation.generator import Proposal
-from rvsg.report.summary import interval, status_in_words
+from rvsg.report.summary import interval
 from rvsg.scenario.brief import Brief, Feedback
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission, Scenario

@@ -13,15 +13,15 @@ from rvsg.campaign.attempt import Attempt, Measurement
 from rvsg.campaign.ranking import best_attempt
 from rvsg.core.errors import InputError, UnknownName
 from rvsg.core.plugins import Spec
+from rvsg.evaluation.wording import number
 from rvsg.report.facts import RunFacts, run_facts
 from rvsg.report.film import Shot
 from rvsg.report.film import check_film as check_film
 from rvsg.report.film import write_film as write_film
 from rvsg.report.happened import still_times
 from rvsg.report.quantity import closest_approach
-from rvsg.report.summary import number
 from rvsg.report.words import quantity
-from rvsg.robots import Robot
+from rvsg.robots.robot import Robot
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.run import Run

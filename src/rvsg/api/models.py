@@ -4,55 +4,11 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
-from rvsg.core.lazy import lazily
-from rvsg.generation.vlm.watching import CallNews
 from rvsg.generation.wiring import Access, Wiring, wired
 from rvsg.world.authoring.named_areas import unknown_areas
 from rvsg.world.world import World
-
-if TYPE_CHECKING:
-    from rvsg.generation.conversation import VlmGenerator as VlmGenerator
-    from rvsg.generation.environment import EnvironmentDialogue as EnvironmentDialogue
-    from rvsg.generation.environment import description_of as description_of
-    from rvsg.generation.environment import editable as editable
-    from rvsg.generation.environment import edited as edited
-    from rvsg.generation.environment import store_description as store_description
-    from rvsg.generation.pictures import pictures_of as pictures_of
-    from rvsg.generation.prompts import Prompts as Prompts
-    from rvsg.generation.prompts import declared_variables as declared_variables
-    from rvsg.generation.prompts import shipped_prompts as shipped_prompts
-    from rvsg.generation.prompts import template_text as template_text
-    from rvsg.generation.vlm.budget import Spending as Spending
-    from rvsg.generation.vlm.messages import estimated_tokens as estimated_tokens
-    from rvsg.generation.vlm.messages import picture_tokens as picture_tokens
-    from rvsg.generation.vlm.model import Scripted as Scripted
-    from rvsg.scenario.brief import Brief as Brief
-
-__all__ = ["CallNews", "Wiring", "answered_from_record", "named_in", "reach"]
-
-__getattr__ = lazily(
-    __name__,
-    {
-        "Brief": "rvsg.scenario.brief",
-        "EnvironmentDialogue": "rvsg.generation.environment",
-        "Prompts": "rvsg.generation.prompts",
-        "Scripted": "rvsg.generation.vlm.model",
-        "Spending": "rvsg.generation.vlm.budget",
-        "VlmGenerator": "rvsg.generation.conversation",
-        "declared_variables": "rvsg.generation.prompts",
-        "description_of": "rvsg.generation.environment",
-        "editable": "rvsg.generation.environment",
-        "edited": "rvsg.generation.environment",
-        "estimated_tokens": "rvsg.generation.vlm.messages",
-        "picture_tokens": "rvsg.generation.vlm.messages",
-        "pictures_of": "rvsg.generation.pictures",
-        "shipped_prompts": "rvsg.generation.prompts",
-        "store_description": "rvsg.generation.environment",
-        "template_text": "rvsg.generation.prompts",
-    },
-)
 
 
 def reach(model: str | None, record: Path | None, **access: Any) -> Wiring:

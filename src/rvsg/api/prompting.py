@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from rvsg.api.config import CampaignConfig, effective, read_campaign_file
-from rvsg.api.events import search_attempts
-from rvsg.api.files import write_whole
 from rvsg.api.folder import CONFIG, make_folder, reading, store_of
 from rvsg.api.record import CampaignRecord
 from rvsg.api.wiring import Wired, let_rehearse, proposals_of, wire
+from rvsg.campaign.ranking import search_attempts
 from rvsg.core.errors import InputError
+from rvsg.core.files import write_whole
 from rvsg.generation.conversation import VlmGenerator
 from rvsg.generation.prompts import template_text
 from rvsg.generation.vlm.messages import Message as Message

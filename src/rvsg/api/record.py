@@ -15,7 +15,7 @@ from rvsg.campaign.plan import Plan
 from rvsg.core.errors import InputError, InvalidOptions, UnknownName
 from rvsg.core.plugins import Spec
 from rvsg.core.records import Record
-from rvsg.evaluation.judge import DEFAULT, Procedure
+from rvsg.evaluation.verdict import DEFAULT, Procedure
 
 FROM = "from"
 """The key under which RVSG 0.1 kept the folder a campaign was begun in."""

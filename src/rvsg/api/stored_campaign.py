@@ -29,9 +29,10 @@ from rvsg.core.errors import InputError, NothingJudged
 from rvsg.core.files import write_whole
 from rvsg.core.plugins import Spec
 from rvsg.evaluation.verdict import Verdict
+from rvsg.evaluation.wording import counted
 from rvsg.generation.vlm.recording import CALLS, Recording
 from rvsg.report.page import write_page
-from rvsg.report.summary import Summary, counted, summarise
+from rvsg.report.summary import Summary, summarise
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission
 from rvsg.simulation.run import Run

@@ -12,8 +12,9 @@ from rvsg.campaign.measuring import Measuring
 from rvsg.campaign.parallel import Simulations
 from rvsg.campaign.suite import Case, CaseResult, state_of
 from rvsg.core.errors import SimulationError
-from rvsg.evaluation.judge import Procedure, next_repeats
+from rvsg.evaluation.judge import next_repeats
 from rvsg.evaluation.story import story_of
+from rvsg.evaluation.verdict import Procedure
 from rvsg.report.film import write_film
 from rvsg.scenario.requirement import Requirement
 from rvsg.simulation.protocol import Simulator

@@ -35,9 +35,9 @@ from rvsg.core.errors import FileError, InputError, UnknownName
 from rvsg.core.files import write_whole
 from rvsg.core.plugins import Spec
 from rvsg.core.records import Record
-from rvsg.evaluation.judge import DEFAULT, Procedure
+from rvsg.evaluation.verdict import DEFAULT, Procedure
 from rvsg.report.suites import suite_junit
-from rvsg.robots import Robot
+from rvsg.robots.robot import Robot
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.protocol import Simulator

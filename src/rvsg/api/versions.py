@@ -17,9 +17,9 @@ from rvsg.campaign.measuring import Measuring
 from rvsg.campaign.suite import CaseChange, Change, SuiteResult, compare_results, counts
 from rvsg.core.errors import InputError
 from rvsg.core.plugins import Spec
+from rvsg.evaluation.wording import counted
 from rvsg.report.facts import run_facts
 from rvsg.report.suites import changes_markdown
-from rvsg.report.summary import counted
 from rvsg.report.versions import ORDER, ShownPair, change_rows, pair_replay, versions_page
 
 

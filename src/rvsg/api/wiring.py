@@ -29,7 +29,7 @@ from rvsg.campaign.strategies import Strategy
 from rvsg.core import plugins
 from rvsg.core.errors import InputError
 from rvsg.core.plugins import Spec
-from rvsg.evaluation.judge import Procedure
+from rvsg.evaluation.verdict import Procedure
 from rvsg.generation.generator import Generator
 from rvsg.generation.informed import InformedGenerator
 from rvsg.scenario.requirement import Requirement

@@ -9,14 +9,24 @@ from rvsg.api.evaluating import Judgement
 from rvsg.campaign.accounting import calls_of
 from rvsg.campaign.finding import DistinctFailure, Finding
 from rvsg.core.plugins import at_fault
-from rvsg.evaluation.judge import DEFAULT, OPEN, still_open
-from rvsg.evaluation.metrics import METRICS, measure, metric
-from rvsg.evaluation.verdict import Status, Verdict
-from rvsg.evaluation.wording import difference_in_words, how_sure, percent, why_ended
+from rvsg.evaluation.judge import still_open
+from rvsg.evaluation.metrics import metric
+from rvsg.evaluation.metrics.registry import METRICS, measure
+from rvsg.evaluation.verdict import DEFAULT, Status, Verdict
+from rvsg.evaluation.wording import (
+    OPEN,
+    counted,
+    difference_in_words,
+    how_sure,
+    number,
+    percent,
+    status_in_words,
+    why_ended,
+)
 from rvsg.generation.generator import Call, Proposal
 from rvsg.generation.vlm.budget import Spending
 from rvsg.report.junit import junit_xml
-from rvsg.report.summary import Ranked, Summary, counted, interval, number, status_in_words, tried_of
+from rvsg.report.summary import Ranked, Summary, interval, tried_of
 from rvsg.report.words import metres
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.validity import warnings

@@ -12,15 +12,16 @@ from pydantic import ValidationError
 from rvsg.api.folder import make_folder
 from rvsg.core.documents import keys_of
 from rvsg.core.errors import FileError, InputError, InvalidOptions
-from rvsg.robots import Robot, load_robot
-from rvsg.robots.files import DEFAULT_ROBOT
+from rvsg.robots.files import DEFAULT_ROBOT, load_robot
+from rvsg.robots.robot import Robot
 from rvsg.world.authoring.check import check_world
 from rvsg.world.authoring.create import Created, world_from_map, world_from_objects, world_from_sdf
 from rvsg.world.authoring.outside import Choices
 from rvsg.world.authoring.readme import write_readme
 from rvsg.world.authoring.remarks import Remark
-from rvsg.world.drawing import GRID, LABELLED, draw_plan, png_bytes, tiles
+from rvsg.world.drawing import png_bytes, tiles
 from rvsg.world.drawing.birdseye import birdseye
+from rvsg.world.drawing.plan import GRID, LABELLED, draw_plan
 from rvsg.world.drawing.svg import floor_plan_svg
 from rvsg.world.fitting import clearance_m
 from rvsg.world.grid import GridSpec

@@ -13,11 +13,11 @@ from rvsg.campaign.feedback import worst_measurement
 from rvsg.campaign.plan import Plan
 from rvsg.campaign.ranking import confirmations
 from rvsg.core.records import Record
-from rvsg.evaluation.judge import DEFAULT, Procedure, violated
+from rvsg.evaluation.judge import violated
 from rvsg.evaluation.safety_summary import Arrivals, Contacts, summarise_safety
 from rvsg.evaluation.statistics import share_difference
 from rvsg.evaluation.story import story_of
-from rvsg.evaluation.verdict import Status, Verdict
+from rvsg.evaluation.verdict import DEFAULT, Procedure, Status, Verdict
 from rvsg.evaluation.wording import how_sure
 from rvsg.scenario.requirement import Requirement
 from rvsg.simulation.run import Run

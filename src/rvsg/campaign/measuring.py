@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 from rvsg.campaign.attempt import Failure, Measurement
 from rvsg.campaign.glance import Look
 from rvsg.core.errors import SimulationError
-from rvsg.evaluation.judge import DEFAULT, Procedure, judge, objective
-from rvsg.evaluation.metrics import measure
-from rvsg.evaluation.verdict import Verdict
+from rvsg.evaluation.judge import judge, objective
+from rvsg.evaluation.metrics.registry import measure
+from rvsg.evaluation.verdict import DEFAULT, Procedure, Verdict
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.archive import PackedRun, rounded

@@ -12,8 +12,7 @@ from rvsg.campaign.events import Event, RunMade
 from rvsg.campaign.measuring import FinishedRun
 from rvsg.campaign.parallel import PendingRun, Simulations
 from rvsg.core.errors import SimulationError
-from rvsg.evaluation.judge import DEFAULT, Procedure
-from rvsg.evaluation.verdict import Verdict
+from rvsg.evaluation.verdict import DEFAULT, Procedure, Verdict
 from rvsg.generation.generator import Generator
 from rvsg.simulation.archive import PackedRun
 

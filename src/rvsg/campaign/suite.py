@@ -16,11 +16,11 @@ from pydantic import Field
 from rvsg.core.errors import NothingJudged
 from rvsg.core.plugins import Spec
 from rvsg.core.records import Record
-from rvsg.evaluation.judge import DEFAULT, Procedure, violated
+from rvsg.evaluation.judge import violated
 from rvsg.evaluation.statistics import holm, share_difference
-from rvsg.evaluation.verdict import Status, Verdict
+from rvsg.evaluation.verdict import DEFAULT, Procedure, Status, Verdict
 from rvsg.evaluation.wording import counted
-from rvsg.robots import Robot
+from rvsg.robots.robot import Robot
 from rvsg.scenario.scenario import Scenario
 
 Name = Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[a-z0-9][a-z0-9._-]*$")]

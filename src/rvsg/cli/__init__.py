@@ -11,9 +11,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from rvsg.api.files import open_standard_streams
 from rvsg.cli.frame import Verb, command_line, installed_verbs
 from rvsg.cli.interruption import until_gone
+from rvsg.core.inputs import open_standard_streams
 
 VERBS: dict[str, Verb] = {
     "world": Verb("rvsg.cli.world", "Make a world from a map, check it, draw it, show it, compare two"),

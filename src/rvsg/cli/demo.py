@@ -12,8 +12,8 @@ from rvsg.cli.console import print_json, say
 from rvsg.cli.frame import verb
 
 if TYPE_CHECKING:
-    from rvsg.api.events import Plan
-    from rvsg.api.words import Summary
+    from rvsg.campaign.plan import Plan
+    from rvsg.report.summary import Summary
 
 app = verb()
 
@@ -57,7 +57,9 @@ def demo(
 
 def what_it_means(plan: Plan, summary: Summary) -> str:
     """Return what the verdict says and what it does not say, for a reader who sees one for the first time."""
-    from rvsg.api.words import Status, counted, number, still_open
+    from rvsg.evaluation.judge import still_open
+    from rvsg.evaluation.verdict import Status
+    from rvsg.evaluation.wording import counted, number
 
     confirmed, name = summary.confirmed, plan.requirement.name
     tried = "the model's " + (counted(len(summary.ranking), "scenario") if len(summary.ranking) != 1 else "scenario")

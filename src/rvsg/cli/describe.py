@@ -32,9 +32,10 @@ from rvsg.cli.model_options import (
 )
 
 if TYPE_CHECKING:
-    from rvsg.api.authoring import Description
     from rvsg.api.describing import EnvironmentSession
-    from rvsg.api.models import CallNews, Wiring
+    from rvsg.generation.vlm.watching import CallNews
+    from rvsg.generation.wiring import Wiring
+    from rvsg.world.world import Description
 
 app = verb()
 REVIEWER = Annotated[str | None, typer.Option(help="Name of the reviewer, stored with the description.")]
@@ -67,8 +68,8 @@ def describe(
     """
     names = ("base_url", "replay", "budget_calls", "budget_tokens", "budget_usd", "prices")
     access = {key: value for key, value in locals().items() if key in names}
-    from rvsg.api.authoring import load_world
     from rvsg.api.describing import open_session, store, stored
+    from rvsg.world.io.load import load_world
 
     loaded = load_world(world)
     session = open_session(loaded, model, record, prompts, **access, strict=strict or None, call_timeout_s=call_timeout)
@@ -105,7 +106,7 @@ def _watch(wiring: Wiring) -> Callable[[Callable[[CallNews], None] | None], None
 @contextlib.contextmanager
 def _kept(wiring: Wiring) -> Iterator[None]:
     """Tell the user where the answers are kept when a call fails or an answer cannot be used."""
-    from rvsg.api.errors import BudgetSpent, GenerationError, ModelUnavailable
+    from rvsg.core.errors import BudgetSpent, GenerationError, ModelUnavailable
 
     try:
         yield
@@ -141,8 +142,8 @@ def _reviewed(
     description: Description, reviewer: str | None, revise: Callable[[str], Description] | None
 ) -> Description:
     """Ask until the reviewer accepts the description or quits."""
-    from rvsg.api.errors import InputError
-    from rvsg.api.models import editable, edited
+    from rvsg.core.errors import InputError
+    from rvsg.generation.environment import editable, edited
 
     while True:
         _show(description)
@@ -170,7 +171,7 @@ def _reviewed(
 
 def _in_editor(text: str) -> str:
     """Return the text as the user's editor ($VISUAL or $EDITOR) saved it; InputError if that fails."""
-    from rvsg.api.errors import InputError
+    from rvsg.core.errors import InputError
 
     editor = os.environ.get("VISUAL") or os.environ.get("EDITOR")
     if not editor:

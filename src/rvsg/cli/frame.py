@@ -17,10 +17,10 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 import rvsg
-from rvsg.api.errors import Interrupted, RvsgError
 from rvsg.cli.console import as_started
 from rvsg.cli.interruption import interruptible
 from rvsg.core import plugins
+from rvsg.core.errors import Interrupted, RvsgError
 
 HELP = """Find, confirm and explain human behaviours that make a mobile robot violate its requirements, in simulation.
 
@@ -200,7 +200,7 @@ def _report_defect(error: Exception, arguments: Sequence[str]) -> int:
         traceback.print_exc()
     where = traceback.extract_tb(error.__traceback__)[-1]
     shown = as_started(shlex.join(["rvsg", "--debug", *(a for a in arguments if a != "--debug")]))
-    from rvsg.api.words import at_fault  # imports much, and is needed at this end alone
+    from rvsg.core.plugins import at_fault  # imports much, and is needed at this end alone
 
     what = f"{type(error).__name__}: {error} (line {where.lineno} of {where.filename})\n"
     if package := at_fault(error):

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from types import FrameType
 from typing import Any
 
-from rvsg.api.errors import Interrupted
+from rvsg.core.errors import Interrupted
 
 ENDING = (signal.SIGINT, signal.SIGTERM)
 """A CI service cancels with SIGTERM; treat it like Ctrl-C."""

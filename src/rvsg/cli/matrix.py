@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 
 def run_matrix(matrix: Matrix, *, as_json: bool) -> int:
     """Run or resume the campaigns of a matrix, show what they found, and return the exit code."""
-    from rvsg.api.errors import Interrupted
     from rvsg.api.records import check_writable
     from rvsg.cli.interruption import interruptible
+    from rvsg.core.errors import Interrupted
 
     started = time.monotonic()
     resume = as_started(matrix.resume_command)
@@ -59,9 +59,9 @@ def _announce(matrix: Matrix, campaigns: Sequence[Campaign], resume: str) -> Non
 
 def _run(matrix: Matrix, campaigns: Sequence[Campaign], check: Callable[[], None]) -> dict[str, tuple[str, int]]:
     """Run the campaigns; return message and exit code of those that failed, by their folder."""
-    from rvsg.api.errors import RvsgError
     from rvsg.api.matrix import Ended
     from rvsg.cli.progress import CampaignProgress
+    from rvsg.core.errors import RvsgError
 
     failed: dict[str, tuple[str, int]] = {}
     lines = {

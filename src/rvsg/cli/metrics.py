@@ -23,7 +23,8 @@ def metrics(
     json: AsJson = False,
 ) -> None:
     """List the metrics with formula, unit, direction and source, or measure a run by them."""
-    from rvsg.api.words import METRICS, measure, metric
+    from rvsg.api.words import metric
+    from rvsg.evaluation.metrics.registry import METRICS, measure
 
     chosen = list(METRICS.values()) if name is None else [metric(name)]
     if run is not None:

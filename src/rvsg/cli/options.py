@@ -6,9 +6,9 @@ import contextlib
 from typing import Any
 
 from rvsg import Spec
-from rvsg.api.errors import InputError
-from rvsg.api.files import is_too_deep
-from rvsg.api.stacks import DEFAULT_STACK
+from rvsg.core.errors import InputError
+from rvsg.core.inputs import is_too_deep
+from rvsg.simulation.stacks.registry import DEFAULT_STACK
 
 
 def pairs(kind: str, given: list[str] | None) -> dict[str, Any]:

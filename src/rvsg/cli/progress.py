@@ -10,22 +10,25 @@ from typing import Self
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Column
 
-from rvsg.api.events import (
-    Attempt,
+from rvsg.api.words import describe_spending
+from rvsg.campaign.attempt import Attempt
+from rvsg.campaign.events import (
     Attempted,
     Confirming,
     Event,
     Explaining,
     Message,
     ModelCall,
-    Plan,
     Proposing,
     RunMade,
     Shrinks,
 )
-from rvsg.api.models import Brief, CallNews, Spending
-from rvsg.api.words import counted, describe_spending, number, status_in_words
+from rvsg.campaign.plan import Plan
 from rvsg.cli.console import console, say
+from rvsg.evaluation.wording import counted, number, status_in_words
+from rvsg.generation.vlm.budget import Spending
+from rvsg.generation.vlm.watching import CallNews
+from rvsg.scenario.brief import Brief
 
 
 class CampaignProgress:

@@ -12,7 +12,7 @@ from rvsg.cli.console import print_json, say
 from rvsg.cli.frame import verb
 
 if TYPE_CHECKING:
-    from rvsg.api.prompting import Message
+    from rvsg.generation.vlm.messages import Message
 
 app = verb()
 
@@ -70,7 +70,7 @@ def _show(messages: tuple[Message, ...]) -> None:
 
 
 def _list(*, as_json: bool) -> None:
-    from rvsg.api.models import declared_variables, shipped_prompts
+    from rvsg.generation.prompts import declared_variables, shipped_prompts
 
     declared = {name: sorted(declared_variables(name)) for name in shipped_prompts()}
     if as_json:

@@ -12,8 +12,8 @@ from rvsg.cli.console import say
 from rvsg.cli.frame import verb
 
 if TYPE_CHECKING:
-    from rvsg.api.proposing import Proposal
     from rvsg.api.wiring import Wired
+    from rvsg.generation.generator import Proposal
 
 app = verb()
 OWN = ("feedback", "unguided", "record", "generator_option", "out")
@@ -51,11 +51,12 @@ def propose(
     """
     given = {name: value for name, value in locals().items() if name not in OWN}
     from rvsg.api.config import effective
-    from rvsg.api.proposing import Feedback, proposal_json, propose_as
+    from rvsg.api.proposing import proposal_json, propose_as
     from rvsg.api.records import check_writable, read_record, write_text
     from rvsg.api.wiring import wire
     from rvsg.cli.model_options import CallsShown
     from rvsg.cli.options import pairs
+    from rvsg.scenario.brief import Feedback
 
     check_writable(out)
     given |= {"out": record or "runs/proposals", "generator_options": pairs("generator", generator_option)}

@@ -32,9 +32,10 @@ def replay(
 
     A run of a campaign is shown with the judged quantity and its limit. MP4 and WebM need the extra `video`.
     """
-    from rvsg.api.filming import check_film, shot_of, write_film
+    from rvsg.api.filming import shot_of
     from rvsg.api.records import check_writable
     from rvsg.cli.options import spec
+    from rvsg.report.film import check_film, write_film
 
     check_film(out)
     check_writable(out)

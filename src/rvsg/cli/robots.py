@@ -25,8 +25,9 @@ def robots(
     json: AsJson = False,
 ) -> None:
     """List robots with size, drive, limits and sensors; check a robot file, draw robots, or read a URDF file."""
-    from rvsg.api.files import write_whole
-    from rvsg.api.robots import draw_robot, load_robot, shipped_robots
+    from rvsg.core.files import write_whole
+    from rvsg.robots.drawing import draw_robot
+    from rvsg.robots.files import load_robot, shipped_robots
 
     if from_urdf is not None:
         _print_urdf(from_urdf)
@@ -56,7 +57,7 @@ def robots(
 def _print_urdf(path: Path) -> None:
     import yaml
 
-    from rvsg.api.robots import read_urdf
+    from rvsg_exchange.urdf import read_urdf
 
     found = read_urdf(path)
     print(yaml.safe_dump(found.values, sort_keys=False, default_flow_style=None, width=120), end="")

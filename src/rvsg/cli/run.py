@@ -16,8 +16,9 @@ from rvsg.cli.frame import verb
 
 if TYPE_CHECKING:
     from rvsg.api.campaign import Campaign
-    from rvsg.api.events import Attempt, Plan
-    from rvsg.api.words import Summary
+    from rvsg.campaign.attempt import Attempt
+    from rvsg.campaign.plan import Plan
+    from rvsg.report.summary import Summary
 
 app = verb()
 
@@ -181,10 +182,10 @@ def run_one(from_file: dict[str, Any], given: dict[str, Any]) -> Campaign:
     """Run or resume a campaign and write its report."""
     from rvsg.api.campaign import Campaign
     from rvsg.api.config import effective
-    from rvsg.api.files import write_whole
     from rvsg.api.folder import store_of
     from rvsg.api.records import check_writable
-    from rvsg.api.words import junit_xml
+    from rvsg.core.files import write_whole
+    from rvsg.report.junit import junit_xml
 
     asked = effective(None, from_file, given)
     if asked.junit:
@@ -203,10 +204,10 @@ def _run(campaign: Campaign, *, resumed: bool) -> None:
     """Run the campaign with progress; on interruption, print how to resume."""
     from rvsg.api.commands import resume_command
     from rvsg.api.config import BUDGETS
-    from rvsg.api.errors import BudgetSpent, GenerationError, Interrupted, SimulationError
-    from rvsg.api.words import counted
     from rvsg.cli.interruption import interruptible
     from rvsg.cli.progress import CampaignProgress
+    from rvsg.core.errors import BudgetSpent, GenerationError, Interrupted, SimulationError
+    from rvsg.evaluation.wording import counted
 
     plan, folder = campaign.plan, campaign.folder
     known = campaign.attempts()
@@ -236,7 +237,7 @@ def _run(campaign: Campaign, *, resumed: bool) -> None:
 
 
 def _what_it_does(campaign: Campaign) -> str:
-    from rvsg.api.words import counted
+    from rvsg.evaluation.wording import counted
 
     plan = campaign.plan
     search = (
@@ -255,7 +256,9 @@ def _what_it_does(campaign: Campaign) -> str:
 
 def _show_lost(attempts: list[Attempt]) -> None:
     """Print how many attempts have no scenario and why, and which replies of a model were unusable."""
-    from rvsg.api.words import calls_of, counted, describe_unusable
+    from rvsg.api.words import describe_unusable
+    from rvsg.campaign.accounting import calls_of
+    from rvsg.evaluation.wording import counted
 
     search = [attempt for attempt in attempts if attempt.purpose == "search"]
     lost = [attempt for attempt in search if attempt.proposal.scenario is None]
@@ -271,8 +274,9 @@ def _show(campaign: Campaign, summary: Summary, spent_s: float, *, as_json: bool
     """Print the ranked table, the findings, the path of the report, and the command that repeats the campaign."""
     from rvsg.api.commands import command_for_more
     from rvsg.api.folder import REPORT
-    from rvsg.api.words import Status, counted
     from rvsg.cli.tables import ranked_table, show_findings
+    from rvsg.evaluation.verdict import Status
+    from rvsg.evaluation.wording import counted
 
     plan, folder = campaign.plan, campaign.folder
     if as_json:

@@ -12,7 +12,7 @@ from rvsg.cli.console import print_json, say
 from rvsg.cli.frame import verb
 
 if TYPE_CHECKING:
-    from rvsg.api.shrinking import Shrunk, Simplification
+    from rvsg.campaign.shrink import Shrunk, Simplification
 
 app = verb()
 
@@ -66,7 +66,7 @@ def shrink(
 
 
 def _show_step(step: Simplification) -> None:
-    from rvsg.api.words import counted
+    from rvsg.evaluation.wording import counted
 
     violated = f"violated in {step.violations} of {counted(step.runs, 'run')}"
     say(f"{'kept' if step.kept else 'no  '}  {violated}: {step.what}")
@@ -74,7 +74,7 @@ def _show_step(step: Simplification) -> None:
 
 def _show(shrunk: Shrunk) -> None:
     """Print the size of the original and of the smallest scenario, and how often each violates."""
-    from rvsg.api.words import counted
+    from rvsg.evaluation.wording import counted
 
     for name, people, verdict in (
         ("original", shrunk.original.people, shrunk.before),

@@ -48,7 +48,8 @@ def stacks(
     Without an argument, list the stacks with their options; --stack of `run`, `simulate` and `suite run` takes one.
     Name your own as module:Class, file.py:Class or exec:COMMAND; see docs/how-to/test-your-own-stack.md.
     """
-    from rvsg.api.stacks import listed_stacks, write_clients_to
+    from rvsg.simulation.stacks.clients import write_clients_to
+    from rvsg.simulation.stacks.registry import listed_stacks
 
     if write_clients is not None:
         for path in write_clients_to(write_clients):
@@ -82,7 +83,9 @@ def _compare(
     as_json: bool,
 ) -> None:
     """Compare stacks, print the ranking, and write the files."""
-    from rvsg.api.stacks import StackScore, compare_stacks, stacks_markdown, write_comparison
+    from rvsg.api.stack_comparison import compare_stacks, write_comparison
+    from rvsg.campaign.stack_scores import StackScore
+    from rvsg.report.stacks import stacks_markdown
 
     def scored(score: StackScore) -> None:
         console.say(f"{score.label}: {score.violated} of {score.judged} runs violate")
@@ -102,7 +105,8 @@ def _compare(
 
 def _print_params(path: Path, *, as_json: bool) -> None:
     """Print what every key of a parameter file does, and the stack it asks for."""
-    from rvsg.api.stacks import StackChoice, read_nav2_params
+    from rvsg.simulation.stacks.nav2_params import read_nav2_params
+    from rvsg.simulation.stacks.registry import StackChoice
 
     read, chosen = read_nav2_params(path), StackChoice.of(path)
     if as_json:

@@ -31,7 +31,7 @@ def add(
 ) -> None:
     """Add a scenario to a suite, or one more requirement to a case that holds the same scenario."""
     from rvsg import Suite
-    from rvsg.api.words import counted
+    from rvsg.evaluation.wording import counted
 
     made = Suite.create(suite).add(
         scenario, requirement, name=name, title=title, expected=expect, reason=reason, world=world

@@ -11,25 +11,18 @@ from rich.table import Table
 from rich.text import Text
 
 from rvsg.api.commands import confirm_command
-from rvsg.api.events import Plan
-from rvsg.api.words import (
-    OPEN,
-    Ranked,
-    Status,
-    Summary,
-    Verdict,
-    counted,
-    describe_failure,
-    describe_finding,
-    interval,
-    number,
-    still_open,
-)
+from rvsg.api.words import describe_failure, describe_finding
+from rvsg.campaign.plan import Plan
 from rvsg.cli.console import as_started, say
+from rvsg.evaluation.judge import still_open
+from rvsg.evaluation.verdict import Status, Verdict
+from rvsg.evaluation.wording import OPEN, counted, number
+from rvsg.report.summary import Ranked, Summary, interval
 
 if TYPE_CHECKING:
     from rvsg.api.campaign import Campaign
-    from rvsg.api.stored_campaign import Front, MapCell
+    from rvsg.campaign.encounter import MapCell
+    from rvsg.campaign.pareto import Front
 
 WITHOUT_TEXT = 35
 """Characters of a row without the scenario's description and the objective."""

@@ -57,8 +57,8 @@ def watch(
     OUT/watch.log records what was done and why.
     """
     from rvsg.api import watching
-    from rvsg.api.errors import Interrupted
     from rvsg.cli.options import seconds_of, spec, stack_spec
+    from rvsg.core.errors import Interrupted
 
     if approve is not None:
         watching.approve(out, approve, on_message=say)

@@ -16,7 +16,9 @@ from rvsg.cli.frame import verb
 from rvsg.cli.model_options import BaseUrl, BudgetCalls, BudgetUsd, Model, Prices, Record, Replay
 
 if TYPE_CHECKING:
-    from rvsg.api.authoring import Created, Remark, World
+    from rvsg.world.authoring.create import Created
+    from rvsg.world.authoring.remarks import Remark
+    from rvsg.world.world import World
 
 app = verb(no_args_is_help=True, help="Make, copy, check, draw, show and compare worlds.")
 
@@ -96,7 +98,7 @@ def new(
     """
     given = {key: value for key, value in locals().items() if key not in ("folder", "no_simulation", "json", "robot")}
     given |= {name: [_numbers(f"--{name}", "X,Y", at) for at in given[name] or ()] for name in ("indoors", "outdoors")}
-    from rvsg.api.authoring import trial_of
+    from rvsg.api.trial import trial_of
     from rvsg.api.world_folders import create_world, other_robot, world_summary
 
     driver = other_robot(robot)
@@ -118,8 +120,8 @@ def copy(
     Edit a shipped world there, or give its map to your navigation: the folder
     holds it as map.yaml.
     """
-    from rvsg.api.authoring import load_world
     from rvsg.api.world_folders import copy_world
+    from rvsg.world.io.load import load_world
 
     copy_world(load_world(world), folder, force=force)
     say(f"wrote {folder}; its map is {folder / 'map.yaml'}")
@@ -140,8 +142,9 @@ def check(
 
     Exits with code 2 if there is an error, with 0 if there are only warnings or nothing.
     """
-    from rvsg.api.authoring import check_world, trial_of
+    from rvsg.api.trial import trial_of
     from rvsg.api.world_folders import folder_named, other_robot
+    from rvsg.world.authoring.check import check_world
 
     driver = other_robot(robot)
     trial = None if no_simulation else trial_of(driver, progress=say)
@@ -172,8 +175,8 @@ def draw(
     Labelled map, grid of waypoints and bird's-eye view as PNG, or an SVG plan. A grid with too many names for one
     picture is also drawn in parts.
     """
-    from rvsg.api.authoring import load_world
     from rvsg.api.world_folders import draw_world
+    from rvsg.world.io.load import load_world
 
     folder = out or (Path(world) / "pictures" if Path(world).is_dir() else Path())
     shown = _window(window)
@@ -193,8 +196,8 @@ def show(
 
     Grid, areas with their waypoints, routes in words, activities.
     """
-    from rvsg.api.authoring import load_world
     from rvsg.api.world_folders import world_summary
+    from rvsg.world.io.load import load_world
 
     loaded = load_world(world)
     if json:
@@ -206,8 +209,8 @@ def show(
 @app.command("list")
 def list_worlds(json: AsJson = False) -> None:
     """List the worlds that ship with RVSG."""
-    from rvsg.api.authoring import load_world, shipped_worlds
     from rvsg.api.world_folders import size_m, world_summary
+    from rvsg.world.io.load import load_world, shipped_worlds
 
     worlds = [load_world(name) for name in shipped_worlds()]
     if json:
@@ -231,7 +234,8 @@ def diff(
 
     An asterisk marks changes that can make a saved scenario invalid or different: map, objects, waypoints.
     """
-    from rvsg.api.authoring import differences, load_world
+    from rvsg.world.compare import differences
+    from rvsg.world.io.load import load_world
 
     found = differences(load_world(old), load_world(new))
     for difference in found:
@@ -271,7 +275,7 @@ def _numbers(option: str, form: str, text: str) -> tuple[float, ...]:
     """Return the numbers of an option such as X,Y in metres."""
     import math
 
-    from rvsg.api.errors import InputError
+    from rvsg.core.errors import InputError
 
     try:
         found = tuple(float(part) for part in text.split(","))
@@ -283,8 +287,8 @@ def _numbers(option: str, form: str, text: str) -> tuple[float, ...]:
 
 
 def _show_world(world: World) -> None:
-    from rvsg.api.authoring import route_paragraph
     from rvsg.api.world_folders import size_m
+    from rvsg.world.route_words import route_paragraph
 
     wide, high = size_m(world)
     grid = world.grid
@@ -312,8 +316,8 @@ def _show_world(world: World) -> None:
 
 
 def _show_created(created: Created, remarks: tuple[Remark, ...], folder: Path) -> None:
-    from rvsg.api.authoring import shipped_worlds
     from rvsg.api.world_folders import size_m
+    from rvsg.world.io.load import shipped_worlds
 
     world = created.world
     wide, high = size_m(world)
@@ -347,9 +351,9 @@ def name(
     RVSG writes accepted names into labels.yaml and keeps its comments. With --json, it prints the proposals and writes
     nothing.
     """
-    from rvsg.api.authoring import load_world
     from rvsg.api.describing import propose_names
-    from rvsg.api.editing import edit_world
+    from rvsg.world.authoring.editing import edit_world
+    from rvsg.world.io.load import load_world
 
     proposed = propose_names(
         load_world(folder),

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rvsg.evaluation.metrics import find_metric
+from rvsg.evaluation.metrics.registry import find_metric
 from rvsg.evaluation.sampled import Floats, sampled
 from rvsg.evaluation.signals import SIGNALS, NotKnown, formula, known_signals
 from rvsg.evaluation.temporal import body_of, signals_of

@@ -30,7 +30,8 @@ import math
 from collections.abc import Sequence
 
 from rvsg.core.errors import InputError, Unfit
-from rvsg.evaluation.metrics import find_metric, measure, metric
+from rvsg.evaluation.metrics import metric
+from rvsg.evaluation.metrics.registry import find_metric, measure
 from rvsg.evaluation.signals import formula, robustness
 from rvsg.evaluation.statistics import censored_median, clopper_pearson, mean_interval
 from rvsg.evaluation.verdict import DEFAULT, Procedure, Status, Verdict

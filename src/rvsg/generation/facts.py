@@ -12,7 +12,8 @@ import numpy as np
 from rvsg.generation.rehearsal import Rehearsal
 from rvsg.generation.replies import LONGEST_DELAY_S
 from rvsg.generation.reply_actors import MOST_MOVED
-from rvsg.robots import Robot, shipped_robots
+from rvsg.robots.files import shipped_robots
+from rvsg.robots.robot import Robot
 from rvsg.scenario.brief import Arrival, Brief, Feedback, Remembered, Row
 from rvsg.scenario.placement import start_gap_m
 from rvsg.scenario.requirement import Requirement

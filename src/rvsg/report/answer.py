@@ -7,16 +7,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from rvsg.campaign.plan import Plan
-from rvsg.evaluation.judge import OPEN, still_open, violated
+from rvsg.evaluation.judge import still_open, violated
 from rvsg.evaluation.verdict import Status, Verdict
-from rvsg.evaluation.wording import difference_in_words, share_in_words
+from rvsg.evaluation.wording import OPEN, counted, difference_in_words, number, share_in_words
 from rvsg.report.causes import Cause, Pair
 from rvsg.report.facts import AttemptFacts, RunFacts
 from rvsg.report.payload import INVOLVED_M
 from rvsg.report.pieces import Badge, Piece, Sentence, ids_of, span_of
 from rvsg.report.quantity import Why
 from rvsg.report.seen import distinct_runs, elsewhere, seen_beside
-from rvsg.report.summary import Summary, counted, interval, number
+from rvsg.report.summary import Summary, interval
 from rvsg.report.words import direction, quantity
 from rvsg.scenario.requirement import Requirement
 

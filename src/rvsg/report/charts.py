@@ -16,7 +16,7 @@ from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.plan import Plan
 from rvsg.campaign.ranking import search_attempts
 from rvsg.evaluation.verdict import Verdict
-from rvsg.report.summary import number
+from rvsg.evaluation.wording import number
 from rvsg.scenario.requirement import Requirement
 
 LETTER = 6.5

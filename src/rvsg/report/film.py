@@ -23,7 +23,7 @@ from rvsg.evaluation.wording import outcome_in_words
 from rvsg.report.frames import nearest_in_words
 from rvsg.report.payload import people_colours
 from rvsg.report.robots import footprint_of
-from rvsg.robots import Robot
+from rvsg.robots.robot import Robot
 from rvsg.simulation.run import Run
 from rvsg.world.drawing.placing import font
 from rvsg.world.drawing.plan import Picture, draw_plan

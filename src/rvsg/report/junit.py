@@ -9,8 +9,8 @@ from collections.abc import Iterable
 from rvsg.campaign.plan import Plan
 from rvsg.evaluation.judge import violated
 from rvsg.evaluation.verdict import Status
-from rvsg.evaluation.wording import how_sure
-from rvsg.report.summary import Ranked, Summary, counted, interval, number, status_in_words
+from rvsg.evaluation.wording import counted, how_sure, number, status_in_words
+from rvsg.report.summary import Ranked, Summary, interval
 from rvsg.report.words import metres
 
 

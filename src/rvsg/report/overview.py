@@ -20,15 +20,16 @@ from rvsg.campaign.plan import Plan
 from rvsg.core.files import write_whole
 from rvsg.evaluation.judge import still_open, violated
 from rvsg.evaluation.verdict import Status
-from rvsg.report.answer import CAUSE_WORDS
+from rvsg.evaluation.wording import counted, number
+from rvsg.report.answer import CAUSE_WORDS, headline
 from rvsg.report.facts import run_facts
 from rvsg.report.floors import area_colours
 from rvsg.report.frames import Turn, pin_radius
 from rvsg.report.labels import spread
 from rvsg.report.names import narrow_names
-from rvsg.report.page import environment, headline
+from rvsg.report.page import environment
 from rvsg.report.robot import robot_words
-from rvsg.report.summary import Summary, counted, in_short, interval, number
+from rvsg.report.summary import Summary, in_short, interval
 from rvsg.scenario.requirement import Requirement
 from rvsg.simulation.run import Run
 from rvsg.world.drawing.svg import floor_plan

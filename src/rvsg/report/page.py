@@ -25,7 +25,7 @@ from rvsg.campaign.plan import Plan
 from rvsg.campaign.ranking import rule
 from rvsg.core.files import write_whole
 from rvsg.evaluation.verdict import Verdict
-from rvsg.evaluation.wording import how_sure, why_ended
+from rvsg.evaluation.wording import counted, how_sure, number, why_ended
 from rvsg.generation.vlm.recording import Recording
 from rvsg.report.answer import answer, headline
 from rvsg.report.broken import broken
@@ -39,7 +39,7 @@ from rvsg.report.names import narrow_names
 from rvsg.report.replay import component, replay_data
 from rvsg.report.robot import robot_words
 from rvsg.report.shown import Shown, look_of
-from rvsg.report.summary import Summary, counted, number, summarise, tried_of
+from rvsg.report.summary import Summary, summarise, tried_of
 from rvsg.report.tables import finding_rows, people_rows, run_rows
 from rvsg.report.thinking import thinking
 from rvsg.report.under_test import under_test

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.evaluation.judge import objective
-from rvsg.evaluation.metrics import find_metric
+from rvsg.evaluation.metrics.registry import find_metric
 from rvsg.evaluation.sampled import sampled
 from rvsg.scenario.requirement import Requirement
 from rvsg.simulation.run import Outcome, Run, Trajectory

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rvsg.evaluation.metrics import METRICS
+from rvsg.evaluation.metrics.registry import METRICS
 from rvsg.scenario.requirement import shipped_requirements
 
 INTRODUCTION = """`rvsg metrics` prints the same list; `rvsg metrics --run FILE` measures a run. A metric is None

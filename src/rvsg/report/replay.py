@@ -6,12 +6,12 @@ from collections.abc import Iterable
 from importlib import resources
 from typing import Any
 
+from rvsg.evaluation.wording import counted
 from rvsg.generation.actors import added
 from rvsg.report.facts import AttemptFacts, RunFacts
 from rvsg.report.payload import ReplayGroup, ReplayRun, replay_payload
 from rvsg.report.robots import footprint_of
 from rvsg.report.shown import Shown, group_label, in_order
-from rvsg.report.summary import counted
 from rvsg.report.tables import manner
 from rvsg.report.words import quantity, unbroken, untimed
 from rvsg.scenario.requirement import Requirement

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 import rvsg
 from rvsg.campaign.exploration import Exploration
 from rvsg.evaluation.response import Surface
+from rvsg.evaluation.wording import number
 from rvsg.report.charts import Scale, ticks
 from rvsg.report.page import environment
-from rvsg.report.summary import number
 from rvsg.scenario.ranges import Range
 
 Floats = NDArray[np.float64]

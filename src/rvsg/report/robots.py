@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from rvsg.robots import Robot
+from rvsg.robots.robot import Robot
 from rvsg.simulation.run import Run
 
 EDGES = 24

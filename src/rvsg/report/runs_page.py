@@ -12,7 +12,7 @@ from rvsg.campaign.attempt import Attempt, Measurement
 from rvsg.campaign.plan import Plan
 from rvsg.core.files import write_whole
 from rvsg.evaluation.verdict import Verdict
-from rvsg.evaluation.wording import how_sure
+from rvsg.evaluation.wording import counted, how_sure
 from rvsg.generation.generator import Proposal
 from rvsg.report.answer import answer_of_runs
 from rvsg.report.facts import AttemptFacts, run_facts
@@ -23,7 +23,7 @@ from rvsg.report.page import SHOWN_TASKS, environment, script_safe
 from rvsg.report.replay import component, data_of
 from rvsg.report.robot import robot_words
 from rvsg.report.shown import Shown
-from rvsg.report.summary import counted, summarise
+from rvsg.report.summary import summarise
 from rvsg.report.tables import people_rows, run_rows_of
 from rvsg.report.under_test import under_test
 from rvsg.scenario.brief import Brief

@@ -8,10 +8,10 @@ from collections.abc import Iterable, Sequence
 from rvsg.campaign.plan import Plan
 from rvsg.evaluation.naming import place_name
 from rvsg.evaluation.story import what_is_hit
+from rvsg.evaluation.wording import counted, number
 from rvsg.report.causes import Pair
 from rvsg.report.facts import AttemptFacts, RunFacts
 from rvsg.report.pieces import Badge, Piece, Sentence, ids_of, span_of
-from rvsg.report.summary import counted, number
 from rvsg.report.words import metres
 
 

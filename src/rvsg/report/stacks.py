@@ -10,13 +10,13 @@ from markupsafe import Markup
 
 import rvsg
 from rvsg.campaign.stack_scores import StackPair, StackScore, StackScores
+from rvsg.evaluation.wording import counted
 from rvsg.report.charts import Scale
 from rvsg.report.comparison import COLOURS
 from rvsg.report.floors import area_colours
 from rvsg.report.frames import Turn
 from rvsg.report.names import narrow_names
 from rvsg.report.page import environment
-from rvsg.report.summary import counted
 from rvsg.world.drawing.svg import floor_plan
 from rvsg.world.world import World
 

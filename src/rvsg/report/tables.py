@@ -6,14 +6,14 @@ from collections import Counter
 from typing import Any
 
 from rvsg.campaign.attempt import Attempt
-from rvsg.evaluation.judge import OPEN, still_open
+from rvsg.evaluation.judge import still_open
 from rvsg.evaluation.verdict import Status, Verdict
-from rvsg.evaluation.wording import outcome_in_words
+from rvsg.evaluation.wording import OPEN, number, outcome_in_words
 from rvsg.report.answer import CAUSE_WORDS, tone_of
 from rvsg.report.facts import AttemptFacts
 from rvsg.report.payload import people_colours
 from rvsg.report.shown import Shown, group_label, in_order
-from rvsg.report.summary import in_short, interval, number
+from rvsg.report.summary import in_short, interval
 from rvsg.report.words import metres
 from rvsg.scenario.scenario import Behaviour, Human
 

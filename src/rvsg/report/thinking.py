@@ -10,11 +10,11 @@ import numpy as np
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.plan import Plan
 from rvsg.campaign.ranking import search_attempts
-from rvsg.evaluation.wording import percent
+from rvsg.evaluation.wording import counted, number, percent
 from rvsg.generation.generator import Call
 from rvsg.report.conversation import Conversations
 from rvsg.report.frames import Look
-from rvsg.report.summary import counted, interval, number
+from rvsg.report.summary import interval
 from rvsg.report.words import metres
 from rvsg.scenario.brief import Feedback
 from rvsg.scenario.scenario import HumanConfiguration

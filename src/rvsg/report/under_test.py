@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from rvsg.report.summary import counted
+from rvsg.evaluation.wording import counted
 from rvsg.simulation.run import Run
 
 

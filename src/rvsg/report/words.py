@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 
-from rvsg.evaluation.metrics import find_metric
+from rvsg.evaluation.metrics.registry import find_metric
 from rvsg.evaluation.story import Sentence
 from rvsg.scenario.requirement import Requirement
 

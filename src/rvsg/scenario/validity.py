@@ -11,7 +11,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.robots import Robot
+from rvsg.robots.robot import Robot
 from rvsg.scenario.adaptation import changes_that_matter
 from rvsg.scenario.placement import size_findings, spawn_findings, speed_range, staged_findings, start_gap_m
 from rvsg.scenario.rules import MAX_HUMANS, START_CLEARANCE_M, Finding

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.core.seeds import stream
-from rvsg.robots import Robot
+from rvsg.robots.robot import Robot
 from rvsg.scenario.agents import HumanAgent, decode
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.protocol import Simulator

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Protocol
 
-from rvsg.robots import Robot
+from rvsg.robots.robot import Robot
 from rvsg.scenario.scenario import ROBOT, Scenario
 from rvsg.simulation.run import Run
 from rvsg.world.world import World

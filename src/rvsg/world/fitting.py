@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from rvsg.core.records import Pose
-from rvsg.robots import Robot
 from rvsg.robots.polygons import padded, rectangle
+from rvsg.robots.robot import Robot
 from rvsg.world.route_words import length_m, line_of
 from rvsg.world.space import Space, robot_space
 from rvsg.world.world import Route, World

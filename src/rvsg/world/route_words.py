@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.core.records import Pose
-from rvsg.robots import Robot
+from rvsg.robots.robot import Robot
 from rvsg.world.grid import Grid
 from rvsg.world.passages import narrow_passages
 from rvsg.world.world import Area, Route, World

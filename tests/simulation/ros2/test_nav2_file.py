@@ -11,8 +11,7 @@ from tests.coded import coded
 
 from rvsg.cli import main
 from rvsg.core.errors import InputError
-from rvsg.robots import load_robot
-from rvsg.robots.files import shipped_robots
+from rvsg.robots.files import load_robot, shipped_robots
 from rvsg.simulation.embedded.stack import stack_of
 from rvsg.simulation.stacks.configured import Configured, Nav2Settings
 from rvsg.simulation.stacks.nav2_params import read_nav2_params

@@ -11,7 +11,7 @@ from tests.coded import coded
 from rvsg.api.simulating import described
 from rvsg.core.errors import InputError, InvalidOptions
 from rvsg.core.plugins import Spec, make
-from rvsg.robots import load_robot
+from rvsg.robots.files import load_robot
 from rvsg.simulation.stacks.registry import StackChoice
 from rvsg_ros2.launching import Launched, ros_environment
 from rvsg_ros2.options import domain_of, read_options

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from rvsg_exchange.messages import Messages
 
 if TYPE_CHECKING:
-    from rvsg.robots import Lidar
+    from rvsg.robots.robot import Lidar
     from rvsg.simulation.embedded.trace import Evaluation, Frame, Trace
 
 Event = tuple[int, str, Any]

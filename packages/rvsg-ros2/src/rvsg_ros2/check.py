@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from rvsg.core.errors import SimulationError
-from rvsg.robots import Robot
+from rvsg.robots.robot import Robot
 from rvsg_ros2.dds import Bus, Endpoint, Graph
 from rvsg_ros2.interfaces import Release, interfaces
 from rvsg_ros2.node_parameters import OTHER_ROBOT_M, NodeParameters, ask_nodes

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from rvsg.core.errors import UnknownName
-from rvsg.robots import Robot, load_robot
-from rvsg.robots.files import DEFAULT_ROBOT
+from rvsg.robots.files import DEFAULT_ROBOT, load_robot
+from rvsg.robots.robot import Robot
 from rvsg.simulation.stacks.registry import StackChoice, StackLike
 from rvsg_ros2.check import Found, check_system
 from rvsg_ros2.interfaces import RELEASES, Release

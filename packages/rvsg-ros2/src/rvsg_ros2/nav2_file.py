@@ -12,8 +12,8 @@ from typing import Any
 import yaml
 
 from rvsg.core.errors import InputError
-from rvsg.robots import Robot
 from rvsg.robots.navigation import MonitorPolygon
+from rvsg.robots.robot import Robot
 from rvsg.simulation.embedded.stack import planned_range, speeds
 from rvsg.simulation.stacks.configured import Configured, Nav2Settings
 from rvsg.simulation.stacks.mppi import Mppi

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from rvsg.robots import Robot
+from rvsg.robots.robot import Robot
 from rvsg_ros2.dds import Bus
 
 GET_PARAMETERS = "rcl_interfaces/srv/GetParameters"

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from rvsg.robots import Lidar, Robot
+from rvsg.robots.robot import Lidar, Robot
 from rvsg.simulation.stacks.protocol import Observation, Scan
 from rvsg.world.world import OCCUPIED, UNKNOWN, World
 from rvsg_ros2.dds import Bus

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from rvsg.core.errors import InputError, SimulationError
-from rvsg.robots import Robot
+from rvsg.robots.robot import Robot
 from rvsg_ros2.dds import ActionClient, Bus, Client, Graph, Subscription
 from rvsg_ros2.interfaces import RELEASES, Release, interfaces
 from rvsg_ros2.launching import Launched, ros_environment

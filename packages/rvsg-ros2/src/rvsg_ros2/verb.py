@@ -93,7 +93,7 @@ def new_params(
 
     Frames and topics match those of the stack ros2, so `rvsg run --stack ros2` works with the file as it is.
     """
-    from rvsg.api.files import write_whole
+    from rvsg.core.files import write_whole
     from rvsg_ros2.commands import new_nav2_params, release_named
 
     text = new_nav2_params(robot, stack, pairs("stack", stack_option), release=release_named(release))

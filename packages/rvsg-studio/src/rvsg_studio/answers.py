@@ -14,19 +14,21 @@ from fastapi.responses import Response
 
 import rvsg
 from rvsg import Scenario, Spec, World
-from rvsg.api.authoring import shipped_worlds, trial_of
 from rvsg.api.conversations import picture_of_call
 from rvsg.api.editing import History, editable_world, remarks_on
-from rvsg.api.errors import InputError
-from rvsg.api.files import write_whole
-from rvsg.api.requirements import Requirement, load_requirement, shipped_requirements
+from rvsg.api.requirements import load_requirement
 from rvsg.api.scenarios import check_valid, load_scenario_in, save_scenario
 from rvsg.api.showing import floor_of, related, replay_of_attempts, replay_of_runs
 from rvsg.api.simulating import RunSet
+from rvsg.api.trial import trial_of
 from rvsg.api.trying import BEHAVIOURS, empty_scenario, scenario_of, simulated, try_out, with_person
 from rvsg.api.versions import VersionComparison, compare_versions
-from rvsg.api.words import counted
 from rvsg.api.worlds import world_of
+from rvsg.core.errors import InputError
+from rvsg.core.files import write_whole
+from rvsg.evaluation.wording import counted
+from rvsg.scenario.requirement import Requirement, shipped_requirements
+from rvsg.world.io.load import shipped_worlds
 from rvsg_studio.workspace import Workspace
 
 Answer = Callable[[Workspace, dict[str, Any]], Any]

@@ -7,8 +7,8 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
-from rvsg.api.errors import InputError
-from rvsg.api.files import write_whole
+from rvsg.core.errors import InputError
+from rvsg.core.files import write_whole
 from rvsg_studio.frame import field, tag, text_input
 from rvsg_studio.workspace import Workspace
 

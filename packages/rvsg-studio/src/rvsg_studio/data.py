@@ -11,8 +11,8 @@ from fastapi import FastAPI, Request
 from fastapi.responses import JSONResponse, Response
 from nicegui import run
 
-from rvsg.api.errors import RvsgError
-from rvsg.api.showing import component, look
+from rvsg.core.errors import RvsgError
+from rvsg.report.replay import component, look
 from rvsg_studio import answers, naming, received
 from rvsg_studio.tracing import trace
 from rvsg_studio.typed import typed, typed_keep

@@ -16,7 +16,7 @@ from urllib.parse import urlencode
 from nicegui import run, ui
 from nicegui.elements.mixins.text_element import TextElement
 
-from rvsg.api.errors import RvsgError
+from rvsg.core.errors import RvsgError
 from rvsg_studio.workspace import Workspace
 
 PAGES = (

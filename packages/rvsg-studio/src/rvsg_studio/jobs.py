@@ -24,7 +24,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from rvsg.api.errors import InputError
+from rvsg.core.errors import InputError
 
 JOB, EVENTS, RESULT, LOCK, LOG = "job.json", "events.jsonl", "result.json", ".lock", "worker.log"
 PAUSE = "pause"

@@ -6,8 +6,8 @@ import shutil
 from pathlib import Path
 from typing import Any
 
-from rvsg.api.errors import InputError
-from rvsg.api.files import write_whole
+from rvsg.core.errors import InputError
+from rvsg.core.files import write_whole
 from rvsg_studio.workspace import Workspace
 
 KINDS = (".yaml", ".yml", ".pgm", ".png", ".bmp", ".sdf", ".world")

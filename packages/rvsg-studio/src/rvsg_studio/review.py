@@ -9,9 +9,10 @@ from typing import Any
 from pydantic import BaseModel
 
 import rvsg
-from rvsg.api.authoring import Description, shipped_worlds
-from rvsg.api.files import write_whole
-from rvsg.api.models import description_of
+from rvsg.core.files import write_whole
+from rvsg.generation.environment import description_of
+from rvsg.world.io.load import shipped_worlds
+from rvsg.world.world import Description
 from rvsg_studio.jobs import Job
 from rvsg_studio.workspace import Workspace
 

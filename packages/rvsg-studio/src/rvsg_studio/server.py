@@ -13,7 +13,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rvsg.api.errors import FileError, InputError, how_to_install
+from rvsg.core.errors import FileError, InputError, how_to_install
 
 if TYPE_CHECKING:
     from fastapi import FastAPI

@@ -8,8 +8,8 @@ import threading
 from collections.abc import Mapping
 from typing import Any
 
-from rvsg.api.errors import InputError
-from rvsg.api.files import write_whole
+from rvsg.core.errors import InputError
+from rvsg.core.files import write_whole
 from rvsg_studio.workspace import Workspace
 
 _keeping = threading.Lock()

@@ -9,8 +9,8 @@ from pathlib import Path
 from threading import Lock
 from typing import Any
 
-from rvsg.api.errors import InputError
 from rvsg.api.listing import Lister, Listing
+from rvsg.core.errors import InputError
 from rvsg_studio.jobs import Jobs
 
 OWN = ".rvsg-studio"

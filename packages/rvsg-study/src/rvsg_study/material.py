@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rvsg.campaign.attempt import Attempt, Ledger, Measurement
 from rvsg.evaluation.diversity import positions
-from rvsg.evaluation.metrics import measure
+from rvsg.evaluation.metrics.registry import measure
 from rvsg.scenario.requirement import Requirement
 from rvsg.simulation.run import Run
 from rvsg_study.study_folder import FOREIGN

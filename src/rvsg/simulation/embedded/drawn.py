@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 from rvsg.core.seeds import stream
 from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded.options import SimulatorOptions
-from rvsg.simulation.embedded.people import PeopleOptions
-from rvsg.simulation.embedded.people.crowd import PERIOD_S, beginning, begins_early
+from rvsg.simulation.embedded.people.crowd import PERIOD_S, PeopleOptions, beginning, begins_early
 from rvsg.simulation.embedded.scene import Scene, Surroundings
 from rvsg.simulation.embedded.sensing.localisation import Localisation, known_offset, particle_filter
 from rvsg.simulation.embedded.state import Settings

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.core.compiled import kernel
-from rvsg.robots import Robot
+from rvsg.robots.robot import Robot
 from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded import state as st
 from rvsg.simulation.embedded.episode import Answer, Episode, Outside

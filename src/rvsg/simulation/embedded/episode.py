@@ -28,8 +28,8 @@ from rvsg.simulation.embedded.navigation.behaviour_tree import (
 )
 from rvsg.simulation.embedded.navigation.controllers import dwb
 from rvsg.simulation.embedded.navigation.planners.choice import plan_outside
-from rvsg.simulation.embedded.people import PERIOD_S, Crowd, tick
-from rvsg.simulation.embedded.people.crowd import CrowdRef
+from rvsg.simulation.embedded.people.behaviour import tick
+from rvsg.simulation.embedded.people.crowd import PERIOD_S, Crowd, CrowdRef
 from rvsg.simulation.embedded.scene import Scene, SceneRef
 from rvsg.simulation.embedded.sensing.lidar import place_legs
 from rvsg.simulation.embedded.sensing.localisation import ACTIVE, localise

@@ -12,7 +12,7 @@ from scipy import ndimage
 from rvsg.core.compiled import inner, kernel
 from rvsg.core.errors import InputError
 from rvsg.core.references import by_reference
-from rvsg.robots import Robot
+from rvsg.robots.robot import Robot
 from rvsg.simulation.embedded.navigation.costmap import (
     FREE,
     INSCRIBED,

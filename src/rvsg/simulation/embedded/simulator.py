@@ -15,8 +15,8 @@ from rvsg.core.compiled import cache_folder, is_cached
 from rvsg.core.errors import InputError, SimulationError
 from rvsg.core.records import Pose
 from rvsg.core.seeds import stream
-from rvsg.robots import Robot, load_robot
-from rvsg.robots.files import DEFAULT_ROBOT
+from rvsg.robots.files import DEFAULT_ROBOT, load_robot
+from rvsg.robots.robot import Robot
 from rvsg.scenario.agents import HumanAgent, decode
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.embedded import base
@@ -30,8 +30,7 @@ from rvsg.simulation.embedded.navigation.controllers.rollouts import rollouts as
 from rvsg.simulation.embedded.navigation.controllers.samples import sample_table
 from rvsg.simulation.embedded.navigation.journal import navigation_events
 from rvsg.simulation.embedded.options import PROFILES, SimulatorOptions, profile
-from rvsg.simulation.embedded.people import initial
-from rvsg.simulation.embedded.people.crowd import Crowd
+from rvsg.simulation.embedded.people.crowd import Crowd, initial
 from rvsg.simulation.embedded.people.recorded import events_of
 from rvsg.simulation.embedded.rehearsal import rehearsal
 from rvsg.simulation.embedded.scene import Scene, Surroundings

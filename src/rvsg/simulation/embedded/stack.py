@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.core.references import by_reference
-from rvsg.robots import Robot
 from rvsg.robots.polygons import distance, inside, padded, reach, rectangle
+from rvsg.robots.robot import Robot
 
 Floats = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from rvsg.core.records import Pose
 from rvsg.robots.polygons import rectangle
 from rvsg.simulation.embedded.contact import overlap_at_start
 from rvsg.simulation.embedded.navigation.costmap import LETHAL
-from rvsg.simulation.embedded.people import Crowd
+from rvsg.simulation.embedded.people.crowd import Crowd
 from rvsg.simulation.embedded.scene import Scene, Surroundings
 from rvsg.simulation.embedded.walls import free_pose
 

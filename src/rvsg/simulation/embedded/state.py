@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.core.references import by_reference
-from rvsg.robots import Robot
+from rvsg.robots.robot import Robot
 from rvsg.simulation.embedded.base import new_body
 from rvsg.simulation.embedded.navigation.controllers import dwb
 from rvsg.simulation.embedded.navigation.controllers.rollouts import Rollouts, rollouts

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from rvsg.core.compiled import inner, kernel
 from rvsg.core.records import Pose
 from rvsg.core.references import by_reference, refer
-from rvsg.robots import Robot
 from rvsg.robots.polygons import reach, rectangle
+from rvsg.robots.robot import Robot
 from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded.outline import contact_with, is_inside
 from rvsg.simulation.events import ObstacleContact

@@ -9,9 +9,8 @@ from pydantic import Field, ValidationError
 
 from rvsg.core.documents import invalid_options
 from rvsg.core.records import Record
-from rvsg.robots import Robot, SafetyZone
 from rvsg.robots.navigation import Behaviours, Costmaps, Dwb, MonitorPolygon, Planner, Smoother
-from rvsg.robots.robot import Polygon
+from rvsg.robots.robot import Polygon, Robot, SafetyZone
 from rvsg.simulation.stacks.protocol import LocalPlanner
 
 AS_JAZZY: Mapping[str, Any] = {"smoothed": True, "waits_for_costmaps": True, "gives_up_without_plan": True}

@@ -18,8 +18,8 @@ from pydantic import Field
 
 from rvsg.core.records import Record
 from rvsg.core.seeds import stream
-from rvsg.robots import Robot
 from rvsg.robots.polygons import distance, padded, reach
+from rvsg.robots.robot import Robot
 from rvsg.simulation.stacks.configured import AS_JAZZY, Configured, Nav2Settings
 from rvsg.simulation.stacks.mppi_kernel import optimise
 from rvsg.simulation.stacks.mppi_work import Numbers, bind, new_work, start_again

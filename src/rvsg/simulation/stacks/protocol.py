@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.core.records import Pose
-from rvsg.robots import Robot
+from rvsg.robots.robot import Robot
 from rvsg.world.world import World
 
 Floats = NDArray[np.float64]

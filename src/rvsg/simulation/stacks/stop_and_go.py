@@ -8,8 +8,8 @@ from typing import Annotated, ClassVar
 import numpy as np
 from pydantic import Field, model_validator
 
-from rvsg.robots import Robot
 from rvsg.robots.polygons import rectangle
+from rvsg.robots.robot import Robot
 from rvsg.simulation.stacks.configured import Nav2Settings
 from rvsg.simulation.stacks.protocol import LocalObservation, Task
 from rvsg.simulation.stacks.pure_pursuit import PurePursuit, PurePursuitSettings

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from rvsg.core.documents import DocumentError, Problem
 from rvsg.core.errors import FileError
-from rvsg.robots import Robot
+from rvsg.robots.robot import Robot
 from rvsg.world.authoring.check_areas import check_activities, check_areas
 from rvsg.world.authoring.check_grid import (
     check_aisles,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rvsg.core.documents import read_document
 from rvsg.core.errors import FileError, InputError
-from rvsg.robots import Robot
+from rvsg.robots.robot import Robot
 from rvsg.world.authoring.actors import usual_actors
 from rvsg.world.authoring.labels import propose_areas
 from rvsg.world.authoring.outside import Choices, main_part, within

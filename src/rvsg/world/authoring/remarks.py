@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rvsg.core.documents import Document, Problem, read_yaml
-from rvsg.robots import Robot
+from rvsg.robots.robot import Robot
 from rvsg.world.authoring.fixes import Fix
 from rvsg.world.authoring.trial import Trial
 from rvsg.world.grid import GridSpec

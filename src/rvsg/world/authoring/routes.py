@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.core.records import Pose
-from rvsg.robots import Robot, load_robot
-from rvsg.robots.files import DEFAULT_ROBOT
+from rvsg.robots.files import DEFAULT_ROBOT, load_robot
 from rvsg.robots.polygons import padded, rectangle
+from rvsg.robots.robot import Robot
 from rvsg.world.authoring.trial import Trial
 from rvsg.world.fitting import fitted
 from rvsg.world.grid import Grid

@@ -9,10 +9,11 @@ from typing import Any
 
 from nicegui import ui
 
-from rvsg.api.authoring import Description
 from rvsg.api.describing import difference
-from rvsg.api.errors import InputError, RvsgError
-from rvsg.api.models import named_in, store_description
+from rvsg.api.models import named_in
+from rvsg.core.errors import InputError, RvsgError
+from rvsg.generation.environment import store_description
+from rvsg.world.world import Description
 from rvsg_studio.asked_model import asked_model, model_form
 from rvsg_studio.frame import Page, as_script, field, load, page, problem, tag
 from rvsg_studio.jobs import Job

@@ -12,12 +12,13 @@ from typing import Any
 from nicegui import ui
 
 import rvsg
-from rvsg.api.authoring import shipped_worlds
-from rvsg.api.errors import InputError, RvsgError
-from rvsg.api.proposing import Proposal, read_proposal
-from rvsg.api.requirements import shipped_requirements
+from rvsg.api.proposing import read_proposal
 from rvsg.api.scenarios import load_scenario_in, save_scenario
-from rvsg.api.words import counted
+from rvsg.core.errors import InputError, RvsgError
+from rvsg.evaluation.wording import counted
+from rvsg.generation.generator import Proposal
+from rvsg.scenario.requirement import shipped_requirements
+from rvsg.world.io.load import shipped_worlds
 from rvsg_studio.asked_model import asked_model, model_form
 from rvsg_studio.frame import Page, chip, field, link, load, page, select, tag, text_input
 from rvsg_studio.jobs import Job

@@ -6,9 +6,9 @@ import shlex
 
 from nicegui import ui
 
-from rvsg.api.errors import RvsgError
 from rvsg.api.listing import FoundCampaign
 from rvsg.api.matrix import Matrix
+from rvsg.core.errors import RvsgError
 from rvsg_studio.frame import Page, chip, link, load, page, problem, tag
 from rvsg_studio.jobs import Job
 from rvsg_studio.workspace import Workspace

@@ -5,7 +5,7 @@ from __future__ import annotations
 from nicegui import ui
 
 import rvsg
-from rvsg.api.errors import RvsgError
+from rvsg.core.errors import RvsgError
 from rvsg_studio.frame import address, chip, link, load, page, problem, tag
 from rvsg_studio.pages.finding import JobLine
 from rvsg_studio.workspace import Workspace

@@ -8,9 +8,13 @@ from typing import Any
 
 from nicegui import ui
 
-from rvsg.api.authoring import check_world, save_world, shipped_worlds, world_from_map, world_from_sdf, write_readme
 from rvsg.api.editing import editable_world, folder_of_world
-from rvsg.api.errors import InputError, RvsgError
+from rvsg.core.errors import InputError, RvsgError
+from rvsg.world.authoring.check import check_world
+from rvsg.world.authoring.create import world_from_map, world_from_sdf
+from rvsg.world.authoring.readme import write_readme
+from rvsg.world.io.load import shipped_worlds
+from rvsg.world.io.save import save_world
 from rvsg_studio.frame import Page, address, field, load, page, problem, tag, text_input
 from rvsg_studio.received import KINDS, forget, received
 from rvsg_studio.typed import Typed

@@ -15,9 +15,9 @@ from rvsg.core.errors import InputError
 from rvsg.core.records import Record
 from rvsg.core.references import by_reference
 from rvsg.core.seeds import stream
-from rvsg.robots import Robot, load_robot
-from rvsg.robots.files import DEFAULT_ROBOT
+from rvsg.robots.files import DEFAULT_ROBOT, load_robot
 from rvsg.robots.polygons import reach, rectangle
+from rvsg.robots.robot import Robot
 from rvsg.scenario.agents import HumanAgent
 from rvsg.scenario.scenario import Behaviour, ForceFactors, Reaction
 from rvsg.simulation.embedded.people.obstacles import Surfaces, boxes_of

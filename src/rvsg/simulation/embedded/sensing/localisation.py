@@ -25,7 +25,7 @@ from scipy import ndimage
 
 from rvsg.core.compiled import inner
 from rvsg.core.references import by_reference
-from rvsg.robots import Lidar
+from rvsg.robots.robot import Lidar
 from rvsg.simulation.embedded.base import wrap
 from rvsg.simulation.embedded.sensing.lidar import LEG_RADIUS_M, cast_disc, cast_edge
 from rvsg.world.world import OccupancyMap
