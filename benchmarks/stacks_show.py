@@ -145,7 +145,7 @@ def write_docs(found: StackScores, docs: Path) -> None:
     (images / "stacks-ranking.svg").write_text(stacks_figure(found))
     (images / "stacks-where.svg").write_text(places(found))
     tables = stacks_markdown(found).partition("\n\n")[2]
-    page = docs / "explanation" / "stacks-compared.md"
+    page = docs.parent / "benchmarks" / "results" / "stacks.md"
     before, _, rest = page.read_text().partition(BEGIN)
     page.write_text(f"{before}{BEGIN}\n\n{parts_table(found)}\n\n{tables}\n{END}{rest.partition(END)[2]}")
 

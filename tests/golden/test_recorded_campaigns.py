@@ -31,7 +31,7 @@ GOLDEN = Path(__file__).parent / "recorded_configurations.json"
 RECORD_AGAIN = (
     "A prompt or a picture is not what it was when the shipped demonstrations were recorded, so `rvsg demo --strict` "
     "stops. Either undo the change, or record them again with a vision language model: benchmarks/ship_recording.py "
-    "says how. Then renew recorded_configurations.json and the numbers of docs/explanation/vlm.md. (If only the "
+    "says how. Then renew recorded_configurations.json and the numbers of benchmarks/results/models.md. (If only the "
     "digest of a picture differs, compare the versions of Pillow and numpy with constraints.txt first.)"
 )
 
