@@ -13,7 +13,7 @@ from pathlib import Path
 
 from rvsg.core.errors import InputError
 from rvsg.core.records import Pose
-from rvsg.scenario.agents import HumanAgent
+from rvsg.scenario.scenario import HumanAgent
 from rvsg.world.grid import Grid
 from rvsg_study.study_format import read_study_configuration
 

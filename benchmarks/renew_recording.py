@@ -19,13 +19,11 @@ from rvsg.api.demos import CAMPAIGN, FOLDER
 from rvsg.core.documents import read_yaml
 from rvsg.evaluation.aims import aim_of, moved_by
 from rvsg.generation.conversation import DRIVE, Conversation, VlmGenerator, session_of
-from rvsg.generation.dialogue import Dialogue
 from rvsg.generation.environment import EnvironmentDialogue
-from rvsg.generation.prompts import Prompts
-from rvsg.generation.rehearsal import Rehearsal
-from rvsg.generation.reply_schema import configuration_schema
-from rvsg.generation.vlm.recording import CALLS, Recorded, Recording, place_of
-from rvsg.generation.vlm.replay import Replayed
+from rvsg.generation.generator import Rehearsal
+from rvsg.generation.prompts import Dialogue, Prompts
+from rvsg.generation.reply_json import configuration_schema
+from rvsg.generation.vlm.recording import CALLS, Recorded, Recording, Replayed, place_of
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.requirement import load_requirement
 from rvsg.scenario.scenario import Mission

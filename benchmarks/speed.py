@@ -29,7 +29,7 @@ ROUTES = ("route_1", "route_5")
 
 def walkers(world: Any, count: int, seed: int) -> list[Any]:
     """Return people on random shortest ways there and back, none of whom starts at the robot."""
-    from rvsg.scenario.agents import HumanAgent
+    from rvsg.scenario.scenario import HumanAgent
 
     rng = np.random.default_rng(seed)
     names = sorted(world.grid.valid)

@@ -16,7 +16,7 @@ import numpy as np
 from rvsg.core.records import Pose
 from rvsg.robots.files import load_robot, shipped_robots
 from rvsg.robots.robot import Robot
-from rvsg.scenario.agents import HumanAgent
+from rvsg.scenario.scenario import HumanAgent
 from rvsg.simulation.embedded.simulator import simulate_agents
 from rvsg.simulation.run import Run
 from rvsg.world.fitting import fitted

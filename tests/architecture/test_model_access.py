@@ -11,4 +11,4 @@ def test_one_module_imports_the_clients_of_models() -> None:
         for line in path.read_text(encoding="utf-8").splitlines()
         if line.strip().startswith(tuple(f"{word} {client}" for word in ("import", "from") for client in clients))
     }
-    assert importing == {"generation/vlm/access.py"}
+    assert importing == {"generation/vlm/client.py"}

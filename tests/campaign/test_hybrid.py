@@ -18,9 +18,9 @@ from rvsg.campaign.told import last_written, tried, tuning_of
 from rvsg.core.errors import BudgetSpent, GenerationError, NotRecorded
 from rvsg.generation.generator import Call, Proposal
 from rvsg.scenario.brief import Brief
-from rvsg.scenario.differences import differences
 from rvsg.scenario.requirement import Aim
 from rvsg.scenario.scenario import Human, HumanConfiguration, Scenario, Task
+from rvsg.scenario.variation import differences
 from rvsg.simulation.kinematic import KinematicSimulator
 
 PLAN = {"scenarios": 5, "refinements": 3, "repeats": 3, "confirmations": 0, "budget_runs": 60}

@@ -11,8 +11,8 @@ from rvsg.campaign.loop import feedback_from, run_campaign
 from rvsg.campaign.strategies import StudyStrategy
 from rvsg.campaign.walks import arrivals, walk_of
 from rvsg.core import plugins
-from rvsg.scenario.differences import differences
 from rvsg.scenario.scenario import Human, HumanConfiguration, Pause, Scenario, Task, begin_at
+from rvsg.scenario.variation import differences
 from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.simulation.run import Run
 

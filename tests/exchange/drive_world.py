@@ -14,7 +14,7 @@ from tests.simulation.ros2.drive import raise_loopback
 
 from rvsg.core.errors import RvsgError
 from rvsg.core.records import Pose
-from rvsg.scenario.agents import HumanAgent
+from rvsg.scenario.scenario import HumanAgent
 from rvsg.simulation.archive import run_from_json, run_to_json
 from rvsg.simulation.embedded.rehearsal import empty_room
 from rvsg.world.world import Route

@@ -10,8 +10,7 @@ from tests.exchange.agents_files import BLOCK, FLAT, V2
 
 from rvsg.core.documents import DocumentError
 from rvsg.core.errors import FileError
-from rvsg.scenario.agents import FOREVER_S, HumanAgent
-from rvsg.scenario.scenario import Behaviour, ForceFactors, Reaction
+from rvsg.scenario.scenario import FOREVER_S, Behaviour, ForceFactors, HumanAgent, Reaction
 from rvsg_exchange.hunav import agents_yaml, export_agents, read_agents, to_humans, write_agents
 
 DIALECTS = {"flat": FLAT, "block": BLOCK, "v2": V2}

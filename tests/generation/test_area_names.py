@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from rvsg.core.errors import GenerationError
-from rvsg.generation.area_names import LONGEST_NAME, propose_area_names
+from rvsg.generation.environment import LONGEST_NAME, propose_area_names
 from rvsg.generation.prompts import Prompts
 from rvsg.generation.vlm.model import Scripted
 from rvsg.world.world import World

@@ -10,12 +10,10 @@ from tests.conformance.briefs import odd_briefs
 
 from rvsg.core.errors import BudgetSpent, InputError, ModelUnavailable, ReplayDiverged
 from rvsg.generation.conversation import VlmGenerator
-from rvsg.generation.generator import Proposal
-from rvsg.generation.pictures import Way, pictures_of
-from rvsg.generation.rehearsal import Rehearsal
+from rvsg.generation.facts import Way, pictures_of
+from rvsg.generation.generator import Proposal, Rehearsal
 from rvsg.generation.replies import LESSON_CHARACTERS
-from rvsg.generation.vlm.messages import Answer, Request, picture_tokens
-from rvsg.generation.vlm.model import Scripted
+from rvsg.generation.vlm.model import Answer, Request, Scripted, picture_tokens
 from rvsg.generation.vlm.recording import Recording
 from rvsg.scenario.brief import (
     Arrival,

@@ -6,11 +6,15 @@ from tests.scenario.small_world import MISSION, WORLD, human
 
 from rvsg.generation.forecast import (
     ROBOT_SPEED_M_S,
+    SOCIAL_WEIGHT,
+    STARTS_AFTER_S,
+    STEP_S,
+    TURNS_FOR_S,
     Forecaster,
     goals_of,
+    push,
 )
-from rvsg.generation.forecast_kernel import SOCIAL_WEIGHT, STARTS_AFTER_S, STEP_S, TURNS_FOR_S, push
-from rvsg.generation.walking_graph import WalkingGraph, nearest_on
+from rvsg.generation.workplaces import WalkingGraph, nearest_on
 from rvsg.scenario.brief import Feedback, Sample
 from rvsg.scenario.scenario import Human, HumanConfiguration, Pause, Scenario, Task
 from rvsg.world.io.load import load_world

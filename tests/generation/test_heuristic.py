@@ -10,9 +10,10 @@ from rvsg.generation.forecast import Forecaster
 from rvsg.generation.generator import Proposal
 from rvsg.generation.heuristic import HeuristicGenerator
 from rvsg.generation.random_search import RandomGenerator
-from rvsg.generation.walking_graph import WalkingGraph
+from rvsg.generation.workplaces import WalkingGraph
 from rvsg.scenario.brief import Brief, Feedback, Remembered
 from rvsg.scenario.requirement import Aim, Requirement
+from rvsg.scenario.rules import task_ends
 from rvsg.scenario.scenario import (
     Behaviour,
     ForceFactors,
@@ -24,7 +25,6 @@ from rvsg.scenario.scenario import (
     at_places,
     ends_of,
 )
-from rvsg.scenario.task_ends import task_ends
 from rvsg.scenario.validity import warnings
 from rvsg.testing import check_generator
 from rvsg.world.io.load import load_world

@@ -25,14 +25,10 @@ from tests.generation.loopback import (
 )
 
 from rvsg.core.errors import BudgetSpent, InputError, ModelUnavailable
-from rvsg.generation.vlm.access import Limits, ModelAccess
-from rvsg.generation.vlm.budget import Budget, Budgeted
-from rvsg.generation.vlm.faults import Fault, _said
-from rvsg.generation.vlm.messages import Answer, Message, Picture, Request
-from rvsg.generation.vlm.model import Scripted
-from rvsg.generation.vlm.pacing import Paced
+from rvsg.generation.vlm.access import CallNews, Paced, Watched
+from rvsg.generation.vlm.client import Fault, Limits, ModelAccess, _said
+from rvsg.generation.vlm.model import Answer, Budget, Budgeted, Message, Picture, Request, Scripted
 from rvsg.generation.vlm.recording import Recorded, Recording
-from rvsg.generation.vlm.watching import CallNews, Watched
 
 KEY = "sk-very-secret-key-0123456789"
 DOT = bytes.fromhex(

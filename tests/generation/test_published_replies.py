@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 from tests.published_data import published_data
 
-from rvsg.generation.lenient_json import find_json
 from rvsg.generation.replies import read_configuration, read_description
+from rvsg.generation.reply_json import find_json
 from rvsg.scenario.scenario import Mission
 from rvsg.scenario.validity import check
 from rvsg.world.world import World

@@ -8,9 +8,9 @@ import pytest
 from rvsg.campaign.rehearsing import rehearsing
 from rvsg.generation.conversation import VlmGenerator
 from rvsg.generation.facts import configuration_object
+from rvsg.generation.generator import Rehearsal, Walked, surprises
 from rvsg.generation.heuristic import HeuristicGenerator
-from rvsg.generation.rehearsal import Rehearsal, Walked, surprises
-from rvsg.generation.vlm.messages import Answer, Request
+from rvsg.generation.vlm.model import Answer, Request
 from rvsg.scenario.brief import Arrival, Brief
 from rvsg.scenario.scenario import HumanConfiguration, Mission
 from rvsg.simulation.kinematic import KinematicSimulator

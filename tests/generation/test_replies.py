@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rvsg.generation.lenient_json import MAX_DEPTH, find_json
 from rvsg.generation.replies import Reply, read_configuration, read_description, read_object, read_path_lines
+from rvsg.generation.reply_json import MAX_DEPTH, find_json
 from rvsg.scenario.scenario import Behaviour
 
 NAMES = ("Human 1", "Human 2")

@@ -7,12 +7,11 @@ from dataclasses import replace
 
 import pytest
 
-from rvsg.generation.actors import box
 from rvsg.generation.facts import configuration_object, world_facts
+from rvsg.generation.people_sampler import box
 from rvsg.generation.prompts import Prompts
-from rvsg.generation.replies import read_configuration
-from rvsg.generation.reply_actors import MOST_MOVED
-from rvsg.generation.reply_schema import configuration_schema
+from rvsg.generation.replies import MOST_MOVED, read_configuration
+from rvsg.generation.reply_json import configuration_schema
 from rvsg.scenario.scenario import LIMITS, TROLLEY_LENGTHS_M, TROLLEY_SPEEDS_M_S, PersonKind, Trolley
 from rvsg.world.io.load import load_world
 

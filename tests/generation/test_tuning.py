@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rvsg.generation.heuristic import HeuristicGenerator
-from rvsg.generation.tuning import LONGEST_PAUSE_S, SPEEDS_M_S, Mutations, TuningSpace
+from rvsg.generation.search_space import LONGEST_PAUSE_S, SPEEDS_M_S, Mutations, TuningSpace
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.requirement import load_requirement
 from rvsg.scenario.scenario import Mission, Scenario

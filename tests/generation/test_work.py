@@ -7,11 +7,10 @@ from dataclasses import replace
 import pytest
 
 from rvsg.campaign.measuring import RunMaker
-from rvsg.generation.actors import CHILD, MOVED, TROLLEY, WHEELCHAIR
 from rvsg.generation.heuristic import HeuristicGenerator
-from rvsg.generation.places import Place, handles_goods, places_of
+from rvsg.generation.people_sampler import CHILD, MOVED, TROLLEY, WHEELCHAIR
 from rvsg.generation.random_search import RandomGenerator
-from rvsg.generation.work import follows, named_in, sentence
+from rvsg.generation.workplaces import Place, follows, handles_goods, named_in, places_of, sentence
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.requirement import Aim, load_requirement
 from rvsg.scenario.scenario import Mission, PersonKind, Scenario

@@ -17,12 +17,11 @@ from rvsg.generation.environment import EnvironmentDialogue
 from rvsg.generation.facts import configuration_object, human_names
 from rvsg.generation.prompts import Prompts
 from rvsg.generation.replies import read_configuration
-from rvsg.generation.vlm.recording import Recording
-from rvsg.generation.vlm.replay import Replayed
+from rvsg.generation.vlm.recording import Recording, Replayed
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.requirement import load_requirement
+from rvsg.scenario.rules import read_ends
 from rvsg.scenario.scenario import Mission, Scenario
-from rvsg.scenario.task_ends import read_ends
 from rvsg.scenario.validity import check
 from rvsg.world.io.load import load_world
 from rvsg.world.world import World

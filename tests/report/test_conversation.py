@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from rvsg.generation.generator import Call
-from rvsg.generation.vlm.messages import Answer, Message, Request
+from rvsg.generation.vlm.model import Answer, Message, Request
 from rvsg.generation.vlm.recording import Recording
 from rvsg.report import conversation
 from rvsg.report.conversation import Conversations

@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 
 from rvsg.core.records import Pose
+from rvsg.scenario.rules import read_ends
 from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Task
-from rvsg.scenario.task_ends import read_ends
 from rvsg.world.grid import Grid, Waypoint
 from rvsg.world.world import Area, OccupancyMap, Route, World
 

@@ -10,8 +10,7 @@ from tests.coded import coded
 from tests.published_data import published_data
 
 from rvsg.core.errors import FileError, InputError, UnknownName
-from rvsg.scenario.agents import decode, reaction_of
-from rvsg.scenario.scenario import Behaviour, Human, HumanConfiguration, Pause, Task
+from rvsg.scenario.scenario import Behaviour, Human, HumanConfiguration, Pause, Task, decode, reaction_of
 from rvsg.world.grid import Grid, Waypoint
 from rvsg_study.study_format import decode_study, read_study_configuration
 

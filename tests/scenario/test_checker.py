@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 from tests.scenario.small_world import GOOD, MISSION, WORLD, human, people, walk
 
+from rvsg.scenario.rules import near_place, read_ends
 from rvsg.scenario.scenario import HumanConfiguration, Mission, Pause, Task
-from rvsg.scenario.task_ends import near_place, read_ends
 from rvsg.scenario.validity import check, warnings
 
 

@@ -7,9 +7,9 @@ from tests.coded import coded
 from tests.scenario.small_world import GOOD, WORLD, human, people
 
 from rvsg.core.errors import InputError
-from rvsg.scenario.adaptation import changes_that_matter, migrate, same_floor, waypoints_used
 from rvsg.scenario.scenario import HumanConfiguration, Mission, Scenario
 from rvsg.scenario.validity import check, warnings
+from rvsg.scenario.variation import changes_that_matter, migrate, same_floor, waypoints_used
 from rvsg.world.world import World
 
 MISSION = Mission.of(WORLD, WORLD.routes[0])

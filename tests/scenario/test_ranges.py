@@ -8,7 +8,7 @@ import pytest
 
 import rvsg
 from rvsg.core.errors import InputError, UnknownName
-from rvsg.scenario.ranges import family_of
+from rvsg.scenario.variation import family_of
 
 
 @pytest.fixture

@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 from tests.scenario.small_world import GOOD, MISSION, WORLD, human, people
 
-from rvsg.scenario.agents import decode
-from rvsg.scenario.scenario import Human, HumanConfiguration, PersonKind, Trolley
+from rvsg.scenario.scenario import Human, HumanConfiguration, PersonKind, Trolley, decode
 from rvsg.scenario.validity import check
 
 

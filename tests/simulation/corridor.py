@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from rvsg.core.records import Pose
-from rvsg.scenario.agents import HumanAgent
-from rvsg.scenario.scenario import PersonKind, Trolley, outline_of
+from rvsg.scenario.scenario import HumanAgent, PersonKind, Trolley, outline_of
 from rvsg.simulation.embedded.simulator import simulate_agents
 from rvsg.simulation.run import Run
 from rvsg.world.build import build_world

@@ -11,8 +11,7 @@ from tests.simulation.test_people import CORRECT, crowd_of, human, world_with
 from rvsg.core.compiled import kernel
 from rvsg.core.records import Pose
 from rvsg.core.references import refer
-from rvsg.scenario.agents import HumanAgent, reaction_of
-from rvsg.scenario.scenario import Behaviour
+from rvsg.scenario.scenario import Behaviour, HumanAgent, reaction_of
 from rvsg.simulation.archive import run_from_json, run_to_json
 from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded.contact import touch_people

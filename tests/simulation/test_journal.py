@@ -12,7 +12,7 @@ from rvsg.core.records import Pose
 from rvsg.evaluation.detection import events_of
 from rvsg.robots.files import load_robot
 from rvsg.robots.robot import Robot
-from rvsg.scenario.agents import HumanAgent
+from rvsg.scenario.scenario import HumanAgent
 from rvsg.simulation.embedded.navigation import journal
 from rvsg.simulation.embedded.simulator import simulate_agents
 from rvsg.simulation.events import Recovery, Replan

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rvsg.scenario.agents import HumanAgent
+from rvsg.scenario.scenario import HumanAgent
 from rvsg.simulation.kinematic import _walk
 
 TIME = np.arange(0.0, 30.0, 0.05)

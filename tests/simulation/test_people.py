@@ -14,8 +14,7 @@ from tests.simulation.tiago import BOX
 from rvsg.core.errors import InputError
 from rvsg.core.records import Pose
 from rvsg.core.references import refer
-from rvsg.scenario.agents import HumanAgent, reaction_of
-from rvsg.scenario.scenario import Behaviour
+from rvsg.scenario.scenario import Behaviour, HumanAgent, reaction_of
 from rvsg.simulation.embedded.people.behaviour import tick as tick_by_reference
 from rvsg.simulation.embedded.people.crowd import Crowd, PeopleOptions, initial
 from rvsg.simulation.embedded.people.forces import (

@@ -8,7 +8,7 @@ import pytest
 from rvsg.core.records import Pose
 from rvsg.robots.files import load_robot
 from rvsg.robots.robot import Robot, SafetyZone
-from rvsg.scenario.agents import HumanAgent
+from rvsg.scenario.scenario import HumanAgent
 from rvsg.simulation.embedded.rehearsal import empty_room
 from rvsg.simulation.embedded.simulator import simulate_agents
 from rvsg.simulation.run import Run

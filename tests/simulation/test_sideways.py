@@ -15,7 +15,7 @@ from rvsg.core.records import Pose
 from rvsg.core.references import refer
 from rvsg.robots.files import load_robot
 from rvsg.robots.robot import Robot
-from rvsg.scenario.agents import HumanAgent
+from rvsg.scenario.scenario import HumanAgent
 from rvsg.simulation.archive import PackedRun, run_from_json, run_to_json
 from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded.rehearsal import empty_room

@@ -13,7 +13,7 @@ import pytest
 from rvsg.core.errors import FileError, InputError, UnknownName
 from rvsg.core.plugins import Spec
 from rvsg.core.records import Pose
-from rvsg.scenario.agents import HumanAgent
+from rvsg.scenario.scenario import HumanAgent
 from rvsg.simulation.embedded.rehearsal import empty_room
 from rvsg.simulation.embedded.simulator import EmbeddedSimulator, simulate_agents
 from rvsg.simulation.run import Outcome, Run

@@ -13,9 +13,9 @@ from rvsg.api.evaluating import judge, write_page
 from rvsg.api.worlds import doors_in
 from rvsg.core.documents import DocumentError
 from rvsg.core.errors import InvalidScenario, UnknownName
-from rvsg.scenario.adaptation import migrate
 from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Scenario, Task
 from rvsg.scenario.validity import check
+from rvsg.scenario.variation import migrate
 from rvsg.simulation.run import Outcome
 from rvsg.world.compare import differences
 from rvsg.world.doors import Door, State

@@ -12,10 +12,16 @@ from typing import Any, Literal
 from rvsg.api.models import answered_from_record, reach
 from rvsg.api.words import describe_calls
 from rvsg.core.errors import InputError
-from rvsg.generation.area_names import AreaNames, ProposedName, propose_area_names
-from rvsg.generation.environment import EnvironmentDialogue, description_of, store_description
+from rvsg.generation.environment import (
+    AreaNames,
+    EnvironmentDialogue,
+    ProposedName,
+    description_of,
+    propose_area_names,
+    store_description,
+)
 from rvsg.generation.prompts import Prompts
-from rvsg.generation.wiring import Wiring
+from rvsg.generation.vlm.access import Wiring
 from rvsg.world.io.load import shipped_worlds
 from rvsg.world.world import Description, World
 

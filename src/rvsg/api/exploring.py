@@ -26,8 +26,8 @@ from rvsg.evaluation.response import Sensitivity, Surface, fit_surface, sensitiv
 from rvsg.evaluation.statistics import clopper_pearson
 from rvsg.report.response import response_page, response_svg
 from rvsg.scenario import validity
-from rvsg.scenario.ranges import Range, ScenarioFamily, family_of
 from rvsg.scenario.requirement import Requirement
+from rvsg.scenario.variation import Range, ScenarioFamily, family_of
 from rvsg.simulation.protocol import Simulator
 from rvsg.world.world import World
 

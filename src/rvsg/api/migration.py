@@ -7,8 +7,8 @@ from pathlib import Path
 from rvsg.api.records import read_scenario
 from rvsg.api.scenarios import check_valid
 from rvsg.api.worlds import load_world
-from rvsg.scenario.adaptation import REACH_M, migrate
 from rvsg.scenario.scenario import Scenario
+from rvsg.scenario.variation import REACH_M, migrate
 
 
 def migrate_scenario(

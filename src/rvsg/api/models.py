@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 from typing import Any, Literal
 
-from rvsg.generation.wiring import Access, Wiring, wired
+from rvsg.generation.vlm.access import Access, Wiring, wired
 from rvsg.world.authoring.named_areas import unknown_areas
 from rvsg.world.world import World
 

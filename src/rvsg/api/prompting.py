@@ -16,9 +16,8 @@ from rvsg.core.errors import InputError
 from rvsg.core.files import write_whole
 from rvsg.generation.conversation import VlmGenerator
 from rvsg.generation.prompts import template_text
-from rvsg.generation.vlm.messages import Message as Message
-from rvsg.generation.vlm.messages import Picture, estimated_tokens, picture_tokens
-from rvsg.generation.vlm.model import Scripted
+from rvsg.generation.vlm.model import Message as Message
+from rvsg.generation.vlm.model import Picture, Scripted, estimated_tokens, picture_tokens
 from rvsg.scenario.brief import Brief
 from rvsg.world.world import World
 

@@ -25,9 +25,9 @@ from rvsg.core.seeds import seed_for
 from rvsg.evaluation.judge import judge, objective
 from rvsg.evaluation.naming import WaypointNames
 from rvsg.generation.generator import Generator
-from rvsg.scenario.adaptation import waypoints_used
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import HumanConfiguration, Mission, Scenario
+from rvsg.scenario.variation import waypoints_used
 from rvsg.store.knowledge import KnowledgeBase
 from rvsg.world.world import World
 from rvsg_exchange.formats import is_recording, load_recordings

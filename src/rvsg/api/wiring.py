@@ -30,8 +30,7 @@ from rvsg.core import plugins
 from rvsg.core.errors import InputError
 from rvsg.core.plugins import Spec
 from rvsg.evaluation.verdict import Procedure
-from rvsg.generation.generator import Generator
-from rvsg.generation.informed import InformedGenerator
+from rvsg.generation.generator import Generator, InformedGenerator
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission
 from rvsg.simulation.protocol import Simulator

@@ -24,7 +24,7 @@ from rvsg.evaluation.wording import (
     why_ended,
 )
 from rvsg.generation.generator import Call, Proposal
-from rvsg.generation.vlm.budget import Spending
+from rvsg.generation.vlm.model import Spending
 from rvsg.report.junit import junit_xml
 from rvsg.report.summary import Ranked, Summary, interval, tried_of
 from rvsg.report.words import metres

@@ -13,8 +13,8 @@ from typing import get_args
 
 from rvsg.core.documents import read_document
 from rvsg.core.errors import InputError, RvsgError, UnknownName
-from rvsg.scenario.adaptation import same_floor
 from rvsg.scenario.scenario import Mission
+from rvsg.scenario.variation import same_floor
 from rvsg.world.doors import State
 from rvsg.world.doorways import with_doors
 from rvsg.world.io import load

@@ -14,8 +14,8 @@ from rvsg.campaign.racing import Candidate
 from rvsg.campaign.strategies import Ask, BatchStrategy, FeedbackOf
 from rvsg.core.seeds import seed_for
 from rvsg.evaluation.aims import aim_of, moved_by
-from rvsg.generation.actors import added
-from rvsg.generation.answer import answer
+from rvsg.generation.descriptions import answer
+from rvsg.generation.people_sampler import added
 from rvsg.scenario.brief import Brief, Encounter
 from rvsg.world.world import World
 

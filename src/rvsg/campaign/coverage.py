@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 
 from rvsg.core.records import Record
 from rvsg.evaluation.encounters import EncounterKind, encounters_of
-from rvsg.scenario.adaptation import waypoints_used
 from rvsg.scenario.scenario import Behaviour, Scenario
+from rvsg.scenario.variation import waypoints_used
 from rvsg.simulation.run import Run
 from rvsg.world.world import World
 

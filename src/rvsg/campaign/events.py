@@ -8,7 +8,7 @@ from typing import Literal
 from rvsg.campaign.attempt import Attempt, Failure
 from rvsg.campaign.measuring import FinishedRun
 from rvsg.campaign.plan import Plan
-from rvsg.generation.vlm.watching import CallNews
+from rvsg.generation.vlm.access import CallNews
 from rvsg.scenario.brief import Brief
 
 Purpose = Literal["search", "confirmation", "baseline", "removal", "shrinking"]

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from rvsg.core.records import Record
 from rvsg.evaluation.response import Sensitivity, Surface
-from rvsg.scenario.ranges import Range
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Scenario
+from rvsg.scenario.variation import Range
 
 FEWEST = 10
 """The least number of runs a surface is fitted to."""

@@ -22,8 +22,8 @@ from rvsg.evaluation.sampled import sampled
 from rvsg.evaluation.statistics import welch
 from rvsg.evaluation.verdict import Verdict
 from rvsg.scenario.brief import Feedback, Moment, Part, PersonAt, Row, Sample, Tried
-from rvsg.scenario.differences import differences
 from rvsg.scenario.requirement import Requirement
+from rvsg.scenario.variation import differences
 from rvsg.simulation.run import Run, Trajectory
 from rvsg.world.grid import Grid
 from rvsg.world.world import World

@@ -1,11 +1,11 @@
 """The hybrid strategy: the generator proposes what people do and where; an optimiser tunes when and how fast.
 
 The search has three parts. First the generator drafts scenarios, each of which gets one run. Then batches alternate:
-new configurations, made by changing the numbers of good ones (`rvsg.generation.tuning`) or by asking the generator for
-a refinement, get one run each; then the configurations that may still be the best get another run. At the end the few
-best are run until their order is settled. All configurations share the seeds of the race (common random numbers), and
-one that has lost gets no further run. The first run of a batch takes the next of these seeds: a search that always
-began with the same seed would fit its configurations to that one.
+new configurations, made by changing the numbers of good ones (`rvsg.generation.search_space`) or by asking the
+generator for a refinement, get one run each; then the configurations that may still be the best get another run. At
+the end the few best are run until their order is settled. All configurations share the seeds of the race (common
+random numbers), and one that has lost gets no further run. The first run of a batch takes the next of these seeds: a
+search that always began with the same seed would fit its configurations to that one.
 
 Where the generator asks a model, a proposal costs far more than a run. Then the plan says how many there are, and
 generator and optimiser take turns. The first proposals are new scenarios, the others refine what is best so far, and

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from rvsg.campaign.failures import FailureMode, seen_as
 from rvsg.campaign.racing import Candidate
 from rvsg.evaluation.naming import place_name
-from rvsg.generation.forecast import AIMED, Forecaster
-from rvsg.generation.forecast_kernel import STEP_S
+from rvsg.generation.forecast import AIMED, STEP_S, Forecaster
 from rvsg.scenario.scenario import HumanConfiguration
 from rvsg.world.world import World
 

@@ -11,10 +11,10 @@ from rvsg.campaign.suite import CaseResult
 from rvsg.core.records import Record
 from rvsg.evaluation.judge import violated
 from rvsg.evaluation.verdict import Status, Verdict
-from rvsg.scenario.adaptation import waypoints_used
 from rvsg.scenario.brief import Remembered
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission, Scenario
+from rvsg.scenario.variation import waypoints_used
 
 Kind = Literal["attempt", "finding", "rejected", "watched"]
 

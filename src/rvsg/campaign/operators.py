@@ -18,9 +18,9 @@ from rvsg.campaign.racing import Candidate
 from rvsg.campaign.surrogate import Surrogate
 from rvsg.core.records import Record, text_id
 from rvsg.generation.descriptions import Described, describe_changed, describe_tuned, same_work, tells_of
-from rvsg.generation.places import handles_goods, places_of
-from rvsg.generation.screening import Screen
-from rvsg.generation.tuning import Mutations, TuningSpace
+from rvsg.generation.forecast import Screen
+from rvsg.generation.search_space import Mutations, TuningSpace
+from rvsg.generation.workplaces import handles_goods, places_of
 from rvsg.scenario.placement import start_gap_m
 from rvsg.scenario.requirement import Aim
 from rvsg.scenario.rules import START_CLEARANCE_M

@@ -9,7 +9,7 @@ from rvsg.campaign.walks import Walk, arrivals, walks_of
 from rvsg.core.errors import SimulationError
 from rvsg.core.seeds import seed_for
 from rvsg.evaluation.naming import WaypointNames
-from rvsg.generation.rehearsal import MET_M, Rehearsal, Rehearse, Walked
+from rvsg.generation.generator import MET_M, Rehearsal, Rehearse, Walked
 from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Scenario
 from rvsg.simulation.protocol import Simulator
 from rvsg.simulation.run import Run

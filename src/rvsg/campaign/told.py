@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 from rvsg.campaign.racing import Candidate
 from rvsg.scenario.brief import Tried, Tuning
-from rvsg.scenario.differences import differences
 from rvsg.scenario.requirement import Requirement
+from rvsg.scenario.variation import differences
 
 TUNED = "tune"
 """The operator of a candidate that the generator did not write."""

@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.evaluation.sampled import stretches
-from rvsg.scenario.agents import HumanAgent, decode, goal_names
 from rvsg.scenario.brief import Arrival
-from rvsg.scenario.scenario import Human, HumanConfiguration
+from rvsg.scenario.scenario import Human, HumanAgent, HumanConfiguration, decode, goal_names
 from rvsg.simulation.events import PersonPaused, PersonReached, PersonReacted
 from rvsg.simulation.run import Run
 from rvsg.world.grid import Grid

@@ -33,8 +33,7 @@ from rvsg.cli.model_options import (
 
 if TYPE_CHECKING:
     from rvsg.api.describing import EnvironmentSession
-    from rvsg.generation.vlm.watching import CallNews
-    from rvsg.generation.wiring import Wiring
+    from rvsg.generation.vlm.access import CallNews, Wiring
     from rvsg.world.world import Description
 
 app = verb()

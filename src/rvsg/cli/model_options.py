@@ -14,7 +14,7 @@ from rvsg.cli.console import console, say
 if TYPE_CHECKING:
     from rich.status import Status
 
-    from rvsg.generation.vlm.watching import CallNews
+    from rvsg.generation.vlm.access import CallNews
 
 Model = Annotated[str | None, typer.Option(help="The model, PROVIDER:NAME, e.g. openai-chat:gpt-4.1.")]
 BaseUrl = Annotated[str | None, typer.Option(help="Address of an OpenAI-compatible server (key: RVSG_API_KEY).")]

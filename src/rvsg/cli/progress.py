@@ -26,8 +26,8 @@ from rvsg.campaign.events import (
 from rvsg.campaign.plan import Plan
 from rvsg.cli.console import console, say
 from rvsg.evaluation.wording import counted, number, status_in_words
-from rvsg.generation.vlm.budget import Spending
-from rvsg.generation.vlm.watching import CallNews
+from rvsg.generation.vlm.access import CallNews
+from rvsg.generation.vlm.model import Spending
 from rvsg.scenario.brief import Brief
 
 

@@ -12,7 +12,7 @@ from rvsg.cli.console import print_json, say
 from rvsg.cli.frame import verb
 
 if TYPE_CHECKING:
-    from rvsg.generation.vlm.messages import Message
+    from rvsg.generation.vlm.model import Message
 
 app = verb()
 

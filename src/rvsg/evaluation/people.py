@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from rvsg.evaluation.events import Event, PersonPaused, PersonReached, PersonReacted, PersonStuck, PlaceAt
 from rvsg.evaluation.sampled import Flags, Sampled, stretches
-from rvsg.scenario.agents import HumanAgent, decode, task_ends
-from rvsg.scenario.scenario import Behaviour, Human, Scenario
+from rvsg.scenario.scenario import Behaviour, Human, HumanAgent, Scenario, decode, task_ends
 from rvsg.simulation import events as recorded
 from rvsg.world.world import World
 

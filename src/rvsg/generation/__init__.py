@@ -1,1 +1,1 @@
-"""A Brief becomes a Proposal: by a conversation with a vision language model, a heuristic, or chance."""
+"""Generators of scenarios: a brief becomes a proposal."""

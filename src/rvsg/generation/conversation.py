@@ -20,10 +20,7 @@ from pydantic import ValidationError
 
 from rvsg.core.errors import BudgetSpent, InputError, StoreError
 from rvsg.core.records import canonical_json
-from rvsg.generation.actors import added, placed
-from rvsg.generation.answer import described_scenario
-from rvsg.generation.descriptions import Described
-from rvsg.generation.dialogue import Dialogue
+from rvsg.generation.descriptions import Described, described_scenario
 from rvsg.generation.environment import description_of
 from rvsg.generation.facts import (
     answer_object,
@@ -32,25 +29,23 @@ from rvsg.generation.facts import (
     human_names,
     offered,
     passes_of,
+    pictures_of,
     rehearsal_facts,
+    small_map_of,
     world_facts,
 )
-from rvsg.generation.generator import Generator, Proposal
-from rvsg.generation.pictures import pictures_of, small_map_of
-from rvsg.generation.prompts import Prompts, number
-from rvsg.generation.rehearsal import Rehearsal, Rehearse, surprises
+from rvsg.generation.generator import Generator, Proposal, Rehearsal, Rehearse, surprises
+from rvsg.generation.people_sampler import added, placed
+from rvsg.generation.prompts import Dialogue, Prompts, number
 from rvsg.generation.replies import Reply, read_configuration, read_description, read_path_lines
-from rvsg.generation.reply_schema import configuration_schema
-from rvsg.generation.vlm.messages import Answer, Message, Picture
-from rvsg.generation.vlm.model import Model
+from rvsg.generation.reply_json import configuration_schema
+from rvsg.generation.vlm.access import Access, Tell, wired
+from rvsg.generation.vlm.model import Answer, Message, Model, Picture
 from rvsg.generation.vlm.recording import MEASURED, place_of
-from rvsg.generation.vlm.watching import Tell
-from rvsg.generation.wiring import Access, wired
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.repair import repair
-from rvsg.scenario.rules import Finding, Repair
+from rvsg.scenario.rules import Finding, Repair, read_ends
 from rvsg.scenario.scenario import HumanConfiguration, Mission
-from rvsg.scenario.task_ends import read_ends
 from rvsg.scenario.validity import check
 from rvsg.world.world import SolidObject, World
 

@@ -1,7 +1,7 @@
-"""The environment in words: three turns with a model over the pictures, then a person's judgement.
+"""Descriptions of a world and names of its areas, proposed by a model that looks at its map and judged by a person.
 
-The description is made once per world. It is stored in the world's own `world.yaml` (key `description`), or, for a
-world that ships with RVSG, in the user's data folder under the world's content id.
+The description is made once per world, in three turns. It is stored in the world's own `world.yaml` (key
+`description`), or, for a world that ships with RVSG, in the user's data folder under the world's content id.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import os
 import re
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,15 +18,13 @@ from pydantic import ValidationError
 
 from rvsg.core.documents import read_yaml
 from rvsg.core.errors import FileError, GenerationError, InputError
-from rvsg.generation.dialogue import Dialogue
-from rvsg.generation.facts import world_facts
+from rvsg.core.records import Record
+from rvsg.generation.facts import birdseye_of, pictures_of, world_facts
 from rvsg.generation.generator import Call
-from rvsg.generation.pictures import birdseye_of, pictures_of
-from rvsg.generation.prompts import Prompts
+from rvsg.generation.prompts import Dialogue, Prompts
 from rvsg.generation.replies import read_object
-from rvsg.generation.reply_schema import texts_schema
-from rvsg.generation.vlm.messages import Answer
-from rvsg.generation.vlm.model import Model
+from rvsg.generation.reply_json import TEXT, find_json, object_schema, texts_schema
+from rvsg.generation.vlm.model import Answer, Model
 from rvsg.world.io.load import SHIPPED, load_world
 from rvsg.world.world import Description, World
 
@@ -220,3 +219,76 @@ def _folded(text: str) -> str:
 
 def _indented(text: str, by: str) -> str:
     return "\n".join(by + line if line else line for line in text.splitlines())
+
+
+LONGEST_NAME = 60
+LONGEST_REASON = 400
+SHAPE = object_schema({"names": {"type": "array", "items": object_schema({"area": TEXT, "name": TEXT, "why": TEXT})}})
+
+
+class ProposedName(Record):
+    """A name that a model proposes for an area, and why."""
+
+    area: str
+    name: str
+    why: str = ""
+
+
+class AreaNames(Record):
+    """What a model proposes, and why some of it cannot be used."""
+
+    names: tuple[ProposedName, ...]
+    unusable: tuple[str, ...] = ()
+    calls: tuple[Call, ...] = ()
+
+
+def propose_area_names(world: World, model: Model, prompts: Prompts) -> AreaNames:
+    """Ask a model once for names of areas.
+
+    Raises:
+        GenerationError: it answers without a list of names, also when asked again.
+    """
+    labelled, _ = pictures_of(world)
+    birdseye = birdseye_of(world)
+    shown = (labelled,) if birdseye is None else (labelled, birdseye)
+    facts = {**world_facts(world), "humans": 2, "heights": birdseye is not None}
+    dialogue = Dialogue(model, prompts, f"names-{world.name}", facts, pictures=shown)
+    dialogue.tell("system", role="system")
+    answer = dialogue.ask("names", "area-names", shown=shown, shape=SHAPE)
+    entries = _entries(answer.text)
+    if entries is None:
+        problem = 'it holds no JSON object with a list under "names".'
+        entries = _entries(dialogue.ask("names", "reply-unreadable", shape=SHAPE, problem=problem).text)
+    if entries is None:
+        raise GenerationError(f"The model {model.name} proposed no names in two answers. Try another model.")
+    names, unusable = _usable(entries, [area.name for area in world.areas])
+    return AreaNames(names=names, unusable=unusable, calls=tuple(dialogue.calls))
+
+
+def _entries(text: str) -> list[Any] | None:
+    for found in find_json(text):
+        if isinstance(found.value, Mapping) and isinstance(found.value.get("names"), list):
+            return list(found.value["names"])
+    return None
+
+
+def _usable(entries: Iterable[Any], known: list[str]) -> tuple[tuple[ProposedName, ...], tuple[str, ...]]:
+    """Return the proposals that can be accepted in any order, and what is wrong with the others."""
+    names: dict[str, ProposedName] = {}
+    wrong = []
+    taken = {name.casefold() for name in known}
+    for entry in entries:
+        values = entry if isinstance(entry, Mapping) else {}
+        area, name, why = (" ".join(str(values.get(key) or "").split()) for key in ("area", "name", "why"))
+        if area not in known:
+            wrong.append(f'"{area[:LONGEST_NAME]}" is no area of this world.')
+        elif not name or len(name) > LONGEST_NAME:
+            wrong.append(f'The name for "{area}" is empty or longer than {LONGEST_NAME} characters.')
+        elif name == area:
+            continue
+        elif name.casefold() in taken or area in names:
+            wrong.append(f'"{name}" for "{area}": the name is given already, or the area has a proposal.')
+        else:
+            taken.add(name.casefold())
+            names[area] = ProposedName(area=area, name=name, why=why[:LONGEST_REASON])
+    return tuple(names.values()), tuple(wrong)

@@ -1,17 +1,17 @@
-"""What a prompt may say of a world, a brief and a result: plain values under the names that templates declare."""
+"""Facts and pictures for prompts: plain values under the names that templates declare, and the maps models see."""
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rvsg.generation.rehearsal import Rehearsal
-from rvsg.generation.replies import LONGEST_DELAY_S
-from rvsg.generation.reply_actors import MOST_MOVED
+from rvsg.generation.generator import Rehearsal
+from rvsg.generation.replies import LONGEST_DELAY_S, MOST_MOVED
+from rvsg.generation.vlm.model import Picture
 from rvsg.robots.files import shipped_robots
 from rvsg.robots.robot import Robot
 from rvsg.scenario.brief import Arrival, Brief, Feedback, Remembered, Row
@@ -33,7 +33,11 @@ from rvsg.scenario.scenario import (
 from rvsg.scenario.validity import is_walkable
 from rvsg.world.grid import Grid
 from rvsg.world.route_words import route_paragraph
-from rvsg.world.world import Description, SolidObject, World
+from rvsg.world.world import Description, Route, SolidObject, World
+
+if TYPE_CHECKING:
+    from PIL.Image import Image
+
 
 LONGEST_SERIES = 120
 NEAREST_STARTS = 4
@@ -65,7 +69,7 @@ MEANINGS = {
     Behaviour.THREATENING: "hurries to a point 1.4 m in front of the robot and blocks it, for up to 40 s while it is "
     "within 4.5 m and in view; does not make room for it then",
 }
-"""What HuNavSim's behaviours do, with the default distances and durations of `rvsg.scenario.agents`."""
+"""What HuNavSim's behaviours do, with the default distances and durations of `rvsg.scenario.scenario`."""
 PROVOKING = frozenset({Behaviour.THREATENING})
 """Behaviours against the robot: offered only where the generator's option `provoking` allows them."""
 
@@ -488,3 +492,71 @@ def drive_facts(undisturbed: Rehearsal | None) -> dict[str, Any] | None:
         return None
     line = [{"time_s": time, "at": at} for time, at in undisturbed.robot]
     return {"line": line, "arrival_s": undisturbed.arrival_s}
+
+
+Way = tuple[tuple[float, float, float], ...]
+PICTURE_WIDTH_PX = 1600
+MAP_WIDTH_PX, SMALL_MAP_WIDTH_PX = 1024, 512
+"""Widths of the labelled map. Services cut pictures into tiles of 512 x 512 and charge for each."""
+_MOST_KEPT = 24
+_KEPT: dict[tuple[object, ...], Picture] = {}
+
+
+def pictures_of(world: World, route: Route | None = None, way: Way = ()) -> tuple[Picture, Picture]:
+    """The labelled map (with the route) and the grid picture.
+
+    Args:
+        way: The drive without people as (seconds, x, y). The labelled map shows it with a mark every 5 s, instead of
+            the straight lines between the points of the route.
+    """
+    from rvsg.world.drawing import grid_picture
+
+    name = "grid of waypoints"
+    grid = _kept((name, world.id, world.title), lambda: grid_picture(world, width_px=PICTURE_WIDTH_PX))
+    return _labelled(world, route, way, MAP_WIDTH_PX), grid
+
+
+def small_map_of(world: World, route: Route | None = None, way: Way = ()) -> Picture:
+    """The labelled map drawn small, with all of its names, for a third of the price.
+
+    It is enough for a refinement, which knows its areas and waypoints; the text holds the grid.
+    """
+    return _labelled(world, route, way, SMALL_MAP_WIDTH_PX)
+
+
+def _labelled(world: World, route: Route | None, way: Way, width_px: int) -> Picture:
+    from rvsg.world.drawing import labelled_map
+
+    drive = way if _moves(way) else None
+    key = ("labelled map", world.id, world.title, route.id if route else "", way, width_px)
+    return _kept(key, lambda: labelled_map(world, width_px=width_px, route=route, way=drive))
+
+
+def _kept(key: tuple[str, *tuple[object, ...]], draw: Callable[[], Image]) -> Picture:
+    """Return the picture of a key, whose first part is its name; drawn if it is not kept."""
+    if key not in _KEPT:
+        from rvsg.world.drawing import png_bytes
+
+        picture = Picture(name=key[0], png=png_bytes(draw()))
+        while len(_KEPT) >= _MOST_KEPT:
+            _KEPT.pop(next(iter(_KEPT)))
+        _KEPT[key] = picture
+    return _KEPT[key]
+
+
+def _moves(way: Way) -> bool:
+    return len({(x, y) for _, x, y in way}) > 1
+
+
+def birdseye_of(world: World) -> Picture | None:
+    """The world seen slantingly from above; None for a world from a bare map, which does not know its heights.
+
+    Shown once, when the world is described: heights tell where people see each other, and what lies on a map. Where
+    things are it tells worse than the map (tall things hide what is behind them), so prompts of scenarios do not
+    show it.
+    """
+    if not world.objects:
+        return None
+    from rvsg.world.drawing.birdseye import birdseye
+
+    return _kept(("bird's-eye view", world.id, world.title), lambda: birdseye(world, width_px=PICTURE_WIDTH_PX))

@@ -1,18 +1,108 @@
-"""The Generator protocol and its answer, the Proposal."""
+"""The Generator protocol, its answer (the Proposal), and the rehearsals a generator may ask for before it answers."""
 
 from __future__ import annotations
 
+import math
+import zlib
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
+import numpy as np
 from pydantic import Field
 
 from rvsg.core.records import Record
-from rvsg.generation.rehearsal import Rehearse
-from rvsg.generation.vlm.watching import Tell
-from rvsg.scenario.brief import Brief
+from rvsg.generation.vlm.access import Tell
+from rvsg.scenario.brief import Arrival, Brief, Remembered, Row
 from rvsg.scenario.rules import Finding, Repair
-from rvsg.scenario.scenario import Scenario
+from rvsg.scenario.scenario import HumanConfiguration, Mission, Scenario
 from rvsg.world.world import World
+
+LATE_S = 2.0
+"""A planned time that is off by less is good enough."""
+NEAR_M = 4.0
+"""Somebody who never comes nearer to the robot than this (centre to centre) takes no part in the test."""
+MET_M = 2.0
+"""From the first moment at which somebody is this near (centre to centre), what happens is the encounter's effect."""
+
+
+class Walked(Record):
+    """What one person does in a rehearsal: first arrivals, where they get stuck, how near they come to the robot."""
+
+    begins_at: str = ""
+    """The first waypoint."""
+    left_s: float | None = None
+    """When the person leaves it, in seconds; None: never."""
+    arrivals: tuple[Arrival, ...] = ()
+    stuck_at: str | None = None
+    stuck_s: float | None = None
+    """Since when the person stands still until the run ends, in seconds; None for who walks on."""
+    stood: tuple[tuple[float, float, str], ...] = ()
+    """From when to when, in seconds, and where somebody who should walk stands still, and then walks on."""
+    nearest_m: float
+    nearest_s: float
+    met_s: float | None = None
+    """When the person is first within `MET_M` of the robot, in seconds; None: never."""
+
+
+class Rehearsal(Record):
+    """One simulated run in short: where the robot is every two seconds, when it arrives, and what the people do."""
+
+    robot: tuple[tuple[float, str], ...]
+    arrival_s: float | None
+    way: tuple[tuple[float, float, float], ...] = ()
+    """Where the robot is every half second: seconds, metres, metres."""
+    people: dict[str, Walked] = Field(default_factory=dict)
+    rows: tuple[Row, ...] = ()
+    """What everybody does every two seconds; empty without people."""
+
+
+Rehearse = Callable[[Mission, HumanConfiguration], Rehearsal]
+"""Simulate a configuration once and return it in short. Without humans it is the undisturbed drive."""
+
+Plan = Mapping[str, Mapping[str, float]]
+"""When each person is planned to be at which waypoint, in seconds: name, waypoint, time."""
+
+
+def surprises(rehearsal: Rehearsal, plan: Plan) -> tuple[str, ...]:
+    """Return what does not happen as planned: who is held up, who never comes near, who arrives at another time.
+
+    Only what goes wrong before the first person meets the robot is a mistake of the plan. Afterwards robot and people
+    hold each other up, which is what the test is for: its runs measure it. For the same reason a person who is still
+    waiting for a robot that somebody else holds up until the end is no surprise.
+    """
+    met = min((walked.met_s for walked in rehearsal.people.values() if walked.met_s is not None), default=math.inf)
+    held_up = math.isfinite(met) and rehearsal.arrival_s is None
+    found = []
+    for name, walked in rehearsal.people.items():
+        if walked.stuck_s is not None and walked.stuck_s < met:
+            found.append(
+                f"{name} gets stuck at {walked.stuck_at} from {walked.stuck_s:g} s on and does not walk further."
+            )
+        found += [
+            f"{name} stands still at {at} from {start:g} to {end:g} s, held up by what is in the way."
+            for start, end, at in walked.stood
+            if start < met
+        ]
+        if walked.nearest_m > NEAR_M and not held_up:
+            found.append(
+                f"{name} never comes near the robot: the smallest distance is {walked.nearest_m:.1f} m, at "
+                f"{walked.nearest_s:.0f} s."
+            )
+        reached = {arrival.at: arrival.time_s for arrival in reversed(walked.arrivals)}
+        for at, planned in plan.get(name, {}).items():
+            left = math.inf if walked.left_s is None else walked.left_s
+            if at == walked.begins_at and planned < left + LATE_S:
+                continue  # there from the start on
+            actual = reached.get(at)
+            if min(planned, math.inf if actual is None else actual) >= met:
+                continue
+            if actual is None and at == walked.begins_at:
+                found.append(f"{name} leaves {at} at {left:.1f} s and does not come back; you planned {planned:g} s.")
+            elif actual is None:
+                found.append(f"{name} does not reach {at} during the run; you planned {planned:g} s.")
+            elif abs(actual - planned) >= LATE_S:
+                found.append(f"{name} reaches {at} at {actual:.1f} s; you planned {planned:g} s.")
+    return tuple(found)
 
 
 class Call(Record):
@@ -94,3 +184,55 @@ class Generator(Protocol):
     def close(self) -> None:
         """Release every resource. May be called again."""
         return
+
+
+class InformedGenerator(Generator):
+    """Adds earlier scenarios to the memory of every brief for a new one, and lets another generator answer it.
+
+    Those of another route are left out: a generator compares scenarios of one drive. An unguided brief stays unguided.
+    """
+
+    def __init__(self, generator: Generator, earlier: Sequence[Remembered]) -> None:
+        self.generator = generator
+        self.earlier = tuple(earlier)
+
+    @property
+    def name(self) -> str:
+        """The name of the generator that answers."""
+        return self.generator.name
+
+    @property
+    def asks_a_model(self) -> bool:
+        """Whether that generator does."""
+        return self.generator.asks_a_model
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What that generator has to say."""
+        return self.generator.notes
+
+    def watch(self, tell: Tell | None) -> None:
+        """Tell of its calls of a model."""
+        self.generator.watch(tell)
+
+    def allow_rehearsals(self, rehearse: Rehearse) -> None:
+        """Let that generator rehearse."""
+        self.generator.allow_rehearsals(rehearse)
+
+    def propose(self, brief: Brief, world: World) -> Proposal:
+        """Answer the brief with what is known from elsewhere in its memory, the oldest first."""
+        if brief.kind != "new" or brief.requirement is None:
+            return self.generator.propose(brief, world)
+        route = brief.mission.route
+        fitting = tuple(each for each in self.earlier if each.scenario.mission.route.name == route.name)
+        return self.generator.propose(brief.replace(memory=(*fitting, *brief.memory)), world)
+
+    def close(self) -> None:
+        """Release what that generator holds."""
+        self.generator.close()
+
+
+def rng_of(brief: Brief, name: str) -> np.random.Generator:
+    """The random numbers of a generator for a brief: of its seed, its place in the campaign and the name."""
+    key = (zlib.crc32(name.encode()), brief.scenario_index, brief.configuration_index)
+    return np.random.default_rng(np.random.SeedSequence(entropy=brief.seed, spawn_key=key))

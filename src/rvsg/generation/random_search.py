@@ -14,11 +14,10 @@ import math
 
 import numpy as np
 
-from rvsg.generation.actors import cast, left_behind
-from rvsg.generation.answer import answer, nowhere_to_walk
-from rvsg.generation.generator import Generator, Proposal
-from rvsg.generation.places import Place, places_of
-from rvsg.generation.seeding import rng_of
+from rvsg.generation.descriptions import answer, nowhere_to_walk
+from rvsg.generation.generator import Generator, Proposal, rng_of
+from rvsg.generation.people_sampler import cast, left_behind
+from rvsg.generation.workplaces import Place, places_of
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.placement import robot_reach_m
 from rvsg.scenario.rules import START_CLEARANCE_M

@@ -7,7 +7,7 @@ from importlib import resources
 from typing import Any
 
 from rvsg.evaluation.wording import counted
-from rvsg.generation.actors import added
+from rvsg.generation.people_sampler import added
 from rvsg.report.facts import AttemptFacts, RunFacts
 from rvsg.report.payload import ReplayGroup, ReplayRun, replay_payload
 from rvsg.report.robots import footprint_of

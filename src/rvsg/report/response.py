@@ -16,7 +16,7 @@ from rvsg.evaluation.response import Surface
 from rvsg.evaluation.wording import number
 from rvsg.report.charts import Scale, ticks
 from rvsg.report.page import environment
-from rvsg.scenario.ranges import Range
+from rvsg.scenario.variation import Range
 
 Floats = NDArray[np.float64]
 WIDTH, HEIGHT = 460, 380

@@ -12,9 +12,8 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 from rvsg.scenario.placement import spawn_finding, speed_range
-from rvsg.scenario.rules import MAX_HUMANS, Repair
+from rvsg.scenario.rules import MAX_HUMANS, Repair, TaskEnd, near_place, spelled, task_ends
 from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Pause, Task
-from rvsg.scenario.task_ends import TaskEnd, near_place, spelled, task_ends
 from rvsg.scenario.validity import check
 from rvsg.world.grid import Grid
 from rvsg.world.world import World

@@ -1,8 +1,14 @@
-"""Limits of a valid configuration, and the findings and repairs of the checker."""
+"""Limits of a valid configuration, the findings and repairs of the checker, and where a task has to start and end."""
 
 from __future__ import annotations
 
+import difflib
+import re
+from dataclasses import dataclass
+
 from rvsg.core.records import Record
+from rvsg.scenario.scenario import HumanConfiguration, Task
+from rvsg.world.world import World
 
 MAX_HUMANS = 100
 """More people than this in one configuration are refused (Brief allows as many)."""
@@ -59,3 +65,105 @@ class Repair(Record):
 
     def __str__(self) -> str:
         return f"{self.human}{f', task {chr(34)}{self.task}{chr(34)}' if self.task else ''}: {self.what}"
+
+
+_ARROW = re.compile(r"\s*(?:→|⟶|➔|➜|⇒|-+>|=+>|–>|—>)\s*")
+_TO = re.compile(r"\s+to\s+", re.IGNORECASE)
+_NOTE = re.compile(r"\s*\([^()]*\)\s*")
+
+
+@dataclass(frozen=True)
+class TaskEnd:
+    """The start or the end of a task: its text, and the waypoints it allows (None: any)."""
+
+    text: str
+    waypoints: frozenset[str] | None = None
+    known: bool = True
+
+    def allows(self, waypoint: str) -> bool:
+        """Return whether the task may begin or end there."""
+        return self.waypoints is None or waypoint in self.waypoints
+
+
+ANYWHERE = TaskEnd("")
+
+
+def resolve(text: str, world: World) -> TaskEnd:
+    """Return the area or waypoint a text names, ignoring case and spacing; an unknown one has `known` False."""
+    wanted = " ".join(text.split()).casefold()
+    for area in world.areas:
+        if area.name.casefold() == wanted:
+            return TaskEnd(area.name, frozenset(area.waypoints) & world.grid.valid)
+    for name in world.grid.valid:
+        if name.casefold() == wanted:
+            return TaskEnd(name, frozenset({name}))
+    bare = " ".join(_NOTE.sub(" ", text).split())
+    if bare and bare != " ".join(text.split()):
+        return resolve(bare, world)
+    return TaskEnd(text.strip(), None, known=False)
+
+
+def task_ends(task: Task, world: World) -> tuple[TaskEnd, TaskEnd]:
+    """Return the start and the end that a task promises by `start_area` and `end_area`."""
+    start, end = task.start_area, task.end_area
+    return (resolve(start, world) if start else ANYWHERE, resolve(end, world) if end else ANYWHERE)
+
+
+def read_ends(people: HumanConfiguration, world: World) -> HumanConfiguration:
+    """Return the configuration with the areas of tasks read from their names where the fields do not say them.
+
+    For replies of models, which say "Area 2 → Shelf 6" in the name alone. Nothing else reads the name of a task.
+    """
+    humans = tuple(
+        human.model_copy(update={"tasks": tuple(_with_ends(task, world) for task in human.tasks)})
+        for human in people.humans
+    )
+    return people if humans == people.humans else people.model_copy(update={"humans": humans})
+
+
+def _with_ends(task: Task, world: World) -> Task:
+    named = _named_places(task.name, world)
+    if not named or (task.start_area and task.end_area):
+        return task
+    changes = {"start_area": task.start_area or named[0], "end_area": task.end_area or named[-1]}
+    return task.model_copy(update=changes)
+
+
+def _named_places(name: str, world: World) -> tuple[str, ...]:
+    """The places a task's name lists: two or more around arrows, one for the name of an area, none for free text."""
+    parts = tuple(part.strip() for part in _ARROW.split(name.strip()) if part.strip())
+    if len(parts) >= 2:
+        return parts
+    by_word = tuple(part.strip() for part in _TO.split(name.strip()))
+    if len(by_word) == 2 and all(resolve(part, world).known for part in by_word):
+        return by_word
+    return parts if len(parts) == 1 and resolve(parts[0], world).known else ()
+
+
+def near_place(text: str, world: World, cutoff: float = 0.6) -> str | None:
+    """Return what an unknown place most likely means.
+
+    That is the one area or waypoint its text contains ("Area 3 entry"), else the area with the most similar name;
+    None if the text contains two ("Shelf 2/Shelf 3") or no name is similar.
+    """
+    contained = _contained(text, [area.name for area in world.areas]) or _contained(text, sorted(world.grid.valid))
+    if contained:
+        return contained[0] if len(contained) == 1 else None
+    bare = _NOTE.sub(" ", text).strip() or text
+    near = difflib.get_close_matches(bare, [a.name for a in world.areas], n=1, cutoff=cutoff)
+    return near[0] if near else None
+
+
+def _contained(text: str, names: list[str]) -> list[str]:
+    """Return the names a text contains as whole words, without those that are part of a longer one found there."""
+    found = [name for name in names if re.search(rf"(?<!\w){re.escape(name)}(?!\w)", text, re.IGNORECASE)]
+    return [name for name in found if not any(name != other and name in other for other in found)]
+
+
+def spelled(name: str, world: World) -> str | None:
+    """Return the one waypoint a misspelt name can mean: `e15`, `E-15`, `E 15`, `E015`, `(E15)`; or None."""
+    match = re.fullmatch(r"\W*([A-Za-z]{1,2})[\s_\-.,]*0*(\d{1,3})\W*", name)
+    if match is None:
+        return None
+    candidate = f"{match[1].upper()}{match[2]}"
+    return candidate if candidate in world.grid.by_name else None

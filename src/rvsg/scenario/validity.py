@@ -12,11 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.robots.robot import Robot
-from rvsg.scenario.adaptation import changes_that_matter
 from rvsg.scenario.placement import size_findings, spawn_findings, speed_range, staged_findings, start_gap_m
-from rvsg.scenario.rules import MAX_HUMANS, START_CLEARANCE_M, Finding
+from rvsg.scenario.rules import MAX_HUMANS, START_CLEARANCE_M, Finding, TaskEnd, near_place, spelled, task_ends
 from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Task
-from rvsg.scenario.task_ends import TaskEnd, near_place, spelled, task_ends
+from rvsg.scenario.variation import changes_that_matter
 from rvsg.world.doors import Door
 from rvsg.world.doorways import closed_between
 from rvsg.world.fitting import fits_through

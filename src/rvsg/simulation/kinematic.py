@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from rvsg.core.seeds import stream
 from rvsg.robots.robot import Robot
-from rvsg.scenario.agents import HumanAgent, decode
-from rvsg.scenario.scenario import Scenario
+from rvsg.scenario.scenario import HumanAgent, Scenario, decode
 from rvsg.simulation.protocol import Simulator
 from rvsg.simulation.run import Outcome, Run, Trajectory
 from rvsg.world.world import World

@@ -16,7 +16,7 @@ from typing import Any
 from rvsg.core.errors import RvsgError
 from rvsg.core.records import Pose
 from rvsg.robots.files import load_robot
-from rvsg.scenario.agents import HumanAgent
+from rvsg.scenario.scenario import HumanAgent
 from rvsg.simulation.embedded.rehearsal import empty_room
 from rvsg.simulation.embedded.simulator import simulate_agents
 from rvsg.simulation.stacks.registry import StackChoice

@@ -17,8 +17,7 @@ from rvsg.api.worlds import as_world, world_of
 from rvsg.core.errors import InputError, UnknownName
 from rvsg.core.files import write_whole
 from rvsg.core.plugins import Spec
-from rvsg.scenario.agents import HumanAgent, decode
-from rvsg.scenario.scenario import Human, Pause, Scenario, Task
+from rvsg.scenario.scenario import Human, HumanAgent, Pause, Scenario, Task, decode
 from rvsg.simulation.run import Run
 from rvsg.simulation.stacks.registry import StackLike
 from rvsg.world.world import World

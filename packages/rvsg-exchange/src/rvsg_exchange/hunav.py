@@ -20,8 +20,7 @@ from rvsg.core.documents import Document, DocumentError, Problem, read_yaml
 from rvsg.core.errors import FileError, InputError
 from rvsg.core.files import write_whole
 from rvsg.core.records import Record
-from rvsg.scenario.agents import FOREVER_S, HumanAgent, reaction_of
-from rvsg.scenario.scenario import GOAL_RADIUS_M, Behaviour, ForceFactors, Reaction
+from rvsg.scenario.scenario import FOREVER_S, GOAL_RADIUS_M, Behaviour, ForceFactors, HumanAgent, Reaction, reaction_of
 
 Dialect = Literal["flat", "block", "v2"]
 

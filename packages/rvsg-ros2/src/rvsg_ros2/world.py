@@ -15,8 +15,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from rvsg.core.errors import InputError, SimulationError
-from rvsg.scenario.agents import HumanAgent, decode
-from rvsg.scenario.scenario import PersonKind, Scenario
+from rvsg.scenario.scenario import HumanAgent, PersonKind, Scenario, decode
 from rvsg.simulation.protocol import Simulator
 from rvsg.simulation.run import Outcome, Run
 from rvsg.world.world import World

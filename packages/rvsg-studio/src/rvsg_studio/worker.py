@@ -25,7 +25,7 @@ from rvsg.api.words import describe_calls
 from rvsg.campaign.events import Attempted, Confirming, Event, Explaining, Message, ModelCall, Proposing, RunMade
 from rvsg.core.errors import RvsgError
 from rvsg.core.files import write_whole
-from rvsg.generation.vlm.watching import CallNews
+from rvsg.generation.vlm.access import CallNews
 from rvsg.world.io.load import shipped_worlds
 from rvsg.world.world import Description
 from rvsg_studio.jobs import EVENTS, JOB, PAUSE, RESULT, holding

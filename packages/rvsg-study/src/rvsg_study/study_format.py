@@ -13,8 +13,7 @@ from typing import Any
 from rvsg.core.errors import FileError, InputError
 from rvsg.core.inputs import parse_json, read_text
 from rvsg.core.records import Record
-from rvsg.scenario.agents import HumanAgent
-from rvsg.scenario.scenario import ForceFactors, Human, HumanConfiguration, Task
+from rvsg.scenario.scenario import ForceFactors, Human, HumanAgent, HumanConfiguration, Task
 from rvsg.world.grid import Grid
 
 _WORKER = re.compile(r"Worker ([1-9][0-9]{0,2}) Tasks")

@@ -1,375 +1,269 @@
-"""One call of a vision language model, any provider: the only module that imports pydantic-ai.
-
-Foreign errors are translated here. What a service can recover from (a limit of calls, an overload, a broken
-connection, a reply that is not the protocol) is tried again a bounded number of times, as late as the service asks;
-what it cannot recover from (a wrong key, an unknown model) ends at once with what to do. No message carries a key:
-errors are raised outside the handler of the foreign one, so that nothing of it hangs on them.
-"""
+"""Options of access to a model, and the model they make: paced, budgeted, watched, recorded or replayed."""
 
 from __future__ import annotations
 
-import asyncio
-import contextlib
-import os
 import threading
 import time
-import warnings
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
-from urllib.parse import urlsplit
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
 
-from rvsg.core.errors import InputError, ModelUnavailable
-from rvsg.generation.vlm.faults import KEY_VARIABLE, LATER, Called, Fault, named_model, translated
-from rvsg.generation.vlm.messages import Answer, Request, Usage, estimated_input_tokens, estimated_tokens
-from rvsg.generation.vlm.secrets import hide_secrets
+from pydantic import Field, ValidationError, field_validator
 
-NO_KEY = "no-key-set"
-LOCAL_OLLAMA = "http://localhost:11434/v1"
-COMPATIBLE = ("openai-chat", "openai", "openai-responses", "ollama", "vllm")
+from rvsg.core.documents import keys_of
+from rvsg.core.errors import InputError, InvalidOptions, UnknownName
+from rvsg.core.records import Record
+from rvsg.generation.vlm.client import Limits, ModelAccess
+from rvsg.generation.vlm.model import NO_CALL, Answer, Budget, Budgeted, Model, Request, Spending
+from rvsg.generation.vlm.recording import Recorded, Recording, Replayed
 
 
-@dataclass(frozen=True, kw_only=True)
-class Limits:
-    """How patient one call is. Seconds; `tries` counts the first one too.
+class CallNews(Record):
+    """What happens in a call: it begins, it waits before another try (`why`), or it is answered.
 
-    A wait between tries is `first_wait_s` doubled each time, at most `longest_wait_s`, or what the service's
-    Retry-After asks for; a service that asks for more than `longest_wait_s` ends the call.
+    `spent` is what was spent in this sitting, this call included once it is answered; an answer `from_record` cost
+    nothing. Times in s.
     """
 
-    timeout_s: float = 180.0
-    tries: int = 4
-    first_wait_s: float = 2.0
-    longest_wait_s: float = 90.0
-    max_output_tokens: int | None = 16_000
+    what: Literal["asked", "waiting", "answered"]
+    model: str
+    purpose: str
+    why: str = ""
+    took_s: float = 0.0
+    from_record: bool = False
+    spent: Spending = Spending()
 
 
-class _Loop:
-    """One event loop in a thread of its own, on which all calls of all threads run side by side.
+Tell = Callable[[CallNews], None]
 
-    A client's connections belong to the loop they were opened on; a loop for each asking thread would leave them
-    open when the thread ends.
-    """
 
-    def __init__(self) -> None:
+class Watched:
+    """Tells `tell`, where somebody set it, of every call. Nothing it tells of reaches a record."""
+
+    def __init__(self, model: Model) -> None:
+        self._model = model
         self._lock = threading.Lock()
-        self._running: asyncio.AbstractEventLoop | None = None
-
-    def result_of(self, call: Coroutine[Any, Any, Any]) -> Any:
-        """Run a coroutine to its end and return what it returns; interrupted, it is cancelled."""
-        with self._lock:
-            if self._running is None:
-                self._running = asyncio.new_event_loop()
-                threading.Thread(target=self._running.run_forever, name="rvsg-models", daemon=True).start()
-        future = asyncio.run_coroutine_threadsafe(call, self._running)
-        try:
-            return future.result()
-        except BaseException:
-            future.cancel()
-            raise
-
-
-_LOOP = _Loop()
-
-
-def _quieten() -> None:
-    """Silence warnings of unlisted prices and ignored settings: this module reports what matters of them."""
-    from pydantic_ai import exceptions as foreign
-
-    for category in (
-        foreign.CostNotFoundWarning,
-        foreign.CostCalculationFailedWarning,
-        foreign.UsageExtractionFailedWarning,
-        foreign.UnsupportedSettingWarning,
-    ):
-        warnings.filterwarnings("ignore", category=category)
-
-
-class ModelAccess:
-    """A model by its name, e.g. `openai-chat:gpt-4.1`, `anthropic:claude-...`, `google:gemini-...`, `ollama:...`.
-
-    With `base_url` any server that speaks the OpenAI protocol; its key, if it needs one, is read from the
-    environment variable RVSG_API_KEY, so that no provider's key reaches another host. `prices` are dollars per
-    million input, cached input and output tokens, for models whose price is not known. `sleep` is how it waits.
-    """
-
-    def __init__(
-        self,
-        name: str,
-        *,
-        base_url: str | None = None,
-        limits: Limits | None = None,
-        temperature: float | None = None,
-        structured: bool = True,
-        prices: tuple[float, float, float] | None = None,
-        sleep: Callable[[float], None] = time.sleep,
-    ) -> None:
-        provider, model = named_model(name)
-        self._name, self._provider, self._model = name, provider, model
-        self._base_url = _checked_address(base_url, provider)
-        self._limits = limits or Limits()
-        self._temperature = temperature
-        self._structured = structured
-        self._prices = prices
-        self._sleep = sleep
-        self._lock = threading.Lock()
-        self._made: Any = None
-        self.waiting: Callable[[str], None] | None = None
-        """Told why and how long it waits before it tries again."""
+        self._asking: list[str] = []
+        self.spent = Spending()
+        self.from_record = 0
+        self.tell: Tell | None = None
 
     @property
     def name(self) -> str:
-        """The name it was given."""
-        return self._name
-
-    def knows_price(self) -> bool:
-        """Return whether the cost of a call is known."""
-        return self._prices is not None or _listed_price(self._provider, self._model, Usage(input_tokens=1)) is not None
-
-    def prepare(self) -> None:
-        """Find out before the first call whether the client is installed and has its key; InputError where not."""
-        failure: Fault | None = None
-        try:
-            self._client()
-        except Exception as foreign:
-            failure = self._translated(foreign, None)
-        if failure is not None:
-            raise InputError(hide_secrets(f"Model {self._name}{self._place()}: {failure.message}"), code=failure.code)
+        """The name of the model."""
+        return self._model.name
 
     def ask(self, request: Request) -> Answer:
-        """Ask, patiently; raises ModelUnavailable with the reason and what to do."""
-        failure: Fault | None = None
-        tries = self._limits.tries
-        for number in range(1, tries + 1):
-            begun = time.monotonic()
-            try:
-                answer = self._try(request)
-            except Fault as caught:
-                if caught.refused:
-                    return self._refused(caught, request, number)
-                failure = caught
-            else:
-                latency = round(time.monotonic() - begun, 3)
-                return answer.model_copy(
-                    update={"usage": answer.usage.model_copy(update={"latency_s": latency, "tries": number})}
-                )
-            if failure.without_shape:
-                self._structured = False
-            wait = self._wait(failure, number)
-            if wait is None:
-                break
-            if wait > 0:
-                if self.waiting is not None:
-                    message = f"{failure.message} Waits {wait:.0f} s, then try {number + 1} of {tries}."
-                    self.waiting(hide_secrets(message))
-                self._sleep(wait)
-        assert failure is not None
-        message = hide_secrets(f"Model {self._name}{self._place()}: {failure.message} {failure.next_step}".rstrip())
-        raise (InputError if failure.setup else ModelUnavailable)(message, code=failure.code)
-
-    def _wait(self, failure: Fault, number: int) -> float | None:
-        """Seconds until the next try; None where there is no next one."""
-        if not failure.again or number >= self._limits.tries:
-            if failure.again and number > 1:
-                failure.message += f" Tried {number} times."
-            return None
-        if failure.without_shape:
-            return 0.0
-        if failure.wait_s is None:
-            return float(min(self._limits.longest_wait_s, self._limits.first_wait_s * 2 ** (number - 1)))
-        longest = self._limits.longest_wait_s
-        if failure.wait_s > longest:
-            failure.message += (
-                f" The service asks to wait {failure.wait_s:.0f} s, longer than the {longest:.0f} s that RVSG waits."
-            )
-            failure.next_step = LATER
-            return None
-        return failure.wait_s
-
-    def _place(self) -> str:
-        return f" at {self._base_url}" if self._base_url else ""
-
-    def _try(self, request: Request) -> Answer:
-        """One request over the wire; raises Fault, never a foreign error."""
-        failure: Fault | None = None
-        response: Any = None
+        """Ask, and tell of it."""
+        begun = time.monotonic()
+        self._news("asked", request.purpose)
+        self._asking.append(request.purpose)
         try:
-            direct, messages, parameters, settings = self._foreign(request)
-            _quieten()
-            response = _LOOP.result_of(
-                direct.model_request(
-                    self._client(), messages, model_settings=settings, model_request_parameters=parameters
-                )
-            )
-        except Exception as foreign:
-            failure = self._translated(foreign, request)
-        if failure is not None:
-            raise failure
-        return self._answer(response, request)
-
-    def _refused(self, fault: Fault, request: Request, tries: int) -> Answer:
-        """Return a refusal that came as an error as an answer; its cost is unknown."""
-        usage = Usage(input_tokens=estimated_input_tokens(request), estimated=True, tries=tries)
-        prices = self._prices
-        cost = _priced(usage, prices) if prices is not None else _listed_price(self._provider, self._model, usage)
-        usage = usage.model_copy(update={"cost_usd": cost})
-        return Answer(text=hide_secrets(fault.message), model=self._model, finish="refused", usage=usage)
-
-    def _foreign(self, request: Request) -> tuple[Any, list[Any], Any, Any]:
-        """The request in the words of pydantic-ai."""
-        from pydantic_ai import direct
-        from pydantic_ai.messages import (
-            BinaryContent,
-            CachePoint,
-            ModelRequest,
-            ModelResponse,
-            SystemPromptPart,
-            TextPart,
-            UserPromptPart,
-        )
-        from pydantic_ai.models import ModelRequestParameters
-        from pydantic_ai.output import OutputObjectDefinition
-
-        messages: list[Any] = []
-        parts: list[Any] = []
-        for message in request.messages:
-            if message.role == "assistant":
-                if parts:
-                    messages.append(ModelRequest(parts=parts))
-                    parts = []
-                messages.append(ModelResponse(parts=[TextPart(content=message.text)]))
-            elif message.role == "system":
-                parts.append(SystemPromptPart(content=message.text))
-            else:
-                content: list[Any] = [message.text]
-                for shown in message.pictures:
-                    data = request.pictures[shown.digest].png
-                    content += [f"Picture: {shown.name}", BinaryContent(data=data, media_type="image/png")]
-                if message.stable:
-                    content.append(CachePoint())
-                parts.append(UserPromptPart(content=content if len(content) > 1 else message.text))
-        if parts:
-            messages.append(ModelRequest(parts=parts))
-        parameters = ModelRequestParameters()
-        if request.shape is not None and self._structured:
-            shape = OutputObjectDefinition(json_schema=request.shape, name="reply", strict=False)
-            parameters = ModelRequestParameters(output_mode="native", output_object=shape)
-        settings: dict[str, Any] = {"max_retries": 0, "request_timeout": self._limits.timeout_s}
-        settings["timeout"] = self._limits.timeout_s
-        if self._limits.max_output_tokens is not None:
-            settings["max_tokens"] = self._limits.max_output_tokens
-        if self._temperature is not None:
-            settings["temperature"] = self._temperature
-        return direct, messages, parameters, settings
-
-    def _client(self) -> Any:
-        """pydantic-ai's model object, made when it is first needed."""
+            answer = self._model.ask(request)
+        finally:
+            self._asking.remove(request.purpose)
+        known = answer.source == "record"
         with self._lock:
-            if self._made is None:
-                self._made = _client_of(self._provider, self._model, self._base_url)
-            return self._made
+            if known:
+                self.from_record += 1
+            else:
+                self.spent = self.spent.plus(answer.usage)
+        self._news("answered", request.purpose, took_s=time.monotonic() - begun, from_record=known)
+        return answer
 
-    def _translated(self, error: Exception, request: Request | None) -> Fault:
-        """What a foreign error means."""
-        foreign: Any = None
-        with contextlib.suppress(ImportError):
-            from pydantic_ai import exceptions
+    def waiting(self, why: str) -> None:
+        """Told by the access to the model that it waits before another try."""
+        self._news("waiting", self._asking[-1] if self._asking else "", why=why)
 
-            foreign = exceptions
-        called = Called(
-            provider=self._provider,
-            model=self._model,
-            base_url=self._base_url,
-            timeout_s=self._limits.timeout_s,
-            shaped=request is not None and request.shape is not None and self._structured,
-        )
-        return translated(error, foreign, called)
-
-    def _answer(self, response: Any, request: Request) -> Answer:
-        """pydantic-ai's response as ours."""
-        text = "".join(part.content for part in response.parts if part.part_kind == "text")
-        details = response.provider_details or {}
-        refusal = details.get("refusal")
-        reason = response.finish_reason
-        finish = "complete"
-        if refusal or reason == "content_filter":
-            finish, text = "refused", str(refusal or text)
-        elif not text.strip():
-            finish = "empty"
-        elif reason == "length":
-            finish = "truncated"
-        counted = response.usage
-        estimated = bool(counted.unmeasured_requests) or not counted.input_tokens
-        usage = Usage(
-            input_tokens=estimated_input_tokens(request) if estimated else counted.input_tokens,
-            cached_tokens=0 if estimated else counted.cache_read_tokens,
-            output_tokens=estimated_tokens(text) if estimated else counted.output_tokens,
-            estimated=estimated,
-        )
-        cost = float(counted.cost) if counted.cost is not None and not estimated else None
-        if self._prices is not None:
-            cost = _priced(usage, self._prices)
-        named = response.model_name or self._model
-        return Answer.model_validate(
-            {
-                "text": hide_secrets(text),
-                "model": named,
-                "finish": finish,
-                "usage": usage.model_copy(update={"cost_usd": cost}),
-            }
-        )
+    def _news(self, what: Literal["asked", "waiting", "answered"], purpose: str, **more: object) -> None:
+        if self.tell is not None:
+            news = {"what": what, "model": self.name, "purpose": purpose, "spent": self.spent, **more}
+            self.tell(CallNews.model_validate(news))
 
 
-def _priced(usage: Usage, prices: tuple[float, float, float]) -> float:
-    fresh = usage.input_tokens - usage.cached_tokens
-    return (fresh * prices[0] + usage.cached_tokens * prices[1] + usage.output_tokens * prices[2]) / 1e6
+class Paced:
+    """A model asked by at most `at_once` threads together, with calls at least 60 / `per_minute` seconds apart."""
+
+    def __init__(
+        self,
+        model: Model,
+        *,
+        at_once: int = 2,
+        per_minute: float | None = None,
+        clock: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
+        if at_once < 1:
+            raise InputError(f"At least one call at once is needed, got {at_once}.")
+        if per_minute is not None and not per_minute > 0:
+            raise InputError(f"Calls per minute must be positive, got {per_minute}.")
+        self._model = model
+        self._places = threading.BoundedSemaphore(at_once)
+        self._gap_s = 60.0 / per_minute if per_minute is not None else 0.0
+        self._lock = threading.Lock()
+        self._next = float("-inf")
+        self._clock = clock
+        self._sleep = sleep
+
+    @property
+    def name(self) -> str:
+        """The name of the model."""
+        return self._model.name
+
+    def ask(self, request: Request) -> Answer:
+        """Ask as soon as there is a place."""
+        with self._places:
+            wait = self._turn()
+            if wait > 0:
+                self._sleep(wait)
+            return self._model.ask(request)
+
+    def _turn(self) -> float:
+        """Take the next free moment; how long it is away, in seconds."""
+        with self._lock:
+            now = self._clock()
+            begin = max(now, self._next)
+            self._next = begin + self._gap_s
+            return begin - now
 
 
-def _listed_price(provider: str, model: str, usage: Usage) -> float | None:
-    """What the usage costs by public price lists, in dollars; None where they do not know the model."""
-    try:
-        from genai_prices import Usage as Counted
-        from genai_prices import calc_price
-    except ImportError:
-        return None
-    listed = {"openai-chat": "openai", "openai-responses": "openai", "google-gla": "google"}.get(provider, provider)
-    counted = Counted(input_tokens=usage.input_tokens, output_tokens=usage.output_tokens)
-    try:
-        return float(calc_price(counted, model_ref=model, provider_id=listed).total_price)
-    except LookupError:
-        return None
+MOST_DIVERGENCES = 3
 
 
-def _checked_address(base_url: str | None, provider: str) -> str | None:
-    if base_url is None:
-        return LOCAL_OLLAMA if provider == "ollama" and not os.environ.get("OLLAMA_BASE_URL") else None
-    parts = urlsplit(base_url)
-    if parts.scheme not in ("http", "https") or not parts.hostname:
+class Access(Record):
+    """How a model is reached, and within what bounds.
+
+    `prices` are dollars per million input, cached and output tokens, for models whose price is not listed.
+    `replay` is a folder of recorded calls to answer from; `strict` makes every divergence from it an error.
+    `record` is the folder that calls are kept in.
+    """
+
+    base_url: str | None = None
+    temperature: Annotated[float | None, Field(ge=0, le=2)] = None
+    call_timeout_s: Annotated[float, Field(gt=0, le=3600)] = 180.0
+    tries: Annotated[int, Field(ge=1, le=20)] = 4
+    first_wait_s: Annotated[float, Field(ge=0, le=60)] = 2.0
+    longest_wait_s: Annotated[float, Field(ge=0, le=3600)] = 90.0
+    at_once: Annotated[int, Field(ge=1, le=64)] = 2
+    calls_per_minute: Annotated[float | None, Field(gt=0)] = None
+    max_output_tokens: Annotated[int | None, Field(ge=256)] = 16_000
+    structured: bool = True
+    prices: tuple[float, float, float] | None = None
+    budget_calls: Annotated[int | None, Field(ge=1)] = None
+    budget_tokens: Annotated[int | None, Field(ge=1)] = None
+    budget_usd: Annotated[float | None, Field(gt=0)] = None
+    replay: Path | None = None
+    strict: bool = False
+    record: Path | None = None
+
+    @field_validator("prices", mode="before")
+    @classmethod
+    def _listed(cls, value: Any) -> Any:
+        """`2.0,0.5,8.0` is three prices, `2.0,8.0` two: input and output, the cached ones as the input."""
+        parts = value.split(",") if isinstance(value, str) else value
+        if isinstance(parts, (list, tuple)) and len(parts) == 2:
+            parts = (parts[0], parts[0], parts[1])
+        return parts
+
+    @classmethod
+    def of(cls, options: Mapping[str, Any], *, record: Path | None = None) -> Self:
+        """The options of a user; InputError naming every one that is unknown or out of range."""
+        for name in options:
+            if name not in cls.model_fields:
+                known = [known for known in cls.model_fields if known != "record"]
+                raise UnknownName("option of the vlm generator", name, [*known, "conversation", "corrections", "model"])
+        try:
+            return cls.model_validate({"record": record, **options})
+        except ValidationError as error:
+            problems = [f"{'.'.join(str(part) for part in e['loc'])}: {_problem(e)}" for e in error.errors()]
+            told = "The vlm generator cannot use its options: " + "; ".join(problems)
+            raise InvalidOptions(told, keys_of(error)) from None
+
+
+def _problem(error: Any) -> str:
+    nothing = str(error["loc"][0]).startswith("budget_") and error["input"] in (0, "0")
+    return NO_CALL if nothing else str(error["msg"])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wiring:
+    """A model ready to be asked, the record it writes or reads, and its parts that can tell something."""
+
+    model: Watched
+    recording: Recording | None = None
+    replayed: Replayed | None = None
+
+    @property
+    def replaying(self) -> bool:
+        """Return whether answers come from a record only."""
+        return self.replayed is not None
+
+    def notes(self) -> tuple[str, ...]:
+        """Where a replay diverged from its record: each kind of difference once, with the first call that has it."""
+        kinds: dict[str, list[str]] = {}
+        for divergence in self.replayed.divergences if self.replayed else []:
+            kinds.setdefault(divergence.what, []).append(divergence.key)
+        messages = [
+            f"Replay: the present prompts differ from the recorded ones at call {keys[0]}"
+            f"{f' (and {len(keys) - 1} more)' if len(keys) > 1 else ''}: {what}."
+            for what, keys in kinds.items()
+        ]
+        more = len(messages) - MOST_DIVERGENCES
+        return (*messages[:MOST_DIVERGENCES], *([f"Replay: {more} more kinds of differences."] if more > 0 else []))
+
+
+def wired(model: str | Model | None, access: Access) -> Wiring:
+    """The model behind everything that guards it. InputError where neither a model nor a replay is named."""
+    if access.replay is not None:
+        recording = Recording(access.replay)
+        if not len(recording):
+            there = Path(access.replay) / "calls.jsonl"
+            what = "holds no whole recorded call" if there.exists() else "does not exist"
+            raise InputError(
+                f"There are no recorded calls in {access.replay}: {there.name} {what}.", code="replay-empty"
+            )
+        replayed = Replayed(recording, strict=access.strict)
+        return Wiring(model=Watched(replayed), recording=recording, replayed=replayed)
+    if model is None:
         raise InputError(
-            f"--base-url must be an http or https address, got {hide_secrets(base_url)!r}.", code="model-address"
+            "The vlm generator needs a model: give --model PROVIDER:MODEL, for example openai-chat:gpt-4.1 "
+            "(with its key in the environment), or --replay FOLDER to answer from recorded calls.",
+            code="model-missing",
         )
-    if parts.username or parts.password or parts.query or parts.fragment:
-        message = f"--base-url must not hold a user, a key or a query; put the key into {KEY_VARIABLE}."
-        raise InputError(message, code="model-address-secret")
-    if provider not in COMPATIBLE:
+    recorded = Recording(access.record) if access.record is not None else None
+    reached = _reached(model, access) if isinstance(model, str) else model
+    paced = Paced(reached, at_once=access.at_once, per_minute=access.calls_per_minute)
+    budget = Budget(calls=access.budget_calls, tokens=access.budget_tokens, usd=access.budget_usd)
+    budgeted = Budgeted(paced, budget, recorded.spent() if recorded is not None else None)
+    watched = Watched(budgeted if recorded is None else Recorded(budgeted, recorded))
+    if isinstance(reached, ModelAccess):
+        reached.waiting = watched.waiting
+    return Wiring(model=watched, recording=recorded)
+
+
+def _reached(name: str, access: Access) -> ModelAccess:
+    limits = Limits(
+        timeout_s=access.call_timeout_s,
+        tries=access.tries,
+        first_wait_s=access.first_wait_s,
+        longest_wait_s=access.longest_wait_s,
+        max_output_tokens=access.max_output_tokens,
+    )
+    reached = ModelAccess(
+        name,
+        base_url=access.base_url,
+        limits=limits,
+        temperature=access.temperature,
+        structured=access.structured,
+        prices=access.prices,
+    )
+    if access.budget_usd is not None and not reached.knows_price():
         raise InputError(
-            f"--base-url is for servers that speak the OpenAI protocol: use a model name beginning with "
-            f"{', '.join(p + ':' for p in COMPATIBLE[:-1])} or {COMPATIBLE[-1]}:, not {provider}:.",
-            code="model-address-provider",
+            f"The price of {name} is not listed, so --budget-usd cannot be kept. Give "
+            "--generator-option prices=INPUT,CACHED,OUTPUT in dollars per million tokens (--prices INPUT,CACHED,OUTPUT "
+            "for `rvsg describe`), or use --budget-tokens or --budget-calls.",
+            code="price-unknown",
         )
-    return base_url
-
-
-def _client_of(provider: str, model: str, base_url: str | None) -> Any:
-    if base_url is not None:
-        from pydantic_ai.models.openai import OpenAIChatModel, OpenAIResponsesModel
-        from pydantic_ai.providers.openai_compatible import OpenAICompatibleProvider
-
-        key = os.environ.get(KEY_VARIABLE) or NO_KEY
-        server = OpenAICompatibleProvider("openai-compatible", base_url=base_url, api_key=key)
-        if provider in ("openai", "openai-responses"):
-            return OpenAIResponsesModel(model, provider=server)
-        return OpenAIChatModel(model, provider=server)
-    from pydantic_ai.models import infer_model
-
-    return infer_model(f"{provider}:{model}")
+    reached.prepare()
+    return reached

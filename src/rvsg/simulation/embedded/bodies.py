@@ -14,8 +14,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from rvsg.scenario.agents import HumanAgent
-from rvsg.scenario.scenario import WHEELCHAIR, Behaviour
+from rvsg.scenario.scenario import WHEELCHAIR, Behaviour, HumanAgent
 from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded.leaves import Body, Leaves, edges_of
 from rvsg.simulation.embedded.people.crowd import PERIOD_S, Crowd

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rvsg.core.records import Pose
-from rvsg.scenario.agents import HumanAgent
+from rvsg.scenario.scenario import HumanAgent
 from rvsg.world.grid import Grid
 from rvsg.world.world import OccupancyMap, Route, World
 

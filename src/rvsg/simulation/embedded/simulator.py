@@ -17,8 +17,7 @@ from rvsg.core.records import Pose
 from rvsg.core.seeds import stream
 from rvsg.robots.files import DEFAULT_ROBOT, load_robot
 from rvsg.robots.robot import Robot
-from rvsg.scenario.agents import HumanAgent, decode
-from rvsg.scenario.scenario import Scenario
+from rvsg.scenario.scenario import HumanAgent, Scenario, decode
 from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded import state as st
 from rvsg.simulation.embedded.bodies import MovingBodies, moves

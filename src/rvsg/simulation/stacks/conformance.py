@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from rvsg.core.records import Pose
-from rvsg.scenario.agents import HumanAgent
+from rvsg.scenario.scenario import HumanAgent
 from rvsg.simulation.conformance import same_run
 from rvsg.simulation.embedded.rehearsal import empty_room
 from rvsg.simulation.embedded.simulator import simulate_agents

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from itertools import pairwise
 
 from rvsg.core.references import refer
-from rvsg.scenario.agents import HumanAgent
+from rvsg.scenario.scenario import HumanAgent
 from rvsg.simulation.embedded.people.behaviour import tick
 from rvsg.simulation.embedded.people.crowd import PERIOD_S, PeopleOptions, initial
 from rvsg.world.world import World

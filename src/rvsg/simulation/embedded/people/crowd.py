@@ -18,8 +18,7 @@ from rvsg.core.seeds import stream
 from rvsg.robots.files import DEFAULT_ROBOT, load_robot
 from rvsg.robots.polygons import reach, rectangle
 from rvsg.robots.robot import Robot
-from rvsg.scenario.agents import HumanAgent
-from rvsg.scenario.scenario import Behaviour, ForceFactors, Reaction
+from rvsg.scenario.scenario import Behaviour, ForceFactors, HumanAgent, Reaction
 from rvsg.simulation.embedded.people.obstacles import Surfaces, boxes_of
 from rvsg.world.world import World
 

@@ -1,16 +1,74 @@
-"""The graph people walk on: positions, valid hops with their lengths, and paths by preference."""
+"""Places people work at, the graph of waypoints between them, and the activities that name them."""
 
 from __future__ import annotations
 
 import heapq
 import math
+import re
 from collections import OrderedDict
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise
 
+from rvsg.core.records import Pose
+from rvsg.scenario.scenario import Human, ends_of
 from rvsg.scenario.validity import is_walkable
+from rvsg.world.grid import Grid
 from rvsg.world.space import robot_space
 from rvsg.world.world import Route, World
+
+
+@dataclass(frozen=True)
+class Place:
+    """A place people work at: the name and kind of a labelled area, and where people stand to work it."""
+
+    name: str
+    kind: str
+    waypoints: tuple[str, ...]
+
+
+GOODS = frozenset(
+    {
+        *("shelf", "shelves", "rack", "racks", "boxes", "box", "pallet", "pallets", "crate", "crates", "store"),
+        *("storage", "goods", "machine", "machines", "equipment", "loading", "dock", "packing", "waste", "workshop"),
+        *("warehouse", "area", "waypoint"),
+    }
+)
+"""Words in the kinds of places where people handle goods; elsewhere nobody is said to sort them or push them about."""
+
+
+def handles_goods(places: Sequence[Place]) -> bool:
+    """Return whether the kinds of most places are kinds of a place of goods."""
+    kinds = [place for place in places if GOODS & set(place.kind.lower().split())]
+    return 2 * len(kinds) >= len(places)
+
+
+def reachable(grid: Grid, start: str) -> frozenset[str]:
+    """The waypoints that can be walked to from a valid one."""
+    found, pending = {start}, [start]
+    while pending:
+        for other in grid.neighbours[pending.pop()]:
+            if other not in found:
+                found.add(other)
+                pending.append(other)
+    return frozenset(found)
+
+
+def places_of(world: World, *, reachable_from: Pose) -> tuple[Place, ...]:
+    """The places of the part of the world the robot starts in; where nothing is labelled, every waypoint is one."""
+    if not world.grid.valid:
+        return ()
+    near = reachable(world.grid, world.grid.nearest(reachable_from.x, reachable_from.y))
+    places = tuple(
+        Place(area.name, area.kind, names)
+        for area in world.areas
+        if (names := tuple(name for name in area.waypoints if name in near))
+    )
+    if len({name for place in places for name in place.waypoints}) >= 3 and len(places) >= 2:
+        return places
+    return tuple(Place(name, "waypoint", (name,)) for name in (w.name for w in world.grid.waypoints) if name in near)
+
 
 Point = tuple[float, float]
 Path = tuple[str, ...]
@@ -167,3 +225,55 @@ def nearest_on(line: tuple[Point, ...], point: Point) -> tuple[float, float]:
                 best = (walked + share * length, away)
         walked += length
     return best
+
+
+def named_in(activity: str, places: Sequence[Place]) -> tuple[tuple[Place, ...], ...]:
+    """Return the places that an activity names, in its order: one by its name, or all of a kind.
+
+    A longer name counts before a shorter one in it: in "the large shelves" no "shelf" is named.
+    """
+    return _named_in(activity, tuple(places))
+
+
+@lru_cache(maxsize=256)
+def _named_in(activity: str, places: tuple[Place, ...]) -> tuple[tuple[Place, ...], ...]:
+    text = activity.lower()
+    found: list[tuple[int, int, tuple[Place, ...]]] = []
+    names: dict[str, list[Place]] = {}
+    for place in places:
+        names.setdefault(place.name.lower(), []).append(place)
+        names.setdefault(place.kind.lower(), []).append(place)
+        word, _, number = place.name.lower().rpartition(" ")
+        if number.isdigit():
+            names.setdefault(word, []).append(place)
+    for name in sorted(names, key=lambda each: (-len(each), each)):
+        for match in re.finditer(rf"\b{_any_number(name)}\b", text):
+            if all(match.end() <= begin or end <= match.start() for begin, end, _ in found):
+                found.append((match.start(), match.end(), tuple(dict.fromkeys(names[name]))))
+    return tuple(named for _, _, named in sorted(found, key=lambda each: each[:2]))
+
+
+def _any_number(name: str) -> str:
+    """Return a pattern of a name in the singular or the plural."""
+    stem = re.escape(name)
+    if name.endswith("shelf"):
+        return stem.removesuffix("f") + "(?:f|ves)"
+    if name.endswith("shelves"):
+        return stem.removesuffix("ves") + "(?:f|ves)"
+    return stem.removesuffix("s") + "(?:s|es)?" if name.endswith("s") else stem + "(?:s|es)?"
+
+
+def follows(human: Human, named: Sequence[tuple[Place, ...]]) -> bool:
+    """Return whether a person goes to the places that an activity names, in its order (their tasks come round)."""
+    stops = [ends_of(task)[0] for task in human.tasks]
+    wanted = [{place.name for place in each} for each in named]
+    for begin in range(len(stops)):
+        turned = iter([*stops[begin:], *stops[:begin]])
+        if all(any(stop in each for stop in turned) for each in wanted):
+            return True
+    return not wanted
+
+
+def sentence(text: str) -> str:
+    """Return a text without the full stop at its end, to be put into a sentence."""
+    return text.strip().rstrip(".").rstrip()

@@ -1,4 +1,4 @@
-"""The numbers of a configuration as a search space: what an optimiser may change, and within which limits.
+"""Search space of the numbers of a configuration: what an optimiser may change, and within which limits.
 
 The structure stays as the generator proposed it: who works between which areas, with which behaviour and in which
 group. What changes are start delays, speeds, one pause per person, where along the cycle of tasks a person begins, and
@@ -15,9 +15,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.generation.places import places_of
 from rvsg.generation.replies import LONGEST_DELAY_S
-from rvsg.generation.walking_graph import WalkingGraph, walking_graph
+from rvsg.generation.workplaces import WalkingGraph, places_of, walking_graph
 from rvsg.scenario.placement import start_gap_m
 from rvsg.scenario.rules import START_CLEARANCE_M
 from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Pause, Task, at_places, begin_at, ends_of

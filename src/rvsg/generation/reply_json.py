@@ -1,7 +1,7 @@
-"""Find JSON in what a model wrote: among prose, in fences, malformed or cut off.
+"""JSON of replies: the schemas models are held to, and a search for JSON in what they wrote all the same.
 
-Proper JSON is read by the standard library, malformed JSON by json-repair. This module finds where a value begins and
-ends, says whether it is complete, and bounds the work: a reply may be as long and as deeply nested as it likes.
+Proper JSON is read by the standard library, malformed JSON by json-repair. The search finds where a value begins and
+ends among prose, says whether it is complete, and bounds the work: a reply may be as long and nested as it likes.
 """
 
 from __future__ import annotations
@@ -9,12 +9,14 @@ from __future__ import annotations
 import json
 import math
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from json_repair import repair_json
 
 from rvsg.core.inputs import whole_text
+from rvsg.scenario.scenario import Behaviour, PersonKind
 
 MAX_DEPTH = 40
 MAX_STARTS = 2000
@@ -178,3 +180,69 @@ def number_of(value: Any) -> float | None:
     except OverflowError:
         return None
     return number if math.isfinite(number) else None
+
+
+def object_schema(properties: dict[str, Any], required: list[str] | None = None) -> dict[str, Any]:
+    """The schema of an object with these properties and no others; all are required unless `required` names some."""
+    return {
+        "type": "object",
+        "properties": properties,
+        "required": required if required is not None else list(properties),
+        "additionalProperties": False,
+    }
+
+
+TEXT = {"type": "string"}
+NUMBER = {"type": "number"}
+_PATH = {"type": "array", "items": TEXT, "minItems": 1}
+_MOVED = object_schema({"name": TEXT, **dict.fromkeys(("x", "y", "length_m", "width_m", "height_m", "yaw"), NUMBER)})
+_PAUSES = {"type": "array", "items": object_schema({"at": TEXT, "duration_s": NUMBER})}
+
+
+def configuration_schema(
+    *,
+    rich: bool,
+    described: bool = True,
+    behaviours: Sequence[Behaviour] = tuple(Behaviour),
+    actors: Sequence[str] = (),
+) -> dict[str, Any]:
+    """The schema of a configuration; `rich` with analysis, description, speeds, delays, pauses and behaviours.
+
+    Without `rich` it is `described` or holds the people alone. `behaviours` are those that may be chosen, `actors`
+    who takes part besides adults on foot.
+    """
+    task = {"task": TEXT, "path": _PATH}
+    if not rich:
+        plain = object_schema({"name": TEXT, "tasks": {"type": "array", "items": object_schema(task)}})
+        humans = {"humans": {"type": "array", "items": plain}}
+        return object_schema({"description": TEXT, **humans, "lesson": TEXT} if described else humans)
+    human = object_schema(
+        {
+            "name": TEXT,
+            "behaviour": {"type": "string", "enum": [b.value for b in behaviours]},
+            "speed_m_s": NUMBER,
+            "start_delay_s": NUMBER,
+            "group": {"type": ["integer", "null"]},
+            "plan": {"type": "array", "items": object_schema({"at": TEXT, "time_s": NUMBER})},
+            "tasks": {"type": "array", "items": object_schema({**task, "pauses": _PAUSES})},
+            **_of_person(actors),
+        }
+    )
+    texts = {"analysis": TEXT, "lesson": TEXT, "description": TEXT}
+    moved = {"moved": {"type": "array", "items": _MOVED}} if "moved_object" in actors else {}
+    return object_schema({**texts, "humans": {"type": "array", "items": human}, **moved})
+
+
+def _of_person(actors: Sequence[str]) -> dict[str, Any]:
+    """Return what a person may be and push besides."""
+    kinds = [kind.value for kind in PersonKind if kind is PersonKind.ADULT or kind.value in actors]
+    found: dict[str, Any] = {"kind": {"type": "string", "enum": kinds}} if len(kinds) > 1 else {}
+    if "trolley" in actors:
+        trolley = object_schema({"length_m": NUMBER, "width_m": NUMBER})
+        found["trolley"] = {"anyOf": [trolley, {"type": "null"}]}
+    return found
+
+
+def texts_schema(*keys: str) -> dict[str, Any]:
+    """The schema of an object of texts."""
+    return object_schema(dict.fromkeys(keys, TEXT))

@@ -1,0 +1,402 @@
+"""Variation of scenarios: families with ranges ("0.8 to 1.4" where a speed would stand), differences between two
+configurations, and adaptation to a changed world.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Annotated, Any
+
+from pydantic import Field, ValidationError, model_validator
+
+from rvsg.core.documents import mistakes_of
+from rvsg.core.errors import InputError, UnknownName
+from rvsg.core.records import Record
+from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Scenario, Task, at_places, ends_of
+from rvsg.world.world import Route, World
+
+_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+_RANGE = re.compile(rf"\s*({_NUMBER})\s+to\s+({_NUMBER})\s*")
+Key = tuple[str | int, ...]
+
+
+class Range(Record):
+    """A number of a scenario that may lie anywhere from `low` to `high`."""
+
+    name: str
+    """As people write it: the person and the key, e.g. `Human 1.speed_m_s`."""
+    key: Key
+    """Where it is in the scenario."""
+    low: float
+    high: float
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Range:
+        if not self.low < self.high:
+            raise ValueError(f"{self.name}: a range goes from a smaller to a larger number, not {self}")
+        return self
+
+    def __str__(self) -> str:
+        return f"{self.low:g} to {self.high:g}"
+
+    def at(self, share: float) -> float:
+        """Return the value at a share of the range, 0 for `low` and 1 for `high`."""
+        return self.low + share * (self.high - self.low)
+
+
+class ScenarioFamily(Record):
+    """The scenarios that ranges span."""
+
+    middle: Scenario
+    """The scenario with every range at its middle."""
+    ranges: Annotated[tuple[Range, ...], Field(min_length=1, max_length=20)]
+
+    def at(self, values: Sequence[float]) -> Scenario:
+        """Return the scenario with these values, in the order of `ranges`.
+
+        Raises:
+            InputError: a value is outside what the scenario allows there.
+        """
+        data = self.middle.model_dump(mode="json")
+        for each, value in zip(self.ranges, values, strict=True):
+            _set(data, each.key, value)
+        return _scenario(data)
+
+
+def family_of(value: dict[str, Any], vary: Sequence[str] = ()) -> ScenarioFamily:
+    """Return the family of a scenario as plain values, with ranges in its people, and those given besides.
+
+    Args:
+        value: a scenario as JSON holds it; a number may be the text "LOW to HIGH".
+        vary: ranges as `PERSON.KEY=LOW to HIGH`, e.g. `Human 1.speed_m_s=0.8 to 1.4`.
+
+    Raises:
+        InputError: a range cannot be read, is outside of `people`, or there is none.
+    """
+    data = copy.deepcopy(value)
+    found = {key: _range(data, key, text) for key, text in _texts(data, ()) if _RANGE.fullmatch(text)}
+    for key, each in found.items():
+        _set(data, key, each.at(0.5))
+    scenario = _scenario(data)
+    data = scenario.model_dump(mode="json")
+    for text in vary:
+        made = _varied(data, text)
+        found[made.key] = made
+        _set(data, made.key, made.at(0.5))
+    if not found:
+        raise InputError(
+            'The scenario has no range. Write one instead of a number, e.g. "speed_m_s": "0.8 to 1.4", or give '
+            "--vary 'Human 1.speed_m_s=0.8 to 1.4'."
+        )
+    family = ScenarioFamily(middle=_scenario(data), ranges=tuple(found.values()))
+    for ends in ([each.low for each in family.ranges], [each.high for each in family.ranges]):
+        family.at(ends)
+    return family
+
+
+def _texts(value: Any, key: Key) -> Iterator[tuple[Key, str]]:
+    if isinstance(value, str):
+        yield key, value
+    elif isinstance(value, dict):
+        for name, inner in value.items():
+            if name not in ("description", "name"):
+                yield from _texts(inner, (*key, name))
+    elif isinstance(value, list):
+        for index, inner in enumerate(value):
+            yield from _texts(inner, (*key, index))
+
+
+def _range(data: dict[str, Any], key: Key, text: str) -> Range:
+    if key[:2] != ("people", "humans") or len(key) < 4:
+        raise InputError(f"{_written(key)}: {text!r} is a range, and only numbers of people may be ranges.")
+    return _made(_name(data, key), key, text)
+
+
+def _made(name: str, key: Key, text: str) -> Range:
+    match = _RANGE.fullmatch(text)
+    if match is None:
+        raise InputError(f"{name}: expected a range such as 0.8 to 1.4, got {text!r}.")
+    try:
+        return Range(name=name, key=key, low=float(match[1]), high=float(match[2]))
+    except ValidationError as error:
+        raise InputError(str(error.errors()[0]["msg"]).removeprefix("Value error, ")) from None
+
+
+def _varied(data: dict[str, Any], text: str) -> Range:
+    name, equals, span = text.partition("=")
+    humans = data["people"]["humans"]
+    matching = [(k, human) for k, human in enumerate(humans) if name.startswith(f"{human['name']}.")]
+    if not equals or not matching:
+        known = ", ".join(human["name"] for human in humans) or "nobody"
+        raise InputError(f"{text!r}: expected PERSON.KEY=LOW to HIGH. People of the scenario: {known}.")
+    index, human = max(matching, key=lambda pair: len(pair[1]["name"]))
+    rest = name.removeprefix(f"{human['name']}.")
+    known_keys = {_written(key): key for key in _numbers(human, ())}
+    if rest not in known_keys:
+        raise UnknownName("number", rest, known_keys, hint=f"Numbers of {human['name']} that may vary.")
+    return _made(name, ("people", "humans", index, *known_keys[rest]), span)
+
+
+def _numbers(value: Any, key: Key) -> Iterator[Key]:
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        yield key
+    elif isinstance(value, dict):
+        for name, inner in value.items():
+            yield from _numbers(inner, (*key, name))
+    elif isinstance(value, list):
+        for index, inner in enumerate(value):
+            yield from _numbers(inner, (*key, index))
+
+
+def _name(data: dict[str, Any], key: Key) -> str:
+    human = data["people"]["humans"][key[2]]
+    return f"{human.get('name', f'person {key[2]}')}.{_written(key[3:])}"
+
+
+def _written(key: Key) -> str:
+    text = ""
+    for part in key:
+        text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else part
+    return text
+
+
+def _set(data: dict[str, Any], key: Key, value: float) -> None:
+    at: Any = data
+    for part in key[:-1]:
+        at = at[part]
+    at[key[-1]] = value
+
+
+def _scenario(data: dict[str, Any]) -> Scenario:
+    try:
+        return Scenario.model_validate(data)
+    except ValidationError as error:
+        raise InputError("The scenario cannot be used: " + "; ".join(mistakes_of(error, Scenario))) from None
+
+
+MOST_PAUSES = 3
+"""More pauses than this are summed up."""
+MOST_TASKS, MOST_WAYPOINTS = 4, 8
+"""More tasks, or waypoints of a way, than this are cut off."""
+
+
+def differences(before: HumanConfiguration, after: HumanConfiguration) -> str:
+    """Return what changed from one configuration to another; `no change` where they are equal."""
+    known = {human.name: human for human in before.humans}
+    found = []
+    for human in after.humans:
+        was = known.pop(human.name, None)
+        words = _changed(was, human) if was is not None else ["is new"]
+        if words:
+            found.append(f"{human.name} {', '.join(words)}")
+    found += [f"without {name}" for name in known]
+    return "; ".join(found) or "no change"
+
+
+def _changed(was: Human, human: Human) -> list[str]:
+    words = []
+    if human.speed_m_s != was.speed_m_s:
+        words.append(f"walks at {human.speed_m_s:g} m/s (was {was.speed_m_s:g})")
+    if human.start_delay_s != was.start_delay_s:
+        words.append(f"starts after {human.start_delay_s:g} s (was {was.start_delay_s:g})")
+    if human.behaviour is not was.behaviour:
+        words.append(f"is {human.behaviour.value} (was {was.behaviour.value})")
+    if human.group != was.group:
+        words.append("leaves the group" if human.group is None else "joins a group")
+    words += _other_work(was, human)
+    pauses, before = ([(p.at, p.duration_s) for t in h.tasks for p in t.pauses] for h in (human, was))
+    if sorted(pauses) != sorted(before):
+        listed = ", ".join(f"{s:g} s at {at}" for at, s in pauses) or "nowhere"
+        many = len(pauses) > MOST_PAUSES
+        words.append(
+            f"pauses {len(pauses)} times, {sum(s for _, s in pauses):g} s in all" if many else f"pauses {listed}"
+        )
+    return words
+
+
+def _other_work(was: Human, human: Human) -> list[str]:
+    """Which tasks are new and which are gone, else which part of the way is another; and where the person starts."""
+    before = _whole(was.tasks, human.tasks)
+    tasks = _turned(_whole(human.tasks, before), before)
+    names, old_names = _names(tasks), _names(before)
+    if names != old_names:
+        new, gone = (
+            [name for name in dict.fromkeys(a) if name not in b] for a, b in ((names, old_names), (old_names, names))
+        )
+        words = [f"now does {_listed(new, MOST_TASKS)}"] if new else []
+        words += [f"no longer {_listed(gone, MOST_TASKS)}"] if gone else []
+        words = words or ["does its tasks in another order"]
+    else:
+        words = _other_way(_way(before), _way(tasks))
+    start, old_start = _start(human), _start(was)
+    if start != old_start:
+        words.append(f"starts at {start} (was {old_start})")
+    elif names == old_names and human.tasks[0].name != was.tasks[0].name:
+        words.append(f"starts with {human.tasks[0].name}")
+    return words
+
+
+def _whole(tasks: tuple[Task, ...], known: tuple[Task, ...]) -> tuple[Task, ...]:
+    """The tasks from place to place: who starts on the way still does the task that is cut there.
+
+    Args:
+        known: Tasks from which that one takes its name.
+    """
+    whole = at_places(tasks)
+    if whole == tasks:
+        return tasks
+    names = {ends_of(task): task.name for task in known}
+    first = whole[0]
+    return (first.model_copy(update={"name": names.get(ends_of(first), first.name)}), *whole[1:])
+
+
+def _turned(tasks: tuple[Task, ...], before: tuple[Task, ...]) -> tuple[Task, ...]:
+    """The cycle of tasks from the task with which an earlier cycle begins, where both are the same cycle."""
+    turns = [(*tasks[k:], *tasks[:k]) for k in range(len(tasks))]
+    alike = [turn for turn in turns if _names(turn) == _names(before)]
+    return max(alike or turns[:1], key=lambda turn: sum(a.path == b.path for a, b in zip(turn, before, strict=False)))
+
+
+def _names(tasks: Sequence[Task]) -> list[str]:
+    return [task.name for task in tasks]
+
+
+def _start(human: Human) -> str:
+    """Where a person starts. The cut task has no name of its own: areas name tasks, and this is a waypoint."""
+    first = human.tasks[0]
+    underway = at_places(human.tasks) != human.tasks
+    return f"{first.path[0]} on the way to {ends_of(first)[1]}" if underway else first.path[0]
+
+
+def _other_way(old: Sequence[str], way: Sequence[str]) -> list[str]:
+    """Which part of the way is another."""
+    if way == old:
+        return []
+    first = next((k for k, (a, b) in enumerate(zip(way, old, strict=False)) if a != b), min(len(way), len(old)))
+    same = min(len(way), len(old)) - first
+    last = next((k for k in range(same) if way[-1 - k] != old[-1 - k]), same)
+    parts = (each[max(0, first - 1) : len(each) - max(0, last - 1)] for each in (way, old))
+    now, then = (_listed(part, MOST_WAYPOINTS, " ") for part in parts)
+    return [f"goes {now} instead of {then}"]
+
+
+def _way(tasks: Sequence[Task]) -> list[str]:
+    """The waypoints of all tasks in walking order, none twice in a row."""
+    names = [name for task in tasks for name in task.path]
+    return [name for k, name in enumerate(names) if not k or name != names[k - 1]]
+
+
+def _listed(names: Sequence[str], most: int, between: str = ", ") -> str:
+    rest = len(names) - most
+    return between.join([*names[:most], f"and {rest} more"] if rest > 0 else names)
+
+
+SAME_PLACE_M = 1e-6
+
+
+def waypoints_used(people: HumanConfiguration) -> tuple[str, ...]:
+    """Return the names of the waypoints on people's paths, in order of first use."""
+    used: Iterable[str] = (
+        name for human in people.humans for task in human.tasks for name in task.path if name not in human.points
+    )
+    return tuple(dict.fromkeys(used))
+
+
+def same_floor(mission: Mission, world: World) -> bool:
+    """Return whether a mission can take place in a world: it is the one it was made in, or has the same floor.
+
+    The waypoints that people use may differ all the same: `changes_that_matter` compares those.
+    """
+    if mission.world_id == world.id:
+        return True
+    return mission.parts is not None and mission.parts.floor == world.floor_id
+
+
+def changes_that_matter(people: HumanConfiguration, mission: Mission, world: World) -> tuple[str, ...]:
+    """Return the differences between the world a scenario was made in and this one that change the scenario.
+
+    Labels, activities, other routes and waypoints that nobody uses do not matter. The robot's route is part of the
+    scenario itself. Empty if the scenario means the same in both worlds.
+    """
+    if mission.world_id == world.id:
+        return ()
+    if mission.parts is None:
+        return (
+            f"The scenario was made for {mission.world_id} and does not hold what it depends on; {world.name} is "
+            f"{world.id}.",
+        )
+    changes = []
+    if mission.parts.floor != world.floor_id:
+        changes.append(f"The map or the objects of {world.name} have changed.")
+    for name in waypoints_used(people):
+        before, now = mission.parts.position(name), world.grid.by_name.get(name)
+        if before is None:
+            continue  # it never existed: the checker reports it as unknown
+        if now is None:
+            changes.append(f"Waypoint {name} at ({before[0]:g}, {before[1]:g}) no longer exists.")
+        elif (away := math.dist(before, (now.x, now.y))) > SAME_PLACE_M:
+            changes.append(
+                f"Waypoint {name} moved by {away:.1g} m." if away < 0.1 else f"Waypoint {name} moved by {away:.1f} m."
+            )
+    return tuple(changes)
+
+
+REACH_M = 1.0
+
+
+def migrate(
+    scenario: Scenario, world: World, *, reach_m: float = REACH_M, route: Route | None = None
+) -> tuple[Scenario, tuple[str, ...]]:
+    """Return a scenario adapted to a world, and what changed: every waypoint becomes the nearest to where it was.
+
+    Args:
+        reach_m: A waypoint without a successor this near (metres) is an error.
+        route: The route to drive instead of the one the scenario holds.
+
+    Raises:
+        InputError: A waypoint has no successor. Names all of them.
+    """
+    parts = scenario.mission.parts
+    successors: dict[str, str] = {}
+    lost, changes = [], []
+    for name in waypoints_used(scenario.people):
+        before = parts.position(name) if parts is not None else None
+        if before is None:  # where it was is unknown, so only its name is left
+            if name in world.grid.valid:
+                successors[name] = name
+            else:
+                lost.append(name)
+            continue
+        near = world.grid.nearest(*before)
+        away = math.dist(before, world.grid.position(near))
+        if away > reach_m:
+            lost.append(f"{name} ({before[0]:g}, {before[1]:g})")
+            continue
+        successors[name] = near
+        if near != name or away > 1e-6:
+            changes.append(f"Waypoint {name} becomes {near}, {away:.2f} m from where it was.")
+    if lost:
+        raise InputError(
+            f"{world.name} has no waypoint within {reach_m:g} m of {', '.join(lost)}. Edit the paths of the scenario, "
+            "or make a new one for this world.",
+            code="waypoint-too-far",
+        )
+    humans = tuple(
+        human.model_copy(update={"tasks": tuple(_renamed(task, successors) for task in human.tasks)})
+        for human in scenario.people.humans
+    )
+    old = scenario.mission
+    mission = Mission.of(world, route or old.route, robot=old.robot, moved=old.moved, doors=old.doors)
+    people = scenario.people.model_copy(update={"humans": humans})
+    return scenario.replace(mission=mission, people=people), tuple(changes)
+
+
+def _renamed(task: Task, successors: dict[str, str]) -> Task:
+    """Return the task over the successors of its waypoints, neighbours that became the same joined."""
+    path = [successors.get(name, name) for name in task.path]
+    joined = tuple(name for i, name in enumerate(path) if i == 0 or name != path[i - 1])
+    pauses = tuple(pause.model_copy(update={"at": successors.get(pause.at, pause.at)}) for pause in task.pauses)
+    return task.model_copy(update={"path": joined if len(joined) > 1 else tuple(path), "pauses": pauses})
