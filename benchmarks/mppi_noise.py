@@ -44,7 +44,7 @@ def main() -> int:
     parser.add_argument("--skipped", type=int, nargs="*", default=[], metavar="RUN")
     given = parser.parse_args()
     import rvsg
-    from rvsg_ros2.commands import new_nav2_params
+    from rvsg_ros2.nav2_file import new_nav2_params
 
     world = rvsg.load_world("warehouse")
     kept = {route.name: given.kept / f"{route.name}-empty-real-nav2-mppi.jsonl" for route in world.routes}

@@ -113,7 +113,7 @@ def arguments() -> argparse.Namespace:
 def missing(options: dict[str, Any]) -> str:
     """Return why no real Nav2 can be measured here; empty where it can."""
     from rvsg.core.errors import RvsgError
-    from rvsg_ros2.commands import check_ros2
+    from rvsg_ros2.check import check_ros2
 
     if "launch" in options:
         return ""
@@ -214,7 +214,7 @@ class Real:
 
 def real_runs(name: str, options: dict[str, Any], given: argparse.Namespace) -> Real:
     """Return the real Nav2: started with the parameters of a built-in stack, or the one that runs."""
-    from rvsg_ros2.commands import new_nav2_params
+    from rvsg_ros2.nav2_file import new_nav2_params
 
     if "launch" not in options:
         return Real("running", name, options, given.runs)

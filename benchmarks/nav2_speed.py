@@ -36,7 +36,7 @@ TOLD = ("speed", "commands", "missed_periods", "turned_back", "warnings", "fault
 def main() -> int:
     """Measure, print and write the table."""
     given = arguments()
-    from rvsg_ros2.commands import new_nav2_params
+    from rvsg_ros2.nav2_file import new_nav2_params
 
     file = Path(tempfile.mkdtemp(prefix="rvsg-speed-")) / f"{given.stack}.yaml"
     file.write_text(new_nav2_params(stack=given.stack, release=given.release))
@@ -114,7 +114,7 @@ class Driven(Nav2):
 
     def _used(self) -> float:
         """Return the processor time of Nav2 so far, s."""
-        from rvsg_ros2.keeper import marked
+        from rvsg_ros2.launch import marked
 
         session = self.stack._session
         ticks = 0

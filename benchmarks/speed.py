@@ -125,7 +125,7 @@ def main() -> int:
     parser.add_argument("--robot", default="tiago_omni", help="a shipped robot or a robot file")
     parser.add_argument("--stack", default="nav2-dwb", help="the navigation stack, as for `rvsg run --stack`")
     args = parser.parse_args()
-    from rvsg.robots.files import load_robot
+    from rvsg.robots.robot import load_robot
     from rvsg.stacks import StackChoice
 
     stack = StackChoice.of(args.stack)

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections import Counter
 
 from rvsg.core.errors import InputError
-from rvsg.robots.files import shipped_robots
+from rvsg.robots.robot import shipped_robots
 from rvsg.simulation.embedded.simulator import simulate_agents
 from rvsg.simulation.run import Outcome
 from rvsg.world.fitting import fitted

@@ -14,8 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from rvsg.core.records import Pose
-from rvsg.robots.files import load_robot, shipped_robots
-from rvsg.robots.robot import Robot
+from rvsg.robots.robot import Robot, load_robot, shipped_robots
 from rvsg.scenario.scenario import HumanAgent
 from rvsg.simulation.embedded.simulator import simulate_agents
 from rvsg.simulation.run import Run

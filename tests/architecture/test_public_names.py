@@ -32,7 +32,7 @@ PUBLIC = {
     "rvsg.simulation.run": ["Run", "Trajectory", "Outcome", "run_id"],
     "rvsg.simulation.protocol": ["Simulator"],
     "rvsg.simulation.archive": ["run_to_json", "run_from_json", "PackedRun", "unpack"],
-    "rvsg.simulation.conformance": ["check_simulator"],
+    "rvsg.testing": ["check_simulator"],
     "rvsg.evaluation.metrics": ["METRICS", "measure", "metric"],
     "rvsg.evaluation.judge": ["judge", "objective"],
     "rvsg.evaluation.verdict": ["Verdict", "Status"],

@@ -14,8 +14,8 @@ from rvsg.api.records import read_runs
 from rvsg.cli import main
 from rvsg.core.errors import FileError, RvsgError
 from rvsg.scenario.brief import Feedback
-from rvsg.simulation.conformance import same_run
 from rvsg.store.sqlite import SqliteLedger
+from rvsg.testing import same_run
 
 KINEMATIC = ["--simulator", "kinematic"]
 

@@ -16,10 +16,10 @@ from rvsg.generation.generator import Proposal
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.archive import PackedRun
-from rvsg.simulation.conformance import check_simulator
 from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.simulation.run import Run
 from rvsg.store.sqlite import SqliteLedger
+from rvsg.testing import check_simulator
 from rvsg.world.world import World
 
 

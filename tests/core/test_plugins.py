@@ -47,7 +47,7 @@ def test_a_package_that_takes_the_name_of_a_shipped_stack_is_named(
 
 
 def test_a_name_that_one_package_registers_is_that_packages(site: Path) -> None:
-    install(site, "acme", "rvsg.stacks", "mine", "rvsg.simulation.stacks.social:Social")
+    install(site, "acme", "rvsg.stacks", "mine", "rvsg.simulation.stacks.pure_pursuit:Social")
     assert plugins.find("stack", "mine").name == "social"
     with pytest.raises(UnknownName):
         plugins.find("stack", "min")

@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from rvsg.core.errors import FileError
-from rvsg.robots.files import load_robot
+from rvsg.robots.robot import load_robot
 from rvsg_exchange.urdf import read_urdf
 
 URDF = """<robot name="my robot">

@@ -23,8 +23,8 @@ from rvsg.simulation.embedded.simulator import simulate_agents
 from rvsg.simulation.run import Outcome, Run
 from rvsg.simulation.stacks.registry import StackChoice
 from rvsg.world.world import Route
-from rvsg_ros2.commands import new_nav2_params
-from rvsg_ros2.launching import Launched, ros_environment
+from rvsg_ros2.launch import Launched, ros_environment
+from rvsg_ros2.nav2_file import new_nav2_params
 
 FAKE = Path(__file__).with_name("fake_ros.py")
 BRIDGE = Path(__file__).with_name("run_bridge.py")

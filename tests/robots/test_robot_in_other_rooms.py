@@ -14,7 +14,7 @@ from rvsg.evaluation.detection import obstacle_contacts, place_namer
 from rvsg.evaluation.metrics.registry import measure
 from rvsg.evaluation.sampled import Sampled
 from rvsg.generation.forecast import forecaster_of
-from rvsg.robots.files import load_robot
+from rvsg.robots.robot import load_robot
 from rvsg.scenario.placement import robot_reach_m, start_gap_m
 from rvsg.scenario.scenario import Mission
 from rvsg.simulation.archive import PackedRun, run_from_json, run_to_json

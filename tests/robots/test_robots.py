@@ -10,9 +10,8 @@ import yaml
 
 from rvsg.core.documents import DocumentError, read_yaml
 from rvsg.core.errors import FileError, UnknownName
-from rvsg.robots.drawing import draw_robot
-from rvsg.robots.files import load_robot, shipped_robots
 from rvsg.robots.polygons import area, crosses_itself, inside
+from rvsg.robots.robot import draw_robot, load_robot, shipped_robots
 from rvsg.scenario.scenario import Mission
 from rvsg.world.io.load import load_world
 

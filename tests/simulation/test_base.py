@@ -9,8 +9,7 @@ import pytest
 from tests.simulation.tiago import STACK, TIAGO
 
 from rvsg.core.references import refer
-from rvsg.robots.files import load_robot
-from rvsg.robots.robot import Robot
+from rvsg.robots.robot import Robot, load_robot
 from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded.stack import stack_of
 

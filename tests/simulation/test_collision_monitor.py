@@ -9,8 +9,7 @@ import pytest
 
 from rvsg.core.errors import InvalidOptions
 from rvsg.core.records import Pose
-from rvsg.robots.files import load_robot
-from rvsg.robots.navigation import MonitorPolygon
+from rvsg.robots.robot import MonitorPolygon, load_robot
 from rvsg.scenario.scenario import HumanAgent
 from rvsg.simulation.embedded.rehearsal import empty_room
 from rvsg.simulation.embedded.simulator import simulate_agents

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from tests.simulation.tiago import INFLATION, STACK, TIAGO
 
 from rvsg.core.references import refer
-from rvsg.robots.files import load_robot
-from rvsg.robots.robot import Robot
+from rvsg.robots.robot import Robot, load_robot
 from rvsg.simulation.embedded.navigation.controllers import dwb
 from rvsg.simulation.embedded.navigation.controllers.rollouts import roll_out_ends, rollouts
 from rvsg.simulation.embedded.navigation.controllers.samples import fill_window, sample_table

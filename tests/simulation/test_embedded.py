@@ -13,9 +13,7 @@ import rvsg
 from rvsg.core.compiled import kernel
 from rvsg.core.errors import InputError, InvalidOptions, SimulationError, UnknownName
 from rvsg.core.records import Pose
-from rvsg.robots.files import load_robot
-from rvsg.robots.navigation import Planner
-from rvsg.robots.robot import Robot
+from rvsg.robots.robot import Planner, Robot, load_robot
 from rvsg.scenario.scenario import HumanAgent
 from rvsg.simulation.archive import PackedRun, run_from_json, run_to_json
 from rvsg.simulation.embedded import base

@@ -21,13 +21,13 @@ from tests.coded import coded
 import rvsg
 from rvsg.core.errors import InputError
 from rvsg.core.records import Pose
-from rvsg.robots.files import load_robot
+from rvsg.robots.robot import load_robot
 from rvsg.scenario.scenario import HumanAgent
 from rvsg.simulation.embedded.rehearsal import empty_room
 from rvsg.simulation.embedded.simulator import simulate_agents
 from rvsg.simulation.run import Outcome, Run
-from rvsg.simulation.stacks import frames
-from rvsg.simulation.stacks.clients import write_clients_to
+from rvsg.simulation.stacks import external_process as frames
+from rvsg.simulation.stacks.external_process import write_clients_to
 from rvsg.stacks import StackChoice, StackError, Task
 from rvsg.testing import check_stack
 from rvsg.world.world import Route
@@ -263,9 +263,9 @@ def server() -> Iterator[str]:
     """A planner on a loopback socket, served in a thread by the client file that ships."""
     import importlib.util
 
-    from rvsg.simulation.stacks import clients
+    from rvsg.simulation.stacks import external_process
 
-    path = Path(clients.__file__).with_name("rvsg_client.py")
+    path = Path(external_process.__file__).parent / "clients" / "rvsg_client.py"
     spec = importlib.util.spec_from_file_location("rvsg_client_under_test", path)
     assert spec is not None and spec.loader is not None
     client = importlib.util.module_from_spec(spec)

@@ -10,8 +10,7 @@ import pytest
 from rvsg.core.compiled import kernel
 from rvsg.core.records import Pose
 from rvsg.evaluation.detection import events_of
-from rvsg.robots.files import load_robot
-from rvsg.robots.robot import Robot
+from rvsg.robots.robot import Robot, load_robot
 from rvsg.scenario.scenario import HumanAgent
 from rvsg.simulation.embedded.navigation import journal
 from rvsg.simulation.embedded.simulator import simulate_agents

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 import rvsg
-from rvsg.robots.files import load_robot
+from rvsg.robots.robot import load_robot
 
 
 @pytest.mark.parametrize("name", ["tiago_omni", "turtlebot3_waffle", "industrial_amr"])

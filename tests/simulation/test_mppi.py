@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from rvsg.simulation.embedded.navigation.costmap import outline_hits
-from rvsg.simulation.stacks import mppi_critics, mppi_work
-from rvsg.simulation.stacks import mppi_kernel as k
+from rvsg.simulation.stacks import mppi as k
+from rvsg.simulation.stacks import mppi_critics
 from rvsg.simulation.stacks.mppi import Mppi
 from rvsg.stacks import StackChoice
 
@@ -18,16 +18,16 @@ SQUARE = np.array([(0.2, 0.2), (-0.2, 0.2), (-0.2, -0.2), (0.2, -0.2)])
 PLAN = np.column_stack([np.linspace(1.5, 4.0, 101), np.full(101, 1.5)])
 
 
-def prepared(samples: int = 400, **options: Any) -> tuple[mppi_work.Numbers, mppi_work.Work]:
+def prepared(samples: int = 400, **options: Any) -> tuple[mppi_critics.Numbers, mppi_critics.Work]:
     stack = Mppi(batch_size=samples, **options)
     p = stack._of(SQUARE, 100.0, 0.05)
-    work = mppi_work.new_work(stack.settings.time_steps, samples, p)
-    mppi_work.start_again(work, np.random.default_rng(1), p)
+    work = mppi_critics.new_work(stack.settings.time_steps, samples, p)
+    mppi_critics.start_again(work, np.random.default_rng(1), p)
     return p, work
 
 
 def drive(
-    p: mppi_work.Numbers, m: mppi_work.Work, cells: np.ndarray[Any, Any], *, ticks: int = 60
+    p: mppi_critics.Numbers, m: mppi_critics.Work, cells: np.ndarray[Any, Any], *, ticks: int = 60
 ) -> list[tuple[float, float, bool]]:
     """Follow the plan for some ticks in a costmap that stays; return the places, and whether each had a command."""
     x, y, yaw, v, w = 1.5, 1.5, 0.0, 0.0, 0.0
@@ -107,7 +107,7 @@ def test_it_starts_again_with_other_noise() -> None:
     p, m = prepared()
     before = m.noise_v.copy()
     m.control[:] = m.history[:] = 0.3
-    mppi_work.start_again(m, np.random.default_rng(2), p)
+    mppi_critics.start_again(m, np.random.default_rng(2), p)
     assert not m.control.any() and not m.history.any() and (m.noise_v != before).mean() > 0.99
     assert m.noise_v.std() == pytest.approx(0.2, rel=0.02) and m.noise_w.std() == pytest.approx(0.4, rel=0.02)
 

@@ -12,7 +12,7 @@ import yaml
 from rvsg.cli import main
 from rvsg.core.documents import DocumentError
 from rvsg.core.errors import FileError
-from rvsg.robots.files import load_robot
+from rvsg.robots.robot import load_robot
 from rvsg.simulation.embedded.simulator import EmbeddedSimulator
 from rvsg.simulation.stacks.nav2_params import read_nav2_params
 from rvsg.stacks import StackChoice

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from rvsg.core.records import Pose
-from rvsg.robots.files import load_robot
-from rvsg.robots.robot import Robot, SafetyZone
+from rvsg.robots.robot import Robot, SafetyZone, load_robot
 from rvsg.scenario.scenario import HumanAgent
 from rvsg.simulation.embedded.rehearsal import empty_room
 from rvsg.simulation.embedded.simulator import simulate_agents

@@ -11,7 +11,7 @@ import pytest
 
 from rvsg.core.errors import InputError
 from rvsg.core.records import Pose
-from rvsg.robots.files import load_robot
+from rvsg.robots.robot import load_robot
 from rvsg.scenario.scenario import HumanAgent
 from rvsg.simulation.embedded.rehearsal import empty_room
 from rvsg.simulation.embedded.simulator import EmbeddedSimulator, simulate_agents

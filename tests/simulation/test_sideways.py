@@ -13,8 +13,7 @@ import pytest
 from rvsg.core.documents import read_document
 from rvsg.core.records import Pose
 from rvsg.core.references import refer
-from rvsg.robots.files import load_robot
-from rvsg.robots.robot import Robot
+from rvsg.robots.robot import Robot, load_robot
 from rvsg.scenario.scenario import HumanAgent
 from rvsg.simulation.archive import PackedRun, run_from_json, run_to_json
 from rvsg.simulation.embedded import base
@@ -23,7 +22,7 @@ from rvsg.simulation.embedded.simulator import EmbeddedSimulator, simulate_agent
 from rvsg.simulation.embedded.stack import stack_of
 from rvsg.simulation.events import ObstacleContact, RobotContact
 from rvsg.simulation.run import Outcome, Run
-from rvsg.simulation.stacks.clients import write_clients_to
+from rvsg.simulation.stacks.external_process import write_clients_to
 from rvsg.stacks import Ended, LocalObservation, LocalPlanner, Observation, StackChoice, Task, Twist, WholeStack
 from rvsg.world.world import Route
 

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from rvsg.core.records import Pose
-from rvsg.robots.files import load_robot
-from rvsg.robots.robot import Bumper, Robot
+from rvsg.robots.robot import Bumper, Robot, load_robot
 from rvsg.simulation.embedded.episode import Episode, Outside
 from rvsg.simulation.embedded.options import profile
 from rvsg.simulation.embedded.scene import Surroundings

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rvsg.core.references import refer
-from rvsg.robots.files import load_robot
+from rvsg.robots.robot import load_robot
 from rvsg.simulation.embedded.navigation.costmap import inflation_kernel
 from rvsg.simulation.embedded.stack import padded_footprint, stack_of
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import pytest
 
-from rvsg.robots.files import load_robot
+from rvsg.robots.robot import load_robot
 from rvsg.world.authoring.check import check_world
 from rvsg.world.authoring.remarks import Remark
 from rvsg.world.authoring.routes import propose_routes

@@ -13,7 +13,7 @@ from tests.published_data import published_data
 
 from rvsg.core.documents import DocumentError
 from rvsg.core.errors import FileError
-from rvsg.robots.files import load_robot
+from rvsg.robots.robot import load_robot
 from rvsg.world.authoring.check import check_world
 from rvsg.world.authoring.create import (
     Created,

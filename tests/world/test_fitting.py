@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from rvsg.core.records import Pose
-from rvsg.robots.files import load_robot, shipped_robots
-from rvsg.robots.robot import Robot
+from rvsg.robots.robot import Robot, load_robot, shipped_robots
 from rvsg.scenario.scenario import HumanConfiguration, Mission
 from rvsg.scenario.validity import check
 from rvsg.world.fitting import fits_through, fitted, setback_m

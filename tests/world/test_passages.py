@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rvsg.core.records import Pose
-from rvsg.robots.files import load_robot
+from rvsg.robots.robot import load_robot
 from rvsg.world.build import build_world
 from rvsg.world.grid import GridSpec
 from rvsg.world.passages import free_width_m, narrow_passages, narrowest_passage, passing_m, widths_m

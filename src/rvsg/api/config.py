@@ -23,7 +23,7 @@ from rvsg.core.plugins import Spec
 from rvsg.core.records import Record
 from rvsg.evaluation.verdict import DEFAULT, Procedure
 from rvsg.generation.vlm.model import NO_CALL
-from rvsg.robots.files import DEFAULT_ROBOT
+from rvsg.robots.robot import DEFAULT_ROBOT
 from rvsg.simulation.stacks.registry import DEFAULT_STACK, runs_own_code
 from rvsg.world.doors import State
 

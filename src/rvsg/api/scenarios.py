@@ -11,8 +11,7 @@ from rvsg.api import records
 from rvsg.api.worlds import as_world, doors_in, folder_of, load_moved, world_of
 from rvsg.core.errors import InputError, InvalidScenario, UnknownName
 from rvsg.core.files import write_whole
-from rvsg.robots.files import load_robot
-from rvsg.robots.robot import Robot
+from rvsg.robots.robot import Robot, load_robot
 from rvsg.scenario import validity
 from rvsg.scenario.rules import Finding
 from rvsg.scenario.scenario import ROBOT, Behaviour, Human, HumanConfiguration, Mission, Pause, Scenario, Task

@@ -20,8 +20,7 @@ from rvsg.core.errors import FileError
 from rvsg.core.files import write_whole
 from rvsg.core.inputs import exists, parse_json, read_text
 from rvsg.core.records import content_id
-from rvsg.robots.files import DEFAULT_ROBOT, load_robot
-from rvsg.robots.robot import Robot
+from rvsg.robots.robot import DEFAULT_ROBOT, Robot, load_robot
 from rvsg.scenario.scenario import ROBOT, HumanConfiguration, Mission, Scenario
 from rvsg.simulation.protocol import Simulator
 from rvsg.simulation.run import Outcome

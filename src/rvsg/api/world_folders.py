@@ -12,8 +12,7 @@ from pydantic import ValidationError
 from rvsg.api.folder import make_folder
 from rvsg.core.documents import keys_of
 from rvsg.core.errors import FileError, InputError, InvalidOptions
-from rvsg.robots.files import DEFAULT_ROBOT, load_robot
-from rvsg.robots.robot import Robot
+from rvsg.robots.robot import DEFAULT_ROBOT, Robot, load_robot
 from rvsg.world.authoring.check import check_world
 from rvsg.world.authoring.create import Created, world_from_map, world_from_objects, world_from_sdf
 from rvsg.world.authoring.outside import Choices

@@ -26,8 +26,7 @@ def robots(
 ) -> None:
     """List robots with size, drive, limits and sensors; check a robot file, draw robots, or read a URDF file."""
     from rvsg.core.files import write_whole
-    from rvsg.robots.drawing import draw_robot
-    from rvsg.robots.files import load_robot, shipped_robots
+    from rvsg.robots.robot import draw_robot, load_robot, shipped_robots
 
     if from_urdf is not None:
         _print_urdf(from_urdf)

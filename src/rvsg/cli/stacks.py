@@ -48,7 +48,7 @@ def stacks(
     Without an argument, list the stacks with their options; --stack of `run`, `simulate` and `suite run` takes one.
     Name your own as module:Class, file.py:Class or exec:COMMAND; see docs/how-to/test-your-own-stack.md.
     """
-    from rvsg.simulation.stacks.clients import write_clients_to
+    from rvsg.simulation.stacks.external_process import write_clients_to
     from rvsg.simulation.stacks.registry import listed_stacks
 
     if write_clients is not None:

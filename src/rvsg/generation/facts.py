@@ -12,8 +12,7 @@ import numpy as np
 from rvsg.generation.generator import Rehearsal
 from rvsg.generation.replies import LONGEST_DELAY_S, MOST_MOVED
 from rvsg.generation.vlm.model import Picture
-from rvsg.robots.files import shipped_robots
-from rvsg.robots.robot import Robot
+from rvsg.robots.robot import Robot, shipped_robots
 from rvsg.scenario.brief import Arrival, Brief, Feedback, Remembered, Row
 from rvsg.scenario.placement import start_gap_m
 from rvsg.scenario.requirement import Requirement

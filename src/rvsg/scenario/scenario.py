@@ -9,8 +9,7 @@ from typing import Annotated, Any, Literal, NamedTuple, Self
 from pydantic import Field, SerializerFunctionWrapHandler, field_validator, model_serializer, model_validator
 
 from rvsg.core.records import Record
-from rvsg.robots.files import DEFAULT_ROBOT, shipped_robots
-from rvsg.robots.robot import Robot
+from rvsg.robots.robot import DEFAULT_ROBOT, Robot, shipped_robots
 from rvsg.world.doors import State
 from rvsg.world.doorways import place_of
 from rvsg.world.grid import Grid

@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.core.records import Record
-from rvsg.robots.files import DEFAULT_ROBOT, load_robot
-from rvsg.robots.robot import Robot
+from rvsg.robots.robot import DEFAULT_ROBOT, Robot, load_robot
 from rvsg.world.space import Space, human_space
 from rvsg.world.world import World
 

@@ -15,13 +15,13 @@ from typing import Any
 
 from rvsg.core.errors import RvsgError
 from rvsg.core.records import Pose
-from rvsg.robots.files import load_robot
+from rvsg.robots.robot import load_robot
 from rvsg.scenario.scenario import HumanAgent
 from rvsg.simulation.embedded.rehearsal import empty_room
 from rvsg.simulation.embedded.simulator import simulate_agents
 from rvsg.simulation.stacks.registry import StackChoice
 from rvsg.world.world import Route
-from rvsg_ros2 import keeper
+from rvsg_ros2 import launch
 from rvsg_ros2.check import check_system
 from rvsg_ros2.options import read_options
 from rvsg_ros2.stack import Ros2Stack
@@ -72,7 +72,7 @@ def main(given: dict[str, Any]) -> dict[str, Any]:
         if stack is not None:
             mark = mark_of(stack)
             stack.close()
-            told["left"] = keeper.marked(mark) if mark else []
+            told["left"] = launch.marked(mark) if mark else []
         if process is not None:
             process.terminate()
             process.wait()

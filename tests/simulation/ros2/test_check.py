@@ -10,8 +10,8 @@ from tests.simulation.ros2.isolated import drive
 
 from rvsg.cli import main
 from rvsg_ros2 import check
+from rvsg_ros2.nodes import Lifecycle
 from rvsg_ros2.options import Ros2Options
-from rvsg_ros2.waiting import Lifecycle
 
 
 @pytest.mark.service

@@ -7,8 +7,8 @@ import pytest
 
 from rvsg.world.io.load import load_world
 from rvsg.world.world import OCCUPIED
-from rvsg_ros2.foreign_map import SAME, share_of_obstacles
 from rvsg_ros2.interfaces import interfaces
+from rvsg_ros2.stack import SAME, share_of_obstacles
 
 T = interfaces("jazzy")
 

@@ -11,14 +11,13 @@ from tests.coded import coded
 
 from rvsg.cli import main
 from rvsg.core.errors import InputError
-from rvsg.robots.files import load_robot, shipped_robots
+from rvsg.robots.robot import load_robot, shipped_robots
 from rvsg.simulation.embedded.stack import stack_of
-from rvsg.simulation.stacks.configured import Configured, Nav2Settings
 from rvsg.simulation.stacks.nav2_params import read_nav2_params
+from rvsg.simulation.stacks.nav2_stack import Configured, Nav2Settings
 from rvsg.simulation.stacks.registry import StackChoice
 from rvsg_ros2.interfaces import Release
-from rvsg_ros2.nav2_file import nav2_text
-from rvsg_ros2.scaling import scale_file
+from rvsg_ros2.nav2_file import nav2_text, scale_file
 
 MONITOR = (
     {"name": "Stop", "action_type": "stop", "points": ((0.5, 0.4), (0.5, -0.4), (-0.5, -0.4)), "min_points": 6},

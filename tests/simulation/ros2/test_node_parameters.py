@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from tests.simulation.ros2.isolated import drive
 
-from rvsg.robots.files import load_robot
-from rvsg_ros2.node_parameters import NodeParameters, _kept_by_a_timer, corners, shortfall
+from rvsg.robots.robot import load_robot
+from rvsg_ros2.nodes import NodeParameters, _kept_by_a_timer, corners, shortfall
 
 SQUARE = ((0.3, 0.2), (0.3, -0.2), (-0.3, -0.2), (-0.3, 0.2))
 

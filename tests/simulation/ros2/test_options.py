@@ -11,11 +11,10 @@ from tests.coded import coded
 from rvsg.api.simulating import described
 from rvsg.core.errors import InputError, InvalidOptions
 from rvsg.core.plugins import Spec, make
-from rvsg.robots.files import load_robot
+from rvsg.robots.robot import load_robot
 from rvsg.simulation.stacks.registry import StackChoice
-from rvsg_ros2.launching import Launched, ros_environment
-from rvsg_ros2.options import domain_of, read_options
-from rvsg_ros2.robot_side import scan_topic
+from rvsg_ros2.launch import Launched, ros_environment
+from rvsg_ros2.options import domain_of, read_options, scan_topic
 from rvsg_ros2.stack import Ros2Stack
 
 

@@ -17,7 +17,7 @@ from rvsg.simulation.embedded.simulator import simulate_agents
 from rvsg.simulation.run import Outcome
 from rvsg.simulation.stacks.registry import StackChoice
 from rvsg.world.world import Route
-from rvsg_ros2.commands import new_nav2_params
+from rvsg_ros2.nav2_file import new_nav2_params
 from rvsg_ros2.stack import Ros2Stack
 
 

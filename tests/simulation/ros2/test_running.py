@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from rvsg_ros2.running import STEP_S, CommandQueue
+from rvsg_ros2.stack import STEP_S, CommandQueue
 
 
 @pytest.mark.parametrize("rate_hz", [10.0, 20.0, 25.0, 50.0])

@@ -10,7 +10,7 @@ import yaml
 from tests.coded import coded
 
 from rvsg.core.errors import FileError
-from rvsg_ros2.scaling import scale, scale_file
+from rvsg_ros2.nav2_file import scale, scale_file
 
 TEXT = """
 bt_navigator:

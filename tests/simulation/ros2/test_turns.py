@@ -7,14 +7,14 @@ from pathlib import Path
 import pytest
 
 from rvsg.core.errors import SimulationError
-from rvsg_ros2 import turns
-from rvsg_ros2.turns import GAP_S, Turn
+from rvsg_ros2 import session
+from rvsg_ros2.session import GAP_S, Turn
 
 
 @pytest.fixture(autouse=True)
 def folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(turns.tempfile, "gettempdir", lambda: str(tmp_path))
-    monkeypatch.setattr(turns, "TELL_S", 0.05)
+    monkeypatch.setattr(session.tempfile, "gettempdir", lambda: str(tmp_path))
+    monkeypatch.setattr(session, "TELL_S", 0.05)
 
 
 def test_who_waits_is_told_for_what() -> None:

@@ -1,15 +1,17 @@
-"""RVSG's stack protocol on one side, a running ROS 2 navigation on the other."""
+"""A process with rclpy between RVSG's stack protocol and a running ROS 2 navigation."""
 
 from __future__ import annotations
 
 import math
 import time
+from array import array
 from collections.abc import Callable
 from typing import Any
 
 import rclpy
 from action_msgs.msg import GoalStatus
-from geometry_msgs.msg import PoseWithCovarianceStamped, Twist, TwistStamped
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Pose, PoseStamped, PoseWithCovarianceStamped, TransformStamped, Twist, TwistStamped
 from lifecycle_msgs.srv import GetState
 from nav2_msgs.action import NavigateThroughPoses, NavigateToPose
 from nav2_msgs.srv import ClearEntireCostmap
@@ -21,7 +23,83 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import LaserScan
 from tf2_msgs.msg import TFMessage
 
-from rvsg_ros2 import messages, rvsg_client
+from rvsg_ros2 import rvsg_client
+
+OCCUPIED, UNKNOWN = 100, 255
+"""Cells of the map that RVSG sends; every other value is free."""
+
+
+def time_of(nanoseconds: int) -> Time:
+    """Return a ROS time."""
+    seconds, rest = divmod(nanoseconds, 10**9)
+    return Time(sec=seconds, nanosec=rest)
+
+
+def pose_of(x: float, y: float, yaw: float) -> Pose:
+    """Return a pose in the plane."""
+    pose = Pose()
+    pose.position.x, pose.position.y = float(x), float(y)
+    pose.orientation.z, pose.orientation.w = math.sin(yaw / 2), math.cos(yaw / 2)
+    return pose
+
+
+def transform_of(now: int, parent: str, child: str, x: float, y: float, yaw: float) -> TransformStamped:
+    """Return the place of `child` in `parent`."""
+    made = TransformStamped()
+    made.header.stamp, made.header.frame_id, made.child_frame_id = time_of(now), parent, child
+    made.transform.translation.x, made.transform.translation.y = float(x), float(y)
+    made.transform.rotation.z, made.transform.rotation.w = math.sin(yaw / 2), math.cos(yaw / 2)
+    return made
+
+
+def stamped_pose(now: int, frame: str, x: float, y: float, yaw: float) -> PoseStamped:
+    """Return a pose in a frame."""
+    made = PoseStamped()
+    made.header.stamp, made.header.frame_id, made.pose = time_of(now), frame, pose_of(x, y, yaw)
+    return made
+
+
+def initial_pose(now: int, frame: str, x: float, y: float, yaw: float) -> PoseWithCovarianceStamped:
+    """Return the start of a run as localisation takes it; it is known within a few centimetres."""
+    made = PoseWithCovarianceStamped()
+    made.header.stamp, made.header.frame_id, made.pose.pose = time_of(now), frame, pose_of(x, y, yaw)
+    covariance = [0.0] * 36
+    covariance[0], covariance[7], covariance[35] = 0.01, 0.01, 0.005
+    made.pose.covariance = covariance
+    return made
+
+
+def odometry(now: int, frame: str, child: str, seen: Any) -> Odometry:
+    """Return where the base is in the odometry frame, and how fast."""
+    made = Odometry()
+    made.header.stamp, made.header.frame_id, made.child_frame_id = time_of(now), frame, child
+    made.pose.pose = pose_of(*seen.pose)
+    made.twist.twist.linear.x, made.twist.twist.angular.z = (float(value) for value in seen.velocity)
+    return made
+
+
+def laser_scan(now: int, frame: str, scan: Any, lidar: dict[str, Any]) -> LaserScan:
+    """Return a scan; `lidar` is its part of the robot's record."""
+    made = LaserScan()
+    made.header.stamp, made.header.frame_id = time_of(now), frame
+    made.angle_min, made.angle_increment = float(scan.angle_min), float(scan.angle_increment)
+    made.angle_max = made.angle_min + made.angle_increment * (len(scan.ranges) - 1)
+    made.scan_time = 1.0 / lidar["rate_hz"]
+    made.range_min, made.range_max = float(lidar["min_range_m"]), float(lidar["max_range_m"])
+    made.ranges = array("f", scan.ranges)
+    return made
+
+
+def occupancy_grid(now: int, frame: str, world: Any) -> OccupancyGrid:
+    """Return the map of a task."""
+    made = OccupancyGrid()
+    made.header.stamp, made.header.frame_id = time_of(now), frame
+    made.info.resolution, made.info.width, made.info.height = float(world.resolution), world.columns, world.rows
+    made.info.origin = pose_of(world.origin[0], world.origin[1], 0.0)
+    values = {OCCUPIED: 100, UNKNOWN: -1}
+    made.data = array("b", (values.get(cell, 0) for cell in world.cells))
+    return made
+
 
 DEFAULTS: dict[str, Any] = {
     "speed": 1.0,  # simulated over wall time
@@ -113,7 +191,7 @@ class Bridge(rvsg_client.Planner):
         self.velocity, self.estimate = None, None
         self._static()
         if self.grid is not None:
-            self.grid.publish(messages.occupancy_grid(self.now, self.o["map_frame"], self.task.map))
+            self.grid.publish(occupancy_grid(self.now, self.o["map_frame"], self.task.map))
         for name in self.o["nodes"]:
             self._wait_for(seen, until, f"{name} is not active", self._asking(name))
         if self.o["localises"]:
@@ -147,7 +225,7 @@ class Bridge(rvsg_client.Planner):
         while not is_so():
             if self.o["localises"] and time.monotonic() - sent > ASK_S:
                 sent = time.monotonic()
-                self.initial.publish(messages.initial_pose(self.now, self.o["map_frame"], *self.task.start))
+                self.initial.publish(initial_pose(self.now, self.o["map_frame"], *self.task.start))
             if time.monotonic() > until:
                 raise SystemExit(f"{otherwise} after {self.o['start_limit_s']:g} s")
             self._pump(seen)
@@ -171,7 +249,7 @@ class Bridge(rvsg_client.Planner):
         through = len(self.task.goals) > 1
         client = self.actions[through]
         self._wait_for(seen, until, "the action of the goal is not there", client.server_is_ready)
-        poses = [messages.stamped_pose(0, self.o["map_frame"], *goal) for goal in self.task.goals]
+        poses = [stamped_pose(0, self.o["map_frame"], *goal) for goal in self.task.goals]
         goal = (NavigateThroughPoses if through else NavigateToPose).Goal()
         if not through:
             goal.pose = poses[-1]
@@ -199,26 +277,26 @@ class Bridge(rvsg_client.Planner):
         if len(self.scan_topics) != len(robot["lidars"]):
             topics = [o["scan"]] + [f"{o['scan']}_{plain(lidar['name'])}" for lidar in robot["lidars"][1:]]
             self.scan_topics = [self.node.create_publisher(LaserScan, topic, 5) for topic in topics]
-        fixed = [messages.transform_of(0, o["footprint_frame"], o["base_frame"], 0.0, 0.0, 0.0)]
+        fixed = [transform_of(0, o["footprint_frame"], o["base_frame"], 0.0, 0.0, 0.0)]
         for lidar in robot["lidars"]:
             frame = plain(lidar["name"])
-            fixed.append(messages.transform_of(0, o["base_frame"], frame, lidar["x"], lidar["y"], lidar["yaw"]))
+            fixed.append(transform_of(0, o["base_frame"], frame, lidar["x"], lidar["y"], lidar["yaw"]))
         self.tf_static.publish(TFMessage(transforms=fixed))
         self.scanned = [-math.inf] * len(self.scan_topics)
 
     def _publish(self, seen: Any, *, frozen: bool = False) -> None:
         o, now = self.o, self.now
-        self.clock.publish(Clock(clock=messages.time_of(now)))
-        moved = [messages.transform_of(now, o["odom_frame"], o["footprint_frame"], *seen.pose)]
+        self.clock.publish(Clock(clock=time_of(now)))
+        moved = [transform_of(now, o["odom_frame"], o["footprint_frame"], *seen.pose)]
         if not o["localises"]:
-            moved.append(messages.transform_of(now, o["map_frame"], o["odom_frame"], *seen.map_from_odom))
+            moved.append(transform_of(now, o["map_frame"], o["odom_frame"], *seen.map_from_odom))
         self.tf.publish(TFMessage(transforms=moved))
-        self.odom.publish(messages.odometry(now, o["odom_frame"], o["footprint_frame"], seen))
+        self.odom.publish(odometry(now, o["odom_frame"], o["footprint_frame"], seen))
         for k, (scan, lidar) in enumerate(zip(seen.scans, self.task.robot["lidars"], strict=True)):
             taken = now if frozen else now + round((scan.t - seen.t) * 1e9)
             if taken > self.scanned[k] + 0.9e9 / lidar["rate_hz"]:
                 self.scanned[k] = taken
-                self.scan_topics[k].publish(messages.laser_scan(taken, plain(lidar["name"]), scan, lidar))
+                self.scan_topics[k].publish(laser_scan(taken, plain(lidar["name"]), scan, lidar))
 
     def _pump(self, seen: Any) -> None:
         """Let PUMP_S of ROS time pass while the robot stands."""

@@ -1,21 +1,21 @@
-"""What of a running ROS 2 navigation system is found, missing, or of another type, before a campaign."""
+"""The check of a running ROS 2 navigation system: what is found, missing, or of another type."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
+from pathlib import Path
+from typing import Any
 
 from rvsg.core.errors import SimulationError
-from rvsg.robots.robot import Robot
+from rvsg.robots.robot import DEFAULT_ROBOT, Robot, load_robot
 from rvsg_ros2.dds import Bus, Endpoint, Graph
 from rvsg_ros2.interfaces import Release, interfaces
-from rvsg_ros2.node_parameters import OTHER_ROBOT_M, NodeParameters, ask_nodes
-from rvsg_ros2.options import Ros2Options
-from rvsg_ros2.robot_side import scan_topic
+from rvsg_ros2.nodes import ACTIVE, GET_STATE, OTHER_ROBOT_M, STATES, Lifecycle, NodeParameters, ask_nodes
+from rvsg_ros2.options import Ros2Options, read_options, scan_topic
 from rvsg_ros2.session import CLEAR, THROUGH_POSES, TO_POSE, release_of
-from rvsg_ros2.waiting import ACTIVE, GET_STATE, STATES, Lifecycle
 
 ANSWER_S = 1.0
 """Wall time in which a node tells a parameter."""
@@ -196,3 +196,17 @@ def _typed(
     if type_hash and any(endpoint.type_hash not in ("", type_hash) for endpoint in endpoints):
         return Finding(name, Status.OTHER_TYPE, f"{found[0]} has other fields than ROS 2 defines")
     return Finding(name, Status.FOUND, found[0])
+
+
+def check_ros2(
+    options: Mapping[str, Any] | None = None, robot: Robot | str | Path = DEFAULT_ROBOT, *, seconds: float = 5.0
+) -> Found:
+    """Return what of the running system is found, missing, or of another type.
+
+    Args:
+        options: those of the stack `ros2`.
+        robot: whose lidars the system must read.
+        seconds: how long to look.
+    """
+    given = robot if isinstance(robot, Robot) else load_robot(robot)
+    return check_system(read_options(dict(options or {})), given, seconds=seconds)

@@ -246,3 +246,11 @@ def _register(store: Any, texts: Mapping[str, str]) -> None:
     for name, text in texts.items():
         (parsed,) = get_types_from_msg(text, name).values()
         store.register({name: parsed})
+
+
+def release_named(name: str) -> Release:
+    """Return the release of a name; UnknownName with the nearest one where there is none."""
+    for release in RELEASES:
+        if release == name:
+            return release
+    raise UnknownName("ROS 2 release", name, RELEASES)

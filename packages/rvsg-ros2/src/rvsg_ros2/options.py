@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar
 
@@ -11,6 +12,7 @@ from pydantic import Field, ValidationError, model_validator
 from rvsg.core.documents import invalid_options
 from rvsg.core.errors import InputError
 from rvsg.core.records import Record
+from rvsg.robots.robot import Lidar
 from rvsg_ros2.interfaces import Release
 
 Positive = Annotated[float, Field(gt=0)]
@@ -127,3 +129,18 @@ def checked(given: dict[str, Any], model: type[Options], where: str) -> Options:
     if options.params is not None and not Path(options.params).is_file():
         raise InputError(f"{where}: params: there is no file {options.params}.", code="params-missing")
     return options
+
+
+def scan_topic(options: Ros2Options, lidars: Sequence[Lidar], index: int) -> str:
+    """Return the topic of a lidar."""
+    return _filled(options.scan if index == 0 else options.further_scans, lidars[index].name, index)
+
+
+def lidar_frame(options: Ros2Options, lidars: Sequence[Lidar], index: int) -> str:
+    """Return the frame of a lidar."""
+    return _filled(options.lidar_frame, lidars[index].name, index)
+
+
+def _filled(pattern: str, name: str, index: int) -> str:
+    plain = "".join(letter if letter.isalnum() else "_" for letter in name)
+    return pattern.replace("{name}", plain).replace("{index}", str(index))

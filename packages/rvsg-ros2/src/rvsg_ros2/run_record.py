@@ -1,4 +1,4 @@
-"""What there is to tell of a run on a ROS 2 system besides its trajectory."""
+"""The record of a run on a ROS 2 system: plans, costmaps, missed control periods, and how the action ended."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 from rvsg.simulation.stacks.protocol import Observation, Task
 from rvsg_ros2.dds import ActionClient, Subscription
 from rvsg_ros2.interfaces import Release
+from rvsg_ros2.nav2_file import CONTROL_HZ
 from rvsg_ros2.options import Ros2Options
-from rvsg_ros2.scaling import CONTROL_HZ
 
 if TYPE_CHECKING:
     from rvsg_ros2.session import Session

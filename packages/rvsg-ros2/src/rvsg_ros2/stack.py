@@ -3,16 +3,386 @@
 from __future__ import annotations
 
 import atexit
-from collections.abc import Callable, Mapping
+import math
+import time
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
+import numpy as np
+from numpy.typing import NDArray
+
 from rvsg.core.errors import SimulationError
 from rvsg.core.records import text_id
-from rvsg.simulation.stacks.protocol import Command, Ended, Observation, StackError, Task, WholeStack
+from rvsg.simulation.stacks.protocol import Command, Ended, Observation, StackError, Task, Twist, WholeStack
+from rvsg.world.world import OCCUPIED, OccupancyMap
+from rvsg_ros2.dds import POLL_S, SUCCEEDED, ActionClient, Subscription
 from rvsg_ros2.options import read_options
-from rvsg_ros2.running import STEP_S, Running, wait
-from rvsg_ros2.session import Session
+from rvsg_ros2.run_record import RunRecord
+from rvsg_ros2.session import RobotSide, Session
+
+NEAR_M = 0.15
+"""A cell of the other map is where an obstacle of the world is if it lies this close."""
+SAME = 0.5
+"""A map that has fewer of the world's obstacles shows another place."""
+
+
+def share_of_obstacles(message: Any, world_map: OccupancyMap) -> float:
+    """Return the share of a world's occupied cells that a nav_msgs/OccupancyGrid has, too; both in the map frame."""
+    from scipy.ndimage import binary_dilation
+
+    info = message.info
+    cells = np.asarray(message.data, np.int16)
+    if cells.size != info.width * info.height or not cells.size:
+        return 0.0
+    occupied = cells.reshape(info.height, info.width) >= 50
+    steps = max(1, round(NEAR_M / info.resolution))
+    occupied = binary_dilation(np.pad(occupied, steps), iterations=steps)
+    x, y = _centres(world_map)
+    turn = info.origin.orientation
+    column, row = _cells(
+        x, y, info.origin.position.x, info.origin.position.y, 2.0 * math.atan2(turn.z, turn.w), info.resolution
+    )
+    column, row = column + steps, row + steps
+    inside = (column >= 0) & (row >= 0) & (column < occupied.shape[1]) & (row < occupied.shape[0])
+    return float(occupied[row[inside], column[inside]].sum() / max(1, x.size))
+
+
+def _centres(world_map: OccupancyMap) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the middles of the occupied cells, m."""
+    row, column = np.nonzero(world_map.cells == OCCUPIED)
+    along, up = (column + 0.5) * world_map.resolution, (row + 0.5) * world_map.resolution
+    origin = world_map.origin
+    cos, sin = math.cos(origin.yaw), math.sin(origin.yaw)
+    return origin.x + cos * along - sin * up, origin.y + sin * along + cos * up
+
+
+def _cells(
+    x: NDArray[np.float64], y: NDArray[np.float64], x0: float, y0: float, yaw: float, resolution: float
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return column and row of points in a map with this origin."""
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    along, up = cos * (x - x0) + sin * (y - y0), -sin * (x - x0) + cos * (y - y0)
+    return np.floor(along / resolution).astype(np.int64), np.floor(up / resolution).astype(np.int64)
+
+
+STEP_S = 0.01
+"""Simulated time between two looks for commands, a tick of the base. A period of 20 Hz is a multiple of it: commands
+taken every 20 ms would act after 40 and 60 ms in turn, so that every second sample of 20 Hz repeats the one before."""
+LATE_S = 0.2
+"""Simulated time that this process may be behind the wall's clock and still catch up. A system goes on by that clock,
+and drives with measurements that are as old."""
+PERIOD_S = 0.02
+"""Simulated time between two messages of odometry, transforms and clock."""
+LOCALISED_M, LOCALISED_RAD = 0.5, 0.35
+"""A system counts as localised where its estimate is this close to the truth."""
+ASK_AGAIN_S = 2.0
+"""Wall time after which the initial pose is sent again."""
+APPEAR_S = 3.0
+"""Wall time in which a map server appears after the action of the goal."""
+TURN_LIMIT_S = 3600.0
+MAP_LIMIT_S = 2.0
+"""Wall time in which a latched map arrives."""
+_END_LIMIT_S = 1.0
+
+
+class Running:
+    """One run on a system that is ready."""
+
+    def __init__(self, session: Session, task: Task, seen: Observation) -> None:
+        self.session, self.task, self.options = session, task, session.options
+        self.record = RunRecord(session.speed, task, session.bus.types.release)
+        self._base = session.turn.take(TURN_LIMIT_S, session.tell)
+        self._now = self._base
+        try:
+            session.find(wait)
+            self.record.release = session.bus.types.release
+            self.robot: RobotSide = session.connect(task.robot)
+            self.robot.start_over()
+            self._frozen = time.monotonic()
+            self._get_ready(seen)
+        except BaseException:
+            self._give_back()
+            raise
+        self.robot.start_over()
+        self._base = self._now - round(seen.t * 1e9)
+        self._publish_at = self._now
+        self._due = time.monotonic()
+        self._begun, self._begun_t = self._due, seen.t
+        self._sent = CommandQueue()
+        self._heard = self._due
+
+    # Getting ready: simulated time stands still, ROS time goes on at the pace of the run.
+
+    def _get_ready(self, seen: Observation) -> None:
+        pump = lambda: self._pump(seen)  # noqa: E731
+        limit = self.options.start_limit_s
+        until = time.monotonic() + limit
+        self._mapped = False
+        self._transforms = self.session.bus.subscribe("/tf", "tf2_msgs/msg/TFMessage", reliable=True, depth=200)
+        self._wait_until_active(pump, until)
+        self._check_map(pump)
+        self.record.control_hz = self.session.control_hz(pump)
+        for node, wrong in self.session.parameters(pump).of_another_robot(self.task.robot).items():
+            self.record.warn(f"{node}: {wrong}")
+        self.actions = {through: self.session.action(through) for through in (False, True)}
+        self._stop_others(pump)
+        self._wait_until_localised(seen, pump, until)
+        for service in self.session.clear_costmaps(self.options.answer_limit_s, pump):
+            self.record.warn(f"{service} did not answer")
+        self._pump_for(seen, self.options.settle_s)
+        self._commands: Subscription = self.session.commands()
+        self.record.listen(self.session, self.options)
+        self._send_goal(pump)
+
+    def _wait_until_active(self, pump: Callable[[], None], until: float) -> None:
+        lifecycle = self.session.lifecycle
+        lifecycle.states.clear()
+        sent, begun = 0.0, time.monotonic()
+        while True:
+            lifecycle.poll()
+            waiting = lifecycle.waiting_for()
+            is_ready = bool(lifecycle.states) and not waiting
+            self._provide(is_ready or time.monotonic() - begun > APPEAR_S)
+            if is_ready:
+                return
+            if time.monotonic() - sent > ASK_AGAIN_S:
+                sent = time.monotonic()
+                self._send_start()
+            self.session.check()
+            if time.monotonic() > until:
+                listed = "; ".join(waiting)
+                raise SimulationError(f"Not active after {self.options.start_limit_s:g} s: {listed}.")
+            pump()
+
+    def _provide(self, is_complete: bool) -> None:
+        """Give the transform from map to odom, and the map, where the system has none of its own.
+
+        Args:
+            is_complete: nodes that provide a map have had time to appear.
+        """
+        graph, options = self.session.bus.graph(), self.options
+        own = bool(graph.subscribers(options.initial_pose))
+        self.robot.gives_transform = options.localisation == "given" or (options.localisation == "auto" and not own)
+        lacks_map = is_complete and options.publish_map == "auto" and not graph.publishers(options.map)
+        if not self._mapped and (lacks_map or options.publish_map == "always"):
+            self.robot.publish_map(self._now, self.task.world)
+            self._mapped = True
+
+    def _check_map(self, pump: Callable[[], None]) -> None:
+        """Refuse a system whose own map shows another place; looked at once for each world."""
+        topic, world = self.options.map, self.task.world
+        if self._mapped or world.id in self.session.checked_worlds or not self.session.bus.graph().publishers(topic):
+            return
+        found = self.session.bus.subscribe(topic, "nav_msgs/msg/OccupancyGrid", reliable=True, latched=True, depth=1)
+        until = time.monotonic() + MAP_LIMIT_S
+        while not (messages := found.take()):
+            if time.monotonic() > until:
+                return  # a publisher that has published nothing, such as a SLAM that begins
+            pump()
+        share = share_of_obstacles(messages[-1], world.occupancy)
+        if share < SAME:
+            raise SimulationError(
+                f"The map on {topic} has {share:.0%} of the obstacles of the world {world.name}, so it shows another "
+                "place. Give your map server that world's map (`rvsg world copy`), or make a world of yours "
+                "(`rvsg world new`)."
+            )
+        self.session.checked_worlds.add(world.id)
+
+    def _send_start(self) -> None:
+        """Tell localisation the start: costmaps become active only with a transform from the map."""
+        if not self.robot.gives_transform:
+            start = self.task.start
+            self.robot.publish_initial_pose(self._now, start.x, start.y, start.yaw)
+
+    def _stop_others(self, pump: Callable[[], None]) -> None:
+        for client in self.actions.values():
+            if self.session.bus.graph().servers(f"{client.name}/_action/send_goal"):
+                client.cancel_all(self.options.answer_limit_s, pump)
+
+    def _wait_until_localised(self, seen: Observation, pump: Callable[[], None], until: float) -> None:
+        if self.robot.gives_transform:
+            return
+        self._transforms.take()
+        sent = 0.0
+        while True:
+            if time.monotonic() - sent > ASK_AGAIN_S:
+                sent = time.monotonic()
+                self._send_start()
+            off = self._off(seen)
+            if off is not None and off[0] < LOCALISED_M and off[1] < LOCALISED_RAD:
+                return
+            if time.monotonic() > until:
+                how = "no transform from map to odom came" if off is None else f"its estimate is {off[0]:.2f} m off"
+                raise SimulationError(f"Not localised after {self.options.start_limit_s:g} s: {how}.")
+            pump()
+
+    def _off(self, seen: Observation) -> tuple[float, float] | None:
+        """Return how far (m, rad) the newest estimate of the robot's place is off its start in the map."""
+        found = None
+        for message in self._transforms.take():
+            for each in message.transforms:
+                if (each.header.frame_id, each.child_frame_id) == (self.options.map_frame, self.options.odom_frame):
+                    turn = each.transform.rotation
+                    yaw = 2.0 * math.atan2(turn.z, turn.w)
+                    x, y, heading = seen.pose
+                    cos, sin = math.cos(yaw), math.sin(yaw)
+                    px = each.transform.translation.x + cos * x - sin * y
+                    py = each.transform.translation.y + sin * x + cos * y
+                    start = self.task.start
+                    aside = math.remainder(heading + yaw - start.yaw, 2.0 * math.pi)
+                    found = (math.hypot(px - start.x, py - start.y), abs(aside))
+        return found
+
+    def _send_goal(self, pump: Callable[[], None]) -> None:
+        goals = self.task.goals
+        through = len(goals) > 1 if self.options.goal == "auto" else self.options.goal == "through_poses"
+        self.client: ActionClient = self.actions[through]
+        until = time.monotonic() + self.options.answer_limit_s
+        while not self.client.is_matched:
+            if time.monotonic() > until:
+                raise SimulationError(f"The action {self.client.name} is not there.")
+            pump()
+        goal = self.client.new_goal()
+        poses = [self.robot.pose_stamped(0, pose.x, pose.y, pose.yaw) for pose in goals]
+        if not through:
+            goal.pose = poses[-1]
+        elif isinstance(goal.poses, list):
+            goal.poses = poses
+        else:
+            goal.poses.goals = poses
+        self._commands.take()
+        self.client.send_goal(goal)
+        while self.client.accepted is None:
+            if time.monotonic() > until + self.options.answer_limit_s:
+                raise SimulationError(f"The action {self.client.name} did not answer the goal.")
+            pump()
+            self.client.poll()
+        if not self.client.accepted:
+            raise SimulationError(f"The action {self.client.name} rejected the goal.")
+
+    def _pump(self, seen: Observation) -> None:
+        """Let PERIOD_S of ROS time pass while the robot stands."""
+        self._now += round(PERIOD_S * 1e9)
+        at = (self._now - self._base) / 1e9
+        self.robot.publish(self._now, seen, at=at)
+        self._frozen += PERIOD_S / self.session.speed
+        rest = self._frozen - time.monotonic()
+        if rest > 0.0:
+            time.sleep(rest)
+        else:
+            self._frozen = time.monotonic()
+            time.sleep(POLL_S)
+
+    def _pump_for(self, seen: Observation, seconds: float) -> None:
+        until = self._now + round(seconds * 1e9)
+        while self._now < until:
+            self._pump(seen)
+
+    # The run itself.
+
+    def step(self, seen: Observation) -> Twist | Ended | None:
+        """Send what the robot senses, wait until its time has come, and take what the system answers."""
+        self._now = self._base + round(seen.t * 1e9)
+        if self._now >= self._publish_at:
+            self._publish_at += round(PERIOD_S * 1e9)
+            self.robot.publish(self._now, seen)
+            self.robot.publish_joints(self._now)
+        self._keep_pace()
+        self.client.poll()
+        self.record.note(seen, self.client.feedback)
+        if self.client.status is not None:
+            self.record.end(self.client)
+            if self.client.status == SUCCEEDED:
+                return Ended.REACHED
+            self._ask_whether_alive()  # the navigator gives up, too, where another node is gone
+            return Ended.GAVE_UP
+        return self._command(seen)
+
+    def _keep_pace(self) -> None:
+        """Wait until the step is due by the wall clock; a step that comes late is caught up by those that follow."""
+        self._due += STEP_S / self.session.speed
+        rest = self._due - time.monotonic()
+        if rest > 0.0:
+            time.sleep(rest)
+        elif -rest > LATE_S / self.session.speed:
+            self._due -= rest
+
+    def _command(self, seen: Observation) -> Twist | None:
+        """Return the last command that was sent before the end of this step. Those that are taken late, because this
+        process was, act in the order and at the distances in which they were sent."""
+        now = time.time()
+        if self._sent.put(self._commands.take(), now):
+            self._heard = time.monotonic()
+        end = now - time.monotonic() + self._due
+        due = self._sent.before(end)
+        for at, _ in due:
+            self.record.commanded(seen.t + STEP_S - (end - at) * self.session.speed)
+        if self.record.lost_pace and self.session.speed > 1.0:
+            raise SimulationError(
+                f"{self.record.missed}, so the system does not keep up with {self.session.speed:g} times real time "
+                "(option speed; control_hz if its controller has another rate)"
+            )
+        if not due and time.monotonic() - self._heard > self.options.answer_limit_s:
+            self._ask_whether_alive()
+        return due[-1][1] if due else None
+
+    def _ask_whether_alive(self) -> None:
+        """Name the nodes that are gone or do not answer; a system that only waits goes on."""
+        self.session.check()
+        silent = self.session.lifecycle.silent(self.options.answer_limit_s)
+        if silent:
+            self.record.failed = True
+            listed = ", ".join(silent)
+            raise SimulationError(f"{listed}: no answer within {self.options.answer_limit_s:g} s, crashed or hanging")
+        self._heard = self._due = time.monotonic()
+
+    def finish(self) -> dict[str, Any]:
+        """Cancel the goal where it still runs; return the facts of the run."""
+        wall = time.monotonic() - self._begun
+        simulated = (self._now - self._base) / 1e9 - self._begun_t
+        if self.client.accepted and self.client.status is None and not self.record.failed:
+            self.client.cancel_all(_END_LIMIT_S)
+        self._give_back()
+        return self.record.facts(simulated / wall if wall > 0.0 else 0.0)
+
+    def _give_back(self) -> None:
+        if self.session.launched is None:
+            self.session.turn.give_back(self._now)
+
+
+class CommandQueue:
+    """Commands that a system has sent and that have not acted yet, in the order in which they were sent."""
+
+    def __init__(self) -> None:
+        self._sent: deque[tuple[float, Twist]] = deque()
+
+    def put(self, messages: Sequence[Any], now: float) -> bool:
+        """Add messages of type Twist or TwistStamped that were taken at a time of the system's clock, s.
+
+        Returns:
+            Whether there were any.
+        """
+        for message in messages:
+            twist = getattr(message, "twist", message)
+            velocity = Twist(float(twist.linear.x), float(twist.linear.y), float(twist.angular.z))
+            # No command is from the future: the clock of its sender may be ahead.
+            self._sent.append((min(message.sample_info.source_timestamp / 1e9, now), velocity))
+        return bool(messages)
+
+    def before(self, end: float) -> list[tuple[float, Twist]]:
+        """Remove and return the commands that were sent until then, each with its time, s."""
+        due = []
+        while self._sent and self._sent[0][0] <= end:
+            due.append(self._sent.popleft())
+        return due
+
+
+def wait() -> None:
+    """Let a moment of wall time pass."""
+    time.sleep(0.02)
+
 
 VERSION = "2"
 """2: commands act within 0.01 s of simulated time, 0.02 s before."""

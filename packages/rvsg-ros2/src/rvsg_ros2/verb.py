@@ -9,7 +9,7 @@ import typer
 
 from rvsg.cli import console
 from rvsg.cli.arguments import AsJson, StackOption
-from rvsg.cli.frame import verb
+from rvsg.cli.frame import Verb, verb
 from rvsg.cli.options import pairs
 
 app = verb(no_args_is_help=True, help="Check a running ROS 2 navigation; write or scale Nav2's parameters.")
@@ -27,7 +27,7 @@ def check(
     Exits with code 1 if the system cannot drive. Run it in the environment of your system (ROS_DOMAIN_ID,
     CYCLONEDDS_URI). It starts and changes nothing.
     """
-    from rvsg_ros2.commands import check_ros2
+    from rvsg_ros2.check import check_ros2
 
     found = check_ros2(pairs("stack", stack_option), robot, seconds=seconds)
     if json:
@@ -63,7 +63,8 @@ def params(
 
     Nav2 before Lyrical runs its loops on wall time even with use_sim_time.
     """
-    from rvsg_ros2.commands import release_named, scale_nav2_params
+    from rvsg_ros2.interfaces import release_named
+    from rvsg_ros2.nav2_file import scale_nav2_params
 
     scaled = scale_nav2_params(file, speed, release_named(release))
     if out is None:
@@ -94,7 +95,8 @@ def new_params(
     Frames and topics match those of the stack ros2, so `rvsg run --stack ros2` works with the file as it is.
     """
     from rvsg.core.files import write_whole
-    from rvsg_ros2.commands import new_nav2_params, release_named
+    from rvsg_ros2.interfaces import release_named
+    from rvsg_ros2.nav2_file import new_nav2_params
 
     text = new_nav2_params(robot, stack, pairs("stack", stack_option), release=release_named(release))
     if out is None:
@@ -102,3 +104,8 @@ def new_params(
     else:
         write_whole(out, text)
         console.say(f"wrote {out}")
+
+
+VERBS = {
+    "ros2": Verb("rvsg_ros2.verb", "Check a running ROS 2 navigation, or scale Nav2's parameters for a faster clock"),
+}

@@ -15,8 +15,7 @@ from rvsg.core.compiled import cache_folder, is_cached
 from rvsg.core.errors import InputError, SimulationError
 from rvsg.core.records import Pose
 from rvsg.core.seeds import stream
-from rvsg.robots.files import DEFAULT_ROBOT, load_robot
-from rvsg.robots.robot import Robot
+from rvsg.robots.robot import DEFAULT_ROBOT, Robot, load_robot
 from rvsg.scenario.scenario import HumanAgent, Scenario, decode
 from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded import state as st

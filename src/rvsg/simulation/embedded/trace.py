@@ -11,8 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.robots.files import load_robot
-from rvsg.robots.robot import Robot
+from rvsg.robots.robot import Robot, load_robot
 from rvsg.scenario.scenario import ROBOT, Scenario
 from rvsg.simulation.embedded import base
 from rvsg.simulation.embedded import state as st

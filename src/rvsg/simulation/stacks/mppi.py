@@ -13,19 +13,252 @@ from functools import partial
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
+from rvsg.core.compiled import kernel
 from rvsg.core.records import Record
 from rvsg.core.seeds import stream
 from rvsg.robots.polygons import distance, padded, reach
 from rvsg.robots.robot import Robot
-from rvsg.simulation.stacks.configured import AS_JAZZY, Configured, Nav2Settings
-from rvsg.simulation.stacks.mppi_kernel import optimise
-from rvsg.simulation.stacks.mppi_work import Numbers, bind, new_work, start_again
+from rvsg.simulation.stacks.mppi_critics import (
+    BLOCK,
+    Bytes,
+    F,
+    Floats,
+    Ground,
+    Numbers,
+    Singles,
+    Work,
+    bind,
+    cell_scores,
+    clearances,
+    free_points,
+    new_work,
+    rim,
+    score_costmap,
+    score_goal,
+    score_path,
+    score_speeds,
+    start_again,
+)
+from rvsg.simulation.stacks.nav2_stack import AS_JAZZY, Configured, Nav2Settings
 from rvsg.simulation.stacks.protocol import LocalObservation, StackError, Task
 
-Floats = NDArray[np.float64]
+FILTER = np.array([-21.0, 14.0, 39.0, 54.0, 59.0, 54.0, 39.0, 14.0, -21.0]) / 231.0
+"""Savitzky-Golay coefficients, quadratic over nine points."""
+
+
+# Loops over few arrays each: with more of them the compiler does not prove that they do not overlap. Arrays are taken
+# out of the work before a loop: numba counts a reference each time.
+
+
+@kernel(arrays=True)
+def limited(after: Singles, before: Singles, noise: Singles, middle: float, low: float, high: float) -> None:
+    """The sampled controls of a step, within what can be reached from those of the step before."""
+    wanted, down, up = F(middle), F(low), F(high)
+    for b in range(after.size):
+        after[b] = min(before[b] + up, max(before[b] + down, wanted + noise[b]))
+
+
+@kernel(arrays=True)
+def add_scaled(after: Singles, before: Singles, v: Singles, factor: Singles, dt: float) -> None:
+    """Add v factor dt to sums."""
+    step = F(dt)
+    for b in range(after.size):
+        after[b] = before[b] + v[b] * factor[b] * step
+
+
+@kernel(arrays=True)
+def turn(cos: Singles, sin: Singles, w: Singles, dt: float) -> None:
+    """Turn headings by w dt; the turn of a step is small, so its series is exact in single precision."""
+    step = F(dt)
+    half, sixth, fourth, fifth = F(0.5), F(1.0 / 6.0), F(1.0 / 24.0), F(1.0 / 120.0)
+    one = F(1.0)
+    for b in range(w.size):
+        a = w[b] * step
+        q = a * a
+        c = one - q * (half - q * fourth)
+        s = a * (one - q * (sixth - q * fifth))
+        old = cos[b]
+        cos[b] = old * c - sin[b] * s
+        sin[b] = sin[b] * c + old * s
+
+
+@kernel(arrays=True)
+def add_product(after: Singles, before: Singles, w: Singles, dt: float) -> None:
+    """Add w dt to sums."""
+    step = F(dt)
+    for b in range(after.size):
+        after[b] = before[b] + w[b] * step
+
+
+@kernel(arrays=True)
+def roll_out(m: Work, begin: int, end: int, yaw0: float, v0: float, w0: float, p: Numbers) -> None:
+    """Sample controls around the sequence and integrate them; positions are relative to the robot."""
+    cos, sin = m.scratch[0, begin:end], m.scratch[1, begin:end]
+    still, ahead = m.scratch[2, begin:end], m.scratch[3, begin:end]
+    cos[:] = F(math.cos(yaw0))
+    sin[:] = F(math.sin(yaw0))
+    still[:] = F(0.0)
+    ahead[:] = F(yaw0)
+    m.v[0, begin:end] = F(v0)
+    m.w[0, begin:end] = F(w0)
+    n, dt = end - begin, p.dt
+    xs, ys, yaws, vs, ws = m.x, m.y, m.yaw, m.v, m.w
+    noise_v, noise_w, control = m.noise_v, m.noise_w, m.control
+    x, y, yaw, v, w = still, still, ahead, vs[0, begin:end], ws[0, begin:end]
+    for k in range(xs.shape[0]):
+        next_x, next_y, next_yaw = xs[k, :n], ys[k, :n], yaws[k, :n]
+        next_v, next_w = vs[k + 1, begin:end], ws[k + 1, begin:end]
+        add_scaled(next_x, x, v, cos, dt)
+        add_scaled(next_y, y, v, sin, dt)
+        add_product(next_yaw, yaw, w, dt)
+        turn(cos, sin, w, dt)
+        reach = dt if k < xs.shape[0] - 1 else np.inf  # Nav2 limits only controls that move a trajectory
+        limited(next_v, v, noise_v[k, begin:end], control[0, k], reach * p.a_min, reach * p.a_max)
+        limited(next_w, w, noise_w[k, begin:end], control[1, k], -reach * p.aw_max, reach * p.aw_max)
+        x, y, yaw, v, w = next_x, next_y, next_yaw, next_v, next_w
+
+
+@kernel(arrays=True)
+def keep(m: Work, begin: int, end: int, p: Numbers) -> None:
+    """Keep what the critics of the path read of the samples of a block."""
+    last, n = m.x.shape[0] - 1, end - begin
+    rows = m.kept_x.shape[0]
+    for j in range(rows):
+        k = last if j == rows - 1 else j * p.align_step
+        m.kept_x[j, begin:end] = m.x[k, :n]
+        m.kept_y[j, begin:end] = m.y[k, :n]
+    m.kept_yaw[begin:end] = m.yaw[last, :n]
+
+
+@kernel(arrays=True)
+def weighted(values: Singles, weights: Singles) -> float:
+    """Return the sum of values times weights, in eight lanes so that it becomes vector code."""
+    lanes = np.zeros(8, np.float32)
+    whole = values.size // 8 * 8
+    for b in range(0, whole, 8):
+        for i in range(8):
+            lanes[i] += values[b + i] * weights[b + i]
+    total = 0.0
+    for i in range(8):
+        total += lanes[i]
+    for b in range(whole, values.size):
+        total += values[b] * weights[b]
+    return total
+
+
+@kernel(arrays=True)
+def average(m: Work, p: Numbers) -> None:
+    """Replace the control sequence by the mean of the sampled ones, weighted by their scores."""
+    steps, samples = m.noise_v.shape
+    least = m.costs.min()
+    weights = m.scratch[0]
+    total = 0.0
+    for b in range(samples):
+        weights[b] = F(math.exp(-(m.costs[b] - least) / p.temperature))
+        total += weights[b]
+    control, v, w = m.control, m.v, m.w
+    for k in range(steps):
+        control[0, k] = weighted(v[k + 1], weights) / total
+        control[1, k] = weighted(w[k + 1], weights) / total
+
+
+@kernel(arrays=True)
+def smooth_sequence(m: Work, offset: int) -> None:
+    """Filter the control sequence with what was sent before it."""
+    steps = m.control.shape[1]
+    if steps < 21:
+        return
+    for axis in range(2):
+        raw = np.empty(steps + 8)
+        raw[:4] = m.history[axis]
+        raw[4 : steps + 4] = m.control[axis]
+        raw[steps + 4 :] = m.control[axis, steps - 1]
+        for k in range(steps - 1):
+            value = 0.0
+            for i in range(9):
+                value += FILTER[i] * raw[k + i]
+            m.control[axis, k] = value
+        m.history[axis, :3] = m.history[axis, 1:]
+        m.history[axis, 3] = m.control[axis, offset]
+
+
+@kernel(arrays=True)
+def constrain(m: Work, p: Numbers) -> None:
+    """Keep the control sequence within the limits of speed and acceleration."""
+    v = min(p.v_max, max(p.v_min, m.control[0, 0]))
+    w = min(p.w_max, max(-p.w_max, m.control[1, 0]))
+    m.control[0, 0], m.control[1, 0] = v, w
+    for k in range(1, m.control.shape[1]):
+        v = min(v + p.dt * p.a_max, max(v + p.dt * p.a_min, min(p.v_max, max(p.v_min, m.control[0, k]))))
+        w = min(w + p.dt * p.aw_max, max(w - p.dt * p.aw_max, min(p.w_max, max(-p.w_max, m.control[1, k]))))
+        m.control[0, k], m.control[1, k] = v, w
+
+
+@kernel(arrays=True)
+def local_path(
+    plan: Floats, cells: Bytes, ox: float, oy: float, side: float, x: float, y: float, prune_m: float
+) -> Floats:
+    """Return the plan from its point nearest to the robot for `prune_m` within the costmap, relative to the robot."""
+    begin = 0
+    nearest = np.inf
+    for k in range(plan.shape[0]):
+        away = math.hypot(plan[k, 0] - x, plan[k, 1] - y)
+        if away < nearest:
+            nearest, begin = away, k
+    end = begin + 1
+    along = 0.0
+    while end < plan.shape[0]:
+        along += math.hypot(plan[end, 0] - plan[end - 1, 0], plan[end, 1] - plan[end - 1, 1])
+        column, row = (plan[end, 0] - ox) / side, (plan[end, 1] - oy) / side
+        if along > prune_m or not (0.0 <= column < cells.shape[1] and 0.0 <= row < cells.shape[0]):
+            break
+        end += 1
+    path = plan[begin:end].copy()
+    path[:, 0] -= x
+    path[:, 1] -= y
+    return path
+
+
+@kernel(arrays=True)
+def optimise(
+    m: Work, plan: Floats, cells: Bytes, ox: float, oy: float, side: float, x: float, y: float, yaw: float, v0: float,
+    w0: float, goal_yaw: float, iterations: int, p: Numbers,
+) -> tuple[bool, float, float]:  # fmt: skip
+    """Return whether there is a valid command, and forward speed and yaw rate."""
+    path = local_path(plan, cells, ox, oy, side, x, y, p.prune_m)
+    last = plan.shape[0] - 1
+    gx, gy = plan[last, 0] - x, plan[last, 1] - y
+    to_goal = math.hypot(gx, gy)
+    free = free_points(path, cells, ox - x, oy - y, side)
+    scores = cell_scores(cells, to_goal < p.near_goal_m, p)
+    ground = Ground(scores, clearances(cells), rim(p.footprint, side), (x - ox) / side, (y - oy) / side, 1.0 / side)
+    samples = m.costs.size
+    offset = 1 if p.shift else 0
+    colliding = 0
+    for _ in range(iterations):
+        m.costs[:] = F(0.0)
+        colliding = 0
+        for begin in range(0, samples, BLOCK):
+            end = min(begin + BLOCK, samples)
+            roll_out(m, begin, end, yaw, v0, w0, p)
+            keep(m, begin, end, p)
+            score_speeds(m, begin, end, to_goal, p)
+            colliding += score_costmap(m, begin, end, ground, p)
+            score_goal(m, begin, end, gx, gy, goal_yaw, to_goal, p)
+        score_path(m, path, free, yaw, to_goal, p)
+        average(m, p)
+        constrain(m, p)
+    if colliding == samples:
+        return False, 0.0, 0.0
+    smooth_sequence(m, offset)
+    v, w = m.control[0, offset], m.control[1, offset]
+    if p.shift:
+        m.control[:, :-1] = m.control[:, 1:].copy()
+    return True, v, w
+
+
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
 Steps = Annotated[int, Field(ge=1, le=100)]

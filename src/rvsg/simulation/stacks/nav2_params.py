@@ -1,37 +1,281 @@
-"""Read the nav2_params.yaml that a robot runs with, and say of every key what becomes of it."""
+"""The reader of a robot's nav2_params.yaml: the stack it asks for, and what becomes of every key."""
 
 from __future__ import annotations
 
 import difflib
 import json
+import math
+import re
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any, Literal
 
-from rvsg.core.documents import read_yaml
+from rvsg.core.documents import DocumentError, Problem, read_yaml
 from rvsg.core.errors import FileError
 from rvsg.simulation.embedded.stack import ACTIONS
 from rvsg.simulation.stacks.mppi import MppiSettings
-from rvsg.simulation.stacks.nav2_document import Entry, Nav2File, Reader, Section, circle, leaves_of, points_of, put
-from rvsg.simulation.stacks.nav2_keys import (
-    AS_SIMULATED,
-    CHECKERS,
-    CONTROLLERS,
-    CRITICS,
-    DWB,
-    LAYERS,
-    MONITORED,
-    OUTSIDE,
-    PLANAR,
-    PLANNERS,
-    PLANNING,
-    POSITIVE,
-    SCALES,
-    SERVERS,
-    SIDEWAYS,
-    VECTORS,
-    WORDS,
-)
 from rvsg.simulation.stacks.pure_pursuit import PurePursuitSettings
+
+Key = tuple[str, ...]
+State = Literal["honoured", "no effect", "not supported"]
+STATES: tuple[State, ...] = ("honoured", "no effect", "not supported")
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One key of the file."""
+
+    key: str
+    value: str
+    state: State
+    note: str = ""
+
+
+@dataclass
+class Nav2File:
+    """A parameter file, read: the stack it asks for, and what becomes of every key."""
+
+    path: Path
+    stack: str
+    options: dict[str, Any]
+    entries: list[Entry] = field(default_factory=list)
+
+    def counts(self) -> dict[str, int]:
+        """Return how many keys are in each state."""
+        return {state: sum(entry.state == state for entry in self.entries) for state in STATES}
+
+    def messages(self) -> list[str]:
+        """Return what a user has to know: the counts, and every key that is not supported, by reason."""
+        counts = self.counts()
+        lines = [
+            f"{self.path}: {self.stack}; of {len(self.entries)} keys {counts['honoured']} are honoured, "
+            f"{counts['no effect']} have no effect here, {counts['not supported']} are not supported. "
+            f"`rvsg stacks {self.path}` lists all of them."
+        ]
+        reasons: dict[str, list[str]] = {}
+        for entry in self.entries:
+            if entry.state == "not supported":
+                reasons.setdefault(entry.note, []).append(entry.key)
+        lines += [f"not supported: {', '.join(keys)}: {reason}" for reason, keys in reasons.items()]
+        return lines
+
+
+class Section:
+    """The parameters of a node or a plug-in; remembers which of them were used."""
+
+    def __init__(self, reader: Reader, place: Key, values: Any) -> None:
+        self._reader, self.place = reader, place
+        self.values: Mapping[str, Any] = values if isinstance(values, Mapping) else {}
+
+    def get(self, key: str, default: Any = None, note: str = "") -> Any:
+        """Return a parameter and mark it as honoured; `a.b` may be nested or spelled with the dot."""
+        parts = key.split(".")
+        found: Any = self.values
+        for part in parts:
+            found = found.get(part) if isinstance(found, Mapping) else None
+        if found is None and key in self.values:
+            found, parts = self.values[key], [key]
+        if found is None:
+            return default
+        self._reader.use((*self.place, *parts), note)
+        return found
+
+    def number(self, key: str, default: float | None = None) -> Any:
+        """Return a number; FileError names the key where it is none."""
+        value = self.get(key, default)
+        if value is not None and (isinstance(value, bool) or not isinstance(value, int | float)):
+            self._reader.wrong((*self.place, key), f"expected a number, got {value!r}")
+        return value
+
+    def inner(self, key: str) -> Section:
+        """Return a plug-in's section."""
+        return Section(self._reader, (*self.place, key), self.values.get(key))
+
+
+class Reader:
+    """Reads a parameter file; keeps what was used and what is not supported."""
+
+    def __init__(self, path: Path, document: Mapping[str, Any]) -> None:
+        self.path, self.document = path, document
+        self.used: dict[Key, str] = {}
+        self.refused: dict[Key, str] = {}
+        self.idle: dict[Key, str] = {}
+        """Sections that change nothing, and why."""
+        self.options: dict[str, Any] = {"smoother": {}, "costmaps": {}, "behaviours": {}}
+
+    def use(self, key: Key, note: str = "") -> None:
+        """Mark a key as honoured."""
+        self.used[key] = note
+
+    def refuse(self, key: Key, note: str) -> None:
+        """Mark a key as not supported, with the reason."""
+        self.refused[key] = note
+
+    def wrong(self, key: Key, message: str) -> None:
+        """Raise what is wrong with a key."""
+        line = read_yaml(self.path).lines.get(key)
+        raise DocumentError([Problem(self.path, line, f"{'.'.join(map(str, key))}: {message}", key)])
+
+    def node(self, *names: str) -> Section:
+        """Return the section of a node, with the wild card of a namespace or not."""
+        found: Any = self.document
+        for name in (*names, "ros__parameters"):
+            found = found.get(name) if isinstance(found, Mapping) else None
+        return Section(self, (*names, "ros__parameters"), found)
+
+    def kind_of(self, section: Section, known: tuple[str, ...] | Mapping[str, str], what: str) -> str:
+        """Return the class of a plug-in, without its package; refuse one that is not simulated."""
+        plugin = str(section.get("plugin", ""))
+        kind = re.split(r"::|/", plugin)[-1]
+        if kind not in known:
+            near = difflib.get_close_matches(kind, list(known), n=1, cutoff=0.0)
+            self.wrong(
+                (*section.place, "plugin"),
+                f"the {what} {plugin or '(no plugin)'} is not simulated. The nearest that is: "
+                f"{near[0] if near else '-'}. Simulated: {', '.join(known)}. To test yours as it is, use "
+                "--stack ros2 or exec:COMMAND.",
+            )
+        return kind
+
+    def first_of(self, section: Section, *keys: str, default: str) -> str:
+        """Return the name of the first plug-in that a key lists."""
+        for key in keys:
+            names = section.get(key)
+            if names:
+                if isinstance(names, list) and len(names) > 1:
+                    self.refuse((*section.place, key), f"only the first is simulated: {names[0]}")
+                return str(names[0] if isinstance(names, list) else names)
+        return default
+
+
+def put(into: dict[str, Any], key: str, value: Any) -> None:
+    """Set a value, unless it is None."""
+    if value is not None:
+        into[key] = value
+
+
+def circle(radius: float) -> tuple[tuple[float, float], ...]:
+    """Return Nav2's outline of a round robot: a polygon of 16 corners."""
+    angles = [2.0 * math.pi * k / 16 for k in range(16)]
+    return tuple((radius * math.cos(a), radius * math.sin(a)) for a in angles)
+
+
+def points_of(values: Mapping[str, Any]) -> tuple[tuple[float, float], ...] | None:
+    """Return the corners of a polygon of the collision monitor: Humble lists numbers, later releases a text."""
+    if values.get("type") == "circle" and isinstance(values.get("radius"), int | float):
+        return circle(float(values["radius"]))
+    given: Any = values.get("points")
+    try:
+        found = json.loads(given) if isinstance(given, str) else given
+        if isinstance(found, list) and found and isinstance(found[0], int | float):
+            found = list(zip(found[::2], found[1::2], strict=True))
+        return tuple((float(x), float(y)) for x, y in found) if found else None
+    except (ValueError, TypeError):
+        return None
+
+
+def leaves_of(value: Any, key: Key) -> Iterator[tuple[Key, Any]]:
+    """Yield every value of a tree with the keys that lead to it."""
+    if isinstance(value, Mapping):
+        for name, inner in value.items():
+            yield from leaves_of(inner, (*key, str(name)))
+    else:
+        yield key, value
+
+
+CONTROLLERS = {
+    "DWBLocalPlanner": "nav2-dwb",
+    "RegulatedPurePursuitController": "nav2-rpp",
+    "MPPIController": "nav2-mppi",
+}
+PLANNERS = {"NavfnPlanner": "navfn", "SmacPlanner2D": "smac_2d", "ThetaStarPlanner": "theta_star"}
+PLANNING: dict[str, dict[str, Any]] = {
+    "navfn": {"use_astar": False, "allow_unknown": True, "use_final_approach_orientation": False},
+    "smac_2d": {
+        "allow_unknown": True, "downsample_costmap": False, "downsampling_factor": 1, "max_iterations": 1_000_000,
+        "max_on_approach_iterations": 1000, "use_final_approach_orientation": False, "max_planning_time": 2.0,
+        "smoother.max_iterations": 1000, "smoother.w_smooth": 0.3, "smoother.w_data": 0.2, "smoother.tolerance": 1e-10,
+        "smoother.do_refinement": True, "smoother.refinement_num": 2, "motion_model_for_search": "2D",
+    },
+    "theta_star": {"how_many_corners": 8, "allow_unknown": True, "use_final_approach_orientation": False},
+}  # fmt: skip
+"""Options of the planners that cannot be chosen, with the value that is simulated."""
+MONITORED = ("min_points", "slowdown_ratio", "linear_limit", "angular_limit", "time_before_collision",
+             "simulation_time_step")  # fmt: skip
+"""Options of the polygons of a collision monitor."""
+CHECKERS = ("SimpleProgressChecker", "SimpleGoalChecker", "StoppedGoalChecker")
+LAYERS = ("StaticLayer", "ObstacleLayer", "VoxelLayer", "InflationLayer")
+CRITICS = (
+    "RotateToGoal",
+    "Oscillation",
+    "BaseObstacle",
+    "ObstacleFootprint",
+    "GoalAlign",
+    "PathAlign",
+    "PathDist",
+    "GoalDist",
+)
+"""DWB's critics."""
+SERVERS = ("controller_server", "local_costmap", "global_costmap", "planner_server", "bt_navigator", "behavior_server",
+           "recoveries_server", "velocity_smoother", "collision_monitor")  # fmt: skip
+"""Nodes that a parameter file of Nav2 has some of."""
+OUTSIDE = (
+    "map_server", "map_saver", "amcl", "waypoint_follower", "docking_server", "route_server", "robot_state_publisher",
+    "loopback_simulator", "lifecycle_manager", "smoother_server",
+    "keepout_filter_mask_server", "speed_filter_mask_server",
+    "keepout_costmap_filter_info_server", "speed_costmap_filter_info_server", "costmap_filter_info_server",
+    "filter_mask_server", "following_server", "collision_detector",
+)  # fmt: skip
+"""Nodes that have no part in a run here; `smoother_server` is not called by Nav2's default behaviour tree of Humble."""
+WORDS = re.compile(
+    r"(topic|frame|frame_id|use_sim_time|publish|visuali[sz]e|debug|groot|bond|introspection|qos|service|transform_tolerance"
+    r"|realtime|server_timeout|source_timeout|stop_pub_timeout|terminal_checking_interval|expected_planner_frequency|odom_duration|filter_duration|stamp_smoothed|map_subscribe|result_timeout|update_timeout|navigators|always_send_full|plugin_lib_names|rviz|verbose|tf_broadcast|error_code)"
+)
+"""Keys of transport, time and display: they change no motion in lock-step without delays."""
+
+
+PLANAR = re.compile(
+    r"(z_|origin_z|obstacle_height|m(in|ax)_height|mark_threshold|unknown_threshold|combination_method)"
+)
+"""Keys of the third dimension: the lidars here are planar."""
+SIDEWAYS = re.compile(
+    r"(_y$|^vy_|^ay_|_xy$|min_y_|AckermannConstraints|short_circuit|TrajectoryVisualizer|regenerate_noises)"
+)
+"""Keys of sideways motion, which only DWB plans with, and of computing time."""
+AS_SIMULATED = {
+    "rolling_window": True, "clearing": True, "marking": True, "data_type": "LaserScan",
+    "raytrace_min_range": 0.0, "obstacle_min_range": 0.0, "bt_loop_duration": 10, "min_x_velocity_threshold": 0.001,
+    "min_theta_velocity_threshold": 0.001, "track_unknown_space": True, "use_astar": False, "allow_unknown": True,
+    "stateful": True,
+    "open_loop": False, "cycle_frequency": 10.0, "use_path_orientations": False, "mode": 0,
+    "symmetric_yaw_tolerance": False, "enforce_path_inversion": False, "enforce_path_rotation": False,
+    "base_shift_correction": True, "min_speed_theta": 0.0, "lookahead_time": -1.0,
+    "scale_velocities": False, "deadband_velocity": [0.0, 0.0, 0.0],
+    "allow_partial_planning": False, "lethal_cost_threshold": 100, "trinary_costmap": True, "inf_is_valid": False,
+}  # fmt: skip
+"""Values of keys that are what is simulated in any case."""
+DWB = {
+    "min_speed_m_s": "min_vel_x", "max_speed_m_s": "max_vel_x", "max_yaw_rate_rad_s": "max_vel_theta",
+    "acceleration_m_s2": "acc_lim_x", "deceleration_m_s2": "decel_lim_x", "yaw_acceleration_rad_s2": "acc_lim_theta",
+    "speed_samples": "vx_samples", "yaw_rate_samples": "vtheta_samples", "sim_time_s": "sim_time",
+    "linear_granularity_m": "linear_granularity", "angular_granularity_rad": "angular_granularity",
+    "prune_distance_m": "prune_distance", "stopped_m_s": "trans_stopped_velocity",
+    "forward_point_m": "PathAlign.forward_point_distance", "slowing_factor": "RotateToGoal.slowing_factor",
+    "rotate_to_goal_scale": "RotateToGoal.scale", "obstacle_scale": "BaseObstacle.scale",
+    "goal_distance_scale": "GoalDist.scale", "goal_align_scale": "GoalAlign.scale",
+    "path_distance_scale": "PathDist.scale", "path_align_scale": "PathAlign.scale",
+}  # fmt: skip
+SCALES = {"RotateToGoal": "rotate_to_goal_scale", "GoalAlign": "goal_align_scale", "PathAlign": "path_align_scale",
+          "PathDist": "path_distance_scale", "GoalDist": "goal_distance_scale"}  # fmt: skip
+POSITIVE = ("max_speed_m_s", "max_yaw_rate_rad_s", "acceleration_m_s2", "deceleration_m_s2", "yaw_acceleration_rad_s2")
+"""Limits for which 0 stands for none in Nav2: the robot's own hold."""
+VECTORS = {
+    "max_velocity": ("max_speed_m_s", "max_yaw_rate_rad_s"),
+    "min_velocity": ("max_reverse_m_s", ""),
+    "max_accel": ("acceleration_m_s2", "yaw_acceleration_rad_s2"),
+    "max_decel": ("deceleration_m_s2", ""),
+}
 
 
 def read_nav2_params(path: str | Path) -> Nav2File:

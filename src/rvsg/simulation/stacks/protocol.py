@@ -1,4 +1,4 @@
-"""What a navigation stack under test is told, and what it answers.
+"""The protocol of navigation stacks under test: observations, commands and the two base classes.
 
 A `LocalPlanner` follows the plan of the built-in Nav2: planner, costmaps, progress checker and recoveries stay. A
 `WholeStack` replaces all of that and decides itself when it has arrived. Both are asked in lock-step: simulated time

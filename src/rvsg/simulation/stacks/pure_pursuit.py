@@ -1,4 +1,4 @@
-"""Regulated pure pursuit, after nav2_regulated_pure_pursuit_controller of Nav2 Jazzy.
+"""Regulated pure pursuit, after nav2_regulated_pure_pursuit_controller of Nav2 Jazzy, and two stacks built on it.
 
 Parameters have Nav2's names and defaults; speeds in m/s, distances in m. Not built: reversing at cusps (NavFn plans
 none), `use_dynamic_window` and slowing down when a goal is cancelled.
@@ -12,12 +12,13 @@ from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from rvsg.core.compiled import kernel
-from rvsg.robots.polygons import distance, padded, reach
+from rvsg.robots.polygons import distance, padded, reach, rectangle
+from rvsg.robots.robot import Robot
 from rvsg.simulation.embedded.navigation.costmap import FREE, UNKNOWN, outline_hits
-from rvsg.simulation.stacks.configured import AS_JAZZY, Configured, Nav2Settings
+from rvsg.simulation.stacks.nav2_stack import AS_JAZZY, Configured, Nav2Settings
 from rvsg.simulation.stacks.protocol import LocalObservation, Task
 
 Floats = NDArray[np.float64]
@@ -315,3 +316,159 @@ class PurePursuit(Configured):
         cells, x, y, side = seen.costmap
         valid, v, w = pursue(plan, cells, x, y, side, *seen.pose, *seen.velocity, seen.goal[2], self._numbers)
         return (v, w) if valid else None
+
+
+TURNS_S = 0.75
+"""How long a command that is tried turns the robot before it goes straight on."""
+
+
+class SocialSettings(PurePursuitSettings):
+    """The options of `social`: those of `nav2-rpp` and personal space."""
+
+    personal_space_m: Positive = 1.2
+    """Distance between the robot's centre and a person that it keeps (Hall's personal distance)."""
+    horizon_s: Annotated[float, Field(gt=0, le=10)] = 4.0
+    """How far people are predicted, at constant velocity."""
+    swerve_rad: Annotated[float, Field(gt=0, le=1.5)] = 0.9
+    """Largest angle by which it turns away from its way."""
+    discomfort: Positive = 8.0
+    """Weight of coming too close, against progress along the plan."""
+
+
+class Social(PurePursuit):
+    """Choose among headings and speeds around those of pure pursuit the one that disturbs nobody.
+
+    People are tracked perfectly where a lidar sees them and predicted by constant velocity.
+    """
+
+    name: ClassVar[str] = "social"
+    title: ClassVar[str] = "Pure pursuit that keeps personal space; it predicts people by constant velocity"
+    Settings: ClassVar[type[Nav2Settings]] = SocialSettings
+
+    def reset(self, task: Task) -> None:
+        """Keep the robot's numbers and the commands to choose from."""
+        super().reset(task)
+        swerves = np.linspace(-self.settings.swerve_rad, self.settings.swerve_rad, 9)
+        self._shares, self._swerves = (grid.ravel() for grid in np.meshgrid([1.0, 0.6, 0.3, 0.0], swerves))
+        self._times = np.arange(0.25, self.settings.horizon_s + 1e-9, 0.25)
+        self._turn = task.robot.limits.yaw_rate_rad_s
+
+    def command(self, seen: LocalObservation) -> tuple[float, float] | None:
+        """Return the command with the least discomfort and detour."""
+        asked = super().command(seen)
+        people = seen.people()
+        if asked is None or asked[0] <= 0.0 or not len(people):
+            return asked
+        v, w = asked
+        speeds = v * self._shares
+        rates = np.clip(w * self._shares + self._swerves, -self._turn, self._turn)
+        x, y = self._ways(seen.pose, speeds, rates)
+        cost = self.settings.discomfort * self._discomfort(x, y, people)
+        cost += 0.5 * (1.0 - self._shares) + 0.3 * np.abs(self._swerves)
+        cost[self._blocked(seen, x, y)] = math.inf
+        best = int(np.argmin(cost))
+        return (float(speeds[best]), float(rates[best])) if math.isfinite(cost[best]) else (0.0, 0.0)
+
+    def _ways(self, pose: tuple[float, float, float], speeds: Floats, rates: Floats) -> tuple[Floats, Floats]:
+        """Return where each command leads, (commands, times): it turns, then goes straight on."""
+        turned = np.minimum(self._times, TURNS_S)[None, :] * rates[:, None]
+        heading = pose[2] + turned
+        step = np.diff(self._times, prepend=0.0)[None, :] * speeds[:, None]
+        return pose[0] + np.cumsum(step * np.cos(heading), axis=1), pose[1] + np.cumsum(step * np.sin(heading), axis=1)
+
+    def _discomfort(self, x: Floats, y: Floats, people: Floats) -> Floats:
+        """Return the largest intrusion into anybody's space, as a share of it; later ones count less."""
+        worst = np.zeros(len(x))
+        weight = np.exp(-self._times / self.settings.horizon_s)
+        for px, py, vx, vy in people:
+            away = np.hypot(x - px - vx * self._times, y - py - vy * self._times)
+            intrusion = np.clip(1.0 - away / self.settings.personal_space_m, 0.0, 1.0) * weight
+            worst = np.maximum(worst, intrusion.max(axis=1))
+        return worst
+
+    def _blocked(self, seen: LocalObservation, x: Floats, y: Floats) -> NDArray[np.bool_]:
+        """Whether a command leads the robot's centre into an inscribed cell within a second."""
+        cells, ox, oy, side = seen.costmap
+        near = self._times <= 1.0
+        columns = np.clip(((x[:, near] - ox) / side).astype(int), 0, cells.shape[1] - 1)
+        rows = np.clip(((y[:, near] - oy) / side).astype(int), 0, cells.shape[0] - 1)
+        return np.asarray((cells[rows, columns] >= 253).any(axis=1) & (self._shares > 0.0))
+
+
+WAITS_S = 3600.0
+"""Nav2's progress checker leaves it alone for so long."""
+SAME_GOAL_M = 0.5
+"""Plans that end within this distance lead to the same goal."""
+
+
+class StopAndGoSettings(PurePursuitSettings):
+    """The options of `stop-and-go`: those of `nav2-rpp` and the safety field."""
+
+    use_collision_detection: bool = False
+    protective_m: Positive = 0.5
+    """The vehicle stops for what is nearer ahead of its front than this."""
+    warning_m: Positive = 1.5
+    """It slows down for what is nearer than this."""
+    side_m: Annotated[float, Field(ge=0)] = 0.1
+    """How far the field reaches beyond each side of the vehicle."""
+    creep: Annotated[float, Field(ge=0, le=1)] = 0.1
+    """Least share of the speed in the warning field."""
+
+    @model_validator(mode="after")
+    def _in_order(self) -> StopAndGoSettings:
+        if self.warning_m <= self.protective_m:
+            raise ValueError("warning_m must be larger than protective_m")
+        return self
+
+
+class StopAndGo(PurePursuit):
+    """Pure pursuit under a safety field.
+
+    It follows the first plan to each goal and waits as long as it must: replanning and recoveries have no part in it.
+    """
+
+    name: ClassVar[str] = "stop-and-go"
+    title: ClassVar[str] = "Pure pursuit under a safety field that slows and stops; it does not drive around people"
+    Settings: ClassVar[type[Nav2Settings]] = StopAndGoSettings
+
+    def adapt(self, robot: Robot) -> Robot:
+        """Return the robot without recoveries for lack of progress."""
+        robot = super().adapt(robot)
+        if "progress_s" in self.settings.behaviours:
+            return robot
+        behaviours = robot.navigation.behaviours.replace(progress_s=WAITS_S)
+        return robot.replace(navigation=robot.navigation.replace(behaviours=behaviours))
+
+    def reset(self, task: Task) -> None:
+        """Keep where the field lies."""
+        super().reset(task)
+        self._plan = np.zeros((0, 2))
+        (_, right), (self._front, left) = rectangle(task.robot.outline)
+        self._half = max(left, -right) + self.settings.side_m
+        self._lidars = len(task.robot.lidars)
+
+    def command(self, seen: LocalObservation) -> tuple[float, float] | None:
+        """Return the command of pure pursuit, slowed down by what the field sees."""
+        if not len(self._plan) or math.dist(self._plan[-1], seen.plan[-1]) > SAME_GOAL_M:
+            self._plan = seen.plan.copy()
+        v, w = self.pursue(seen, self._plan) or (0.0, 0.0)
+        if v <= 0.0:
+            return v, w
+        gap, s = self._gap(seen), self.settings
+        if gap < s.protective_m:
+            return 0.0, 0.0
+        share = min(1.0, max(s.creep, (gap - s.protective_m) / (s.warning_m - s.protective_m)))
+        return v * share, w * share
+
+    def _gap(self, seen: LocalObservation) -> float:
+        """Return the distance from the front to the nearest return in the field, m."""
+        nearest = math.inf
+        for lidar in range(self._lidars):
+            scan = seen.scan(lidar)
+            angle = scan.yaw + scan.angle_min + scan.angle_increment * np.arange(len(scan.ranges))
+            found = np.isfinite(scan.ranges) & (scan.ranges >= scan.range_min)
+            x = scan.x + scan.ranges[found] * np.cos(angle[found])
+            y = scan.y + scan.ranges[found] * np.sin(angle[found])
+            ahead = x[(np.abs(y) < self._half) & (x > self._front)]
+            nearest = min(nearest, float(ahead.min()) - self._front if ahead.size else math.inf)
+        return nearest

@@ -1,4 +1,4 @@
-"""Choose a stack under test: a registered one, a class of your own, a command, or a parameter file."""
+"""The choice of a stack under test: a registered one, a class of your own, a command, or a parameter file."""
 
 from __future__ import annotations
 

@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.core.records import Pose
-from rvsg.robots.files import DEFAULT_ROBOT, load_robot
 from rvsg.robots.polygons import padded, rectangle
-from rvsg.robots.robot import Robot
+from rvsg.robots.robot import DEFAULT_ROBOT, Robot, load_robot
 from rvsg.world.authoring.trial import Trial
 from rvsg.world.fitting import fitted
 from rvsg.world.grid import Grid

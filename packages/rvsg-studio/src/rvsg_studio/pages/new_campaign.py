@@ -17,7 +17,7 @@ from rvsg.api.matrix import LISTED, Matrix
 from rvsg.core.errors import InputError, RvsgError
 from rvsg.core.files import write_whole
 from rvsg.evaluation.wording import counted
-from rvsg.robots.files import shipped_robots
+from rvsg.robots.robot import shipped_robots
 from rvsg.scenario.requirement import shipped_requirements
 from rvsg.world.io.load import shipped_worlds
 from rvsg_studio.frame import PATIENT_S, Page, address, as_script, field, load, page, select, tag, text_input

@@ -15,9 +15,8 @@ from rvsg.core.errors import InputError
 from rvsg.core.records import Record
 from rvsg.core.references import by_reference
 from rvsg.core.seeds import stream
-from rvsg.robots.files import DEFAULT_ROBOT, load_robot
 from rvsg.robots.polygons import reach, rectangle
-from rvsg.robots.robot import Robot
+from rvsg.robots.robot import DEFAULT_ROBOT, Robot, load_robot
 from rvsg.scenario.scenario import Behaviour, ForceFactors, HumanAgent, Reaction
 from rvsg.simulation.embedded.people.obstacles import Surfaces, boxes_of
 from rvsg.world.world import World

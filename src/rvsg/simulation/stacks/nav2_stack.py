@@ -1,4 +1,4 @@
-"""Stacks whose options are a record, and what every stack on the built-in Nav2 lets you set."""
+"""The base class of stacks on the built-in Nav2, and Nav2 with DWB, which runs within the compiled loop."""
 
 from __future__ import annotations
 
@@ -9,9 +9,8 @@ from pydantic import Field, ValidationError
 
 from rvsg.core.documents import invalid_options
 from rvsg.core.records import Record
-from rvsg.robots.navigation import Behaviours, Costmaps, Dwb, MonitorPolygon, Planner, Smoother
-from rvsg.robots.robot import Polygon, Robot, SafetyZone
-from rvsg.simulation.stacks.protocol import LocalPlanner
+from rvsg.robots.robot import Behaviours, Costmaps, Dwb, MonitorPolygon, Planner, Polygon, Robot, SafetyZone, Smoother
+from rvsg.simulation.stacks.protocol import LocalObservation, LocalPlanner, Task
 
 AS_JAZZY: Mapping[str, Any] = {"smoothed": True, "waits_for_costmaps": True, "gives_up_without_plan": True}
 """Keys of the robot's `navigation.behaviours` of a stack that is to act as Nav2 since Jazzy does."""
@@ -90,3 +89,30 @@ class Configured(LocalPlanner):
             return robot.replace(**changes)
         except ValidationError as error:
             raise invalid_options(error, Robot, f"the stack {self.name} does not fit the robot {robot.name}") from None
+
+
+class DwbSettings(Nav2Settings):
+    """The options of `nav2-dwb`."""
+
+    dwb: dict[str, Any] = Field(default_factory=dict)
+    """Keys of the robot's `navigation.dwb`."""
+
+
+class Nav2Dwb(Configured):
+    """Nav2 with DWB, NavFn and the default behaviour tree, by default with the parameters of the robot."""
+
+    name: ClassVar[str] = "nav2-dwb"
+    title: ClassVar[str] = "Nav2 (Humble) with DWB, NavFn and the default behaviour tree"
+    Settings: ClassVar[type[Nav2Settings]] = DwbSettings
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """The options that differ from the robot's own parameters."""
+        return {key: value for key, value in super().options.items() if key in self.settings.model_fields_set}
+
+    def reset(self, task: Task) -> None:
+        """Do nothing: the compiled loop holds the planner."""
+
+    def command(self, seen: LocalObservation) -> tuple[float, float] | None:
+        """Never called."""
+        raise NotImplementedError("nav2-dwb runs within the compiled loop")
