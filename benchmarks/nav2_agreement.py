@@ -128,7 +128,7 @@ def missing(options: dict[str, Any]) -> str:
 def asked(given: argparse.Namespace) -> list[Question]:
     """Return the scenarios to drive."""
     import rvsg
-    from rvsg.api.suites import Suite, requirement_of
+    from rvsg.app.suites import Suite, requirement_of
 
     questions = [Question(path.stem, rvsg.load_scenario(path)) for path in given.scenarios]
     if given.suite is not None:
@@ -163,7 +163,7 @@ class Nav2:
     def prepare(self) -> None:
         """Start or find it, where that has not been done."""
         if self._simulator is None:
-            from rvsg.api.simulating import make_simulator
+            from rvsg.simulation.simulators import make_simulator
             from rvsg.stacks import StackChoice
 
             self.stack = StackChoice.of("ros2", self.options).driver
@@ -232,7 +232,7 @@ def built_in(question: Question, runs: int, stack: str) -> Wanted:
 
 def kept(folder: Path | None, name: str, question: Question, wanted: Wanted) -> list[Any]:
     """Return the runs of that name in the folder; those that are not there yet are made and kept."""
-    from rvsg.api.simulating import RunSet, load_runs
+    from rvsg.app.runs import RunSet, load_runs
 
     file = None if folder is None else folder / f"{name}.jsonl"
     runs = list(load_runs(file, scenario=question.scenario)) if file is not None and file.is_file() else []
@@ -280,8 +280,8 @@ def figures(runs: list[Any], question: Question) -> dict[str, Any]:
         found["speed"] = float(np.mean([each.get("speed", 0.0) for each in told]))
         found["turned_back"] = int(sum(each.get("turned_back", 0) for each in told))
     if question.requirement is not None:
-        from rvsg.api.evaluating import judge
-        from rvsg.api.simulating import RunSet
+        from rvsg.app.judgement import judge
+        from rvsg.app.runs import RunSet
 
         judged = judge(RunSet(tuple(runs)), question.requirement, scenario=question.scenario)
         values = [measured.objective for measured in judged.measurements]
@@ -294,8 +294,8 @@ def each_run(stack: str, driver: str, question: Question, runs: list[Any]) -> li
     """Return one line of the table for each run; `value` is the requirement's, empty where there is none."""
     values: list[Any] = [None] * len(runs)
     if question.requirement is not None:
-        from rvsg.api.evaluating import evaluate
-        from rvsg.api.simulating import RunSet
+        from rvsg.app.judgement import evaluate
+        from rvsg.app.runs import RunSet
 
         judged = evaluate(RunSet(tuple(runs)), question.requirement, scenario=question.scenario)
         values = [measured.objective for measured in judged]

@@ -15,7 +15,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from rvsg.api.demos import CAMPAIGN, FOLDER
+from rvsg.app.demos import CAMPAIGN, FOLDER
 from rvsg.core.documents import read_yaml
 from rvsg.evaluation.aims import aim_of, moved_by
 from rvsg.generation.conversation import DRIVE, Conversation, VlmGenerator, session_of

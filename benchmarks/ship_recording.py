@@ -1,6 +1,6 @@
 """Make a shipped demonstration of the recorded calls of a campaign, or of a description.
 
-    rvsg run src/rvsg/api/demos/NAME/campaign.yaml --model PROVIDER:MODEL --out runs/NAME
+    rvsg run src/rvsg/app/demos/NAME/campaign.yaml --model PROVIDER:MODEL --out runs/NAME
     python benchmarks/ship_recording.py runs/NAME/vlm NAME
 
     rvsg describe warehouse --model PROVIDER:MODEL --record runs/describe-warehouse --out description.yaml
@@ -17,7 +17,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from rvsg.api.demos import FOLDER
+from rvsg.app.demos import FOLDER
 from rvsg.generation.vlm.recording import CALLS, HISTORIES, MEASURED, MESSAGES, Recording
 
 

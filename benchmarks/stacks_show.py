@@ -18,8 +18,8 @@ import html
 import sys
 from pathlib import Path
 
-from rvsg.api.stack_comparison import compare_stacks
-from rvsg.api.suites import Suite
+from rvsg.app.comparison import compare_stacks
+from rvsg.app.suites import Suite
 from rvsg.campaign.stack_scores import ScoredRun, StackScore, StackScores, score_stacks
 from rvsg.evaluation.statistics import wilson
 from rvsg.report.comparison import COLOURS
@@ -40,7 +40,7 @@ BEGIN, END = "<!-- tables of benchmarks/stacks_show.py -->", "<!-- end of tables
 
 def keep_worst(searched: Path) -> None:
     """Write the worst scenarios of a folder of campaigns as a suite."""
-    from rvsg.api.stack_comparison import tested_in
+    from rvsg.app.comparison import tested_in
 
     suite = Suite.create(SUITE, title="The 30 worst scenarios for nav2-dwb on the five warehouse routes")
     for case in tested_in(searched, SCENARIOS):

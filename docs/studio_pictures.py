@@ -18,12 +18,12 @@ from PIL import Image
 from playwright.sync_api import Browser, sync_playwright
 
 import rvsg
-from rvsg.api.editing import folder_of_world
-from rvsg.api.listing import Lister
-from rvsg.api.matrix import Matrix
-from rvsg.api.proposing import proposal_json, propose
-from rvsg.api.records import runs_text
-from rvsg.api.scenarios import load_scenario_in
+from rvsg.app.matrix import Matrix
+from rvsg.app.proposal import proposal_json, propose
+from rvsg.scenario.builder import load_scenario_in
+from rvsg.simulation.run_files import runs_text
+from rvsg_studio.listing import Lister
+from rvsg_studio.world_editor import folder_of_world
 
 IMAGES = Path(__file__).parent / "images"
 LAPTOP, PHONE = (1280, 860), (390, 780)

@@ -24,12 +24,12 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.api.campaign import Campaign
-from rvsg.api.worlds import world_of
+from rvsg.app.campaign import Campaign
 from rvsg.campaign.ranking import candidates, search_attempts
 from rvsg.core.errors import InputError, how_to_install
 from rvsg.core.records import Record
 from rvsg.scenario.scenario import Scenario
+from rvsg.scenario.world_lookup import world_of
 from rvsg.simulation.embedded.simulator import EmbeddedSimulator
 from rvsg.simulation.run import Outcome, Run
 from rvsg.simulation.stacks.protocol import Command, LocalObservation, LocalPlanner, Task, Twist

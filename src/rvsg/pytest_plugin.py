@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 if TYPE_CHECKING:
-    from rvsg.api.suites import Suite
+    from rvsg.app.suites import Suite
     from rvsg.campaign.suite import Case, CaseResult
 
 
@@ -107,7 +107,7 @@ class SuiteFile(pytest.Collector):
 
     def collect(self) -> Iterator[pytest.Item]:
         """Yield a test for each case and requirement."""
-        from rvsg.api.suites import Suite
+        from rvsg.app.suites import Suite
 
         suite = Suite.open(self.path)
         for each in _of(suite):
@@ -126,7 +126,7 @@ def pytest_collection_modifyitems(session: pytest.Session, config: pytest.Config
 
 
 def _scenarios(config: pytest.Config) -> Iterator[SuiteScenario]:
-    from rvsg.api.suites import Suite
+    from rvsg.app.suites import Suite
 
     for folder in config.getoption("--rvsg-suite"):
         yield from _of(Suite.open(folder))

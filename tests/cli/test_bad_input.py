@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from rvsg.api.folder import LEDGER
-from rvsg.api.records import check_writable
+from rvsg.app.folder import LEDGER
 from rvsg.cli import main
 from rvsg.core.documents import DocumentError
 from rvsg.core.errors import FileError, InvalidOptions, InvalidScenario, NewerStore, RvsgError, UnknownName
+from rvsg.core.outputs import check_writable
 from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.store.sqlite import SqliteLedger
 

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from rvsg.api.scenarios import save_scenario, scenario, walk
-from rvsg.api.worlds import world_of
 from rvsg.cli import main
+from rvsg.scenario.builder import save_scenario, scenario, walk
 from rvsg.scenario.scenario import Scenario
+from rvsg.scenario.world_lookup import world_of
 from rvsg.world.io.load import SHIPPED, load_world
 
 

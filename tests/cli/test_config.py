@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from rvsg.api.commands import command_for, resume_command
-from rvsg.api.config import CampaignConfig, effective, read_campaign_file
+from rvsg.app.commands import command_for, resume_command
+from rvsg.app.settings import CampaignConfig, effective, read_campaign_file
 from rvsg.cli import VERBS
 from rvsg.cli.frame import full_command
 from rvsg.cli.options import pairs

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from rvsg.api.demos import CAMPAIGN, demo_folder, demos
+from rvsg.app.demos import CAMPAIGN, demo_folder, demos
 from rvsg.cli import main
 from rvsg.cli.demo import what_it_means
 from rvsg.core.errors import RvsgError

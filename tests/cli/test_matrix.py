@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 from tests.cli.test_run import records, signalled
 
-from rvsg.api.folder import LEDGER
-from rvsg.api.matrix import folders_in
+from rvsg.app.folder import LEDGER
+from rvsg.app.matrix import folders_in
 from rvsg.cli import main
 from rvsg.core.errors import RvsgError, UnknownName
 from rvsg.world.io.load import SHIPPED

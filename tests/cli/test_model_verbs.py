@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from rvsg.api.demos import demo_folder, recorded_description
+from rvsg.app.demos import demo_folder, recorded_description
 from rvsg.cli import main
 from rvsg.core.errors import RvsgError
 from rvsg.world.io.load import load_world

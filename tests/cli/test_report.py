@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from tests.cli.test_run import SMALL, records
 
-from rvsg.api.folder import LEDGER
+from rvsg.app.folder import LEDGER
 from rvsg.cli import main
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.kinematic import KinematicSimulator

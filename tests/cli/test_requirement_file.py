@@ -1,8 +1,8 @@
 import pytest
 
-from rvsg.api.requirements import load_requirement
 from rvsg.core.documents import DocumentError
 from rvsg.core.errors import FileError
+from rvsg.evaluation.judge import load_requirement
 
 WRONG = """wide:
   title: Wide

@@ -5,9 +5,8 @@ from pathlib import Path
 import pytest
 from tests.coded import at_key
 
-from rvsg.api.requirements import load_requirement
 from rvsg.core.documents import DocumentError
-from rvsg.evaluation.judge import check_requirement
+from rvsg.evaluation.judge import check_requirement, load_requirement
 from rvsg.evaluation.metrics.registry import METRICS
 from rvsg.scenario.requirement import shipped_requirements
 

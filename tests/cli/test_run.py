@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from rvsg.api.folder import LEDGER
+from rvsg.app.folder import LEDGER
 from rvsg.cli import main
 from rvsg.core.errors import InvalidOptions, RvsgError
 from rvsg.evaluation.verdict import Status
@@ -241,7 +241,8 @@ def test_a_campaign_that_never_got_to_an_attempt_is_not_told_to_have_zero(
 
 
 def test_two_processes_do_not_share_a_folder(tmp_path: Path, errors: list[RvsgError]) -> None:
-    from rvsg.api.folder import alone_in, make_folder
+    from rvsg.app.folder import alone_in
+    from rvsg.core.outputs import make_folder
 
     folder = tmp_path / "one"
     make_folder(folder)

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 import rvsg
-from rvsg.api.scenarios import save_scenario
 from rvsg.cli import main
+from rvsg.scenario.builder import save_scenario
 from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.simulation.run import Outcome
 

@@ -163,8 +163,8 @@ def campaign_hash(name: str) -> str:
 
 
 def _replayed(demo: str, out: Path) -> rvsg.Campaign:
-    from rvsg.api.config import read_campaign_file
-    from rvsg.api.demos import demo_folder
+    from rvsg.app.demos import demo_folder
+    from rvsg.app.settings import read_campaign_file
 
     folder = demo_folder(demo)
     file = read_campaign_file(folder / "campaign.yaml")

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from rvsg.api.demos import CAMPAIGN, demo_folder, demos, recorded_description
+from rvsg.app.demos import CAMPAIGN, demo_folder, demos, recorded_description
 from rvsg.core.errors import ReplayDiverged
 from rvsg.evaluation.aims import aim_of, moved_by
 from rvsg.generation.conversation import DRIVE, VlmGenerator

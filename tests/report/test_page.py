@@ -14,7 +14,6 @@ from rich.console import Console
 from tests.campaign.parts import REQUIREMENT, MemoryLedger, WalkGenerator, parts, plan, warehouse
 from tests.report.test_conversation import call
 
-from rvsg.api.words import describe_finding
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.finding import findings
 from rvsg.campaign.loop import feedback_from, run_campaign
@@ -31,6 +30,7 @@ from rvsg.report.facts import facts_of
 from rvsg.report.junit import junit_xml
 from rvsg.report.page import _curse, render_page
 from rvsg.report.summary import Ranked, summarise
+from rvsg.report.terminal import describe_finding
 from rvsg.report.words import unbroken
 from rvsg.scenario.brief import Brief
 from rvsg.world.world import World

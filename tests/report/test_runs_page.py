@@ -7,7 +7,7 @@ from tests.coded import coded
 from tests.report.test_page import NASTY, Reader, data_of
 
 import rvsg
-from rvsg.api.evaluating import write_page
+from rvsg.app.judgement import write_page
 from rvsg.core.errors import InputError
 from rvsg.generation.random_search import RandomGenerator
 from rvsg.report.robots import EDGES

@@ -17,8 +17,8 @@ from typing import Any
 import pytest
 
 import rvsg
-from rvsg.api.editing import folder_of_world
 from rvsg_studio.jobs import Jobs
+from rvsg_studio.world_editor import folder_of_world
 
 HOSTILE = "<img src=x onerror=alert(1)><script>alert(2)</script>"
 

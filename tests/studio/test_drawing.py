@@ -11,7 +11,7 @@ import shapely
 from tests.studio.conftest import Server, pixel, press, reach, ready, waited
 
 import rvsg
-from rvsg.api.editing import editable_world
+from rvsg_studio.world_editor import editable_world
 
 Show = Callable[..., Any]
 Draw = Callable[[Any, list[tuple[float, float]]], None]

@@ -10,7 +10,7 @@ import pytest
 from tests.studio.conftest import HOSTILE, Server, pixel, ready
 
 import rvsg
-from rvsg.api.scenarios import load_scenario_in
+from rvsg.scenario.builder import load_scenario_in
 
 Show = Callable[..., Any]
 PATIENT = 300_000

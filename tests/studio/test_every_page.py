@@ -18,11 +18,11 @@ from tests.studio.conftest import Server, axe_violations, confirmed, fits, press
 from tests.studio.test_worlds import MAP, room_map
 
 import rvsg
-from rvsg.api.matrix import Matrix
-from rvsg.api.notes import notes_of
-from rvsg.api.proposing import proposal_json, propose
-from rvsg.api.records import runs_text
-from rvsg.api.scenarios import load_scenario_in, save_scenario
+from rvsg.app.matrix import Matrix
+from rvsg.app.proposal import proposal_json, propose
+from rvsg.scenario.builder import load_scenario_in, save_scenario
+from rvsg.simulation.run_files import runs_text
+from rvsg_studio.notes import notes_of
 
 Open = Callable[[str], Any]
 PATIENT = 300_000

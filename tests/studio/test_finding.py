@@ -13,8 +13,8 @@ import yaml
 from tests.studio.conftest import Server, axe_violations, confirmed, fits, waited
 
 import rvsg
-from rvsg.api.notes import STATES, notes_of
-from rvsg.api.scenarios import load_scenario_in
+from rvsg.scenario.builder import load_scenario_in
+from rvsg_studio.notes import STATES, notes_of
 
 Show = Callable[..., Any]
 PATIENT = 600_000

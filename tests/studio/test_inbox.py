@@ -10,8 +10,8 @@ import pytest
 from tests.studio.conftest import HOSTILE, Server, waited
 
 import rvsg
-from rvsg.api.proposing import proposal_json, propose
-from rvsg.api.scenarios import load_scenario_in
+from rvsg.app.proposal import proposal_json, propose
+from rvsg.scenario.builder import load_scenario_in
 
 Show = Callable[..., Any]
 PATIENT = 600_000

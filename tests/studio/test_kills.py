@@ -14,7 +14,7 @@ import shapely
 from tests.studio.conftest import Server, confirmed, pixel, press, reach, ready, waited
 
 import rvsg
-from rvsg.api.editing import History, folder_of_world
+from rvsg_studio.world_editor import History, folder_of_world
 
 Show = Callable[..., Any]
 Page = tuple[str, Callable[[Any], Any], str]

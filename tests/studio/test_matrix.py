@@ -11,7 +11,7 @@ import yaml
 from tests.studio.conftest import Server, axe_violations, waited
 
 import rvsg
-from rvsg.api.matrix import Matrix
+from rvsg.app.matrix import Matrix
 from rvsg_studio.jobs import Jobs
 
 Show = Callable[..., Any]

@@ -12,7 +12,7 @@ import yaml
 from tests.studio.conftest import HOSTILE, Server, ready
 
 import rvsg
-from rvsg.api.editing import folder_of_world
+from rvsg_studio.world_editor import folder_of_world
 
 Show = Callable[..., Any]
 PATIENT = 600_000

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 import rvsg
-from rvsg.api.campaign import Campaign
-from rvsg.api.evaluating import judge, write_page
-from rvsg.api.worlds import doors_in
+from rvsg.app.campaign import Campaign
+from rvsg.app.judgement import judge, write_page
 from rvsg.core.documents import DocumentError
 from rvsg.core.errors import InvalidScenario, UnknownName
 from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Scenario, Task
 from rvsg.scenario.validity import check
 from rvsg.scenario.variation import migrate
+from rvsg.scenario.world_lookup import doors_in
 from rvsg.simulation.run import Outcome
 from rvsg.world.compare import differences
 from rvsg.world.doors import Door, State

@@ -12,7 +12,7 @@ from rvsg.cli.arguments import JobsPerCore
 from rvsg.cli.frame import verb
 
 if TYPE_CHECKING:
-    from rvsg.api.compare import Row
+    from rvsg.app.search_methods import Row
 
 app = verb()
 SETTINGS = (
@@ -54,8 +54,8 @@ def compare(
     difference), with p values of the Mann-Whitney test after Holm's correction.
     """
     settings = {name: value for name, value in locals().items() if name in SETTINGS}
-    from rvsg.api import compare as comparing
-    from rvsg.api.config import effective
+    from rvsg.app import search_methods as comparing
+    from rvsg.app.settings import effective
 
     base = effective(None, {}, settings)
     rows = comparing.read_rows(json) if json else []
@@ -96,7 +96,7 @@ def _print_tables(rows: list[Row], first: str, base: Any) -> None:
     """Print the means of every method, and the first method against each other one."""
     from rich.table import Table
 
-    from rvsg.api import compare as comparing
+    from rvsg.app import search_methods as comparing
 
     means = comparing.table(rows)
     for title, left_out in (("Means over seeds", DIVERSITY), ("Diversity of what was found", RESULTS)):

@@ -41,8 +41,8 @@ def compare_versions(
     A change counts where the exact McNemar test over the paired runs, corrected by Holm over all cases, is below
     --error-rate. The exit code is 1 where a case is broken.
     """
-    from rvsg.api.records import check_writable, write_text
-    from rvsg.api.versions import compare_versions as compare
+    from rvsg.app.comparison import compare_versions as compare
+    from rvsg.core.outputs import check_writable, write_text
 
     for file in (markdown, html):
         if file is not None:

@@ -28,7 +28,7 @@ def confirm(
     configuration of every scenario, until its budget of confirmation runs is spent.
     """
     import rvsg
-    from rvsg.api.words import describe_finding
+    from rvsg.report.terminal import describe_finding
 
     opened = rvsg.Campaign.open(campaign)
     made = opened.confirm(candidate, runs=runs, jobs=jobs)

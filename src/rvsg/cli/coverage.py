@@ -33,10 +33,10 @@ def coverage(
     Places, behaviours and requirements come from the scenarios. Encounters come from the runs: a person within 1.5 m of
     the robot, and the side the person comes from.
     """
-    from rvsg.api.coverage import check_format, write_coverage
-    from rvsg.api.coverage import coverage as measure
-    from rvsg.api.records import check_writable
+    from rvsg.app.coverage import check_format, write_coverage
+    from rvsg.app.coverage import coverage as measure
     from rvsg.cli.options import spec
+    from rvsg.core.outputs import check_writable
 
     if out is not None:
         check_format(out)

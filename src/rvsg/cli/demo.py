@@ -36,8 +36,8 @@ def demo(
     Only the replies are recorded: RVSG reads, checks, simulates, judges and reports them now. At the end it lists the
     first prompts that differ from the recorded ones, and measurements that differ from those of the recording.
     """
-    from rvsg.api.config import read_campaign_file
-    from rvsg.api.demos import CAMPAIGN, demo_folder, demos
+    from rvsg.app.demos import CAMPAIGN, demo_folder, demos
+    from rvsg.app.settings import read_campaign_file
     from rvsg.cli.run import run_campaign_of
 
     if listed:

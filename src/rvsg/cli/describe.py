@@ -32,7 +32,7 @@ from rvsg.cli.model_options import (
 )
 
 if TYPE_CHECKING:
-    from rvsg.api.describing import EnvironmentSession
+    from rvsg.app.description import EnvironmentSession
     from rvsg.generation.vlm.access import CallNews, Wiring
     from rvsg.world.world import Description
 
@@ -67,7 +67,7 @@ def describe(
     """
     names = ("base_url", "replay", "budget_calls", "budget_tokens", "budget_usd", "prices")
     access = {key: value for key, value in locals().items() if key in names}
-    from rvsg.api.describing import open_session, store, stored
+    from rvsg.app.description import open_session, store, stored
     from rvsg.world.io.load import load_world
 
     loaded = load_world(world)

@@ -41,14 +41,14 @@ def evaluate(
     what the recording lacks; with --json it is in `notes`.
     """
     import rvsg
-    from rvsg.api import evaluating
-    from rvsg.api.records import write_text
-    from rvsg.api.scenarios import load_scenario_in
-    from rvsg.api.words import describe_judgement
+    from rvsg.app import judgement
+    from rvsg.app.judgement import describe_judgement
+    from rvsg.core.outputs import write_text
+    from rvsg.scenario.builder import load_scenario_in
     from rvsg_exchange.formats import load_any
 
     if feedback is not None:
-        evaluating.check_feedback_file(feedback, scenario)
+        judgement.check_feedback_file(feedback, scenario)
     asked = rvsg.load_requirement(requirement)
     loaded = load_any(runs, world=world, route=route, people_topic=people_topic, robot_topic=robot_topic)
     for note in loaded.notes:
@@ -56,9 +56,9 @@ def evaluate(
     known, place = load_scenario_in(scenario, world) if scenario is not None else (None, world)
     judged = rvsg.judge(loaded.runs, asked, scenario=known, world=place)
     if feedback is not None and known is not None:
-        write_text(feedback, evaluating.feedback(judged, loaded.runs, known).to_json())
+        write_text(feedback, judgement.feedback(judged, loaded.runs, known).to_json())
     if html is not None:
-        evaluating.write_page(html, judged, loaded.runs, scenario=known, world=place, notes=loaded.notes)
+        judgement.write_page(html, judged, loaded.runs, scenario=known, world=place, notes=loaded.notes)
         say(f"Page: {html}")
     if json:
         print_json(judged.to_dict() | {"notes": list(loaded.notes)})

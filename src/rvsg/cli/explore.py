@@ -39,8 +39,8 @@ def explore(
     The points are a Latin hypercube over the ranges. A logistic surface through the runs gives the violation
     probability, its boundary, and the sensitivity to each range.
     """
-    from rvsg.api.exploring import check_outputs, describe_exploration, write_outputs
-    from rvsg.api.exploring import explore as run_points
+    from rvsg.app.exploration import check_outputs, describe_exploration, write_outputs
+    from rvsg.app.exploration import explore as run_points
     from rvsg.cli.options import spec
 
     check_outputs(out, worst)

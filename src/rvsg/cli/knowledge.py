@@ -29,7 +29,8 @@ def add(
     base: Base = None,
 ) -> None:
     """Add attempts, findings, lessons and rejected proposals of campaigns. Known entries are not added twice."""
-    from rvsg.api.knowledge import learn_campaign, open_knowledge
+    from rvsg.app.campaign import learn_campaign
+    from rvsg.store.knowledge_search import open_knowledge
 
     with open_knowledge(base) as known:
         for source in sources:
@@ -58,9 +59,9 @@ def search(
     json: AsJson = False,
 ) -> None:
     """Search the knowledge base: the most similar descriptions first; without a text, the worst entries first."""
-    from rvsg.api.knowledge import describe_match, open_knowledge, tell
-    from rvsg.api.knowledge import search as look
-    from rvsg.api.records import check_writable
+    from rvsg.core.outputs import check_writable
+    from rvsg.store.knowledge_search import describe_match, open_knowledge, tell
+    from rvsg.store.knowledge_search import search as look
 
     if out is not None:
         check_writable(out)
@@ -90,7 +91,7 @@ def search(
 @app.command()
 def status(base: Base = None) -> None:
     """Count the entries of each world."""
-    from rvsg.api.knowledge import open_knowledge
+    from rvsg.store.knowledge_search import open_knowledge
 
     with open_knowledge(base) as known:
         counts = known.counts()

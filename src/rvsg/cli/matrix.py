@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING
 from rvsg.cli.console import as_started, print_json, say
 
 if TYPE_CHECKING:
-    from rvsg.api.campaign import Campaign
-    from rvsg.api.matrix import Matrix
+    from rvsg.app.campaign import Campaign
+    from rvsg.app.matrix import Matrix
 
 
 def run_matrix(matrix: Matrix, *, as_json: bool) -> int:
     """Run or resume the campaigns of a matrix, show what they found, and return the exit code."""
-    from rvsg.api.records import check_writable
     from rvsg.cli.interruption import interruptible
     from rvsg.core.errors import Interrupted
+    from rvsg.core.outputs import check_writable
 
     started = time.monotonic()
     resume = as_started(matrix.resume_command)
@@ -59,7 +59,7 @@ def _announce(matrix: Matrix, campaigns: Sequence[Campaign], resume: str) -> Non
 
 def _run(matrix: Matrix, campaigns: Sequence[Campaign], check: Callable[[], None]) -> dict[str, tuple[str, int]]:
     """Run the campaigns; return message and exit code of those that failed, by their folder."""
-    from rvsg.api.matrix import Ended
+    from rvsg.app.matrix import Ended
     from rvsg.cli.progress import CampaignProgress
     from rvsg.core.errors import RvsgError
 
@@ -89,8 +89,8 @@ def _run(matrix: Matrix, campaigns: Sequence[Campaign], check: Callable[[], None
 def _show(
     matrix: Matrix, campaigns: Sequence[Campaign], done: Sequence[Campaign], spent_s: float, *, as_json: bool
 ) -> None:
-    from rvsg.api.folder import REPORT
-    from rvsg.api.reporting import write_junit
+    from rvsg.app.folder import REPORT
+    from rvsg.app.matrix import write_junit
     from rvsg.cli.tables import matrix_table
 
     if junit := matrix.settings.get("junit"):

@@ -23,12 +23,12 @@ def metrics(
     json: AsJson = False,
 ) -> None:
     """List the metrics with formula, unit, direction and source, or measure a run by them."""
-    from rvsg.api.words import metric
+    from rvsg.evaluation.metrics import metric
     from rvsg.evaluation.metrics.registry import METRICS, measure
 
     chosen = list(METRICS.values()) if name is None else [metric(name)]
     if run is not None:
-        from rvsg.api.records import read_runs
+        from rvsg.simulation.run_files import read_runs
 
         measured = [measure(read, [info.id for info in chosen]) for read in read_runs([run])]
         console.print_json(measured[0] if len(measured) == 1 else measured)

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Self
 
 import typer
 
-from rvsg.api.words import describe_spending
 from rvsg.cli.console import console, say
+from rvsg.report.terminal import describe_spending
 
 if TYPE_CHECKING:
     from rich.status import Status

@@ -10,7 +10,6 @@ from typing import Self
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Column
 
-from rvsg.api.words import describe_spending
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.events import (
     Attempted,
@@ -28,6 +27,7 @@ from rvsg.cli.console import console, say
 from rvsg.evaluation.wording import counted, number, status_in_words
 from rvsg.generation.vlm.access import CallNews
 from rvsg.generation.vlm.model import Spending
+from rvsg.report.terminal import describe_spending
 from rvsg.scenario.brief import Brief
 
 

@@ -42,7 +42,7 @@ def prompt(
     """
     keys = ("world", "route", "requirement", "strategy", "humans", "conversation")
     given = {key: value for key, value in locals().items() if key in keys and value is not None}
-    from rvsg.api.prompting import configured, copy_template, next_prompt, templates_folder, write_pictures
+    from rvsg.app.proposal import configured, copy_template, next_prompt, templates_folder, write_pictures
 
     if listed:
         _list(as_json=json)

@@ -12,7 +12,7 @@ from rvsg.cli.console import say
 from rvsg.cli.frame import verb
 
 if TYPE_CHECKING:
-    from rvsg.api.wiring import Wired
+    from rvsg.app.wiring import Wired
     from rvsg.generation.generator import Proposal
 
 app = verb()
@@ -50,12 +50,13 @@ def propose(
     Writes the proposal as JSON; `rvsg simulate` reads it. With --feedback the proposal refines an earlier scenario.
     """
     given = {name: value for name, value in locals().items() if name not in OWN}
-    from rvsg.api.config import effective
-    from rvsg.api.proposing import proposal_json, propose_as
-    from rvsg.api.records import check_writable, read_record, write_text
-    from rvsg.api.wiring import wire
+    from rvsg.app.proposal import proposal_json, propose_as
+    from rvsg.app.settings import effective
+    from rvsg.app.wiring import wire
     from rvsg.cli.model_options import CallsShown
     from rvsg.cli.options import pairs
+    from rvsg.core.documents import read_record
+    from rvsg.core.outputs import check_writable, write_text
     from rvsg.scenario.brief import Feedback
 
     check_writable(out)
@@ -70,7 +71,7 @@ def propose(
 
 def _show(wired: Wired, proposal: Proposal) -> None:
     """Print what the checker found, and what the calls of a model cost."""
-    from rvsg.api.words import describe_calls, describe_proposal, describe_unusable
+    from rvsg.report.terminal import describe_calls, describe_proposal, describe_unusable
 
     for line in describe_proposal(proposal, wired.world):
         say(line)

@@ -32,9 +32,9 @@ def replay(
 
     A run of a campaign is shown with the judged quantity and its limit. MP4 and WebM need the extra `video`.
     """
-    from rvsg.api.filming import shot_of
-    from rvsg.api.records import check_writable
+    from rvsg.app.playback import shot_of
     from rvsg.cli.options import spec
+    from rvsg.core.outputs import check_writable
     from rvsg.report.film import check_film, write_film
 
     check_film(out)

@@ -13,7 +13,7 @@ from rvsg.cli.console import as_started, console, print_json, say
 from rvsg.cli.frame import verb
 
 if TYPE_CHECKING:
-    from rvsg.api.campaign import Campaign
+    from rvsg.app.campaign import Campaign
 
 app = verb()
 
@@ -37,8 +37,8 @@ def report(
 
     For a folder of several campaigns, write the page of each and an overview with links.
     """
-    from rvsg.api.folder import holds_several
-    from rvsg.api.reporting import folders_of, reported, write_junit, write_study_tables
+    from rvsg.app.folder import holds_several
+    from rvsg.app.matrix import folders_of, reported, write_junit, write_study_tables
 
     several = holds_several(store)
     paths = folders_of(store, begin=as_started(shlex.join(["rvsg", "run", "--out", str(store)])))
@@ -81,7 +81,7 @@ def _show(campaign: Campaign, page: Path) -> None:
 
 def _show_all(folder: Path, campaigns: list[Campaign]) -> None:
     """Write the overview of several campaigns; print their table and which of them are unfinished."""
-    from rvsg.api.reporting import overview
+    from rvsg.app.matrix import overview
     from rvsg.cli.tables import how_far, matrix_table
 
     page, matrix = overview(folder, campaigns)

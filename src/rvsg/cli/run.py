@@ -15,7 +15,7 @@ from rvsg.cli.console import as_started, console, print_json, say
 from rvsg.cli.frame import verb
 
 if TYPE_CHECKING:
-    from rvsg.api.campaign import Campaign
+    from rvsg.app.campaign import Campaign
     from rvsg.campaign.attempt import Attempt
     from rvsg.campaign.plan import Plan
     from rvsg.report.summary import Summary
@@ -139,8 +139,8 @@ def run(
     Several routes or requirements make a campaign for each pair, in parallel, each in its own folder in --out.
     """
     given = {k: v for k, v in locals().items() if v is not None and k not in ("campaign", "json")}
-    from rvsg.api.config import read_campaign_file
-    from rvsg.api.matrix import Matrix
+    from rvsg.app.matrix import Matrix
+    from rvsg.app.settings import read_campaign_file
     from rvsg.cli.matrix import run_matrix
     from rvsg.cli.options import pairs, states
 
@@ -180,11 +180,11 @@ def run_campaign_of(
 
 def run_one(from_file: dict[str, Any], given: dict[str, Any]) -> Campaign:
     """Run or resume a campaign and write its report."""
-    from rvsg.api.campaign import Campaign
-    from rvsg.api.config import effective
-    from rvsg.api.folder import store_of
-    from rvsg.api.records import check_writable
+    from rvsg.app.campaign import Campaign
+    from rvsg.app.folder import store_of
+    from rvsg.app.settings import effective
     from rvsg.core.files import write_whole
+    from rvsg.core.outputs import check_writable
     from rvsg.report.junit import junit_xml
 
     asked = effective(None, from_file, given)
@@ -202,8 +202,8 @@ def run_one(from_file: dict[str, Any], given: dict[str, Any]) -> Campaign:
 
 def _run(campaign: Campaign, *, resumed: bool) -> None:
     """Run the campaign with progress; on interruption, print how to resume."""
-    from rvsg.api.commands import resume_command
-    from rvsg.api.config import BUDGETS
+    from rvsg.app.commands import resume_command
+    from rvsg.app.settings import BUDGETS
     from rvsg.cli.interruption import interruptible
     from rvsg.cli.progress import CampaignProgress
     from rvsg.core.errors import BudgetSpent, GenerationError, Interrupted, SimulationError
@@ -256,9 +256,9 @@ def _what_it_does(campaign: Campaign) -> str:
 
 def _show_lost(attempts: list[Attempt]) -> None:
     """Print how many attempts have no scenario and why, and which replies of a model were unusable."""
-    from rvsg.api.words import describe_unusable
     from rvsg.campaign.accounting import calls_of
     from rvsg.evaluation.wording import counted
+    from rvsg.report.terminal import describe_unusable
 
     search = [attempt for attempt in attempts if attempt.purpose == "search"]
     lost = [attempt for attempt in search if attempt.proposal.scenario is None]
@@ -272,8 +272,8 @@ def _show_lost(attempts: list[Attempt]) -> None:
 
 def _show(campaign: Campaign, summary: Summary, spent_s: float, *, as_json: bool) -> None:
     """Print the ranked table, the findings, the path of the report, and the command that repeats the campaign."""
-    from rvsg.api.commands import command_for_more
-    from rvsg.api.folder import REPORT
+    from rvsg.app.commands import command_for_more
+    from rvsg.app.folder import REPORT
     from rvsg.cli.tables import ranked_table, show_findings
     from rvsg.evaluation.verdict import Status
     from rvsg.evaluation.wording import counted

@@ -32,9 +32,8 @@ def migrate(
 
     Each waypoint becomes the one nearest to its old position. RVSG checks the result before it writes it.
     """
-    from rvsg.api.migration import migrate_scenario
-    from rvsg.api.records import check_writable, write_text
-    from rvsg.api.scenarios import scenario_json
+    from rvsg.core.outputs import check_writable, write_text
+    from rvsg.scenario.builder import migrate_scenario, scenario_json
 
     check_writable(out)
     migrated, changes = migrate_scenario(scenario, world, route=route, reach_m=reach)

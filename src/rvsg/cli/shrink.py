@@ -38,9 +38,9 @@ def shrink(
     violation. Confirmation runs with new seeds show how often the original and the smallest scenario violate it.
     """
     import rvsg
-    from rvsg.api.records import check_writable, write_text
-    from rvsg.api.scenarios import load_scenario_in, scenario_json
     from rvsg.cli.options import spec
+    from rvsg.core.outputs import check_writable, write_text
+    from rvsg.scenario.builder import load_scenario_in, scenario_json
 
     check_writable(out)
     asked, place = load_scenario_in(scenario, world)

@@ -83,7 +83,7 @@ def _compare(
     as_json: bool,
 ) -> None:
     """Compare stacks, print the ranking, and write the files."""
-    from rvsg.api.stack_comparison import compare_stacks, write_comparison
+    from rvsg.app.comparison import compare_stacks, write_comparison
     from rvsg.campaign.stack_scores import StackScore
     from rvsg.report.stacks import stacks_markdown
 

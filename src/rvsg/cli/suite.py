@@ -70,9 +70,10 @@ def run(
     and `rvsg suite update` writes it into the suite.
     """
     from rvsg import Suite
-    from rvsg.api.records import check_writable, write_text
-    from rvsg.api.suites import describe_result, junit_of_suite
+    from rvsg.app.suites import describe_result
     from rvsg.cli.options import spec, stack_spec
+    from rvsg.core.outputs import check_writable, write_text
+    from rvsg.report.suites import suite_junit
 
     if junit is not None:
         check_writable(junit)
@@ -90,7 +91,7 @@ def run(
         on_message=say,
     )
     if junit is not None:
-        write_text(junit, junit_of_suite(result))
+        write_text(junit, suite_junit(result))
     if json:
         print_json(result.model_dump(mode="json"))
     result.check_judged()
@@ -105,7 +106,7 @@ def update(
 ) -> None:
     """Write fixed and broken cases of a run into the suite as the new expectations. Unclear results change nothing."""
     from rvsg import Suite
-    from rvsg.api.suites import read_results
+    from rvsg.app.suites import read_results
 
     for case in Suite.open(suite).update(read_results(results)):
         say(f"{case.case}, {case.requirement}: {case.state.value}; the suite expects this from now on.")

@@ -10,17 +10,17 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 from rich.text import Text
 
-from rvsg.api.commands import confirm_command
-from rvsg.api.words import describe_failure, describe_finding
+from rvsg.app.commands import confirm_command
 from rvsg.campaign.plan import Plan
 from rvsg.cli.console import as_started, say
 from rvsg.evaluation.judge import still_open
 from rvsg.evaluation.verdict import Status, Verdict
 from rvsg.evaluation.wording import OPEN, counted, number
 from rvsg.report.summary import Ranked, Summary, interval
+from rvsg.report.terminal import describe_failure, describe_finding
 
 if TYPE_CHECKING:
-    from rvsg.api.campaign import Campaign
+    from rvsg.app.campaign import Campaign
     from rvsg.campaign.encounter import MapCell
     from rvsg.campaign.pareto import Front
 

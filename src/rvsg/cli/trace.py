@@ -36,8 +36,9 @@ def trace(
     Runs are deterministic, so this is the stored run; a run that cannot be repeated is refused. The report shows a
     .json trace: in the folder of a campaign, RVSG writes the page again with it.
     """
-    from rvsg.api.tracing import check_trace_files, trace_file_beside, trace_source
+    from rvsg.app.playback import check_trace_files, trace_source
     from rvsg.cli.options import spec, stack_spec
+    from rvsg.report.trace_view import trace_file_beside
 
     check_trace_files(source, out or [])
     traced = trace_source(

@@ -56,15 +56,16 @@ def watch(
     plan by declared rules. Execute runs it, stores the result in the knowledge base and adds new failures to the suite.
     OUT/watch.log records what was done and why.
     """
-    from rvsg.api import watching
+    from rvsg.app import watch
+    from rvsg.campaign.watch.journal import in_words
     from rvsg.cli.options import seconds_of, spec, stack_spec
     from rvsg.core.errors import Interrupted
 
     if approve is not None:
-        watching.approve(out, approve, on_message=say)
+        watch.approve(out, approve, on_message=say)
         return
     try:
-        journal = watching.watch(
+        journal = watch.watch(
             suite,
             monitor,
             out,
@@ -79,7 +80,7 @@ def watch(
             knowledge=knowledge,
             seed=seed,
             jobs=jobs,
-            on_note=lambda note: say(watching.note_in_words(note)),
+            on_note=lambda note: say(in_words(note)),
             on_message=say,
         )
     except KeyboardInterrupt:

@@ -98,8 +98,8 @@ def new(
     """
     given = {key: value for key, value in locals().items() if key not in ("folder", "no_simulation", "json", "robot")}
     given |= {name: [_numbers(f"--{name}", "X,Y", at) for at in given[name] or ()] for name in ("indoors", "outdoors")}
-    from rvsg.api.trial import trial_of
-    from rvsg.api.world_folders import create_world, other_robot, world_summary
+    from rvsg.simulation.route_trial import trial_of
+    from rvsg.world.authoring.world_folder import create_world, other_robot, world_summary
 
     driver = other_robot(robot)
     trial = None if no_simulation else trial_of(driver, progress=say)
@@ -120,7 +120,7 @@ def copy(
     Edit a shipped world there, or give its map to your navigation: the folder
     holds it as map.yaml.
     """
-    from rvsg.api.world_folders import copy_world
+    from rvsg.world.authoring.world_folder import copy_world
     from rvsg.world.io.load import load_world
 
     copy_world(load_world(world), folder, force=force)
@@ -142,9 +142,9 @@ def check(
 
     Exits with code 2 if there is an error, with 0 if there are only warnings or nothing.
     """
-    from rvsg.api.trial import trial_of
-    from rvsg.api.world_folders import folder_named, other_robot
+    from rvsg.simulation.route_trial import trial_of
     from rvsg.world.authoring.check import check_world
+    from rvsg.world.authoring.world_folder import folder_named, other_robot
 
     driver = other_robot(robot)
     trial = None if no_simulation else trial_of(driver, progress=say)
@@ -175,7 +175,7 @@ def draw(
     Labelled map, grid of waypoints and bird's-eye view as PNG, or an SVG plan. A grid with too many names for one
     picture is also drawn in parts.
     """
-    from rvsg.api.world_folders import draw_world
+    from rvsg.world.authoring.world_folder import draw_world
     from rvsg.world.io.load import load_world
 
     folder = out or (Path(world) / "pictures" if Path(world).is_dir() else Path())
@@ -196,7 +196,7 @@ def show(
 
     Grid, areas with their waypoints, routes in words, activities.
     """
-    from rvsg.api.world_folders import world_summary
+    from rvsg.world.authoring.world_folder import world_summary
     from rvsg.world.io.load import load_world
 
     loaded = load_world(world)
@@ -209,7 +209,7 @@ def show(
 @app.command("list")
 def list_worlds(json: AsJson = False) -> None:
     """List the worlds that ship with RVSG."""
-    from rvsg.api.world_folders import size_m, world_summary
+    from rvsg.world.authoring.world_folder import size_m, world_summary
     from rvsg.world.io.load import load_world, shipped_worlds
 
     worlds = [load_world(name) for name in shipped_worlds()]
@@ -287,7 +287,7 @@ def _numbers(option: str, form: str, text: str) -> tuple[float, ...]:
 
 
 def _show_world(world: World) -> None:
-    from rvsg.api.world_folders import size_m
+    from rvsg.world.authoring.world_folder import size_m
     from rvsg.world.route_words import route_paragraph
 
     wide, high = size_m(world)
@@ -316,7 +316,7 @@ def _show_world(world: World) -> None:
 
 
 def _show_created(created: Created, remarks: tuple[Remark, ...], folder: Path) -> None:
-    from rvsg.api.world_folders import size_m
+    from rvsg.world.authoring.world_folder import size_m
     from rvsg.world.io.load import shipped_worlds
 
     world = created.world
@@ -351,7 +351,7 @@ def name(
     RVSG writes accepted names into labels.yaml and keeps its comments. With --json, it prints the proposals and writes
     nothing.
     """
-    from rvsg.api.describing import propose_names
+    from rvsg.app.description import propose_names
     from rvsg.world.authoring.editing import edit_world
     from rvsg.world.io.load import load_world
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime
 import difflib
+import json
 import re
 from collections import Counter
 from collections.abc import Collection, Iterable
@@ -11,11 +12,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar, get_args
 
+import pydantic
 import yaml
 from pydantic import BaseModel, ValidationError
 
 from rvsg.core.errors import FileError, InvalidOptions
-from rvsg.core.inputs import LARGEST_NUMBER, LONGEST_NUMBER, is_text, is_too_large, read_text
+from rvsg.core.inputs import LARGEST_NUMBER, LONGEST_NUMBER, is_text, is_too_large, parse_json, read_text
+from rvsg.core.records import Record
 
 MOST_NODES = 400_000
 MOST_LISTED = 50
@@ -354,3 +357,25 @@ def _nested(annotation: Any) -> type[BaseModel] | None:
 def _shown(value: Any) -> str:
     text = "nothing" if value is None else repr(value)
     return text if len(text) <= 60 else text[:57] + "..."
+
+
+Kept = TypeVar("Kept", bound=Record)
+
+
+MOST_LISTED = 12
+
+
+def read_record(path: Path, kind: type[Kept]) -> Kept:
+    """Return a record from a JSON file; FileError names everything that is wrong."""
+    return record_of(path, parse_json(read_text(path), path), kind)
+
+
+def record_of(path: Path, value: object, kind: type[Kept]) -> Kept:
+    """Return a record made of plain data; FileError names everything that is wrong."""
+    try:
+        return kind.model_validate_json(json.dumps(value))
+    except pydantic.ValidationError as error:
+        wrong = mistakes_of(error, kind, whole="the whole file")
+        more = [f"and {len(wrong) - MOST_LISTED} more"] if len(wrong) > MOST_LISTED else []
+        listed = "; ".join([*wrong[:MOST_LISTED], *more])
+        raise FileError(path, f"this is not a {kind.__name__.lower()}: {listed}.", code="record-invalid") from None

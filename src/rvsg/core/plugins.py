@@ -188,3 +188,7 @@ def _registered(kind: str) -> dict[str, EntryPoint]:
 def _points(kind: str, path: tuple[str, ...]) -> tuple[EntryPoint, ...]:
     """Return the entry points of a kind; a change of `path`, the module search path, looks them up again."""
     return tuple(entry_points(group=KINDS[kind]))
+
+
+def ignore(_: object) -> None:
+    """Do nothing with a message or an event."""

@@ -28,6 +28,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from pathlib import Path
 
 from rvsg.core.errors import InputError, Unfit
 from rvsg.evaluation.metrics import metric
@@ -37,8 +38,9 @@ from rvsg.evaluation.statistics import censored_median, clopper_pearson, mean_in
 from rvsg.evaluation.verdict import DEFAULT, Procedure, Status, Verdict
 from rvsg.evaluation.wording import OPEN, how_sure
 from rvsg.scenario.requirement import Requirement
+from rvsg.scenario.requirement import load_requirement as read_requirement
 from rvsg.simulation.run import Outcome, Run
-from rvsg.world.world import World
+from rvsg.world.world import Route, World
 
 __all__ = [
     "DEFAULT",
@@ -198,3 +200,23 @@ def next_repeats(
     known = [value for value in objectives if value is not None]
     violations = sum(requirement.violated_by(value) for value in known)
     return min(procedure.fewest_more(violations, len(known)), procedure.max_runs - len(objectives))
+
+
+def load_requirement(
+    name_or_path: str | Path | Requirement, route: Route | None = None, *, time_limit_s: float | None = None
+) -> Requirement:
+    """Load a shipped requirement by its name, or one of a file as `file.yaml` or `file.yaml#name`.
+
+    Some limits are a share of the route's time limit. They are worked out where `route` or `time_limit_s` is given;
+    otherwise `judge` does it for the runs it judges.
+
+    Raises:
+        UnknownName: there is no such requirement.
+        FileError: the file cannot be used; names every mistake with its line.
+    """
+    if isinstance(name_or_path, Requirement):
+        requirement = check_requirement(name_or_path)
+    else:
+        requirement = read_requirement(name_or_path, check=check_requirement)
+    limit = route.time_limit_s if route is not None else time_limit_s
+    return requirement if limit is None else requirement.for_time_limit(limit)

@@ -17,13 +17,19 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
+from rvsg.campaign.attempt import Measurement
 from rvsg.core.errors import InputError, how_to_install
 from rvsg.core.files import write_whole
-from rvsg.evaluation.wording import outcome_in_words
+from rvsg.evaluation.wording import number, outcome_in_words
+from rvsg.report.facts import RunFacts, run_facts
 from rvsg.report.frames import nearest_in_words
+from rvsg.report.happened import still_times
 from rvsg.report.payload import people_colours
 from rvsg.report.robots import footprint_of
+from rvsg.report.words import quantity
 from rvsg.robots.robot import Robot
+from rvsg.scenario.requirement import Requirement
+from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.run import Run
 from rvsg.world.drawing.placing import font
 from rvsg.world.drawing.plan import Picture, draw_plan
@@ -277,3 +283,25 @@ def _ffmpeg(path: Path) -> Any:
             f"{path}: {path.suffix} needs ffmpeg: {how_to_install('video')}. Without it, write .webp, .gif or .png.",
             code="package-missing",
         ) from None
+
+
+def shot_of_run(run: Run, measured: Measurement, requirement: Requirement, world: World, scenario: Scenario) -> Shot:
+    """Return a shot of a run at the moments that matter for a requirement."""
+    facts = run_facts(run, measured, requirement, world, scenario)
+    return Shot(
+        run=run,
+        world=world,
+        robot=scenario.mission.robot_record,
+        moments=still_times(facts),
+        judged=lambda t_s: _judged(facts, requirement, t_s),
+    )
+
+
+def _judged(facts: RunFacts, requirement: Requirement, t_s: float) -> str:
+    """Return what the requirement measures up to a time, with its limit."""
+    known = [float(v) for t, v in zip(facts.curve.t, facts.curve.value, strict=True) if t <= t_s and v == v]
+    if not known:
+        return ""
+    limit = requirement.threshold
+    beside = f" (limit {number(limit, requirement.unit)})" if limit is not None else ""
+    return f"{quantity(requirement)} so far: {number(known[-1], requirement.unit)}{beside}"

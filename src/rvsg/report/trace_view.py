@@ -10,12 +10,15 @@ from __future__ import annotations
 import base64
 import json
 import zlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rvsg.core.errors import FileError
+from rvsg.core.inputs import parse_json, read_text
 from rvsg.report.payload import varints
 from rvsg.simulation.embedded.trace import Evaluation, Frame, Trace
 from rvsg.world.world import World
@@ -167,3 +170,38 @@ def _channels(channels: Iterable[NDArray[np.float64]]) -> str:
 
 def _packed(data: bytes) -> str:
     return base64.b64encode(zlib.compress(data, 9)).decode()
+
+
+TRACES = "traces"
+"""The folder beside a report in which the report finds traces."""
+
+
+SUFFIX = ".trace.json"
+
+
+MOST_IN_A_PAGE = 1_500_000
+"""Bytes of traces that a page holds; it opens further ones from their files."""
+
+
+def trace_file_beside(folder: Path, run: str) -> Path:
+    """Return the file in which the report of a folder finds the trace of a run."""
+    return folder / TRACES / f"{run}{SUFFIX}"
+
+
+def traces_beside(page: Path, runs: Collection[str]) -> list[Mapping[str, Any]]:
+    """Return the traces beside a page that are of its runs, in the order of their names, as far as the page holds them.
+
+    Raises:
+        FileError: a file is no trace.
+    """
+    found: list[Mapping[str, Any]] = []
+    left = MOST_IN_A_PAGE
+    for path in sorted((page.parent / TRACES).glob(f"*{SUFFIX}")):
+        if path.name.removesuffix(SUFFIX) not in runs or path.stat().st_size > left:
+            continue
+        value = parse_json(read_text(path), path)
+        if not isinstance(value, dict) or value.get("format") != FORMAT or value.get("run") not in runs:
+            raise FileError(path, "this is not the trace its name says. Remove it, or write it again: rvsg trace.")
+        left -= path.stat().st_size
+        found.append(value)
+    return found

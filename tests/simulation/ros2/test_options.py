@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 from tests.coded import coded
 
-from rvsg.api.simulating import described
 from rvsg.core.errors import InputError, InvalidOptions
 from rvsg.core.plugins import Spec, make
 from rvsg.robots.robot import load_robot
+from rvsg.simulation.simulators import described
 from rvsg.simulation.stacks.registry import StackChoice
 from rvsg_ros2.launch import Launched, ros_environment
 from rvsg_ros2.options import domain_of, read_options, scan_topic

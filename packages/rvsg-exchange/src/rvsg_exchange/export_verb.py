@@ -34,8 +34,8 @@ def export(
 
     A format of runs simulates a scenario first, with --seed. What the format cannot hold is printed.
     """
-    from rvsg.api.records import check_writable
     from rvsg.cli.options import spec
+    from rvsg.core.outputs import check_writable
     from rvsg_exchange import formats as exchange
 
     check_writable(out)

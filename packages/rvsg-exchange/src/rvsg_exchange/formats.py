@@ -7,18 +7,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rvsg.api.records import check_writable, read_runs, read_scenario
-from rvsg.api.scenarios import load_scenario_in
-from rvsg.api.scenarios import scenario as scenario_of
-from rvsg.api.simulating import RunSet, ignore, once, simulate
-from rvsg.api.tracing import check_trace_file
-from rvsg.api.tracing import trace as traced_run
-from rvsg.api.worlds import as_world, world_of
+from rvsg.app.playback import check_trace_file
+from rvsg.app.playback import trace as traced_run
+from rvsg.app.runs import RunSet, simulate
 from rvsg.core.errors import InputError, UnknownName
 from rvsg.core.files import write_whole
-from rvsg.core.plugins import Spec
+from rvsg.core.outputs import check_writable
+from rvsg.core.plugins import Spec, ignore
+from rvsg.scenario.builder import load_scenario_in, read_scenario
+from rvsg.scenario.builder import scenario as scenario_of
 from rvsg.scenario.scenario import Human, HumanAgent, Pause, Scenario, Task, decode
+from rvsg.scenario.world_lookup import as_world, world_of
 from rvsg.simulation.run import Run
+from rvsg.simulation.run_files import once, read_runs
 from rvsg.simulation.stacks.registry import StackLike
 from rvsg.world.world import World
 from rvsg_exchange import bag, foxglove, gazebo, hunav, nav2_goals, openscenario, tables

@@ -25,8 +25,8 @@ def import_agents(
 
     RVSG prints each setting that it does not reproduce.
     """
-    from rvsg.api.records import check_writable, write_text
-    from rvsg.api.scenarios import scenario_json
+    from rvsg.core.outputs import check_writable, write_text
+    from rvsg.scenario.builder import scenario_json
     from rvsg_exchange import formats as exchange
 
     check_writable(out)

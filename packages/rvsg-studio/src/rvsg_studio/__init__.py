@@ -1,1 +1,1 @@
-"""The studio: a local web page on which a test engineer works. It holds no rule: it calls `rvsg` and `rvsg.api`."""
+"""The studio: a local web page on which a test engineer works. It holds no rule: it calls `rvsg` and `rvsg.app`."""

@@ -14,22 +14,22 @@ from fastapi.responses import Response
 
 import rvsg
 from rvsg import Scenario, Spec, World
-from rvsg.api.conversations import picture_of_call
-from rvsg.api.editing import History, editable_world, remarks_on
-from rvsg.api.requirements import load_requirement
-from rvsg.api.scenarios import check_valid, load_scenario_in, save_scenario
-from rvsg.api.showing import floor_of, related, replay_of_attempts, replay_of_runs
-from rvsg.api.simulating import RunSet
-from rvsg.api.trial import trial_of
-from rvsg.api.trying import BEHAVIOURS, empty_scenario, scenario_of, simulated, try_out, with_person
-from rvsg.api.versions import VersionComparison, compare_versions
-from rvsg.api.worlds import world_of
+from rvsg.app.comparison import VersionComparison, compare_versions
+from rvsg.app.runs import RunSet
 from rvsg.core.errors import InputError
 from rvsg.core.files import write_whole
+from rvsg.evaluation.judge import load_requirement
 from rvsg.evaluation.wording import counted
+from rvsg.scenario.builder import check_valid, load_scenario_in, save_scenario
 from rvsg.scenario.requirement import Requirement, shipped_requirements
+from rvsg.scenario.world_lookup import world_of
+from rvsg.simulation.route_trial import trial_of
 from rvsg.world.io.load import shipped_worlds
+from rvsg_studio.replay_data import floor_of, related, replay_of_attempts, replay_of_runs
+from rvsg_studio.scenario_trial import BEHAVIOURS, empty_scenario, scenario_of, simulated, try_out, with_person
+from rvsg_studio.transcripts import picture_of_call
 from rvsg_studio.workspace import Workspace
+from rvsg_studio.world_editor import History, editable_world, remarks_on
 
 Answer = Callable[[Workspace, dict[str, Any]], Any]
 

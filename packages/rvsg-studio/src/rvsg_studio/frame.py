@@ -1,6 +1,6 @@
 """What every page of the studio stands in, and the plain HTML elements pages are made of.
 
-Text from files, models and people is only ever set as text (`tag`) or as an attribute; SVG comes from `rvsg.api`,
+Text from files, models and people is only ever set as text (`tag`) or as an attribute; SVG comes from `rvsg.app`,
 where everything in it is escaped.
 """
 
@@ -57,7 +57,7 @@ def tag(name: str, text: str = "", *, cls: str = "", **attributes: Any) -> Tag:
 
 
 def svg(markup: str, **attributes: Any) -> Any:
-    """Add SVG made by `rvsg.api`, whose words are escaped there."""
+    """Add SVG made by `rvsg.app`, whose words are escaped there."""
     element = ui.html(markup, sanitize=False)
     for key, value in attributes.items():
         element._props[key.replace("_", "-")] = value

@@ -8,7 +8,7 @@ from typing import Any
 from fastapi.responses import Response
 
 import rvsg
-from rvsg.api.tracing import kept_trace, trace_source, trace_text
+from rvsg.app.playback import kept_trace, trace_source, trace_text
 from rvsg_studio.answers import text_of
 from rvsg_studio.workspace import Workspace
 

@@ -14,18 +14,18 @@ from types import FrameType
 from typing import Any, TextIO
 
 import rvsg
-from rvsg.api.config import effective, safe_name
-from rvsg.api.describing import open_session, propose_names, revised
-from rvsg.api.matrix import Ended, Matrix
-from rvsg.api.proposing import proposal_json, propose_as
-from rvsg.api.records import runs_text
-from rvsg.api.scenarios import load_scenario_in, save_scenario
-from rvsg.api.wiring import wire
-from rvsg.api.words import describe_calls
+from rvsg.app.description import open_session, propose_names, revised
+from rvsg.app.matrix import Ended, Matrix
+from rvsg.app.proposal import proposal_json, propose_as
+from rvsg.app.settings import effective, safe_name
+from rvsg.app.wiring import wire
 from rvsg.campaign.events import Attempted, Confirming, Event, Explaining, Message, ModelCall, Proposing, RunMade
 from rvsg.core.errors import RvsgError
 from rvsg.core.files import write_whole
 from rvsg.generation.vlm.access import CallNews
+from rvsg.report.terminal import describe_calls
+from rvsg.scenario.builder import load_scenario_in, save_scenario
+from rvsg.simulation.run_files import runs_text
 from rvsg.world.io.load import shipped_worlds
 from rvsg.world.world import Description
 from rvsg_studio.jobs import EVENTS, JOB, PAUSE, RESULT, holding

@@ -9,9 +9,9 @@ from pathlib import Path
 from threading import Lock
 from typing import Any
 
-from rvsg.api.listing import Lister, Listing
 from rvsg.core.errors import InputError
 from rvsg_studio.jobs import Jobs
+from rvsg_studio.listing import Lister, Listing
 
 OWN = ".rvsg-studio"
 """The studio's own folder in the folder it works in: jobs, undo steps, the index. Deleting it loses no result."""

@@ -6,9 +6,9 @@ from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
-from rvsg.api.folder import make_folder
-from rvsg.api.worlds import as_world
+from rvsg.core.outputs import make_folder
 from rvsg.core.records import Record
+from rvsg.scenario.world_lookup import as_world
 from rvsg.world.world import World
 
 

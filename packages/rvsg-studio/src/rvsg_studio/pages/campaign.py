@@ -10,14 +10,14 @@ from typing import Any
 from nicegui import ui
 
 import rvsg
-from rvsg.api.commands import confirm_command, resume_command, runs_command
-from rvsg.api.scenarios import save_scenario
+from rvsg.app.commands import confirm_command, resume_command, runs_command
 from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.ranking import best_attempt, confirmations
 from rvsg.core.errors import InputError, RvsgError
 from rvsg.evaluation.wording import counted, number
 from rvsg.report.charts import search_chart
 from rvsg.report.summary import Summary, interval, tried_of
+from rvsg.scenario.builder import save_scenario
 from rvsg_studio.frame import Page, address, chip, link, load, page, problem, svg, tag
 from rvsg_studio.jobs import Job
 from rvsg_studio.pages.finding import FRESH_SEED, MORE

@@ -5,10 +5,10 @@ from __future__ import annotations
 from nicegui import ui
 
 import rvsg
-from rvsg.api.listing import FoundCampaign, Listing
-from rvsg.api.pairing import Pair, pairs_of
+from rvsg.app.comparison import Pair, pairs_of
 from rvsg.core.errors import InputError, RvsgError
 from rvsg_studio.frame import PATIENT_S, Page, address, field, link, load, page, problem, select, tag
+from rvsg_studio.listing import FoundCampaign, Listing
 from rvsg_studio.pages.changes import Compared, change_chip, matrix, scatter
 from rvsg_studio.workspace import Workspace, stamp
 

@@ -7,10 +7,10 @@ from typing import Any
 from nicegui import ui
 
 import rvsg
-from rvsg.api.conversations import Conversation, Turn, conversations_of
 from rvsg.core.errors import RvsgError
 from rvsg.evaluation.wording import counted
 from rvsg_studio.frame import PATIENT_S, Page, address, chip, field, link, load, page, problem, tag, text_input
+from rvsg_studio.transcripts import Conversation, Turn, conversations_of
 from rvsg_studio.workspace import Workspace
 
 SHOWN = 60

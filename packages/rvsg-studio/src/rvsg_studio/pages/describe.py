@@ -9,8 +9,6 @@ from typing import Any
 
 from nicegui import ui
 
-from rvsg.api.describing import difference
-from rvsg.api.models import named_in
 from rvsg.core.errors import InputError, RvsgError
 from rvsg.generation.environment import store_description
 from rvsg.world.world import Description
@@ -18,6 +16,7 @@ from rvsg_studio.asked_model import asked_model, model_form
 from rvsg_studio.frame import Page, as_script, field, load, page, problem, tag
 from rvsg_studio.jobs import Job
 from rvsg_studio.review import PARTS, Review, Texts
+from rvsg_studio.text_pieces import difference, named_in
 from rvsg_studio.workspace import Workspace
 
 

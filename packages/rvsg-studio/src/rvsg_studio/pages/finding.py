@@ -11,16 +11,16 @@ from typing import Any
 from nicegui import ui
 
 import rvsg
-from rvsg.api.commands import confirm_command, runs_command, shrink_command
-from rvsg.api.notes import STATES, Note, note, notes_of
-from rvsg.api.scenarios import save_scenario, without_people
-from rvsg.api.words import describe_finding
+from rvsg.app.commands import confirm_command, runs_command, shrink_command
 from rvsg.campaign.attempt import Attempt
 from rvsg.core.errors import InputError, RvsgError
 from rvsg.evaluation.wording import counted, how_sure, status_in_words
+from rvsg.report.terminal import describe_finding
+from rvsg.scenario.builder import save_scenario, without_people
 from rvsg_exchange import formats as exchange
 from rvsg_studio.frame import Page, address, chip, field, link, load, page, problem, select, tag
 from rvsg_studio.jobs import Job
+from rvsg_studio.notes import STATES, Note, note, notes_of
 from rvsg_studio.workspace import Workspace
 
 MORE = 30

@@ -6,11 +6,11 @@ import time
 
 from nicegui import ui
 
-from rvsg.api.listing import FoundCampaign, FoundFinding, Listing
 from rvsg.evaluation.wording import counted
 from rvsg.world.io.load import shipped_worlds
 from rvsg_studio.frame import PATIENT_S, Page, chip, link, load, page, tag
 from rvsg_studio.jobs import Job
+from rvsg_studio.listing import FoundCampaign, FoundFinding, Listing
 from rvsg_studio.workspace import Workspace
 
 NEWEST = 8

@@ -12,11 +12,11 @@ from typing import Any
 from nicegui import ui
 
 import rvsg
-from rvsg.api.proposing import read_proposal
-from rvsg.api.scenarios import load_scenario_in, save_scenario
+from rvsg.app.proposal import read_proposal
 from rvsg.core.errors import InputError, RvsgError
 from rvsg.evaluation.wording import counted
 from rvsg.generation.generator import Proposal
+from rvsg.scenario.builder import load_scenario_in, save_scenario
 from rvsg.scenario.requirement import shipped_requirements
 from rvsg.world.io.load import shipped_worlds
 from rvsg_studio.asked_model import asked_model, model_form

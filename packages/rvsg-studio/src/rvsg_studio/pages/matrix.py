@@ -6,11 +6,11 @@ import shlex
 
 from nicegui import ui
 
-from rvsg.api.listing import FoundCampaign
-from rvsg.api.matrix import Matrix
+from rvsg.app.matrix import Matrix
 from rvsg.core.errors import RvsgError
 from rvsg_studio.frame import Page, chip, link, load, page, problem, tag
 from rvsg_studio.jobs import Job
+from rvsg_studio.listing import FoundCampaign
 from rvsg_studio.workspace import Workspace
 
 EVERY_S = 1.0

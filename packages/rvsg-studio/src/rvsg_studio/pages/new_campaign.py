@@ -10,16 +10,16 @@ import yaml
 from nicegui import ui
 
 import rvsg
-from rvsg.api.commands import command_for
-from rvsg.api.config import MACHINE, CampaignConfig, effective, parse_campaign_file
-from rvsg.api.estimating import Estimate, estimate, estimate_all
-from rvsg.api.matrix import LISTED, Matrix
+from rvsg.app.commands import command_for
+from rvsg.app.matrix import LISTED, Matrix
+from rvsg.app.settings import MACHINE, CampaignConfig, effective, parse_campaign_file
 from rvsg.core.errors import InputError, RvsgError
 from rvsg.core.files import write_whole
 from rvsg.evaluation.wording import counted
 from rvsg.robots.robot import shipped_robots
 from rvsg.scenario.requirement import shipped_requirements
 from rvsg.world.io.load import shipped_worlds
+from rvsg_studio.estimate import Estimate, estimate, estimate_all
 from rvsg_studio.frame import PATIENT_S, Page, address, as_script, field, load, page, select, tag, text_input
 from rvsg_studio.workspace import Workspace
 

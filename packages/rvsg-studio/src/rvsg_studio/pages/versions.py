@@ -7,12 +7,12 @@ from functools import partial
 
 from nicegui import ui
 
-from rvsg.api.listing import suite_results_in
-from rvsg.api.versions import VersionComparison
+from rvsg.app.comparison import VersionComparison
 from rvsg.campaign.suite import Change
 from rvsg.core.errors import InputError, RvsgError
 from rvsg_studio.answers import compared_versions
 from rvsg_studio.frame import PATIENT_S, Page, address, chip, field, load, page, problem, select, tag
+from rvsg_studio.listing import suite_results_in
 from rvsg_studio.pages.changes import Compared, matrix, scatter
 from rvsg_studio.workspace import Workspace
 

@@ -8,7 +8,6 @@ from typing import Any
 
 from nicegui import ui
 
-from rvsg.api.editing import editable_world, folder_of_world
 from rvsg.core.errors import InputError, RvsgError
 from rvsg.world.authoring.check import check_world
 from rvsg.world.authoring.create import world_from_map, world_from_sdf
@@ -19,6 +18,7 @@ from rvsg_studio.frame import Page, address, field, load, page, problem, tag, te
 from rvsg_studio.received import KINDS, forget, received
 from rvsg_studio.typed import Typed
 from rvsg_studio.workspace import Workspace
+from rvsg_studio.world_editor import editable_world, folder_of_world
 
 
 def add(workspace: Workspace) -> None:

@@ -1,0 +1,325 @@
+"""Worlds, campaigns and suites in a folder of work, kept until their files change."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Self
+
+from pydantic import ValidationError
+
+from rvsg.app.campaign import campaigns_in
+from rvsg.app.folder import LEDGER, STORE
+from rvsg.app.suites import HEAD
+from rvsg.core.errors import RvsgError
+from rvsg.core.files import write_whole
+from rvsg.core.records import Record
+
+DEEPEST = 6
+"""Levels of folders below the one that is listed."""
+MOST_FOLDERS = 20_000
+SKIPPED = ("node_modules", "__pycache__")
+FORMAT = 3
+SAVE_EVERY_S = 5.0
+_RESULTS = re.compile(rb'\s*\{\s*"suite"\s*:')
+
+
+class FoundFinding(Record):
+    """A confirmation of a campaign, in short. `status` is its verdict."""
+
+    attempt: int
+    status: str
+    violated: bool
+    violations: int
+    runs: int
+    description: str
+
+
+class FoundCampaign(Record):
+    """A campaign in a folder, in short. `problem` says why it cannot be read; then the rest is empty."""
+
+    folder: str
+    """Relative to the folder that is listed, with `/`."""
+    name: str = ""
+    world: str = ""
+    route: str = ""
+    requirement: str = ""
+    generator: str = ""
+    complete: bool = False
+    attempts: int = 0
+    planned: int = 0
+    runs: int = 0
+    calls: int = 0
+    calls_s: float = 0.0
+    """What the calls of the model took together, seconds."""
+    model: str = ""
+    cost_usd: float | None = None
+    violated: bool = False
+    changed_s: float = 0.0
+    """When its ledger changed last, seconds since 1970."""
+    findings: tuple[FoundFinding, ...] = ()
+    problem: str = ""
+
+    unread: bool = False
+    """Whether it is still to be read; what is known of it may be old, or its folder alone."""
+
+    @property
+    def tried(self) -> str:
+        """How many configurations were tried, of how many."""
+        from rvsg.report.summary import tried_of
+
+        return tried_of(self.attempts, self.planned)
+
+
+class Listing(Record):
+    """What lies in a folder. Paths are relative to it, with `/`."""
+
+    worlds: tuple[str, ...]
+    campaigns: tuple[FoundCampaign, ...]
+    suites: tuple[str, ...]
+    cut: bool = False
+    """Whether the folder holds more folders than are looked at."""
+
+    @property
+    def unread(self) -> int:
+        """How many campaigns are still to be read."""
+        return sum(campaign.unread for campaign in self.campaigns)
+
+
+class Lister:
+    """Lists a folder of work. A campaign is read again only when its ledger has changed.
+
+    Args:
+        folder: what is listed.
+        cache: a file that keeps what was read between two sessions; None keeps it in memory.
+    """
+
+    def __init__(self, folder: Path, cache: Path | None = None) -> None:
+        self.folder = folder
+        self._cache = cache
+        self._lock = threading.Lock()
+        """Held while what is known changes."""
+        self._reading = threading.Lock()
+        """Held while stores are read, so that none is read twice."""
+        self._background: threading.Thread | None = None
+        self._known: dict[str, _Kept] = _read_cache(cache) if cache is not None else {}
+
+    def listing(self, *, wait: bool = True) -> Listing:
+        """Return what lies in the folder now.
+
+        Args:
+            wait: read every campaign that has changed first. Without it they are read in the background, and what is
+                known of them by then is marked as `unread`.
+        """
+        worlds, stores, suites, cut = self._scan()
+        self._forget(stores)
+        if wait:
+            self._read_changed(stores)
+        elif any(self._changed(place) for place in stores):
+            self._begin(stores)
+        campaigns = [each for place in stores for each in self._campaigns(place)]
+        newest_first = sorted(campaigns, key=lambda each: (-each.changed_s, each.folder))
+        return Listing(
+            worlds=tuple(sorted(worlds)), campaigns=tuple(newest_first), suites=tuple(sorted(suites)), cut=cut
+        )
+
+    def _scan(self) -> tuple[list[str], list[str], list[str], bool]:
+        """Return the folders of worlds, stores and suites, and whether there are too many folders."""
+        worlds, stores, suites = list[str](), list[str](), list[str]()
+        for count, (path, names) in enumerate(_folders(self.folder)):
+            if count >= MOST_FOLDERS:
+                return worlds, stores, suites, True
+            place = path.relative_to(self.folder).as_posix()
+            if "world.yaml" in names:
+                worlds.append(place)
+            if HEAD in names:
+                suites.append(place)
+            if LEDGER in names or STORE in names:
+                stores.append(place)
+        return worlds, stores, suites, False
+
+    def _changed(self, place: str) -> bool:
+        known = self._known.get(place)
+        return known is None or known.stamp != _stamp(self.folder / place)
+
+    def _campaigns(self, place: str) -> tuple[FoundCampaign, ...]:
+        """Return what is known of a store, marked where that is old."""
+        known = self._known.get(place)
+        if known is None:
+            return (FoundCampaign(folder=place, name="", unread=True, changed_s=_changed_s(self.folder / place)),)
+        if known.stamp == _stamp(self.folder / place):
+            return known.campaigns
+        return tuple(each.model_copy(update={"unread": True}) for each in known.campaigns)
+
+    def _begin(self, stores: list[str]) -> None:
+        """Read in the background, unless that is under way."""
+        with self._lock:
+            if self._background is not None and self._background.is_alive():
+                return
+            self._background = threading.Thread(target=self._read_changed, args=(stores,), daemon=True)
+            self._background.start()
+
+    def _read_changed(self, stores: list[str]) -> None:
+        saved = time.monotonic()
+        with self._reading:
+            changed = [place for place in stores if self._changed(place)]
+            for place in changed:
+                stamp = _stamp(self.folder / place)
+                kept = _Kept(stamp=stamp, campaigns=_read(self.folder / place, place))
+                with self._lock:
+                    self._known[place] = kept
+                if time.monotonic() - saved > SAVE_EVERY_S:
+                    self._save()
+                    saved = time.monotonic()
+            if changed:
+                self._save()
+
+    def _forget(self, stores: list[str]) -> None:
+        with self._lock:
+            gone = set(self._known).difference(stores)
+            for place in gone:
+                del self._known[place]
+        if gone:
+            self._save()
+
+    def _save(self) -> None:
+        if self._cache is None:
+            return
+        with self._lock:
+            kept = {place: each.model_dump(mode="json") for place, each in self._known.items()}
+        self._cache.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(self._cache, json.dumps({"format": FORMAT, "stores": kept}))
+
+
+class _Kept(Record):
+    """The campaigns of a store as they were when its files had this stamp (name, change in ns, bytes)."""
+
+    stamp: tuple[tuple[str, int, int], ...]
+    campaigns: tuple[FoundCampaign, ...]
+
+    @classmethod
+    def of(cls, value: Any) -> Self:
+        return cls.model_validate_json(json.dumps(value))
+
+
+def _read_cache(path: Path) -> dict[str, _Kept]:
+    """Return what was kept; nothing if the file is missing, cut off or of another version: it is only a cache."""
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+        if found["format"] != FORMAT:
+            return {}
+        return {place: _Kept.of(value) for place, value in found["stores"].items()}
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, ValidationError):
+        return {}
+
+
+def suite_results_in(folder: Path, *, most: int = 200) -> tuple[str, ...]:
+    """Return the files of results of suites in a folder and below it, relative to it with `/`; `most` at most.
+
+    A file counts by its first key. Whether it can be read, `rvsg.app.suites.read_results` says.
+    """
+    found = list[str]()
+    for path, names in _folders(folder):
+        for name in sorted(names):
+            place = path / name
+            if len(found) == most or not name.endswith(".json") or name.startswith(".") or not place.is_file():
+                continue
+            with place.open("rb") as file:
+                if _RESULTS.match(file.read(80)):
+                    found.append(place.relative_to(folder).as_posix())
+    return tuple(found)
+
+
+def _folders(top: Path) -> Iterator[tuple[Path, frozenset[str]]]:
+    """Yield every folder with the names of its files, links and hidden folders left out."""
+    for path, folders, files in os.walk(top):
+        here = Path(path)
+        depth = len(here.relative_to(top).parts)
+        inside = LEDGER in files or "world.yaml" in files
+        folders[:] = [] if depth >= DEEPEST or inside else sorted(f for f in folders if _is_listed(f))
+        yield here, frozenset(files)
+
+
+def _is_listed(name: str) -> bool:
+    return not name.startswith(".") and name not in SKIPPED
+
+
+def _stamp(folder: Path) -> tuple[tuple[str, int, int], ...]:
+    """Return what changes when the store does: time and size of the ledger and of the log it writes ahead."""
+    found = []
+    for path in sorted(folder.glob("ledger.*")):
+        if path.name.endswith("-shm"):  # readers change it, too
+            continue
+        try:
+            status = path.stat()
+        except FileNotFoundError:  # the log is gone when the last reader closes
+            continue
+        if status.st_size:
+            found.append((path.name, status.st_mtime_ns, status.st_size))
+    return tuple(found)
+
+
+def _read(folder: Path, place: str) -> tuple[FoundCampaign, ...]:
+    changed = _changed_s(folder)
+    try:
+        return tuple(_found(campaign, place, changed) for campaign in campaigns_in(folder, optional=True))
+    except RvsgError as error:
+        return (FoundCampaign(folder=place, name=place, problem=str(error), changed_s=changed),)
+
+
+def _changed_s(folder: Path) -> float:
+    """Return when a store changed last, seconds since 1970."""
+    return max((path.stat().st_mtime for path in folder.glob("ledger.*") if path.exists()), default=0.0)
+
+
+def _found(campaign: Any, place: str, changed: float) -> FoundCampaign:
+    from rvsg.campaign.accounting import calls_of
+    from rvsg.campaign.ranking import search_attempts
+    from rvsg.report.summary import summarise
+
+    attempts = campaign.attempts()
+    summary = summarise(campaign.plan, attempts)
+    account = summary.accounting
+    calls = calls_of(search_attempts(attempts))
+    return FoundCampaign(
+        folder=place,
+        name=campaign.name,
+        world=campaign.plan.mission.world,
+        route=campaign.plan.mission.route.name,
+        requirement=campaign.requirement.name,
+        generator=campaign.config.generator_name,
+        complete=summary.complete,
+        attempts=account.search_attempts,
+        planned=campaign.plan.attempts,
+        runs=account.search_runs + account.confirmation_runs + account.baseline_runs,
+        calls=account.calls,
+        calls_s=sum(call.latency_s for call in calls),
+        model=calls[0].model if calls else "",
+        cost_usd=account.cost_usd,
+        violated=summary.violated,
+        changed_s=changed,
+        findings=tuple(_confirmations(attempts)),
+    )
+
+
+def _confirmations(attempts: list[Any]) -> Iterator[FoundFinding]:
+    from rvsg.campaign.ranking import confirmations
+    from rvsg.evaluation.judge import violated
+
+    for attempt in confirmations(attempts):
+        verdict, scenario = attempt.verdict, attempt.proposal.scenario
+        if verdict is None or scenario is None:
+            continue
+        yield FoundFinding(
+            attempt=attempt.index,
+            status=verdict.status.value,
+            violated=violated(verdict),
+            violations=verdict.violations,
+            runs=verdict.runs,
+            description=scenario.description,
+        )

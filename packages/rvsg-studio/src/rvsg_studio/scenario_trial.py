@@ -1,0 +1,143 @@
+"""Trial of a scenario while it is edited: repairs, a few runs, violations."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pydantic
+from pydantic import Field
+
+from rvsg.app.runs import RunSet, simulate
+from rvsg.campaign.measuring import Measuring
+from rvsg.core.documents import mistakes_of
+from rvsg.core.errors import InputError
+from rvsg.core.plugins import Spec
+from rvsg.core.records import Record
+from rvsg.scenario.builder import check_route, walk
+from rvsg.scenario.repair import repair
+from rvsg.scenario.requirement import Requirement
+from rvsg.scenario.scenario import Behaviour, HumanConfiguration, Mission, Scenario
+from rvsg.scenario.validity import check
+from rvsg.simulation.protocol import Simulator
+from rvsg.simulation.run import Run
+from rvsg.simulation.simulators import check_robot, make_simulator
+from rvsg.world.world import Route, World
+
+BEHAVIOURS = tuple(each.value for each in Behaviour)
+"""How a person may react to the robot."""
+PERIOD_S = 0.2
+"""Seconds between the points of the lines that are drawn."""
+_made: dict[str, Simulator] = {}
+_making = threading.Lock()
+
+
+class Tried(Record):
+    """What a scenario does as it stands."""
+
+    scenario: Scenario
+    """With what a change made necessary: paths joined, loops closed."""
+    repairs: tuple[str, ...] = ()
+    problems: tuple[str, ...] = ()
+    """Why it cannot be simulated; then nothing below is known."""
+    runs: int = 0
+    violations: int = 0
+    objectives: tuple[float | None, ...] = ()
+    """The value of each run, in the order of the seeds."""
+    violated: tuple[bool, ...] = ()
+    """Whether each run violates the requirement."""
+    robot: tuple[tuple[float, float], ...] = ()
+    """Where the robot is in the first run, every 0.2 s, metres."""
+    people: dict[str, tuple[tuple[float, float], ...]] = Field(default_factory=dict)
+    duration_s: float = 0.0
+    outcome: str = ""
+
+
+def scenario_of(value: Mapping[str, Any]) -> Scenario:
+    """Return a scenario of plain data; InputError names everything that is wrong."""
+    try:
+        return Scenario.model_validate_json(pydantic.TypeAdapter(dict[str, Any]).dump_json(dict(value)))
+    except (pydantic.ValidationError, ValueError, TypeError) as error:
+        if isinstance(error, pydantic.ValidationError):
+            raise InputError("; ".join(mistakes_of(error, Scenario)[:8])) from None
+        raise InputError(f"This is no scenario: {error}") from None
+
+
+def empty_scenario(world: World, route: Route | str) -> Scenario:
+    """Return a mission without people, to put some into."""
+    taken = world.route(route) if isinstance(route, str) else route
+    check_route(taken, world)
+    return Scenario(mission=Mission.of(world, taken), people=HumanConfiguration(humans=()))
+
+
+def with_person(scenario: Scenario, world: World, stops: Sequence[str]) -> Scenario:
+    """Return the scenario with one more person, who goes round some waypoints by the shortest ways."""
+    taken = {human.name for human in scenario.people.humans}
+    name = next(each for k in range(1, len(taken) + 2) if (each := f"Human {k}") not in taken)
+    human = walk(name, *stops, speed_m_s=1.0).human(world)
+    return scenario.replace(people=HumanConfiguration(humans=(*scenario.people.humans, human)))
+
+
+def try_out(
+    scenario: Scenario,
+    world: World,
+    requirement: Requirement,
+    *,
+    seeds: Sequence[int] = (0,),
+    simulator: str | Spec = "embedded",
+) -> Tried:
+    """Repair a scenario as its generator would, check it, and simulate it once for each seed."""
+    world = scenario.mission.place(world)
+    people, repairs = repair(scenario.people, scenario.mission, world)
+    scenario = scenario.replace(people=people)
+    said = tuple(f"{each.human}: {each.what}" for each in repairs)
+    problems = tuple(str(finding) for finding in check(people, scenario.mission, world))
+    if problems:
+        return Tried(scenario=scenario, repairs=said, problems=problems)
+    made = _simulator(simulator)
+    check_robot(scenario, made)
+    with _making:  # one at a time: a simulator is not shared between threads
+        runs = simulate(scenario, seeds, simulator=made, world=world)
+    measuring = Measuring(requirement, world)
+    values = tuple(measuring.measure(run).objective for run in runs)
+    violated = tuple(value is not None and requirement.violated_by(value) for value in values)
+    first = runs[0]
+    return Tried(
+        scenario=scenario,
+        repairs=said,
+        runs=len(runs),
+        violations=sum(violated),
+        objectives=values,
+        violated=violated,
+        robot=_line(first, first.trajectory.x, first.trajectory.y),
+        people={
+            name: _line(first, first.trajectory.human_x[:, k], first.trajectory.human_y[:, k])
+            for k, name in enumerate(first.human_names)
+        },
+        duration_s=float(first.trajectory.t[-1]),
+        outcome=first.outcome.value,
+    )
+
+
+def simulated(scenario: Scenario, world: World, seeds: Sequence[int], simulator: str | Spec = "embedded") -> RunSet:
+    """Return the runs of a valid scenario, to be replayed."""
+    with _making:
+        return simulate(scenario, seeds, simulator=_simulator(simulator), world=world)
+
+
+def _simulator(given: str | Spec) -> Simulator:
+    """Return a simulator that is made and prepared once in this process."""
+    key = repr(Spec.of(given))
+    with _making:
+        if key not in _made:
+            _made[key] = make_simulator(given)
+            _made[key].prepare(lambda _: None)
+        return _made[key]
+
+
+def _line(run: Run, x: Any, y: Any) -> tuple[tuple[float, float], ...]:
+    t = run.trajectory.t
+    rows = np.clip(np.searchsorted(t, np.arange(t[0], t[-1] + PERIOD_S, PERIOD_S)), 0, len(t) - 1)
+    return tuple((round(float(a), 2), round(float(b), 2)) for a, b in zip(x[rows], y[rows], strict=True))

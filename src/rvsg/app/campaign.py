@@ -1,0 +1,396 @@
+"""Campaigns: create or open one in a folder, run it, confirm more of what it found."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rvsg.app.folder import CONFIG, LEDGER, alone_in, check_out, opened, reading, store_of
+from rvsg.app.record import CampaignRecord, as_stored, check_same, no_campaign, paths_of, record_in, spelled_out
+from rvsg.app.settings import CampaignConfig, check_stack_named, effective
+from rvsg.app.stored_campaign import StoredCampaign
+from rvsg.app.wiring import COPY, VLM_OPTIONS, Wired, jobs_of, remembered_file, wire
+from rvsg.campaign import confirmation
+from rvsg.campaign.attempt import Attempt, Ledger
+from rvsg.campaign.events import Event, Message, ModelCall
+from rvsg.campaign.knowledge import entries_of_campaign
+from rvsg.campaign.loop import stream_campaign
+from rvsg.campaign.ranking import search_attempts
+from rvsg.campaign.recalling import Recalling
+from rvsg.core.errors import InputError
+from rvsg.core.files import write_whole
+from rvsg.core.outputs import make_folder
+from rvsg.core.plugins import Spec, ignore
+from rvsg.simulation.simulators import tell_of_robot
+from rvsg.store.knowledge import KnowledgeBase
+
+if TYPE_CHECKING:
+    from rvsg.campaign.parallel import Executor
+    from rvsg.generation.generator import Generator
+    from rvsg.simulation.protocol import Simulator
+    from rvsg.simulation.stacks.protocol import NavigationStack
+
+
+def instances_among(settings: dict[str, Any], **given: Any) -> dict[str, Any]:
+    """Put plug-ins given by name or Spec among the settings, and return the instances by kind."""
+    instances: dict[str, Any] = {}
+    for kind, plugin in given.items():
+        if plugin is None:
+            continue
+        if isinstance(plugin, str | Spec):
+            spec = Spec.of(plugin)
+            settings[kind] = spec.name
+            if spec.options:
+                settings[f"{kind}_options"] = spec.options
+        else:
+            instances[kind] = plugin
+            settings[kind] = plugin.name or type(plugin).__name__
+    return instances
+
+
+def resumed(
+    config: CampaignConfig, from_file: Mapping[str, Any], settings: Mapping[str, Any]
+) -> tuple[CampaignRecord | None, CampaignConfig, dict[str, str]]:
+    """Return the stored record of the folder, the settings on top of it, and where their paths are."""
+    folder = config.folder
+    known = store_of(folder)
+    if known is None:
+        return None, config, {}
+    if config.store not in ("sqlite", known[0]):
+        raise InputError(
+            f"{folder}: its campaign is kept by the store {known[0]!r}, not {config.store!r}.", code="other-store"
+        )
+    with opened(folder, *known) as ledger:
+        names = ledger.campaigns()
+        kept = ledger.settings(names[0]) if names else None
+    if kept is None:
+        return None, config, {}
+    stored = CampaignRecord.read(kept)
+    if stored is None:
+        raise InputError(
+            f"{folder}: this folder holds imported results, no campaign. Choose another --out.", code="imported-results"
+        )
+    paths = paths_of(stored.config, stored.provenance.begun_in)
+    values = stored.config | {"store": known[0], "store_options": known[1]}
+    asked = effective(values, as_stored(from_file, paths), as_stored(settings, paths))
+    return stored, asked, paths
+
+
+def reject_unused_model_options(
+    config: CampaignConfig, settings: Mapping[str, Any], on_message: Callable[[str], None]
+) -> None:
+    """Refuse options of a model where no model is asked; those of a campaign file only cause a message."""
+    if config.generator_name == "vlm":
+        return
+    if unused := [f"--{key.replace('_', '-')}" for key in VLM_OPTIONS if settings.get(key) is not None]:
+        raise InputError(
+            f'{", ".join(unused)}: this campaign uses the generator "{config.generator_name}", and only "vlm" takes '
+            "such options. Leave them out, or use --generator vlm.",
+            code="model-options-unused",
+        )
+    if unused := [key for key in VLM_OPTIONS if getattr(config, key) not in (None, "compact")]:
+        on_message(
+            f'The generator is "{config.generator_name}": {", ".join(unused)} in the campaign file have no effect.'
+        )
+
+
+class Campaign(StoredCampaign):
+    """A search for scenarios that violate a requirement, stored in a folder.
+
+    Make one with `Campaign.create` or `Campaign.open`. It holds no file open between calls.
+    """
+
+    def __init__(
+        self,
+        record: CampaignRecord,
+        config: CampaignConfig,
+        *,
+        generator: Generator | None = None,
+        simulator: Simulator | None = None,
+        stack: NavigationStack | None = None,
+    ) -> None:
+        super().__init__(record, config, config.folder)
+        self._given: dict[str, Any] = {"generator": generator, "simulator": simulator, "stack": stack}
+        self._cancelled = threading.Event()
+        self._prepared = False
+        self._known: Wired | None = None
+        self._named_stack: str | None = None
+
+    @classmethod
+    def create(
+        cls,
+        out: str | Path | None = None,
+        *,
+        file: Mapping[str, Any] | None = None,
+        generator: str | Spec | Generator | None = None,
+        simulator: str | Spec | Simulator | None = None,
+        stack: str | Spec | NavigationStack | None = None,
+        on_message: Callable[[str], None] = ignore,
+        paths: Mapping[str, str] | None = None,
+        begun_in: str | None = None,
+        **settings: Any,
+    ) -> Campaign:
+        """Create a campaign in a folder. Where the folder holds one with the same settings, it resumes.
+
+        Args:
+            out: the folder; by default one under `runs/` named for the settings.
+            file: settings of a campaign file, as `read_campaign_file` returns them.
+            generator, simulator: a registered name, a Spec, or an instance of your own; an instance has to be given
+                again to `open` the campaign, and stays open after a run.
+            stack: the navigation stack under test, in the same ways, or as `module:Class`.
+            on_message: called with what a person should know.
+            paths: where typed paths among the settings are, if they are not relative to the current folder.
+            begun_in: the folder they are relative to.
+            settings: the keys of a campaign file: `world`, `route`, `requirement`, `scenarios`, `refinements`, ...
+
+        Raises:
+            InputError: a setting cannot be used, or the folder holds a campaign with other settings.
+        """
+        settings |= {} if out is None else {"out": str(out)}
+        instances = instances_among(settings, generator=generator, simulator=simulator, stack=stack)
+        from_file = dict(file or {})
+        config = effective(None, from_file, settings)
+        check_out(config.folder)
+        stored, config, known = resumed(config, from_file, settings)
+        check_stack_named(config.stack, settings.get("stack"))
+        reject_unused_model_options(config, settings, on_message)
+        wired = wire(config, {**(paths or {}), **known}, **instances)
+        for note in wired.notes:
+            on_message(note)
+        begun_in = (stored.provenance.begun_in if stored else None) or begun_in or str(Path.cwd())
+        record = CampaignRecord.of(config, wired.plan, wired.strategy_spec, wired.simulator_spec, begun_in)
+        if stored is not None:
+            record, reworded = stored.kept_words(record)
+            if reworded:
+                on_message(
+                    f"{record.plan.requirement.name} is worded otherwise today ({', '.join(reworded)}); this campaign "
+                    "keeps the words it was begun with."
+                )
+        campaign = cls(record, config, **instances)
+        campaign._known = wired
+        campaign._begin(stored)
+        return campaign
+
+    @classmethod
+    def open(
+        cls,
+        folder: str | Path,
+        name: str | None = None,
+        *,
+        generator: Generator | None = None,
+        simulator: Simulator | None = None,
+        stack: str | NavigationStack | None = None,
+        **machine: Any,
+    ) -> Campaign:
+        """Open the campaign stored in a folder.
+
+        Args:
+            name: which one, where the store holds several; `campaigns_in` lists them.
+            generator, simulator, stack: the instances it was created with, where these were no plug-ins.
+                A stack that runs code of its own (module:Class, exec:COMMAND) has to be named again.
+            machine: settings that decide no record: `jobs`, `executor`, `budget_usd`, ...
+
+        Raises:
+            InputError: the folder holds no campaign, or several and none is named.
+            StoreError: the store cannot be read.
+        """
+        folder = Path(folder)
+        with reading(folder) as ledger:
+            record = record_in(ledger, folder, name)
+        store = store_of(folder) if folder.is_dir() else None
+        out = folder if folder.is_dir() else folder.parent
+        kept = {"store": store[0], "store_options": store[1]} if store else {}
+        config = effective(record.config | kept, {}, {**machine, "out": str(out)})
+        instance = None if stack is None or isinstance(stack, str) else stack
+        campaign = cls(record, config, generator=generator, simulator=simulator, stack=instance)
+        campaign._named_stack = config.stack if instance is not None or stack == config.stack else None
+        campaign._store = folder
+        return campaign
+
+    def prepare(self, on_message: Callable[[str], None] = ignore) -> None:
+        """Compile or load what the simulator needs; `run` does it, too."""
+        if not self._prepared:
+            self._wired.simulator.prepare(on_message)
+            tell_of_robot(self._wired.plan.mission, self._wired.simulator, on_message)
+            self._prepared = True
+
+    def run(
+        self, *, jobs: int | None = None, executor: Executor | None = None, observe: Callable[[Event], None] = ignore
+    ) -> Iterator[Event]:
+        """Do what is left of the plan, yielding typed events (`rvsg.campaign.events`) in order.
+
+        Every finished run and attempt is stored at once. A campaign that was interrupted or cancelled resumes with
+        the next call and ends with the same records.
+
+        Args:
+            jobs: worker processes; by default as the settings say, else one per core. The records are the same.
+            executor: an executor to share with other campaigns.
+            observe: called with every event when it happens, also during the call of a model.
+        """
+        self._cancelled.clear()
+        wired, plan = self._wired, self.plan
+        pending: deque[Event] = deque()
+
+        def note(event: Event) -> None:
+            observe(event)
+            pending.append(event)
+
+        def tell(text: str) -> None:
+            note(Message(campaign=plan.name, text=text))
+
+        with alone_in(self.folder), self._ledger() as store:
+            ledger = Recalling(store)
+            if not self.finished_in(ledger):
+                self.prepare(tell)
+            wired.generator.watch(lambda news: note(ModelCall(campaign=plan.name, news=news)))
+            workers = jobs or jobs_of(self.config)
+            with wired.simulations(ledger, tell, jobs=workers, executor=executor) as simulations:
+                parts = wired.parts(plan, self.record.judging, ledger, simulations, self._cancelled.is_set)
+                try:
+                    for event in stream_campaign(plan, wired.strategy(ledger, plan, self.record.strategy), parts):
+                        note(event)
+                        while pending:
+                            yield pending.popleft()
+                finally:
+                    wired.generator.watch(None)
+
+    def cancel(self) -> None:
+        """Stop a running campaign before its next run or proposal; may be called from another thread."""
+        self._cancelled.set()
+
+    def confirm(
+        self,
+        candidate: int,
+        *,
+        runs: int | None = None,
+        jobs: int | None = None,
+        observe: Callable[[Event], None] = ignore,
+    ) -> Attempt:
+        """Confirm one more candidate in runs with new seeds, beyond the budget of the plan.
+
+        Args:
+            candidate: the index of the attempt, as in `candidates`.
+            runs: confirmation runs at most; by default those that a verdict may take, 30.
+
+        Returns:
+            The stored confirmation.
+
+        Raises:
+            InputError: there is no such candidate, or it is confirmed already.
+        """
+        wired, plan = self._wired, self.plan
+        with alone_in(self.folder), self._ledger() as store:
+            ledger = Recalling(store)
+            attempts: list[Attempt] = list(ledger.attempts(plan.name))
+            chosen = next((a for a in search_attempts(attempts) if a.index == candidate), None)
+            if chosen is None or chosen.proposal.scenario is None:
+                raise InputError(f"Attempt {candidate} is no candidate of this campaign.")
+            if any(a.confirms == candidate and a.purpose == "confirmation" for a in attempts):
+                raise InputError(f"Attempt {candidate} is confirmed already.")
+            self.prepare(lambda text: observe(Message(campaign=plan.name, text=text)))
+            budget = runs or self.record.judging.max_runs
+            with wired.simulations(ledger, ignore, jobs=jobs or jobs_of(self.config), executor=None) as simulations:
+                parts = wired.parts(plan, self.record.judging, ledger, simulations, self._cancelled.is_set)
+                for event in confirmation.confirm(plan, chosen, attempts, parts, budget=budget):
+                    observe(event)
+                attempts = list(ledger.attempts(plan.name))
+                for event in confirmation.explain(plan, attempts, parts):
+                    observe(event)
+            return next(a for a in attempts if a.purpose == "confirmation" and a.confirms == candidate)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the generator has to say after a run, e.g. where a replay diverged from its record."""
+        return self._known.generator.notes if self._known else ()
+
+    @property
+    def fills_a_map(self) -> bool:
+        """Whether the strategy of the campaign looks for every kind of encounter, not only for the worst one."""
+        return bool(getattr(self._wired.strategy_class, "fills_a_map", False))
+
+    @property
+    def spends_runs(self) -> bool:
+        """Whether its strategy divides the runs of the search among configurations as it sees fit."""
+        return bool(getattr(self._wired.strategy_class, "spends_runs", False))
+
+    @property
+    def _wired(self) -> Wired:
+        if self._known is None:
+            check_stack_named(self.config.stack, self._named_stack)
+            self._known = wire(self.config, self._paths, **self._given)
+        return self._known
+
+    def _ledger(self) -> contextlib.AbstractContextManager[Ledger]:
+        return opened(self.folder, self.config.store, self.config.store_options)
+
+    def _begin(self, stored: CampaignRecord | None) -> None:
+        """Store the record and the campaign file, or check that the stored record is the same.
+
+        A campaign without an attempt starts again: a wrong setting that its first call revealed can be corrected.
+        """
+        make_folder(self.folder)
+        with alone_in(self.folder), self._ledger() as ledger:
+            if stored is not None:
+                try:
+                    check_same(stored, self.record, self.folder)
+                except InputError:
+                    if not ledger.forget_empty(stored.plan.name):
+                        raise
+            if ledger.settings(self.name) is None:
+                ledger.begin(self.name, self.record.data())
+            if self.config.knowledge is not None and not (self.folder / COPY).exists():
+                write_whole(self.folder / COPY, remembered_file(self.config, self._paths).read_bytes())
+            values = CampaignConfig(**spelled_out(self.config.model_dump(), self._paths))
+            write_whole(self.folder / CONFIG, values.to_yaml())
+
+
+def campaigns_below(folder: Path) -> list[Campaign]:
+    """Return the campaigns of a folder, or of the folders in it where it holds none itself.
+
+    Raises:
+        InputError: there is no campaign.
+        StoreError: there is no store, or it cannot be read.
+    """
+    below = sorted(path.parent for path in folder.glob(f"*/{LEDGER}")) if folder.is_dir() else []
+    if store_of(folder) is not None or not below:
+        return campaigns_in(folder)
+    return [campaign for path in below for campaign in campaigns_in(path)]
+
+
+def campaigns_in(store: Path, *, optional: bool = False) -> list[Campaign]:
+    """Return every campaign of a store, in the order they were begun.
+
+    Args:
+        store: the folder of a campaign, or a ledger file.
+        optional: return none where there is no campaign, instead of raising.
+
+    Raises:
+        InputError: the store holds no campaign.
+        StoreError: there is no store, or it cannot be read.
+    """
+    with reading(store) as ledger:
+        known = ledger.campaigns()
+        settings = [(name, ledger.settings(name)) for name in known]
+    names = [name for name, kept in settings if kept is not None and CampaignRecord.read(kept) is not None]
+    if not names and not optional:
+        raise no_campaign(store, len(known))
+    return [Campaign.open(store, name) for name in names]
+
+
+def learn_campaign(base: KnowledgeBase, source: Campaign | str | Path) -> int:
+    """Add what one campaign, or those in a folder, teach; return how many entries are new."""
+    if not isinstance(source, Campaign):
+        return sum(learn_campaign(base, campaign) for campaign in campaigns_below(Path(source)))
+    entries = entries_of_campaign(
+        source.attempts(),
+        source.findings,
+        source.plan.mission,
+        source.requirement,
+        source.world.floor_id,
+        source.record.simulator.name,
+    )
+    return base.add(entries, origin=f"campaign {source.name}")

@@ -1,0 +1,81 @@
+"""Command lines that repeat, resume or extend a campaign."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+
+from rvsg.app.settings import BESIDE, MACHINE, CampaignConfig
+
+
+def command_for(config: CampaignConfig, *, out: Path | None = None) -> str:
+    """Return the command that repeats a campaign: every option that is not the default, and always the seed."""
+    words = _options(config, without=("out", *MACHINE, "junit", "fail_on_violation", "seed"))
+    words += ["--seed", str(config.seed)]
+    if out is not None:
+        words += ["--out", str(out)]
+    return shlex.join(["rvsg", "run", *words])
+
+
+def command_for_more(config: CampaignConfig, made: int) -> str:
+    """Return the command for the same campaign with more confirmation runs, in a new folder: twice as many as `made`.
+
+    Its search and its first confirmation runs are the same again, by their seeds. A recorded model is not called
+    again.
+    """
+    default = CampaignConfig().confirmations
+    runs, recorded = max(default, 2 * made), config.folder / "vlm"
+    replay = str(recorded) if (recorded / "calls.jsonl").exists() else config.replay
+    again = config.replace(confirmations=default, replay=replay)
+    new_folder = config.folder.with_name(f"{config.folder.name}-{runs}")
+    return f"{command_for(again, out=new_folder)} --confirmations {runs}"
+
+
+def resume_command(config: CampaignConfig, *, without: Sequence[str] = ()) -> str:
+    """Return the command that resumes a campaign: its folder, and the options that are not stored with it."""
+    kept = [key for key in CampaignConfig.model_fields if key not in BESIDE]
+    words = _options(config, without=("out", "store", "store_options", *kept, *without))
+    return shlex.join(["rvsg", "run", "--out", str(config.folder), *words])
+
+
+def confirm_command(folder: Path, attempt: int) -> str:
+    """Return the command that confirms a candidate."""
+    return shlex.join(["rvsg", "confirm", str(folder), str(attempt)])
+
+
+def runs_command(scenario: str, config: CampaignConfig | None, *, seed: int, repeats: int, out: str) -> str:
+    """Return the command that simulates a scenario as a campaign does."""
+    words = ["rvsg", "simulate", scenario, "--seed", str(seed), "--repeats", str(repeats), "--out", out]
+    return shlex.join([*words, *_simulator(config)])
+
+
+def shrink_command(scenario: str, config: CampaignConfig | None, *, requirement: str, out: str) -> str:
+    """Return the command that shrinks a scenario under the requirement of a campaign."""
+    words = ["rvsg", "shrink", scenario, "--requirement", requirement, "--out", out]
+    return shlex.join([*words, *_simulator(config)])
+
+
+def _simulator(config: CampaignConfig | None) -> list[str]:
+    keys = ("simulator", "simulator_options", "stack", "stack_options")
+    return [] if config is None else _options(config, without=[k for k in CampaignConfig.model_fields if k not in keys])
+
+
+def _options(config: CampaignConfig, *, without: Sequence[str]) -> list[str]:
+    """Return the options of `rvsg run` that give these settings: those that are not the default."""
+    words: list[str] = []
+    writer = {key: getattr(config, key) for key in ("generator", "model", "replay")}
+    defaults = CampaignConfig().model_copy(update={"strategy": CampaignConfig(**writer).strategy})
+    for key, value in config.model_dump(mode="json").items():
+        option = f"--{key.replace('_', '-')}"
+        if key in without or value == getattr(defaults, key):
+            continue
+        if isinstance(value, dict):
+            for name, each in value.items():
+                words += [option.removesuffix("s"), f"{name}={each if isinstance(each, str) else json.dumps(each)}"]
+        elif isinstance(value, list):
+            words += [word for each in value for word in (option, each)]
+        else:
+            words += [option] if value is True else [option, str(value)]
+    return words

@@ -1,0 +1,233 @@
+"""Single proposals of a generator, and the prompt that a campaign sends next."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rvsg.app.folder import CONFIG, reading, store_of
+from rvsg.app.record import CampaignRecord
+from rvsg.app.settings import CampaignConfig, effective, read_campaign_file
+from rvsg.app.wiring import Wired, let_rehearse, proposals_of, wire
+from rvsg.campaign.ranking import search_attempts
+from rvsg.core import plugins
+from rvsg.core.documents import record_of
+from rvsg.core.errors import InputError
+from rvsg.core.files import write_whole
+from rvsg.core.inputs import parse_json, read_text
+from rvsg.core.outputs import make_folder
+from rvsg.core.plugins import Spec
+from rvsg.evaluation.aims import aim_of, moved_by
+from rvsg.evaluation.judge import load_requirement
+from rvsg.generation.conversation import VlmGenerator
+from rvsg.generation.generator import Generator, Proposal
+from rvsg.generation.prompts import template_text
+from rvsg.generation.vlm.model import Message as Message
+from rvsg.generation.vlm.model import Picture, Scripted, estimated_tokens, picture_tokens
+from rvsg.scenario.brief import Brief, Feedback
+from rvsg.scenario.builder import WORLD_FOLDER, check_route, with_world_folder
+from rvsg.scenario.requirement import Requirement
+from rvsg.scenario.scenario import Mission
+from rvsg.scenario.world_lookup import as_world, folder_of
+from rvsg.world.world import Route, World
+
+
+def make_generator(given: str | Spec | Generator) -> Generator:
+    """Return a generator given by name, by Spec or by itself."""
+    if isinstance(given, str | Spec):
+        spec = Spec.of(given)
+        generator: Generator = plugins.make("generator", spec.name, spec.options)
+    else:
+        generator = given
+    plugins.check_complete("generator", generator, Generator)
+    return generator
+
+
+def propose(
+    world: World | str | Path,
+    route: Route | str,
+    requirement: str | Path | Requirement | None = "R1",
+    *,
+    generator: str | Spec | Generator = "heuristic",
+    humans: int = CampaignConfig.model_fields["humans"].default,
+    seed: int = 0,
+    feedback: Feedback | None = None,
+) -> Proposal:
+    """Ask a generator for one scenario.
+
+    Args:
+        requirement: what the scenario should violate; None: none.
+        feedback: what an earlier scenario measured; the proposal refines that one.
+
+    Returns:
+        The proposal. Its `scenario` is None if nothing valid came of it; `problems` says why.
+    """
+    place = as_world(world)
+    taken = place.route(route) if isinstance(route, str) else route
+    check_route(taken, place)
+    brief = brief_of(
+        Mission.of(place, taken),
+        load_requirement(requirement, taken) if requirement is not None else None,
+        humans=humans,
+        seed=seed,
+        feedback=feedback,
+    )
+    return make_generator(generator).propose(brief, place)
+
+
+def brief_of(
+    mission: Mission, requirement: Requirement | None, *, humans: int, seed: int, feedback: Feedback | None
+) -> Brief:
+    """Return the brief for one scenario outside a campaign."""
+    return Brief(
+        mission=mission,
+        requirement=requirement,
+        aim=aim_of(requirement),
+        moved_by=moved_by(requirement) if requirement else "",
+        kind="refine" if feedback else "new",
+        humans=humans,
+        seed=seed,
+        configuration_index=1 if feedback else 0,
+        feedback=feedback,
+    )
+
+
+def propose_as(wired: Wired, *, unguided: bool = False, feedback: Feedback | None = None) -> Proposal:
+    """Ask the generator of checked settings for one scenario."""
+    plan = wired.plan
+    requirement = None if unguided else plan.requirement
+    brief = brief_of(plan.mission, requirement, humans=plan.humans, seed=plan.seed, feedback=feedback)
+    return wired.generator.propose(brief, wired.world)
+
+
+def read_proposal(path: Path) -> Proposal:
+    """Return a proposal from its file; FileError names everything that is wrong."""
+    value = parse_json(read_text(path), path)
+    if isinstance(value, dict):
+        value.pop(WORLD_FOLDER, None)
+    return record_of(path, value, Proposal)
+
+
+def proposal_json(proposal: Proposal) -> str:
+    """Return a proposal as JSON, with the folder of its world beside it where that is not a shipped one."""
+    scenario = proposal.scenario
+    folder = folder_of(scenario.mission.world_id) if scenario is not None else None
+    return with_world_folder(proposal.to_json(), folder)
+
+
+_NO_MODEL: dict[str, Any] = {
+    **{"generator": "heuristic", "model": None, "base_url": None, "prompts": None, "replay": None},
+    **{"generator_options": {}, "budget_usd": None, "budget_calls": None, "budget_tokens": None},
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class NextPrompt:
+    """What a model would be asked next."""
+
+    brief: Brief
+    world: World
+    messages: tuple[Message, ...]
+    shown: tuple[Picture, ...]
+    """The pictures that the messages refer to."""
+    own_templates: tuple[str, ...]
+    """Names of the templates that replace shipped ones."""
+
+    @property
+    def pictures(self) -> int:
+        """The number of pictures in the messages."""
+        return sum(len(message.pictures) for message in self.messages)
+
+    @property
+    def tokens(self) -> int:
+        """The estimated number of input tokens."""
+        shown = [picture for message in self.messages for picture in message.pictures]
+        texts = sum(estimated_tokens(message.text) for message in self.messages)
+        return texts + sum(picture_tokens(picture.width, picture.height) for picture in shown)
+
+
+def configured(campaign: Path | None, given: Mapping[str, Any]) -> CampaignConfig:
+    """Return the configuration of a campaign file, or of the folder of a campaign, with options on top."""
+    if campaign is None:
+        return effective(None, {}, dict(given))
+    file = campaign / CONFIG if campaign.is_dir() else campaign
+    out = {"out": str(campaign)} if campaign.is_dir() else {}
+    return effective(None, {**read_campaign_file(file), **out}, dict(given))
+
+
+def templates_folder(config: CampaignConfig, prompts: Path | None = None) -> Path:
+    """Return the folder in which a campaign's own prompt templates are."""
+    return prompts or (Path(config.prompts) if config.prompts else config.folder / "prompts")
+
+
+def next_prompt(config: CampaignConfig, prompts: Path | None = None) -> NextPrompt:
+    """Return what the model would be asked next in a campaign.
+
+    Args:
+        prompts: A folder of templates that replace the shipped ones.
+
+    Raises:
+        InputError: the search of the campaign is finished.
+    """
+    folder = templates_folder(config, prompts)
+    chosen = prompts is not None or bool(config.prompts)
+    brief, wired = _next_brief(config)
+    own = folder if chosen or folder.is_dir() else None
+    generator = VlmGenerator(Scripted([]), conversation=config.conversation, prompts=own)
+    let_rehearse(generator, wired.simulator, wired.world, seed=config.seed)
+    return NextPrompt(
+        brief=brief,
+        world=wired.world,
+        messages=generator.first_prompts(brief, wired.world),
+        shown=generator.pictures(brief, wired.world),
+        own_templates=tuple(generator.prompts.overridden()),
+    )
+
+
+def _next_brief(config: CampaignConfig) -> tuple[Brief, Wired]:
+    """Return the brief a campaign asks for next: from its ledger where it has one, else the first."""
+    wired = wire(config.model_copy(update=_NO_MODEL))
+    plan = wired.plan.replace(proposals=proposals_of(config))
+    if store_of(config.folder) is None:
+        return wired.strategy(None, plan).ask()[0].brief, wired
+    with reading(config.folder) as ledger:
+        known = ledger.campaigns()
+        record = CampaignRecord.read(ledger.settings(known[0]) or {}) if known else None
+        strategy = wired.strategy(ledger, plan, record.strategy if record else None)
+        for attempt in search_attempts(list(ledger.attempts(known[0] if known else wired.plan.name))):
+            strategy.tell(attempt)
+        asks = [ask for ask in strategy.ask() if ask.proposal is None]
+    if not asks:
+        raise InputError(
+            f"{config.folder}: no question to a model comes next. The search is finished, or it runs known "
+            "configurations again."
+        )
+    return asks[0].brief, wired
+
+
+def copy_template(name: str, folder: Path) -> Path:
+    """Copy a shipped prompt template into a folder, to be changed there; return its path.
+
+    Raises:
+        InputError: there is such a file already.
+    """
+    path = folder / f"{name}.md.j2"
+    if path.exists():
+        raise InputError(f"{path} exists already and is not overwritten.")
+    text = template_text(name)
+    make_folder(folder, option="--to")
+    write_whole(path, text)
+    return path
+
+
+def write_pictures(prompt: NextPrompt, folder: Path) -> list[Path]:
+    """Write the pictures of a prompt into a folder; return their paths."""
+    make_folder(folder, option="--pictures")
+    written = []
+    for picture in prompt.shown:
+        path = folder / f"{picture.name.replace(' ', '_')}.png"
+        path.write_bytes(picture.png)
+        written.append(path)
+    return written

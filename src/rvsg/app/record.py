@@ -1,0 +1,250 @@
+"""The record of a campaign: its plan, how it is judged, its plug-ins, and where it came from.
+
+A campaign stores paths as they were typed, and the folder it was begun in, which relative paths are read from.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, Self
+
+from pydantic import ValidationError
+
+import rvsg
+from rvsg.app.settings import CampaignConfig, file_of, renamed
+from rvsg.campaign.attempt import Ledger
+from rvsg.campaign.plan import Plan
+from rvsg.core.errors import InputError, InvalidOptions, UnknownName
+from rvsg.core.plugins import Spec
+from rvsg.core.records import Record
+from rvsg.evaluation.verdict import DEFAULT, Procedure
+from rvsg.scenario.requirement import shipped_requirements
+from rvsg.world.io.load import shipped_worlds
+
+FROM = "from"
+"""The key under which RVSG 0.1 kept the folder a campaign was begun in."""
+WORDS = ("title", "text", "unit", "measured_as", "note", "source")
+"""Fields of a requirement that decide no verdict."""
+
+
+class Provenance(Record):
+    """Where a campaign came from. None of it decides a record."""
+
+    begun_in: str | None = None
+    """The folder that relative paths among the settings are read from."""
+    version: str = ""
+    """The version of RVSG that began it."""
+
+
+class CampaignRecord(Record):
+    """What is stored of a campaign before its first attempt."""
+
+    plan: Plan
+    judging: Procedure = DEFAULT
+    """The error rates of every verdict."""
+    generator: Spec
+    strategy: Spec
+    """With the options that tell its form from earlier ones."""
+    simulator: Spec
+    """With its effective options."""
+    config: dict[str, Any]
+    """The settings as they were given; paths as they were typed."""
+    provenance: Provenance = Provenance()
+
+    @classmethod
+    def of(cls, config: CampaignConfig, plan: Plan, strategy: Spec, simulator: Spec, begun_in: str) -> Self:
+        """Return the record of a new campaign."""
+        return cls(
+            plan=plan,
+            judging=config.judging,
+            generator=config.generator_spec,
+            strategy=strategy,
+            simulator=simulator,
+            config=config.deciding(),
+            provenance=Provenance(begun_in=begun_in, version=rvsg.__version__),
+        )
+
+    @classmethod
+    def read(cls, settings: Mapping[str, Any]) -> Self | None:
+        """Return the record stored as the settings of a campaign; None if they are of an import or a script.
+
+        Records of RVSG 0.1 are read, too.
+
+        Raises:
+            InputError: the record cannot be read, e.g. because a newer version wrote it.
+        """
+        if "plan" not in settings or "config" not in settings:
+            return None
+        values = dict(settings)
+        begun_in = values.pop(FROM, None)
+        try:
+            config = CampaignConfig.model_validate(renamed(values["config"]))
+            values["config"] = config.deciding()
+            values.setdefault("generator", config.generator_spec)
+            values.setdefault("strategy", Spec(config.strategy))
+            values.setdefault("provenance", Provenance(begun_in=begun_in, version="0.1"))
+            return cls.model_validate(values)
+        except (ValidationError, TypeError) as error:
+            version = dict(values.get("provenance") or {}).get("version", "another version of RVSG")
+            raise InputError(
+                f"The campaign was stored by {version}, and this version ({rvsg.__version__}) cannot read it. "
+                f"Open it with that version, or choose another folder. ({error.__class__.__name__})",
+                code="record-unreadable",
+            ) from None
+
+    @property
+    def settings(self) -> CampaignConfig:
+        """The settings, with defaults for what does not decide the records."""
+        return CampaignConfig.model_validate(self.config)
+
+    def data(self) -> dict[str, Any]:
+        """Return the record as JSON-able data."""
+        return self.model_dump(mode="json")
+
+    def kept_words(self, now: CampaignRecord) -> tuple[CampaignRecord, tuple[str, ...]]:
+        """Return `now` with this record's words, and which words of the requirement differ.
+
+        The words of a requirement decide no verdict, and the name of a world decides no run, but records hold them:
+        a resumed campaign keeps those it was begun with, and the form that its strategy had then.
+        """
+        then, asked = self.plan.requirement, now.plan.requirement
+        differ = tuple(word for word in WORDS if getattr(then, word) != getattr(asked, word))
+        plan = now.plan
+        if differ and then.replace(**{word: getattr(asked, word) for word in WORDS}) == asked:
+            plan = plan.replace(requirement=then)
+        else:
+            differ = ()
+        mission = self.plan.mission
+        if mission.replace(world=plan.mission.world) == plan.mission:
+            plan = plan.replace(mission=mission, name=self.plan.name)
+        same = self.strategy.name == now.strategy.name
+        return now.replace(plan=plan, strategy=self.strategy if same else now.strategy), differ
+
+
+def differences(known: Mapping[str, Any], asked: Mapping[str, Any], prefix: str = "") -> dict[str, str]:
+    """Return the settings of a resumed campaign that differ from those asked, each with `known, now asked`."""
+    found: dict[str, str] = {}
+    for key in sorted({*known, *asked}):
+        a, b = known.get(key), asked.get(key)
+        if isinstance(a, dict) and isinstance(b, dict):
+            found |= differences(a, b, f"{prefix}{key}.")
+        elif a != b:
+            found[f"{prefix}{key}"] = f"{a!r}, now {b!r}"
+    return found
+
+
+def other_settings(where: object, found: Mapping[str, str]) -> InvalidOptions:
+    """Return the error for a folder that was begun with other settings; `found` is from `differences`."""
+    listed = "\n".join(f"  - {key}: {change}" for key, change in found.items())
+    return InvalidOptions(
+        f"{where}: what this folder holds was begun with other settings:\n{listed}\n"
+        "To resume it, leave these options out. For a new campaign, choose another --out.",
+        found,
+        code="other-settings",
+    )
+
+
+def check_same(known: CampaignRecord, asked: CampaignRecord, where: object) -> None:
+    """Refuse to resume a campaign with settings that decide other records."""
+    ignored = {"provenance"}
+    stored, wanted = (record.model_dump(mode="json", exclude=ignored) for record in (known, asked))
+    # What follows from the options is listed only where no option differs.
+    if found := differences(stored["config"], wanted["config"]) or differences(stored, wanted):
+        raise other_settings(where, found)
+
+
+def record_in(ledger: Ledger, where: Path, name: str | None = None) -> CampaignRecord:
+    """Return the record of the campaign in a store; by default of its only one."""
+    records = {known: record for known in ledger.campaigns() if (record := _record(ledger, known))}
+    if name is not None:
+        if name not in records:
+            raise UnknownName("campaign", name, records, hint=f"Store: {where}.")
+        return records[name]
+    if not records:
+        raise no_campaign(where, len(ledger.campaigns()))
+    if len(records) > 1:
+        listed = ", ".join(records)
+        raise InputError(
+            f"{where}: this store holds {len(records)} campaigns. Name one of them: {listed}.",
+            code="campaign-ambiguous",
+        )
+    return next(iter(records.values()))
+
+
+def no_campaign(where: Path, others: int) -> InputError:
+    """Return the error for a store without a campaign."""
+    if others:
+        return InputError(
+            f"{where}: this store holds imported results or attempts of a script ({others}), and no campaign with a "
+            f"record. Write the study's tables of imported results with: rvsg report {where} --tables DIR",
+            code="imported-results",
+        )
+    return InputError(f"{where}: this store holds no campaign yet; `rvsg run --out DIR` makes one.")
+
+
+def _record(ledger: Ledger, name: str) -> CampaignRecord | None:
+    settings = ledger.settings(name)
+    return CampaignRecord.read(settings) if settings is not None else None
+
+
+FILES = ("world", "requirement", "moved", "knowledge", "stack", "prompts", "replay")
+"""Settings that may name a file or a folder."""
+
+
+def paths_of(values: Mapping[str, Any], begun_in: str | None) -> dict[str, str]:
+    """Return the typed paths among settings, each with where it is, seen from the current folder."""
+    if begun_in is None:
+        return {}
+    shipped = {*shipped_worlds(), *shipped_requirements()}
+    here = Path(begun_in) == Path.cwd()
+    found = {}
+    for key in FILES:
+        for text in _texts(values.get(key)):
+            path = Path(begun_in) / text
+            if text not in shipped and Path(file_of(str(path))).exists():
+                found[text] = text if here else str(path)
+    return found
+
+
+def as_stored(asked: Mapping[str, Any], known: Mapping[str, str]) -> dict[str, Any]:
+    """Return settings with every path as the stored campaign types it, where both name the same file.
+
+    A path that is typed like a stored one but names another file here is made absolute, so that the two differ.
+    """
+
+    def typed(text: str) -> str:
+        for kept, path in known.items():
+            if _absolute(text) == _absolute(path):
+                return kept
+        return str(Path(text).absolute()) if text in known and Path(file_of(text)).exists() else text
+
+    return {
+        key: value
+        if key not in FILES or value is None
+        else [typed(text) for text in value]
+        if isinstance(value, list)
+        else typed(value)
+        for key, value in asked.items()
+    }
+
+
+def spelled_out(values: Mapping[str, Any], known: Mapping[str, str]) -> dict[str, Any]:
+    """Return settings whose paths hold from every folder."""
+    shipped = {*shipped_worlds(), *shipped_requirements()}
+
+    def spelled(text: str) -> str:
+        path = known.get(text, text)
+        return text if text in shipped or not Path(file_of(path)).exists() else str(Path(path).absolute())
+
+    return {key: spelled(v) if key in FILES and isinstance(v, str) else v for key, v in values.items()}
+
+
+def _texts(value: Any) -> Iterable[str]:
+    return [text for text in (value if isinstance(value, list) else [value]) if isinstance(text, str)]
+
+
+def _absolute(text: str) -> str:
+    """Return a path with its links resolved, and the name of a part of the file unchanged."""
+    file = file_of(text)
+    return f"{Path(file).resolve()}{text[len(file) :].replace(':', '#', 1)}"

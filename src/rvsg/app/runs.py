@@ -1,0 +1,246 @@
+"""Runs of a scenario: simulate, save, load and draw them."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, overload
+
+from rvsg.campaign.attempt import Failure
+from rvsg.campaign.parallel import Simulations
+from rvsg.core.errors import InputError, SimulationError
+from rvsg.core.files import write_whole
+from rvsg.core.plugins import Spec, ignore
+from rvsg.scenario.builder import check_valid
+from rvsg.scenario.scenario import Scenario
+from rvsg.scenario.world_lookup import world_of
+from rvsg.simulation.protocol import Simulator
+from rvsg.simulation.run import Outcome, Run
+from rvsg.simulation.run_files import once, read_runs, runs_text
+from rvsg.simulation.simulators import simulator_of
+from rvsg.simulation.stacks.registry import StackLike
+from rvsg.world.drawing.svg import floor_plan
+from rvsg.world.world import World
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+    from pandas import DataFrame
+
+
+COLUMNS = ("run_id", "seed", "outcome", "duration_s")
+"""The columns of `RunSet.to_dataframe` before those of the metrics."""
+
+
+@dataclass(frozen=True, eq=False)
+class RunSet:
+    """Runs of one scenario, with the scenario and the world they took place in, where these are known."""
+
+    runs: tuple[Run, ...]
+    scenario: Scenario | None = None
+    world: World | None = None
+    _values: dict[str, list[Mapping[str, float | None]]] = field(default_factory=dict, repr=False)
+
+    def __iter__(self) -> Iterator[Run]:
+        return iter(self.runs)
+
+    def __len__(self) -> int:
+        return len(self.runs)
+
+    @overload
+    def __getitem__(self, index: int) -> Run: ...
+    @overload
+    def __getitem__(self, index: slice) -> RunSet: ...
+    def __getitem__(self, index: int | slice) -> Run | RunSet:
+        if isinstance(index, slice):
+            return RunSet(self.runs[index], self.scenario, self.world)
+        return self.runs[index]
+
+    def __repr__(self) -> str:
+        reached = sum(run.outcome is Outcome.REACHED for run in self.runs)
+        return f"RunSet({len(self.runs)} runs, {reached} reached the goal)"
+
+    @property
+    def measurements(self) -> Sequence[Mapping[str, float | None]]:
+        """Every metric of every run; None if a metric has no value for a run."""
+        if "all" not in self._values:
+            from rvsg.evaluation.metrics.registry import measure
+
+            self._values["all"] = [measure(run, world=self.world) for run in self.runs]
+        return self._values["all"]
+
+    def to_dataframe(self) -> DataFrame:
+        """Return a pandas DataFrame with a row for each run: seed, outcome, duration and every metric.
+
+        Raises:
+            InputError: pandas is not installed.
+        """
+        try:
+            import pandas as pd
+        except ImportError:
+            raise InputError("to_dataframe() needs pandas: .venv/bin/pip install pandas") from None
+        rows = [
+            {
+                "run_id": run.id,
+                "seed": run.seed,
+                "outcome": run.outcome.value,
+                "duration_s": float(run.trajectory.t[-1]),
+            }
+            | dict(values)
+            for run, values in zip(self.runs, self.measurements, strict=True)
+        ]
+        return pd.DataFrame(rows, columns=[*COLUMNS, *(self.measurements[0] if rows else ())])
+
+    def picture(self) -> Picture:
+        """Return the floor plan with the ways of robot and people in all runs; a notebook shows it."""
+
+        return picture_of(self)
+
+    def save(self, path: str | Path) -> None:
+        """Write the runs to a file, one JSON object per line; `load_runs` reads it."""
+        write_whole(Path(path), runs_text(self.runs))
+
+    def _repr_html_(self) -> str:
+        shown = "" if self.world is None else self.picture()._repr_svg_()
+        counted: dict[str, int] = {}
+        for run in self.runs:
+            counted[run.outcome.value] = counted.get(run.outcome.value, 0) + 1
+        listed = "; ".join(f"{html.escape(words)}: {count}" for words, count in counted.items())
+        return f"<div><p><b>{len(self.runs)} runs.</b> {listed}.</p>{shown}</div>"
+
+
+def simulate(
+    scenario: Scenario,
+    seeds: int | Iterable[int] = 20,
+    *,
+    jobs: int = 1,
+    simulator: str | Spec | Simulator = "embedded",
+    stack: StackLike | None = None,
+    world: World | str | Path | None = None,
+    on_run: Callable[[Run], None] = ignore,
+    on_message: Callable[[str], None] = ignore,
+) -> RunSet:
+    """Simulate a scenario, once for each seed.
+
+    The same scenario, simulator and seed give the same run, bit for bit, on any number of workers.
+
+    Args:
+        seeds: the seeds, or how many: then they are 0, 1, ...
+        jobs: worker processes.
+        simulator, stack: what simulates, and the navigation stack under test, by default the simulator's own: a name
+            (`rvsg stacks`), a Spec or an instance; a stack also as `module:Class` or a class. What is given as an
+            instance stays open: close it yourself.
+        world: the world of the scenario, or its folder, where it cannot be found by itself.
+        on_run: called with every run, in the order of the seeds.
+        on_message: called with what a person should know, e.g. that the simulator is being compiled.
+
+    Raises:
+        InvalidScenario: the scenario breaks a rule; nothing is simulated.
+        InputError: the world is not the scenario's, or the simulator does not know the robot.
+        SimulationError: a run could not be made.
+    """
+    place = world_of(scenario.mission, world)
+    check_valid(scenario, place)
+    wanted = range(seeds) if isinstance(seeds, int) else tuple(seeds)
+    runs = []
+    with (
+        simulator_of(simulator, stack, scenario=scenario, on_message=on_message) as made,
+        Simulations(made, place, jobs=jobs, notify=on_message) as simulations,
+    ):
+        for pending in [simulations.submit(scenario, seed) for seed in wanted]:
+            result = pending.result()
+            if isinstance(result, Failure):
+                raise SimulationError(f"seed {result.seed}: {result.reason}")
+            runs.append(result.unpack())
+            on_run(runs[-1])
+    return RunSet(tuple(runs), scenario, place)
+
+
+def load_runs(*paths: str | Path, scenario: Scenario | None = None) -> RunSet:
+    """Load the runs of one or more files, as `RunSet.save` and `rvsg simulate` write them; duplicates count once.
+
+    Raises:
+        FileError: a file holds something else; names the line.
+        InputError: the runs are not of `scenario`.
+    """
+    runs = tuple(once(read_runs(Path(path) for path in paths)))
+    if scenario is None:
+        return RunSet(runs)
+    check_of(scenario, runs)
+    return RunSet(runs, scenario, world_of(scenario.mission))
+
+
+def check_of(scenario: Scenario, runs: Iterable[Run]) -> None:
+    """Refuse runs of another scenario."""
+    for run in runs:
+        if run.scenario_id != scenario.id:
+            raise InputError(f"the runs are of another scenario ({run.scenario_id}, not {scenario.id}).")
+
+
+def one_of(runs: RunSet | Run | Iterable[Run]) -> RunSet:
+    """Return one or more runs as a RunSet."""
+    if isinstance(runs, RunSet):
+        return runs
+    return RunSet((runs,) if isinstance(runs, Run) else tuple(runs))
+
+
+ROBOT = "#1f4e9e"
+PEOPLE = ("#d9630a", "#0b8f7a", "#a23bb8", "#8a6d00", "#c2255c", "#3f7d20", "#5b5fc7", "#9c4a2f")
+STEP = 4
+"""Every n-th sample becomes a point of a line."""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture as SVG; a notebook shows it."""
+
+    svg: str
+
+    def save(self, path: str | Path) -> None:
+        """Write the picture to an SVG file."""
+        write_whole(Path(path), self.svg)
+
+    def _repr_svg_(self) -> str:
+        return self.svg
+
+
+def picture_of(runs: RunSet) -> Picture:
+    """Return the floor plan with the ways of the robot (blue) and every person in all runs.
+
+    Raises:
+        InputError: the world of the runs is not known.
+    """
+    if runs.world is None:
+        raise InputError("The world of these runs is not known: load them with load_runs(path, scenario=...).")
+    plan = floor_plan(runs.world, areas=True)
+    lines = []
+    names = runs[0].human_names if runs.runs else ()
+    opacity = max(0.15, 1.0 / max(1, len(runs)))
+    for run in runs:
+        path = run.trajectory
+        for h, name in enumerate(run.human_names):
+            colour = PEOPLE[h % len(PEOPLE)]
+            lines.append(_line(path.human_x[:, h], path.human_y[:, h], colour, opacity, name))
+        lines.append(_line(path.x, path.y, ROBOT, opacity, "robot"))
+    key = "; ".join(f"{html.escape(name)} {PEOPLE[h % len(PEOPLE)]}" for h, name in enumerate(names))
+    return Picture(
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="{plan.view_box}" width="640" role="img">'
+        f"<title>Ways of the robot {ROBOT}; {key}</title><style>{_STYLE}</style>{plan.shapes}{plan.names}"
+        f'<g transform="{plan.matrix}">{"".join(lines)}</g></svg>'
+    )
+
+
+_STYLE = (
+    ".floor{fill:#f7f6f2}.wall{fill:#454545}.thing{fill:#c9c4b8}.area{fill:#e6eef5}"
+    ".area-name{fill:#444;font-family:sans-serif}.waypoint{fill:none}"
+)
+
+
+def _line(x: NDArray[np.float64], y: NDArray[np.float64], colour: str, opacity: float, name: str) -> str:
+    points = " ".join(f"{a:.2f},{b:.2f}" for a, b in zip(x[::STEP], y[::STEP], strict=True))
+    return (
+        f'<polyline points="{points}" fill="none" stroke="{colour}" stroke-width="0.08" opacity="{opacity:.2f}">'
+        f"<title>{html.escape(name)}</title></polyline>"
+    )

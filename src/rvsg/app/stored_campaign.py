@@ -1,0 +1,263 @@
+"""A stored campaign: its plan, its attempts, its findings and its report page."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from rvsg.app.commands import command_for, confirm_command
+from rvsg.app.folder import BEST, LEDGER, MATRIX, REPORT, reading, store_of
+from rvsg.app.record import CampaignRecord, paths_of
+from rvsg.app.settings import CampaignConfig, safe_name
+from rvsg.campaign.accounting import runs_of
+from rvsg.campaign.attempt import Attempt, Ledger
+from rvsg.campaign.encounter import MapCell as MapCell
+from rvsg.campaign.encounter import failure_map
+from rvsg.campaign.finding import DistinctFailure, Finding, distinct_failures, findings
+from rvsg.campaign.pareto import Front as Front
+from rvsg.campaign.pareto import front_of
+from rvsg.campaign.plan import Plan
+from rvsg.campaign.ranking import best_attempt, candidates, search_attempts, standing
+from rvsg.core.errors import InputError, NothingJudged
+from rvsg.core.files import write_whole
+from rvsg.core.plugins import Spec
+from rvsg.evaluation.verdict import Verdict
+from rvsg.evaluation.wording import counted
+from rvsg.generation.vlm.recording import CALLS, Recording
+from rvsg.report.page import write_page
+from rvsg.report.summary import Summary, summarise
+from rvsg.report.trace_view import traces_beside
+from rvsg.scenario.builder import scenario_json
+from rvsg.scenario.requirement import Requirement
+from rvsg.scenario.scenario import Mission
+from rvsg.scenario.world_lookup import world_of
+from rvsg.simulation.run import Run
+from rvsg.simulation.simulators import described, with_stack
+from rvsg.world.world import World
+
+
+class StoredCampaign:
+    """What a folder or a ledger file keeps of a campaign: its record, its attempts, and what they found."""
+
+    def __init__(self, record: CampaignRecord, config: CampaignConfig, store: Path) -> None:
+        self.record = record
+        self.config = config
+        self._store = store
+
+    @property
+    def folder(self) -> Path:
+        """The folder of the campaign."""
+        return self.config.folder
+
+    @property
+    def source(self) -> Path:
+        """The folder or the ledger file it is read from."""
+        return self._store
+
+    @property
+    def name(self) -> str:
+        """The name of the campaign in its store."""
+        return self.record.plan.name
+
+    @property
+    def plan(self) -> Plan:
+        """What the campaign does."""
+        return self.record.plan
+
+    @property
+    def requirement(self) -> Requirement:
+        """The requirement, with its limit worked out for the route."""
+        return self.record.plan.requirement
+
+    @property
+    def world(self) -> World:
+        """The world of its mission; InputError if that world has changed since."""
+        typed = self.record.config["world"]
+        return world_of(self.plan.mission, near=(Path(self._paths.get(typed, typed)),))
+
+    @property
+    def simulator(self) -> Spec:
+        """What makes its runs, with the stack under test, as `simulate` and `shrink` take it."""
+        return with_stack(self.config.simulator_spec, self.config.stack_spec(self._paths))
+
+    @property
+    def command(self) -> str:
+        """The command line that repeats the campaign."""
+        return command_for(self.config)
+
+    @property
+    def finished(self) -> bool:
+        """Return whether everything planned is done."""
+        return self.summary().complete
+
+    @property
+    def resumable(self) -> bool:
+        """Return whether it lies where `run` finds it: not in a copied ledger file."""
+        return self._store.is_dir() or self._store.name == LEDGER
+
+    def attempts(self) -> list[Attempt]:
+        """Return everything that was tried so far, in order."""
+        with self.reading() as ledger:
+            return list(ledger.attempts(self.name))
+
+    def candidates(self) -> list[Attempt]:
+        """Return the configurations that violated in the search and are not confirmed yet, worst first."""
+        attempts = self.attempts()
+        confirmed = {a.confirms for a in attempts if a.purpose == "confirmation"}
+        violating = [a for a in candidates(attempts, self.requirement) if standing(a, self.requirement)[0] > 0.0]
+        return [a for a in violating if a.index not in confirmed]
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Every confirmation with what it means, the worst first."""
+        with self.reading() as ledger:
+            attempts = list(ledger.attempts(self.name))
+            return findings(self.plan, attempts, run_of=ledger.run, world=self.world, procedure=self.record.judging)
+
+    @property
+    def distinct_failures(self) -> tuple[DistinctFailure, ...]:
+        """The confirmed violations, grouped by where and how the robot fails; the worst group first."""
+        return distinct_failures(self.findings)
+
+    @property
+    def failure_map(self) -> tuple[MapCell, ...]:
+        """The worst configuration of the search for every kind of encounter, the worst first."""
+        with self.reading() as ledger:
+            attempts = list(ledger.attempts(self.name))
+            return failure_map(attempts, self.requirement, run_of=ledger.run, world=self.world)
+
+    @property
+    def front(self) -> Front | None:
+        """The Pareto front of its requirements and its hypervolume; None if it has only one requirement."""
+        return front_of(self.plan, self.attempts()) if self.plan.also else None
+
+    def result(self) -> dict[str, Any]:
+        """Return what was found as JSON-able data, as `rvsg run --json` prints it."""
+        confirmed = self.findings
+        found = {"confirmed": [finding.model_dump(mode="json") for finding in confirmed]}
+        found["distinct_failures"] = [each.model_dump(mode="json") for each in distinct_failures(confirmed)]
+        found["candidates"] = [
+            {"attempt": a.index, "scenario": a.brief.scenario_index, "command": confirm_command(self.folder, a.index)}
+            for a in self.candidates()
+        ]
+        found["failure_map"] = [cell.model_dump(mode="json") for cell in self.failure_map]
+        front = self.front
+        several = {"front": front.model_dump(mode="json") if front is not None else None}
+        kept = {"out": str(self.folder), "report": str(self.folder / REPORT), "command": self.command}
+        return self.summary().model_dump(mode="json", exclude={"confirmed"}) | found | several | kept
+
+    def runs(self) -> Iterator[Run]:
+        """Return every run of the campaign, one at a time, in the order of the attempts."""
+        with self.reading() as ledger:
+            ids = [m.run_id for attempt in ledger.attempts(self.name) for m in attempt.measurements]
+            for run_id in dict.fromkeys(ids):
+                yield ledger.run(run_id)
+
+    def summary(self, attempts: Sequence[Attempt] | None = None) -> Summary:
+        """Return what was found so far as plain data, or what some of its attempts found."""
+        return summarise(self.plan, self.attempts() if attempts is None else attempts)
+
+    def check_judged(self) -> None:
+        """Check that something is known of the robot, before "no violation" is taken for an answer.
+
+        Raises:
+            NothingJudged: no proposal was a valid scenario, or the requirement has no value in any run (as where
+                the stack under test failed in all of them).
+        """
+        searched = search_attempts(self.attempts())
+        if self.summary(searched).ranking:
+            return
+        if not searched:
+            raise NothingJudged(f"{self.folder}: nothing was judged: no attempt is stored. Run the campaign first.")
+        if runs := runs_of(searched):
+            first = next(self.runs())
+            fault = f" ({first.stack_fault})" if first.stack_fault else ""
+            why = (
+                f"{self.requirement.name} has no value in any of {counted(runs, 'run')}; the first ended so: "
+                f"{first.outcome.value}{fault}. Mend the stack under test or choose another requirement"
+            )
+        else:
+            problems = searched[0].proposal.problems
+            reason = problems[0] if problems else "the generator gave no reason."
+            why = (
+                f"none of {counted(len(searched), 'proposal')} is a valid scenario; the first reason: {reason} "
+                "Change what is asked for (--humans, --generator, --model or --route)"
+            )
+        raise NothingJudged(f"{self.folder}: nothing was judged: {why}, and run it with another --out.")
+
+    @property
+    def verdict(self) -> Verdict | None:
+        """The verdict of the confirmation that says most against the robot; None before any."""
+        confirmed = self.summary().confirmed
+        return confirmed.verdict if confirmed else None
+
+    def report(
+        self, path: str | Path | None = None, *, world: World | str | Path | None = None, overview: bool = False
+    ) -> Path:
+        """Write the report page, and the worst scenario beside it; return the page's path.
+
+        Args:
+            overview: link to the overview of the folder that holds this one, which is linked anyway where it exists.
+
+        Raises:
+            InputError: the world or its route has changed since the campaign was run.
+        """
+        page = Path(path) if path is not None else self.page()
+        place = self.world if world is None else world_of(self.plan.mission, world)
+        check_same_route(self.plan.mission, place)
+        with self.reading() as ledger:
+            attempts = list(ledger.attempts(self.name))
+            simulator = described(self.record.simulator)
+            runs = {measured.run_id for attempt in attempts for measured in attempt.measurements}
+            how: dict[str, Any] = {
+                "traces": traces_beside(page, runs),
+                "recording": self._recording(),
+                "replayed": self.config.replay is not None,
+            }
+            how |= {"world": place, "run_of": ledger.run, "command": self.command, "simulator": simulator}
+            above = self.folder.parent
+            known = (above / MATRIX).exists() or (store_of(above) is None and (above / REPORT).is_file())
+            if page.parent == self.folder and (overview or known):
+                how["overview"] = f"../{REPORT}"
+            write_page(page, self.plan, attempts, **how)
+        best = best_attempt(attempts, self.requirement)
+        if path is None and best is not None and best.proposal.scenario is not None:
+            write_whole(self.folder / BEST, scenario_json(best.proposal.scenario))
+        return page
+
+    def _recording(self) -> Recording | None:
+        """Return the calls of its model, where they are kept: in its folder, else in the folder it replays."""
+        folders = [self.folder / "vlm"]
+        if self.config.replay is not None:
+            folders.append(Path(self._paths.get(self.config.replay, self.config.replay)))
+        return next((Recording(each) for each in folders if (each / CALLS).is_file()), None)
+
+    def page(self, *, several: bool = False) -> Path:
+        """Return where its report is written; with a name of its own where the store holds several campaigns."""
+        return self.folder / (f"report-{safe_name(self.name)}.html" if several else REPORT)
+
+    def finished_in(self, ledger: Ledger) -> bool:
+        """Return whether the ledger holds everything planned."""
+        return summarise(self.plan, list(ledger.attempts(self.name))).complete
+
+    @property
+    def _paths(self) -> dict[str, str]:
+        return paths_of(self.record.config, self.record.provenance.begun_in)
+
+    def reading(self) -> contextlib.AbstractContextManager[Ledger]:
+        """Open its store to be read; closed at the end of the `with` block."""
+        return reading(self._store)
+
+
+def check_same_route(mission: Mission, world: World) -> None:
+    """Refuse a world whose route is not that of the mission any more."""
+    route = mission.route
+    if any(each.name == route.name and each == route for each in world.routes):
+        return
+    raise InputError(
+        f"{world.name}: {route.name} has changed since the campaign was run. Run the campaign again with another "
+        "--out, or give a copy of the world it was run in with --world.",
+        code="world-changed",
+    )

@@ -1,0 +1,444 @@
+"""Suites of scenarios: a folder of YAML files in your repository, run against every version of the robot.
+
+::
+
+    suite/
+      suite.yaml            title, the error rates of the verdicts
+      blocked-aisle.yaml    one case: title, what is expected of which requirement, the scenario
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+from pydantic import Field
+
+from rvsg.campaign.attempt import Failure, Measurement
+from rvsg.campaign.measuring import Measuring
+from rvsg.campaign.parallel import Simulations
+from rvsg.campaign.suite import (
+    Case,
+    CaseResult,
+    Expectation,
+    State,
+    SuiteResult,
+    state_of,
+)
+from rvsg.core.documents import read_document, read_record
+from rvsg.core.errors import FileError, InputError, SimulationError, UnknownName
+from rvsg.core.files import write_whole
+from rvsg.core.plugins import Spec, ignore
+from rvsg.core.records import Record
+from rvsg.evaluation.judge import load_requirement, next_repeats
+from rvsg.evaluation.story import story_of
+from rvsg.evaluation.verdict import DEFAULT, Procedure
+from rvsg.report.film import shot_of_run, write_film
+from rvsg.robots.robot import Robot
+from rvsg.scenario.builder import as_robot, check_valid, load_scenario_in, with_robot
+from rvsg.scenario.requirement import Requirement
+from rvsg.scenario.scenario import Scenario
+from rvsg.scenario.world_lookup import folder_of, world_of
+from rvsg.simulation.protocol import Simulator
+from rvsg.simulation.run import Run
+from rvsg.simulation.simulators import check_robot, simulator_of, with_stack
+from rvsg.simulation.stacks.registry import StackLike
+from rvsg.world.world import Route, World
+
+Measured = tuple[list[Run], list[list[Measurement]]]
+"""The runs of a case, and for each requirement their measurements."""
+
+
+@dataclass(frozen=True)
+class CaseWork:
+    """A case, and what it is run with. `requirements` are in the order of the case's expectations."""
+
+    case: Case
+    world: World
+    requirements: tuple[Requirement, ...]
+    procedure: Procedure
+    simulator: Simulator
+
+    def results(
+        self, *, runs: int | None, jobs: int, pictures: str | Path | None, on_message: Callable[[str], None]
+    ) -> Iterator[CaseResult]:
+        """Run the case and yield a result for each requirement.
+
+        Args:
+            runs: how many runs; by default as few as decide every verdict.
+            pictures: a folder for a picture of the worst run.
+        """
+        made, measured = self._runs(runs, jobs, on_message)
+        for k, row in enumerate(measured):
+            yield self._result(k, made, row, None if pictures is None else Path(pictures))
+
+    def _runs(self, runs: int | None, jobs: int, on_message: Callable[[str], None]) -> Measured:
+        made: list[Run] = []
+        measured: list[list[Measurement]] = [[] for _ in self.requirements]
+        measuring = [self._measuring(each) for each in self.requirements]
+        with Simulations(self.simulator, self.world, jobs=jobs, notify=on_message) as simulations:
+            more = runs or self._more(measured)
+            while more:
+                seeds = range(len(made), len(made) + more)
+                for pending in [simulations.submit(self.case.scenario, seed) for seed in seeds]:
+                    found = pending.result()
+                    if isinstance(found, Failure):
+                        raise SimulationError(f"{self.case.name}, seed {found.seed}: {found.reason}")
+                    made.append(found.unpack())
+                    for row, each in zip(measured, measuring, strict=True):
+                        row.append(each.measure(made[-1]))
+                more = 0 if runs else self._more(measured)
+        return made, measured
+
+    def _measuring(self, requirement: Requirement) -> Measuring:
+        return Measuring(requirement, self.world, procedure=self.procedure)
+
+    def _more(self, measured: Sequence[Sequence[Measurement]]) -> int:
+        """Return the most runs that any requirement asks for next; all of them where there is no limit."""
+        wanted = []
+        for requirement, row in zip(self.requirements, measured, strict=True):
+            if requirement.threshold is None:
+                wanted.append(self.procedure.max_runs - len(row))
+            else:
+                wanted.append(next_repeats(requirement, [m.objective for m in row], procedure=self.procedure))
+        return max(wanted)
+
+    def _result(self, index: int, made: Sequence[Run], row: Sequence[Measurement], pictures: Path | None) -> CaseResult:
+        case, expectation, requirement = self.case, self.case.expectations[index], self.requirements[index]
+        verdict = self._measuring(requirement).judge(row)
+        worst = _worst(requirement, [m.objective for m in row])
+        sentences = () if worst is None else story_of(made[worst], world=self.world, scenario=case.scenario)
+        picture = None
+        if pictures is not None and worst is not None and verdict.violations:
+            picture = pictures / f"{case.name}-{requirement.name}.png"
+            write_film(picture, shot_of_run(made[worst], row[worst], requirement, self.world, case.scenario))
+        return CaseResult(
+            case=case.name,
+            title=case.title,
+            requirement=expectation.requirement,
+            expected=expectation.expected,
+            reason=expectation.reason,
+            state=state_of(expectation.expected, verdict, procedure=self.procedure),
+            verdict=verdict,
+            seeds=tuple(run.seed for run in made),
+            violations=tuple(None if m.objective is None else requirement.violated_by(m.objective) for m in row),
+            contacts=sum((m.values.get("contacts") or 0.0) > 0.0 for m in row),
+            arrived=sum(run.completed for run in made),
+            seconds=float(sum(run.trajectory.t[-1] for run in made)),
+            story=tuple(sentence.text for sentence in sentences),
+            worst_seed=None if worst is None else made[worst].seed,
+            picture=None if picture is None else picture.as_posix(),
+        )
+
+
+def _worst(requirement: Requirement, objectives: Sequence[float | None]) -> int | None:
+    known = [(requirement.badness(value), -k) for k, value in enumerate(objectives) if value is not None]
+    return -max(known)[1] if known else None
+
+
+HEAD = "suite.yaml"
+EXPECTED = ("violation", "pass")
+"""What a case may be kept for: a known failure, or a scenario the robot must master."""
+
+
+class SuiteHead(Record):
+    """What `suite.yaml` holds."""
+
+    title: str = "Scenarios that stay"
+    judging: Procedure = DEFAULT
+    """The error rates of the verdicts, and the runs a case is given at most."""
+
+
+class CaseFile(Record):
+    """What the file of a case holds. `world` is its world folder, relative to the suite; not for shipped worlds."""
+
+    title: str
+    expectations: tuple[Expectation, ...]
+    max_runs: int = Field(default=DEFAULT.max_runs, ge=1, le=10_000)
+    world: str | None = None
+    scenario: Scenario
+
+
+@dataclass(frozen=True)
+class Suite:
+    """A suite in a folder. Make one with `Suite.create` or `Suite.open`."""
+
+    folder: Path
+    head: SuiteHead
+    cases: tuple[Case, ...]
+    worlds: Mapping[str, World]
+    """The world of each case, by the case's name."""
+
+    @classmethod
+    def create(cls, folder: str | Path, *, title: str = SuiteHead().title, judging: Procedure = DEFAULT) -> Suite:
+        """Make an empty suite, or open the one that is there."""
+        folder = Path(folder)
+        if not (folder / HEAD).exists():
+            head = SuiteHead(title=title, judging=judging)
+            write_whole(folder / HEAD, _yaml(head.model_dump(mode="json")))
+        return cls.open(folder)
+
+    @classmethod
+    def open(cls, folder: str | Path) -> Suite:
+        """Open a suite and check every scenario in it.
+
+        Raises:
+            FileError: a file is missing or wrong; DocumentError lists every mistake with its line.
+            InvalidScenario: a scenario breaks a rule.
+            InputError: the world of a scenario cannot be found or has changed.
+        """
+        folder = Path(folder)
+        if not (folder / HEAD).is_file():
+            raise FileError(folder / HEAD, "there is no suite here. Make one with: rvsg suite add FILE --suite DIR")
+        head, _ = read_document(folder / HEAD, SuiteHead)
+        cases, worlds = [], {}
+        for path in sorted(folder.glob("*.yaml")):
+            if path.name != HEAD:
+                case, world = _read_case(path)
+                cases.append(case)
+                worlds[case.name] = world
+        return cls(folder, head, tuple(cases), worlds)
+
+    def add(
+        self,
+        source: Scenario | str | Path,
+        requirement: str = "R1",
+        *,
+        name: str | None = None,
+        title: str | None = None,
+        expected: str = "violation",
+        reason: str = "",
+        world: World | str | Path | None = None,
+        max_runs: int | None = None,
+    ) -> Suite:
+        """Add a scenario, or one more requirement to a case that holds the same scenario; return the new suite.
+
+        Args:
+            source: a scenario, or a file of one (also of a proposal or an attempt, such as `best_scenario.json`).
+            requirement: what it is judged by.
+            name: the case's name and file; by default made from the title.
+            expected: `violation` for a known failure, `pass` for a scenario the robot must master.
+            reason: why a failure is known.
+
+        Raises:
+            UnknownName: there is no such requirement, or `expected` is neither.
+            InvalidScenario: the scenario breaks a rule of validity.
+        """
+        if expected not in EXPECTED:
+            raise UnknownName("expectation", expected, EXPECTED)
+        if isinstance(source, Scenario):
+            scenario, place = source, world_of(source.mission, world)
+        else:
+            scenario, place = load_scenario_in(source, world)
+        check_valid(scenario, place)
+        load_requirement(_requirement(requirement, self.folder), scenario.mission.route)
+        expectation = Expectation.model_validate({"requirement": requirement, "expected": expected, "reason": reason})
+        known = next((case for case in self.cases if case.scenario.id == scenario.id), None)
+        if known is not None:
+            kept = tuple(each for each in known.expectations if each.requirement != requirement)
+            case = known.replace(expectations=(*kept, expectation))
+        else:
+            words = title or _title(scenario)
+            free = _free_name(name or words, {case.name for case in self.cases}, given=name is not None)
+            runs = max_runs or self.head.judging.max_runs
+            case = Case(name=free, title=words, expectations=(expectation,), scenario=scenario, max_runs=runs)
+        self._write(case, place)
+        return Suite.open(self.folder)
+
+    def run(
+        self,
+        *,
+        simulator: str | Spec | Simulator = "embedded",
+        stack: StackLike | None = None,
+        version: str = "",
+        jobs: int = 1,
+        runs: int | None = None,
+        only: Sequence[str] = (),
+        robot: Robot | str | Path | None = None,
+        pictures: str | Path | None = None,
+        on_result: Callable[[CaseResult], None] = ignore,
+        on_message: Callable[[str], None] = ignore,
+    ) -> SuiteResult:
+        """Run the suite.
+
+        Every version meets the same seeds, 0, 1, ..., so that versions can be compared run by run.
+
+        Args:
+            simulator: what runs the scenarios: the version under test.
+            stack: the navigation stack under test, by default the simulator's own. Like a simulator, it stays open
+                where it is given as an instance.
+            version: a label for the results.
+            jobs: worker processes; the results are the same.
+            runs: runs of every case; by default as few as decide each verdict. Give a number to compare versions.
+            only: names of cases; by default all.
+            robot: drives every case instead of the robot of its scenario: a record, the name of a shipped robot or a
+                robot file.
+            pictures: a folder for pictures of the worst run of each case that has a violating run.
+            on_result: called with the result of each case and requirement.
+
+        Raises:
+            UnknownName: there is no such case, or the simulator does not know a robot.
+            FileError: the suite has no case.
+            SimulationError: a run could not be made.
+        """
+        chosen = self._chosen(only)
+        results = []
+        with simulator_of(simulator, stack, on_message=on_message) as made:
+            other = None if robot is None else as_robot(robot, made.robots)
+            for case in chosen:
+                work = self._work(case, made, other, runs)
+                for result in work.results(runs=runs, jobs=jobs, pictures=pictures, on_message=on_message):
+                    results.append(result)
+                    on_result(result)
+        return SuiteResult(
+            suite=self.head.title,
+            version=version or str(made.name),
+            simulator=made.name,
+            options=dict(made.options),
+            asked=_asked(simulator, stack),
+            robot=other,
+            cases=tuple(results),
+        )
+
+    def _chosen(self, only: Sequence[str]) -> list[Case]:
+        """Return the named cases in the order of the suite; all where none is named."""
+        if not self.cases:
+            raise FileError(self.folder, "the suite has no case. Add one with: rvsg suite add FILE --suite DIR")
+        names = {case.name for case in self.cases}
+        for name in only:
+            if name not in names:
+                raise UnknownName("case", name, names, hint=f"Suite: {self.folder}.")
+        return [case for case in self.cases if not only or case.name in only]
+
+    def _work(self, case: Case, made: Simulator, robot: Robot | str | None, runs: int | None) -> CaseWork:
+        """Return what runs and judges a case, driven by `robot` where there is another."""
+        world = self.worlds[case.name]
+        case = case if robot is None else driven_by(case, robot, world)
+        check_robot(case.scenario, made)
+        asked = tuple(requirement_of(e, self.folder, case.scenario.mission.route) for e in case.expectations)
+        return CaseWork(case, world, asked, self.head.judging.replace(max_runs=runs or case.max_runs), made)
+
+    def update(self, result: SuiteResult) -> tuple[CaseResult, ...]:
+        """Write the verdicts of a run as the new expectations, where they changed; return the changed ones.
+
+        Unclear results change nothing.
+        """
+        changed = tuple(each for each in result.cases if each.state in (State.BROKEN, State.FIXED))
+        for case in self.cases:
+            mine = {each.requirement: each for each in changed if each.case == case.name}
+            if mine:
+                expectations = tuple(_updated(each, mine.get(each.requirement)) for each in case.expectations)
+                self._write(case.replace(expectations=expectations), self.worlds[case.name])
+        return changed
+
+    def _write(self, case: Case, world: World) -> None:
+        folder = folder_of(world.id)
+        values = {
+            "title": case.title,
+            "expectations": [each.model_dump(mode="json", exclude_defaults=True) for each in case.expectations],
+            "max_runs": case.max_runs,
+            "world": None if folder is None else _relative(folder, self.folder),
+            "scenario": case.scenario.model_dump(mode="json"),
+        }
+        write_whole(self.folder / f"{case.name}.yaml", _yaml({k: v for k, v in values.items() if v is not None}))
+
+
+def _asked(simulator: str | Spec | Simulator, stack: StackLike | None) -> Spec | None:
+    """Return what was asked for as data, or None if an object was given."""
+    if not isinstance(simulator, str | Spec) or not isinstance(stack, str | Path | Spec | Mapping | None):
+        return None
+    return with_stack(simulator, stack)
+
+
+def driven_by(case: Case, robot: Robot | str, world: World) -> Case:
+    """Return a case with another robot.
+
+    Goal and time limit are fitted to a robot of another name. One of the same name is another version of the robot of
+    the case: it has to do what was asked, so that a version that became too slow breaks the case.
+    """
+    mission = case.scenario.mission
+    if not isinstance(robot, Robot) or robot.name == mission.robot_name:
+        return case.replace(scenario=case.scenario.replace(mission=mission.replace(robot=robot)))
+    return case.replace(scenario=with_robot(case.scenario, robot, world)[0])
+
+
+def describe_result(case: CaseResult) -> str:
+    """Return one line on a case for the terminal."""
+    extra = f"; {case.contacts} runs touch a person" if case.contacts else ""
+    return f"{case.state.value:14} {case.case}, {case.requirement}: {case.verdict.reason}{extra}"
+
+
+def read_results(path: str | Path) -> SuiteResult:
+    """Read the results of a suite from a file that `rvsg suite run --json` wrote."""
+    return read_record(Path(path), SuiteResult)
+
+
+def _read_case(path: Path) -> tuple[Case, World]:
+    file, document = read_document(path, CaseFile)
+    try:
+        near = path.parent / file.world if file.world is not None else None
+        world = world_of(file.scenario.mission, near)
+        check_valid(file.scenario, world)
+        case = Case(
+            name=path.stem,
+            title=file.title,
+            expectations=file.expectations,
+            scenario=file.scenario,
+            max_runs=file.max_runs,
+        )
+        for expectation in case.expectations:
+            requirement_of(expectation, path.parent, file.scenario.mission.route)
+    except FileError:
+        raise
+    except InputError as error:
+        raise FileError(path, str(error), line=document.line("scenario")) from None
+    except ValueError:
+        wanted = "small letters, digits, dots, hyphens and underscores"
+        raise FileError(path, f"a case is named by its file: {wanted}, at most 80.") from None
+    return case, world
+
+
+def requirement_of(expectation: Expectation, folder: Path, route: Route | None = None) -> Requirement:
+    """Return the requirement of an expectation in the suite of that folder."""
+    return load_requirement(_requirement(expectation.requirement, folder), route)
+
+
+def _requirement(name: str, folder: Path) -> str:
+    """Return a requirement's file is looked for beside the suite."""
+    file, hash_, key = name.partition("#")
+    return f"{folder / file}{hash_}{key}" if file.endswith((".yaml", ".yml")) else name
+
+
+def _updated(expectation: Expectation, result: CaseResult | None) -> Expectation:
+    if result is None:
+        return expectation
+    if result.state is State.FIXED:
+        return expectation.replace(expected="pass", reason="")
+    return expectation.replace(expected="violation", reason=f"violated by {result.verdict.violations} of "
+                               f"{result.verdict.runs} runs")  # fmt: skip
+
+
+def _title(scenario: Scenario) -> str:
+    text = " ".join(scenario.description.split()) or f"{len(scenario.people.humans)} people"
+    return f"{scenario.mission.route.name}: {text}"[:200]
+
+
+def _free_name(wanted: str, taken: set[str], *, given: bool) -> str:
+    name = re.sub(r"[^a-z0-9._-]+", "-", wanted.lower()).strip("-._")[:60].strip("-._") or "case"
+    if given and name in taken:
+        raise InputError(f'There is a case "{name}" already, with another scenario. Choose another --name.')
+    return next(each for k in range(1, len(taken) + 2) if (each := name if k == 1 else f"{name}-{k}") not in taken)
+
+
+def _relative(folder: Path, start: Path) -> str:
+    import os
+
+    return os.path.relpath(folder.resolve(), start.resolve())
+
+
+def _yaml(values: dict[str, Any]) -> str:
+    return yaml.safe_dump(values, sort_keys=False, allow_unicode=True, width=120)

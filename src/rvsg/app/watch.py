@@ -1,0 +1,732 @@
+"""The loop of self-adaptation over a suite: watch a robot, and test next what its runs suggest."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from rvsg.app.campaign import Campaign, campaigns_in
+from rvsg.app.folder import LEDGER, alone_in, reading
+from rvsg.app.proposal import brief_of, make_generator
+from rvsg.app.suites import CaseWork, Suite, SuiteHead, requirement_of
+from rvsg.app.wiring import let_rehearse
+from rvsg.campaign.knowledge import Entry, remembered
+from rvsg.campaign.suite import Case, CaseResult, Expectation, State
+from rvsg.campaign.watch.journal import Journal, Note
+from rvsg.campaign.watch.legitimate import DeclaredRules
+from rvsg.campaign.watch.loop import Loop
+from rvsg.campaign.watch.parts import Change, Monitor, Planned, RuleSet, Sign, Symptom, Watched
+from rvsg.core.documents import read_document
+from rvsg.core.errors import InputError, RvsgError
+from rvsg.core.plugins import Spec, ignore
+from rvsg.core.seeds import seed_for
+from rvsg.evaluation.judge import judge, objective
+from rvsg.evaluation.naming import WaypointNames
+from rvsg.generation.generator import Generator
+from rvsg.scenario.builder import walk
+from rvsg.scenario.requirement import Requirement
+from rvsg.scenario.scenario import HumanConfiguration, Mission, Scenario
+from rvsg.scenario.variation import waypoints_used
+from rvsg.simulation.protocol import Simulator
+from rvsg.simulation.simulators import make_simulator
+from rvsg.simulation.stacks.registry import StackChoice
+from rvsg.store.knowledge import KnowledgeBase
+from rvsg.store.knowledge_search import open_knowledge
+from rvsg.world.world import World
+from rvsg_exchange.formats import is_recording, load_recordings
+
+Stamp = tuple[tuple[str, int, int], ...]
+
+
+class LiveSuite:
+    """A suite that is read again when its files change.
+
+    Args:
+        suite: the suite as it was opened.
+        version: the version under test, for the reason of a known failure.
+
+    Raises:
+        InputError: it has no case, or cases in several worlds.
+    """
+
+    def __init__(self, suite: Suite, version: Callable[[], str] = lambda: "") -> None:
+        self.version = version
+        self.world = _world(suite)
+        self._suite = suite
+        self._stamp = _stamp(suite.folder)
+
+    @property
+    def folder(self) -> Path:
+        """The folder of the suite."""
+        return self._suite.folder
+
+    @property
+    def head(self) -> SuiteHead:
+        """What `suite.yaml` holds."""
+        return self._suite.head
+
+    @property
+    def cases(self) -> tuple[Case, ...]:
+        """The cases as they were read last."""
+        return self._suite.cases
+
+    def renew(self) -> list[str]:
+        """Read the suite again where a file changed; return why it cannot be read, and keep the former one then."""
+        stamp = _stamp(self.folder)
+        if stamp == self._stamp:
+            return []
+        self._stamp = stamp
+        try:
+            suite = Suite.open(self.folder)
+            if _world(suite).id != self.world.id:
+                raise InputError("its scenarios are in another world now. Begin a new watch for that world.")
+        except RvsgError as error:
+            return [f"the suite is left as it was: {error}"]
+        self._suite = suite
+        return []
+
+    def changes(self, planned: Planned, results: Sequence[CaseResult]) -> list[Change]:
+        """Return new known failures, and cases that are fixed. A broken case stays broken: a person decides on it."""
+        if planned.is_case:
+            known = {case.name: case for case in self.cases}
+            return [self._fixed(known[r.case], r) for r in results if r.state is State.FIXED and r.case in known]
+        return [self._failure(planned, each) for each in results if each.state is State.BROKEN]
+
+    def alike(self, change: Change) -> int:
+        """Return how many failures of the requirement on the route of a change the suite knows."""
+        route = change.scenario.mission.route.name
+        return sum(
+            case.scenario.mission.route.name == route
+            and case.scenario.id != change.scenario.id
+            and any(e.requirement == change.requirement and e.expected == "violation" for e in case.expectations)
+            for case in self.cases
+        )
+
+    def keep(self, change: Change) -> None:
+        """Write a change into the suite."""
+        self._suite = self._suite.add(
+            change.scenario,
+            change.requirement,
+            name=change.case,
+            title=change.title,
+            expected=change.expected,
+            reason=change.reason,
+            world=self.world,
+        )
+        self._stamp = _stamp(self.folder)
+
+    def _fixed(self, case: Case, result: CaseResult) -> Change:
+        return Change(
+            case=case.name,
+            title=case.title,
+            scenario=case.scenario,
+            requirement=result.requirement,
+            expected="pass",
+            reason="",
+            is_new=False,
+        )
+
+    def _failure(self, planned: Planned, result: CaseResult) -> Change:
+        route = planned.scenario.mission.route.name
+        known = next((case for case in self.cases if case.scenario.id == planned.scenario.id), None)
+        name = f"{route}-{planned.scenario.id[-6:]}".lower()
+        told = " ".join(planned.scenario.description.split()) or planned.name
+        version = self.version() or planned.why.version
+        driven = f" with {version}" if version else ""
+        counted = f"{result.verdict.violations} of {result.verdict.runs} runs violate it"
+        return Change(
+            case=known.name if known else name,
+            title=known.title if known else f"{route}: {told}"[:200],
+            scenario=planned.scenario,
+            requirement=result.requirement,
+            expected="violation",
+            reason=f"{counted}{driven}; a watch found it because of {planned.why.in_words}",
+            is_new=True,
+        )
+
+
+@dataclass
+class Subject:
+    """The simulator with the stack under test, made again when the parameter file of the stack changes.
+
+    Args:
+        made: what a new simulator is handed to before it is used.
+    """
+
+    simulator: Simulator
+    given: str | Spec | None = None
+    stack: Spec | None = None
+    made: Callable[[Simulator], None] = lambda _: None
+    version: str = ""
+    _content: bytes | None = field(default=None, repr=False)
+
+    @classmethod
+    def of(
+        cls, simulator: str | Spec | Simulator, stack: str | Spec | None, made: Callable[[Simulator], None]
+    ) -> Subject:
+        """Make the simulator; the stack is that of the simulator where none is given.
+
+        Raises:
+            InputError: there is no such simulator or stack, or it cannot be made with these options.
+        """
+        spec = None if stack is None else Spec.of(stack)
+        first = make_simulator(simulator, spec)
+        made(first)
+        given = simulator if isinstance(simulator, str | Spec) else None
+        subject = cls(first, given, spec, made)
+        if spec is not None:
+            subject.version, subject._content = _label(spec), _content(spec)
+        return subject
+
+    def renew(self) -> list[str]:
+        """Make the simulator again if the file of the stack changed; if that fails, keep the old one and return why."""
+        if self.given is None or self.stack is None or _content(self.stack) == self._content:
+            return []
+        self._content = _content(self.stack)
+        try:
+            label = _label(self.stack)
+            simulator = make_simulator(self.given, self.stack)
+            self.made(simulator)
+        except RvsgError as error:
+            return [f"the stack is left as it was: {error}"]
+        self.close()
+        self.simulator, self.version = simulator, label
+        return []
+
+    def close(self) -> None:
+        """Close the simulator, unless it was given as an instance."""
+        if self.given is not None:
+            self.simulator.close()
+
+
+def _label(stack: Spec) -> str:
+    """Return a stack as the name of a version: equal options give an equal name, whatever else the file says."""
+    return f"{Path(stack.name).name} {StackChoice.of(stack).record.id[-8:]}"
+
+
+def _content(stack: Spec) -> bytes | None:
+    """Return the parameter file of a stack; None if it has none, or the file cannot be read at present."""
+    path = Path(stack.name)
+    try:
+        return path.read_bytes() if path.suffix in (".yaml", ".yml") else None
+    except OSError:
+        return None
+
+
+def _stamp(folder: Path) -> Stamp:
+    files = sorted(folder.glob("*.yaml"))
+    return tuple((path.name, (stat := path.stat()).st_mtime_ns, stat.st_size) for path in files)
+
+
+def _world(suite: Suite) -> World:
+    worlds = {world.id: world for world in suite.worlds.values()}
+    if len(worlds) != 1:
+        raise InputError(f"{suite.folder}: a watch needs a suite of one world, and this one has {len(worlds)}.")
+    return next(iter(worlds.values()))
+
+
+VERSION = "version.txt"
+"""A file in the watched folder with the label of the stack that drives."""
+STAYED_SAMPLES = 20
+"""Samples (a second at 20 Hz) that a person is near a waypoint before it counts as visited."""
+
+
+@dataclass
+class RecordingMonitor:
+    """Watches a folder for recordings of a robot: `.mcap` and `.db3` files, and rosbag2 folders.
+
+    Recordings lie in folders named for their routes, or all are of `route`. `version.txt` in the folder labels the
+    stack. A file that cannot be read yet, e.g. because it is still written, is tried again in the next cycle.
+    """
+
+    folder: Path
+    world: World
+    route: str | None = None
+    _told: dict[str, str] = field(default_factory=dict)
+    _new: list[str] = field(default_factory=list)
+
+    def new(self, seen: frozenset[str]) -> Iterator[Watched]:
+        """Yield the runs of the recordings that are not among those seen, in the order of their names."""
+        version = _version_in(self.folder)
+        for path in sorted(self._recordings()):
+            source = path.relative_to(self.folder).as_posix()
+            if source in seen:
+                continue
+            try:
+                route = self.route or self._route(path)
+                runs, _ = load_recordings([path], world=self.world, route=route)
+            except RvsgError as error:
+                if self._told.get(source) != str(error):
+                    self._told[source] = str(error)
+                    self._new.append(f"{source} cannot be read yet: {error}")
+                continue
+            yield Watched(source=source, route=route, version=version, run=runs[0])
+
+    def troubles(self) -> Sequence[str]:
+        """Return what could not be read, each once."""
+        found, self._new = self._new, []
+        return found
+
+    def _recordings(self) -> Iterator[Path]:
+        folders = [path.parent for path in self.folder.rglob("metadata.yaml") if not self._is_draft(path)]
+        yield from folders
+        for path in self.folder.rglob("*"):
+            wanted = path.suffix in (".mcap", ".db3") and path.parent not in folders
+            if wanted and not self._is_draft(path) and is_recording(path):
+                yield path
+
+    def _is_draft(self, path: Path) -> bool:
+        """Return whether a file is hidden, as what is still written is."""
+        return any(part.startswith(".") for part in path.relative_to(self.folder).parts)
+
+    def _route(self, path: Path) -> str:
+        known = {route.name for route in self.world.routes}
+        parents = [part.name for part in path.relative_to(self.folder).parents]
+        found = next((name for name in (path.stem, *parents) if name in known), None)
+        if found is None:
+            raise InputError(
+                "which route is it? Put it into a folder named for the route of the world "
+                f"({', '.join(sorted(known))}), or give --route."
+            )
+        return found
+
+
+@dataclass
+class CampaignMonitor:
+    """Watches campaigns, also running ones: every run of their searches and confirmations, once."""
+
+    folder: Path
+    _new: list[str] = field(default_factory=list)
+
+    def new(self, seen: frozenset[str]) -> Iterator[Watched]:
+        """Yield the runs that are not among those seen."""
+        for place in _ledgers(self.folder):
+            try:
+                campaigns = campaigns_in(place, optional=True)
+            except RvsgError as error:
+                self._new.append(f"{place.name} cannot be read yet: {error}")
+                continue
+            for campaign in campaigns:
+                yield from _runs_of(campaign, seen)
+
+    def troubles(self) -> Sequence[str]:
+        """Return what could not be read."""
+        found, self._new = self._new, []
+        return found
+
+
+@dataclass
+class SuiteAnalyser:
+    """Judges what was watched by the requirements of the suite, and compares it with what the suite tests."""
+
+    suite: LiveSuite
+    world: World
+    near: float
+    versions: Callable[[], Sequence[str]]
+    """The versions that were acted on, in their order."""
+    subject: Callable[[], str] = lambda: ""
+    """The version of the stack under test; empty if it has none."""
+    learned: Callable[[], Sequence[Entry]] = lambda: ()
+    """What is known already; places in it are tested."""
+
+    def analyse(self, watched: Sequence[Watched]) -> list[Sign]:
+        """Return the signs of all runs, those of a new version first."""
+        signs = list(self._new_version(watched))
+        for each in watched:
+            signs += self._limits(each)
+        return signs + self._places(watched)
+
+    def _new_version(self, watched: Sequence[Watched]) -> Iterator[Sign]:
+        """Yield the version of the stack under test, or if it has none, that of the recordings."""
+        seen = next((each for each in reversed(watched) if each.version), None)
+        version, source = self.subject(), "the stack under test"
+        if not version and seen is not None:
+            version, source = seen.version, seen.source
+        known = self.versions()
+        if version and version != (known[-1] if known else ""):
+            text = f"the stack's version is {version}, it was {known[-1] if known else 'unknown'}"
+            symptom = Symptom(kind="new version", version=version, change=len(known))
+            yield Sign(symptom=symptom, source=source, text=text)
+
+    def entries(self, watched: Sequence[Watched]) -> list[Entry]:
+        """Return what each run shows by each requirement."""
+        found = []
+        for each in watched:
+            for requirement in self._requirements(each.route).values():
+                value = objective(each.run, requirement, world=self.world)
+                if value is None:
+                    continue
+                found.append(
+                    Entry(
+                        kind="watched",
+                        world=self.world.name,
+                        place=self.world.floor_id,
+                        route=each.route,
+                        requirement=requirement.name,
+                        description=f"watched: {each.source}",
+                        simulator=each.run.simulator,
+                        verdict=judge(requirement, [value], arrived=[each.run.completed]),
+                        lessons=(f"version {each.version}",) if each.version else (),
+                    )
+                )
+        return found
+
+    def _requirements(self, route: str) -> dict[str, Requirement]:
+        """Return the requirements on a route by their names in the suite; all of them where it has no case there."""
+        cases = [case for case in self.suite.cases if case.scenario.mission.route.name == route] or self.suite.cases
+        found = {}
+        for case in cases:
+            for expectation in case.expectations:
+                found[expectation.requirement] = requirement_of(expectation, self.suite.folder, self.world.route(route))
+        return {name: each for name, each in found.items() if each.threshold is not None}
+
+    def _limits(self, each: Watched) -> Iterator[Sign]:
+        for name, requirement in self._requirements(each.route).items():
+            value = objective(each.run, requirement, world=self.world)
+            if value is None or requirement.threshold is None:
+                continue
+            limit = requirement.threshold
+            margin = requirement.badness(limit) - requirement.badness(value)
+            if margin > self.near * max(abs(limit), 1e-9) and not requirement.violated_by(value):
+                continue
+            kind = "violated" if requirement.violated_by(value) else "near its limit"
+            symptom = Symptom(kind=kind, route=each.route, requirement=name, version=each.version or self.subject())
+            text = f"{each.source} on {each.route}: {name} {kind}, {value:.3g} {requirement.unit} (limit {limit:.3g})"
+            yield Sign(symptom=symptom, source=each.source, text=text)
+
+    def _places(self, watched: Sequence[Watched]) -> list[Sign]:
+        """Return a sign for each route on which people were where no scenario has anybody."""
+        names = WaypointNames(self.world.grid)
+        walkable = {w.name for w in self.world.grid.waypoints if w.human}
+        tested: dict[str, set[str]] = defaultdict(set)
+        for case in self.suite.cases:
+            tested[case.scenario.mission.route.name].update(waypoints_used(case.scenario.people))
+        for entry in self.learned():
+            tested[entry.route].update(entry.waypoints)
+        visited: dict[str, dict[str, str]] = defaultdict(dict)
+        for each in watched:
+            path = each.run.trajectory
+            for person in range(path.human_x.shape[1]):
+                near = names.nearest(path.human_x[:, person], path.human_y[:, person])
+                for name, count in zip(*np.unique(np.asarray(near), return_counts=True), strict=True):
+                    if count >= STAYED_SAMPLES and str(name) in walkable - tested[each.route]:
+                        visited[each.route].setdefault(str(name), each.source)
+        return [
+            Sign(
+                symptom=Symptom(kind="never tested", route=route, places=tuple(sorted(found))),
+                source=next(iter(found.values())),
+                text=f"people on {route} where no scenario has anybody: {', '.join(sorted(found))}",
+            )
+            for route, found in sorted(visited.items())
+            if found
+        ]
+
+
+@dataclass
+class SuitePlanner:
+    """Plans scenarios: the suite's cases for a new version, variants by a generator, walks through untested places."""
+
+    suite: LiveSuite
+    world: World
+    rules: RuleSet
+    generator: Generator
+    knowledge: KnowledgeBase
+    seed: int = 0
+    variants: int = 1
+
+    def plan(self, symptom: Symptom, *, index: int) -> list[Planned]:
+        """Return scenarios for a symptom."""
+        if symptom.kind == "new version":
+            return [self._case(symptom, case) for case in self.suite.cases]
+        if symptom.kind == "never tested":
+            return self._walks(symptom)
+        return self._variants(symptom, index)
+
+    def _case(self, symptom: Symptom, case: Case) -> Planned:
+        return Planned(
+            why=symptom,
+            name=f"case {case.name}",
+            scenario=case.scenario,
+            requirements=tuple(each.requirement for each in case.expectations),
+            runs=min(case.max_runs, self.rules.max_runs_per_plan),
+            is_case=True,
+        )
+
+    def _variants(self, symptom: Symptom, index: int) -> list[Planned]:
+        """Ask the generator for scenarios that differ from what is known of this route and requirement."""
+        expectation = Expectation(requirement=symptom.requirement)
+        route = self.world.route(symptom.route)
+        requirement = requirement_of(expectation, self.suite.folder, route)
+        known = self.knowledge.entries(world=self.world.name, route=symptom.route, requirement=requirement.name)
+        found = []
+        for k in range(self.variants):
+            seed = seed_for(self.seed, "watch", index, k)
+            brief = brief_of(Mission.of(self.world, route), requirement, humans=2, seed=seed, feedback=None)
+            scenario = self.generator.propose(brief.replace(memory=remembered(known)[-10:]), self.world).scenario
+            if scenario is not None:
+                name = f"variant {index}.{k} for {symptom.requirement} on {symptom.route}"
+                found.append(self._new(symptom, name, scenario, (symptom.requirement,)))
+        return found
+
+    def _walks(self, symptom: Symptom) -> list[Planned]:
+        """Let somebody walk between the untested waypoints farthest apart, or to a neighbour of the only one."""
+        grid = self.world.grid
+        places = list(symptom.places)
+        if len(places) == 1:
+            places += [b if a == places[0] else a for a, b in grid.hops if places[0] in (a, b)][:1]
+        pairs = [(a, b) for i, a in enumerate(places) for b in places[i + 1 :] if grid.shortest_path(a, b)]
+        if not pairs:
+            return []
+        first, last = max(pairs, key=lambda pair: (_apart(self.world, *pair), pair))
+        route = self.world.route(symptom.route)
+        person = walk("Human 1", first, last, speed_m_s=1.2).human(self.world)
+        scenario = Scenario(
+            mission=Mission.of(self.world, route),
+            people=HumanConfiguration(humans=(person,)),
+            description=f"Somebody walks between {first} and {last}: people were seen there, in no scenario.",
+        )
+        cases = [case for case in self.suite.cases if case.scenario.mission.route.name == route.name]
+        asked = {each.requirement for case in cases or self.suite.cases for each in case.expectations}
+        return [self._new(symptom, f"walk {first} to {last} on {route.name}", scenario, tuple(sorted(asked)))]
+
+    def _new(self, why: Symptom, name: str, scenario: Scenario, requirements: tuple[str, ...]) -> Planned:
+        runs = min(self.suite.head.judging.max_runs, self.rules.max_runs_per_plan)
+        return Planned(why=why, name=name, scenario=scenario, requirements=requirements, runs=runs)
+
+
+@dataclass
+class SimulationExecutor:
+    """Runs a plan in a simulator until its verdicts are sure, at most the runs it was accepted with."""
+
+    suite: LiveSuite
+    world: World
+    subject: Subject
+    jobs: int = 1
+
+    def execute(self, planned: Planned) -> list[CaseResult]:
+        """Return a result for each requirement."""
+        known = next((case for case in self.suite.cases if case.scenario == planned.scenario), None)
+        expectations = known.expectations if planned.is_case and known else None
+        case = Case(
+            name=known.name if planned.is_case and known else "planned",
+            title=planned.name[:200],
+            expectations=expectations or tuple(Expectation(requirement=name) for name in planned.requirements),
+            scenario=planned.scenario,
+            max_runs=planned.runs,
+        )
+        route = planned.scenario.mission.route
+        asked = tuple(requirement_of(each, self.suite.folder, route) for each in case.expectations)
+        procedure = self.suite.head.judging.replace(max_runs=planned.runs)
+        work = CaseWork(case, self.world, asked, procedure, self.subject.simulator)
+        return list(work.results(runs=None, jobs=self.jobs, pictures=None, on_message=lambda _: None))
+
+
+def is_campaign(folder: Path) -> bool:
+    """Return whether a folder holds campaigns rather than recordings."""
+    return bool(_ledgers(folder))
+
+
+def _ledgers(folder: Path) -> list[Path]:
+    return [path.parent for path in sorted([*folder.glob(LEDGER), *folder.glob(f"*/{LEDGER}")])]
+
+
+def _runs_of(campaign: Campaign, seen: frozenset[str]) -> Iterator[Watched]:
+    version = str(campaign.record.simulator)
+    with reading(campaign.source) as ledger:
+        for attempt in ledger.attempts(campaign.name):
+            if attempt.purpose not in ("search", "confirmation"):
+                continue
+            for measured in attempt.measurements:
+                if measured.run_id not in seen:
+                    run = ledger.run(measured.run_id)
+                    route = campaign.plan.mission.route.name
+                    yield Watched(source=measured.run_id, route=route, version=version, run=run)
+
+
+def _version_in(folder: Path) -> str:
+    file = folder / VERSION
+    return file.read_text(encoding="utf-8").strip()[:200] if file.is_file() else ""
+
+
+def _apart(world: World, first: str, second: str) -> float:
+    (ax, ay), (bx, by) = world.grid.position(first), world.grid.position(second)
+    return float(np.hypot(bx - ax, by - ay))
+
+
+RULES = "rules.yaml"
+APPROVED = "approved.txt"
+JOURNAL = "watch.jsonl"
+PLANS = "plans"
+KNOWLEDGE = "knowledge.sqlite"
+
+
+def watch(
+    suite: Suite | str | Path,
+    monitor: Monitor | str | Path | None,
+    out: str | Path,
+    *,
+    cycles: int | None = None,
+    seconds: float | None = None,
+    every_s: float = 30.0,
+    route: str | None = None,
+    rules: RuleSet | str | Path | None = None,
+    generator: str | Spec | Generator = "heuristic",
+    simulator: str | Spec | Simulator = "embedded",
+    stack: str | Spec | None = None,
+    knowledge: str | Path | None = None,
+    seed: int = 0,
+    jobs: int = 1,
+    on_note: Callable[[Note], None] = ignore,
+    on_message: Callable[[str], None] = ignore,
+    clock: Callable[[], float] = time.monotonic,
+    sleep: Callable[[float], None] = time.sleep,
+) -> Journal:
+    """Run the loop of self-adaptation over a suite until it is done or its time is over.
+
+    Args:
+        monitor: a folder of recordings or of campaigns, or a monitor of your own.
+        out: the folder of journal, plans and knowledge. A stopped loop resumes in it.
+        cycles: how many cycles; without it and without `seconds` the loop runs until it is interrupted.
+        seconds: how long; the plan under way is finished.
+        every_s: pause after a cycle in which there was nothing to do.
+        route: of all recordings; by default the folder of a recording names its route.
+        rules: what makes a plan legitimate; by default `rules.yaml` in the suite's folder, else the defaults.
+        generator: writes variants of what is near its limit.
+        simulator: a name, a Spec, or an instance, which stays open.
+        stack: the navigation stack under test. A parameter file of Nav2 is read again when it changes: a new version.
+        knowledge: the knowledge base; by default one in `out`.
+
+    Raises:
+        InputError: there is nothing to watch, the suite is empty or of several worlds, or another watch works in `out`.
+    """
+    if monitor is None:
+        raise InputError("What is to be watched? Give --monitor DIR, a folder of recordings or of campaigns.")
+    opened = suite if isinstance(suite, Suite) else Suite.open(suite)
+    cases = LiveSuite(opened, lambda: subject.version)
+    chosen, writer = _rules(opened, rules), make_generator(generator)
+    watching = monitor if not isinstance(monitor, str | Path) else _monitor(Path(monitor), cases.world, route)
+
+    def ready(made: Simulator) -> None:
+        let_rehearse(writer, made, cases.world, seed=seed)
+        made.prepare(on_message)
+
+    subject = Subject.of(simulator, stack, ready)
+    folder = Path(out)
+    folder.mkdir(parents=True, exist_ok=True)
+    time_left = _time_left(seconds, clock)
+    with closing(subject), alone_in(folder), open_knowledge(knowledge or folder / KNOWLEDGE) as known:
+        parts = _Parts(cases, subject, watching, writer, chosen, known, folder)
+        loop = parts.loop(jobs=jobs, seed=seed, on_note=on_note, stop=lambda: time_left() <= 0)
+        _repeat(loop.cycle, cycles, time_left, lambda: sleep(max(0.0, min(every_s, time_left()))))
+    return loop.journal
+
+
+def _time_left(seconds: float | None, clock: Callable[[], float]) -> Callable[[], float]:
+    """Return a function that returns the seconds that are left, infinite without an end."""
+    end = math.inf if seconds is None else clock() + seconds
+    return lambda: math.inf if end == math.inf else end - clock()
+
+
+def _repeat(
+    cycle: Callable[[], bool], most: int | None, time_left: Callable[[], float], pause: Callable[[], None]
+) -> None:
+    """Run cycles to the last one or to the end of the time, with a pause after each that found nothing to do."""
+    done = 0
+    while time_left() > 0 and (most is None or done < most):
+        busy = cycle()
+        done += 1
+        if not busy and time_left() > 0 and done != most:
+            pause()
+
+
+@dataclass(frozen=True)
+class _Parts:
+    """What a loop over a suite is made of."""
+
+    cases: LiveSuite
+    subject: Subject
+    monitor: Monitor
+    writer: Generator
+    rules: RuleSet
+    known: KnowledgeBase
+    folder: Path
+
+    def loop(self, *, jobs: int, seed: int, on_note: Callable[[Note], None], stop: Callable[[], bool]) -> Loop:
+        """Return the loop that monitors, analyses, plans, asks and executes."""
+        cases, subject, rules, world = self.cases, self.subject, self.rules, self.cases.world
+        journal = Journal(self.folder / JOURNAL)
+        return Loop(
+            monitor=self.monitor,
+            analyser=SuiteAnalyser(
+                cases,
+                world,
+                rules.near,
+                lambda: _versions(journal),
+                lambda: subject.version,
+                lambda: self.known.entries(world=world.name),
+            ),
+            planner=SuitePlanner(cases, world, rules, self.writer, self.known, seed),
+            legitimator=DeclaredRules(rules, world, lambda: approved(self.folder)),
+            executor=SimulationExecutor(cases, world, subject, jobs),
+            knowledge=self.known,
+            keeper=cases,
+            journal=journal,
+            plans=self.folder / PLANS,
+            place=world.floor_id,
+            simulator=subject.simulator.name,
+            renew=lambda: [*cases.renew(), *subject.renew()],
+            version=lambda: subject.version,
+            tell=on_note,
+            stop=stop,
+        )
+
+
+def approve(out: str | Path, plan: str, *, on_message: Callable[[str], None] = ignore) -> None:
+    """Approve a plan or a change of the suite that waits; the next cycle carries it out.
+
+    Raises:
+        InputError: nothing of that id waits.
+    """
+    folder = Path(out)
+    decided = Journal(folder / JOURNAL).decided
+    if decided.get(plan) != "waits":
+        waiting = ", ".join(sorted(key for key, outcome in decided.items() if outcome == "waits"))
+        raise InputError(f"{plan} does not wait for approval. Waiting: {waiting or 'none'}.")
+    with (folder / APPROVED).open("a", encoding="utf-8") as file:
+        file.write(f"{plan}\n")
+    on_message(f"Approved. The next cycle of the watch in {folder} carries it out.")
+
+
+def approved(folder: Path) -> frozenset[str]:
+    """Return the ids of the plans and changes that a person has approved."""
+    file = folder / APPROVED
+    return frozenset(file.read_text(encoding="utf-8").split()) if file.is_file() else frozenset()
+
+
+def _rules(suite: Suite, given: RuleSet | str | Path | None) -> RuleSet:
+    if isinstance(given, RuleSet):
+        return given
+    path = Path(given) if given is not None else suite.folder / "rules" / RULES
+    return RuleSet() if given is None and not path.is_file() else read_document(path, RuleSet)[0]
+
+
+def _monitor(folder: Path, world: World, route: str | None) -> Monitor:
+    if not folder.is_dir():
+        raise InputError(f"{folder}: this is no folder. Give one of recordings or of campaigns.")
+    if is_campaign(folder):
+        return CampaignMonitor(folder)
+    if route is not None:
+        world.route(route)
+    return RecordingMonitor(folder, world, route)
+
+
+def _versions(journal: Journal) -> list[str]:
+    """Return the versions that were acted on, in their order."""
+    return [n.symptom.version for n in journal.notes if n.symptom is not None and n.symptom.kind == "new version"]

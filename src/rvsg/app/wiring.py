@@ -1,0 +1,310 @@
+"""Parts of a campaign, made from its settings. Everything is checked here, before anything is written."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from pydantic import TypeAdapter, ValidationError
+
+from rvsg.app.settings import BUDGETS, CampaignConfig
+from rvsg.campaign.accounting import Limits
+from rvsg.campaign.encounter import look_at
+from rvsg.campaign.loop import feedback_from
+from rvsg.campaign.measuring import Measuring
+from rvsg.campaign.parallel import Executor, Simulations
+from rvsg.campaign.parts import Parts
+from rvsg.campaign.plan import Plan
+from rvsg.campaign.recalling import Recalling
+from rvsg.campaign.rehearsing import rehearsing
+from rvsg.campaign.strategies import Strategy
+from rvsg.core import plugins
+from rvsg.core.errors import FileError, InputError
+from rvsg.core.inputs import read_text
+from rvsg.core.plugins import Spec
+from rvsg.evaluation.judge import load_requirement
+from rvsg.evaluation.verdict import Procedure
+from rvsg.generation.generator import Generator, InformedGenerator
+from rvsg.scenario.brief import Remembered
+from rvsg.scenario.builder import check_mission, check_route, mission_of
+from rvsg.scenario.requirement import Requirement
+from rvsg.scenario.scenario import Mission
+from rvsg.scenario.world_lookup import doors_in, load_moved, load_world
+from rvsg.simulation.protocol import Simulator
+from rvsg.simulation.simulators import make_simulator
+from rvsg.simulation.stacks.protocol import NavigationStack
+from rvsg.world.world import Route, World
+
+COPY = "knowledge.json"
+"""The copy in the folder of a campaign, which a resumed campaign reads, so that it ends with the same records."""
+_REMEMBERED = TypeAdapter(tuple[Remembered, ...])
+
+
+def read_remembered(path: str | Path) -> tuple[Remembered, ...]:
+    """Read earlier scenarios as `rvsg knowledge search --out FILE` writes them.
+
+    Raises:
+        FileError: the file holds something else.
+    """
+    try:
+        return _REMEMBERED.validate_json(read_text(Path(path)))
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        raise FileError(
+            path, f"expected what `rvsg knowledge search --out FILE` writes: {first['msg']} at {first['loc']}."
+        ) from None
+
+
+VLM_OPTIONS = ("model", "base_url", "conversation", "prompts", "replay")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wired:
+    """A campaign that can begin: its plan and its parts, checked."""
+
+    config: CampaignConfig
+    plan: Plan
+    world: World
+    generator: Generator
+    simulator: Simulator
+    strategy_class: Any
+    executor: Executor | None
+    paths: Mapping[str, str] = field(default_factory=dict)
+    """The typed paths among the settings, with where they are."""
+    notes: tuple[str, ...] = ()
+    """What of the route was fitted to the robot, in words."""
+    own_simulator: bool = True
+    """Whether the simulator was made for this campaign, which then closes it."""
+
+    @property
+    def simulator_spec(self) -> Spec:
+        """The simulator with its effective options."""
+        return Spec(self.simulator.name, self.simulator.options)
+
+    @property
+    def strategy_spec(self) -> Spec:
+        """The strategy with the options that tell its present form from earlier ones."""
+        return Spec(self.config.strategy, getattr(self.strategy_class, "recorded", {}))
+
+    def strategy(self, ledger: Any, plan: Plan | None = None, recorded: Spec | None = None) -> Strategy:
+        """Return a new strategy that reads its feedback from the ledger.
+
+        Args:
+            recorded: What the record of a stored campaign says of it, so that the campaign goes on as it began.
+        """
+        plan, options = plan or self.plan, {}
+        if recorded is not None and recorded.name == self.config.strategy:
+            options = {**getattr(self.strategy_class, "unrecorded", {}), **recorded.options}
+        made: Strategy = self.strategy_class(plan, feedback_from(ledger, plan, self.world), self.world, **options)
+        return made
+
+    def simulations(
+        self, ledger: Recalling, tell: Callable[[str], None], *, jobs: int, executor: Executor | None
+    ) -> Simulations:
+        """Return what makes the runs; those the ledger holds are not made again."""
+        measuring = Measuring(self.plan.requirement, self.world)
+        return Simulations(
+            self.simulator,
+            self.world,
+            measure=measuring.measure,
+            judged=measuring.judged,
+            made=ledger.made,
+            look=partial(look_at, told=getattr(self.strategy_class, "tells_all", False)),
+            looked=ledger.looked,
+            jobs=jobs,
+            known=ledger.find,
+            executor=executor or self.executor,
+            notify=tell,
+            closes=self.own_simulator,
+        )
+
+    def parts(
+        self, plan: Plan, judging: Procedure, ledger: Any, simulations: Simulations, cancelled: Callable[[], bool]
+    ) -> Parts:
+        """Return what the loop works with."""
+        measuring = Measuring(
+            plan.requirement, self.world, procedure=judging, time_limit_s=plan.mission.route.time_limit_s
+        )
+        return Parts(
+            generator=self.generator,
+            simulations=simulations,
+            judge=measuring.judge,
+            ledger=ledger,
+            procedure=judging,
+            cancelled=cancelled,
+            limits=self._limits(),
+            shrink_runs=self.config.shrink_runs,
+        )
+
+    def _limits(self) -> Limits:
+        """Return what the calls may cost; a replay costs nothing."""
+        config = self.config
+        if config.replay is not None:
+            return Limits()
+        return Limits(calls=config.budget_calls, tokens=config.budget_tokens, usd=config.budget_usd)
+
+
+def wire(
+    config: CampaignConfig,
+    paths: Mapping[str, str] | None = None,
+    *,
+    generator: Generator | None = None,
+    simulator: Simulator | None = None,
+    stack: NavigationStack | None = None,
+) -> Wired:
+    """Look everything up and make it.
+
+    Args:
+        paths: where typed paths of a campaign are that was begun in another folder.
+        generator, simulator, stack: instances to use instead of the plug-ins that the settings name.
+
+    Raises:
+        InputError: the first thing that cannot be used.
+    """
+    paths = paths or {}
+    world, route = _route_of(config, paths)
+    strategy_class = plugins.find("strategy", config.strategy)
+    own = simulator is None
+    simulator = make_simulator(simulator or config.simulator_spec, stack or config.stack_spec(paths))
+    mission, notes = mission_of(world, route, paths.get(config.robot, config.robot), simulator.robots)
+    check_mission(mission, world)
+    requirement = load_requirement(paths.get(config.requirement, config.requirement), mission.route)
+    also = also_of(config, requirement, mission, paths, several=getattr(strategy_class, "needs_several", False))
+    generator = _generator_of(config, paths, generator, simulator, world)
+    plugins.check_options("store", config.store, config.store_options, given=1)
+    plan = _plan_of(
+        config,
+        name=f"{world.name}-{route.name}-{requirement.name}-{config.generator_name}-{config.strategy}-{config.seed}",
+        mission=mission,
+        requirement=requirement,
+        also=also,
+        scenarios=scenarios_of(config),
+        proposals=proposals_of(config) if generator.asks_a_model else None,
+    )
+    return Wired(
+        config=config,
+        plan=plan,
+        world=world,
+        generator=generator,
+        simulator=simulator,
+        strategy_class=strategy_class,
+        executor=executor_of(config),
+        paths=paths,
+        notes=notes,
+        own_simulator=own,
+    )
+
+
+def _route_of(config: CampaignConfig, paths: Mapping[str, str]) -> tuple[World, Route]:
+    """Return the world, with objects and doors as asked, and the route in it."""
+    world = load_world(paths.get(config.world, config.world))
+    if config.moved is not None:
+        world = world.with_moved(load_moved(paths.get(config.moved, config.moved), world))
+    world = doors_in(world, config.doors)
+    route = world.route(config.route)
+    check_route(route, world)
+    return world, route
+
+
+def _generator_of(
+    config: CampaignConfig, paths: Mapping[str, str], given: Generator | None, simulator: Simulator, world: World
+) -> Generator:
+    """Return the generator that is given or named, with what it may rehearse in and what it should remember."""
+    generator = given
+    if generator is None:
+        generator = plugins.make("generator", config.generator_name, generator_options(config, paths))
+    plugins.check_complete("generator", generator, Generator)
+    let_rehearse(generator, simulator, world, seed=config.seed)
+    if config.knowledge is None:
+        return generator
+    return InformedGenerator(generator, read_remembered(remembered_file(config, paths)))
+
+
+def _plan_of(config: CampaignConfig, **made: Any) -> Plan:
+    """Return the plan: the settings of the same names, and what was made of the others."""
+    same = Plan.model_fields.keys() & CampaignConfig.model_fields.keys()
+    return Plan(**{name: getattr(config, name) for name in same} | made)
+
+
+def also_of(
+    config: CampaignConfig, first: Requirement, mission: Mission, paths: Mapping[str, str], *, several: bool
+) -> tuple[Requirement, ...]:
+    """Return the further requirements of a campaign.
+
+    Args:
+        several: Whether the strategy needs them.
+
+    Raises:
+        InputError: There are none where they are needed, two have one name, or one has no metric or no limit.
+    """
+    also = tuple(load_requirement(paths.get(name, name), mission.route) for name in config.also)
+    if several and not also:
+        raise InputError(f"The strategy {config.strategy} needs several requirements: add --also R2, for example.")
+    names = [each.name for each in (first, *also)]
+    if twice := next((name for name in names if names.count(name) > 1), None):
+        raise InputError(f"--also: {twice} is given twice. Give every requirement once.")
+    for each in also:
+        if each.metric is None:
+            raise InputError(f"--also {each.name}: only requirements with a metric can be added, not formulas.")
+    for each in (first, *also) if also else ():
+        if not each.threshold:
+            raise InputError(f"{each.name} has no limit other than 0, so it cannot be weighed against others.")
+    return also
+
+
+def let_rehearse(generator: Generator, simulator: Simulator, world: World, *, seed: int) -> None:
+    """Let a generator that rehearses its answers do so in this simulator."""
+    generator.allow_rehearsals(rehearsing(simulator, world, seed=seed))
+
+
+def remembered_file(config: CampaignConfig, paths: Mapping[str, str]) -> Path:
+    """Return the file of earlier scenarios: the copy in the folder of a campaign that was begun, else the one given."""
+    kept = config.folder / COPY
+    given = config.knowledge or ""
+    return kept if kept.is_file() else Path(paths.get(given, given))
+
+
+def scenarios_of(config: CampaignConfig) -> int:
+    """Return the number of scenarios: as asked, or as many more as the budget in runs pays for."""
+    if config.budget_runs is None:
+        return config.scenarios
+    return max(config.scenarios, math.ceil(config.budget_runs / (config.repeats * (1 + config.refinements))))
+
+
+def proposals_of(config: CampaignConfig) -> int:
+    """Return how often a model is asked for a proposal, however many runs there are."""
+    return config.scenarios * (1 + config.refinements)
+
+
+def executor_of(config: CampaignConfig) -> Executor | None:
+    """Return what makes the runs outside this process; None for worker processes on this machine."""
+    if config.executor == "processes":
+        if config.executor_options:
+            raise InputError('The executor "processes" takes no options; --jobs is the number of processes.')
+        return None
+    made: Executor = plugins.make("executor", config.executor, config.executor_options)
+    return made
+
+
+def generator_options(config: CampaignConfig, paths: Mapping[str, str]) -> dict[str, Any]:
+    """Return the options the generator is made with; for `vlm` also how the model is reached, and its budget."""
+    if config.generator_name != "vlm":
+        return dict(config.generator_options)
+    options = {name: getattr(config, name) for name in (*VLM_OPTIONS, *BUDGETS) if getattr(config, name) is not None}
+    options |= {name: paths.get(options[name], options[name]) for name in ("prompts", "replay") if name in options}
+    return {"folder": str(config.folder), **options, **config.generator_options}
+
+
+def jobs_of(config: CampaignConfig) -> int:
+    """Return the number of worker processes: as set, or one per core available to this process."""
+    if config.jobs:
+        return config.jobs
+    try:
+        return len(os.sched_getaffinity(0))
+    except AttributeError:
+        return os.cpu_count() or 1

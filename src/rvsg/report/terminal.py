@@ -1,0 +1,145 @@
+"""Results as sentences, for the command line and the studio."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+
+from rvsg.campaign.finding import DistinctFailure, Finding
+from rvsg.evaluation.wording import (
+    counted,
+    difference_in_words,
+    how_sure,
+    number,
+    percent,
+    status_in_words,
+    why_ended,
+)
+from rvsg.generation.generator import Call, Proposal
+from rvsg.generation.vlm.model import Spending
+from rvsg.report.summary import interval
+from rvsg.report.words import metres
+from rvsg.scenario.requirement import Requirement
+from rvsg.scenario.validity import warnings
+from rvsg.world.world import World
+
+NEXT_STEP = {
+    "refused": "refused (by the model or a safety filter): try another model",
+    "empty": "empty: try another model, or raise max_output_tokens if it spends them on thinking",
+    "truncated": "cut off by the limit of tokens: raise max_output_tokens",
+}
+
+
+def describe_finding(finding: Finding, requirement: Requirement, *, brief: bool = False) -> Iterator[str]:
+    """Yield what a confirmation says: how often, with and without people, what else was seen, what happened.
+
+    Args:
+        brief: leave out the comparison with fewer people and the story.
+    """
+    verdict = finding.verdict
+    runs = counted(verdict.runs + verdict.undefined, "confirmation run")
+    which = f"Scenario {finding.scenario + 1} (attempt {finding.attempt})"
+    yield f"{which} in {runs}: {status_in_words(verdict)}; {interval(verdict, requirement.unit)}"
+    yield f"  {how_sure(verdict)}.{'' if brief else ' ' + why_ended(verdict)}".rstrip()
+    if not brief and (compared := describe_difference(finding)) is not None:
+        yield f"  {compared}"
+    contacts, arrived = finding.contacts, finding.arrived
+    if contacts.runs:
+        longest, speed = number(contacts.longest_s, "s"), number(contacts.worst_speed_m_s, "m/s")
+        touched = f"{contacts.runs} of {counted(contacts.of, 'run')} touch a person (longest {longest}, up to {speed})"
+        yield f"  Contact: {touched}{'' if finding.violated else f', which {requirement.name} does not judge'}."
+    elif finding.least_clearance_m is not None:
+        yield f"  No run touches a person; the smallest gap is {metres(finding.least_clearance_m)}."
+    if arrived.runs < arrived.of:
+        yield f"  {arrived.of - arrived.runs} of {counted(arrived.of, 'run')} did not reach the goal."
+    if brief:
+        return
+    for removal in finding.cause:
+        yield (
+            f"  Without {removal.without}: {removal.violated} of {counted(removal.of, 'run')} violate it; "
+            f"with everybody {removal.before}."
+        )
+    if finding.violated and finding.story:
+        yield f"  {' '.join(finding.story)}"
+
+
+def describe_difference(finding: Finding) -> str | None:
+    """Return how often the requirement is violated with and without people; None where that was not measured."""
+    compared, probability = finding.compared, finding.violation_probability
+    if compared is None or probability is None:
+        return None
+    if compared.without.measures_nothing:
+        return "Without people the requirement measures nothing: it is about the people themselves."
+    said = difference_in_words(compared.difference, compared.interval, finding.verdict.confidence)
+    meant = {
+        "no": " The violation recurs without people, so it is not a finding about people.",
+        "open": " These runs do not tell whether the people cause it.",
+    }
+    if finding.also_alone:
+        meant["open"] = " It also happens without people; these runs do not tell whether people make it more frequent."
+    without = percent(compared.without.probability)
+    return f"{percent(probability)} with these people, {without} without ({said}).{meant.get(finding.about_people, '')}"
+
+
+def describe_proposal(proposal: Proposal, world: World) -> Iterator[str]:
+    """Yield what was proposed and what the checker said of it."""
+    if proposal.scenario is not None:
+        yield proposal.scenario.description or "(no description)"
+    wrong = len(proposal.first_findings)
+    checked = f"{counted(wrong, 'finding')} in the first reply, {counted(proposal.corrections, 'correction')} requested"
+    yield f"{proposal.generator}: {checked if wrong else 'valid in the first reply'}"
+    for finding in proposal.first_findings:
+        yield f"  found: {finding}"
+    for repair in proposal.repairs:
+        yield f"  repaired: {repair.human}, {repair.task}: {repair.what}"
+    for problem in proposal.problems:
+        yield f"  left: {problem}"
+    if proposal.scenario is not None:
+        for doubtful in warnings(proposal.scenario.people, proposal.scenario.mission, world):
+            yield f"  warning: {doubtful}"
+
+
+def describe_spending(spent: Spending) -> str:
+    """Return what was spent, in dollars where the price is known, else in tokens."""
+    if spent.unpriced:
+        return f"{spent.input_tokens} input and {spent.output_tokens} output tokens"
+    return f"{spent.cost_usd:.4f} USD"
+
+
+def describe_failure(failure: DistinctFailure) -> Iterator[str]:
+    """Describe a distinct failure: how the robot fails, what each person contributes, and its smallest form."""
+    yield f"{failure.words} (attempt {', '.join(str(index) for index in failure.attempts)})"
+    without = failure.without_people
+    if failure.about_people == "no" and without is not None:
+        many = f"{without.violated} of {counted(without.of, 'run')}"
+        yield f"  It recurs without people, in {many}, so the person named is not the cause."
+    for removal in failure.cause:
+        many = f"{removal.violated} of {counted(removal.of, 'run')}"
+        yield f"  Without {removal.without}: {many} violate it; with everybody {removal.before}."
+    if (smallest := failure.smallest) is not None:
+        left = f"{smallest.violated} of {counted(smallest.of, 'run')} violate, {smallest.before} as it was"
+        what = "; ".join(smallest.taken_away)
+        if not smallest.holds:
+            yield f"  Not shrunk: what a few runs left of it does not show the failure ({left})."
+        else:
+            yield f"  Shrunk: {what} ({left})." if what else f"  Everything in it matters ({left})."
+
+
+def describe_unusable(calls: Iterable[Call]) -> str | None:
+    """Return how many replies of a model were unusable and what to do about it; None where all were usable."""
+    kinds = Counter(call.error for call in calls if call.error in NEXT_STEP)
+    said = [f"{count} {'was' if count == 1 else 'were'} {NEXT_STEP[str(kind)]}" for kind, count in kinds.items()]
+    return f"Of the model's answers {'; '.join(said)}." if said else None
+
+
+def describe_calls(calls: Sequence[Call]) -> str:
+    """Return what calls of a model cost, as one line."""
+    if not calls:
+        return "No call was made."
+    costs = [call.cost_usd for call in calls]
+    cost = f"{sum(c for c in costs if c is not None):.4f} USD" if None not in costs else "cost unknown"
+    about = "about " if any(call.estimated for call in calls) else ""
+    given, written = sum(call.input_tokens for call in calls), sum(call.output_tokens for call in calls)
+    return (
+        f"{counted(len(calls), 'call')} of {calls[0].model}: {about}{given} input and {written} output tokens, {cost}."
+    )

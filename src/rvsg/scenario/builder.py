@@ -1,0 +1,363 @@
+"""Scenarios made in Python and in files, and their checks.
+
+A scenario is read from its own JSON, or from that of a proposal or an attempt.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+
+from rvsg.core.documents import record_of
+from rvsg.core.errors import FileError, InputError, InvalidScenario, UnknownName
+from rvsg.core.files import write_whole
+from rvsg.core.inputs import parse_json, read_text
+from rvsg.robots.robot import Robot, load_robot
+from rvsg.scenario import validity
+from rvsg.scenario.rules import Finding
+from rvsg.scenario.scenario import ROBOT, Behaviour, Human, HumanConfiguration, Mission, Pause, Scenario, Task
+from rvsg.scenario.variation import REACH_M, ScenarioFamily, family_of, migrate
+from rvsg.scenario.world_lookup import as_world, doors_in, folder_of, load_moved, load_world, world_of
+from rvsg.world.doors import State
+from rvsg.world.fitting import fitted
+from rvsg.world.space import robot_space
+from rvsg.world.world import Route, SolidObject, World
+
+WORLD_FOLDER = "world_folder"
+"""The key beside a saved record under which the folder of its world stands. It is no part of the record or its id."""
+
+
+def read_scenario(path: Path) -> tuple[Scenario, Path | None]:
+    """Return a scenario, on its own or inside a proposal or an attempt, and the saved folder of its world."""
+    text = read_text(path)
+    if '"arrays"' in text.partition("\n")[0]:
+        raise FileError(
+            path, "these are runs; expected the scenario they are of, or a proposal.", code="runs-not-scenario"
+        )
+    value = parse_json(text, path)
+    folder = value.pop(WORLD_FOLDER, None) if isinstance(value, dict) else None
+    for key in ("proposal", "scenario"):
+        if isinstance(value, dict) and key in value and "people" not in value:
+            value = value[key]
+    if value is None:
+        raise FileError(path, "this proposal holds no valid scenario; its `problems` say why.")
+    return record_of(path, value, Scenario), Path(folder) if isinstance(folder, str) else None
+
+
+def with_world_folder(text: str, folder: Path | None) -> str:
+    """Return the JSON of a record with the folder of its world beside it; unchanged where that is None."""
+    if folder is None:
+        return text
+    return json.dumps({WORLD_FOLDER: str(folder), **json.loads(text)}, indent=2, ensure_ascii=False) + "\n"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Walk:
+    """A person and the waypoints they go round, before the ways between them are known."""
+
+    name: str
+    stops: tuple[str, ...]
+    pauses_s: Mapping[str, float] = field(default_factory=dict)
+    behaviour: Behaviour = Behaviour.REGULAR
+    speed_m_s: float = 1.5
+    start_delay_s: float = 0.0
+    group: int | None = None
+
+    def human(self, world: World) -> Human:
+        """Return the person, who goes from stop to stop by the shortest way, and round again."""
+        return Human(
+            name=self.name,
+            tasks=tuple(self._task(a, b, world) for a, b in pairwise((*self.stops, self.stops[0]))),
+            behaviour=self.behaviour,
+            speed_m_s=self.speed_m_s,
+            start_delay_s=self.start_delay_s,
+            group=self.group,
+        )
+
+    def _task(self, start: str, end: str, world: World) -> Task:
+        valid = world.grid.valid
+        path = world.grid.shortest_path(start, end) if start in valid and end in valid else None
+        way = path or (start, end)  # the checker says what is wrong with it
+        pauses = tuple(Pause(at=at, duration_s=self.pauses_s[at]) for at in way[1:] if at in self.pauses_s)
+        return Task.between(start, end, way, pauses)
+
+
+def walk(
+    name: str,
+    *waypoints: str,
+    pauses_s: Mapping[str, float] | None = None,
+    behaviour: Behaviour | str = Behaviour.REGULAR,
+    speed_m_s: float = 1.5,
+    start_delay_s: float = 0.0,
+    group: int | None = None,
+) -> Walk:
+    """Describe a person who goes round two or more waypoints by the shortest ways.
+
+    Args:
+        pauses_s: seconds to stand still at a waypoint that the person passes or reaches.
+        behaviour: how the person reacts to the robot: regular, impassive, surprised, scared, curious, threatening.
+
+    Raises:
+        InputError: fewer than two waypoints, or an unknown behaviour.
+    """
+    stops = waypoints[:-1] if len(waypoints) > 2 and waypoints[0] == waypoints[-1] else waypoints
+    if len(stops) < 2:
+        raise InputError(f"{name} needs at least two waypoints to walk between, e.g. walk({name!r}, 'E15', 'H15').")
+    known = [each.value for each in Behaviour]
+    if behaviour not in known:
+        raise UnknownName("behaviour", str(behaviour), known)
+    return Walk(
+        name=name,
+        stops=stops,
+        pauses_s=dict(pauses_s or {}),
+        behaviour=Behaviour(behaviour),
+        speed_m_s=speed_m_s,
+        start_delay_s=start_delay_s,
+        group=group,
+    )
+
+
+def scenario(
+    world: World | str | Path,
+    route: Route | str,
+    people: Iterable[Walk | Human] | HumanConfiguration = (),
+    *,
+    description: str = "",
+    robot: Robot | str | Path = ROBOT,
+    moved: Iterable[SolidObject] | str | Path = (),
+    doors: Mapping[str, State] | None = None,
+) -> Scenario:
+    """Make a scenario: a robot's mission on a route of a world, and the people who walk there.
+
+    Without people it is the mission alone. `robot` is a record, the name of a shipped robot or a robot file; the route
+    is fitted to it, see `mission_of`. `moved` are objects in the robot's way that its map does not show, or a file of
+    them (like objects.yaml). `doors` gives the states of doors by name: open, closed or automatic.
+
+    Raises:
+        InvalidScenario: it breaks a rule; `findings` says which.
+        UnknownName: the world has no such route or door.
+    """
+    place = doors_in(as_world(world), doors or {})
+    place = place.with_moved(load_moved(moved, place) if isinstance(moved, str | Path) else tuple(moved))
+    taken = place.route(route) if isinstance(route, str) else route
+    if not isinstance(people, HumanConfiguration):
+        humans = tuple(each.human(place) if isinstance(each, Walk) else each for each in people)
+        people = HumanConfiguration(humans=humans)
+    made = Scenario(
+        mission=mission_of(place, taken, robot)[0],
+        people=people,
+        description=description,
+    )
+    check_valid(made, place)
+    return made
+
+
+def with_moved(scenario: Scenario, path: str | Path, world: World) -> tuple[Scenario, World]:
+    """Return a scenario and its world with the objects of a file moved into it, instead of those it had.
+
+    Raises:
+        FileError: the file is wrong; names every mistake with its line.
+    """
+    moved = load_moved(path, world)
+    return scenario.replace(mission=scenario.mission.replace(moved=moved)), world.with_moved(moved)
+
+
+def with_doors(scenario: Scenario, states: Mapping[str, State], world: World) -> tuple[Scenario, World]:
+    """Return a scenario and its world with some doors in other states.
+
+    Raises:
+        UnknownName: the world has no such door.
+    """
+    place = doors_in(world, states)
+    return scenario.replace(mission=scenario.mission.replace(doors=dict(place.door_states))), place
+
+
+def check(scenario: Scenario, world: World | str | Path | None = None) -> tuple[Finding, ...]:
+    """Return every rule the scenario breaks; empty if it is valid."""
+    place = world_of(scenario.mission, world)
+    return validity.check(scenario.people, scenario.mission, place)
+
+
+def check_valid(scenario: Scenario, world: World) -> tuple[Finding, ...]:
+    """Refuse a scenario that breaks a rule, so that none reaches a simulator; return what is merely doubtful.
+
+    Raises:
+        InvalidScenario: with every finding.
+    """
+    check_route(scenario.mission.route, world)
+    findings = validity.check(scenario.people, scenario.mission, world)
+    if findings:
+        raise InvalidScenario("The scenario is not valid:", [str(finding) for finding in findings])
+    return validity.warnings(scenario.people, scenario.mission, world)
+
+
+def check_mission(mission: Mission, world: World) -> None:
+    """Refuse a mission that no people can make valid, e.g. one whose only way a closed door bars.
+
+    Raises:
+        InvalidScenario: with every finding.
+    """
+    if findings := validity.check(HumanConfiguration(humans=()), mission, world):
+        raise InvalidScenario("The mission is not valid:", [str(finding) for finding in findings])
+
+
+def check_route(route: Route, world: World) -> None:
+    """Refuse a route that starts or ends inside an obstacle."""
+    space = robot_space(world)
+    for what, pose in (("start", route.start), ("goal", route.goal)):
+        if not space.is_free(pose.x, pose.y):
+            raise InputError(
+                f"{world.name}, {route.name}: the {what} pose ({pose.x:g}, {pose.y:g}) lies inside an obstacle or "
+                "outside the map. Move it in routes.yaml; `rvsg world check` shows every such pose.",
+                code="pose-blocked",
+            )
+
+
+def as_robot(robot: Robot | str | Path, known: Sequence[str] = ()) -> Robot | str:
+    """Return the robot of a mission: a record, or one of the names that the simulator knows.
+
+    Raises:
+        UnknownName: there is no such robot and no such file.
+        FileError: the file is wrong.
+    """
+    return robot if isinstance(robot, Robot) or robot in (ROBOT, *known) else load_robot(robot)
+
+
+def mission_of(
+    world: World, route: Route, robot: Robot | str | Path = ROBOT, known: Sequence[str] = ()
+) -> tuple[Mission, tuple[str, ...]]:
+    """Return the mission of a robot on a route, and what of the route was fitted to the robot, in words.
+
+    The routes of a world are written for the default robot. For another one the goal moves to where its body can stand,
+    and the time limit to what its speed needs.
+
+    Args:
+        known: names of robots that the simulator knows; another one is looked up among the shipped ones and the files.
+
+    Raises:
+        UnknownName: there is no such robot and no such file.
+        FileError: the robot file is wrong.
+    """
+    driver = as_robot(robot, known)
+    if not isinstance(driver, Robot):
+        return Mission.of(world, route, robot=driver), ()
+    fit = fitted(route, driver, world)
+    return Mission.of(world, fit.route, robot=driver), fit.notes
+
+
+def with_robot(scenario: Scenario, robot: Robot | str | Path, world: World) -> tuple[Scenario, tuple[str, ...]]:
+    """Return a scenario with another robot on its route, and what of the route was fitted to it, in words."""
+    mission, notes = mission_of(world, scenario.mission.route, robot)
+    return scenario.replace(mission=scenario.mission.replace(robot=mission.robot, route=mission.route)), notes
+
+
+def load_scenario(path: str | Path, *, world: World | str | Path | None = None) -> Scenario:
+    """Load a scenario from its JSON file, or from that of a proposal or an attempt, and check it.
+
+    Raises:
+        FileError: the file holds no scenario.
+        InvalidScenario: the scenario breaks a rule.
+    """
+    found, place = load_scenario_in(path, world)
+    check_valid(found, place)
+    return found
+
+
+def load_scenario_in(path: str | Path, world: World | str | Path | None = None) -> tuple[Scenario, World]:
+    """Load a scenario and the world it was made in, without checking the one in the other."""
+    path = Path(path)
+    found, saved = read_scenario(path)
+    beside = path.parent / found.mission.world
+    near = (saved, beside) if saved is not None else (beside,)
+    place = world_of(found.mission, world, near=near)
+    return found, place
+
+
+def load_changed(
+    path: str | Path,
+    world: World | str | Path | None = None,
+    *,
+    robot: str | None = None,
+    moved: Path | None = None,
+    doors: Mapping[str, State] | None = None,
+    on_message: Callable[[str], None],
+) -> tuple[Scenario, World]:
+    """Load a scenario and its world, with another robot, moved objects or door states where given, and check it.
+
+    `on_message` gets what of the route was fitted to the robot, and what is doubtful.
+
+    Raises:
+        FileError: a file is wrong.
+        InvalidScenario: the scenario breaks a rule.
+    """
+    asked, place = load_scenario_in(path, world)
+    notes: tuple[str, ...] = ()
+    if robot is not None:
+        asked, notes = with_robot(asked, robot, place)
+    if moved is not None:
+        asked, place = with_moved(asked, moved, place)
+    if doors:
+        asked, place = with_doors(asked, doors, place)
+    for note in (*notes, *(f"warning: {doubtful}" for doubtful in check_valid(asked, place))):
+        on_message(note)
+    return asked, place
+
+
+def scenario_json(scenario: Scenario) -> str:
+    """Return a scenario as JSON, with the folder of its world beside it where that is not a shipped one."""
+    return with_world_folder(scenario.to_json(), folder_of(scenario.mission.world_id))
+
+
+def without_people(scenario: Scenario) -> Scenario:
+    """Return the mission alone."""
+    return scenario.replace(people=HumanConfiguration(humans=()), description="")
+
+
+def save_scenario(scenario: Scenario, path: str | Path) -> None:
+    """Write a scenario to a file from which `load_scenario` finds its world again."""
+    write_whole(Path(path), scenario_json(scenario))
+
+
+def migrate_scenario(
+    path: str | Path, world: str | Path, *, route: str | None = None, reach_m: float = REACH_M
+) -> tuple[Scenario, tuple[str, ...]]:
+    """Read a scenario, adapt it to a world and check it there; return it with the changes.
+
+    Raises:
+        InputError: A waypoint has no successor within `reach_m`.
+        InvalidScenario: The adapted scenario breaks a rule; `findings` says which.
+    """
+    saved, _ = read_scenario(Path(path))
+    place = load_world(world)
+    scenario, changes = migrate(saved, place, reach_m=reach_m, route=place.route(route) if route else None)
+    check_valid(scenario, place)
+    return scenario, changes
+
+
+def load_family(source: str | Path, vary: Sequence[str] = ()) -> tuple[ScenarioFamily, World]:
+    """Load a scenario file that may hold ranges, and its world.
+
+    Args:
+        vary: further ranges, as `PERSON.KEY=LOW to HIGH`.
+
+    Raises:
+        FileError: the file holds no scenario, or a range that cannot be used.
+    """
+    path = Path(source)
+    value = parse_json(read_text(path), path)
+    saved = value.pop(WORLD_FOLDER, None) if isinstance(value, dict) else None
+    for key in ("proposal", "scenario"):
+        if isinstance(value, dict) and key in value and "people" not in value:
+            value = value[key]
+    if not isinstance(value, dict):
+        raise FileError(path, "this file holds no scenario.")
+    try:
+        family = family_of(value, vary)
+    except InputError as error:
+        raise FileError(path, str(error)) from None
+    mission = family.middle.mission
+    near = (Path(saved),) if isinstance(saved, str) else ()
+    return family, world_of(mission, near=(*near, path.parent / mission.world))

@@ -1,0 +1,142 @@
+"""The world of a scenario.
+
+A world's identity is its declared name and its content id. Where its folder is belongs to neither: the same world
+gives the same scenarios however its folder was named. Where a world was found is remembered per process, and saved
+beside a scenario.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import get_args
+
+from rvsg.core.documents import read_document
+from rvsg.core.errors import InputError, RvsgError, UnknownName
+from rvsg.scenario.scenario import Mission
+from rvsg.scenario.variation import same_floor
+from rvsg.world.doors import State
+from rvsg.world.doorways import with_doors
+from rvsg.world.io import load
+from rvsg.world.io.files import ObjectsFile
+from rvsg.world.world import SolidObject, World
+
+_worlds: dict[str, World] = {}
+"""Worlds seen in this process by their content id."""
+_folders: dict[str, Path] = {}
+"""The folder of each, where it is not a shipped world."""
+
+
+def load_world(name_or_path: str | Path) -> World:
+    """Load a shipped world by its name, or the world in a folder.
+
+    Raises:
+        UnknownName: there is no such world.
+        FileError: its files cannot be used; names every mistake with file and line.
+    """
+    world = load.load_world(name_or_path)
+    shipped = isinstance(name_or_path, str) and name_or_path in load.shipped_worlds()
+    return remember(world, None if shipped else load.world_folder(name_or_path))
+
+
+def remember(world: World, folder: Path | None = None) -> World:
+    """Make a world findable by the scenarios made in it, and return it."""
+    _worlds[world.id] = world
+    if folder is not None:
+        _folders[world.id] = folder.resolve()
+    return world
+
+
+def as_world(world: World | str | Path) -> World:
+    """Return a world given by itself, by name or by folder."""
+    return remember(world) if isinstance(world, World) else load_world(world)
+
+
+def load_moved(path: str | Path, world: World) -> tuple[SolidObject, ...]:
+    """Load objects that were moved into a world: a file like objects.yaml, with boxes or footprints in metres.
+
+    Raises:
+        FileError: the file is wrong; names every mistake with its line.
+    """
+    file, _ = read_document(Path(path), ObjectsFile)
+    return tuple(entry.solid(world.lidar_height_m) for entry in file.objects)
+
+
+def doors_in(world: World, states: Mapping[str, State]) -> World:
+    """Return the world with some doors in other states.
+
+    Raises:
+        UnknownName: the world has no such door.
+        InputError: there is no such state.
+    """
+    for name, state in states.items():
+        if name not in {door.name for door in world.doors}:
+            raise UnknownName("door", name, [door.name for door in world.doors], hint=f"World: {world.name}.")
+        if state not in get_args(State):
+            raise InputError(f"A door is open, closed or automatic; {name} cannot be {state!r}.", code="door-state")
+    return with_doors(world, {**world.door_states, **states})
+
+
+def folder_of(world_id: str) -> Path | None:
+    """Return where a world that is not shipped was found; None if that is not known."""
+    return _folders.get(world_id)
+
+
+def world_of(mission: Mission, given: World | str | Path | None = None, *, near: tuple[Path, ...] = ()) -> World:
+    """Return the world a mission takes place in.
+
+    Args:
+        given: the world, or where it is; by default it is looked for among the worlds seen in this process, the
+            shipped worlds and the folders `near`.
+
+    Raises:
+        InputError: the world given is another one, or the world has changed or cannot be found.
+    """
+    if given is not None:
+        return mission.place(_same(mission, as_world(given), given))
+    if mission.world_id in _worlds:
+        return mission.place(_worlds[mission.world_id])
+    other: World | None = None
+    places: tuple[str | Path, ...] = (*near, mission.world)
+    for place in places:
+        try:
+            found = load_world(place)
+        except UnknownName:
+            continue
+        except RvsgError:
+            if place in near:
+                continue
+            raise
+        if same_floor(mission, found):
+            return mission.place(found)
+        other = other or found
+    if other is None:
+        raise UnknownName(
+            "world",
+            mission.world,
+            load.shipped_worlds(),
+            hint="The scenario was made in this world: say with --world (in Python world=) in which folder it is.",
+        )
+    raise InputError(
+        f"The scenario was made for {mission.world} ({mission.world_id}), but that world is now {other.id}: "
+        f"{_why(mission)} Adapt the scenario with `rvsg scenario migrate`, or give a copy of the world it was made "
+        "for with --world (in Python world=).",
+        code="world-changed",
+    )
+
+
+def _why(mission: Mission) -> str:
+    if mission.parts is None:
+        return "it does not say what it depends on."
+    return "its map or objects have changed."
+
+
+def _same(mission: Mission, world: World, given: World | str | Path) -> World:
+    if same_floor(mission, world):
+        return world
+    named = world.name if isinstance(given, World) else given
+    raise InputError(
+        f"The scenario was made for {mission.world} ({mission.world_id}), and {named} is another world ({world.id}). "
+        "Leave --world (in Python world=) out, or give the folder of the world it was made for.",
+        code="world-other",
+    )

@@ -1,0 +1,95 @@
+"""Simulators by name, by Spec or as instances."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import closing, contextmanager, nullcontext
+from pathlib import Path
+
+from rvsg.core import plugins
+from rvsg.core.errors import InputError, UnknownName
+from rvsg.core.plugins import Spec, ignore
+from rvsg.robots.robot import Robot
+from rvsg.scenario.scenario import Mission, Scenario
+from rvsg.simulation.protocol import Simulator
+from rvsg.simulation.stacks.registry import StackLike
+
+
+def make_simulator(given: str | Spec | Simulator, stack: StackLike | None = None) -> Simulator:
+    """Return a simulator given by name, by Spec or by itself.
+
+    Args:
+        stack: the navigation stack under test, for a simulator that is given by name or Spec.
+    """
+    if isinstance(given, str | Spec):
+        spec = with_stack(given, stack)
+        simulator: Simulator = plugins.make("simulator", spec.name, spec.options)
+    elif stack is not None:
+        raise InputError(f"The simulator {given.name} is given as an instance. Give it the stack when you make it.")
+    else:
+        simulator = given
+    plugins.check_complete("simulator", simulator, Simulator)
+    return simulator
+
+
+def with_stack(given: str | Spec, stack: StackLike | None) -> Spec:
+    """Return a simulator's Spec with the stack under test among its options: as data, or as the object it is."""
+    spec = Spec.of(given)
+    if stack is None:
+        return spec
+    if isinstance(stack, Spec):
+        stack = stack.model_dump(mode="json")
+    return Spec(spec.name, {**spec.options, "stack": str(stack) if isinstance(stack, Path) else stack})
+
+
+@contextmanager
+def simulator_of(
+    given: str | Spec | Simulator,
+    stack: StackLike | None = None,
+    *,
+    scenario: Scenario | None = None,
+    on_message: Callable[[str], None] = ignore,
+) -> Iterator[Simulator]:
+    """Make a simulator and prepare it; on leaving, close it unless it was given as an instance.
+
+    Args:
+        scenario: refuse its robot before the simulator is prepared, where the simulator does not know it.
+    """
+    made = make_simulator(given, stack)
+    with nullcontext(made) if made is given else closing(made):
+        if scenario is not None:
+            check_robot(scenario, made)
+        made.prepare(on_message)
+        if scenario is not None:
+            tell_of_robot(scenario.mission, made, on_message)
+        yield made
+
+
+def described(spec: Spec) -> str:
+    """Return a simulator in words: its name, the stack under test, and whether its runs can be repeated."""
+    stack = spec.options.get("stack")
+    name = str(stack.get("name", "")) if isinstance(stack, Mapping) else ""
+    known = plugins.find("stack", name) if name in plugins.names("stack") else None
+    repeatable = spec.options.get("repeatable", True) and getattr(known, "repeatable", True)
+    words = f"{spec.name}, stack {name}" if name else spec.name
+    return words if repeatable else f"{words} (not repeatable bit for bit: a seed is the number of a run)"
+
+
+def check_robot(scenario: Scenario, simulator: Simulator) -> None:
+    """Refuse a scenario whose robot the simulator does not know."""
+    mission = scenario.mission
+    if simulator.any_robot and mission.robot_record is not None:
+        return
+    if mission.robot_name not in simulator.robots or isinstance(mission.robot, Robot):
+        hint = (
+            f'The simulator "{simulator.name}" knows no other. Another robot needs a simulator of its own: see '
+            "docs/how-to/write-a-plug-in.md."
+        )
+        raise UnknownName("robot", mission.robot_name, simulator.robots, hint=hint)
+
+
+def tell_of_robot(mission: Mission, simulator: Simulator, on_message: Callable[[str], None]) -> None:
+    """Tell what a user has to know who simulates the robot of a mission."""
+    if mission.robot_record is not None:
+        for text in simulator.notes(mission.robot_record):
+            on_message(text)

@@ -1,0 +1,169 @@
+"""A campaign as an object."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.coded import coded
+
+import rvsg
+from rvsg.app.campaign import campaigns_in
+from rvsg.app.record import CampaignRecord
+from rvsg.campaign import events
+from rvsg.core.errors import InputError
+from rvsg.store.sqlite import SqliteLedger
+from rvsg.testing import WalkingGenerator
+
+SMALL: dict[str, Any] = {
+    "world": "warehouse",
+    "simulator": "kinematic",
+    "scenarios": 2,
+    "refinements": 0,
+    "repeats": 2,
+    "confirmations": 4,
+    "seed": 7,
+    "strategy": "random",
+}
+ALWAYS = "{title: T, text: Keep away., metric: dto, worse: smaller, limit: 99.0}"
+
+
+def create(folder: Path, **changes: Any) -> rvsg.Campaign:
+    return rvsg.Campaign.create(folder, **SMALL | changes)
+
+
+@pytest.fixture(scope="module")
+def violated(tmp_path_factory: pytest.TempPathFactory) -> rvsg.Campaign:
+    folder = tmp_path_factory.mktemp("campaign")
+    (folder / "r.yaml").write_text(f"always: {ALWAYS}\n", encoding="utf-8")
+    campaign = create(folder / "one", requirement=f"{folder / 'r.yaml'}#always")
+    assert [type(event) for event in campaign.run(jobs=1)][-1] is events.Finished
+    return campaign
+
+
+def test_events_tell_what_happens_in_order(tmp_path: Path) -> None:
+    campaign = create(tmp_path / "one")
+    seen = list(campaign.run(jobs=1))
+    assert isinstance(seen[0], events.Started) and seen[0].attempts == 0
+    kinds = [type(event).__name__ for event in seen]
+    assert kinds[1:6] == ["Proposing", "RunMade", "RunMade", "Attempted", "Proposing"]
+    assert "Confirming" in kinds and "Explaining" in kinds
+    assert isinstance(seen[-1], events.Finished) and seen[-1].complete
+    assert campaign.finished and len(campaign.attempts()) == seen[-1].attempts
+
+
+def test_a_cancelled_campaign_resumes_to_the_same_records(tmp_path: Path) -> None:
+    whole = create(tmp_path / "whole")
+    list(whole.run(jobs=1))
+    campaign = create(tmp_path / "one")
+    last = None
+    for last in campaign.run(jobs=1):
+        if isinstance(last, events.Attempted):
+            campaign.cancel()
+    assert isinstance(last, events.Finished) and not last.complete
+    again = rvsg.Campaign.open(tmp_path / "one")
+    list(again.run(jobs=1))
+    assert [a.to_json() for a in again.attempts()] == [a.to_json() for a in whole.attempts()]
+
+
+def test_a_finding_says_how_often_and_whether_it_is_the_people(violated: rvsg.Campaign) -> None:
+    first = violated.findings[0]
+    assert first.violated and first.verdict.violations == 4
+    assert first.without_people is not None
+    assert (first.without_people.violated, first.without_people.of) == (0, 4)
+    assert first.about_people == "yes" and first.difference == 1.0
+    assert {removal.of for removal in first.cause} == {4} and len(first.cause) == 2
+    assert first.story and first.contacts.of == 4 and first.arrived.of == 4
+    told = violated.result()
+    keys = {"scenario", "verdict", "violation_probability", "interval", "contacts", "arrived", "without_people"}
+    assert keys | {"cause", "story"} <= told["confirmed"][0].keys()
+    assert {"campaign", "complete", "ranking", "violated", "accounting", "out", "report", "command"} <= told.keys()
+
+
+def test_a_candidate_that_the_budget_did_not_reach_can_be_confirmed(violated: rvsg.Campaign) -> None:
+    (left,) = violated.candidates()
+    assert violated.result()["candidates"][0]["command"].startswith("rvsg confirm ")
+    confirmed = violated.confirm(left.index, runs=3, jobs=1)
+    assert confirmed.confirms == left.index and len(confirmed.measurements) == 3
+    assert violated.candidates() == []
+    with pytest.raises(InputError):
+        violated.confirm(left.index)
+
+
+def test_the_error_rates_can_be_set_and_are_stored(tmp_path: Path) -> None:
+    create(tmp_path / "one", error_rate=0.2, often=0.4)
+    opened = rvsg.Campaign.open(tmp_path / "one")
+    assert (opened.record.judging.error_rate, opened.record.judging.often) == (0.2, 0.4)
+    with pytest.raises(InputError):
+        create(tmp_path / "two", rare=0.3, often=0.2)
+
+
+def test_a_record_holds_its_plug_ins_by_name_and_options(tmp_path: Path) -> None:
+    campaign = create(tmp_path / "one", simulator=rvsg.Spec("kinematic", {"stop_gap_m": 0.7}))
+    record = rvsg.Campaign.open(tmp_path / "one").record
+    assert record.simulator.name == "kinematic" and record.simulator.options["stop_gap_m"] == 0.7
+    assert record.generator == rvsg.Spec("random") and record.strategy == rvsg.Spec("random")
+    assert record.provenance.begun_in == str(Path.cwd()) and record == campaign.record
+
+
+def test_a_campaign_goes_on_with_the_form_of_its_strategy(tmp_path: Path) -> None:
+    campaign = create(tmp_path / "one", strategy="hybrid")
+    recorded = campaign.record.strategy
+    assert recorded.name == "hybrid" and recorded.options["spread"] is True
+    data = campaign.record.data()
+    before = CampaignRecord.read(data | {"strategy": {"name": "hybrid", "options": {}}})
+    assert before is not None
+    kept, _ = before.kept_words(campaign.record)
+    assert kept.strategy == before.strategy != recorded
+    wired = campaign._wired
+    assert wired.strategy(None, campaign.plan, recorded).kinds is not None
+    assert wired.strategy(None, campaign.plan, kept.strategy).kinds is None
+    assert wired.strategy(None, campaign.plan).kinds is not None
+
+
+def test_a_record_of_the_version_before_is_read(tmp_path: Path) -> None:
+    data = create(tmp_path / "one").record.data()
+    old = {"plan": dict(data["plan"]), "config": dict(data["config"]), "simulator": data["simulator"], "from": "/x"}
+    old["plan"]["abreast"] = old["plan"].pop("max_in_flight")
+    for key in ("max_in_flight", "error_rate", "rare", "often", "confidence"):
+        del old["config"][key]
+    read = CampaignRecord.read(old)
+    assert read is not None and read.provenance.begun_in == "/x"
+    assert read.plan.max_in_flight == 1 and read.judging.error_rate == 0.05
+    with pytest.raises(InputError, check=coded("record-unreadable")):
+        CampaignRecord.read(data | {"sensors": 3})
+
+
+def test_every_campaign_of_a_store_is_listed_and_can_be_opened(tmp_path: Path) -> None:
+    one = create(tmp_path / "one")
+    with SqliteLedger(tmp_path / "one" / "ledger.sqlite") as ledger:
+        other = one.record.replace(plan=one.plan.replace(name="other"))
+        ledger.begin("other", other.data())
+    assert [campaign.name for campaign in campaigns_in(tmp_path / "one")] == [one.name, "other"]
+    assert rvsg.Campaign.open(tmp_path / "one", "other").name == "other"
+    with pytest.raises(InputError, check=coded("campaign-ambiguous")):
+        rvsg.Campaign.open(tmp_path / "one")
+
+
+def test_a_generator_of_ones_own_needs_no_registration(tmp_path: Path) -> None:
+    campaign = create(tmp_path / "one", generator=WalkingGenerator(), strategy="study")
+    list(campaign.run(jobs=1))
+    assert {a.proposal.generator for a in campaign.attempts()} == {"walk"}
+    assert campaign.record.generator.name == "walk"
+
+
+def test_a_report_of_a_world_whose_routes_changed_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import shutil
+
+    from rvsg.scenario import world_lookup
+    from rvsg.world.io.load import SHIPPED
+
+    shutil.copytree(SHIPPED / "warehouse", tmp_path / "mine")
+    campaign = create(tmp_path / "one", world=str(tmp_path / "mine"))
+    list(campaign.run(jobs=1))
+    routes = tmp_path / "mine" / "routes.yaml"
+    routes.write_text(routes.read_text(encoding="utf-8").replace("time_limit_s: 25", "time_limit_s: 26"))
+    monkeypatch.setattr(world_lookup, "_worlds", {})
+    with pytest.raises(InputError, check=coded("world-changed")):
+        rvsg.Campaign.open(tmp_path / "one").report()

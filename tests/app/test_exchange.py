@@ -1,0 +1,208 @@
+"""Export and recordings through the front door and the command line."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+import rvsg
+from rvsg.app.playback import trace
+from rvsg.cli import main
+from rvsg.core.errors import InputError, UnknownName
+from rvsg.evaluation.metrics.registry import measure
+from rvsg.scenario.builder import save_scenario
+from rvsg.simulation.archive import rounded
+from rvsg.simulation.embedded.simulator import EmbeddedSimulator
+from rvsg_exchange.formats import export, import_agents, load_recordings
+from rvsg_exchange.foxglove import foxglove_layout
+
+
+@pytest.fixture(scope="module")
+def scenario() -> rvsg.Scenario:
+    world = rvsg.load_world("warehouse")
+    return rvsg.scenario(world, "route_1", [rvsg.walk("Anna", "E15", "H15", pauses_s={"H15": 2.0})])
+
+
+@pytest.fixture
+def file(scenario: rvsg.Scenario, tmp_path: Path) -> Path:
+    save_scenario(scenario, tmp_path / "scenario.json")
+    return tmp_path / "scenario.json"
+
+
+@pytest.mark.parametrize("format", ["hunav", "nav2-goals", "initial-pose", "osc", "sdf", "csv", "foxglove-layout"])
+def test_every_format_writes_a_file(file: Path, tmp_path: Path, format: str) -> None:
+    out = tmp_path / "made" / "out"
+    assert main(["export", str(file), "--to", format, "--out", str(out), "--simulator", "kinematic"]) == 0
+    assert out.stat().st_size > 100
+
+
+def test_what_hunavsim_cannot_hold_is_returned(scenario: rvsg.Scenario, tmp_path: Path) -> None:
+    notes = export(scenario, tmp_path / "agents.yaml", "hunav")
+    assert len(notes) == 1
+    agents = yaml.safe_load((tmp_path / "agents.yaml").read_text())["hunav_loader"]["ros__parameters"]
+    assert agents["agents"] == ["agent1"]
+
+
+def test_runs_of_a_file_become_a_table(scenario: rvsg.Scenario, tmp_path: Path) -> None:
+    rvsg.simulate(scenario, 2, simulator="kinematic").save(tmp_path / "runs.jsonl")
+    export(tmp_path / "runs.jsonl", tmp_path / "runs.csv", "csv")
+    seeds = {line.split(",")[1] for line in (tmp_path / "runs.csv").read_text().splitlines()[1:]}
+    assert seeds == {"0", "1"}
+
+
+def test_a_recording_is_judged_like_the_run_it_was_made_of(
+    file: Path, scenario: rvsg.Scenario, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("rosbags", reason="the extra `bag` is not installed")
+    bag = tmp_path / "run.mcap"
+    assert main(["export", str(file), "--to", "mcap", "--out", str(bag), "--simulator", "kinematic"]) == 0
+    capsys.readouterr()
+    assert main(["evaluate", str(bag), "--requirement", "R1", "--world", "warehouse", "--json"]) == 0
+    judged = json.loads(capsys.readouterr().out)
+    simulated = rvsg.judge(rvsg.simulate(scenario, [0], simulator="kinematic"), "R1")
+    assert judged["notes"] == []
+    assert judged["measurements"][0]["objective"] == pytest.approx(simulated.measurements[0].objective, abs=1e-6)
+    assert judged["measurements"][0]["outcome"] == simulated.measurements[0].outcome
+
+
+@pytest.mark.slow
+def test_a_trace_is_the_run_and_its_bag_holds_what_the_robot_sees(scenario: rvsg.Scenario, tmp_path: Path) -> None:
+    pytest.importorskip("rosbags", reason="the extra `bag` is not installed")
+    world = rvsg.load_world("warehouse")
+    traced = trace(scenario, 3)
+    run = rounded(EmbeddedSimulator().run(scenario, world, seed=3))
+    assert traced.run.id == run.id
+    assert np.array_equal(traced.run.trajectory.x, run.trajectory.x)
+    assert np.array_equal(traced.run.trajectory.human_x, run.trajectory.human_x)
+    assert len(traced.frames) == pytest.approx(10 * run.trajectory.t[-1], abs=2)
+    assert len(traced.frames[30].scans) == len(traced.robot.lidars)
+    assert max(frame.costmap.max() for frame in traced.frames) == 254  # it passes something lethal
+    export(scenario, tmp_path / "run.mcap", "mcap", seed=3, trace=True)
+    recorded, _ = load_recordings([tmp_path / "run.mcap"], world="warehouse")
+    assert recorded[0].id == run.id
+    assert np.array_equal(recorded[0].imu, run.imu)
+    measured, again = (measure(each, world=world) for each in (rvsg.simulate(scenario, [3])[0], recorded[0]))
+    assert again == {
+        name: value if value is None else pytest.approx(value, abs=1e-6) for name, value in measured.items()
+    }
+    from rvsg_exchange.bag_reading import open_bag
+
+    with open_bag(tmp_path / "run.mcap") as reader:
+        topics = {connection.topic for connection in reader.connections}
+        wanted = [each for each in reader.connections if each.topic in ("/imu", "/evaluation")]
+        read = [(each.topic, reader.deserialize(raw, each.msgtype)) for each, _, raw in reader.messages(wanted)]
+    limit = traced.robot.limits.acceleration_m_s2
+    felt = np.array([message.linear_acceleration.x for topic, message in read if topic == "/imu"])
+    assert 0.5 * limit < felt.max() <= 1.2 * limit
+    scored = [
+        twist for topic, message in read if topic == "/evaluation" for twist in message.twists if twist.total >= 0
+    ]
+    assert len(scored) > 1000
+    for twist in scored:
+        assert sum(each.raw_score * each.scale for each in twist.scores) == pytest.approx(twist.total, abs=1e-3)
+    seen = {"/scan_0", "/scan_1", "/cmd_vel", "/plan", "/local_costmap/costmap", "/global_costmap/costmap"}
+    tried = {"/evaluation", "/local_trajectories", "/local_plan", "/behavior_tree_log", "/rvsg/navigation"}
+    assert seen | tried <= topics
+    shown = json.loads(foxglove_layout())["configById"]["3D!map"]["topics"]
+    assert set(shown) <= topics
+
+
+@pytest.mark.parametrize(
+    ("format", "options", "error"),
+    [
+        ("xlsx", {}, UnknownName),
+        ("hunav", {"dialect": "v3"}, UnknownName),
+        ("nav2-goals", {"release": "foxy"}, UnknownName),
+        ("mcap", {"trace": True, "simulator": "kinematic"}, InputError),
+    ],
+)
+def test_what_does_not_exist_is_refused(scenario, tmp_path, format, options, error) -> None:  # type: ignore[no-untyped-def]
+    with pytest.raises(error):
+        export(scenario, tmp_path / "out", format, **options)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["export", "--to", "csv", "--out", "x.csv"],
+        ["export", "nowhere.json", "--to", "csv", "--out", "x.csv"],
+        ["evaluate", "nowhere.mcap"],
+        ["evaluate", "scenario.json", "--people-topic", "/people"],
+        ["evaluate", "broken.mcap"],
+        ["evaluate", "broken.mcap", "scenario.json"],
+        ["evaluate", "broken.mcap", "--route", "route_1"],
+    ],
+)
+def test_bad_input_is_one_message(
+    file: Path, arguments: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(file.parent)
+    (file.parent / "broken.mcap").write_bytes(b"\x89MCAP0\r\n1234")
+    assert main(arguments) == 2
+    assert "Traceback" not in capsys.readouterr().err
+
+
+AGENTS = """\
+hunav_loader:
+  ros__parameters:
+    map: warehouse
+    agents: [anna, ben]
+    anna:
+      id: 1
+      max_vel: 1.2
+      radius: 0.4
+      behavior: {type: 3, configuration: 0}
+      init_pose: {x: %(x0)s, y: %(y0)s, h: 0.0}
+      goal_radius: 0.3
+      cyclic_goals: true
+      goals: [g0, g1]
+      g0: {x: %(x1)s, y: %(y1)s, h: 0.0}
+      g1: {x: %(x0)s, y: %(y0)s, h: 0.0}
+    ben:
+      id: 2
+      max_vel: 1.0
+      radius: 0.4
+      behavior: {type: 1, configuration: 2}
+      init_pose: {x: %(x2)s, y: %(y2)s, h: 0.0}
+      goal_radius: 0.3
+      cyclic_goals: true
+      goals: [g0]
+      g0: {x: %(x2)s, y: %(y2)s, h: 0.0}
+"""
+
+
+def agents_file(folder: Path, shift: float = 0.1) -> Path:
+    grid = rvsg.load_world("warehouse").grid
+    (x0, y0), (x1, y1), (x2, y2) = (grid.position(name) for name in ("E15", "F15", "H15"))
+    places = {"x0": x0 + shift, "y0": y0, "x1": x1, "y1": y1, "x2": x2, "y2": y2}
+    (folder / "agents.yaml").write_text(AGENTS % places)
+    return folder / "agents.yaml"
+
+
+def test_agents_of_hunavsim_become_a_scenario_at_their_coordinates(tmp_path: Path) -> None:
+    out = tmp_path / "scenario.json"
+    arguments = ["import-agents", str(agents_file(tmp_path)), "--world", "warehouse", "--route", "route_1"]
+    assert main([*arguments, "--out", str(out)]) == 0
+    scenario = rvsg.load_scenario(out)
+    anna, ben = scenario.people.humans
+    assert anna.start == anna.points["goal 2"]
+    assert anna.behaviour.value == "surprised"
+    assert ben.factors == "random_normal"
+    run = rvsg.simulate(scenario, [0])[0]
+    assert np.hypot(run.trajectory.human_x[:, 0] - anna.points["goal 1"][0],
+                    run.trajectory.human_y[:, 0] - anna.points["goal 1"][1]).min() < 0.4  # fmt: skip
+    exported = tmp_path / "again.yaml"
+    export(scenario, exported, "hunav")
+    again, _ = import_agents(exported, "warehouse", "route_1")
+    assert again.people.humans[0].points == anna.points
+    assert again.people.humans[0].start == anna.start
+
+
+def test_agents_in_an_obstacle_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(rvsg.InvalidScenario) as raised:
+        import_agents(agents_file(tmp_path, shift=-40.0), "warehouse", "route_1")
+    assert raised.value.findings

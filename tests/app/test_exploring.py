@@ -1,0 +1,92 @@
+"""A scenario with ranges is run at points of a Latin hypercube."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rvsg
+from rvsg.app.exploration import explore, worst_point, write_exploration
+from rvsg.campaign.exploration import Exploration, shares_of
+from rvsg.cli import main
+from rvsg.core.errors import FileError, InputError
+
+FAST = "kinematic"
+LIMIT = rvsg.Requirement(name="near", title="Near", text="Near.", metric="min_distance", worse="smaller", limit=1.0)
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    world = rvsg.load_world("warehouse")
+    made = rvsg.scenario(world, "route_1", [rvsg.walk("Anna", "E15", "H15")]).model_dump(mode="json")
+    made["people"]["humans"][0]["start_delay_s"] = "0 to 12"
+    path = tmp_path_factory.mktemp("family") / "family.json"
+    path.write_text(json.dumps(made))
+    return path
+
+
+@pytest.fixture(scope="module")
+def found(file: Path) -> Exploration:
+    return explore(file, LIMIT, vary=["Anna.speed_m_s=0.8 to 1.4"], runs=24, simulator=FAST)
+
+
+def test_the_points_are_a_latin_hypercube_of_the_seed(file: Path, found: Exploration) -> None:
+    shares = shares_of(found.ranges, found.points)
+    for column in shares.T:  # one point in each of the 24 slices of every range
+        assert sorted(np.floor(column * 24 + 1e-6).astype(int)) == list(range(24))
+    assert len({point.seed for point in found.points}) == 24
+    again = explore(file, LIMIT, vary=["Anna.speed_m_s=0.8 to 1.4"], runs=24, simulator=FAST)
+    assert again == found
+    other = explore(file, LIMIT, vary=["Anna.speed_m_s=0.8 to 1.4"], runs=24, simulator=FAST, seed=1)
+    assert other.points != found.points
+
+
+def test_the_worst_point_is_a_scenario_that_repeats_its_run(found: Exploration, tmp_path: Path) -> None:
+    (tmp_path / "worst.json").write_text(worst_point(found))
+    worst = min((p for p in found.points if p.objective is not None), key=lambda p: p.objective or 0.0)
+    scenario = rvsg.load_scenario(tmp_path / "worst.json")
+    (run,) = rvsg.simulate(scenario, [worst.seed], simulator=FAST)
+    judged = rvsg.judge([run], LIMIT)
+    assert judged.verdict.objectives == (worst.objective,)
+
+
+def test_page_picture_and_numbers_are_written(found: Exploration, tmp_path: Path) -> None:
+    for ending in ("html", "svg", "json"):
+        write_exploration(tmp_path / f"e.{ending}", found)
+    assert (tmp_path / "e.svg").read_text().count("<circle") == found.runs
+    assert Exploration.from_json((tmp_path / "e.json").read_text()) == found
+    assert "Anna.speed_m_s" in (tmp_path / "e.html").read_text()
+    with pytest.raises(InputError):
+        write_exploration(tmp_path / "e.gif", found)
+
+
+def test_one_range_is_drawn_as_a_curve(file: Path, tmp_path: Path) -> None:
+    write_exploration(tmp_path / "e.svg", explore(file, LIMIT, runs=12, simulator=FAST))
+    assert "polyline" in (tmp_path / "e.svg").read_text()
+
+
+def test_few_runs_give_no_surface(file: Path) -> None:
+    few = explore(file, LIMIT, runs=4, simulator=FAST)
+    assert few.surface is None and few.runs == 4
+
+
+def test_what_cannot_be_explored_is_refused(file: Path, tmp_path: Path) -> None:
+    with pytest.raises(FileError):
+        explore(file, LIMIT, vary=["Anna.sped=1 to 2"], simulator=FAST)
+    with pytest.raises(InputError):
+        explore(file, LIMIT.replace(limit=None), simulator=FAST)
+    (tmp_path / "list.json").write_text("[1]")
+    with pytest.raises(FileError):
+        explore(tmp_path / "list.json", LIMIT, simulator=FAST)
+
+
+def test_the_verb_writes_and_prints(file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    wanted = ["explore", str(file), "--requirement", "R1", "--runs", "5", "--simulator", FAST]
+    assert main([*wanted, "--out", str(tmp_path / "e.svg"), "--worst", str(tmp_path / "w.json"), "--json"]) == 0
+    assert len(json.loads(capsys.readouterr().out)["points"]) == 5
+    assert (tmp_path / "w.json").exists()
+    assert main([*wanted, "--vary", "nobody.speed=1 to 2"]) == 2
+    assert "Traceback" not in capsys.readouterr().err

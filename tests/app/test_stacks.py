@@ -1,0 +1,161 @@
+"""The stack under test in Python, in campaign files and on the command line."""
+
+from __future__ import annotations
+
+import json
+import pickle
+import shutil
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import ClassVar
+
+import pytest
+
+import rvsg
+from rvsg.app.matrix import Matrix
+from rvsg.app.playback import trace
+from rvsg.app.settings import read_campaign_file
+from rvsg.cli import main
+from rvsg.core.errors import InputError
+from rvsg.stacks import Ended, Observation, StackChoice, Task, WholeStack
+
+EXAMPLE = str(Path(__file__).parents[2] / "examples" / "stacks" / "follow_the_plan.py") + ":FollowThePlan"
+SMALL = {"scenarios": 1, "refinements": 0, "repeats": 1, "confirmations": 0}
+
+
+def test_a_campaign_keeps_its_stack_with_version_and_options(tmp_path: Path) -> None:
+    campaign = rvsg.Campaign.create(tmp_path / "a", stack=rvsg.Spec("nav2-rpp", {"desired_linear_vel": 0.4}), **SMALL)
+    stack = campaign.record.simulator.options["stack"]
+    assert stack["name"] == "nav2-rpp" and stack["version"] and stack["options"]["desired_linear_vel"] == 0.4
+    assert "--stack nav2-rpp" in campaign.command and "--stack-option desired_linear_vel=0.4" in campaign.command
+    assert rvsg.Campaign.open(tmp_path / "a").record == campaign.record
+    other = rvsg.Campaign.create(tmp_path / "b", stack="stop-and-go", **SMALL)
+    assert other.record.simulator != campaign.record.simulator
+
+
+def test_a_file_or_a_folder_never_runs_code_that_the_user_does_not_name(tmp_path: Path) -> None:
+    file = tmp_path / "campaign.yaml"
+    file.write_text(f"stack: {EXAMPLE}\n")
+    values = read_campaign_file(file)
+    with pytest.raises(InputError):
+        rvsg.Campaign.create(tmp_path / "a", file=values, **SMALL)
+    made = rvsg.Campaign.create(tmp_path / "a", file=values, stack=EXAMPLE, **SMALL)
+    with pytest.raises(InputError):
+        rvsg.Campaign.create(tmp_path / "a")
+    with pytest.raises(InputError):
+        rvsg.Campaign.open(tmp_path / "a").prepare()
+    assert rvsg.Campaign.open(tmp_path / "a", stack=EXAMPLE)._wired.simulator.options == made.record.simulator.options
+    matrix = Matrix.of(values | {"route": ["route_1", "route_2"]}, {"out": str(tmp_path / "b"), **SMALL})
+    assert matrix is not None
+    with pytest.raises(InputError):
+        matrix.create()
+
+
+def test_a_stack_file_beside_the_campaign_file_is_found(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text("")
+    (tmp_path / "campaign.yaml").write_text("stack: mine.py:Mine\n")
+    assert read_campaign_file(tmp_path / "campaign.yaml")["stack"] == str(tmp_path / "mine.py:Mine")
+
+
+def test_a_simulator_without_stacks_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", "--simulator", "kinematic", "--stack", "nav2-rpp", "--out", str(tmp_path / "a")]) == 2
+    assert main(["run", "--stack", "nav2-rrp", "--out", str(tmp_path / "a")]) == 2
+    assert "nav2-rpp" in capsys.readouterr().err
+
+
+def test_the_list_names_every_stack(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    assert main(["stacks", "--json"]) == 0
+    listed = {each["name"]: each for each in json.loads(capsys.readouterr().out)}
+    assert {"nav2-dwb", "nav2-rpp", "stop-and-go", "social", "exec", "exec-stack"} <= set(listed)
+    assert listed["nav2-rpp"]["options"]["lookahead_dist"] == 0.6
+    assert main(["stacks", "--write-clients", str(tmp_path)]) == 0
+    assert (tmp_path / "rvsg_client.py").stat().st_size and (tmp_path / "rvsg_client.hpp").stat().st_size
+
+
+class GivesUp(WholeStack):
+    """Ends every run at once, and counts how often a stack of this class is closed."""
+
+    closed: ClassVar[int] = 0
+
+    def reset(self, task: Task) -> None:
+        return
+
+    def step(self, seen: Observation) -> Ended:
+        return Ended.GAVE_UP
+
+    def close(self) -> None:
+        type(self).closed += 1
+
+
+def _campaign(stack: object, folder: Path) -> None:
+    campaign = rvsg.Campaign.create(folder / "campaign", stack=stack, **SMALL)
+    list(campaign.run(jobs=1))
+
+
+def _suite(stack: object, folder: Path) -> None:
+    suite = rvsg.Suite.create(folder / "suite").add(alone(), "R1", name="alone", expected="pass")
+    suite.run(stack=stack, runs=1)
+
+
+def alone() -> rvsg.Scenario:
+    return rvsg.scenario(rvsg.load_world("warehouse"), "route_1", [])
+
+
+@pytest.mark.parametrize(
+    "work",
+    [
+        lambda stack, folder: rvsg.simulate(alone(), 1, stack=stack),
+        lambda stack, folder: trace(alone(), stack=stack),
+        _campaign,
+        _suite,
+    ],
+)
+def test_who_makes_a_stack_closes_it(
+    work: Callable[[object, Path], object], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(GivesUp, "closed", 0)
+    work(GivesUp(), tmp_path / "given")
+    assert GivesUp.closed == 0
+    if work is not _campaign:  # whose stack is data or an instance, no class
+        work(GivesUp, tmp_path / "made")
+        assert GivesUp.closed == 1
+
+
+def test_the_copy_of_a_stack_in_a_worker_is_closed_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(GivesUp, "closed", 0)
+    choice = StackChoice.of(GivesUp())
+    choice.close()
+    assert GivesUp.closed == 0
+    pickle.loads(pickle.dumps(choice)).close()
+    assert GivesUp.closed == 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "name",
+    [
+        EXAMPLE,
+        "beside:FollowThePlan",
+        "lib/mine.py:FollowThePlan",
+        str(Path(__file__).parents[2] / "examples" / "stacks" / "nav2_params.yaml"),
+    ],
+)
+def test_a_stack_of_ones_own_drives_in_worker_processes(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = Path(EXAMPLE.rpartition(":")[0])
+    shutil.copy(file, tmp_path / "beside.py")
+    (tmp_path / "lib").mkdir()
+    (tmp_path / "lib" / "what_it_imports.py").write_text("SPEED = 0.4\n")
+    text = file.read_text().replace("import numpy as np\n", "import what_it_imports\nimport numpy as np\n", 1)
+    (tmp_path / "lib" / "mine.py").write_text(
+        text.replace("speed: float = 0.5", "speed: float = what_it_imports.SPEED")
+    )
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    campaign = rvsg.Campaign.create(tmp_path / "a", stack=name, **{**SMALL, "repeats": 4})
+    list(campaign.run(jobs=2))
+    attempts = campaign.attempts()
+    assert [attempt.failures for attempt in attempts] == [()] * len(attempts)
+    assert sum(len(attempt.measurements) for attempt in attempts) >= 4

@@ -1,0 +1,136 @@
+"""Suites in a folder: cases that are added, run, updated, compared and reported."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import pytest
+
+import rvsg
+from rvsg.app.comparison import compare_versions
+from rvsg.campaign.suite import Change, State
+from rvsg.core.errors import FileError, InputError, UnknownName
+from rvsg.report.suites import suite_junit
+
+FAST = "kinematic"
+
+
+@pytest.fixture(scope="module")
+def scenario() -> rvsg.Scenario:
+    world = rvsg.load_world("warehouse")
+    return rvsg.scenario(world, "route_1", [rvsg.walk("Anna", "E15", "H15")], description="Anna crosses the aisle")
+
+
+@pytest.fixture
+def suite(tmp_path: Path, scenario: rvsg.Scenario) -> rvsg.Suite:
+    """R3 is never violated without physics; a limit of 100 m on the distance always is."""
+    folder = tmp_path / "suite"
+    made = rvsg.Suite.create(folder, title="Aisle")
+    (folder / "requirements").mkdir()
+    (folder / "requirements" / "far.yaml").write_text(
+        "far:\n  title: Far away\n  text: The robot stays far away.\n"
+        "  metric: min_distance\n  worse: smaller\n  limit: 100\n  unit: m\n"
+    )
+    made = made.add(scenario, "R3", name="aisle", expected="pass")
+    return made.add(scenario, "requirements/far.yaml#far", expected="violation", reason="nobody can")
+
+
+def test_one_scenario_with_two_requirements_is_one_case(suite: rvsg.Suite, scenario: rvsg.Scenario) -> None:
+    (case,) = suite.cases
+    assert case.scenario == scenario
+    assert [each.requirement for each in case.expectations] == ["R3", "requirements/far.yaml#far"]
+    assert rvsg.Suite.open(suite.folder).cases == suite.cases
+
+
+def test_a_run_spends_runs_until_every_verdict_is_sure(suite: rvsg.Suite) -> None:
+    result = suite.run(simulator=FAST, version="1")
+    assert [case.state for case in result.cases] == [State.PASSED, State.KNOWN_FAILURE]
+    assert result.broken == ()
+    assert all(case.verdict.runs == 15 for case in result.cases)  # 15 clean runs pass, 15 violations fail
+    assert result == suite.run(simulator=FAST, version="1")
+
+
+def test_what_changed_is_written_into_the_suite_and_then_expected(suite: rvsg.Suite, scenario: rvsg.Scenario) -> None:
+    suite = suite.add(scenario, "R3", expected="violation", reason="slow")
+    suite = suite.add(scenario, "requirements/far.yaml#far", expected="pass")
+    result = suite.run(simulator=FAST)
+    assert {case.requirement: case.state for case in result.cases} == {
+        "R3": State.FIXED,
+        "requirements/far.yaml#far": State.BROKEN,
+    }
+    assert len(suite.update(result)) == 2
+    again = rvsg.Suite.open(suite.folder).run(simulator=FAST)
+    assert {case.state for case in again.cases} == {State.PASSED, State.KNOWN_FAILURE}
+
+
+def test_junit_has_a_case_with_a_stable_name_for_each_requirement(suite: rvsg.Suite) -> None:
+    root = ET.fromstring(suite_junit(suite.run(simulator=FAST)))
+    (made,) = root
+    assert {key: made.get(key) for key in ("tests", "failures", "skipped")} == {
+        "tests": "2",
+        "failures": "0",
+        "skipped": "1",
+    }
+    assert [case.get("name") for case in made] == ["aisle", "aisle"]
+    assert all(float(case.get("time", "0")) > 0 for case in made)
+
+
+def test_identical_versions_are_unchanged(suite: rvsg.Suite) -> None:
+    comparison = compare_versions(FAST, FAST, suite=suite.folder, runs=5)
+    assert {each.change for each in comparison.changes} == {Change.UNCHANGED}
+    assert comparison.markdown.count("**unchanged**") == 2
+
+
+def test_results_without_a_common_case_are_refused(suite: rvsg.Suite) -> None:
+    result = suite.run(simulator=FAST, runs=1)
+    other = result.replace(cases=tuple(case.replace(case="other") for case in result.cases))
+    with pytest.raises(InputError):
+        compare_versions(result, other)
+
+
+@pytest.mark.parametrize(
+    ("change", "line"),
+    [
+        (lambda text: text.replace("expectations:", "expects:"), 1),
+        (lambda text: text.replace("E15", "Z99"), None),
+        (lambda text: text.replace("requirement: R3", "requirement: R33"), None),
+        (lambda text: text.replace("max_runs: 30", "max_runs: many"), None),
+        (lambda text: "- a\n- b\n", None),
+    ],
+)
+def test_a_file_that_was_edited_wrongly_is_refused_by_name(suite: rvsg.Suite, change, line) -> None:  # type: ignore[no-untyped-def]
+    path = suite.folder / "aisle.yaml"
+    path.write_text(change(path.read_text()))
+    with pytest.raises(FileError) as raised:
+        rvsg.Suite.open(suite.folder)
+    assert raised.value.path == path
+    assert line is None or raised.value.line == line
+
+
+def test_a_name_that_is_no_file_name_of_ours_is_refused(suite: rvsg.Suite) -> None:
+    (suite.folder / "aisle.yaml").rename(suite.folder / "Aisle (2).yaml")
+    with pytest.raises(FileError):
+        rvsg.Suite.open(suite.folder)
+
+
+def test_an_unknown_case_and_a_folder_without_a_suite_are_refused(suite: rvsg.Suite, tmp_path: Path) -> None:
+    with pytest.raises(UnknownName):
+        suite.run(simulator=FAST, only=("aisel",))
+    with pytest.raises(FileError):
+        rvsg.Suite.open(tmp_path)
+
+
+def test_pytest_runs_the_cases_of_a_suite(suite: rvsg.Suite, pytester: pytest.Pytester) -> None:
+    result = pytester.runpytest_inprocess("--rvsg-suite", str(suite.folder), "--rvsg-simulator", FAST, "-q")
+    result.assert_outcomes(passed=1, skipped=1)
+
+
+def test_a_test_of_ones_own_is_called_for_every_case(suite: rvsg.Suite, pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(
+        "def test_robot(rvsg_scenario):\n"
+        "    result = rvsg_scenario.run(simulator='kinematic', runs=2)\n"
+        "    assert result.requirement == rvsg_scenario.requirement\n"
+    )
+    result = pytester.runpytest_inprocess("--rvsg-suite", str(suite.folder), "-q")
+    result.assert_outcomes(passed=2)

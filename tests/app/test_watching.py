@@ -1,0 +1,238 @@
+"""The loop as shipped: recordings and campaigns are watched, and scenarios follow from what they show."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+import rvsg
+from rvsg.app.watch import LiveSuite, RecordingMonitor, Subject, SuiteAnalyser, approve, watch
+from rvsg.campaign.watch.journal import Journal
+from rvsg.campaign.watch.parts import RuleSet
+from rvsg.cli import main
+from rvsg.core.errors import InputError
+from rvsg.simulation.embedded.simulator import EmbeddedSimulator
+from rvsg.store.knowledge import KnowledgeBase
+from rvsg_exchange.formats import export
+
+FAST = "kinematic"
+pytest.importorskip("rosbags")
+
+
+@pytest.fixture(scope="module")
+def suite(tmp_path_factory: pytest.TempPathFactory) -> rvsg.Suite:
+    world = rvsg.load_world("warehouse")
+    made = rvsg.Suite.create(tmp_path_factory.mktemp("suite") / "suite")
+    crossing = rvsg.scenario(world, "route_1", [rvsg.walk("Anna", "E15", "H15")])
+    return made.add(crossing, "R3", name="crossing", expected="pass")
+
+
+@pytest.fixture(scope="module")
+def _field(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("recorded") / "field"
+    (folder / "route_1").mkdir(parents=True)
+    world = rvsg.load_world("warehouse")
+    seen = rvsg.scenario(world, "route_1", [rvsg.walk("Ben", "B12", "E12", speed_m_s=1.0)])
+    export(rvsg.simulate(seen, 1, simulator=FAST), folder / "route_1" / "drive.mcap", "mcap")
+    return folder
+
+
+@pytest.fixture
+def field(_field: Path, tmp_path: Path) -> Path:
+    """A folder with one recording of route_1, in which somebody walks elsewhere than in the suite."""
+    return Path(shutil.copytree(_field, tmp_path / "field"))
+
+
+def kinds(journal: Journal) -> list[str]:
+    return [note.symptom.kind for note in journal.notes if note.symptom is not None]
+
+
+def test_places_never_tested_become_a_scenario_that_is_run_and_known(
+    suite: rvsg.Suite, field: Path, tmp_path: Path
+) -> None:
+    journal = watch(suite, field, tmp_path / "w", cycles=2, simulator=FAST, every_s=0.0, rules=RuleSet(near=0.0))
+    assert kinds(journal) == ["never tested"]
+    assert journal.cycle == 1 and journal.spent == 15
+    with KnowledgeBase(str(tmp_path / "w" / "knowledge.sqlite")) as known:
+        assert len(known.entries(kind="watched")) == 1
+        (found,) = known.entries(kind="finding")
+    assert found.scenario is not None and set(found.waypoints) & {"B12", "C12", "D12"}
+    again = watch(suite, field, tmp_path / "w", cycles=1, simulator=FAST, every_s=0.0)
+    assert again.spent == 15
+
+
+def test_a_new_version_runs_the_suite_again_and_a_recording_still_written_is_tried_again(
+    suite: rvsg.Suite, field: Path, tmp_path: Path
+) -> None:
+    (field / "version.txt").write_text("nav 2\n")
+    whole = (field / "route_1" / "drive.mcap").read_bytes()
+    (field / "route_1" / "drive.mcap").write_bytes(whole[: len(whole) // 2])
+    how = {"simulator": FAST, "every_s": 0.0, "rules": RuleSet(near=0.0), "cycles": 1}
+    first = watch(suite, field, tmp_path / "w", **how)  # type: ignore[arg-type]
+    assert [note.part for note in first.notes] == ["monitor"] and not first.seen
+    (field / "route_1" / "drive.mcap").write_bytes(whole)
+    second = watch(suite, field, tmp_path / "w", **how)  # type: ignore[arg-type]
+    assert kinds(second)[0] == "new version" and second.seen == {"route_1/drive.mcap"}
+    assert any(note.text.startswith("case crossing") for note in second.notes if note.part == "execute")
+
+
+def test_a_requirement_near_its_limit_becomes_a_variant_of_the_generator(
+    suite: rvsg.Suite, field: Path, tmp_path: Path
+) -> None:
+    how = {"simulator": FAST, "every_s": 0.0, "cycles": 1, "generator": "random", "seed": 4}
+    journal = watch(suite, field, tmp_path / "w", rules=RuleSet(near=5.0, approval="new"), **how)  # type: ignore[arg-type]
+    assert "near its limit" in kinds(journal)
+    waiting = {note.plan for note in journal.notes if note.outcome == "waits" and note.plan}
+    assert waiting and journal.spent == 0
+    plan = sorted(waiting)[0]
+    approve(tmp_path / "w", plan)
+    with pytest.raises(InputError):
+        approve(tmp_path / "w", "planned-0000000000000000")
+    again = watch(suite, field, tmp_path / "w", rules=RuleSet(near=5.0, approval="new"), **how)  # type: ignore[arg-type]
+    assert {note.plan for note in again.notes if note.part == "execute"} == {plan}
+
+
+def test_a_campaign_is_watched(suite: rvsg.Suite, tmp_path: Path) -> None:
+    settings = {"simulator": FAST, "scenarios": 1, "refinements": 0, "repeats": 2, "confirmations": 0}
+    campaign = rvsg.Campaign.create(tmp_path / "c", generator="random", route="route_1", **settings)
+    list(campaign.run(jobs=1))
+    journal = watch(suite, tmp_path / "c", tmp_path / "w", cycles=1, simulator=FAST, rules=RuleSet(near=0.0))
+    assert journal.seen == {run.id for run in campaign.runs()}
+
+
+def test_time_is_bounded(suite: rvsg.Suite, field: Path, tmp_path: Path) -> None:
+    now = [0.0]
+
+    def sleep(seconds: float) -> None:
+        now[0] += seconds
+
+    how = {"clock": lambda: now[0], "sleep": sleep, "simulator": FAST, "rules": RuleSet(max_runs=0)}
+    journal = watch(suite, field, tmp_path / "w", seconds=95.0, every_s=30.0, **how)  # type: ignore[arg-type]
+    assert now[0] == 95.0 and journal.spent == 0
+
+
+def test_the_verb(suite: rvsg.Suite, field: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "w"
+    given = ["watch", str(suite.folder), "--monitor", str(field), "--out", str(out), "--simulator", FAST]
+    assert main([*given, "--cycles", "1"]) == 0
+    assert (out / "watch.log").read_text().count("\n") == len(Journal(out / "watch.jsonl").notes)
+    for wrong in (
+        ["watch", str(suite.folder)],
+        [*given, "--for", "soon"],
+        [*given, "--rules", str(tmp_path / "none.yaml")],
+        ["watch", str(suite.folder), "--monitor", str(tmp_path / "nowhere")],
+        ["watch", str(suite.folder), "--out", str(out), "--approve", "planned-1"],
+    ):
+        assert main(wrong) == 2
+    assert "Traceback" not in capsys.readouterr().err
+
+
+PARAMETERS = """controller_server:
+  ros__parameters:
+    controller_plugins: ["FollowPath"]
+    FollowPath: {{plugin: "dwb_core::DWBLocalPlanner"{more}}}
+"""
+
+
+def test_a_parameter_file_that_changes_is_a_new_version_and_a_broken_one_is_left(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    closed: list[object] = []
+    monkeypatch.setattr(EmbeddedSimulator, "close", lambda simulator: closed.append(simulator))
+    file = tmp_path / "nav2_params.yaml"
+    file.write_text(PARAMETERS.format(more=""))
+    made: list[object] = []
+    subject = Subject.of("embedded", str(file), made.append)
+    first = subject.version
+    assert first.startswith("nav2_params.yaml ") and len(made) == 1
+    assert subject.renew() == [] and len(made) == 1
+    file.write_text(PARAMETERS.format(more="") + "# a comment\n")
+    assert subject.renew() == [] and subject.version == first
+    file.write_text(PARAMETERS.format(more=", max_vel_x: 0.3"))
+    assert subject.renew() == [] and subject.version != first
+    driven = subject.simulator
+    assert driven is made[-1]
+    assert closed == made[:-1]
+    second = subject.version
+    file.write_text("controller_server: [")
+    (told,) = subject.renew()
+    assert "nav2_params.yaml" in told and subject.simulator is driven and subject.version == second
+    assert subject.renew() == []
+    file.write_text(PARAMETERS.format(more=""))
+    assert subject.renew() == [] and subject.version == first
+
+
+def test_a_changed_stack_runs_the_cases_again_and_the_way_back_too(suite: rvsg.Suite, tmp_path: Path) -> None:
+    (tmp_path / "field").mkdir()
+    version = ["A"]
+    live = LiveSuite(suite)
+    known: list[str] = []
+    analyser = SuiteAnalyser(live, live.world, 0.1, lambda: known, lambda: version[0])
+    symptoms = []
+    for now in ("A", "A", "B", "A"):
+        version[0] = now
+        for sign in analyser.analyse([]):
+            symptoms.append(sign.symptom)
+            known.append(sign.symptom.version)
+    assert [each.version for each in symptoms] == ["A", "B", "A"]
+    assert len({each.id for each in symptoms}) == 3
+
+
+@pytest.mark.exhaustive
+def test_failures_are_written_into_the_suite_which_is_read_again_when_it_changes(
+    suite: rvsg.Suite, field: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "suite"
+    shutil.copytree(suite.folder, folder)
+    (folder / "rules").mkdir()
+    (folder / "rules" / "rules.yaml").write_text("write_back: always\nnear: 0.0\n")
+    (folder / "rules" / "strict.yaml").write_text(
+        "strict:\n  title: Fast\n  text: Fast.\n  metric: trg\n  worse: larger\n  limit: 1.0\n  unit: s\n"
+    )
+    live = LiveSuite(rvsg.Suite.open(folder))
+    crossing = live.cases[0].scenario
+    rvsg.Suite.open(folder).add(crossing, "rules/strict.yaml#strict", expected="pass")
+    assert live.renew() == [] and len(live.cases[0].expectations) == 2
+    journal = watch(folder, field, tmp_path / "w", cycles=1, simulator=FAST, every_s=0.0)
+    written = [note.text for note in journal.notes if note.outcome == "written"]
+    new = [case for case in rvsg.Suite.open(folder).cases if case.name != "crossing"]
+    assert written and len(new) == len(written)
+    for case in new:
+        (expectation,) = case.expectations
+        assert (expectation.requirement, expectation.expected) == ("rules/strict.yaml#strict", "violation")
+        assert "runs violate it" in expectation.reason
+        assert any(case.name in text for text in written)
+    (folder / f"{new[0].name}.yaml").write_text("nonsense: 1\n")
+    (told,) = live.renew()
+    assert new[0].name in told and len(live.cases) == 1 and live.renew() == []
+
+
+@pytest.mark.slow
+def test_a_case_that_is_fixed_is_expected_to_hold(suite: rvsg.Suite, field: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "suite"
+    shutil.copytree(suite.folder, folder)
+    made = rvsg.Suite.open(folder)
+    made.add(made.cases[0].scenario, "R3", expected="violation", reason="slow")
+    (field / "version.txt").write_text("nav 2\n")
+    how = {"simulator": FAST, "every_s": 0.0, "cycles": 1}
+    journal = watch(folder, field, tmp_path / "w", rules=RuleSet(near=0.0), **how)  # type: ignore[arg-type]
+    (waiting,) = {note.plan for note in journal.notes if note.outcome == "waits"}
+    assert waiting is not None
+    approve(tmp_path / "w", waiting)
+    watch(folder, field, tmp_path / "w", rules=RuleSet(near=0.0), **how)  # type: ignore[arg-type]
+    (case,) = rvsg.Suite.open(folder).cases
+    assert [(e.requirement, e.expected) for e in case.expectations] == [("R3", "pass")]
+
+
+def test_a_recording_that_is_still_written_under_a_hidden_name_is_left_alone(
+    suite: rvsg.Suite, field: Path, tmp_path: Path
+) -> None:
+    draft = field / "route_1" / ".draft" / "bag"
+    draft.mkdir(parents=True)
+    (draft / "bag.mcap").write_bytes(b"")
+    (draft / "metadata.yaml").write_text("")
+    monitor = RecordingMonitor(field, LiveSuite(suite).world)
+    assert [each.source for each in monitor.new(frozenset())] == ["route_1/drive.mcap"]
+    assert monitor.troubles() == []

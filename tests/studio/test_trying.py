@@ -1,0 +1,84 @@
+"""What an editor of scenarios asks for: repairs, runs, violations; pairs of campaigns; conversations; estimates."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import rvsg
+from rvsg.app.comparison import pairs_of
+from rvsg.app.settings import CampaignConfig
+from rvsg.campaign.suite import Change
+from rvsg.core.errors import InputError
+from rvsg.evaluation.judge import load_requirement
+from rvsg_studio.estimate import estimate
+from rvsg_studio.listing import FoundCampaign
+from rvsg_studio.scenario_trial import empty_scenario, scenario_of, try_out, with_person
+from rvsg_studio.text_pieces import named_in
+from rvsg_studio.transcripts import conversations_of
+
+
+def test_a_scenario_is_built_repaired_and_tried_as_simulate_does() -> None:
+    world = rvsg.load_world("warehouse")
+    empty = empty_scenario(world, "route_1")
+    requirement = load_requirement("R1", empty.mission.route)
+    peopled = with_person(with_person(empty, world, ["G12", "G16"]), world, ["F12", "F18"])
+    assert [human.name for human in peopled.people.humans] == ["Human 1", "Human 2"]
+    value = peopled.model_dump(mode="json")
+    value["people"]["humans"][0]["tasks"][0]["path"] = ["G12", "G16"]  # not neighbours: the path is joined
+    value["people"]["humans"][0]["tasks"][0]["name"] = "G12 → G16"
+    tried = try_out(scenario_of(value), world, requirement, seeds=range(3), simulator="kinematic")
+    assert tried.problems == () and tried.repairs
+    assert len(tried.scenario.people.humans[0].tasks[0].path) > 2
+    runs = rvsg.simulate(tried.scenario, 3, simulator="kinematic")
+    judged = rvsg.judge(runs, requirement)
+    assert tried.objectives == tuple(m.objective for m in judged.measurements)
+    assert tried.violations == judged.verdict.violations == sum(tried.violated)
+    assert set(tried.people) == {"Human 1", "Human 2"} and len(tried.robot) > 5
+
+
+def test_what_cannot_be_simulated_says_why() -> None:
+    world = rvsg.load_world("warehouse")
+    empty = empty_scenario(world, "route_1")
+    with pytest.raises(InputError):
+        with_person(empty, world, ["G12"])
+    value = with_person(empty, world, ["G12", "G16"]).model_dump(mode="json")
+    value["people"]["humans"][0]["speed_m_s"] = 99
+    with pytest.raises(InputError) as error:
+        scenario_of(value)
+    assert "speed_m_s" in str(error.value)
+
+
+def test_two_campaigns_are_paired_by_what_their_people_do(tmp_path: Path) -> None:
+    settings = {"strategy": "study", "scenarios": 2, "refinements": 0, "repeats": 3, "confirmations": 0, "jobs": 1}
+    settings |= {"simulator": "kinematic"}
+    made = []
+    for name, seed in (("a", 0), ("b", 0), ("c", 5)):
+        campaign = rvsg.Campaign.create(tmp_path / name, seed=seed, **settings)
+        for _ in campaign.run():
+            pass
+        made.append(campaign)
+    pairs = pairs_of(made[0], made[1])
+    assert [(pair.first, pair.second) for pair in pairs] == [(0, 0), (1, 1)]
+    assert {pair.change for pair in pairs} == {Change.UNCHANGED}
+    assert all(pair.first_mean == pair.second_mean for pair in pairs)
+    assert pairs_of(made[0], made[2]) == ()
+    found = conversations_of(made[0])
+    assert [each.attempt for each in found] == [0, 1]
+    assert found[0].holds(found[0].description[:20].upper()) and not found[0].holds("no such words")
+
+
+def test_an_estimate_takes_calls_from_earlier_campaigns() -> None:
+    config = CampaignConfig(simulator="kinematic", scenarios=4, refinements=1, repeats=3, confirmations=6, jobs=1)
+    free = estimate(config)
+    assert (free.runs, free.proposals, free.usd, free.calls_of) == (30, 8, 0.0, "")
+    assert free.minutes == pytest.approx(30 * free.run_s / 60)
+    assert FoundCampaign(folder="x", calls=4, calls_s=40.0, model="m", cost_usd=0.2).calls_s == 40.0
+
+
+def test_names_of_areas_are_found_in_a_text_and_unknown_ones_marked() -> None:
+    world = rvsg.load_world("warehouse")
+    pieces = named_in("Between Shelf 1 and Shelf 99 lies area 3.", world)
+    assert "".join(piece for piece, _ in pieces) == "Between Shelf 1 and Shelf 99 lies area 3."
+    assert ("Shelf 1", "known") in pieces and ("Shelf 99", "unknown") in pieces and ("area 3", "known") in pieces
