@@ -30,7 +30,7 @@ from rvsg.core import plugins
 from rvsg.scenario.requirement import load_requirement
 from rvsg.scenario.scenario import Mission
 from rvsg.store.memory import MemoryLedger
-from rvsg.world.io.load import load_world
+from rvsg.world.world_folder import load_world
 
 
 class Campaign(threading.Thread):

@@ -28,8 +28,8 @@ from rvsg.scenario.scenario import Mission, Scenario
 from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.simulation.run import Run
 from rvsg.store.sqlite import SqliteLedger
-from rvsg.world.io.load import load_world
 from rvsg.world.world import World
+from rvsg.world.world_folder import load_world
 
 
 class Sleeping(KinematicSimulator):

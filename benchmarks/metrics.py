@@ -9,7 +9,7 @@ import numpy as np
 
 from rvsg.evaluation.metrics.registry import METRICS, measure
 from rvsg.simulation.run import Outcome, Run, Trajectory
-from rvsg.world.io.load import load_world
+from rvsg.world.world_folder import load_world
 
 
 def a_run(humans: int = 2, seconds: float = 25.0) -> Run:

@@ -17,8 +17,8 @@ import yaml
 from PIL import Image
 
 from rvsg.core.records import Pose
-from rvsg.world.io.load import load_world
 from rvsg.world.world import OccupancyMap, Polygon, SolidObject, World
+from rvsg.world.world_folder import load_world
 
 MAP_OFFSET_M = (0.15, 0.13)
 """World - map, from matching scans to the map."""

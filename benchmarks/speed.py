@@ -71,7 +71,7 @@ def compilation_s() -> float:
 def benchmark(humans: list[int], episodes: int, compile_first: bool, robot: Any, stack: Any) -> dict[str, Any]:
     """All figures."""
     from rvsg.simulation.embedded import simulator as embedded
-    from rvsg.world.io.load import load_world
+    from rvsg.world.world_folder import load_world
 
     world = load_world("warehouse")
     warm_s = embedded.warm_up(lambda line: print(line, file=sys.stderr))

@@ -25,9 +25,9 @@ from rvsg.evaluation.statistics import wilson
 from rvsg.report.comparison import COLOURS
 from rvsg.report.frames import Turn
 from rvsg.report.stacks import percent, stacks_figure, stacks_markdown
-from rvsg.world.drawing.palette import palette
+from rvsg.world.drawing.sheet import palette
 from rvsg.world.drawing.svg import floor_plan, style
-from rvsg.world.io.load import load_world
+from rvsg.world.world_folder import load_world
 
 HERE = Path(__file__).resolve().parents[1]
 SUITE = HERE / "examples" / "suites" / "stacks"

@@ -44,10 +44,10 @@ def hall(side: int, seed: int = 1) -> np.ndarray:
 
 def measure(side: int) -> dict[str, object]:
     """Seconds of import (with labels, grid and routes), saving and pictures."""
-    from rvsg.world.authoring.create import world_from_map
+    from rvsg.world.creation import world_from_map
     from rvsg.world.drawing import grid_picture, labelled_map, png_bytes
     from rvsg.world.drawing.birdseye import birdseye
-    from rvsg.world.io.save import save_world
+    from rvsg.world.schema import save_world
 
     seconds: dict[str, float] = {}
     busy = time.process_time()
@@ -122,7 +122,7 @@ def measure_mesh(megabytes: float) -> dict[str, object]:
     """Seconds and memory of the import of a building of one mesh."""
     import resource
 
-    from rvsg.world.authoring.create import world_from_sdf
+    from rvsg.world.creation import world_from_sdf
 
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)

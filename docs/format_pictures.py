@@ -23,9 +23,9 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import yaml
 
-from rvsg_exchange.bag_reading import bag_messages, open_bag
+from rvsg_exchange.exporters import foxglove_layout
 from rvsg_exchange.formats import export
-from rvsg_exchange.foxglove import foxglove_layout
+from rvsg_exchange.recordings import bag_messages, open_bag
 
 Point = tuple[float, float]
 COLOURS = ("#c4570a", "#0b8270", "#a23bb8", "#8a6d00")

@@ -13,8 +13,8 @@ from rvsg.core.errors import InputError
 from rvsg.robots.robot import shipped_robots
 from rvsg.simulation.embedded.simulator import simulate_agents
 from rvsg.simulation.run import Outcome
-from rvsg.world.fitting import fitted
-from rvsg.world.io.load import load_world
+from rvsg.world.routes import fitted
+from rvsg.world.world_folder import load_world
 
 SEEDS = range(3)
 

@@ -18,8 +18,8 @@ from rvsg.robots.robot import Robot, load_robot, shipped_robots
 from rvsg.scenario.scenario import HumanAgent
 from rvsg.simulation.embedded.simulator import simulate_agents
 from rvsg.simulation.run import Run
-from rvsg.world.fitting import fitted
 from rvsg.world.grid import Grid
+from rvsg.world.routes import fitted
 from rvsg.world.world import OccupancyMap, Route, World
 
 CELL_M = 0.05

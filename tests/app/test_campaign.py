@@ -157,7 +157,7 @@ def test_a_report_of_a_world_whose_routes_changed_is_refused(tmp_path: Path, mon
     import shutil
 
     from rvsg.scenario import world_lookup
-    from rvsg.world.io.load import SHIPPED
+    from rvsg.world.world_folder import SHIPPED
 
     shutil.copytree(SHIPPED / "warehouse", tmp_path / "mine")
     campaign = create(tmp_path / "one", world=str(tmp_path / "mine"))

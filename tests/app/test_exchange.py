@@ -17,8 +17,8 @@ from rvsg.evaluation.metrics.registry import measure
 from rvsg.scenario.builder import save_scenario
 from rvsg.simulation.archive import rounded
 from rvsg.simulation.embedded.simulator import EmbeddedSimulator
+from rvsg_exchange.exporters import foxglove_layout
 from rvsg_exchange.formats import export, import_agents, load_recordings
-from rvsg_exchange.foxglove import foxglove_layout
 
 
 @pytest.fixture(scope="module")
@@ -89,7 +89,7 @@ def test_a_trace_is_the_run_and_its_bag_holds_what_the_robot_sees(scenario: rvsg
     assert again == {
         name: value if value is None else pytest.approx(value, abs=1e-6) for name, value in measured.items()
     }
-    from rvsg_exchange.bag_reading import open_bag
+    from rvsg_exchange.recordings import open_bag
 
     with open_bag(tmp_path / "run.mcap") as reader:
         topics = {connection.topic for connection in reader.connections}

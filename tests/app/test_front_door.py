@@ -15,7 +15,7 @@ from rvsg.core.errors import InputError, UnknownName
 from rvsg.evaluation.judge import judge
 from rvsg.evaluation.verdict import Status
 from rvsg.scenario.scenario import Human, Task
-from rvsg.world.io.load import SHIPPED
+from rvsg.world.world_folder import SHIPPED
 
 ANNA = rvsg.walk("Anna", "E15", "H15")
 

@@ -11,8 +11,8 @@ import rvsg
 from rvsg.cli import main
 from rvsg.core.errors import FileError, InvalidScenario
 from rvsg.scenario.builder import load_scenario, save_scenario
-from rvsg.world.io.load import load_world
 from rvsg.world.world import World
+from rvsg.world.world_folder import load_world
 
 PALLET = "objects:\n  - {name: pallet, kind: pallet, box: {center: [%s, %s, 0.5], size: [0.8, 0.6, 1.0]}}\n"
 

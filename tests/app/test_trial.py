@@ -11,11 +11,10 @@ from tests.simulation.test_people_arrive import gap_world
 
 from rvsg.core.records import Pose
 from rvsg.simulation.route_trial import SimulatedTrial
-from rvsg.world.authoring.check import check_world
-from rvsg.world.authoring.routes import propose_routes, route_notes
-from rvsg.world.authoring.trial import Drive, Hop
-from rvsg.world.io.load import SHIPPED, load_world
+from rvsg.world.checks import check_world
+from rvsg.world.routes import Drive, Hop, propose_routes, route_notes
 from rvsg.world.world import Route, World
+from rvsg.world.world_folder import SHIPPED, load_world
 
 
 class ScriptedTrial:

@@ -17,7 +17,7 @@ PUBLIC = {
     ],
     "rvsg.world.world": ["World", "Area", "Route", "SolidObject", "OccupancyMap", "OrientedBox", "Description"],
     "rvsg.world.grid": ["Grid", "Waypoint"],
-    "rvsg.world.io.load": ["load_world", "shipped_worlds"],
+    "rvsg.world.world_folder": ["load_world", "shipped_worlds"],
     "rvsg.world.drawing": ["labelled_map", "grid_picture", "png_bytes"],
     "rvsg.core.records": ["Record", "Pose", "canonical_json", "content_id"],
     "rvsg.scenario.scenario": [

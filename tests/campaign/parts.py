@@ -24,8 +24,8 @@ from rvsg.simulation.protocol import Simulator
 from rvsg.simulation.run import Run
 from rvsg.store.memory import MemoryLedger as MemoryLedger
 from rvsg.testing import WalkingGenerator as WalkGenerator
-from rvsg.world.io.load import load_world
 from rvsg.world.world import World
+from rvsg.world.world_folder import load_world
 
 REQUIREMENT = Requirement(
     name="R1", title="Distance", text="Keep away from people.", metric="dto", worse="smaller", limit=1.0, unit="m"

@@ -12,7 +12,7 @@ from rvsg.cli import main
 from rvsg.scenario.builder import save_scenario, scenario, walk
 from rvsg.scenario.scenario import Scenario
 from rvsg.scenario.world_lookup import world_of
-from rvsg.world.io.load import SHIPPED, load_world
+from rvsg.world.world_folder import SHIPPED, load_world
 
 
 @pytest.fixture

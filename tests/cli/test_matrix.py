@@ -17,7 +17,7 @@ from rvsg.app.folder import LEDGER
 from rvsg.app.matrix import folders_in
 from rvsg.cli import main
 from rvsg.core.errors import RvsgError, UnknownName
-from rvsg.world.io.load import SHIPPED
+from rvsg.world.world_folder import SHIPPED
 
 SMALL = [
     *("--simulator", "kinematic", "--strategy", "random", "--scenarios", "2", "--refinements", "1"),

@@ -10,8 +10,8 @@ import yaml
 from rvsg.app.demos import demo_folder, recorded_description
 from rvsg.cli import main
 from rvsg.core.errors import RvsgError
-from rvsg.world.io.load import load_world
-from rvsg.world.io.save import save_world
+from rvsg.world.schema import save_world
+from rvsg.world.world_folder import load_world
 
 
 @pytest.fixture(autouse=True)

@@ -25,7 +25,7 @@ from rvsg.scenario.rules import Finding
 from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.simulation.run import Outcome
 from rvsg.store.sqlite import SqliteLedger
-from rvsg.world.io.load import SHIPPED
+from rvsg.world.world_folder import SHIPPED
 
 SMALL = [
     *("--simulator", "kinematic", "--strategy", "random", "--scenarios", "3", "--refinements", "1"),

@@ -11,8 +11,8 @@ from PIL import Image
 
 from rvsg.cli import main
 from rvsg.core.errors import RvsgError
-from rvsg.world.io.load import load_world
-from rvsg.world.io.nav2_map import read_map
+from rvsg.world.occupancy import read_map
+from rvsg.world.world_folder import load_world
 
 
 def write_map(folder: Path, **header: object) -> Path:

@@ -8,7 +8,7 @@ from rvsg.generation.heuristic import HeuristicGenerator
 from rvsg.generation.random_search import RandomGenerator
 from rvsg.scenario.scenario import Mission
 from rvsg.testing import check_generator
-from rvsg.world.io.load import load_world, shipped_worlds
+from rvsg.world.world_folder import load_world, shipped_worlds
 
 GENERATORS: list[Generator] = [RandomGenerator(), HeuristicGenerator(tries=5, changes=10)]
 

@@ -5,7 +5,7 @@ from tests.coded import coded
 
 from rvsg.core.documents import DocumentError, parse_yaml, validated
 from rvsg.core.errors import FileError
-from rvsg.world.io.files import LabelsFile, RoutesFile, WorldFile
+from rvsg.world.schema import LabelsFile, RoutesFile, WorldFile
 
 HERE = Path("labels.yaml")
 

@@ -32,8 +32,8 @@ from rvsg.simulation.embedded.simulator import EmbeddedSimulator
 from rvsg.simulation.events import RobotContact
 from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.simulation.run import Outcome
-from rvsg.world.io.load import load_world
 from rvsg.world.world import Route, World
+from rvsg.world.world_folder import load_world
 
 T = np.arange(0.0, 20.001, 0.05)
 REACH = 0.75

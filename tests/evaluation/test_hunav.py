@@ -5,8 +5,8 @@ import pytest
 from tests.evaluation.runs import run_of, trajectory
 
 from rvsg.evaluation.metrics.registry import measure
-from rvsg.world.io.load import load_world
 from rvsg.world.space import human_space, robot_space
+from rvsg.world.world_folder import load_world
 
 
 def value(run, name):

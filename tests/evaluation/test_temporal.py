@@ -11,7 +11,7 @@ from rvsg.evaluation.judge import check_requirement, objective
 from rvsg.evaluation.signals import SIGNALS, robustness
 from rvsg.evaluation.temporal_syntax import FormulaError, parse
 from rvsg.scenario.requirement import Requirement
-from rvsg.world.io.load import load_world
+from rvsg.world.world_folder import load_world
 
 NAMES = ("a", "b")
 BOUNDS = st.tuples(st.integers(0, 4), st.integers(0, 4)).map(sorted)

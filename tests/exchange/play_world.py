@@ -29,8 +29,8 @@ from rvsg.simulation.embedded.rehearsal import empty_room, rehearsal
 from rvsg.simulation.embedded.simulator import simulate_agents
 from rvsg.simulation.run import Outcome
 from rvsg.world.world import Route
-from rvsg_exchange.hunav import read_agents, to_humans
-from rvsg_exchange.ros_types import HUNAV_TYPES
+from rvsg_exchange.bag_messages import HUNAV_TYPES
+from rvsg_exchange.hunav_agents import read_agents, to_humans
 from rvsg_ros2.dds import Bus
 from rvsg_ros2.interfaces import interfaces
 from rvsg_ros2.world import FLAT_HUNAV_TYPES

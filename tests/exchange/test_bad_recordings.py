@@ -18,13 +18,11 @@ from rvsg.scenario.brief import Brief
 from rvsg.scenario.scenario import Mission
 from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.simulation.run import Run
-from rvsg.world.io.load import load_world
 from rvsg.world.world import World
+from rvsg.world.world_folder import load_world
 from rvsg_exchange.bag import CYLINDER, write_bag
-from rvsg_exchange.bag_reading import open_bag
-from rvsg_exchange.messages import Messages
-from rvsg_exchange.recording import read_recording
-from rvsg_exchange.ros_types import rosbags_types
+from rvsg_exchange.bag_messages import Messages, rosbags_types
+from rvsg_exchange.recordings import open_bag, read_recording
 
 rosbags = pytest.importorskip("rosbags.rosbag2", reason="the extra `bag` is not installed")
 NEEDED = ("/odom", "/tf", "/tf_static", "/human_states", "/goal_pose")

@@ -19,16 +19,12 @@ from rvsg.scenario.brief import Brief
 from rvsg.scenario.scenario import Mission, Scenario
 from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.simulation.run import Run
-from rvsg.world.io.load import load_world
 from rvsg.world.world import World
+from rvsg.world.world_folder import load_world
 from rvsg_exchange.bag import write_bag
-from rvsg_exchange.bag_reading import open_bag
-from rvsg_exchange.gazebo import world_sdf
-from rvsg_exchange.nav2_goals import goals_yaml
-from rvsg_exchange.openscenario import scenario_osc
-from rvsg_exchange.recording import read_recording
-from rvsg_exchange.ros_types import rosbags_types
-from rvsg_exchange.tables import write_csv, write_parquet
+from rvsg_exchange.bag_messages import rosbags_types
+from rvsg_exchange.exporters import goals_yaml, scenario_osc, world_sdf, write_csv, write_parquet
+from rvsg_exchange.recordings import open_bag, read_recording
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ from tests.exchange.agents_files import BLOCK, FLAT, V2
 from rvsg.core.documents import DocumentError
 from rvsg.core.errors import FileError
 from rvsg.scenario.scenario import FOREVER_S, Behaviour, ForceFactors, HumanAgent, Reaction
-from rvsg_exchange.hunav import agents_yaml, export_agents, read_agents, to_humans, write_agents
+from rvsg_exchange.hunav_agents import agents_yaml, export_agents, read_agents, to_humans, write_agents
 
 DIALECTS = {"flat": FLAT, "block": BLOCK, "v2": V2}
 

@@ -16,7 +16,7 @@ import pytest
 import yaml
 
 import rvsg
-from rvsg.world.authoring.create import world_from_map
+from rvsg.world.creation import world_from_map
 from rvsg.world.world import World
 from rvsg_exchange.formats import import_agents
 

@@ -7,8 +7,8 @@ import pytest
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.requirement import load_requirement
 from rvsg.scenario.scenario import Mission
-from rvsg.world.io.load import load_world
 from rvsg.world.world import World
+from rvsg.world.world_folder import load_world
 
 
 @pytest.fixture(autouse=True)

@@ -21,9 +21,9 @@ from rvsg.generation.environment import (
 from rvsg.generation.prompts import Prompts
 from rvsg.generation.vlm.model import Scripted
 from rvsg.scenario.brief import Brief
-from rvsg.world.io.load import SHIPPED, load_world
-from rvsg.world.io.save import save_world
+from rvsg.world.schema import save_world
 from rvsg.world.world import Description, World
+from rvsg.world.world_folder import SHIPPED, load_world
 
 TEXTS = {"layout": "Shelves in the north: six of them.\nBoxes # left.", "grid": "Row E is the main way: E1 to E22."}
 CLEAN = {key: " ".join(text.split()) for key, text in TEXTS.items()}

@@ -97,7 +97,7 @@ def test_public_maps_have_distinct_row_positions_and_exact_neighbours(name: str)
     path = MAPS / f"{name}.yaml"
     if not path.exists():
         pytest.skip("the public maps are not at hand")
-    from rvsg.world.authoring.create import world_from_map
+    from rvsg.world.creation import world_from_map
 
     world = world_from_map(path, name=name).world
     facts = world_facts(world)

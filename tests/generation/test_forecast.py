@@ -17,7 +17,7 @@ from rvsg.generation.forecast import (
 from rvsg.generation.workplaces import WalkingGraph, nearest_on
 from rvsg.scenario.brief import Feedback, Sample
 from rvsg.scenario.scenario import Human, HumanConfiguration, Pause, Scenario, Task
-from rvsg.world.io.load import load_world
+from rvsg.world.world_folder import load_world
 
 GROUND = WalkingGraph(WORLD, MISSION.route)
 FAR = human("E1 → E2: E1 E2", "E2 → E1: E2 E1")

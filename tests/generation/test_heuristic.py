@@ -27,7 +27,7 @@ from rvsg.scenario.scenario import (
 )
 from rvsg.scenario.validity import warnings
 from rvsg.testing import check_generator
-from rvsg.world.io.load import load_world
+from rvsg.world.world_folder import load_world
 
 WORLD = load_world("warehouse")
 MISSION = Mission(world="warehouse", world_id=WORLD.id, route=WORLD.route("route_1"))

@@ -12,7 +12,7 @@ from rvsg.generation.facts import route_facts
 from rvsg.generation.prompts import SHIPPED, Prompts, block, declared_variables, number, quoted, shipped_prompts
 from rvsg.scenario.requirement import shipped_requirements
 from rvsg.scenario.scenario import Mission
-from rvsg.world.io.load import load_world
+from rvsg.world.world_folder import load_world
 
 
 def test_the_seven_templates_of_the_method_are_there() -> None:

@@ -8,7 +8,7 @@ from rvsg.scenario.brief import Brief
 from rvsg.scenario.scenario import Mission
 from rvsg.scenario.validity import warnings
 from rvsg.world.grid import Grid
-from rvsg.world.io.load import load_world
+from rvsg.world.world_folder import load_world
 
 WORLD = load_world("warehouse")
 MISSION = Mission(world="warehouse", world_id=WORLD.id, route=WORLD.route("route_1"))

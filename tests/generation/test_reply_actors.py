@@ -13,7 +13,7 @@ from rvsg.generation.prompts import Prompts
 from rvsg.generation.replies import MOST_MOVED, read_configuration
 from rvsg.generation.reply_json import configuration_schema
 from rvsg.scenario.scenario import LIMITS, TROLLEY_LENGTHS_M, TROLLEY_SPEEDS_M_S, PersonKind, Trolley
-from rvsg.world.io.load import load_world
+from rvsg.world.world_folder import load_world
 
 ALL = ("trolley", "child", "wheelchair", "moved_object")
 TASKS = [{"task": "A → B", "path": ["A1", "A2"]}, {"task": "B → A", "path": ["A2", "A1"]}]

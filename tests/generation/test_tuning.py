@@ -9,7 +9,7 @@ from rvsg.scenario.brief import Brief
 from rvsg.scenario.requirement import load_requirement
 from rvsg.scenario.scenario import Mission, Scenario
 from rvsg.scenario.validity import check
-from rvsg.world.io.load import load_world
+from rvsg.world.world_folder import load_world
 
 
 def drafted(seed: int, requirement: str = "R1") -> tuple[Scenario, TuningSpace]:

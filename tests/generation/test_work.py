@@ -16,8 +16,8 @@ from rvsg.scenario.requirement import Aim, load_requirement
 from rvsg.scenario.scenario import Mission, PersonKind, Scenario
 from rvsg.scenario.validity import check
 from rvsg.simulation.kinematic import KinematicSimulator
-from rvsg.world.io.load import load_world
 from rvsg.world.world import World
+from rvsg.world.world_folder import load_world
 
 PLACES = tuple(
     Place(name, kind, ("A1",))

@@ -23,8 +23,8 @@ from rvsg.scenario.requirement import load_requirement
 from rvsg.scenario.rules import read_ends
 from rvsg.scenario.scenario import Mission, Scenario
 from rvsg.scenario.validity import check
-from rvsg.world.io.load import load_world
 from rvsg.world.world import World
+from rvsg.world.world_folder import load_world
 
 GOLDEN = Path(__file__).parent / "recorded_configurations.json"
 RECORD_AGAIN = (

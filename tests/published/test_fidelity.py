@@ -11,7 +11,7 @@ import pytest
 import shapely
 from tests.published_data import published_data
 
-from rvsg.world.io.load import load_world
+from rvsg.world.world_folder import load_world
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 import fidelity

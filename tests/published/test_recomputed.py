@@ -5,7 +5,7 @@ from tests.published_data import published_data
 
 from rvsg.evaluation.metrics.registry import measure
 from rvsg.store.sqlite import SqliteLedger
-from rvsg.world.io.load import load_world
+from rvsg.world.world_folder import load_world
 from rvsg_study.import_study import import_study
 from rvsg_study.study_folder import EXACT, TOLERANCE
 

@@ -7,7 +7,7 @@ from tests.published_data import published_data
 
 from rvsg.evaluation.sentences import model_folder
 from rvsg.store.sqlite import SqliteLedger
-from rvsg.world.io.load import load_world
+from rvsg.world.world_folder import load_world
 from rvsg_study.import_study import import_study
 from rvsg_study.table_files import shown, write_tables
 

@@ -16,8 +16,8 @@ from rvsg.evaluation.verdict import Status
 from rvsg.report.overview import Reported, pins_of, render_overview, write_overview
 from rvsg.report.page import render_page
 from rvsg.report.summary import summarise
-from rvsg.world.drawing.view import known_window
-from rvsg.world.io.load import load_world
+from rvsg.world.drawing.sheet import known_window
+from rvsg.world.world_folder import load_world
 
 
 def reported(link: str = "route_1-R1/report.html", status: Status | None = None, **changes: object) -> Reported:

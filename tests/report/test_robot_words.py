@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from rvsg.report.robot import robot_words
 from rvsg.scenario.scenario import Mission
-from rvsg.world.io.load import load_world
+from rvsg.world.world_folder import load_world
 
 
 def test_only_the_calibrated_robot_is_called_calibrated() -> None:

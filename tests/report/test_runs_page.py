@@ -14,7 +14,7 @@ from rvsg.report.robots import EDGES
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.scenario import Mission
 from rvsg.simulation.kinematic import KinematicSimulator
-from rvsg.world.io.load import load_world
+from rvsg.world.world_folder import load_world
 
 
 @pytest.mark.parametrize("named", [True, False])

@@ -20,9 +20,9 @@ from rvsg.scenario.scenario import Mission
 from rvsg.simulation.archive import PackedRun, run_from_json, run_to_json
 from rvsg.simulation.events import ObstacleContact
 from rvsg.simulation.run import Run
-from rvsg.world.authoring.routes import robot_stands
-from rvsg.world.io.load import load_world
+from rvsg.world.routes import robot_stands
 from rvsg.world.space import robot_space
+from rvsg.world.world_folder import load_world
 
 WORLD = load_world("warehouse")
 

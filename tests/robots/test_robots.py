@@ -13,7 +13,7 @@ from rvsg.core.errors import FileError, UnknownName
 from rvsg.robots.polygons import area, crosses_itself, inside
 from rvsg.robots.robot import draw_robot, load_robot, shipped_robots
 from rvsg.scenario.scenario import Mission
-from rvsg.world.io.load import load_world
+from rvsg.world.world_folder import load_world
 
 PLAIN = {
     "name": "box",

@@ -112,7 +112,7 @@ def test_every_published_file_decodes_with_the_known_number_of_dropped_names() -
     data = published_data()
     if data is None:
         pytest.skip("the published data is not here")
-    from rvsg.world.io.load import load_world
+    from rvsg.world.world_folder import load_world
 
     known = load_world("warehouse").grid
     files = [

@@ -10,7 +10,7 @@ from tests.published_data import published_data
 from rvsg.scenario.repair import repair
 from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Task
 from rvsg.scenario.validity import check
-from rvsg.world.io.load import load_world
+from rvsg.world.world_folder import load_world
 
 WORLD = load_world("warehouse")
 MISSION = Mission(world="warehouse", world_id=WORLD.id, route=WORLD.route("route_1"))

@@ -6,12 +6,11 @@ from rvsg.core.records import Pose
 from rvsg.scenario.scenario import HumanAgent, PersonKind, Trolley, outline_of
 from rvsg.simulation.embedded.simulator import simulate_agents
 from rvsg.simulation.run import Run
-from rvsg.world.build import build_world
-from rvsg.world.doors import Door
 from rvsg.world.grid import GridSpec
-from rvsg.world.io.files import ObjectEntry
+from rvsg.world.lattice import build_world
 from rvsg.world.occupancy import occupancy_from_objects
-from rvsg.world.world import Route, World
+from rvsg.world.schema import ObjectEntry
+from rvsg.world.world import Door, Route, World
 
 ROUTE = Route(name="along", start=Pose(x=2, y=2), goal=Pose(x=14, y=2), time_limit_s=60)
 HINGE, END = (8.0, 1.2), (8.0, 2.8)

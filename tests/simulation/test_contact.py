@@ -23,8 +23,8 @@ from rvsg.simulation.embedded.simulator import simulate_agents
 from rvsg.simulation.events import ObstacleContact, Recovery, RobotContact
 from rvsg.simulation.run import Outcome, Run
 from rvsg.stacks import LocalObservation, LocalPlanner, StackChoice, Task
-from rvsg.world.io.load import load_world
 from rvsg.world.world import Route, World
+from rvsg.world.world_folder import load_world
 
 HALF_LENGTH_M, HALF_WIDTH_M = 0.3585, 0.2485
 

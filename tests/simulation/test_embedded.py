@@ -28,8 +28,8 @@ from rvsg.simulation.embedded.scene import Scene
 from rvsg.simulation.embedded.simulator import EmbeddedSimulator, simulate_agents
 from rvsg.simulation.embedded.state import State
 from rvsg.simulation.run import Outcome, Run
-from rvsg.world.io.load import load_world
 from rvsg.world.world import Route, World
+from rvsg.world.world_folder import load_world
 
 
 @pytest.fixture(scope="module")

@@ -22,8 +22,8 @@ from rvsg.simulation.embedded.simulator import simulate_agents
 from rvsg.simulation.events import DoorMoved, ObstacleContact, RobotContact
 from rvsg.simulation.run import Outcome, Run
 from rvsg.stacks import Observation, StackChoice, Task, WholeStack
-from rvsg.world.doors import Door
 from rvsg.world.space import human_space
+from rvsg.world.world import Door
 
 
 def door(**given: object) -> Door:

@@ -14,9 +14,9 @@ from rvsg.scenario.validity import is_walkable
 from rvsg.simulation.embedded.people.alone import not_walked
 from rvsg.simulation.embedded.people.recorded import events_of
 from rvsg.world.grid import Grid, Waypoint
-from rvsg.world.io.load import load_world
 from rvsg.world.space import human_space
 from rvsg.world.world import World
+from rvsg.world.world_folder import load_world
 
 WORLDS = ("warehouse", "office", "hospital")
 SOME = [pytest.param(name, marks=pytest.mark.exhaustive) if name != "office" else name for name in WORLDS]

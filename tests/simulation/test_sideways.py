@@ -175,8 +175,7 @@ def test_a_run_keeps_its_lateral_speed_in_every_form() -> None:
 def test_a_bag_of_a_run_holds_the_lateral_speed(tmp_path: Path) -> None:
     pytest.importorskip("rosbags")
     from rvsg_exchange.bag import write_bag
-    from rvsg_exchange.bag_reading import bag_messages, open_bag
-    from rvsg_exchange.recording import read_recording
+    from rvsg_exchange.recordings import bag_messages, open_bag, read_recording
 
     run, path = drive(Crab()), tmp_path / "run.mcap"
     write_bag(run, empty_room(), path)
@@ -190,9 +189,8 @@ def test_a_bag_of_a_run_holds_the_lateral_speed(tmp_path: Path) -> None:
 def test_a_trace_holds_the_lateral_speed_and_its_samples() -> None:
     from rvsg.scenario.scenario import HumanConfiguration, Mission, Scenario
     from rvsg.simulation.embedded.trace import trace_run
-    from rvsg.world.io.load import load_world
-    from rvsg_exchange.bag_trace import TraceMessages
-    from rvsg_exchange.ros_types import rosbags_types
+    from rvsg.world.world_folder import load_world
+    from rvsg_exchange.bag_messages import TraceMessages, rosbags_types
 
     world = load_world("warehouse")
     mission = Mission.of(world, world.route("route_1"), robot=mecanum())

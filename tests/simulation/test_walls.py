@@ -17,8 +17,8 @@ from rvsg.simulation.embedded.walls import SLACK_M, Walls, clearance, free_pose,
 from rvsg.simulation.events import ObstacleContact
 from rvsg.simulation.run import Outcome, Run
 from rvsg.world.grid import Grid
-from rvsg.world.io.load import load_world
 from rvsg.world.world import OccupancyMap, Route, World
+from rvsg.world.world_folder import load_world
 
 TIAGO = load_robot("tiago_omni")
 

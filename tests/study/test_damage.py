@@ -12,7 +12,7 @@ from tests.campaign.parts import MemoryLedger
 from tests.study.study_files import lines_of, put, write_scenario
 
 from rvsg.core.errors import FileError, RvsgError
-from rvsg.world.io.load import load_world
+from rvsg.world.world_folder import load_world
 from rvsg_study.files import Unreadable, as_number, read_json, read_table, small_number
 from rvsg_study.import_study import Imported, import_study, write_findings
 from rvsg_study.study_log import read_log

@@ -7,7 +7,7 @@ from tests.study.study_files import lines_of, put, write_log, write_logged, writ
 
 from rvsg.core.errors import FileError
 from rvsg.store.sqlite import SqliteLedger
-from rvsg.world.io.load import load_world
+from rvsg.world.world_folder import load_world
 from rvsg_study.import_study import import_study, write_findings
 
 

@@ -6,7 +6,7 @@ import pytest
 from tests.study.study_files import write_log, write_logged, write_scenario
 
 from rvsg.store.sqlite import SqliteLedger
-from rvsg.world.io.load import load_world
+from rvsg.world.world_folder import load_world
 from rvsg_study.import_study import import_study
 from rvsg_study.table_files import write_tables
 

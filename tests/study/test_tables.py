@@ -10,7 +10,7 @@ from tests.study.study_files import write_log, write_logged, write_scenario
 
 from rvsg.core.errors import InputError
 from rvsg.store.sqlite import SqliteLedger
-from rvsg.world.io.load import load_world
+from rvsg.world.world_folder import load_world
 from rvsg_study.import_study import import_study
 from rvsg_study.material import Sample, gather
 from rvsg_study.study_folder import REQUIREMENTS

@@ -11,8 +11,8 @@ from tests.world.test_load import LABELS, OBJECTS, ROUTES, WORLD
 
 from rvsg.core.documents import DocumentError, parse_yaml, validated
 from rvsg.core.errors import RvsgError
-from rvsg.world.io.files import LabelsFile
-from rvsg.world.io.load import load_world
+from rvsg.world.schema import LabelsFile
+from rvsg.world.world_folder import load_world
 
 FILES = {"world.yaml": WORLD, "objects.yaml": OBJECTS, "labels.yaml": LABELS, "routes.yaml": ROUTES}
 STRANGE = [

@@ -9,10 +9,9 @@ import pytest
 from tests.coded import coded
 
 from rvsg.core.errors import InputError, UnknownName
-from rvsg.world.drawing.birdseye import birdseye
-from rvsg.world.drawing.oblique import Canvas, Oblique
-from rvsg.world.io.load import load_world
+from rvsg.world.drawing.birdseye import Canvas, Oblique, birdseye
 from rvsg.world.world import World
+from rvsg.world.world_folder import load_world
 
 RED, BLUE = (255, 0, 0), (0, 0, 255)
 

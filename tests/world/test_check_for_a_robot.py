@@ -8,15 +8,11 @@ from collections.abc import Sequence
 import pytest
 
 from rvsg.robots.robot import load_robot
-from rvsg.world.authoring.check import check_world
-from rvsg.world.authoring.remarks import Remark
-from rvsg.world.authoring.routes import propose_routes
-from rvsg.world.authoring.trial import Drive, Hop
-from rvsg.world.fitting import clearance_m, fits_through, setback_m
-from rvsg.world.io.load import SHIPPED, load_world
-from rvsg.world.passages import narrow_passages
-from rvsg.world.route_words import line_of
+from rvsg.world.checks import Remark, check_world
+from rvsg.world.passages import line_of, narrow_passages
+from rvsg.world.routes import Drive, Hop, clearance_m, fits_through, propose_routes, setback_m
 from rvsg.world.world import Route, World
+from rvsg.world.world_folder import SHIPPED, load_world
 
 
 def remarks(robot: str | None) -> dict[str, Remark]:

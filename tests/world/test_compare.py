@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from rvsg.core.records import Pose
-from rvsg.world.build import build_world
-from rvsg.world.compare import Difference, differences
+from rvsg.world.diff import Difference, differences
 from rvsg.world.grid import GridSpec
+from rvsg.world.lattice import build_world
 from rvsg.world.world import Area, OccupancyMap, Route, World
 
 SPEC = GridSpec(spacing_m=1.0, origin=(0.5, 0.5))

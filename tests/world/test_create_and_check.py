@@ -14,23 +14,15 @@ from tests.published_data import published_data
 from rvsg.core.documents import DocumentError
 from rvsg.core.errors import FileError
 from rvsg.robots.robot import load_robot
-from rvsg.world.authoring.check import check_world
-from rvsg.world.authoring.create import (
-    Created,
-    largest_part,
-    world_from_map,
-    world_from_objects,
-    world_from_sdf,
-)
-from rvsg.world.authoring.named_areas import unknown_areas
-from rvsg.world.authoring.readme import write_readme
-from rvsg.world.authoring.remarks import Remark
-from rvsg.world.authoring.routes import propose_routes
+from rvsg.world.areas import unknown_areas
+from rvsg.world.checks import Remark, check_world
+from rvsg.world.creation import Created, largest_part, world_from_map, world_from_objects, world_from_sdf, write_readme
 from rvsg.world.drawing import grid_picture, labelled_map
 from rvsg.world.drawing.birdseye import birdseye
 from rvsg.world.grid import GridSpec
-from rvsg.world.io.load import SHIPPED, load_world
-from rvsg.world.io.save import save_world
+from rvsg.world.routes import propose_routes
+from rvsg.world.schema import save_world
+from rvsg.world.world_folder import SHIPPED, load_world
 
 
 def hall() -> np.ndarray:

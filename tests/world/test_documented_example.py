@@ -7,9 +7,9 @@ import pytest
 
 from rvsg.core.documents import DocumentError
 from rvsg.world.grid import GridSpec
-from rvsg.world.io.files import AreaEntry, ObjectEntry, RouteEntry, WorldFile
-from rvsg.world.io.load import load_world
+from rvsg.world.schema import AreaEntry, ObjectEntry, RouteEntry, WorldFile
 from rvsg.world.space import human_space, robot_space
+from rvsg.world.world_folder import load_world
 
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "world-files.md"
 

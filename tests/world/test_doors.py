@@ -17,13 +17,12 @@ from rvsg.scenario.validity import check
 from rvsg.scenario.variation import migrate
 from rvsg.scenario.world_lookup import doors_in
 from rvsg.simulation.run import Outcome
-from rvsg.world.compare import differences
-from rvsg.world.doors import Door, State
-from rvsg.world.doorways import with_doors
-from rvsg.world.io.load import load_world
-from rvsg.world.io.save import save_world
+from rvsg.world.diff import differences
+from rvsg.world.lattice import with_doors
+from rvsg.world.schema import save_world
 from rvsg.world.space import driving_space, robot_space
-from rvsg.world.world import OrientedBox, SolidObject, World
+from rvsg.world.world import Door, OrientedBox, SolidObject, State, World
+from rvsg.world.world_folder import load_world
 
 FILES = {
     "world.yaml": "name: rooms\nmap: {from: objects}\nobjects: objects.yaml\ndoors: doors.yaml\n"

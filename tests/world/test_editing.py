@@ -10,8 +10,8 @@ import pytest
 from tests.coded import nearest
 
 from rvsg.core.errors import FileError, InputError, UnknownName
-from rvsg.world.authoring.editing import edit_world
-from rvsg.world.io.load import SHIPPED, load_world
+from rvsg.world.edits import edit_world
+from rvsg.world.world_folder import SHIPPED, load_world
 from rvsg_studio.world_editor import History, editable_world, remarks_on
 
 pytest.importorskip("ruamel.yaml", reason="ruamel.yaml is not installed")

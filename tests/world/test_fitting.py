@@ -11,10 +11,10 @@ from rvsg.core.records import Pose
 from rvsg.robots.robot import Robot, load_robot, shipped_robots
 from rvsg.scenario.scenario import HumanConfiguration, Mission
 from rvsg.scenario.validity import check
-from rvsg.world.fitting import fits_through, fitted, setback_m
 from rvsg.world.grid import Grid
-from rvsg.world.io.load import load_world
+from rvsg.world.routes import fits_through, fitted, setback_m
 from rvsg.world.world import OccupancyMap, Route, World
+from rvsg.world.world_folder import load_world
 
 TUGGER, AMR, TIAGO = (load_robot(name) for name in ("tugger", "industrial_amr", "tiago_omni"))
 

@@ -10,11 +10,10 @@ from typing import Any
 import pytest
 import yaml
 
-from rvsg.world.authoring.check import check_world
-from rvsg.world.authoring.editing import edit_world
-from rvsg.world.authoring.remarks import Remark
-from rvsg.world.io.load import SHIPPED, load_world
-from rvsg.world.io.save import save_world
+from rvsg.world.checks import Remark, check_world
+from rvsg.world.edits import edit_world
+from rvsg.world.schema import save_world
+from rvsg.world.world_folder import SHIPPED, load_world
 
 Values = dict[str, Any]
 

@@ -8,14 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rvsg.core.records import Pose
-from rvsg.world.authoring.labels import (
-    areas_of_floor,
-    areas_of_objects,
-    largest_rectangle,
-    propose_areas,
-    readable_kind,
-)
-from rvsg.world.io.files import ObjectEntry
+from rvsg.world.areas import areas_of_floor, areas_of_objects, largest_rectangle, propose_areas, readable_kind
+from rvsg.world.schema import ObjectEntry
 from rvsg.world.space import human_space_of
 from rvsg.world.world import OccupancyMap, OrientedBox, SolidObject
 

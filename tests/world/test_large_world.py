@@ -9,12 +9,11 @@ from tests.coded import coded
 
 from rvsg.core.errors import InputError
 from rvsg.core.records import Pose
-from rvsg.world.build import build_world
-from rvsg.world.drawing import png_bytes, tiles
-from rvsg.world.drawing.plan import GRID, LABELLED, Picture, draw_plan
+from rvsg.world.drawing import png_bytes
+from rvsg.world.drawing.floor_plan import GRID, LABELLED, Picture, draw_plan, tiles
 from rvsg.world.grid import GridSpec
-from rvsg.world.io.nav2_map import load_nav2_map
-from rvsg.world.occupancy import write_map
+from rvsg.world.lattice import build_world
+from rvsg.world.occupancy import load_nav2_map, write_map
 from rvsg.world.world import Area, OccupancyMap
 
 

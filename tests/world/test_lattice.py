@@ -9,12 +9,10 @@ from tests.coded import coded
 
 from rvsg.core.errors import InputError
 from rvsg.core.records import Pose
-from rvsg.world.build import build_world
 from rvsg.world.grid import GridSpec
-from rvsg.world.io.files import ObjectEntry
-from rvsg.world.lattice import area_waypoints, build_grid, fitting_spacing, row_letters
-from rvsg.world.raster import Frame
-from rvsg.world.space import Space, human_space, space_of
+from rvsg.world.lattice import area_waypoints, build_grid, build_world, fitting_spacing, row_letters
+from rvsg.world.schema import ObjectEntry
+from rvsg.world.space import Frame, Space, human_space, space_of
 from rvsg.world.world import Area, OccupancyMap, OrientedBox, Route
 
 

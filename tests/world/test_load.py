@@ -7,8 +7,8 @@ from tests.coded import coded
 
 from rvsg.core.documents import DocumentError
 from rvsg.core.errors import FileError, RvsgError, UnknownName
-from rvsg.world.io.load import load_world, shipped_worlds
-from rvsg.world.io.save import save_world
+from rvsg.world.schema import save_world
+from rvsg.world.world_folder import load_world, shipped_worlds
 
 WORLD = """\
 name: room

@@ -16,7 +16,7 @@ from tests.published_data import published_data
 from rvsg.core.documents import DocumentError
 from rvsg.core.errors import FileError
 from rvsg.core.records import Pose
-from rvsg.world.io.nav2_map import load_nav2_map, upright
+from rvsg.world.occupancy import load_nav2_map, upright
 from rvsg.world.world import FREE, OCCUPIED, UNKNOWN, OccupancyMap
 
 

@@ -6,9 +6,8 @@ from tests.coded import coded
 
 from rvsg.core.errors import InputError
 from rvsg.core.records import Pose
-from rvsg.world.io.files import ObjectEntry
-from rvsg.world.io.nav2_map import load_nav2_map
-from rvsg.world.occupancy import occupancy_from_objects, write_map
+from rvsg.world.occupancy import load_nav2_map, occupancy_from_objects, write_map
+from rvsg.world.schema import ObjectEntry
 from rvsg.world.world import OccupancyMap, SolidObject
 
 ROOM = ObjectEntry(

@@ -9,11 +9,11 @@ import pytest
 from shapely import Polygon
 
 from rvsg.core.errors import FileError, InputError
-from rvsg.world.authoring.create import Created, mapped, world_from_sdf
-from rvsg.world.authoring.labels import propose_areas
-from rvsg.world.authoring.outside import Choices
-from rvsg.world.io.sdf import load_sdf
+from rvsg.world.areas import propose_areas
+from rvsg.world.creation import Created, mapped, world_from_sdf
+from rvsg.world.rooms import Choices
 from rvsg.world.space import Space, human_space, human_space_of
+from rvsg_exchange.sdf import load_sdf
 
 MIDDLE = (12.0, 12.0)
 ROOM = (3.5, 12.0)

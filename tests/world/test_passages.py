@@ -7,10 +7,9 @@ import pytest
 
 from rvsg.core.records import Pose
 from rvsg.robots.robot import load_robot
-from rvsg.world.build import build_world
 from rvsg.world.grid import GridSpec
-from rvsg.world.passages import free_width_m, narrow_passages, narrowest_passage, passing_m, widths_m
-from rvsg.world.route_words import describe_route
+from rvsg.world.lattice import build_world
+from rvsg.world.passages import describe_route, free_width_m, narrow_passages, narrowest_passage, passing_m, widths_m
 from rvsg.world.space import human_space
 from rvsg.world.world import Area, OccupancyMap, Route, World
 

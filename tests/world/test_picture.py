@@ -10,14 +10,14 @@ from tests.coded import coded, nearest
 
 from rvsg.core.errors import InputError, UnknownName
 from rvsg.core.records import Pose
-from rvsg.world.build import build_world
 from rvsg.world.drawing import grid_picture, labelled_map, png_bytes
-from rvsg.world.drawing.palette import PALETTES
-from rvsg.world.drawing.plan import GRID, LABELLED, Picture, draw_plan
-from rvsg.world.drawing.route import time_marks
+from rvsg.world.drawing.floor_plan import GRID, LABELLED, Picture, draw_plan
+from rvsg.world.drawing.layers import time_marks
+from rvsg.world.drawing.sheet import PALETTES
 from rvsg.world.grid import GridSpec
-from rvsg.world.io.load import load_world, shipped_worlds
+from rvsg.world.lattice import build_world
 from rvsg.world.world import OccupancyMap
+from rvsg.world.world_folder import load_world, shipped_worlds
 
 
 def overlaps(picture: Picture) -> list[tuple[str, str]]:
@@ -69,7 +69,7 @@ def test_rows_read_from_top_to_bottom_and_columns_from_left_to_right() -> None:
 @pytest.mark.slow
 def test_another_process_draws_the_same_bytes() -> None:
     code = (
-        "import hashlib; from rvsg.world.io.load import load_world;"
+        "import hashlib; from rvsg.world.world_folder import load_world;"
         "from rvsg.world.drawing import grid_picture, png_bytes;"
         "print(hashlib.sha256(png_bytes(grid_picture(load_world('warehouse')))).hexdigest())"
     )

@@ -9,9 +9,9 @@ import pytest
 from scipy.ndimage import distance_transform_edt
 from tests.published_data import published_data
 
-from rvsg.world.io.load import load_world
-from rvsg.world.io.nav2_map import load_nav2_map
+from rvsg.world.occupancy import load_nav2_map
 from rvsg.world.space import frame_of
+from rvsg.world.world_folder import load_world
 
 DATA = published_data()
 pytestmark = pytest.mark.skipif(DATA is None, reason="the published study's data is not there")

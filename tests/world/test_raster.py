@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rvsg.core.records import Pose
-from rvsg.world.raster import Frame, covering, inside_cells, outline_cells
+from rvsg.world.space import Frame, covering, inside_cells, outline_cells
 
 coordinate = st.floats(-3, 3, allow_nan=False).map(lambda metres: round(metres, 9))
 frames = st.builds(

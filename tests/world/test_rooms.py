@@ -4,11 +4,10 @@ import numpy as np
 import shapely
 
 from rvsg.core.records import Pose
-from rvsg.world.authoring.labels import propose_areas
-from rvsg.world.authoring.rooms import areas_of_rooms, indoors, rooms_of
+from rvsg.world.areas import propose_areas
 from rvsg.world.lattice import open_share
-from rvsg.world.raster import inside_cells, inside_window
-from rvsg.world.space import frame_of, human_space_of, main_floor, robot_space_of
+from rvsg.world.rooms import areas_of_rooms, indoors, rooms_of
+from rvsg.world.space import frame_of, human_space_of, inside_cells, inside_window, main_floor, robot_space_of
 from rvsg.world.world import OccupancyMap
 
 RESOLUTION_M = 0.05

@@ -16,10 +16,10 @@ from tests.published_data import published_data
 
 from rvsg.core.documents import DocumentError
 from rvsg.core.errors import FileError
-from rvsg.world.io.mesh import turned_profile
-from rvsg.world.io.sdf import SdfWorld, load_sdf
-from rvsg.world.io.solid import solid_objects
 from rvsg.world.world import Polygon
+from rvsg_exchange.mesh import turned_profile
+from rvsg_exchange.sdf import SdfWorld, load_sdf
+from rvsg_exchange.solid import solid_objects
 
 BOX = "<collision name='c'>{pose}<geometry><box><size>{size}</size></box></geometry></collision>"
 

@@ -8,11 +8,11 @@ import pytest
 
 from rvsg.scenario.scenario import HumanConfiguration, Mission
 from rvsg.scenario.validity import check
-from rvsg.world.authoring.create import world_from_sdf
-from rvsg.world.doors import Door
-from rvsg.world.io.load import load_world
-from rvsg.world.io.save import save_world
-from rvsg.world.io.sdf import SdfWorld, load_sdf
+from rvsg.world.creation import world_from_sdf
+from rvsg.world.schema import save_world
+from rvsg.world.world import Door
+from rvsg.world.world_folder import load_world
+from rvsg_exchange.sdf import SdfWorld, load_sdf
 
 SWING = "<axis><xyz>0 0 1</xyz><limit><lower>0</lower><upper>1.57</upper></limit></axis>"
 SLIDE = "<axis><xyz>0 1 0</xyz><limit><lower>0</lower><upper>1.0</upper></limit></axis>"

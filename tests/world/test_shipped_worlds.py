@@ -6,11 +6,11 @@ from itertools import pairwise
 
 import pytest
 
-from rvsg.world.authoring.check import check_world
+from rvsg.world.checks import check_world
 from rvsg.world.drawing import png_bytes
 from rvsg.world.drawing.birdseye import birdseye
-from rvsg.world.io.load import SHIPPED, load_world, shipped_worlds
-from rvsg.world.route_words import describe_route, length_m, line_of, route_paragraph, waypoints_of
+from rvsg.world.passages import describe_route, length_m, line_of, route_paragraph, waypoints_of
+from rvsg.world.world_folder import SHIPPED, load_world, shipped_worlds
 
 WORLDS = shipped_worlds()
 OURS = [name for name in WORLDS if name != "warehouse"]

@@ -3,9 +3,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rvsg.core.records import Pose
-from rvsg.world.io.files import ObjectEntry
-from rvsg.world.raster import Frame
-from rvsg.world.space import Space, human_space_of, robot_space_of, space_of
+from rvsg.world.schema import ObjectEntry
+from rvsg.world.space import Frame, Space, human_space_of, robot_space_of, space_of
 from rvsg.world.world import OccupancyMap, OrientedBox
 
 

@@ -4,10 +4,10 @@ from xml.etree import ElementTree
 import numpy as np
 
 from rvsg.core.records import Pose
-from rvsg.world.build import build_world
 from rvsg.world.drawing.svg import floor_plan, floor_plan_svg, rectangles
-from rvsg.world.io.load import load_world
+from rvsg.world.lattice import build_world
 from rvsg.world.world import Area, OccupancyMap, World
+from rvsg.world.world_folder import load_world
 
 SVG = "{http://www.w3.org/2000/svg}"
 

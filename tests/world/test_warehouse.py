@@ -4,9 +4,9 @@ from tests.coded import nearest
 
 from rvsg.core.errors import UnknownName
 from rvsg.core.records import Pose
-from rvsg.world.io.load import load_world, shipped_worlds
 from rvsg.world.lattice import area_waypoints
 from rvsg.world.space import human_space, robot_space
+from rvsg.world.world_folder import load_world, shipped_worlds
 
 
 def test_the_warehouse_ships_with_what_the_study_had() -> None:

@@ -18,8 +18,8 @@ from rvsg.generation.environment import (
 from rvsg.generation.prompts import Prompts
 from rvsg.generation.vlm.access import Access, Wiring, wired
 from rvsg.report.terminal import describe_calls
-from rvsg.world.io.load import shipped_worlds
 from rvsg.world.world import Description, World
+from rvsg.world.world_folder import shipped_worlds
 
 
 def reach(model: str | None, record: Path | None, **access: Any) -> Wiring:

@@ -47,7 +47,7 @@ from rvsg.core.plugins import ignore
 from rvsg.report.junit import junit_of
 from rvsg.report.overview import Pin, pins_of, write_overview
 from rvsg.scenario.requirement import shipped_requirements
-from rvsg.world.io.load import load_world
+from rvsg.world.world_folder import load_world
 
 Pair = tuple[str, str]
 LISTED = ("route", "requirement")

@@ -35,7 +35,7 @@ from rvsg.simulation.simulators import make_simulator
 from rvsg.simulation.stacks.registry import StackLike
 from rvsg.world.world import World
 from rvsg_exchange.bag import write_bag
-from rvsg_exchange.ros_types import rosbags_types
+from rvsg_exchange.bag_messages import rosbags_types
 
 if TYPE_CHECKING:
     from rvsg.app.campaign import Campaign

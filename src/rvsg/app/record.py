@@ -20,7 +20,7 @@ from rvsg.core.plugins import Spec
 from rvsg.core.records import Record
 from rvsg.evaluation.verdict import DEFAULT, Procedure
 from rvsg.scenario.requirement import shipped_requirements
-from rvsg.world.io.load import shipped_worlds
+from rvsg.world.world_folder import shipped_worlds
 
 FROM = "from"
 """The key under which RVSG 0.1 kept the folder a campaign was begun in."""

@@ -25,7 +25,7 @@ from rvsg.evaluation.verdict import DEFAULT, Procedure
 from rvsg.generation.vlm.model import NO_CALL
 from rvsg.robots.robot import DEFAULT_ROBOT
 from rvsg.simulation.stacks.registry import DEFAULT_STACK, runs_own_code
-from rvsg.world.doors import State
+from rvsg.world.world import State
 
 Positive = Annotated[int, Field(ge=1, le=100_000, strict=True)]
 NotNegative = Annotated[int, Field(ge=0, strict=True)]

@@ -68,7 +68,7 @@ def describe(
     names = ("base_url", "replay", "budget_calls", "budget_tokens", "budget_usd", "prices")
     access = {key: value for key, value in locals().items() if key in names}
     from rvsg.app.description import open_session, store, stored
-    from rvsg.world.io.load import load_world
+    from rvsg.world.world_folder import load_world
 
     loaded = load_world(world)
     session = open_session(loaded, model, record, prompts, **access, strict=strict or None, call_timeout_s=call_timeout)

@@ -16,8 +16,8 @@ from rvsg.cli.frame import verb
 from rvsg.cli.model_options import BaseUrl, BudgetCalls, BudgetUsd, Model, Prices, Record, Replay
 
 if TYPE_CHECKING:
-    from rvsg.world.authoring.create import Created
-    from rvsg.world.authoring.remarks import Remark
+    from rvsg.world.checks import Remark
+    from rvsg.world.creation import Created
     from rvsg.world.world import World
 
 app = verb(no_args_is_help=True, help="Make, copy, check, draw, show and compare worlds.")
@@ -99,7 +99,7 @@ def new(
     given = {key: value for key, value in locals().items() if key not in ("folder", "no_simulation", "json", "robot")}
     given |= {name: [_numbers(f"--{name}", "X,Y", at) for at in given[name] or ()] for name in ("indoors", "outdoors")}
     from rvsg.simulation.route_trial import trial_of
-    from rvsg.world.authoring.world_folder import create_world, other_robot, world_summary
+    from rvsg.world.new_world import create_world, other_robot, world_summary
 
     driver = other_robot(robot)
     trial = None if no_simulation else trial_of(driver, progress=say)
@@ -120,8 +120,8 @@ def copy(
     Edit a shipped world there, or give its map to your navigation: the folder
     holds it as map.yaml.
     """
-    from rvsg.world.authoring.world_folder import copy_world
-    from rvsg.world.io.load import load_world
+    from rvsg.world.new_world import copy_world
+    from rvsg.world.world_folder import load_world
 
     copy_world(load_world(world), folder, force=force)
     say(f"wrote {folder}; its map is {folder / 'map.yaml'}")
@@ -143,8 +143,8 @@ def check(
     Exits with code 2 if there is an error, with 0 if there are only warnings or nothing.
     """
     from rvsg.simulation.route_trial import trial_of
-    from rvsg.world.authoring.check import check_world
-    from rvsg.world.authoring.world_folder import folder_named, other_robot
+    from rvsg.world.checks import check_world
+    from rvsg.world.new_world import folder_named, other_robot
 
     driver = other_robot(robot)
     trial = None if no_simulation else trial_of(driver, progress=say)
@@ -175,8 +175,8 @@ def draw(
     Labelled map, grid of waypoints and bird's-eye view as PNG, or an SVG plan. A grid with too many names for one
     picture is also drawn in parts.
     """
-    from rvsg.world.authoring.world_folder import draw_world
-    from rvsg.world.io.load import load_world
+    from rvsg.world.new_world import draw_world
+    from rvsg.world.world_folder import load_world
 
     folder = out or (Path(world) / "pictures" if Path(world).is_dir() else Path())
     shown = _window(window)
@@ -196,8 +196,8 @@ def show(
 
     Grid, areas with their waypoints, routes in words, activities.
     """
-    from rvsg.world.authoring.world_folder import world_summary
-    from rvsg.world.io.load import load_world
+    from rvsg.world.new_world import world_summary
+    from rvsg.world.world_folder import load_world
 
     loaded = load_world(world)
     if json:
@@ -209,8 +209,8 @@ def show(
 @app.command("list")
 def list_worlds(json: AsJson = False) -> None:
     """List the worlds that ship with RVSG."""
-    from rvsg.world.authoring.world_folder import size_m, world_summary
-    from rvsg.world.io.load import load_world, shipped_worlds
+    from rvsg.world.new_world import size_m, world_summary
+    from rvsg.world.world_folder import load_world, shipped_worlds
 
     worlds = [load_world(name) for name in shipped_worlds()]
     if json:
@@ -234,8 +234,8 @@ def diff(
 
     An asterisk marks changes that can make a saved scenario invalid or different: map, objects, waypoints.
     """
-    from rvsg.world.compare import differences
-    from rvsg.world.io.load import load_world
+    from rvsg.world.diff import differences
+    from rvsg.world.world_folder import load_world
 
     found = differences(load_world(old), load_world(new))
     for difference in found:
@@ -287,8 +287,8 @@ def _numbers(option: str, form: str, text: str) -> tuple[float, ...]:
 
 
 def _show_world(world: World) -> None:
-    from rvsg.world.authoring.world_folder import size_m
-    from rvsg.world.route_words import route_paragraph
+    from rvsg.world.new_world import size_m
+    from rvsg.world.passages import route_paragraph
 
     wide, high = size_m(world)
     grid = world.grid
@@ -316,8 +316,8 @@ def _show_world(world: World) -> None:
 
 
 def _show_created(created: Created, remarks: tuple[Remark, ...], folder: Path) -> None:
-    from rvsg.world.authoring.world_folder import size_m
-    from rvsg.world.io.load import shipped_worlds
+    from rvsg.world.new_world import size_m
+    from rvsg.world.world_folder import shipped_worlds
 
     world = created.world
     wide, high = size_m(world)
@@ -352,8 +352,8 @@ def name(
     nothing.
     """
     from rvsg.app.description import propose_names
-    from rvsg.world.authoring.editing import edit_world
-    from rvsg.world.io.load import load_world
+    from rvsg.world.edits import edit_world
+    from rvsg.world.world_folder import load_world
 
     proposed = propose_names(
         load_world(folder),

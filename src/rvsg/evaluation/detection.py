@@ -39,8 +39,7 @@ from rvsg.scenario.scenario import Scenario
 from rvsg.simulation import events as recorded
 from rvsg.simulation.events import RobotContact
 from rvsg.simulation.run import Outcome, Run
-from rvsg.world.doors import Door
-from rvsg.world.world import World
+from rvsg.world.world import Door, World
 
 Floats = NDArray[np.float64]
 

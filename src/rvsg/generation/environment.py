@@ -25,8 +25,8 @@ from rvsg.generation.prompts import Dialogue, Prompts
 from rvsg.generation.replies import read_object
 from rvsg.generation.reply_json import TEXT, find_json, object_schema, texts_schema
 from rvsg.generation.vlm.model import Answer, Model
-from rvsg.world.io.load import SHIPPED, load_world
 from rvsg.world.world import Description, World
+from rvsg.world.world_folder import SHIPPED, load_world
 
 KEYS = ("layout", "grid")
 DATA_VARIABLE = "RVSG_DATA_DIR"

@@ -31,7 +31,7 @@ from rvsg.scenario.scenario import (
 )
 from rvsg.scenario.validity import is_walkable
 from rvsg.world.grid import Grid
-from rvsg.world.route_words import route_paragraph
+from rvsg.world.passages import route_paragraph
 from rvsg.world.world import Description, Route, SolidObject, World
 
 if TYPE_CHECKING:

@@ -37,7 +37,7 @@ from rvsg.scenario.scenario import (
     ends_of,
 )
 from rvsg.scenario.validity import check
-from rvsg.world.io.files import ObjectEntry
+from rvsg.world.schema import ObjectEntry
 from rvsg.world.space import robot_space
 from rvsg.world.world import SolidObject, World
 

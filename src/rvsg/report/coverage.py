@@ -14,9 +14,9 @@ import rvsg
 from rvsg.campaign.coverage import Coverage
 from rvsg.report.page import environment
 from rvsg.world.drawing import png_bytes
-from rvsg.world.drawing.placing import font
-from rvsg.world.drawing.plan import draw_plan
-from rvsg.world.route_words import line_of
+from rvsg.world.drawing.floor_plan import draw_plan
+from rvsg.world.drawing.sheet import font
+from rvsg.world.passages import line_of
 from rvsg.world.world import World
 
 Floats = NDArray[np.float64]

@@ -31,9 +31,8 @@ from rvsg.robots.robot import Robot
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.run import Run
-from rvsg.world.drawing.placing import font
-from rvsg.world.drawing.plan import Picture, draw_plan
-from rvsg.world.drawing.view import NARROWEST_PX
+from rvsg.world.drawing.floor_plan import Picture, draw_plan
+from rvsg.world.drawing.sheet import NARROWEST_PX, font
 from rvsg.world.world import World
 
 Floats = NDArray[np.float64]

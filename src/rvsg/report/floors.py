@@ -5,7 +5,7 @@ from __future__ import annotations
 import html
 
 from rvsg.report.names import narrow_names, narrow_size
-from rvsg.world.drawing.palette import DARK, LIGHT
+from rvsg.world.drawing.sheet import DARK, LIGHT
 from rvsg.world.drawing.svg import FloorPlan, floor_plan
 from rvsg.world.world import World
 

@@ -24,7 +24,7 @@ from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission
 from rvsg.simulation.events import DoorMoved
 from rvsg.simulation.run import Run
-from rvsg.world.doors import Door
+from rvsg.world.world import Door
 
 Floats = NDArray[np.float64]
 

@@ -21,10 +21,9 @@ from rvsg.scenario.rules import Finding
 from rvsg.scenario.scenario import ROBOT, Behaviour, Human, HumanConfiguration, Mission, Pause, Scenario, Task
 from rvsg.scenario.variation import REACH_M, ScenarioFamily, family_of, migrate
 from rvsg.scenario.world_lookup import as_world, doors_in, folder_of, load_moved, load_world, world_of
-from rvsg.world.doors import State
-from rvsg.world.fitting import fitted
+from rvsg.world.routes import fitted
 from rvsg.world.space import robot_space
-from rvsg.world.world import Route, SolidObject, World
+from rvsg.world.world import Route, SolidObject, State, World
 
 WORLD_FOLDER = "world_folder"
 """The key beside a saved record under which the folder of its world stands. It is no part of the record or its id."""

@@ -10,10 +10,9 @@ from pydantic import Field, SerializerFunctionWrapHandler, field_validator, mode
 
 from rvsg.core.records import Record
 from rvsg.robots.robot import DEFAULT_ROBOT, Robot, shipped_robots
-from rvsg.world.doors import State
-from rvsg.world.doorways import place_of
 from rvsg.world.grid import Grid
-from rvsg.world.world import Route, SolidObject, World, WorldParts
+from rvsg.world.lattice import place_of
+from rvsg.world.world import Route, SolidObject, State, World, WorldParts
 
 Outline = tuple[tuple[float, float], ...]
 

@@ -16,12 +16,11 @@ from rvsg.scenario.placement import size_findings, spawn_findings, speed_range, 
 from rvsg.scenario.rules import MAX_HUMANS, START_CLEARANCE_M, Finding, TaskEnd, near_place, spelled, task_ends
 from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Task
 from rvsg.scenario.variation import changes_that_matter
-from rvsg.world.doors import Door
-from rvsg.world.doorways import closed_between
-from rvsg.world.fitting import fits_through
 from rvsg.world.grid import GridSpec
+from rvsg.world.lattice import closed_between
+from rvsg.world.routes import fits_through
 from rvsg.world.space import human_space, robot_space
-from rvsg.world.world import World
+from rvsg.world.world import Door, World
 
 MOST_SOUND = 5_000
 """Tasks that are remembered of one world."""

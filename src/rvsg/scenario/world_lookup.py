@@ -15,11 +15,10 @@ from rvsg.core.documents import read_document
 from rvsg.core.errors import InputError, RvsgError, UnknownName
 from rvsg.scenario.scenario import Mission
 from rvsg.scenario.variation import same_floor
-from rvsg.world.doors import State
-from rvsg.world.doorways import with_doors
-from rvsg.world.io import load
-from rvsg.world.io.files import ObjectsFile
-from rvsg.world.world import SolidObject, World
+from rvsg.world import world_folder
+from rvsg.world.lattice import with_doors
+from rvsg.world.schema import ObjectsFile
+from rvsg.world.world import SolidObject, State, World
 
 _worlds: dict[str, World] = {}
 """Worlds seen in this process by their content id."""
@@ -34,9 +33,9 @@ def load_world(name_or_path: str | Path) -> World:
         UnknownName: there is no such world.
         FileError: its files cannot be used; names every mistake with file and line.
     """
-    world = load.load_world(name_or_path)
-    shipped = isinstance(name_or_path, str) and name_or_path in load.shipped_worlds()
-    return remember(world, None if shipped else load.world_folder(name_or_path))
+    world = world_folder.load_world(name_or_path)
+    shipped = isinstance(name_or_path, str) and name_or_path in world_folder.shipped_worlds()
+    return remember(world, None if shipped else world_folder.world_folder(name_or_path))
 
 
 def remember(world: World, folder: Path | None = None) -> World:
@@ -114,7 +113,7 @@ def world_of(mission: Mission, given: World | str | Path | None = None, *, near:
         raise UnknownName(
             "world",
             mission.world,
-            load.shipped_worlds(),
+            world_folder.shipped_worlds(),
             hint="The scenario was made in this world: say with --world (in Python world=) in which folder it is.",
         )
     raise InputError(

@@ -24,7 +24,7 @@ from rvsg.robots.robot import DEFAULT_ROBOT, Robot, load_robot
 from rvsg.scenario.scenario import ROBOT, HumanConfiguration, Mission, Scenario
 from rvsg.simulation.protocol import Simulator
 from rvsg.simulation.run import Outcome
-from rvsg.world.authoring.trial import Drive, Hop
+from rvsg.world.routes import Drive, Hop
 from rvsg.world.space import human_space
 from rvsg.world.world import Route, World
 

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.core.errors import InputError
 from rvsg.world.grid import Grid, GridSpec, Waypoint
-from rvsg.world.raster import inside_window, outermost
-from rvsg.world.space import Space
-from rvsg.world.world import SolidObject
+from rvsg.world.space import Space, human_space, in_same_space, inside_window, outermost, robot_space
+from rvsg.world.world import Area, Description, Door, OccupancyMap, Point, Route, SolidObject, State, World
 
 Floats = NDArray[np.float64]
 
@@ -268,3 +269,107 @@ def open_share(outline: Sequence[tuple[float, float]], space: Space) -> float:
     window, cells = inside_window(outline, space.frame)
     count = int(np.count_nonzero(cells))
     return float(np.count_nonzero(space.field[window][cells] > 0) / count) if count else 0.0
+
+
+_staged: WeakKeyDictionary[World, tuple[object, World]] = WeakKeyDictionary()
+"""The last place made of each world: what is computed of its space is kept while one scenario follows another."""
+
+
+def place_of(world: World, moved: tuple[SolidObject, ...], states: Mapping[str, State]) -> World:
+    """Return the world with these objects moved into it and its doors in these states, and no others."""
+    if moved == world.moved and dict(states) == dict(world.door_states):
+        return world
+    key = (moved, dict(states))
+    if world not in _staged or _staged[world][0] != key:
+        _staged[world] = (key, with_doors(world, states).with_moved(moved))
+    return _staged[world][1]
+
+
+def with_doors(world: World, states: Mapping[str, State]) -> World:
+    """Return the world with its doors in these states, the others as the world has them; its id stays the same.
+
+    People can stand and walk where the leaves leave room. A name that the world does not have changes nothing.
+    """
+    if dict(states) == dict(world.door_states):
+        return world
+    changed = world.staged(door_states=dict(states))
+    if changed.staged_doors == world.staged_doors:
+        return changed
+    bare = changed.staged(moved=())
+    grid = relaid(
+        world.grid,
+        world.grid_spec or GridSpec(),
+        human_space(bare),
+        seeds=[(route.start.x, route.start.y) for route in world.routes],
+        floor=floor_with_open_doors(bare),
+    )
+    return changed.staged(grid=grid)
+
+
+def floor_with_open_doors(world: World) -> Space:
+    """Return where people could be if no door were closed."""
+    closed = {door.name: "automatic" for door in world.staged_doors if door.state == "closed"}
+    return human_space(world.staged(door_states={**world.door_states, **closed}) if closed else world)
+
+
+def closed_between(world: World, a: Point, b: Point, clearance_m: float = 0.0) -> Door | None:
+    """Return a closed door whose leaf is this near to the straight line between two points; None where none is."""
+    from shapely import LineString, Polygon
+
+    closed = [door for door in world.staged_doors if door.state == "closed"]
+    line = LineString([a, b]) if closed else None
+    return next((door for door in closed if Polygon(door.leaf(0.0)).distance(line) <= clearance_m), None)
+
+
+LIDAR_HEIGHT_M = 0.21
+
+
+def build_world(
+    *,
+    name: str,
+    occupancy: OccupancyMap,
+    objects: Sequence[SolidObject] = (),
+    areas: Sequence[Area] = (),
+    routes: Sequence[Route] = (),
+    grid_spec: GridSpec | None = None,
+    title: str = "",
+    lidar_height_m: float = LIDAR_HEIGHT_M,
+    activities: Sequence[str] = (),
+    description: Description | None = None,
+    map_offset: Point = (0.0, 0.0),
+    doors: Sequence[Door] = (),
+    actors: Sequence[str] = (),
+    trolley_work: Mapping[str, bool] | None = None,
+) -> World:
+    """Lay the grid and give every area without waypoints the ones it is worked from.
+
+    Coordinates are metres in the world frame, the occupancy map's in the map frame (world = map + `map_offset`).
+    Raises InputError where no grid can be laid.
+    """
+    spec = grid_spec or GridSpec()
+    world = World(
+        name=name,
+        title=title or name,
+        objects=tuple(objects),
+        occupancy=occupancy,
+        lidar_height_m=lidar_height_m,
+        grid=Grid(rows=(), columns=(), waypoints=(), hops=()),
+        areas=tuple(areas),
+        routes=tuple(routes),
+        activities=tuple(activities),
+        description=description,
+        map_offset=map_offset,
+        grid_spec=spec,
+        doors=tuple(doors),
+        actors=tuple(actors),
+        trolley_work=dict(trolley_work or {}),
+    )
+    human, robot = human_space(world), robot_space(world)
+    seeds = [(route.start.x, route.start.y) for route in routes]
+    grid = build_grid(spec, human, robot, seeds=seeds, floor=floor_with_open_doors(world))
+    filled = tuple(area if area.waypoints else _with_waypoints(area, grid, human, world.objects) for area in areas)
+    return in_same_space(replace(world, grid=grid, areas=filled), world)
+
+
+def _with_waypoints(area: Area, grid: Grid, human: Space, objects: Sequence[SolidObject]) -> Area:
+    return area.model_copy(update={"waypoints": area_waypoints(area.outline, grid, human, objects=objects)})

@@ -6,18 +6,183 @@ footprints and of what the map shows; the robot keeps clear of what its own map 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.world.raster import Frame, inside_cells, outline_cells
+from rvsg.core.records import Pose
 from rvsg.world.world import FREE, OccupancyMap, SolidObject, World
 
 Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
+
+MOST_CROSSINGS = 1_000_000
+"""Pairs of a row and an edge that are compared in one step, which bounds the memory."""
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Where a raster lies: `origin` is the pose of the lower left corner of cell (0, 0), `resolution` metres a cell.
+
+    `shape` is (rows, columns); a row is a step along the frame's y axis, a column one along its x axis.
+    """
+
+    origin: Pose
+    resolution: float
+    shape: tuple[int, int]
+
+    def to_cells(self, points: Floats) -> Floats:
+        """Points (..., 2) in metres as fractional (column, row); cell (r, c) covers [c, c + 1) x [r, r + 1)."""
+        moved = points - np.array([self.origin.x, self.origin.y])
+        if self.origin.yaw:
+            c, s = np.cos(self.origin.yaw), np.sin(self.origin.yaw)
+            moved = moved @ np.array([[c, -s], [s, c]])
+        return np.asarray(moved / self.resolution)
+
+    def to_metres(self, cells: Floats) -> Floats:
+        """Fractional (column, row) (..., 2) as points in metres; the inverse of `to_cells`."""
+        scaled = cells * self.resolution
+        if self.origin.yaw:
+            c, s = np.cos(self.origin.yaw), np.sin(self.origin.yaw)
+            scaled = scaled @ np.array([[c, s], [-s, c]])
+        return np.asarray(scaled + np.array([self.origin.x, self.origin.y]))
+
+    def looked_up(self, cells: NDArray[Any], points: Floats) -> NDArray[Any]:
+        """Return the values of the cells in which the points (..., 2) in metres lie; 0 off the raster."""
+        at = np.floor(self.to_cells(np.asarray(points, float)) + 1e-9).astype(int)
+        rows, columns = self.shape
+        on_map = (at[..., 0] >= 0) & (at[..., 0] < columns) & (at[..., 1] >= 0) & (at[..., 1] < rows)
+        if on_map.all():
+            return np.asarray(cells[at[..., 1], at[..., 0]])
+        values = cells[np.where(on_map, at[..., 1], 0), np.where(on_map, at[..., 0], 0)]
+        return np.asarray(np.where(on_map, values, np.zeros((), cells.dtype)))
+
+    def looked_up_at(self, cells: NDArray[Any], x: float, y: float) -> Any:
+        """Return the value of the cell in which one point in metres lies; 0 off the raster."""
+        if self.origin.yaw:
+            return self.looked_up(cells, np.array([x, y]))
+        column = math.floor((x - self.origin.x) / self.resolution + 1e-9)
+        row = math.floor((y - self.origin.y) / self.resolution + 1e-9)
+        rows, columns = self.shape
+        return cells[row, column] if 0 <= column < columns and 0 <= row < rows else cells.dtype.type(0)
+
+    @property
+    def corners(self) -> Floats:
+        """The four corners of the raster in metres, (4, 2), counter-clockwise from the origin."""
+        rows, columns = self.shape
+        return self.to_metres(np.array([[0.0, 0.0], [columns, 0.0], [columns, rows], [0.0, rows]]))
+
+
+def covering(points: Floats, resolution: float, margin: float = 0.0) -> Frame:
+    """Return the smallest frame on multiples of `resolution` that holds the points (n, 2) and a margin in metres."""
+    low = np.floor((points.min(axis=0) - margin) / resolution + 1e-9)
+    high = np.ceil((points.max(axis=0) + margin) / resolution - 1e-9)
+    columns, rows = (int(n) for n in np.maximum(high - low, 1))
+    x, y = (round(float(v), 9) for v in low * resolution)
+    return Frame(Pose(x=x, y=y), resolution, (rows, columns))
+
+
+def outermost(cells: Bools) -> NDArray[np.int_]:
+    """Return the first and last marked cell of every row that has one, as (n, 2) of column and row.
+
+    Whatever way one looks, the farthest marked cells are among them.
+    """
+    rows = np.flatnonzero(cells.any(axis=1))
+    first = cells[rows].argmax(axis=1)
+    last = cells.shape[1] - 1 - cells[rows, ::-1].argmax(axis=1)
+    return np.column_stack([np.concatenate([first, last]), np.concatenate([rows, rows])])
+
+
+def outline_cells(polygons: Iterable[Sequence[tuple[float, float]]], frame: Frame) -> Bools:
+    """Return every cell that an edge of a closed polygon crosses; (rows, columns)."""
+    cells = np.zeros(frame.shape, bool)
+    for polygon in polygons:
+        corners = frame.to_cells(np.asarray(polygon, float))
+        ends = np.roll(corners, -1, axis=0)
+        for a, b in zip(corners, ends, strict=True):
+            steps = max(1, int(np.ceil(np.hypot(*(b - a)) * 10)))
+            points = a + (b - a) * np.linspace(0.0, 1.0, steps + 1)[:, None]
+            _mark(cells, np.floor(points + 1e-9).astype(int))
+    return cells
+
+
+def _mark(cells: Bools, at: NDArray[np.int_]) -> None:
+    rows, columns = cells.shape
+    inside = (at[:, 0] >= 0) & (at[:, 0] < columns) & (at[:, 1] >= 0) & (at[:, 1] < rows)
+    cells[at[inside, 1], at[inside, 0]] = True
+
+
+def inside_cells(polygons: Iterable[Sequence[tuple[float, float]]], frame: Frame) -> Bools:
+    """Return every cell whose centre is inside an odd number of the polygons (a ring is its outline and its hole)."""
+    cells = np.zeros(frame.shape, bool)
+    for polygon in polygons:
+        corners = frame.to_cells(np.asarray(polygon, float)) - 0.5  # cell centres have whole numbers
+        _toggle(cells, corners)
+    return cells
+
+
+def covered_cells(polygons: NDArray[np.float64], frame: Frame) -> Bools:
+    """Every cell that one of many small polygons (n, corners, 2) covers or touches."""
+    from PIL import Image, ImageDraw
+
+    rows, columns = frame.shape
+    image = Image.new("1", (columns, rows))
+    draw = ImageDraw.Draw(image)
+    for corners in frame.to_cells(polygons) - 0.5:
+        draw.polygon(corners.ravel().tolist(), fill=1, outline=1)
+    return np.array(image, bool)
+
+
+def inside_window(polygon: Sequence[tuple[float, float]], frame: Frame) -> tuple[tuple[slice, slice], Bools]:
+    """Return the part of a raster that a polygon covers, and which of its cells have their centre in the polygon.
+
+    The same cells as `inside_cells` marks, without the work for the rest of a large raster.
+    """
+    corners = frame.to_cells(np.asarray(polygon, float))
+    limits = (frame.shape[1], frame.shape[0])
+    low = np.clip(np.floor(corners.min(axis=0)).astype(int) - 1, 0, limits)
+    high = np.clip(np.ceil(corners.max(axis=0)).astype(int) + 1, 0, limits)
+    cells = np.zeros((int(high[1] - low[1]), int(high[0] - low[0])), bool)
+    if cells.size:
+        _toggle(cells, corners - low - 0.5)
+    return (slice(int(low[1]), int(high[1])), slice(int(low[0]), int(high[0]))), cells
+
+
+def _toggle(cells: Bools, corners: Floats) -> None:
+    """Invert the cells inside a closed polygon; `corners` (n, 2) are (column, row), cell centres whole numbers."""
+    rows, columns = cells.shape
+    low = max(0, int(np.ceil(corners[:, 1].min())))
+    high = min(rows - 1, int(np.floor(corners[:, 1].max())))
+    step = max(1, MOST_CROSSINGS // len(corners))
+    for start in range(low, high + 1, step):
+        lines = np.arange(start, min(start + step, high + 1))
+        line, first, last = _spans(corners, lines)
+        first, last = np.maximum(first, 0), np.minimum(last, columns - 1)
+        some = last >= first
+        if some.any():
+            left, right = int(first[some].min()), int(last[some].max()) + 1
+            edges = np.zeros((len(lines), right - left + 1), np.int32)
+            np.add.at(edges, (line[some], first[some] - left), 1)
+            np.add.at(edges, (line[some], last[some] + 1 - left), 1)
+            cells[start : start + len(lines), left:right] ^= (np.cumsum(edges, axis=1)[:, :-1] & 1).astype(bool)
+
+
+def _spans(corners: Floats, lines: NDArray[np.int_]) -> tuple[NDArray[np.int_], NDArray[np.int_], NDArray[np.int_]]:
+    """Return the stretches of rows inside a closed polygon: index into `lines`, first and last column, each (n,)."""
+    ends = np.roll(corners, -1, axis=0)
+    crosses = (corners[:, 1] <= lines[:, None]) != (ends[:, 1] <= lines[:, None])
+    line, edge = np.nonzero(crosses)
+    a, b = corners[edge], ends[edge]
+    at = a[:, 0] + (lines[line] - a[:, 1]) * (b[:, 0] - a[:, 0]) / (b[:, 1] - a[:, 1])
+    order = np.lexsort((at, line))
+    at = at[order]
+    return line[order][0::2], np.ceil(at[0::2]).astype(int), np.floor(at[1::2]).astype(int)
+
 
 MOST_SEGMENTS = 1000
 """The number of segments checked in one step, which bounds the memory."""

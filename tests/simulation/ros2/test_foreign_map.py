@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rvsg.world.io.load import load_world
 from rvsg.world.world import OCCUPIED
+from rvsg.world.world_folder import load_world
 from rvsg_ros2.interfaces import interfaces
 from rvsg_ros2.stack import SAME, share_of_obstacles
 

@@ -4,7 +4,7 @@ Topics: `/clock`, `/tf`, `/tf_static`, `/odom`, `/accel`, `/imu`, `/people` (vis
 `/human_states` (hunav_msgs/Agents), `/map` (latched), `/goal_pose`, and `/rvsg/run` (std_msgs/String: scenario id,
 seed, simulator options, outcome, time limit, the study's 2 Hz log and the acceleration of every 10 ms as JSON).
 
-With a trace also the topics of `rvsg_exchange.bag_trace`. The chunks of the file are compressed with zstd.
+With a trace also the topics of `rvsg_exchange.bag_messages`. The chunks of the file are compressed with zstd.
 """
 
 from __future__ import annotations
@@ -23,9 +23,7 @@ from rvsg.core.errors import FileError
 from rvsg.simulation.archive import LATERAL, PER_HUMAN, PER_SAMPLE, header_of, series_of
 from rvsg.simulation.run import Run, Trajectory
 from rvsg.world.world import OCCUPIED, UNKNOWN, World
-from rvsg_exchange.bag_trace import TraceMessages
-from rvsg_exchange.messages import BASE_FRAME, Messages
-from rvsg_exchange.ros_types import rosbags_types
+from rvsg_exchange.bag_messages import BASE_FRAME, Messages, TraceMessages, rosbags_types
 
 if TYPE_CHECKING:
     from rvsg.simulation.embedded.trace import Trace

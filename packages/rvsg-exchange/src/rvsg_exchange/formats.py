@@ -22,8 +22,8 @@ from rvsg.simulation.run import Run
 from rvsg.simulation.run_files import once, read_runs
 from rvsg.simulation.stacks.registry import StackLike
 from rvsg.world.world import World
-from rvsg_exchange import bag, foxglove, gazebo, hunav, nav2_goals, openscenario, tables
-from rvsg_exchange.recording import read_recording
+from rvsg_exchange import bag, exporters, hunav_agents
+from rvsg_exchange.recordings import read_recording
 
 OF_RUNS = ("csv", "parquet", "mcap")
 OF_SCENARIOS = ("hunav", "nav2-goals", "initial-pose", "osc", "sdf")
@@ -74,13 +74,13 @@ def export(
     for kind, name, known in (
         ("format", format, FORMATS),
         ("dialect", dialect, ("flat", "block", "v2")),
-        ("release", release, nav2_goals.RELEASES),
+        ("release", release, exporters.RELEASES),
     ):
         if name not in known:
             raise UnknownName(kind, name, known)
     path = Path(out)
     if format == "foxglove-layout":
-        write_whole(path, foxglove.foxglove_layout())
+        write_whole(path, exporters.foxglove_layout())
         return ()
     given = _source(source, world)
     if format in OF_RUNS:
@@ -154,7 +154,7 @@ def import_agents(
         InvalidScenario: somebody starts or walks in an obstacle of this world.
     """
     place = as_world(world)
-    converted = hunav.to_humans(hunav.read_agents(Path(path)))
+    converted = hunav_agents.to_humans(hunav_agents.read_agents(Path(path)))
     humans = tuple(_human(agent) for agent in converted.agents)
     text = description or f"People of {Path(path).name}"
     return scenario_of(place, route, humans, description=text), converted.notes
@@ -278,9 +278,9 @@ def _write_runs(
     elif traced:
         raise InputError("A trace simulates a scenario again: give the scenario and --seed, not the runs.")
     if format == "csv":
-        tables.write_csv(runs, path)
+        exporters.write_csv(runs, path)
     elif format == "parquet":
-        tables.write_parquet(runs, path)
+        exporters.write_parquet(runs, path)
     elif len(runs) > 1:
         raise InputError(f"A bag holds one run, and {len(runs)} are given. Give the scenario and --seed.")
     elif given.world is None:
@@ -295,7 +295,7 @@ def _write_scenario(given: Source, path: Path, format: str, dialect: Any, releas
     if format == "sdf" and world is not None and (given.scenario is None or given.runs):
         if len(given.runs) != 1:
             raise InputError(f"A Gazebo world replays one run, and {len(given.runs)} are given.")
-        write_whole(path, gazebo.world_sdf(world, given.runs[0]))
+        write_whole(path, exporters.world_sdf(world, given.runs[0]))
         return ()
     scenario = given.scenario
     if scenario is None or world is None:
@@ -303,14 +303,14 @@ def _write_scenario(given: Source, path: Path, format: str, dialect: Any, releas
     route = scenario.mission.route
     if format == "hunav":
         agents = decode(scenario.people, world.grid)
-        file, notes = hunav.export_agents(agents, map_name=world.name, dialect=dialect)
-        hunav.write_agents(file, path)
+        file, notes = hunav_agents.export_agents(agents, map_name=world.name, dialect=dialect)
+        hunav_agents.write_agents(file, path)
         return notes
     texts = {
-        "nav2-goals": lambda: nav2_goals.goals_yaml(route, world, release=release),
-        "initial-pose": lambda: nav2_goals.initial_pose_yaml(route, world),
-        "osc": lambda: openscenario.scenario_osc(scenario, world),
-        "sdf": lambda: gazebo.world_sdf(world),
+        "nav2-goals": lambda: exporters.goals_yaml(route, world, release=release),
+        "initial-pose": lambda: exporters.initial_pose_yaml(route, world),
+        "osc": lambda: exporters.scenario_osc(scenario, world),
+        "sdf": lambda: exporters.world_sdf(world),
     }
     write_whole(path, texts[format]())
     return () if format != "sdf" else ("A scenario has no recorded course of its people; export a run to get actors.",)

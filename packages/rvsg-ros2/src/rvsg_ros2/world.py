@@ -22,9 +22,9 @@ from rvsg.scenario.scenario import HumanAgent, PersonKind, Scenario, decode
 from rvsg.simulation.protocol import Simulator
 from rvsg.simulation.run import Outcome, Run, Trajectory
 from rvsg.world.world import Route, World
-from rvsg_exchange.hunav import Dialect, export_agents, write_agents
-from rvsg_exchange.recording_contents import SIDEWAYS_M_S
-from rvsg_exchange.ros_types import HUNAV_TYPES
+from rvsg_exchange.bag_messages import HUNAV_TYPES
+from rvsg_exchange.hunav_agents import Dialect, export_agents, write_agents
+from rvsg_exchange.recordings import SIDEWAYS_M_S
 from rvsg_ros2.dds import SUCCEEDED, ActionClient, Bus, Subscription
 from rvsg_ros2.options import Ros2Options, checked
 from rvsg_ros2.session import Session

@@ -24,7 +24,7 @@ from rvsg.scenario.builder import check_valid, load_scenario_in, save_scenario
 from rvsg.scenario.requirement import Requirement, shipped_requirements
 from rvsg.scenario.world_lookup import world_of
 from rvsg.simulation.route_trial import trial_of
-from rvsg.world.io.load import shipped_worlds
+from rvsg.world.world_folder import shipped_worlds
 from rvsg_studio.replay_data import floor_of, related, replay_of_attempts, replay_of_runs
 from rvsg_studio.scenario_trial import BEHAVIOURS, empty_scenario, scenario_of, simulated, try_out, with_person
 from rvsg_studio.transcripts import picture_of_call

@@ -8,7 +8,7 @@ from typing import Any
 
 import rvsg
 from rvsg.core.files import write_whole
-from rvsg.world.io.load import shipped_worlds
+from rvsg.world.world_folder import shipped_worlds
 from rvsg_studio.answers import text_of, world_place
 from rvsg_studio.asked_model import AskedModel, asked_model, keep_model
 from rvsg_studio.workspace import Workspace

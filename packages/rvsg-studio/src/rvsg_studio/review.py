@@ -11,8 +11,8 @@ from pydantic import BaseModel
 import rvsg
 from rvsg.core.files import write_whole
 from rvsg.generation.environment import description_of
-from rvsg.world.io.load import shipped_worlds
 from rvsg.world.world import Description
+from rvsg.world.world_folder import shipped_worlds
 from rvsg_studio.jobs import Job
 from rvsg_studio.workspace import Workspace
 

@@ -6,7 +6,7 @@ import re
 from difflib import SequenceMatcher
 from typing import Literal
 
-from rvsg.world.authoring.named_areas import unknown_areas
+from rvsg.world.areas import unknown_areas
 from rvsg.world.world import World
 
 

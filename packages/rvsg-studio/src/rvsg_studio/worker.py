@@ -26,8 +26,8 @@ from rvsg.generation.vlm.access import CallNews
 from rvsg.report.terminal import describe_calls
 from rvsg.scenario.builder import load_scenario_in, save_scenario
 from rvsg.simulation.run_files import runs_text
-from rvsg.world.io.load import shipped_worlds
 from rvsg.world.world import Description
+from rvsg.world.world_folder import shipped_worlds
 from rvsg_studio.jobs import EVENTS, JOB, PAUSE, RESULT, holding
 
 

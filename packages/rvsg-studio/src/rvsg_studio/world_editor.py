@@ -16,15 +16,14 @@ from rvsg.core.documents import read_yaml
 from rvsg.core.errors import InputError, RvsgError
 from rvsg.core.files import write_whole
 from rvsg.core.inputs import read_text
-from rvsg.world.authoring.check import check_world
-from rvsg.world.authoring.editing import Edit, edit_world
-from rvsg.world.authoring.trial import Trial
+from rvsg.world.checks import check_world
 from rvsg.world.drawing.svg import rectangles
-from rvsg.world.io.load import SHIPPED, read_world, shipped_worlds, world_folder
-from rvsg.world.passages import free_width_m
-from rvsg.world.route_words import length_m, line_of
+from rvsg.world.edits import Edit, edit_world
+from rvsg.world.passages import free_width_m, length_m, line_of
+from rvsg.world.routes import Trial
 from rvsg.world.space import frame_of, world_map
 from rvsg.world.world import OCCUPIED, Route, World
+from rvsg.world.world_folder import SHIPPED, read_world, shipped_worlds, world_folder
 from rvsg_studio.replay_data import floor_of
 
 MOST_EDGES = 4000

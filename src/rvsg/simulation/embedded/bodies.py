@@ -22,7 +22,7 @@ from rvsg.simulation.embedded.scene import Scene
 from rvsg.simulation.embedded.touches import Touches
 from rvsg.simulation.embedded.walls import Walls
 from rvsg.simulation.events import RecordedEvent
-from rvsg.world.doors import Door
+from rvsg.world.world import Door
 
 Floats = NDArray[np.float64]
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from rvsg.simulation.embedded.people.crowd import PERIOD_S, Crowd
 from rvsg.simulation.embedded.people.obstacles import RASTER_M, REACH_M
 from rvsg.simulation.events import DoorMoved
-from rvsg.world.doors import Door
+from rvsg.world.world import Door
 
 Floats = NDArray[np.float64]
 

@@ -9,10 +9,9 @@ import io
 
 from PIL import Image
 
-from rvsg.world.drawing.palette import PALETTES
-from rvsg.world.drawing.plan import GRID, LABELLED, LAYERS, Picture, draw_plan
-from rvsg.world.drawing.route import Way
-from rvsg.world.drawing.tiles import Tile, tiles
+from rvsg.world.drawing.floor_plan import GRID, LABELLED, LAYERS, Picture, Tile, draw_plan, tiles
+from rvsg.world.drawing.layers import Way
+from rvsg.world.drawing.sheet import PALETTES
 from rvsg.world.world import Route, World
 
 __all__ = [

@@ -18,11 +18,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from rvsg.world.drawing.areas import area_words
-from rvsg.world.drawing.floor import is_wall
-from rvsg.world.drawing.palette import Colour, Palette, palette
-from rvsg.world.drawing.placing import Word
-from rvsg.world.drawing.view import View, Window, view_of
+from rvsg.world.drawing.layers import area_words, is_wall
+from rvsg.world.drawing.sheet import Colour, Palette, View, Window, Word, palette, view_of
 from rvsg.world.space import frame_of, solid_cells, world_map
 from rvsg.world.world import AUTOMATIC, FREE, OCCUPIED, World
 

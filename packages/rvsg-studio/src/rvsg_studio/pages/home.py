@@ -7,7 +7,7 @@ import time
 from nicegui import ui
 
 from rvsg.evaluation.wording import counted
-from rvsg.world.io.load import shipped_worlds
+from rvsg.world.world_folder import shipped_worlds
 from rvsg_studio.frame import PATIENT_S, Page, chip, link, load, page, tag
 from rvsg_studio.jobs import Job
 from rvsg_studio.listing import FoundCampaign, FoundFinding, Listing

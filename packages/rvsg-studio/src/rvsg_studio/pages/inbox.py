@@ -18,7 +18,7 @@ from rvsg.evaluation.wording import counted
 from rvsg.generation.generator import Proposal
 from rvsg.scenario.builder import load_scenario_in, save_scenario
 from rvsg.scenario.requirement import shipped_requirements
-from rvsg.world.io.load import shipped_worlds
+from rvsg.world.world_folder import shipped_worlds
 from rvsg_studio.asked_model import asked_model, model_form
 from rvsg_studio.frame import Page, chip, field, link, load, page, select, tag, text_input
 from rvsg_studio.jobs import Job

@@ -18,7 +18,7 @@ from rvsg.core.files import write_whole
 from rvsg.evaluation.wording import counted
 from rvsg.robots.robot import shipped_robots
 from rvsg.scenario.requirement import shipped_requirements
-from rvsg.world.io.load import shipped_worlds
+from rvsg.world.world_folder import shipped_worlds
 from rvsg_studio.estimate import Estimate, estimate, estimate_all
 from rvsg_studio.frame import PATIENT_S, Page, address, as_script, field, load, page, select, tag, text_input
 from rvsg_studio.workspace import Workspace

@@ -8,7 +8,7 @@ from nicegui import ui
 
 import rvsg
 from rvsg.core.errors import RvsgError
-from rvsg.world.io.load import shipped_worlds
+from rvsg.world.world_folder import shipped_worlds
 from rvsg_studio.answers import scenario_place
 from rvsg_studio.frame import PATIENT_S, Page, address, field, load, page, problem, select, tag
 from rvsg_studio.workspace import Workspace

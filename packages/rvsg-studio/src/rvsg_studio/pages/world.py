@@ -9,11 +9,10 @@ from typing import Any
 from nicegui import ui
 
 from rvsg.core.errors import InputError, RvsgError
-from rvsg.world.authoring.check import check_world
-from rvsg.world.authoring.create import world_from_map, world_from_sdf
-from rvsg.world.authoring.readme import write_readme
-from rvsg.world.io.load import shipped_worlds
-from rvsg.world.io.save import save_world
+from rvsg.world.checks import check_world
+from rvsg.world.creation import world_from_map, world_from_sdf, write_readme
+from rvsg.world.schema import save_world
+from rvsg.world.world_folder import shipped_worlds
 from rvsg_studio.frame import Page, address, field, load, page, problem, tag, text_input
 from rvsg_studio.received import KINDS, forget, received
 from rvsg_studio.typed import Typed

@@ -1,0 +1,274 @@
+"""OpenSCENARIO DSL in the dialect of scenario-execution (https://github.com/IntelLabs/scenario_execution).
+
+The robot is initialised and drives the route with Nav2; people are run by HuNavSim from its agents file, since the
+dialect has no action for people who walk and react.
+
+Nav2 goals: a route as the YAML of a `NavigateThroughPoses` action goal.
+
+Send it with `ros2 action send_goal /navigate_through_poses nav2_msgs/action/NavigateThroughPoses "$(cat goals.yaml)"`.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import re
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, Literal
+from xml.etree import ElementTree as ET
+
+import numpy as np
+import shapely
+import yaml
+from numpy.typing import NDArray
+
+from rvsg.core.errors import InputError, how_to_install
+from rvsg.core.files import write_whole
+from rvsg.core.records import Pose
+from rvsg.scenario.scenario import Scenario
+from rvsg.simulation.run import Run
+from rvsg.world.world import Polygon, Route, SolidObject, World
+
+
+def scenario_osc(scenario: Scenario, world: World, *, agents_file: str = "agents.yaml") -> str:
+    """Return a scenario as OpenSCENARIO DSL.
+
+    Args:
+        scenario: the scenario; its mission becomes the robot's actions, its time limit the timeout.
+        world: the world of the scenario; poses are shifted by `map_offset` into the map frame.
+        agents_file: the HuNavSim file that holds the people; a comment names it.
+    """
+    route = scenario.mission.route
+    poses = (*route.through, route.goal)
+    people = "".join(
+        f"# - {_comment(human.name)}: {human.behaviour.value}, {human.speed_m_s:g} m/s, {len(human.tasks)} tasks\n"
+        for human in scenario.people.humans
+    )
+    if len(poses) == 1:
+        drive = f"robot.nav_to_pose({_pose(poses[0], world)})"
+    else:
+        listed = ",\n            ".join(_pose(pose, world) for pose in poses)
+        drive = f"robot.nav_through_poses([\n            {listed}\n        ])"
+    return (
+        f"# {_comment(scenario.description) or 'A scenario of RVSG'}\n"
+        f"# {scenario.id}, world {_comment(scenario.mission.world)}, {_comment(route.name)}\n"
+        f"# People (HuNavSim reads them from {_comment(agents_file)}):\n{people or '# - none' + chr(10)}"
+        "import osc.helpers\nimport osc.ros\nimport osc.nav2\n\n"
+        f"scenario {_identifier(scenario.id)}:\n"
+        f"    timeout({route.time_limit_s:g}s)\n"
+        "    robot: differential_drive_robot\n"
+        "    do serial:\n"
+        f"        robot.init_nav2({_pose(route.start, world)})\n"
+        f"        {drive}\n"
+    )
+
+
+def _pose(pose: Pose, world: World) -> str:
+    dx, dy = world.map_offset
+    position = f"position_3d(x: {pose.x - dx:.6f}m, y: {pose.y - dy:.6f}m)"
+    return f"pose_3d({position}, orientation: orientation_3d(yaw: {pose.yaw:.6f}rad))"
+
+
+def _comment(text: str) -> str:
+    return " ".join(text.split())
+
+
+def _identifier(text: str) -> str:
+    return re.sub(r"\W", "_", text)
+
+
+Release = Literal["humble", "jazzy", "kilted"]
+RELEASES: tuple[Release, ...] = ("humble", "jazzy", "kilted")
+
+
+def goals_yaml(route: Route, world: World, *, release: Release = "jazzy") -> str:
+    """Return the poses the robot must pass and the goal, in the map frame, as the YAML of an action goal.
+
+    Args:
+        route: the route; its `through` poses come first, its goal last.
+        world: the world of the route; its poses are shifted by `map_offset` into the map frame.
+        release: up to Jazzy the goal holds a list of PoseStamped, from Kilted on a nav_msgs/Goals.
+    """
+    poses = [_goal_pose(pose, world) for pose in (*route.through, route.goal)]
+    if release == "kilted":
+        goals: Any = {
+            "header": {"frame_id": "map"},
+            "goals": [{"header": {"frame_id": "map"}, "pose": p} for p in poses],
+        }
+    else:
+        goals = [{"header": {"frame_id": "map"}, "pose": pose} for pose in poses]
+    return yaml.safe_dump({"poses": goals, "behavior_tree": ""}, sort_keys=False)
+
+
+def initial_pose_yaml(route: Route, world: World) -> str:
+    """Return the start of the route as the YAML of a `geometry_msgs/PoseWithCovarianceStamped` for `/initialpose`."""
+    covariance = [0.0] * 36
+    covariance[0] = covariance[7] = 0.25
+    covariance[35] = (math.pi / 12) ** 2
+    pose = {"pose": _goal_pose(route.start, world), "covariance": covariance}
+    return yaml.safe_dump({"header": {"frame_id": "map"}, "pose": pose}, sort_keys=False)
+
+
+def _goal_pose(pose: Pose, world: World) -> dict[str, dict[str, float]]:
+    dx, dy = world.map_offset
+    return {
+        "position": {"x": pose.x - dx, "y": pose.y - dy, "z": 0.0},
+        "orientation": {"x": 0.0, "y": 0.0, "z": math.sin(pose.yaw / 2), "w": math.cos(pose.yaw / 2)},
+    }
+
+
+VERSION = "1.7"
+"""Read by Gazebo Classic 11 and by Gazebo Fortress and later."""
+
+ACTOR_STEP_S = 0.5
+SKIN = "https://fuel.gazebosim.org/1.0/Mingfei/models/actor/tip/files/meshes/walk.dae"
+
+
+def world_sdf(world: World, run: Run | None = None, *, skin: str = SKIN) -> str:
+    """Return a world as SDF.
+
+    Args:
+        world: its solid objects become static models, extruded from the floor to their height.
+        run: its people become actors that repeat what they did in the run, on the run's clock; None: no people.
+        skin: the file of the actors' mesh and walking animation; a `walk.dae` of Gazebo Classic or a Fuel address.
+    """
+    sdf = ET.Element("sdf", version=VERSION)
+    root = ET.SubElement(sdf, "world", name=world.name)
+    light = ET.SubElement(root, "light", name="sun", type="directional")
+    _text(light, "pose", "0 0 10 0 0 0")
+    _text(light, "direction", "-0.5 0.1 -0.9")
+    ground = ET.SubElement(root, "model", name="ground_plane")
+    _text(ground, "static", "true")
+    link = ET.SubElement(ground, "link", name="link")
+    for kind in ("collision", "visual"):
+        plane = ET.SubElement(ET.SubElement(ET.SubElement(link, kind, name=kind), "geometry"), "plane")
+        _text(plane, "normal", "0 0 1")
+        _text(plane, "size", "100 100")
+    for thing in world.solids:
+        _model(root, thing)
+    if run is not None:
+        for index in range(len(run.human_names)):
+            _actor(root, run, index, skin)
+    ET.indent(sdf)
+    return '<?xml version="1.0"?>\n' + ET.tostring(sdf, encoding="unicode") + "\n"
+
+
+def _model(root: ET.Element, thing: SolidObject) -> None:
+    model = ET.SubElement(root, "model", name=thing.name)
+    _text(model, "static", "true")
+    link = ET.SubElement(model, "link", name="link")
+    bottom = thing.box.center[2] - thing.box.size[2] / 2
+    _text(link, "pose", f"0 0 {max(0.0, bottom):.6g} 0 0 0")
+    for number, ring in enumerate(_rings(thing)):
+        for kind in ("collision", "visual"):
+            name = kind if number == 0 else f"{kind}_{number}"
+            polyline = ET.SubElement(ET.SubElement(ET.SubElement(link, kind, name=name), "geometry"), "polyline")
+            for x, y in ring:
+                _text(polyline, "point", f"{x:.6g} {y:.6g}")
+            _text(polyline, "height", f"{max(0.01, thing.box.size[2]):.6g}")
+
+
+def _rings(thing: SolidObject) -> list[Polygon]:
+    """Return outlines without holes that together cover the object: a polyline of SDF is one closed ring."""
+    if not thing.holes:
+        return [thing.footprint]
+    pieces = shapely.constrained_delaunay_triangles(shapely.Polygon(thing.footprint, thing.holes))
+    return [tuple(piece.exterior.coords[:-1]) for piece in shapely.get_parts(pieces)]
+
+
+def _actor(root: ET.Element, run: Run, index: int, skin: str) -> None:
+    path = run.trajectory
+    times = np.arange(0.0, float(path.t[-1]) + ACTOR_STEP_S / 2, ACTOR_STEP_S)
+    if times.size < 2:
+        raise InputError("The run is too short to make actors of its people.")
+    x = np.interp(times, path.t, path.human_x[:, index])
+    y = np.interp(times, path.t, path.human_y[:, index])
+    yaw = np.interp(times, path.t, np.unwrap(path.human_yaw[:, index]))
+    actor = ET.SubElement(root, "actor", name=run.human_names[index])
+    _text(actor, "pose", f"{x[0]:.4f} {y[0]:.4f} 0 0 0 {yaw[0]:.4f}")
+    _text(ET.SubElement(actor, "skin"), "filename", skin)
+    animation = ET.SubElement(actor, "animation", name="walking")
+    _text(animation, "filename", skin)
+    _text(animation, "interpolate_x", "true")
+    script = ET.SubElement(actor, "script")
+    _text(script, "loop", "false")
+    _text(script, "delay_start", "0")
+    _text(script, "auto_start", "true")
+    trajectory = ET.SubElement(script, "trajectory", id=str(index), type="walking")
+    for k in range(times.size):
+        waypoint = ET.SubElement(trajectory, "waypoint")
+        _text(waypoint, "time", f"{times[k]:g}")
+        _text(waypoint, "pose", f"{x[k]:.4f} {y[k]:.4f} 0 0 0 {yaw[k]:.4f}")
+
+
+def _text(parent: ET.Element, tag: str, text: str) -> None:
+    ET.SubElement(parent, tag).text = text
+
+
+Column = NDArray[Any]
+
+
+def trajectory_table(runs: Iterable[Run]) -> dict[str, Column]:
+    """Return the trajectories of runs as columns of equal length.
+
+    Columns: `run` (content id), `seed`, `t` (s), `robot` or the name of a person as `who`, `x`, `y` (m, world frame),
+    `yaw` (rad), `speed` (m/s), and for the robot `omega` (rad/s) and `acceleration` (m/s2); people have NaN there.
+    Rows are ordered by run, then who, then time.
+    """
+    parts: list[dict[str, Column]] = []
+    for run in runs:
+        path = run.trajectory
+        n = len(path)
+        none = np.full(n, np.nan)
+        same = {"run": np.full(n, run.id), "seed": np.full(n, run.seed), "t": path.t}
+        parts.append(
+            same
+            | {"who": np.full(n, "robot"), "x": path.x, "y": path.y, "yaw": path.yaw, "speed": path.v}
+            | {"omega": path.omega, "acceleration": path.acceleration}
+        )
+        for k, name in enumerate(run.human_names):
+            human = {"x": path.human_x, "y": path.human_y, "yaw": path.human_yaw, "speed": path.human_speed}
+            parts.append(
+                same
+                | {"who": np.full(n, name)}
+                | {key: values[:, k] for key, values in human.items()}
+                | {"omega": none, "acceleration": none}
+            )
+    if not parts:
+        raise InputError("There are no runs to write a table of.")
+    return {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
+
+
+def write_csv(runs: Iterable[Run], path: Path) -> None:
+    """Write trajectories as CSV with a header line. Numbers are written so that reading gives the same float."""
+    table = trajectory_table(runs)
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(table)
+    columns = [values.tolist() for values in table.values()]
+    for row in zip(*columns, strict=True):
+        writer.writerow(["" if value != value else value for value in row])
+    write_whole(path, text.getvalue())
+
+
+def write_parquet(runs: Iterable[Run], path: Path) -> None:
+    """Write trajectories as a Parquet file; needs pyarrow (extra `tables`)."""
+    try:
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+    except ImportError:
+        raise InputError(f"Parquet needs pyarrow: {how_to_install('tables')}.") from None
+    table = {key: pa.array(values.tolist(), from_pandas=True) for key, values in trajectory_table(runs).items()}
+    sink = io.BytesIO()
+    pq.write_table(pa.table(table), sink)
+    write_whole(path, sink.getvalue())
+
+
+LAYOUT = Path(__file__).with_name("foxglove_layout.json")
+
+
+def foxglove_layout() -> str:
+    """Return a layout as Foxglove imports it: the map with robot and people, and plots of speed and acceleration."""
+    return LAYOUT.read_text(encoding="utf-8")

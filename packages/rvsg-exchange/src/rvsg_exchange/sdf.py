@@ -1,0 +1,505 @@
+"""Reads a Gazebo world (.world, .sdf) into solid objects: sliced at the lidar height, footprints and heights kept."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rvsg.core.documents import DocumentError, Problem
+from rvsg.core.errors import FileError, InputError
+from rvsg.world.world import WIDTHS_M, Door, Point, SolidObject
+from rvsg_exchange import mesh
+from rvsg_exchange.mesh import SHAPES, Triangles, heightmap, numbers
+from rvsg_exchange.model_files import Element, ModelFiles
+from rvsg_exchange.sdf_tree import BUILT_IN, Frames, Matrix, Model, SdfTree, frames_of
+from rvsg_exchange.solid import overhead, solid_objects
+
+LOWEST_M, SHORTEST_M = 0.3, 1.4
+"""A leaf begins at most this high above the floor, and is at least so high."""
+THICKEST_M = 0.25
+THIN = 0.35
+"""A leaf is at most this share of its width thick."""
+ALONG = 0.9
+"""The cosine of the angle within which an axis counts as upright, or as along the leaf."""
+AT_END = 0.3
+"""The hinge of a leaf is at most this share of its width away from its end; in the middle, it is a turnstile."""
+TURN_RAD = math.radians(30.0)
+SLIDE = 0.5
+"""A sliding leaf moves by at least this share of its width."""
+WALL_M = 0.3
+"""The wall or the frame is this near to the end at which a leaf is held."""
+ROOM_M = 0.4
+"""This far to both sides of a leaf is open floor; a cupboard has its inside on one."""
+
+
+@dataclass(frozen=True)
+class Leaf:
+    """A link that may be the leaf of a door."""
+
+    door: Door
+    surface: Triangles
+    model: str
+    kind: str
+    pose: Matrix
+
+
+def leaves_of(
+    model: Model, frames: Frames, pose: Matrix, surfaces: dict[str, Triangles], name: str, kind: str
+) -> dict[str, Leaf]:
+    """Return the links of a model that look like leaves, by name.
+
+    Args:
+        pose: The model's pose above the floor.
+        surfaces: The collision surface of every link, above the floor.
+    """
+    if model.element.text_of("static").lower() in ("true", "1"):
+        return {}
+    found = {}
+    for joint in model.element.all("joint"):
+        child = joint.text_of("child").rpartition("::")[2]
+        if child not in surfaces or joint.attributes.get("type") not in ("revolute", "continuous", "prismatic"):
+            continue
+        placed = model.frames[joint.attributes.get("name", "")]
+        at = pose @ frames.pose(placed)
+        door = _door(joint, at, pose, surfaces[child], name)
+        if door is not None:
+            found[child] = Leaf(door, surfaces[child], name, kind, pose)
+    if len(found) > 1:
+        found = {
+            link: Leaf(leaf.door.model_copy(update={"name": f"{name} {link}"}), leaf.surface, name, kind, pose)
+            for link, leaf in found.items()
+        }
+    return found
+
+
+def _door(joint: Element, at: Matrix, model: Matrix, surface: Triangles, name: str) -> Door | None:
+    """Return the door whose leaf a joint moves; None where it looks like something else."""
+    ends = _ends(surface.vertices)
+    if ends is None:
+        return None
+    a, b, thickness = ends
+    axis, low, high = _axis(joint, at, model)
+    width = math.dist(a, b)
+    far = high if abs(high) >= abs(low) else low
+    same = {"name": name, "thickness_m": round(max(thickness, 0.01), 3)}
+    if joint.attributes.get("type") == "prismatic":
+        along = float(np.dot(axis[:2], np.subtract(b, a))) / width * (1.0 if far >= 0 else -1.0)
+        if abs(along) < ALONG or abs(far) < SLIDE * width:
+            return None
+        hinge, end = (b, a) if along > 0 else (a, b)
+        return Door(hinge=hinge, end=end, kind="sliding", **same)
+    anchor = (float(at[0, 3]), float(at[1, 3]))
+    hinge, end = sorted((a, b), key=lambda point: math.dist(point, anchor))
+    if abs(axis[2]) < ALONG or math.dist(hinge, anchor) > max(AT_END * width, 2 * thickness) or abs(far) < TURN_RAD:
+        return None
+    return Door(hinge=hinge, end=end, kind="swing", turns="left" if far * axis[2] > 0 else "right", **same)
+
+
+def _ends(vertices: NDArray[np.float64]) -> tuple[Point, Point, float] | None:
+    """Return the ends of a leaf's middle line and its thickness, metres; None where it is no upright leaf."""
+    from shapely import MultiPoint, get_coordinates, oriented_envelope
+
+    low, high = float(vertices[:, 2].min()), float(vertices[:, 2].max())
+    if low > LOWEST_M or high - max(low, 0.0) < SHORTEST_M:
+        return None
+    corners = get_coordinates(oriented_envelope(MultiPoint(vertices[:, :2])))[:4]
+    if len(corners) < 4:
+        return None
+    sides = [math.dist(corners[i], corners[i + 1]) for i in (0, 1)]
+    first = 0 if sides[0] <= sides[1] else 1  # the two short sides, whose middles are the ends
+    thickness, width = sides[first], sides[1 - first]
+    if not WIDTHS_M[0] <= width <= WIDTHS_M[1] or thickness > min(THICKEST_M, THIN * width):
+        return None
+    middles = [(corners[i] + corners[(i + 1) % 4]) / 2 for i in (first, first + 2)]
+    a, b = ((round(float(x), 3), round(float(y), 3)) for x, y in middles)
+    return a, b, thickness
+
+
+def _axis(joint: Element, at: Matrix, model: Matrix) -> tuple[NDArray[np.float64], float, float]:
+    """Return the axis of a joint in the world and its limits; without limits it moves without end."""
+    element = joint.find("axis")
+    xyz = element.find("xyz") if element is not None else None
+    numbers = [float(v) for v in xyz.text.split()] if xyz is not None and _are_numbers(xyz.text, 3) else [0.0, 0.0, 1.0]
+    in_model = element is not None and element.text_of("use_parent_model_frame").lower() in ("true", "1")
+    if xyz is not None and xyz.attributes.get("expressed_in") == "__model__":
+        in_model = True
+    direction = (model if in_model else at)[:3, :3] @ np.array(numbers)
+    limit = element.find("limit") if element is not None else None
+    lower, upper = (limit.text_of(key) if limit is not None else "" for key in ("lower", "upper"))
+    low, high = (float(text) if _are_numbers(text, 1) else usual for text, usual in ((lower, -99.0), (upper, 99.0)))
+    return direction / max(float(np.linalg.norm(direction)), 1e-12), low, high
+
+
+def _are_numbers(text: str, count: int) -> bool:
+    try:
+        values = [float(v) for v in text.split()]
+    except ValueError:
+        return False
+    return len(values) == count and all(math.isfinite(v) for v in values)
+
+
+def in_walls(leaves: Sequence[Leaf], solids: Sequence[SolidObject]) -> list[Leaf]:
+    """Return the leaves that are held by something solid and have open floor on both sides."""
+    from shapely import Point as At
+    from shapely import Polygon, STRtree
+
+    shapes = [Polygon(thing.footprint, thing.holes).buffer(0) for thing in solids]
+    tree = STRtree(shapes)
+
+    def near(at: Point, reach_m: float) -> Any:
+        return tree.query(At(at), predicate="dwithin", distance=reach_m)
+
+    found = []
+    for leaf in leaves:
+        door = leaf.door
+        (x, y), (hx, hy), (ex, ey) = door.middle, door.hinge, door.end
+        out = door.thickness_m / 2 + ROOM_M
+        across = (-(ey - hy) / door.width_m * out, (ex - hx) / door.width_m * out)
+        sides = [(x + sign * across[0], y + sign * across[1]) for sign in (1.0, -1.0)]
+        if len(near(door.hinge, WALL_M)) and not any(len(near(side, 0.0)) for side in sides):
+            found.append(leaf)
+    return found
+
+
+LARGEST_M = 1000.0
+LIDAR_HEIGHT_M = 0.21
+ASKED = "left out because of --without"
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SdfWorld:
+    """What a Gazebo world reduces to, and what was left out or replaced on the way."""
+
+    objects: tuple[SolidObject, ...]
+    notes: tuple[str, ...] = ()
+    doors: tuple[Door, ...] = ()
+    overhead: NDArray[np.float64] | None = None
+    """The faces over people's heads, seen from above (n, 3, 2); None where there are none."""
+
+
+def load_sdf(
+    path: str | Path,
+    *,
+    model_paths: Sequence[Path] = (),
+    lidar_height_m: float = LIDAR_HEIGHT_M,
+    floor_m: float = 0.0,
+    box_for_unreadable: bool = False,
+    lenient: bool = False,
+    without: Sequence[str] = (),
+    progress: Progress | None = None,
+) -> SdfWorld:
+    """Read a `.world`, `.sdf` or `.urdf` file.
+
+    Args:
+        model_paths: Folders that are searched first for models and meshes.
+        lidar_height_m: Height of the lidar plane above the floor.
+        floor_m: Height of the floor in the file's coordinates; it becomes 0.
+        box_for_unreadable: Replace a mesh that cannot be read by the box around its vertices, and note it.
+        lenient: Leave out models and meshes that are missing or unreadable, and note them.
+        without: Name patterns (`robot*`) of models to leave out.
+        progress: Called with a line of text as the work proceeds.
+
+    Raises:
+        DocumentError: With everything that is wrong, each with file and line.
+        FileError: For a file that is neither SDF nor URDF, or holds nothing solid.
+    """
+    path = Path(path)
+    tell = progress or (lambda _line: None)
+    tell(f"Reading {path.name}")
+    tree = SdfTree(ModelFiles(path, model_paths), without=without, lenient=lenient)
+    reader = _Reader(tree, lidar_height_m, floor_m, box_for_unreadable, tuple(without))
+    models = tree.read(path)
+    for number, model in enumerate(models, start=1):
+        tell(f"Model {number} of {len(models)}: {model.name}")
+        reader.add(model, tree.frames, np.eye(4), model.name)
+    reader.refuse_unused_patterns(path)
+    tree.report_missing(path)
+    if tree.problems:
+        raise DocumentError(tree.problems)
+    notes = [*tree.notes]
+    doors = reader.doors()
+    objects = _numbered_names(_short_names(reader.objects), notes)
+    if not objects:
+        gone = f"; {len(tree.missing)} models were not found: {_some(list(tree.missing))}" if tree.missing else ""
+        raise FileError(
+            path,
+            f"nothing solid stands between the floor and 2 m height, so there is no obstacle{gone}",
+            code="sdf-nothing-solid",
+        )
+    above = np.concatenate(reader.overhead) if reader.overhead else np.empty((0, 3, 2))
+    return SdfWorld(
+        objects=objects, notes=(*notes, *reader.all_notes()), doors=doors, overhead=above if len(above) else None
+    )
+
+
+@dataclass
+class _Reader:
+    tree: SdfTree
+    lidar_height_m: float
+    floor_m: float
+    box_for_unreadable: bool
+    without: tuple[str, ...]
+    objects: list[SolidObject] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    ignored: dict[str, list[str]] = field(default_factory=dict)
+    meshes: dict[tuple[Path, str | None, bool], Triangles | None] = field(default_factory=dict)
+    met: list[str] = field(default_factory=list)
+    overhead: list[NDArray[np.float64]] = field(default_factory=list)
+    leaves: list[Leaf] = field(default_factory=list)
+
+    def add(self, model: Model, outer: Frames, base: Matrix, name: str) -> None:
+        """Add a model's objects and those of the models nested in it."""
+        self.met.append(name)
+        if any(fnmatchcase(name, pattern) for pattern in self.without):
+            self._ignore(ASKED, name)
+            return
+        inner = frames_of(model, self.tree.problems)
+        pose = base @ outer.model_pose(model)
+        if model.links:
+            self._add_links(model, inner, pose, name)
+        wrapper = not model.links and len(model.children) == 1
+        for child in model.children:
+            self.add(child, inner, pose, name if wrapper else f"{name}/{child.name}")
+
+    def refuse_unused_patterns(self, path: Path) -> None:
+        """A pattern that matches nothing is a mistake: what it should leave out (a robot) would become an obstacle."""
+        met = list(dict.fromkeys([*self.met, *self.tree.left_out, *self.tree.missing]))
+        for pattern in self.without:
+            if any(fnmatchcase(name, pattern) for name in (*met, *BUILT_IN)):
+                continue
+            listed = ", ".join(met[:12]) + (f" and {len(met) - 12} more" if len(met) > 12 else "")
+            message = f'no model is called "{pattern}", so none can be left out. Models: {listed}'
+            self.tree.problems.append(Problem(path, None, message, code="sdf-unknown-model"))
+
+    def _add_links(self, model: Model, frames: Frames, pose: Matrix, name: str) -> None:
+        surfaces = self._surfaces(model, frames, pose)
+        if not surfaces:
+            self._ignore("left out: no solid collision", name)
+            return
+        leaves = leaves_of(model, frames, _lowered(self.floor_m) @ pose, surfaces, name, _kind(model))
+        self.leaves += leaves.values()
+        parts = [surface for link, surface in surfaces.items() if link not in leaves]
+        if parts:
+            self._add_solid(model, pose, name, mesh.joined(parts))
+
+    def _surfaces(self, model: Model, frames: Frames, pose: Matrix) -> dict[str, Triangles]:
+        """Return the collision surface of every link that has one, above the floor."""
+        found = {}
+        for link, placed in model.links.items():
+            parts = []
+            link_pose = pose @ frames.pose(placed)
+            for collision in placed.element.all("collision"):
+                where = frames.pose_of_inner(self.tree.placed(collision, model.path), placed)
+                surface = self._surface(collision, placed.element, model)
+                if surface is not None:
+                    parts.append(surface.moved(_lowered(self.floor_m) @ link_pose @ where))
+            if parts:
+                found[link] = mesh.joined(parts)
+        return found
+
+    def _add_solid(self, model: Model, pose: Matrix, name: str, whole: Triangles) -> None:
+        size = np.ptp(whole.vertices, axis=0)
+        self.overhead.append(overhead(whole))
+        found = solid_objects(
+            name, _kind(model), _lowered(self.floor_m) @ pose, whole, lidar_height_m=self.lidar_height_m
+        )
+        if not found:
+            self._ignore("left out: floor, or above head height", name)
+        elif float(size[:2].max()) > LARGEST_M:
+            message = f'model "{name}" is {size[0]:.0f} x {size[1]:.0f} m wide: is the unit of its mesh right?'
+            self.tree.problems.append(Problem(model.path, model.element.line, message, code="sdf-size"))
+        else:
+            self.objects.extend(found)
+            if model.element.all("plugin") or any(link.element.all("sensor") for link in model.links.values()):
+                self.notes.append(
+                    f'model "{name}" carries sensors or a plug-in: if it is the robot, leave it out with --without.'
+                )
+
+    def doors(self) -> tuple[Door, ...]:
+        """Return the doors; a leaf that stands in no wall becomes a solid object."""
+        kept = in_walls(self.leaves, self.objects)
+        for leaf in self.leaves:
+            if leaf not in kept:
+                self.objects.extend(
+                    solid_objects(
+                        leaf.door.name, leaf.kind, leaf.pose, leaf.surface, lidar_height_m=self.lidar_height_m
+                    )
+                )
+        if kept:
+            listed = _some([leaf.door.name for leaf in kept])
+            count, opens = ("1 door is", "It opens") if len(kept) == 1 else (f"{len(kept)} doors are", "They open")
+            self.notes.append(
+                f"{count} proposed: {listed}. {opens} for people and the robot; doors.yaml can say otherwise."
+            )
+        taken: dict[str, int] = {}
+        named = []
+        for door in (leaf.door for leaf in kept):
+            taken[door.name] = taken.get(door.name, 0) + 1
+            number = taken[door.name]
+            named.append(door if number == 1 else door.model_copy(update={"name": f"{door.name} {number}"}))
+        return tuple(named)
+
+    # --- geometry ---
+
+    def _surface(self, collision: Element, link: Element, model: Model) -> Triangles | None:
+        geometry = collision.find("geometry")
+        if geometry is None or not geometry.children:
+            message = f'the collision "{collision.attributes.get("name", "")}" has no geometry'
+            self.tree.problems.append(Problem(model.path, collision.line, message, code="sdf-tag-missing"))
+            return None
+        shape = geometry.children[0]
+        if shape.tag == "mesh":
+            return self._scaled(self._mesh(shape, link, model), model)
+        if shape.tag in ("empty",):
+            return None
+        if shape.tag in ("heightmap", "dem"):
+            return self._scaled(self._terrain(shape, model), model)
+        maker = SHAPES.get(shape.tag)
+        if maker is None:
+            self.notes.append(f'{model.path.name}:{shape.line}: a <{shape.tag}> in "{model.name}" is not read.')
+            return None
+        before = len(self.tree.problems)
+        surface = maker(shape, model.path, self.tree.problems)
+        return self._scaled(surface, model) if len(self.tree.problems) == before else None
+
+    def _scaled(self, surface: Triangles | None, model: Model) -> Triangles | None:
+        """Apply the scale of a saved state, which Gazebo applies to every shape and not to the poses."""
+        return surface if surface is None or model.scale is None else surface.scaled(model.scale)
+
+    def _terrain(self, shape: Element, model: Model) -> Triangles | None:
+        uri = shape.text_of("uri")
+        found = self.tree.find(uri, shape, model.path) if uri else None
+        if found is None:
+            return None
+        if found.suffix.lower() in (".tif", ".tiff", ".dem"):
+            self.notes.append(f"{model.path.name}:{shape.line}: the elevation model {found.name} is not read.")
+            return None
+        try:
+            return heightmap(shape, found, model.path, self.tree.problems)
+        except FileError as error:
+            self.tree.fault(Problem.of(error), f'the terrain of "{model.name}"')
+            return None
+
+    def _mesh(self, shape: Element, link: Element, model: Model) -> Triangles | None:
+        uri = shape.text_of("uri")
+        found = self.tree.find(uri, shape, model.path) if uri else None
+        if not uri:
+            self.tree.problems.append(Problem(model.path, shape.line, "the mesh has no <uri>", code="sdf-tag-missing"))
+        if found is None:
+            return None
+        part = shape.find("submesh")
+        submesh = part.text_of("name") or None if part is not None else None
+        center = part is not None and part.text_of("center").lower() in ("true", "1")
+        key = (found.resolve(), submesh, center)
+        if key not in self.meshes:
+            self.meshes[key] = self._loaded(found, submesh, center, shape, model)
+        surface = self.meshes[key]
+        scale = shape.find("scale")
+        if surface is None or scale is None:
+            return surface
+        factors = np.array(numbers(scale.text.strip(), 3, scale, model.path, self.tree.problems))
+        if not factors.all():
+            self.tree.problems.append(
+                Problem(model.path, scale.line, f"a mesh scale of 0 ({scale.text.strip()})", code="sdf-size")
+            )
+            return None
+        return surface.scaled(factors)
+
+    def _loaded(self, path: Path, submesh: str | None, center: bool, shape: Element, model: Model) -> Triangles | None:
+        try:
+            return mesh.load_mesh(path, submesh=submesh, center=center)
+        except FileError as error:
+            rough = mesh.rough_box(path) if self.box_for_unreadable else None
+            if rough is not None:
+                self.notes.append(f'{path.name} of "{model.name}" cannot be read; its bounding box is used instead.')
+                return rough
+            advice = (
+                "It has no readable vertices, so there is no bounding box either."
+                if self.box_for_unreadable
+                else "Repair it, use its bounding box with --box-for-unreadable, or leave it out with --lenient."
+            )
+            problem = Problem(error.path, error.line, f"{error.reason.rstrip('.')}. {advice}", code=error.code)
+            self.tree.fault(problem, f'the mesh {path.name} of "{model.name}"')
+        except InputError as error:
+            self.tree.problems.append(Problem(model.path, shape.line, str(error), code=error.code))
+        return None
+
+    def _ignore(self, reason: str, name: str) -> None:
+        self.ignored.setdefault(reason, []).append(name)
+
+    def all_notes(self) -> Iterator[str]:
+        """Yield sentences on what was left out or replaced."""
+        yield from self.notes
+        for tag, names in self.tree.skipped.items():
+            what = f"{len(names)} {_WORDS[tag]}{'s' if len(names) > 1 else ''}"
+            given = [name for name in names if name]
+            yield f"{what} skipped: {_some(given)}." if given else f"{what} skipped."
+        for name in self.tree.asked:
+            self._ignore(ASKED, name)
+        for reason, names in self.ignored.items():
+            yield f"{len(names)} model{'s' if len(names) > 1 else ''} {reason}: {_some(names)}."
+
+
+_WORDS = {"light": "light", "actor": "actor", "plugin": "plug-in", "road": "road", "world": "included world"}
+
+
+def _some(names: Sequence[str]) -> str:
+    return ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
+
+
+def _lowered(floor_m: float) -> Matrix:
+    matrix = np.eye(4)
+    matrix[2, 3] = -floor_m
+    return matrix
+
+
+# --- names --------------------------------------------------------------------------------------------------------
+
+
+def _kind(model: Model) -> str:
+    """Return what a model is an instance of: the model it includes, or its own name without a trailing number."""
+    return model.source or re.sub(r"([_\- ]*(clone|copy)?[_\- ]*\d+)+$", "", model.name) or model.name
+
+
+def _short_names(objects: Sequence[SolidObject]) -> tuple[SolidObject, ...]:
+    """Return names and kinds without the leading words that all kinds share (`aws_robomaker_warehouse_`)."""
+    kinds = sorted({thing.kind for thing in objects})
+    if len(kinds) < 2:
+        return tuple(objects)
+    words = [kind.split("_") for kind in kinds]
+    shared = 0
+    while all(len(w) > shared + 1 and w[shared] == words[0][shared] for w in words):
+        shared += 1
+    prefix = "".join(f"{word}_" for word in words[0][:shared])
+    if not prefix:
+        return tuple(objects)
+    return tuple(
+        thing.model_copy(update={"name": thing.name.removeprefix(prefix), "kind": thing.kind.removeprefix(prefix)})
+        for thing in objects
+    )
+
+
+def _numbered_names(objects: Sequence[SolidObject], notes: list[str]) -> tuple[SolidObject, ...]:
+    """Return the objects with names of their own: a name that is taken gets the first free number."""
+    taken = {thing.name for thing in objects}
+    used: set[str] = set()
+    named = []
+    for thing in objects:
+        name = thing.name
+        if name in used:
+            name = next(f"{thing.name}_{n}" for n in count() if f"{thing.name}_{n}" not in taken)
+            notes.append(f'a second model "{thing.name}" is called "{name}".')
+            taken.add(name)
+        used.add(name)
+        named.append(thing if name == thing.name else thing.model_copy(update={"name": name}))
+    return tuple(named)

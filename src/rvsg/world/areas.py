@@ -1,0 +1,346 @@
+"""A first proposal of labels: neighbours of a kind become "Shelf 1" to "Shelf 6", open floor becomes areas.
+
+A proposal is to be edited: names follow from models' names or, for a bare occupancy map, from shapes alone.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+import re
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from rvsg.world.rooms import areas_of_rooms, without_building
+from rvsg.world.schema import rectangle_outline
+from rvsg.world.space import Bools, Frame, Space, human_space_of, main_floor
+from rvsg.world.world import Area, OccupancyMap, Polygon, SolidObject
+
+Rectangle = tuple[float, float, float, float]
+
+NOT_WORKED = {
+    "wall",
+    "ground",
+    "floor",
+    "roof",
+    "ceiling",
+    "lamp",
+    "light",
+    "window",
+    "sun",
+    "door",
+    "column",
+    "pillar",
+    "portrait",
+    "painting",
+    "poster",
+}
+GAP_M = 0.6  # things nearer to each other than a person can pass between are worked as one
+LARGE = 4.0
+LONGEST_M = 7.0  # a longer shelf is labelled in parts
+PART_M = 4.5
+SMALLEST_THING_M = 0.3
+FLOOR_SIDE_M = 8.0
+FLOOR_LEAST_M2 = 4.0
+FLOOR_NARROWEST_M = 1.2
+CORRIDOR_WIDTH_M = 2.6
+MOST_FLOOR_AREAS = 12
+MOST_OBSTACLES = 30
+SEARCH_CELLS = 160
+ENCLOSED_FLOOR = 0.5
+PILLAR_M, PILLAR_RATIO = 0.25, 2.0
+FEWEST_ROOMS = 3  # with fewer the floor is one open place, which is labelled by rectangles
+
+
+def propose_areas(objects: Sequence[SolidObject], occupancy: OccupancyMap) -> tuple[Area, ...]:
+    """Propose areas without waypoints: things by kind (or a bare map's obstacles), and rooms or parts of open floor.
+
+    An object that is the building itself is no thing to label. `occupancy` lies in the world frame with origin yaw 0.
+    """
+    space = human_space_of(objects, occupancy)
+    apart = {id(thing) for thing in without_building(objects, occupancy)}
+    furniture = [
+        thing if id(thing) in apart else thing.replace(kind="fixture")
+        for thing in objects
+        if id(thing) in apart or _is_compact(thing)
+    ]
+    things = areas_of_objects(furniture) if objects else areas_of_obstacles(occupancy, space)
+    rooms = areas_of_rooms(space, main_floor(space))
+    return (*things, *(rooms if len(rooms) >= FEWEST_ROOMS else areas_of_floor(space) or rooms))
+
+
+def _is_compact(thing: SolidObject) -> bool:
+    """Return whether a part of a building is a pillar or the like, and no wall."""
+    short, long = sorted(thing.box.size[:2])
+    return short >= PILLAR_M and long <= min(PILLAR_RATIO * short, 2.0)
+
+
+# --- things -------------------------------------------------------------------------------------------------------
+
+
+def readable_kind(kind: str) -> str:
+    """Return the words of a model's name: "aws_ShelfD_01" is "Aws Shelf", "PalletJackB_01" is "Pallet Jack"."""
+    words = re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+", kind)
+    while len(words) > 1 and (words[-1].isdigit() or len(words[-1]) == 1):
+        words.pop()
+    return " ".join(word[:1].upper() + word[1:] for word in words) or "Object"
+
+
+def areas_of_objects(objects: Sequence[SolidObject]) -> tuple[Area, ...]:
+    """Return one area per cluster of neighbouring things of one kind; what is longer than 7 m in equal parts."""
+    by_kind: dict[str, list[SolidObject]] = defaultdict(list)
+    for thing in objects:
+        word = readable_kind(thing.kind)
+        if NOT_WORKED & set(word.lower().split()) or max(thing.box.size[:2]) < SMALLEST_THING_M:
+            continue
+        by_kind[word].append(thing)
+    found: list[Area] = []
+    for word, things in _large_apart(by_kind):
+        outlines = [part for cluster in _clusters(things) for part in _outlines(cluster)]
+        found += _numbered(word, word.lower(), outlines, region=_plural(word))
+    return tuple(found)
+
+
+def _large_apart(by_kind: dict[str, list[SolidObject]]) -> Iterable[tuple[str, list[SolidObject]]]:
+    """Yield the kinds, with those several times as large as their namesakes as "Large ..." ("Shelf", "Large Shelf")."""
+    for word, things in by_kind.items():
+        sizes = [thing.box.size[0] * thing.box.size[1] for thing in things]
+        large = [size >= LARGE * min(sizes) for size in sizes]
+        yield word, [thing for thing, much in zip(things, large, strict=True) if not much]
+        if any(large):
+            yield f"Large {word}", [thing for thing, much in zip(things, large, strict=True) if much]
+
+
+def _clusters(things: Sequence[SolidObject]) -> list[list[SolidObject]]:
+    """Groups of things connected by gaps below GAP_M."""
+    from shapely import Polygon, STRtree
+
+    if not things:
+        return []
+    shapes = [Polygon(thing.footprint) for thing in things]
+    pairs = STRtree(shapes).query(shapes, predicate="dwithin", distance=GAP_M)
+    parent = list(range(len(things)))
+
+    def root(i: int) -> int:
+        while parent[i] != i:
+            i = parent[i]
+        return i
+
+    for a, b in pairs.T:
+        parent[root(int(a))] = root(int(b))
+    groups: dict[int, list[SolidObject]] = defaultdict(list)
+    for i, thing in enumerate(things):
+        groups[root(i)].append(thing)
+    return list(groups.values())
+
+
+def _outlines(cluster: Sequence[SolidObject]) -> list[Polygon]:
+    """Return the outline of a cluster: a rectangle where it nearly is one, else the convex hull; long ones in parts."""
+    from shapely import Polygon, get_coordinates, unary_union
+
+    whole = unary_union([Polygon(thing.footprint) for thing in cluster])
+    x0, y0, x1, y1 = (float(v) for v in whole.bounds)
+    hull = whole.convex_hull
+    if hull.area < 0.7 * (x1 - x0) * (y1 - y0):
+        hull = hull.minimum_rotated_rectangle if hull.minimum_rotated_rectangle.area < 1.3 * hull.area else hull
+        return [tuple((round(float(x), 2), round(float(y), 2)) for x, y in get_coordinates(hull)[:-1])]
+    return [rectangle_outline(part) for part in _parts((x0, y0, x1, y1), LONGEST_M, PART_M)]
+
+
+def _parts(rectangle: Rectangle, longest: float, part: float) -> list[Rectangle]:
+    """Return the rectangle, cut across its sides that are longer than `longest` into equal parts of about `part`."""
+    x0, y0, x1, y1 = rectangle
+    columns = max(1, math.ceil((x1 - x0) / part - 0.5)) if x1 - x0 > longest else 1
+    rows = max(1, math.ceil((y1 - y0) / part - 0.5)) if y1 - y0 > longest else 1
+    xs, ys = np.linspace(x0, x1, columns + 1).round(2), np.linspace(y0, y1, rows + 1).round(2)
+    return [
+        (float(xs[i]), float(ys[j]), float(xs[i + 1]), float(ys[j + 1])) for j in range(rows) for i in range(columns)
+    ]
+
+
+def _numbered(word: str, kind: str, outlines: Iterable[Polygon], *, region: str | None) -> list[Area]:
+    """Areas named "Word 1", "Word 2", ... from top to bottom and left to right; one alone has no number."""
+    ordered = sorted(outlines, key=lambda outline: (-round(_middle(outline)[1]), _middle(outline)[0]))
+    names = [word] if len(ordered) == 1 else [f"{word} {i}" for i in range(1, len(ordered) + 1)]
+    shared = region if len(ordered) > 1 else None
+    return [
+        Area(name=name, kind=kind, region=shared, outline=outline, waypoints=())
+        for name, outline in zip(names, ordered, strict=True)
+    ]
+
+
+def _middle(outline: Polygon) -> tuple[float, float]:
+    xs, ys = [p[0] for p in outline], [p[1] for p in outline]
+    return (min(xs) + max(xs)) / 2, (min(ys) + max(ys)) / 2
+
+
+def _plural(word: str) -> str:
+    if word.endswith(("lf", "fe")):
+        return re.sub(r"(lf|fe)$", lambda m: {"lf": "lves", "fe": "ves"}[m[1]], word)
+    return word if word.endswith(("s", "ing")) else f"{word}s"
+
+
+# --- a bare map ---------------------------------------------------------------------------------------------------
+
+
+def areas_of_obstacles(occupancy: OccupancyMap, space: Space) -> tuple[Area, ...]:
+    """Return the obstacles that stand free on the main floor as areas "Obstacle 1", ...: the largest thirty, long ones
+    in parts.
+
+    Occupied cells less than a person's passage apart are one obstacle; walls (thin, or with
+    floor inside) are not labelled.
+    """
+    from scipy.ndimage import find_objects, label, maximum_filter1d
+
+    size = occupancy.resolution
+    occupied = occupancy.cells == 100
+    floor = main_floor(space)
+    if not floor.any() or not occupied.any():
+        return ()
+    reach = 2 * max(1, round(0.75 * GAP_M / 2 / size)) + 1  # a square of this reach is about a disc of GAP_M / 2
+    grown = maximum_filter1d(maximum_filter1d(occupied, reach, axis=0), reach, axis=1)
+    labels, _ = label(grown, np.ones((3, 3)))
+    found: list[tuple[float, Rectangle]] = []
+    for number, window in enumerate(find_objects(labels), start=1):
+        mine = occupied[window] & (labels[window] == number)
+        r, c = np.nonzero(mine)
+        wide, high = (np.ptp(c) + 1) * size, (np.ptp(r) + 1) * size
+        inside = floor[window][r.min() : r.max() + 1, c.min() : c.max() + 1]
+        around = float(inside.mean()) > ENCLOSED_FLOOR  # the walls of a room hold its floor
+        walls = around or (min(wide, high) < 0.35 and max(wide, high) > 1.5)
+        if walls or max(wide, high) < SMALLEST_THING_M or not _stands_on(floor, window):
+            continue
+        x = space.frame.origin.x + (window[1].start + c.min()) * size
+        y = space.frame.origin.y + (window[0].start + r.min()) * size
+        found.append((wide * high, (round(x, 2), round(y, 2), round(x + wide, 2), round(y + high, 2))))
+    largest: list[Rectangle] = []
+    for _, rectangle in sorted(found, reverse=True):
+        if len(largest) < MOST_OBSTACLES and not any(_within(rectangle, other) for other in largest):
+            largest.append(rectangle)
+    parts = [part for rectangle in largest for part in _parts(rectangle, LONGEST_M, PART_M)]
+    return tuple(_numbered("Obstacle", "obstacle", [rectangle_outline(part) for part in parts], region=None))
+
+
+def _within(rectangle: Rectangle, other: Rectangle, margin: float = 0.1) -> bool:
+    """Return whether a rectangle lies in another one, up to a margin in metres."""
+    x0, y0, x1, y1 = rectangle
+    return x0 >= other[0] - margin and y0 >= other[1] - margin and x1 <= other[2] + margin and y1 <= other[3] + margin
+
+
+def _stands_on(floor: Bools, window: tuple[slice, slice]) -> bool:
+    """Return whether floor lies on at least three sides of a window of cells."""
+    rows, columns = window
+    reach = 12
+    low, high = max(rows.start - reach, 0), rows.stop + reach
+    left, right = max(columns.start - reach, 0), columns.stop + reach
+    sides = (
+        floor[low : rows.start, columns],
+        floor[rows.stop : high, columns],
+        floor[rows, left : columns.start],
+        floor[rows, columns.stop : right],
+    )
+    return sum(bool(side.any()) for side in sides) >= 3
+
+
+def areas_of_floor(space: Space, *, most: int = MOST_FLOOR_AREAS) -> tuple[Area, ...]:
+    """Open floor as rectangles, the largest first found: long narrow ones "Corridor 1", others "Area 1", ..."""
+    floor = main_floor(space)
+    cells, frame = _coarse(floor, space.frame)
+    least = FLOOR_LEAST_M2
+    longest = max(FLOOR_SIDE_M, 0.3 * max(cells.shape) * frame.resolution)
+    side = FLOOR_NARROWEST_M / frame.resolution
+    corridors: list[Polygon] = []
+    places: list[Polygon] = []
+    while len(corridors) + len(places) < most:
+        top, left, high, wide = largest_rectangle(cells, side)
+        if high * wide * frame.resolution**2 < least:
+            break
+        cells[top : top + high, left : left + wide] = False
+        corners = frame.to_metres(np.array([[left, top], [left + wide, top + high]], float)).round(2)
+        (x0, y0), (x1, y1) = corners.tolist()
+        narrow, long = sorted((x1 - x0, y1 - y0))
+        if narrow <= CORRIDOR_WIDTH_M and long >= 3 * narrow:
+            corridors += [rectangle_outline(p) for p in _parts((x0, y0, x1, y1), 15.0, 10.0)]
+        else:
+            places += [rectangle_outline(p) for p in _parts((x0, y0, x1, y1), longest, longest * 0.75)]
+    found = _numbered("Corridor", "corridor", corridors[:most], region=None)
+    return (*found, *_numbered("Area", "floor", places[: most + 4], region=None))
+
+
+def _coarse(floor: Bools, frame: Frame) -> tuple[Bools, Frame]:
+    """Return the floor in cells of at least 0.2 m, free only where every cell is, small enough to search."""
+    rows, columns = floor.shape
+    step = max(1, round(0.2 / frame.resolution), math.ceil(max(rows, columns) / SEARCH_CELLS))
+    high, wide = rows // step, columns // step
+    if high == 0 or wide == 0:
+        return floor.copy(), frame
+    blocks = floor[: high * step, : wide * step].reshape(high, step, wide, step)
+    free: Bools = np.asarray(blocks.all(axis=(1, 3)))
+    return free, Frame(frame.origin, frame.resolution * step, (high, wide))
+
+
+def largest_rectangle(cells: Bools, least_side: float = 1.0) -> tuple[int, int, int, int]:
+    """The largest rectangle of true cells with no side below `least_side`: (row, column, height, width); zeros if none.
+
+    The largest rectangle under a histogram, for the histogram of every row.
+    """
+    best = (0, 0, 0, 0)
+    best_size = 0
+    heights = np.zeros(cells.shape[1] + 1, int)
+    for row in range(cells.shape[0]):
+        heights[:-1] = np.where(cells[row], heights[:-1] + 1, 0)
+        stack: list[tuple[int, int]] = []
+        for column, height in enumerate(heights.tolist()):
+            start = column
+            while stack and stack[-1][1] >= height:
+                start, tall = stack.pop()
+                wide = column - start
+                if tall * wide > best_size and min(tall, wide) >= least_side:
+                    best, best_size = (row - tall + 1, start, tall, wide), tall * wide
+            stack.append((start, height))
+    return best
+
+
+ALIKE = 0.85
+"""So similar (difflib's ratio) to a known name is what was meant to be it."""
+_CAPITALISED = re.compile(r"\b[A-ZÀ-ÖØ-Þ][\w'-]*(?:\s+[A-ZÀ-ÖØ-Þ][\w'-]*)*(?:\s+\d+)?\b")
+_ARROW = re.compile(r"→|->")
+
+
+def unknown_areas(text: str, known: Sequence[str]) -> list[str]:
+    """Return the names in a text that look like those of areas and are none of the known ones, in no order.
+
+    A name looks so where it stands at an end of an arrow, where it is one of a known kind with another number
+    (`Shelf 9` beside `Shelf 1`), or where capital letters and a likeness say so (`Wast Area`).
+    """
+    if _ARROW.search(text):
+        sides = [side.strip(" .,;") for side in _ARROW.split(text)]
+        return [side for side in dict.fromkeys(sides) if side and not any(_same(side, name) for name in known)]
+    rest, found = text, []
+    for name in sorted(known, key=len, reverse=True):
+        rest = re.sub(_pattern(name), "\0", rest, flags=re.IGNORECASE)
+    kinds = {match[1] for name in known if (match := re.fullmatch(r"(.*\S)\s*\d+", name))}
+    for kind in sorted(kinds, key=len, reverse=True):
+        numbered = re.compile(_pattern(kind).removesuffix(_END) + r"\s*\d+\b", re.IGNORECASE)
+        found += numbered.findall(rest)
+        rest = numbered.sub("\0", rest)
+    folded = [name.casefold() for name in known]
+    for phrase in _CAPITALISED.findall(rest):
+        one_of = re.sub(r"s(\s+\d+)$", r"\1", phrase.casefold())  # "Areas 3 and 4" begins with a known name
+        if one_of not in folded and difflib.get_close_matches(phrase.casefold(), folded, n=1, cutoff=ALIKE):
+            found.append(phrase)
+    return list(dict.fromkeys(found))
+
+
+_END = r"(?!\w)"
+
+
+def _pattern(name: str) -> str:
+    """Return a name as a whole word, however its words are spaced."""
+    return r"(?<!\w)" + r"\s+".join(re.escape(word) for word in name.split()) + _END
+
+
+def _same(text: str, name: str) -> bool:
+    return text.casefold().split() == name.casefold().split()

@@ -1,1 +1,0 @@
-"""Make and check a world: propose a grid, labels and routes, and report every mistake."""

@@ -1,0 +1,174 @@
+"""Compare two versions of a world: what changed, and whether scenarios saved in the first can notice."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import Literal
+
+import numpy as np
+
+from rvsg.core.records import Pose, Record
+from rvsg.world.space import Frame, frame_of, world_map
+from rvsg.world.world import FREE, OCCUPIED, Area, Door, Route, SolidObject, World
+
+MOVED_M = 1e-6
+MOST_NAMED = 8
+
+
+class Difference(Record):
+    """One difference between two worlds.
+
+    `matters` says whether a scenario can depend on it: a change of the floor always, of a waypoint if somebody uses
+    it. Labels, activities and routes do not, because a scenario holds its own route.
+    """
+
+    part: Literal["map", "objects", "doors", "waypoints", "areas", "routes", "activities"]
+    message: str
+    matters: bool
+
+
+def differences(old: World, new: World) -> tuple[Difference, ...]:
+    """Return every difference between two worlds, those that matter to scenarios first in each part."""
+    return (
+        *_map(old, new),
+        *_objects(old, new),
+        *_doors(old, new),
+        *_waypoints(old, new),
+        *_areas(old, new),
+        *_routes(old, new),
+        *_words(old, new),
+    )
+
+
+def _map(old: World, new: World) -> Iterator[Difference]:
+    a, b = world_map(old), world_map(new)
+    if frame_of(a) == frame_of(b) and (a.cells == b.cells).all() and old.lidar_height_m == new.lidar_height_m:
+        return
+    frame = frame_of(a)
+    rows, columns = np.indices(frame.shape)
+    middles = frame.to_metres(np.stack([columns + 0.5, rows + 0.5], axis=-1).astype(float))
+    there = _cells_at(b.cells, frame_of(b), middles)
+    size = frame.resolution**2
+    closed = float(((a.cells == FREE) & (there != FREE)).sum() * size)
+    opened = float(((a.cells != FREE) & (there == FREE)).sum() * size)
+    parts = [f"{closed:.1f} m² of floor closed" if closed else "", f"{opened:.1f} m² opened" if opened else ""]
+    said = " and ".join(part for part in parts if part) or "the frame, the resolution or the lidar height changed"
+    yield Difference(part="map", message=f"The map changed: {said}.", matters=True)
+
+
+def _cells_at(cells: np.ndarray, frame: Frame, points: np.ndarray) -> np.ndarray:
+    """Return the values of a map at points (..., 2); occupied off the map."""
+    known = frame.looked_up(np.ones(cells.shape, np.uint8), points)
+    return np.where(known == 1, frame.looked_up(cells, points), OCCUPIED)
+
+
+def _objects(old: World, new: World) -> Iterator[Difference]:
+    def what(thing: SolidObject) -> dict[str, object]:
+        return thing.model_dump(exclude={"name", "kind"})
+
+    yield from _named("objects", "object", old.objects, new.objects, what, matters=True)
+
+
+def _doors(old: World, new: World) -> Iterator[Difference]:
+    def what(door: Door) -> dict[str, object]:
+        return door.model_dump(exclude={"name"})
+
+    yield from _named("doors", "door", old.doors, new.doors, what, matters=True)
+
+
+def _waypoints(old: World, new: World) -> Iterator[Difference]:
+    before = {w.name: w for w in old.grid.waypoints if w.human}
+    now = {w.name: w for w in new.grid.waypoints if w.human}
+    gone = [name for name in before if name not in now]
+    added = [name for name in now if name not in before]
+    moved = {n: math.dist((before[n].x, before[n].y), (now[n].x, now[n].y)) for n in before if n in now}
+    moved = {name: away for name, away in moved.items() if away > MOVED_M}
+    for name, away in list(moved.items())[:MOST_NAMED]:
+        yield Difference(part="waypoints", message=f"Waypoint {name} moved by {_metres(away)}.", matters=True)
+    if len(moved) > MOST_NAMED:
+        more = f"{len(moved) - MOST_NAMED} more waypoints moved, by up to {_metres(max(moved.values()))}."
+        yield Difference(part="waypoints", message=more, matters=True)
+    if gone:
+        yield Difference(part="waypoints", message=f"People can no longer stand on {_some(gone)}.", matters=True)
+    if added:
+        yield Difference(part="waypoints", message=f"People can now also stand on {_some(added)}.", matters=False)
+    hops = {frozenset(hop) for hop in old.grid.hops} - {frozenset(hop) for hop in new.grid.hops}
+    lost = sorted("-".join(sorted(hop)) for hop in hops if all(n in now and n not in moved for n in hop))
+    if lost:
+        yield Difference(part="waypoints", message=f"The straight way is no longer free: {_some(lost)}.", matters=True)
+
+
+def _areas(old: World, new: World) -> Iterator[Difference]:
+    by_outline = {area.outline: area for area in new.areas}
+    now = {area.name for area in new.areas}
+    renamed = [
+        (area.name, by_outline[area.outline].name)
+        for area in old.areas
+        if area.name not in now and area.outline in by_outline
+    ]
+    for before, after in renamed:
+        yield Difference(part="areas", message=f'Area "{before}" is now called "{after}".', matters=False)
+    taken_old, taken_new = {a for a, _ in renamed}, {b for _, b in renamed}
+
+    def what(area: Area) -> dict[str, object]:
+        return area.model_dump(exclude={"name"})
+
+    yield from _named(
+        "areas",
+        "area",
+        [area for area in old.areas if area.name not in taken_old],
+        [area for area in new.areas if area.name not in taken_new],
+        what,
+        matters=False,
+    )
+
+
+def _routes(old: World, new: World) -> Iterator[Difference]:
+    def what(route: Route) -> dict[str, object]:
+        return route.model_dump()
+
+    yield from _named("routes", "route", old.routes, new.routes, what, matters=False)
+    now = {route.name: route for route in new.routes}
+    for route in old.routes:
+        for end, a, b in ((e, getattr(route, e), getattr(now.get(route.name, route), e)) for e in ("start", "goal")):
+            if a != b:
+                message = f"The {end} of {route.name} moved by {_metres(_apart(a, b))}."
+                yield Difference(part="routes", message=message, matters=False)
+
+
+def _words(old: World, new: World) -> Iterator[Difference]:
+    gone = [text for text in old.activities if text not in new.activities]
+    added = [text for text in new.activities if text not in old.activities]
+    for text in gone:
+        yield Difference(part="activities", message=f'The activity "{text}" is gone.', matters=False)
+    for text in added:
+        yield Difference(part="activities", message=f'The activity "{text}" is new.', matters=False)
+
+
+def _named(part, word, old, new, what, *, matters: bool) -> Iterator[Difference]:  # type: ignore[no-untyped-def]
+    """Yield which named things are gone, new or changed."""
+    before, now = ({thing.name: what(thing) for thing in things} for things in (old, new))
+    lists = (
+        ("is gone", "are gone", [name for name in before if name not in now]),
+        ("is new", "are new", [name for name in now if name not in before]),
+        ("changed", "changed", [name for name in before if name in now and before[name] != now[name]]),
+    )
+    for one, many, names in lists:
+        if names:
+            message = (
+                f"{word.capitalize()}{'s' if len(names) > 1 else ''} {_some(names)} {one if len(names) == 1 else many}."
+            )
+            yield Difference(part=part, message=message, matters=matters)
+
+
+def _apart(a: Pose, b: Pose) -> float:
+    return math.dist((a.x, a.y), (b.x, b.y))
+
+
+def _metres(distance: float) -> str:
+    return f"{distance:.1f} m" if distance >= 0.1 else f"{distance * 100:.1g} cm"
+
+
+def _some(names: Sequence[str]) -> str:
+    return ", ".join(names[:MOST_NAMED]) + (f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else "")

@@ -1,0 +1,454 @@
+"""Change one thing in a world's labels.yaml, routes.yaml or world.yaml and keep everything else as it was written.
+
+Comments, order and layout of the file stay. A change that would leave the file unreadable is refused.
+"""
+
+from __future__ import annotations
+
+import io
+import itertools
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from difflib import SequenceMatcher
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from rvsg.core.documents import Document, parse_yaml, read_yaml, validated
+from rvsg.core.errors import FileError, InputError, UnknownName, how_to_install
+from rvsg.core.files import write_whole
+from rvsg.core.inputs import read_text
+from rvsg.world.routes import time_limit_s
+from rvsg.world.schema import LabelsFile, RoutesFile, WorldFile
+from rvsg.world.world_folder import SHIPPED, world_folder
+
+LABELS, ROUTES, HEAD = "labels.yaml", "routes.yaml", "world.yaml"
+SHAPES = ("rectangle", "outline")
+DIGITS = 2
+"""Decimals of metres that are written: centimetres."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Edit:
+    """A change of one file of a world folder: its text before and after."""
+
+    path: Path
+    before: str
+    after: str
+
+    def apply(self) -> None:
+        """Write the file; FileError where it is not as it was before."""
+        self._write(self.before, self.after)
+
+    def revert(self) -> None:
+        """Write the file as it was before; FileError where somebody else has changed it since."""
+        self._write(self.after, self.before)
+
+    def _write(self, expected: str, text: str) -> None:
+        if read_text(self.path) != expected:
+            raise FileError(self.path, "the file has been changed elsewhere since. Load the page again.")
+        write_whole(self.path, text)
+
+
+def edit_world(folder: str | Path, change: Mapping[str, Any]) -> Edit:
+    """Return the edit that makes one change, checked but not yet applied.
+
+    Args:
+        change: `what` is one of `CHANGES`; the other keys are its values.
+
+    Raises:
+        InputError: the change cannot be made, or ruamel.yaml is not installed.
+        FileError: a file cannot be read, or would not be valid afterwards.
+    """
+    folder = world_folder(folder)
+    if folder.resolve().is_relative_to(SHIPPED.resolve()):
+        raise InputError("A shipped world is not changed. Make a copy of it first.")
+    what = change.get("what")
+    if what not in CHANGES:
+        raise UnknownName("change", str(what), CHANGES)
+    key, change_it = CHANGES[what]
+    head = read_yaml(folder / HEAD)
+    path = folder / _file(head, key)
+    if not path.resolve().is_relative_to(folder.resolve()):
+        raise FileError(folder / HEAD, f"{key}: this file lies outside the world folder.")
+    before = read_text(path)
+    after = _changed(before, path, change_it, change)
+    document = parse_yaml(after, path)
+    if key == "labels":
+        validated(document, LabelsFile)
+    elif key == "routes":
+        validated(document, RoutesFile)
+    else:
+        validated(document, WorldFile)
+    return Edit(path=path, before=before, after=after)
+
+
+def _file(head: Document, key: str) -> str:
+    if key == "head":
+        return HEAD
+    return str(head.value.get(key, {"labels": LABELS, "routes": ROUTES}[key]))
+
+
+def _changed(text: str, path: Path, change_it: Callable[[Any, Any], None], change: Mapping[str, Any]) -> str:
+    """Return the text of a YAML file after a change of its values, with its comments."""
+    try:
+        from ruamel.yaml import YAML
+        from ruamel.yaml.error import YAMLError
+    except ImportError:
+        raise InputError(f"Editing worlds needs ruamel.yaml: {how_to_install('studio')}") from None
+    round_trip = YAML()
+    round_trip.preserve_quotes = True
+    round_trip.width = 4096  # no line that was written by hand is broken again
+    round_trip.indent(mapping=2, sequence=4, offset=2)
+    try:
+        value = round_trip.load(text)
+    except YAMLError as error:
+        raise FileError(path, f"not valid YAML: {error}") from None
+    unchanged = _dumped(round_trip, value)
+    change_it(value, change)
+    changed = _dumped(round_trip, value)
+    kept = _transplanted(text.splitlines(), unchanged.splitlines(), changed.splitlines())
+    return kept if yaml.safe_load(kept) == yaml.safe_load(changed) else changed
+
+
+def _dumped(round_trip: Any, value: Any) -> str:
+    out = io.StringIO()
+    round_trip.dump(value, out)
+    return out.getvalue()
+
+
+def _transplanted(original: Sequence[str], before: Sequence[str], after: Sequence[str]) -> str:
+    """Return the text after a change with the lines of the original wherever the change left them as they were.
+
+    Args:
+        before, after: the lines as ruamel.yaml lays them out without and with the change; it may fold a long line.
+    """
+    blocks = SequenceMatcher(None, before, original, autojunk=False).get_opcodes()
+    lines: list[str] = []
+    for kind, i1, i2, j1, j2 in SequenceMatcher(None, before, after, autojunk=False).get_opcodes():
+        if kind != "equal":
+            lines += after[j1:j2]
+            continue
+        for same, b1, b2, o1, o2 in blocks:
+            low, high = max(b1, i1), min(b2, i2)
+            if same == "equal" and low < high:
+                lines += original[o1 + low - b1 : o1 + high - b1]
+            elif same != "equal" and i1 <= b1 and b2 <= i2:
+                lines += original[o1:o2]
+            elif low < high:
+                lines += before[low:high]
+    return "\n".join(lines) + "\n"
+
+
+# --- areas --------------------------------------------------------------------------------------------------------
+
+
+def _add_area(value: Any, change: Mapping[str, Any]) -> None:
+    areas = _listed(value, "areas")
+    name = _new_name(change, areas)
+    entry = {"name": _text(name), "kind": _text(str(change.get("kind") or "area"))}
+    areas.append(_flow({**entry, **_shape(change)}))
+
+
+def _change_area(value: Any, change: Mapping[str, Any]) -> None:
+    """Change name, kind, region, note or shape; with a new shape the waypoints are found from the grid again."""
+    areas = _listed(value, "areas")
+    entry = areas[_index(areas, change, "area")]
+    values = _mapping(change, "values")
+    if "name" in values and values["name"] != entry["name"]:
+        entry["name"] = _text(_new_name(values, areas))
+    for key in ("kind", "region", "note"):
+        if key in values:
+            _put(entry, key, values[key])
+    if any(key in values for key in SHAPES):
+        shape = _shape(values)
+        for key in {*SHAPES, "waypoints"} - set(shape):
+            entry.pop(key, None)
+        entry.update(shape)
+
+
+def _renew_waypoints(value: Any, change: Mapping[str, Any]) -> None:
+    """Leave the waypoints of an area to be found from the grid."""
+    areas = _listed(value, "areas")
+    areas[_index(areas, change, "area")].pop("waypoints", None)
+
+
+def _remove_area(value: Any, change: Mapping[str, Any]) -> None:
+    areas = _listed(value, "areas")
+    del areas[_index(areas, change, "area")]
+
+
+def _split_area(value: Any, change: Mapping[str, Any]) -> None:
+    """Cut an area in two along a line; the parts are numbered."""
+    from shapely import LineString, Polygon
+    from shapely.ops import split
+
+    areas = _listed(value, "areas")
+    index = _index(areas, change, "area")
+    entry = areas[index]
+    line = _points(change.get("line"), fewest=2)
+    parts = [part for part in split(Polygon(_outline(entry)), LineString(line)).geoms if isinstance(part, Polygon)]
+    if len(parts) != 2:
+        raise InputError("The line must cross the area once, from edge to edge.")
+    parts.sort(key=lambda part: (round(part.centroid.x, 3), round(part.centroid.y, 3)))
+    taken = {str(each.get("name")) for each in areas}
+    for place, part in enumerate(parts):
+        name = _free(str(entry["name"]), taken)
+        taken.add(name)
+        kept = {key: entry[key] for key in ("kind", "region", "note") if key in entry}
+        made = _flow({"name": _text(name), **kept, **_shape_of(part)})
+        if place == 0:
+            areas[index] = made
+        else:
+            areas.insert(index + 1, made)
+
+
+def _merge_areas(value: Any, change: Mapping[str, Any]) -> None:
+    """Make one area of two that touch; it keeps the name and kind of the first."""
+    from shapely import Polygon, unary_union
+
+    areas = _listed(value, "areas")
+    first = _index(areas, change, "area")
+    second = _index(areas, {"name": change.get("other")}, "area")
+    if first == second:
+        raise InputError("Choose two different areas to merge.")
+    union = unary_union([Polygon(_outline(areas[place])) for place in (first, second)])
+    if not isinstance(union, Polygon) or union.interiors:
+        raise InputError("Only areas that share an edge can be merged, and the result may have no hole.")
+    entry = areas[first]
+    for key in (*SHAPES, "waypoints"):
+        entry.pop(key, None)
+    entry.update(_shape_of(union.simplify(0.001)))
+    del areas[second]
+
+
+# --- routes and activities ----------------------------------------------------------------------------------------
+
+
+def _add_route(value: Any, change: Mapping[str, Any]) -> None:
+    """Add a route over points: the first is the start, the last the goal, the robot passes those between."""
+    routes = _listed(value, "routes")
+    points = _points(change.get("points"), fewest=2)
+    ways = [math.dist(a, b) for a, b in itertools.pairwise(points)]
+    poses = [_pose(points, place) for place in range(len(points))]
+    entry: dict[str, Any] = {
+        "name": _text(_new_name(change, routes)),
+        "start": poses[0],
+        "goal": poses[-1],
+        "time_limit_s": float(change.get("time_limit_s") or time_limit_s(sum(ways))),
+    }
+    if len(points) > 2:
+        entry["through"] = _flow_list(poses[1:-1])
+    if change.get("purpose"):
+        entry["purpose"] = _text(str(change["purpose"]))
+    routes.append(_block(entry))
+
+
+def _change_route(value: Any, change: Mapping[str, Any]) -> None:
+    routes = _listed(value, "routes")
+    entry = routes[_index(routes, change, "route")]
+    values = _mapping(change, "values")
+    if "name" in values and values["name"] != entry["name"]:
+        entry["name"] = _text(_new_name(values, routes))
+    for key in ("purpose", "description"):
+        if key in values:
+            _put(entry, key, values[key])
+    if "time_limit_s" in values:
+        entry["time_limit_s"] = _number(values["time_limit_s"])
+    for key in ("start", "goal"):
+        if key in values:
+            entry[key] = _given_pose(values[key])
+            entry.pop("via", None)  # it named the way from the place before
+    if "through" in values:
+        told = _mapping(values, "through")
+        passed, index = entry.get("through"), told.get("index")
+        if not isinstance(passed, list) or not isinstance(index, int) or not 0 <= index < len(passed):
+            raise InputError("The route has no such pose to pass.")
+        passed[index] = _given_pose(told.get("pose"))
+
+
+def _remove_route(value: Any, change: Mapping[str, Any]) -> None:
+    routes = _listed(value, "routes")
+    del routes[_index(routes, change, "route")]
+
+
+def _set_activities(value: Any, change: Mapping[str, Any]) -> None:
+    given = change.get("values")
+    if not isinstance(given, list) or not all(isinstance(each, str) for each in given):
+        raise InputError("Activities are a list of texts.")
+    kept = [each.strip() for each in given if each.strip()]
+    known = value.get("activities")
+    if kept and isinstance(known, list):  # in place, so that comments between them stay
+        for place, text in enumerate(kept):
+            if place < len(known):
+                entry = known[place]
+                if isinstance(entry, dict):
+                    entry["text"] = _text(text)
+                elif entry != text:
+                    known[place] = _text(text)
+            else:
+                known.append(_text(text))
+        del known[len(kept) :]
+    elif kept:
+        value["activities"] = [_text(text) for text in kept]
+    else:
+        value.pop("activities", None)
+
+
+CHANGES: dict[str, tuple[str, Callable[[Any, Any], None]]] = {
+    "add area": ("labels", _add_area),
+    "change area": ("labels", _change_area),
+    "renew waypoints": ("labels", _renew_waypoints),
+    "remove area": ("labels", _remove_area),
+    "split area": ("labels", _split_area),
+    "merge areas": ("labels", _merge_areas),
+    "add route": ("routes", _add_route),
+    "change route": ("routes", _change_route),
+    "remove route": ("routes", _remove_route),
+    "set activities": ("head", _set_activities),
+}
+"""Every change: the file it is made in and what makes it."""
+
+
+# --- parts --------------------------------------------------------------------------------------------------------
+
+
+def _listed(value: Any, key: str) -> Any:
+    if not isinstance(value, dict):
+        raise InputError(f"The file holds no {key}.")
+    if not isinstance(value.get(key), list) or not value[key]:
+        value[key] = []  # also where it stands as `[]`, so that entries get lines of their own
+    return value[key]
+
+
+def _mapping(change: Mapping[str, Any], key: str) -> Mapping[str, Any]:
+    values = change.get(key)
+    if not isinstance(values, Mapping):
+        raise InputError(f"The change lacks {key!r}.")
+    return values
+
+
+def _index(entries: Any, change: Mapping[str, Any], kind: str) -> int:
+    names = [str(each.get("name")) if isinstance(each, Mapping) else "" for each in entries]
+    name = str(change.get("name"))
+    if name not in names:
+        raise UnknownName(kind, name, names)
+    return names.index(name)
+
+
+def _new_name(change: Mapping[str, Any], entries: Any) -> str:
+    name = str(change.get("name") or "").strip()
+    if not name:
+        raise InputError("A name must not be empty.")
+    if any(isinstance(each, Mapping) and each.get("name") == name for each in entries):
+        raise InputError(f'The name "{name}" is already given.')
+    return name
+
+
+def _free(name: str, taken: set[str]) -> str:
+    return next(each for k in range(1, len(taken) + 3) if (each := f"{name} {k}") not in taken)
+
+
+def _shape(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the shape of an area as it is written; InputError where none or a wrong one is given."""
+    if values.get("rectangle") is not None:
+        (x0, y0), (x1, y1) = _points(_pairs(values["rectangle"]), fewest=2)
+        corners = [min(x0, x1), min(y0, y1), max(x0, x1), max(y0, y1)]
+        return {"rectangle": _flow_list(corners)}
+    ring = _points(values.get("outline"), fewest=3)
+    return {"outline": _flow_list([_flow_list(point) for point in ring])}
+
+
+def _shape_of(polygon: Any) -> dict[str, Any]:
+    """Return a polygon as a rectangle where it is one along the axes, else as an outline."""
+    x0, y0, x1, y1 = polygon.bounds
+    if abs((x1 - x0) * (y1 - y0) - polygon.area) < 1e-6:
+        return _shape({"rectangle": [x0, y0, x1, y1]})
+    return _shape({"outline": list(polygon.exterior.coords)[:-1]})
+
+
+def _outline(entry: Mapping[str, Any]) -> list[tuple[float, float]]:
+    if entry.get("rectangle") is not None:
+        x0, y0, x1, y1 = (float(v) for v in entry["rectangle"])
+        return [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
+    return [(float(x), float(y)) for x, y in entry.get("outline", ())]
+
+
+def _pairs(values: Any) -> Any:
+    ok = isinstance(values, Sequence) and not isinstance(values, str) and len(values) == 4
+    return [values[:2], values[2:]] if ok else None
+
+
+def _points(values: Any, *, fewest: int) -> list[tuple[float, float]]:
+    if not isinstance(values, Sequence) or isinstance(values, str) or len(values) < fewest:
+        raise InputError(f"Give at least {fewest} points [x, y] in metres.")
+    made = []
+    for point in values:
+        if not isinstance(point, Sequence) or isinstance(point, str) or len(point) != 2:
+            raise InputError("A point is [x, y] in metres.")
+        made.append((round(_number(point[0]), DIGITS), round(_number(point[1]), DIGITS)))
+    return made
+
+
+def _number(value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise InputError(f"Expected a number, got {str(value)[:40]!r}.")
+    return float(value)
+
+
+def _given_pose(value: Any) -> Any:
+    if not isinstance(value, Sequence) or isinstance(value, str) or len(value) != 3:
+        raise InputError("A pose is [x, y, yaw] in metres and radians.")
+    (x, y), yaw = _points([value[:2]], fewest=1)[0], value[2]
+    return _flow({"x": x, "y": y, "yaw": round(_number(yaw), DIGITS)})
+
+
+def _pose(points: Sequence[tuple[float, float]], place: int) -> Any:
+    """Return the pose at a point of a way: it looks along the way."""
+    a, b = (
+        points[max(0, place - 1)] if place == len(points) - 1 else points[place],
+        points[min(place + 1, len(points) - 1)],
+    )
+    yaw = round(math.atan2(b[1] - a[1], b[0] - a[0]), DIGITS)
+    return _flow({"x": points[place][0], "y": points[place][1], "yaw": yaw})
+
+
+def _put(entry: Any, key: str, given: Any) -> None:
+    text = str(given or "").strip()
+    if text:
+        entry[key] = _text(text)
+    else:
+        entry.pop(key, None)
+
+
+def _text(text: str) -> Any:
+    """Return a text that reads back as that text in YAML 1.1, too, where `no` is a truth value."""
+    from ruamel.yaml.scalarstring import DoubleQuotedScalarString
+
+    try:
+        plain = yaml.safe_load(text) == text and "\n" not in text
+    except yaml.YAMLError:
+        plain = False
+    return text if plain else DoubleQuotedScalarString(text)
+
+
+def _flow(values: Mapping[str, Any]) -> Any:
+    made = _block(values)
+    made.fa.set_flow_style()
+    return made
+
+
+def _block(values: Mapping[str, Any]) -> Any:
+    from ruamel.yaml.comments import CommentedMap
+
+    return CommentedMap(values)
+
+
+def _flow_list(values: Sequence[Any]) -> Any:
+    from ruamel.yaml.comments import CommentedSeq
+
+    made = CommentedSeq(values)
+    made.fa.set_flow_style()
+    return made

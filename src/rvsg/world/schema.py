@@ -1,0 +1,440 @@
+"""What stands in the files of a world folder, as records that refuse what does not belong there."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Iterable
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+import yaml
+from pydantic import Field, ValidationError, field_validator, model_validator
+
+from rvsg.core.errors import FileError, InputError
+from rvsg.core.records import Pose, Record
+from rvsg.world.grid import GridSpec
+from rvsg.world.occupancy import write_map
+from rvsg.world.world import Area, Description, Door, OrientedBox, Point, Polygon, Route, SolidObject, World
+
+Name = Annotated[str, Field(min_length=1, max_length=120)]
+SMALLEST_AREA_M2 = 1e-4
+FARTHEST_M, LARGEST_M = 100_000.0, 10_000.0
+FINEST_M, COARSEST_M = 0.01, 1.0  # of a map drawn from objects
+HIGHEST_LIDAR_M = 5.0
+MOST_YAW_RAD = 100.0
+Metres = Annotated[float, Field(ge=-FARTHEST_M, le=FARTHEST_M)]
+Ring = Annotated[tuple[tuple[Metres, Metres], ...], Field(min_length=3)]
+
+
+class ObjectEntry(Record):
+    """One solid object. Give `box`, or `footprint` with `height`; what is not given follows from the rest.
+
+    `slices` are the outlines the lidar plane cuts (an empty list: the lidar does not see it; not given: the
+    footprint, if the object is as high as the lidar plane).
+    """
+
+    name: Name
+    kind: str = "object"
+    origin: tuple[Metres, Metres, Metres] | None = None
+    box: OrientedBox | None = None
+    footprint: Ring | None = None
+    height: Annotated[float, Field(gt=0, le=1000)] | None = None
+    holes: tuple[Ring, ...] = ()
+    slices: tuple[Ring, ...] | None = None
+
+    @model_validator(mode="after")
+    def _has_a_shape(self) -> Self:
+        if self.box is None and (self.footprint is None or self.height is None):
+            raise ValueError("give a box, or a footprint with a height")
+        if self.box is not None and not (
+            _near(self.box.center) and all(0 < size <= LARGEST_M for size in self.box.size)
+        ):
+            raise ValueError(f"the box's sizes must be over 0 and at most {LARGEST_M:g} m, its centre within 100 km")
+        if self.box is None and self.footprint is not None and not _has_area(self.footprint):
+            raise ValueError("the footprint has no area: its points lie on a line, or at one place")
+        if self.box is not None and self.height is not None:
+            raise ValueError("the box already has a height; leave height out")
+        return self
+
+    def solid(self, lidar_height_m: float) -> SolidObject:
+        """Return the object with all that follows from what is given."""
+        box = self.box or _box_around(self.footprint or (), self.height or 0.0)
+        footprint: Polygon = self.footprint or box_corners(box)
+        bottom, top = box.center[2] - box.size[2] / 2, box.center[2] + box.size[2] / 2
+        cut = bottom <= lidar_height_m <= top
+        slices = self.slices if self.slices is not None else ((footprint, *self.holes) if cut else ())
+        origin = self.origin or (box.center[0], box.center[1], bottom)
+        return SolidObject(
+            name=self.name,
+            kind=self.kind,
+            origin=origin,
+            box=box,
+            footprint=footprint,
+            slices=slices,
+            holes=self.holes,
+        )
+
+    @classmethod
+    def of(cls, thing: SolidObject) -> Self:
+        """Return the entry that gives exactly this object."""
+        return cls(
+            name=thing.name,
+            kind=thing.kind,
+            origin=thing.origin,
+            box=thing.box,
+            footprint=thing.footprint if thing.footprint != box_corners(thing.box) else None,
+            holes=thing.holes,
+            slices=thing.slices,
+        )
+
+
+def _has_area(ring: Polygon) -> bool:
+    """Return whether the points of a ring do not all lie on one line."""
+    (x0, y0), *others = ring
+    cross = [(x - x0) * (b - y0) - (y - y0) * (a - x0) for (x, y), (a, b) in pairwise(others)]
+    return any(abs(value) > SMALLEST_AREA_M2 for value in cross)
+
+
+def _near(point: tuple[float, ...]) -> bool:
+    return all(abs(value) <= FARTHEST_M for value in point)
+
+
+def box_corners(box: OrientedBox) -> Polygon:
+    """Return the four corners of a box seen from above, counter-clockwise, metres rounded to 0.1 mm."""
+    c, s = math.cos(box.yaw), math.sin(box.yaw)
+    half_x, half_y = box.size[0] / 2, box.size[1] / 2
+    corners = [(-half_x, -half_y), (half_x, -half_y), (half_x, half_y), (-half_x, half_y)]
+    return tuple((round(box.center[0] + c * x - s * y, 4), round(box.center[1] + s * x + c * y, 4)) for x, y in corners)
+
+
+def _box_around(footprint: Polygon, height: float) -> OrientedBox:
+    xs, ys = [p[0] for p in footprint], [p[1] for p in footprint]
+    return OrientedBox(
+        center=((min(xs) + max(xs)) / 2, (min(ys) + max(ys)) / 2, height / 2),
+        size=(max(xs) - min(xs), max(ys) - min(ys), height),
+    )
+
+
+class ObjectsFile(Record):
+    """objects.yaml: the solid objects. Metres, world frame."""
+
+    objects: tuple[ObjectEntry, ...]
+
+
+class AreaEntry(Record):
+    """One labelled area: a `rectangle` or an `outline`. Without `waypoints` they are proposed from the grid."""
+
+    name: Name
+    kind: str = "area"
+    region: str | None = None
+    note: str | None = None
+    rectangle: tuple[Metres, Metres, Metres, Metres] | None = None
+    outline: Ring | None = None
+    waypoints: tuple[str, ...] | None = None
+
+    @model_validator(mode="after")
+    def _one_shape(self) -> Self:
+        if (self.rectangle is None) == (self.outline is None):
+            raise ValueError("give either a rectangle [x_min, y_min, x_max, y_max] or an outline [[x, y], ...]")
+        if self.outline is not None:
+            from shapely import Polygon
+
+            shape = Polygon(self.outline)
+            if not shape.is_valid or shape.area < SMALLEST_AREA_M2:
+                raise ValueError("the outline crosses itself or encloses nothing; list its corners in order around it")
+        if self.rectangle is not None:
+            x0, y0, x1, y1 = self.rectangle
+            if x0 >= x1 or y0 >= y1:
+                raise ValueError(f"the rectangle [x_min, y_min, x_max, y_max] is empty: {list(self.rectangle)}")
+        return self
+
+    def area(self) -> Area:
+        """Return the area; its waypoints are empty where none are given."""
+        outline = self.outline or rectangle_outline(self.rectangle or (0, 0, 0, 0))
+        return Area(
+            name=self.name,
+            kind=self.kind,
+            region=self.region,
+            note=self.note,
+            outline=outline,
+            waypoints=self.waypoints or (),
+        )
+
+    @classmethod
+    def of(cls, area: Area) -> Self:
+        """Return the entry that gives exactly this area."""
+        xs, ys = [p[0] for p in area.outline], [p[1] for p in area.outline]
+        rectangle = (min(xs), min(ys), max(xs), max(ys))
+        is_rectangle = area.outline == rectangle_outline(rectangle)
+        return cls(
+            name=area.name,
+            kind=area.kind,
+            region=area.region,
+            note=area.note,
+            rectangle=rectangle if is_rectangle else None,
+            outline=None if is_rectangle else area.outline,
+            waypoints=area.waypoints,
+        )
+
+
+def rectangle_outline(rectangle: tuple[float, float, float, float]) -> Polygon:
+    """[x_min, y_min, x_max, y_max] as a polygon, counter-clockwise from the lower left corner."""
+    x0, y0, x1, y1 = rectangle
+    return ((x0, y0), (x1, y0), (x1, y1), (x0, y1))
+
+
+class LabelsFile(Record):
+    """labels.yaml: the labelled areas. Metres, world frame."""
+
+    areas: tuple[AreaEntry, ...]
+
+
+class RouteEntry(Record):
+    """One route of the robot. `start` and `goal` are poses, or names of waypoints (yaw 0)."""
+
+    name: Name
+    start: Pose | str
+    goal: Pose | str
+    time_limit_s: Annotated[float, Field(gt=0, le=36_000)]
+    via: tuple[str, ...] = ()
+    through: tuple[Pose | str, ...] = ()
+    purpose: str = ""
+    description: str | None = None
+
+    @field_validator("start", "goal", "through", mode="after")
+    @classmethod
+    def _within_reach(cls, places: Pose | str | tuple[Pose | str, ...]) -> Pose | str | tuple[Pose | str, ...]:
+        for place in places if isinstance(places, tuple) else (places,):
+            if not isinstance(place, Pose):
+                continue
+            pose = f"the pose ({place.x:g}, {place.y:g}, {place.yaw:g})"
+            if not _near((place.x, place.y)):
+                raise ValueError(f"{pose} is not in metres: x and y must be within 100 km")
+            if abs(place.yaw) > MOST_YAW_RAD:
+                radians = f"{math.radians(place.yaw):.4f}"
+                raise ValueError(f"{pose} is not in radians; if degrees are meant, write yaw: {radians}")
+        return places
+
+    @classmethod
+    def of(cls, route: Route) -> Self:
+        """Return the entry that gives exactly this route."""
+        return cls.model_validate(route.model_dump())
+
+
+class RoutesFile(Record):
+    """routes.yaml: what the robot is asked to drive."""
+
+    routes: tuple[RouteEntry, ...]
+
+
+class DoorsFile(Record):
+    """doors.yaml: the leaves of doors. Metres, world frame."""
+
+    doors: tuple[Door, ...]
+
+
+class DerivedMap(Record):
+    """`map: {from: objects}`: the occupancy map is drawn from the objects' slices, as a lidar would see them."""
+
+    source: Annotated[Literal["objects"], Field(alias="from")]
+    resolution_m: Annotated[float, Field(ge=FINEST_M, le=COARSEST_M)] = 0.05
+
+
+class ActivityEntry(Record):
+    """What people do here, where more is said than the words: `trolley` whether they push one."""
+
+    text: str
+    trolley: bool
+
+
+class WorldFile(Record):
+    """world.yaml: what the world is and where its parts stand. `map` names a Nav2 map file beside it."""
+
+    format: Literal[1] = 1
+    name: Name
+    title: str = ""
+    map: DerivedMap | str
+    objects: str | None = None
+    labels: str = "labels.yaml"
+    routes: str = "routes.yaml"
+    doors: str | None = None
+    lidar_height_m: Annotated[float, Field(gt=0, le=HIGHEST_LIDAR_M)] = 0.21
+    map_offset: Point = (0.0, 0.0)
+    grid: GridSpec = GridSpec()
+    activities: tuple[str | ActivityEntry, ...] = ()
+    actors: tuple[Literal["trolley", "child", "wheelchair", "moved_object"], ...] = ()
+    description: Description | None = None
+
+    @field_validator("format", mode="before")
+    @classmethod
+    def _known_format(cls, given: object) -> object:
+        if given != 1:
+            raise ValueError(f"this version of RVSG reads world folders of format 1, not {given!r}; update RVSG")
+        return given
+
+
+WIDE = 116
+
+
+def save_world(world: World, folder: str | Path) -> None:
+    """Write world.yaml, map.yaml with map.png, objects.yaml, labels.yaml and routes.yaml into a folder.
+
+    The folder is made where it does not exist; files of these names in it are replaced, each whole or not at all.
+    Raises FileError where it cannot be written, InputError for a world without the specification of its grid.
+    """
+    if world.grid_spec is None:
+        raise InputError(f'the world "{world.name}" does not hold the specification of its grid, so it cannot be saved')
+    folder = Path(folder)
+    try:
+        files = world_files(world)  # all of them before the first is written
+    except ValidationError as error:
+        raise InputError(f'the world "{world.name}" cannot be saved: {_first_of(error)}') from None
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        write_map(world.occupancy, folder)
+        for name, text in files.items():
+            _replace(folder / name, text)
+    except OSError as error:
+        raise FileError(
+            folder, f"the world cannot be written here: {error.strerror}", code="world-not-written"
+        ) from None
+
+
+def world_files(world: World) -> dict[str, str]:
+    """Return the text of every file of the world's folder but the map, by file name."""
+    files = {
+        "world.yaml": _world_text(world),
+        "labels.yaml": _entries_text(
+            "areas",
+            (AreaEntry.of(area) for area in world.areas),
+            f"Labelled areas of {world.title}. rectangle: [x_min, y_min, x_max, y_max] in metres, world frame.\n"
+            "waypoints: from where people work the area; leave them out, and they are proposed from the grid.",
+        ),
+        "routes.yaml": _entries_text(
+            "routes",
+            (RouteEntry.of(route) for route in world.routes),
+            f"What the robot is asked to drive in {world.title}. Poses in metres and radians, world frame; a pose may\n"
+            "also be the name of a waypoint. via: waypoints it roughly passes; through: poses it must pass, in order.",
+        ),
+    }
+    if world.doors:
+        files["doors.yaml"] = _entries_text(
+            "doors",
+            world.doors,
+            f"Doors of {world.title}. hinge and end: the ends of the closed leaf, metres, world frame. state: open,\n"
+            "closed or automatic.",
+        )
+    if world.objects:
+        files["objects.yaml"] = _entries_text(
+            "objects",
+            (ObjectEntry.of(thing) for thing in world.objects),
+            f"Solid objects of {world.title}: metres and radians, world frame, z up. box: the oriented bounding box;\n"
+            "footprint (not given: the box seen from above): what a person cannot walk through; slices: what the\n"
+            "lidar plane cuts.",
+        )
+    return files
+
+
+def _first_of(error: ValidationError) -> str:
+    """Return the first mistake of a record, with the name of the thing it is of."""
+    found = error.errors(include_url=False)[0]
+    given = found["input"]
+    thing = given.get("name", "") if isinstance(given, dict) else given
+    place = ".".join(str(part) for part in found["loc"])
+    said = found["msg"].removeprefix("Value error, ")
+    return f"{error.title} {str(thing)[:60]!r}{f', {place}' if place else ''}: {said}"
+
+
+def _world_text(world: World) -> str:
+    head: list[tuple[str, Any]] = [("format", 1), ("name", world.name), ("title", world.title)]
+    head.append(("map", "map.yaml"))
+    if world.objects:
+        head.append(("objects", "objects.yaml"))
+    if world.doors:
+        head.append(("doors", "doors.yaml"))
+    head += [("labels", "labels.yaml"), ("routes", "routes.yaml"), ("lidar_height_m", world.lidar_height_m)]
+    if world.map_offset != (0.0, 0.0):
+        head.append(("map_offset", list(world.map_offset)))
+    if world.actors:
+        head.append(("actors", list(world.actors)))
+    lines = [f"# {one_line(world.title)}. Metres and radians, world frame."]
+    lines += [f"{key}: {_flow(value)}" for key, value in head]
+    if world.grid_spec is not None:
+        grid = world.grid_spec.model_dump(mode="json", exclude_defaults=True)
+        lines += ["grid:", *(_block(key, value, "  ") for key, value in grid.items())] if grid else ["grid: {}"]
+    if world.activities:
+        lines += ["activities:", *(f"  - {_flow(_activity(world, text))}" for text in world.activities)]
+    if world.description is not None:
+        text = yaml.safe_dump(
+            world.description.model_dump(mode="json"), sort_keys=False, allow_unicode=True, width=WIDE
+        )
+        lines += ["description:", *(f"  {line}" if line else "" for line in text.splitlines())]
+    return "\n".join(lines) + "\n"
+
+
+def _entries_text(key: str, entries: Iterable[Record], comment: str) -> str:
+    lines = [f"# {line}" for line in comment.splitlines()]
+    body = []
+    for entry in entries:
+        values = {k: v for k, v in entry.model_dump(mode="json").items() if v is not None and not _is_default(entry, k)}
+        items = [_block(name, value, "    ") for name, value in values.items()]
+        body.append("  - " + "\n".join(items)[4:])
+    lines += [f"{key}:", *body] if body else [f"{key}: []"]
+    return "\n".join(lines) + "\n"
+
+
+def _is_default(entry: Record, key: str) -> bool:
+    field = type(entry).model_fields[key]
+    return not field.is_required() and getattr(entry, key) == field.get_default(call_default_factory=True)
+
+
+def _block(key: str, value: Any, indent: str) -> str:
+    """`key: value` in flow style, broken after commas where the line is long."""
+    return "\n".join(_wrapped(f"{indent}{key}: {_flow(value)}", indent + "  "))
+
+
+def _wrapped(line: str, indent: str) -> Iterable[str]:
+    if len(line) <= WIDE or line.rstrip()[-1:] not in "]}":
+        return [line]
+    pieces = re.split(r"(?<=[\]}\w\"],) ", line)
+    lines = [pieces[0]]
+    for piece in pieces[1:]:
+        if len(lines[-1]) + 1 + len(piece) <= WIDE:
+            lines[-1] += " " + piece
+        else:
+            lines.append(indent + piece)
+    return lines
+
+
+def _flow(value: Any) -> str:
+    """Return a value in YAML's flow style on one line, strings quoted where they must be."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{_flow(k)}: {_flow(v)}" for k, v in value.items()) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(_flow(item) for item in value) + "]"
+    if isinstance(value, str):
+        plain = re.fullmatch(r"[A-Za-z][A-Za-z0-9_ ./()-]*[A-Za-z0-9_.)]|[A-Za-z]", value)
+        return value if plain and yaml.safe_load(value) == value else json.dumps(value, ensure_ascii=False)
+    if isinstance(value, bool) or value is None:
+        return json.dumps(value)
+    return repr(value)
+
+
+def one_line(text: str) -> str:
+    """Return the text without line breaks, fit for a comment."""
+    return " ".join(text.split())
+
+
+def _replace(path: Path, text: str) -> None:
+    """Write a file whole or not at all."""
+    draft = path.with_name(path.name + ".new")
+    draft.write_text(text, encoding="utf-8")
+    draft.replace(path)
+
+
+def _activity(world: World, text: str) -> object:
+    """Return an activity as world.yaml holds it: its text, and whether it is done with a trolley where that is said."""
+    return {"text": text, "trolley": world.trolley_work[text]} if text in world.trolley_work else text
