@@ -22,7 +22,7 @@ from rvsg.app.comparison import compare_stacks
 from rvsg.app.suites import Suite
 from rvsg.campaign.stack_scores import ScoredRun, StackScore, StackScores, score_stacks
 from rvsg.evaluation.statistics import wilson
-from rvsg.report.comparison import COLOURS
+from rvsg.report.charts import COLOURS
 from rvsg.report.frames import Turn
 from rvsg.report.stacks import percent, stacks_figure, stacks_markdown
 from rvsg.world.drawing.sheet import palette

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
+import importlib.util
+import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
-from rvsg.cli import console
+import rvsg
 from rvsg.cli.arguments import JobsPerCore
 from rvsg.cli.frame import verb
-
-if TYPE_CHECKING:
-    from rvsg.app.search_methods import Row
+from rvsg.core.errors import InputError
 
 app = verb()
 SETTINGS = (
@@ -54,75 +54,19 @@ def compare(
     difference), with p values of the Mann-Whitney test after Holm's correction.
     """
     settings = {name: value for name, value in locals().items() if name in SETTINGS}
-    from rvsg.app import search_methods as comparing
     from rvsg.app.settings import effective
 
-    base = effective(None, {}, settings)
-    rows = comparing.read_rows(json) if json else []
-
-    def report(row: Row) -> None:
-        rows.append(row)
-        if json:
-            comparing.write_rows(json, rows)
-        console.say(_line(row))
-
-    asked = methods.split(",")
-    found = comparing.run_comparison(
-        base,
-        asked,
-        routes.split(","),
-        requirements.split(","),
-        range(first_seed, first_seed + seeds),
-        rows=tuple(rows),
-        report=report,
-    )
-    _print_tables(found, asked[0], base)
-    if figure:
-        comparing.write_figure(figure, found)
-        console.say(f"Wrote {figure}")
-    if json is None:
-        console.print_json([row.model_dump(mode="json") for row in found])
+    seeds_asked = range(first_seed, first_seed + seeds)
+    lists = (names.split(",") for names in (methods, routes, requirements))
+    _benchmark().compare_methods(effective(None, {}, settings), *lists, seeds_asked, json=json, figure=figure)
 
 
-def _line(row: Row) -> str:
-    return (
-        f"{row.method} {row.route} {row.requirement} seed {row.seed}: confirmed {_text(row.confirmed_mean)}, "
-        f"violated in {_text(row.violation_probability)} of the confirmation runs, "
-        f"{row.distinct_failures} distinct failures"
-    )
-
-
-def _print_tables(rows: list[Row], first: str, base: Any) -> None:
-    """Print the means of every method, and the first method against each other one."""
-    from rich.table import Table
-
-    from rvsg.app import search_methods as comparing
-
-    means = comparing.table(rows)
-    for title, left_out in (("Means over seeds", DIVERSITY), ("Diversity of what was found", RESULTS)):
-        keys = [key for key in means[0] if key not in left_out]
-        table = Table(title=title, title_justify="left", pad_edge=False)
-        for key in keys:
-            table.add_column(key, justify="left" if key in CELL else "right")
-        for line in means:
-            table.add_row(*(line[key] if key in CELL else _text(line[key]) for key in keys))
-        console.say(table)
-    contrasts = comparing.contrasts(rows, first)
-    if not contrasts:
-        return
-    table = Table(title=f"{first} against the others", title_justify="left", pad_edge=False)
-    for key in ("route", "requirement", "against", "A12", "p (Holm)", "failures ratio"):
-        table.add_column(key, justify="left" if key in ("route", "requirement", "against") else "right")
-    for contrast in contrasts:
-        numbers = (contrast.value.a12, contrast.value.p_holm, contrast.failures)
-        table.add_row(contrast.route, contrast.requirement, contrast.against, *map(_text, numbers))
-    console.say(table)
-
-
-CELL = ("route", "requirement", "method")
-RESULTS = ("seeds", "confirmed", "violation", "failures", "runs", "calls", "usd")
-DIVERSITY = ("cells", "sdd", "htd", "ssd")
-
-
-def _text(value: float | None) -> str:
-    return "-" if value is None else f"{value:.3g}"
+def _benchmark() -> Any:
+    """Return the module of the benchmark, which lies beside the source and in no package."""
+    path = Path(rvsg.__file__).parents[2] / "benchmarks" / "search_methods.py"
+    spec = importlib.util.spec_from_file_location("search_methods", path)
+    if spec is None or spec.loader is None or not path.is_file():
+        raise InputError(f"{path} is missing: `rvsg compare` needs a checkout of the source.")
+    module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module

@@ -190,3 +190,7 @@ def _limit(x: float, limit: float, unit: str, top: float, bottom: float, *, room
 
 def _e(text: str) -> str:
     return html.escape(text, quote=True)
+
+
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#5f5f5f")
+"""Distinguishable with the common kinds of colour blindness (Okabe and Ito)."""

@@ -11,8 +11,7 @@ from markupsafe import Markup
 import rvsg
 from rvsg.campaign.stack_scores import StackPair, StackScore, StackScores
 from rvsg.evaluation.wording import counted
-from rvsg.report.charts import Scale
-from rvsg.report.comparison import COLOURS
+from rvsg.report.charts import COLOURS, Scale
 from rvsg.report.floors import area_colours
 from rvsg.report.frames import Turn
 from rvsg.report.names import narrow_names

@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-
-from rvsg.app.search_methods import (
+from benchmarks.search_methods import (
     Row,
     contrasts,
     read_rows,
@@ -16,6 +15,7 @@ from rvsg.app.search_methods import (
     write_figure,
     write_rows,
 )
+
 from rvsg.app.settings import CampaignConfig
 from rvsg.core.errors import InputError, UnknownName
 

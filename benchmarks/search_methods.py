@@ -1,4 +1,4 @@
-"""Compare generators and strategies at an equal number of runs, over routes, requirements and seeds.
+"""Generators and strategies at an equal number of runs, over routes, requirements and seeds: `rvsg compare`.
 
 Every method searches with the same number of runs and is then confirmed the same way: its best configuration in fresh
 runs that took no part in the search, and further candidates until the confirmation runs are spent. One row holds the
@@ -8,10 +8,12 @@ result of one campaign; a file of rows makes a comparison resumable.
 from __future__ import annotations
 
 import contextlib
+import html
 import json
 import math
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +37,7 @@ from rvsg.evaluation.judge import violated
 from rvsg.evaluation.sentences import available
 from rvsg.evaluation.statistics import Comparison, compare, holm
 from rvsg.evaluation.verdict import Verdict
-from rvsg.report.comparison import Line, figure
+from rvsg.report.charts import COLOURS, Scale, span, ticks
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.run import Run
 from rvsg.store.memory import MemoryLedger
@@ -389,7 +391,7 @@ def write_figure(path: Path, rows: Sequence[Row]) -> None:
         )
         for (panel, method), group in groups.items()
     ]
-    write_whole(path, figure(lines))
+    write_whole(path, draw(lines))
 
 
 def _mean(values: Sequence[float | None]) -> float | None:
@@ -401,3 +403,162 @@ def _ratio(first: Sequence[Row], second: Sequence[Row]) -> float | None:
     """Return how many times as many distinct failures per campaign; None if the second finds none."""
     a, b = (_mean([float(row.distinct_failures) for row in rows]) for rows in (first, second))
     return a / b if a is not None and b else None
+
+
+PANEL_W, PANEL_H, LEGEND_H = 300, 220, 28
+LEFT, RIGHT, TOP, BOTTOM = 44, PANEL_W - 16, 22, PANEL_H - 34
+"""The edges of the plot in a panel, pixels."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """One method in one panel: for each seed the steps (runs, best value so far), and the confirmed values."""
+
+    panel: str
+    method: str
+    steps: tuple[tuple[tuple[int, float], ...], ...]
+    confirmed: tuple[float, ...]
+
+
+COLUMNS = 3
+
+
+def draw(lines: Sequence[Line]) -> str:
+    """Return an SVG with a panel for each route and requirement.
+
+    A curve is the mean over seeds of the best value so far; a dot is the mean confirmed value.
+    """
+    panels: dict[str, list[Line]] = defaultdict(list)
+    for line in lines:
+        panels[line.panel].append(line)
+    methods = list(dict.fromkeys(line.method for line in lines))
+    colours = {method: COLOURS[k % len(COLOURS)] for k, method in enumerate(methods)}
+    rows = math.ceil(len(panels) / COLUMNS)
+    width, height = PANEL_W * min(COLUMNS, max(1, len(panels))), PANEL_H * rows + LEGEND_H
+    parts = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" font-family="sans-serif" '
+        f'font-size="11"><rect width="{width}" height="{height}" fill="white"/>'
+    ]
+    for k, method in enumerate(methods):
+        x = 10 + k * max(90, (width - 20) // max(1, len(methods)))
+        parts.append(f'<line x1="{x}" x2="{x + 18}" y1="14" y2="14" stroke="{colours[method]}" stroke-width="2"/>')
+        parts.append(f'<text x="{x + 23}" y="18">{html.escape(method)}</text>')
+    for k, (name, drawn) in enumerate(panels.items()):
+        left, top = PANEL_W * (k % COLUMNS), LEGEND_H + PANEL_H * (k // COLUMNS)
+        parts.append(f'<g transform="translate({left},{top})">{_panel(name, drawn, colours)}</g>')
+    return "".join([*parts, "</svg>\n"])
+
+
+def _panel(name: str, lines: Sequence[Line], colours: dict[str, str]) -> str:
+    values = [v for line in lines for steps in line.steps for _, v in steps[1:] or steps]
+    values += [v for line in lines for v in line.confirmed]
+    most = max((steps[-1][0] for line in lines for steps in line.steps if steps), default=1)
+    if not values:
+        return f'<text x="{LEFT}" y="14">{html.escape(name)}: nothing measured</text>'
+    x, y = Scale(0.0, 1.05 * most, LEFT, RIGHT), Scale(*span(values), BOTTOM, TOP)
+    parts = [f'<text x="{LEFT}" y="14" font-weight="bold">{html.escape(name)}</text>']
+    for tick in ticks(y.low, y.high, 5):
+        parts.append(f'<line x1="{LEFT}" x2="{RIGHT}" y1="{y(tick):.1f}" y2="{y(tick):.1f}" stroke="#ddd"/>')
+        parts.append(f'<text x="{LEFT - 5}" y="{y(tick) + 4:.1f}" text-anchor="end">{tick:g}</text>')
+    parts += [
+        f'<text x="{x(tick):.1f}" y="{PANEL_H - 19}" text-anchor="middle">{tick:g}</text>'
+        for tick in ticks(0.0, 1.05 * most, 5)
+    ]
+    parts.append(
+        f'<text x="{(LEFT + PANEL_W) / 2:.0f}" y="{PANEL_H - 5}" text-anchor="middle">runs of the search</text>'
+    )
+    for line in lines:
+        points = _mean_steps(line.steps, most)
+        path = " ".join(f"{x(runs):.1f},{min(max(y(value), 20), PANEL_H - 32):.1f}" for runs, value in points)
+        colour = colours[line.method]
+        parts.append(f'<polyline points="{path}" fill="none" stroke="{colour}" stroke-width="1.6"/>')
+        if line.confirmed:
+            mean = math.fsum(line.confirmed) / len(line.confirmed)
+            parts.append(f'<circle cx="{x(1.02 * most):.1f}" cy="{y(mean):.1f}" r="4" fill="{colour}"/>')
+    return "".join(parts)
+
+
+def _mean_steps(steps: Sequence[Sequence[tuple[int, float]]], most: int) -> list[tuple[int, float]]:
+    """Return the mean over seeds of step functions, at every run at which one changes and all are known."""
+    known = [s for s in steps if s]
+    if not known:
+        return []
+    first = max(s[0][0] for s in known)
+    marks = sorted({first, most, *(runs for s in known for runs, _ in s if runs > first)})
+    return [
+        (mark, math.fsum(next(v for r, v in reversed(s) if r <= mark) for s in known) / len(known)) for mark in marks
+    ]
+
+
+def compare_methods(
+    base: CampaignConfig,
+    methods: Sequence[str],
+    routes: Sequence[str],
+    requirements: Sequence[str],
+    seeds: Sequence[int],
+    *,
+    json: Path | None = None,
+    figure: Path | None = None,
+) -> None:
+    """Run a comparison and print its tables; keep the rows in a file, from which it resumes, and draw the curves."""
+    from rvsg.cli import console
+
+    rows = read_rows(json) if json else []
+
+    def report(row: Row) -> None:
+        rows.append(row)
+        if json:
+            write_rows(json, rows)
+        console.say(_line(row))
+
+    found = run_comparison(base, methods, routes, requirements, seeds, rows=tuple(rows), report=report)
+    _print_tables(found, methods[0])
+    if figure:
+        write_figure(figure, found)
+        console.say(f"Wrote {figure}")
+    if json is None:
+        console.print_json([row.model_dump(mode="json") for row in found])
+
+
+def _line(row: Row) -> str:
+    return (
+        f"{row.method} {row.route} {row.requirement} seed {row.seed}: confirmed {_text(row.confirmed_mean)}, "
+        f"violated in {_text(row.violation_probability)} of the confirmation runs, "
+        f"{row.distinct_failures} distinct failures"
+    )
+
+
+def _print_tables(rows: Sequence[Row], first: str) -> None:
+    """Print the means of every method, and the first method against each other one."""
+    from rich.table import Table
+
+    from rvsg.cli import console
+
+    means = table(rows)
+    for title, left_out in (("Means over seeds", DIVERSITY), ("Diversity of what was found", RESULTS)):
+        keys = [key for key in means[0] if key not in left_out]
+        shown = Table(title=title, title_justify="left", pad_edge=False)
+        for key in keys:
+            shown.add_column(key, justify="left" if key in CELL else "right")
+        for line in means:
+            shown.add_row(*(line[key] if key in CELL else _text(line[key]) for key in keys))
+        console.say(shown)
+    found = contrasts(rows, first)
+    if not found:
+        return
+    shown = Table(title=f"{first} against the others", title_justify="left", pad_edge=False)
+    for key in ("route", "requirement", "against", "A12", "p (Holm)", "failures ratio"):
+        shown.add_column(key, justify="left" if key in ("route", "requirement", "against") else "right")
+    for contrast in found:
+        numbers = (contrast.value.a12, contrast.value.p_holm, contrast.failures)
+        shown.add_row(contrast.route, contrast.requirement, contrast.against, *map(_text, numbers))
+    console.say(shown)
+
+
+CELL = ("route", "requirement", "method")
+RESULTS = ("seeds", "confirmed", "violation", "failures", "runs", "calls", "usd")
+DIVERSITY = ("cells", "sdd", "htd", "ssd")
+
+
+def _text(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3g}"
