@@ -18,14 +18,12 @@ import time
 from collections import Counter
 from pathlib import Path
 
-from rvsg.campaign.attempt import Attempt
+from rvsg.campaign.attempt import Attempt, Plan
+from rvsg.campaign.execution import Parts
 from rvsg.campaign.loop import feedback_from, run_campaign
-from rvsg.campaign.measuring import Measuring
-from rvsg.campaign.parallel import Simulations
-from rvsg.campaign.parts import Parts
-from rvsg.campaign.plan import Plan
-from rvsg.campaign.processes import Processes
+from rvsg.campaign.runner import Measuring, Simulations
 from rvsg.campaign.strategies import StudyStrategy
+from rvsg.campaign.worker_pool import Processes
 from rvsg.core import plugins
 from rvsg.scenario.requirement import load_requirement
 from rvsg.scenario.scenario import Mission

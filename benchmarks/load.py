@@ -18,8 +18,7 @@ import time
 from collections import deque
 from pathlib import Path
 
-from rvsg.campaign.measuring import FinishedRun, Measuring
-from rvsg.campaign.parallel import PendingRun, Simulations
+from rvsg.campaign.runner import FinishedRun, Measuring, PendingRun, Simulations
 from rvsg.core import plugins
 from rvsg.core.seeds import seed_for
 from rvsg.scenario.brief import Brief

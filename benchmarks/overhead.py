@@ -19,9 +19,9 @@ from pathlib import Path
 from typing import Any
 
 from rvsg import Campaign
-from rvsg.campaign.events import RunMade
+from rvsg.campaign.execution import RunMade
 from rvsg.campaign.loop import FeedbackFrom
-from rvsg.campaign.measuring import RunMaker
+from rvsg.campaign.runner import RunMaker
 from rvsg.generation.heuristic import HeuristicGenerator
 from rvsg.simulation.embedded.simulator import EmbeddedSimulator
 from rvsg.store.sqlite import SqliteLedger

@@ -19,15 +19,14 @@ from typing import Any
 
 from rvsg.app.settings import CampaignConfig
 from rvsg.app.wiring import Wired, jobs_of, wire
-from rvsg.campaign.accounting import calls_of
 from rvsg.campaign.attempt import Attempt, Measurement
-from rvsg.campaign.encounter import failure_map, filled
-from rvsg.campaign.failures import FailureMode, candidates, usual_mode
+from rvsg.campaign.execution import Parts, calls_of
+from rvsg.campaign.feedback import failure_map, filled
+from rvsg.campaign.ledger import Recalling
 from rvsg.campaign.loop import run_campaign
-from rvsg.campaign.measuring import FinishedRun
-from rvsg.campaign.parts import Parts
+from rvsg.campaign.observation import FailureMode, candidates, usual_mode
 from rvsg.campaign.ranking import best_attempt, measured, search_attempts
-from rvsg.campaign.recalling import Recalling
+from rvsg.campaign.runner import FinishedRun
 from rvsg.core.errors import BudgetSpent, InputError
 from rvsg.core.files import write_whole
 from rvsg.core.records import Record

@@ -17,7 +17,7 @@ import time
 from pathlib import Path
 
 from rvsg import Campaign
-from rvsg.campaign.events import RunMade
+from rvsg.campaign.execution import RunMade
 
 
 def resident_kb(pid: int | str = "self") -> int:

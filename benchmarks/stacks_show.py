@@ -20,7 +20,7 @@ from pathlib import Path
 
 from rvsg.app.comparison import compare_stacks
 from rvsg.app.suites import Suite
-from rvsg.campaign.stack_scores import ScoredRun, StackScore, StackScores, score_stacks
+from rvsg.campaign.suite import ScoredRun, StackScore, StackScores, score_stacks
 from rvsg.evaluation.statistics import wilson
 from rvsg.report.charts import COLOURS
 from rvsg.report.frames import Turn

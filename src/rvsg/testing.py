@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from rvsg.campaign.conformance import check_ledger, check_strategy
+from rvsg.campaign.strategies import check_ledger, check_strategy
 from rvsg.core.errors import GenerationError
 from rvsg.core.records import Pose
 from rvsg.generation.generator import Generator, Proposal

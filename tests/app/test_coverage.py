@@ -11,7 +11,7 @@ from PIL import Image
 
 import rvsg
 from rvsg.app.coverage import coverage, write_coverage
-from rvsg.campaign.coverage import Exercise
+from rvsg.campaign.exploration import Exercise
 from rvsg.cli import main
 from rvsg.core.errors import InputError
 

@@ -9,7 +9,7 @@ import pytest
 
 import rvsg
 from rvsg.app.comparison import compare_stacks, write_comparison
-from rvsg.campaign.stack_scores import ScoredRun, StackScore, score_stacks
+from rvsg.campaign.suite import ScoredRun, StackScore, score_stacks
 from rvsg.cli import main
 from rvsg.core.errors import InputError
 

@@ -9,12 +9,11 @@ import pytest
 
 import rvsg
 from rvsg.app.watch import LiveSuite, RecordingMonitor, Subject, SuiteAnalyser, approve, watch
-from rvsg.campaign.watch.journal import Journal
-from rvsg.campaign.watch.parts import RuleSet
+from rvsg.campaign.self_adaptation import Journal, RuleSet
 from rvsg.cli import main
 from rvsg.core.errors import InputError
 from rvsg.simulation.embedded.simulator import EmbeddedSimulator
-from rvsg.store.knowledge import KnowledgeBase
+from rvsg.store.knowledge_base import KnowledgeBase
 from rvsg_exchange.formats import export
 
 FAST = "kinematic"

@@ -11,11 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from rvsg.campaign.attempt import Failure, Ledger, Measurement
-from rvsg.campaign.measuring import FinishedRun, Trial
-from rvsg.campaign.parallel import PendingRun, Simulations
-from rvsg.campaign.parts import Parts
-from rvsg.campaign.plan import Plan
+from rvsg.campaign.attempt import Failure, Ledger, Measurement, Plan
+from rvsg.campaign.execution import Parts
+from rvsg.campaign.runner import FinishedRun, PendingRun, Simulations, Trial
 from rvsg.evaluation.verdict import Status, Verdict
 from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Mission, Scenario

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from tests.campaign.parts import MemoryLedger, WalkGenerator, parts, plan, warehouse
 
-from rvsg.campaign.accounting import Limits, account
 from rvsg.campaign.attempt import Attempt
+from rvsg.campaign.execution import Limits, account
 from rvsg.campaign.hybrid import HybridStrategy
 from rvsg.campaign.loop import feedback_from, run_campaign
 from rvsg.campaign.strategies import StudyStrategy

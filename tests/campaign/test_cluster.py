@@ -20,12 +20,10 @@ import pytest
 from tests.campaign.parts import Deadly, MemoryLedger, measure, parts, plan, warehouse
 from tests.coded import coded
 
-from rvsg.campaign.attempt import Attempt
-from rvsg.campaign.elite import EliteStrategy
+from rvsg.campaign.attempt import Attempt, Plan
 from rvsg.campaign.loop import feedback_from, run_campaign
-from rvsg.campaign.measuring import FinishedRun, RunMaker
-from rvsg.campaign.parallel import Simulations
-from rvsg.campaign.plan import Plan
+from rvsg.campaign.runner import FinishedRun, RunMaker, Simulations
+from rvsg.campaign.strategies import StudyStrategy
 from rvsg.core.errors import InputError, SimulationError
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.kinematic import KinematicSimulator
@@ -77,12 +75,12 @@ def campaign(
         notify=told.append,
     ) as simulations:
         made = dataclasses.replace(parts(ledger), simulations=simulations)
-        return run_campaign(the_plan, EliteStrategy(the_plan, feedback_from(ledger, the_plan, warehouse())), made)  # type: ignore[arg-type]
+        return run_campaign(the_plan, StudyStrategy(the_plan, feedback_from(ledger, the_plan, warehouse())), made)  # type: ignore[arg-type]
 
 
 def alone(the_plan: Plan) -> list[Attempt]:
     ledger = MemoryLedger()
-    strategy = EliteStrategy(the_plan, feedback_from(ledger, the_plan, warehouse()))  # type: ignore[arg-type]
+    strategy = StudyStrategy(the_plan, feedback_from(ledger, the_plan, warehouse()))  # type: ignore[arg-type]
     return run_campaign(the_plan, strategy, parts(ledger))
 
 

@@ -8,14 +8,12 @@ from tests.campaign.parts import REQUIREMENT, MemoryLedger, WalkGenerator, parts
 
 from rvsg.campaign import confirmation as confirming
 from rvsg.campaign.attempt import Attempt
-from rvsg.campaign.encounter import encounter_of, look_at
-from rvsg.campaign.failures import FailureMode, candidates, met, mode_of, modes_in, usual_mode
-from rvsg.campaign.finding import Finding, distinct_failures, worst_confirmation
-from rvsg.campaign.glance import Look
+from rvsg.campaign.feedback import Look, encounter_of, look_at
+from rvsg.campaign.findings import Finding, distinct_failures, worst_confirmation
+from rvsg.campaign.ledger import Recalling
 from rvsg.campaign.loop import feedback_from, run_campaign
-from rvsg.campaign.measuring import FinishedRun
-from rvsg.campaign.parallel import Simulations
-from rvsg.campaign.recalling import Recalling
+from rvsg.campaign.observation import FailureMode, candidates, met, mode_of, modes_in, usual_mode
+from rvsg.campaign.runner import FinishedRun, Simulations
 from rvsg.campaign.strategies import StudyStrategy
 from rvsg.evaluation.statistics import clopper_pearson
 from rvsg.evaluation.verdict import Status, Verdict

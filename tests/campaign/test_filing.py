@@ -9,28 +9,26 @@ from typing import Any
 import pytest
 from tests.campaign.parts import parts, plan, warehouse
 
-from rvsg.campaign import filing, parallel
+from rvsg.campaign import ledger, runner
 from rvsg.campaign.attempt import Attempt, Ledger, Measurement
-from rvsg.campaign.elite import EliteStrategy
-from rvsg.campaign.events import Attempted
-from rvsg.campaign.filing import ASKED_OFTEN, Filed, Filing, whole
-from rvsg.campaign.hybrid import HybridStrategy
+from rvsg.campaign.execution import Attempted
+from rvsg.campaign.hybrid import HybridStrategy, MapElitesStrategy
+from rvsg.campaign.ledger import ASKED_OFTEN, Filed, Filing, whole
 from rvsg.campaign.loop import feedback_from, run_campaign, stream_campaign
-from rvsg.campaign.map_elites import MapElitesStrategy
-from rvsg.campaign.strategies import ClimbStrategy, StudyStrategy
+from rvsg.campaign.strategies import StudyStrategy
 from rvsg.core.errors import StoreError
 from rvsg.generation.heuristic import HeuristicGenerator
 from rvsg.store.memory import MemoryLedger
 from rvsg.store.sqlite import SqliteLedger
 
-STRATEGIES = [StudyStrategy, ClimbStrategy, EliteStrategy, HybridStrategy, MapElitesStrategy]
+STRATEGIES = [StudyStrategy, HybridStrategy, MapElitesStrategy]
 
 
 @pytest.fixture
 def few(monkeypatch: pytest.MonkeyPatch) -> None:
     """Keep so few attempts that nearly everything is read from the store."""
-    monkeypatch.setattr(filing, "LAST", 2)
-    monkeypatch.setattr(filing, "LAST_BRIEFS", 1)
+    monkeypatch.setattr(ledger, "LAST", 2)
+    monkeypatch.setattr(ledger, "LAST_BRIEFS", 1)
 
 
 def made(ledger: Ledger, strategy: Any) -> list[Attempt]:
@@ -40,10 +38,7 @@ def made(ledger: Ledger, strategy: Any) -> list[Attempt]:
 
 
 @pytest.mark.usefixtures("few")
-@pytest.mark.parametrize(
-    "strategy",
-    [each if each is not ClimbStrategy else pytest.param(each, marks=pytest.mark.exhaustive) for each in STRATEGIES],
-)
+@pytest.mark.parametrize("strategy", STRATEGIES)
 def test_a_search_that_reads_its_attempts_from_the_store_makes_the_same_records(strategy: Any, tmp_path: Path) -> None:
     kept = made(MemoryLedger(), strategy)
     with SqliteLedger(tmp_path / "ledger.sqlite") as ledger:
@@ -74,7 +69,7 @@ def test_a_filed_attempt_says_what_the_record_says(tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.usefixtures("few")
 def test_a_campaign_holds_few_measurements_at_a_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(parallel, "RECENT", 3)
+    monkeypatch.setattr(runner, "RECENT", 3)
     wanted = plan(scenarios=6, refinements=1, repeats=3, confirmations=0)
     with SqliteLedger(tmp_path / "ledger.sqlite") as ledger:
         strategy = StudyStrategy(wanted, feedback_from(ledger, wanted, warehouse()), warehouse())

@@ -8,13 +8,12 @@ from itertools import pairwise
 import pytest
 from tests.campaign.parts import MemoryLedger, Noted, WalkGenerator, measure, parts, plan, warehouse
 
-from rvsg.campaign.accounting import Limits, account
 from rvsg.campaign.attempt import Attempt
+from rvsg.campaign.execution import Limits, account
 from rvsg.campaign.hybrid import HybridStrategy
 from rvsg.campaign.loop import feedback_from, run_campaign
-from rvsg.campaign.racing import Candidate, estimate, in_the_race
+from rvsg.campaign.race import Candidate, estimate, in_the_race, last_written, tried, tuning_of
 from rvsg.campaign.ranking import best_attempt, measured, seeds_of
-from rvsg.campaign.told import last_written, tried, tuning_of
 from rvsg.core.errors import BudgetSpent, GenerationError, NotRecorded
 from rvsg.generation.generator import Call, Proposal
 from rvsg.scenario.brief import Brief

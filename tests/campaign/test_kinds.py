@@ -5,9 +5,9 @@ import pytest
 from tests.campaign.parts import WalkGenerator, plan, warehouse
 
 from rvsg.campaign.attempt import Attempt
-from rvsg.campaign.failures import FailureMode
-from rvsg.campaign.kinds import Kinds, _closest, foreseen
-from rvsg.campaign.racing import Candidate
+from rvsg.campaign.mutation import Kinds, _closest, foreseen
+from rvsg.campaign.observation import FailureMode
+from rvsg.campaign.race import Candidate
 from rvsg.generation.forecast import forecaster_of
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.scenario import HumanConfiguration

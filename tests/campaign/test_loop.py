@@ -23,16 +23,13 @@ from tests.campaign.parts import (
 )
 from tests.coded import coded
 
-from rvsg.campaign.accounting import account
 from rvsg.campaign.attempt import Attempt, Measurement
 from rvsg.campaign.confirmation import confirm
-from rvsg.campaign.elite import EliteStrategy
-from rvsg.campaign.events import Attempted
+from rvsg.campaign.execution import Attempted, account
 from rvsg.campaign.loop import feedback_from, run_campaign
-from rvsg.campaign.measuring import Measuring
-from rvsg.campaign.parallel import Simulations
 from rvsg.campaign.ranking import best_attempt, confirmations, ranking, rule, worst_by_mean
-from rvsg.campaign.strategies import Ask, ClimbStrategy, RandomStrategy, StudyStrategy, UnguidedStrategy
+from rvsg.campaign.runner import Measuring, Simulations
+from rvsg.campaign.strategies import Ask, RandomStrategy, StudyStrategy, UnguidedStrategy
 from rvsg.core.errors import BudgetSpent, SimulationError
 from rvsg.core.seeds import fresh_seeds
 from rvsg.evaluation.judge import judge, violated
@@ -46,7 +43,7 @@ from rvsg.simulation.run import Run
 from rvsg.store.sqlite import SqliteLedger
 from rvsg.world.world import World
 
-STRATEGIES = [StudyStrategy, ClimbStrategy, EliteStrategy, UnguidedStrategy, RandomStrategy]
+STRATEGIES = [StudyStrategy, UnguidedStrategy, RandomStrategy]
 
 
 def run(ledger, the_plan=None, strategy=StudyStrategy, **how):
@@ -85,16 +82,6 @@ def test_the_study_refines_from_feedback_and_remembers_earlier_scenarios() -> No
     best = worst_by_mean(attempts[:3], REQUIREMENT)
     assert best is not None
     assert [m.scenario for m in fourth.memory] == [best.proposal.scenario]
-
-
-def test_climbing_refines_the_best_so_far() -> None:
-    generator = WalkGenerator()
-    attempts = run(MemoryLedger(), plan(scenarios=1, refinements=5), ClimbStrategy, generator=generator)
-    for index in range(1, 6):
-        feedback = generator.briefs[index].feedback
-        best = worst_by_mean(attempts[:index], REQUIREMENT)
-        assert feedback is not None and best is not None
-        assert feedback.mean == best.mean
 
 
 def test_an_unguided_brief_holds_no_requirement_feedback_or_memory() -> None:
@@ -307,7 +294,7 @@ def test_a_confirmation_never_takes_part_in_the_ranking() -> None:
 @pytest.mark.parametrize("max_in_flight", [pytest.param(1, marks=pytest.mark.exhaustive), 3])
 @pytest.mark.parametrize(
     "strategy",
-    [StudyStrategy, *(pytest.param(each, marks=pytest.mark.exhaustive) for each in (EliteStrategy, RandomStrategy))],
+    [StudyStrategy, pytest.param(RandomStrategy, marks=pytest.mark.exhaustive)],
 )
 def test_records_do_not_depend_on_the_number_of_jobs(strategy: type, max_in_flight: int) -> None:
     the_plan = plan(scenarios=4, max_in_flight=max_in_flight)
@@ -348,12 +335,11 @@ def test_how_far_processes_are_ahead_changes_nothing(
     assert run_campaign(the_plan, strategy(the_plan, feedback_from(ledger, the_plan, warehouse())), made) == one
 
 
-@pytest.mark.parametrize("strategy", [StudyStrategy, ClimbStrategy, EliteStrategy])
-def test_a_strategy_keeps_as_many_attempts_under_way_as_the_plan_says(strategy: type) -> None:
+def test_a_strategy_keeps_as_many_attempts_under_way_as_the_plan_says() -> None:
     the_plan = plan(scenarios=4, refinements=3, repeats=1, confirmations=0, max_in_flight=4)
     counts: list[int] = []
 
-    class Counting(strategy):  # type: ignore[misc, valid-type]
+    class Counting(StudyStrategy):
         def ask(self) -> tuple[Ask, ...]:
             counts.append(len(super().ask()))
             return super().ask()
@@ -361,7 +347,7 @@ def test_a_strategy_keeps_as_many_attempts_under_way_as_the_plan_says(strategy: 
     run(MemoryLedger(), the_plan, Counting)
     first, *rest = counts
     assert first == 4
-    assert sum(count == 4 for count in rest) >= len(rest) - 2 * 4  # fewer at the end, and once after elite's drafts
+    assert sum(count == 4 for count in rest) >= len(rest) - 2 * 4  # fewer at the end
 
 
 def test_scenarios_side_by_side_are_refined_from_their_own_last_configuration() -> None:

@@ -5,9 +5,9 @@ from tests.campaign.parts import MemoryLedger, WalkGenerator, parts, plan, wareh
 from tests.campaign.test_failures import run_of
 
 from rvsg.campaign.attempt import Attempt
-from rvsg.campaign.encounter import MapCell, encounter_of, failure_map, filled
+from rvsg.campaign.feedback import MapCell, encounter_of, failure_map, filled
+from rvsg.campaign.hybrid import MapElitesStrategy
 from rvsg.campaign.loop import feedback_from, run_campaign
-from rvsg.campaign.map_elites import MapElitesStrategy
 from rvsg.campaign.ranking import measured
 from rvsg.core.errors import GenerationError
 from rvsg.generation.generator import Proposal

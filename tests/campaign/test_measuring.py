@@ -5,7 +5,7 @@ from __future__ import annotations
 from tests.campaign.parts import REQUIREMENT
 from tests.evaluation.runs import run_of, trajectory
 
-from rvsg.campaign.measuring import Measuring
+from rvsg.campaign.runner import Measuring
 from rvsg.simulation.run import Outcome
 
 

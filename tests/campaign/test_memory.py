@@ -11,9 +11,8 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 from tests.campaign.parts import WalkGenerator, plan, warehouse
 
-from rvsg.campaign.attempt import Attempt, Measurement
-from rvsg.campaign.sharing import Sharing
-from rvsg.campaign.values import Values
+from rvsg.campaign.attempt import Attempt, Measurement, Values
+from rvsg.campaign.ledger import Sharing
 from rvsg.core.records import canonical_json
 from rvsg.scenario.brief import Brief, Remembered
 

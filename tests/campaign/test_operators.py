@@ -5,8 +5,8 @@ import pytest
 from tests.campaign.parts import WalkGenerator, plan, warehouse
 
 from rvsg.campaign.attempt import Attempt
-from rvsg.campaign.operators import Operators
-from rvsg.campaign.racing import Candidate
+from rvsg.campaign.mutation import Operators
+from rvsg.campaign.race import Candidate
 from rvsg.generation.descriptions import TUNED, describe_new, tells_of
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.requirement import Aim

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 from tests.campaign.parts import REQUIREMENT, MemoryLedger, parts, plan, warehouse
 
-from rvsg.campaign.attempt import Attempt, Measurement
+from rvsg.campaign.attempt import Attempt, Measurement, Plan
+from rvsg.campaign.hybrid import MultiStrategy
 from rvsg.campaign.loop import feedback_from, run_campaign
-from rvsg.campaign.multi import MultiStrategy
-from rvsg.campaign.pareto import front_of, hypervolume, share_of, undominated
-from rvsg.campaign.plan import Plan
+from rvsg.campaign.ranking import front_of, hypervolume, share_of, undominated
 from rvsg.evaluation.metrics.registry import measure as measure_all
 from rvsg.scenario.requirement import Requirement
 from rvsg.simulation.run import Run

@@ -15,8 +15,8 @@ from tests.campaign.test_loop import run
 from tests.coded import coded
 
 from rvsg.campaign.attempt import Attempt, Failure
-from rvsg.campaign.measuring import FinishedRun, RunMaker
-from rvsg.campaign.processes import ATTEMPTS, Processes
+from rvsg.campaign.runner import FinishedRun, RunMaker
+from rvsg.campaign.worker_pool import ATTEMPTS, Processes
 from rvsg.core.errors import FileError, SimulationError
 from rvsg.scenario.scenario import Scenario
 from rvsg.simulation.kinematic import KinematicSimulator
@@ -135,17 +135,17 @@ class Halves(KinematicSimulator):
     def run(self, scenario: Scenario, world: World, *, seed: int) -> Run:
         if not self.mark.exists():
             self.mark.touch()
-            from rvsg.campaign import worker
+            from rvsg.campaign import worker_pool
 
-            original = worker.write_frame
+            original = worker_pool.write_frame
 
             def half(stream, data: bytes) -> None:  # type: ignore[no-untyped-def]
-                worker.write_frame = original
+                worker_pool.write_frame = original
                 stream.write(len(data).to_bytes(8, "little") + data[: len(data) // 2])
                 stream.flush()
                 os.kill(os.getpid(), signal.SIGKILL)
 
-            worker.write_frame = half
+            worker_pool.write_frame = half
         return super().run(scenario, world, seed=seed)
 
 
@@ -207,8 +207,8 @@ def test_workers_that_cannot_load_the_simulator_are_one_message() -> None:
 
 
 def test_workers_that_never_begin_to_work_are_one_message(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rvsg.campaign.processes.command", lambda: ["sleep", "1000"])
-    monkeypatch.setattr("rvsg.campaign.processes.START_S", 0.1)
+    monkeypatch.setattr("rvsg.campaign.worker_pool.command", lambda: ["sleep", "1000"])
+    monkeypatch.setattr("rvsg.campaign.worker_pool.START_S", 0.1)
     processes = started(KinematicSimulator())
     with pytest.raises(SimulationError, check=coded("worker-start")):
         processes.result(processes.submit(scenario(), 0))
@@ -216,7 +216,7 @@ def test_workers_that_never_begin_to_work_are_one_message(monkeypatch: pytest.Mo
 
 
 def test_workers_that_die_at_their_start_again_and_again_are_one_message(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rvsg.campaign.processes.command", lambda: ["false"])
+    monkeypatch.setattr("rvsg.campaign.worker_pool.command", lambda: ["false"])
     processes = started(KinematicSimulator())
     with pytest.raises(SimulationError, check=coded("worker-start")):
         processes.result(processes.submit(scenario(), 0))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rvsg.campaign.attempt import Attempt
-from rvsg.campaign.racing import ITERATIONS, PRIOR_RUNS, SHARES, SMALLEST, Candidate, estimate
+from rvsg.campaign.race import ITERATIONS, PRIOR_RUNS, SHARES, SMALLEST, Candidate, estimate
 
 
 def race(seed: int, count: int, seeds: int) -> list[Candidate]:

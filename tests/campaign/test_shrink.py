@@ -8,9 +8,8 @@ from tests.campaign.parts import REQUIREMENT, Counted, Noted, measure, warehouse
 from tests.coded import coded
 
 from rvsg.campaign.attempt import Measurement
-from rvsg.campaign.measuring import Measuring
-from rvsg.campaign.parallel import Simulations
-from rvsg.campaign.shrink import Shrinking, simpler, size
+from rvsg.campaign.runner import Measuring, Simulations
+from rvsg.campaign.smallest_scenario import Shrinking, simpler, size
 from rvsg.cli import main
 from rvsg.core.errors import InputError
 from rvsg.scenario.scenario import Behaviour, Human, HumanConfiguration, Mission, Pause, Scenario, Task

@@ -7,15 +7,12 @@ import dataclasses
 import pytest
 from tests.campaign.parts import REQUIREMENT, MemoryLedger, measure, parts, plan, warehouse
 
-from rvsg.campaign.accounting import account
-from rvsg.campaign.attempt import Attempt
-from rvsg.campaign.events import Attempted
-from rvsg.campaign.finding import DistinctFailure, Smallest, distinct_failures, findings
+from rvsg.campaign.attempt import Attempt, Plan
+from rvsg.campaign.execution import Attempted, Parts, account
+from rvsg.campaign.findings import DistinctFailure, Smallest, distinct_failures, findings
 from rvsg.campaign.loop import run_campaign, stream_campaign
-from rvsg.campaign.measuring import Measuring
-from rvsg.campaign.parts import Parts
-from rvsg.campaign.plan import Plan
-from rvsg.campaign.shrink import size
+from rvsg.campaign.runner import Measuring
+from rvsg.campaign.smallest_scenario import size
 from rvsg.campaign.strategies import RandomStrategy
 from rvsg.scenario.requirement import Requirement
 

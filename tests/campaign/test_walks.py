@@ -8,8 +8,8 @@ import pytest
 from tests.campaign.parts import MemoryLedger, parts, plan, warehouse
 
 from rvsg.campaign.loop import feedback_from, run_campaign
+from rvsg.campaign.observation import arrivals, walk_of
 from rvsg.campaign.strategies import StudyStrategy
-from rvsg.campaign.walks import arrivals, walk_of
 from rvsg.core import plugins
 from rvsg.scenario.scenario import Human, HumanConfiguration, Pause, Scenario, Task, begin_at
 from rvsg.scenario.variation import differences

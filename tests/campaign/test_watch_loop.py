@@ -9,12 +9,20 @@ from pathlib import Path
 import pytest
 
 import rvsg
-from rvsg.campaign.knowledge import Entry
+from rvsg.campaign.findings import Entry
+from rvsg.campaign.self_adaptation import (
+    Change,
+    DeclaredRules,
+    Journal,
+    Loop,
+    Note,
+    Planned,
+    RuleSet,
+    Sign,
+    Symptom,
+    Watched,
+)
 from rvsg.campaign.suite import CaseResult, State
-from rvsg.campaign.watch.journal import Journal, Note
-from rvsg.campaign.watch.legitimate import DeclaredRules
-from rvsg.campaign.watch.loop import Loop
-from rvsg.campaign.watch.parts import Change, Planned, RuleSet, Sign, Symptom, Watched
 from rvsg.core.errors import FileError, SimulationError
 from rvsg.evaluation.judge import judge
 from rvsg.scenario.scenario import Scenario

@@ -66,7 +66,7 @@ def test_paths_are_relative_to_the_file(tmp_path: Path) -> None:
 
 
 def test_the_effective_configuration_is_a_campaign_file_again(tmp_path: Path) -> None:
-    config = CampaignConfig(seed=9, strategy="climb", simulator_options={"noise": {"lidar": 0}})
+    config = CampaignConfig(seed=9, strategy="unguided", simulator_options={"noise": {"lidar": 0}})
     (tmp_path / "c.yaml").write_text(config.to_yaml())
     assert effective(None, read_campaign_file(tmp_path / "c.yaml"), {}) == config
 

@@ -7,7 +7,7 @@ from rich.console import Console
 from tests.campaign.parts import plan
 
 from rvsg.campaign.attempt import Attempt, Failure
-from rvsg.campaign.events import Attempted, Explaining, Proposing, RunMade
+from rvsg.campaign.execution import Attempted, Explaining, Proposing, RunMade
 from rvsg.cli import progress
 from rvsg.cli.progress import CampaignProgress
 from rvsg.generation.generator import Proposal

@@ -11,7 +11,7 @@ from tests.cli.test_run import ONE, SMALL, records
 from tests.conformance.test_campaign_parts import answered, warehouse
 
 from rvsg.campaign.attempt import Attempt
-from rvsg.campaign.conformance import check_ledger
+from rvsg.campaign.strategies import check_ledger
 from rvsg.cli import main
 from rvsg.core import plugins
 from rvsg.core.errors import RvsgError

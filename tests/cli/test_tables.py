@@ -7,7 +7,7 @@ from rich.console import Console
 from tests.campaign.parts import MemoryLedger
 from tests.report.test_page import campaign
 
-from rvsg.campaign.plan import Plan
+from rvsg.campaign.attempt import Plan
 from rvsg.cli.tables import matrix_table, ranked_table, without_common_beginning
 from rvsg.evaluation.verdict import Status
 from rvsg.report.summary import Summary, summarise

@@ -9,8 +9,7 @@ import pytest
 from tests.campaign.parts import WalkGenerator, plan, warehouse
 
 from rvsg.campaign.attempt import Attempt
-from rvsg.campaign.conformance import check_ledger, check_strategy
-from rvsg.campaign.strategies import Ask, StudyStrategy
+from rvsg.campaign.strategies import Ask, StudyStrategy, check_ledger, check_strategy
 from rvsg.core import plugins
 from rvsg.generation.generator import Proposal
 from rvsg.scenario.brief import Brief

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from rvsg.campaign.rehearsing import rehearsing
+from rvsg.campaign.feedback import rehearsing
 from rvsg.generation.conversation import VlmGenerator
 from rvsg.generation.facts import configuration_object
 from rvsg.generation.generator import Rehearsal, Walked, surprises

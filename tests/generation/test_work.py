@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from rvsg.campaign.measuring import RunMaker
+from rvsg.campaign.runner import RunMaker
 from rvsg.generation.heuristic import HeuristicGenerator
 from rvsg.generation.people_sampler import CHILD, MOVED, TROLLEY, WHEELCHAIR
 from rvsg.generation.random_search import RandomGenerator

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rvsg.campaign.encounter import MapCell
+from rvsg.campaign.feedback import MapCell
 from rvsg.report.broken import broken
 from rvsg.scenario.brief import Encounter
 

@@ -8,8 +8,7 @@ import pytest
 from tests.campaign.parts import REQUIREMENT, MemoryLedger
 from tests.report.test_page import campaign
 
-from rvsg.campaign.attempt import Attempt
-from rvsg.campaign.plan import Plan
+from rvsg.campaign.attempt import Attempt, Plan
 from rvsg.evaluation.judge import judge
 from rvsg.evaluation.verdict import Verdict
 from rvsg.report.charts import LETTER, confirmation_chart, search_chart

@@ -9,7 +9,7 @@ from markupsafe import escape
 from tests.campaign.parts import MemoryLedger, warehouse
 from tests.report.test_page import NastyGenerator, Reader, campaign, default_campaign
 
-from rvsg.campaign.finding import findings
+from rvsg.campaign.findings import findings
 from rvsg.evaluation.judge import judge
 from rvsg.evaluation.naming import place_name
 from rvsg.evaluation.verdict import Status

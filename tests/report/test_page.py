@@ -14,10 +14,9 @@ from rich.console import Console
 from tests.campaign.parts import REQUIREMENT, MemoryLedger, WalkGenerator, parts, plan, warehouse
 from tests.report.test_conversation import call
 
-from rvsg.campaign.attempt import Attempt
-from rvsg.campaign.finding import findings
+from rvsg.campaign.attempt import Attempt, Plan
+from rvsg.campaign.findings import findings
 from rvsg.campaign.loop import feedback_from, run_campaign
-from rvsg.campaign.plan import Plan
 from rvsg.campaign.strategies import RandomStrategy, StudyStrategy
 from rvsg.cli.tables import ranked_table
 from rvsg.evaluation.judge import judge

@@ -9,7 +9,7 @@ import pytest
 from tests.evaluation.runs import run_of, trajectory
 from tests.simulation.corridor import ROUTE, hall
 
-from rvsg.campaign.measuring import Measuring
+from rvsg.campaign.runner import Measuring
 from rvsg.report.facts import run_facts
 from rvsg.report.seen import seen_beside
 from rvsg.scenario.requirement import shipped_requirements

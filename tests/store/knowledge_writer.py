@@ -8,8 +8,8 @@ from __future__ import annotations
 import os
 import sys
 
-from rvsg.campaign.knowledge import Entry
-from rvsg.store.knowledge import KnowledgeBase
+from rvsg.campaign.findings import Entry
+from rvsg.store.knowledge_base import KnowledgeBase
 
 
 def entry(number: int) -> Entry:

@@ -21,7 +21,7 @@ import sqlalchemy as sa
 from tests.store.knowledge_writer import entry
 
 from rvsg.core.errors import InputError, StoreError
-from rvsg.store.knowledge import KnowledgeBase
+from rvsg.store.knowledge_base import KnowledgeBase
 
 WRITER = Path(__file__).with_name("knowledge_writer.py")
 COUNT = 60

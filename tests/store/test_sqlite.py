@@ -22,9 +22,8 @@ from rvsg.scenario.brief import Brief
 from rvsg.simulation.archive import PackedRun, arrays_of, run_from_json, run_to_json
 from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.simulation.run import Run
-from rvsg.store.migrations import MIGRATIONS
-from rvsg.store.packing import pack
-from rvsg.store.sqlite import SqliteLedger
+from rvsg.store.sqlite import SqliteLedger, pack_record
+from rvsg.store.sqlite_file import MIGRATIONS
 
 
 def an_attempt(index: int = 0) -> tuple[Attempt, Run]:
@@ -120,7 +119,9 @@ def test_an_absent_store_is_not_made_where_it_is_only_read(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize(
-    "altered_record", [canonical_json, lambda record: pack(canonical_json(record).encode())], ids=["text", "packed"]
+    "altered_record",
+    [canonical_json, lambda record: pack_record(canonical_json(record).encode())],
+    ids=["text", "packed"],
 )
 def test_an_altered_record_is_noticed(tmp_path: Path, altered_record: Callable[[object], object]) -> None:
     attempt, run = an_attempt()

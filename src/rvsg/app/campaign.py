@@ -16,20 +16,20 @@ from rvsg.app.stored_campaign import StoredCampaign
 from rvsg.app.wiring import COPY, VLM_OPTIONS, Wired, jobs_of, remembered_file, wire
 from rvsg.campaign import confirmation
 from rvsg.campaign.attempt import Attempt, Ledger
-from rvsg.campaign.events import Event, Message, ModelCall
-from rvsg.campaign.knowledge import entries_of_campaign
+from rvsg.campaign.execution import Event, Message, ModelCall
+from rvsg.campaign.findings import entries_of_campaign
+from rvsg.campaign.ledger import Recalling
 from rvsg.campaign.loop import stream_campaign
 from rvsg.campaign.ranking import search_attempts
-from rvsg.campaign.recalling import Recalling
 from rvsg.core.errors import InputError
 from rvsg.core.files import write_whole
 from rvsg.core.outputs import make_folder
 from rvsg.core.plugins import Spec, ignore
 from rvsg.simulation.simulators import tell_of_robot
-from rvsg.store.knowledge import KnowledgeBase
+from rvsg.store.knowledge_base import KnowledgeBase
 
 if TYPE_CHECKING:
-    from rvsg.campaign.parallel import Executor
+    from rvsg.campaign.runner import Executor
     from rvsg.generation.generator import Generator
     from rvsg.simulation.protocol import Simulator
     from rvsg.simulation.stacks.protocol import NavigationStack
@@ -221,7 +221,7 @@ class Campaign(StoredCampaign):
     def run(
         self, *, jobs: int | None = None, executor: Executor | None = None, observe: Callable[[Event], None] = ignore
     ) -> Iterator[Event]:
-        """Do what is left of the plan, yielding typed events (`rvsg.campaign.events`) in order.
+        """Do what is left of the plan, yielding typed events (`rvsg.campaign.execution`) in order.
 
         Every finished run and attempt is stored at once. A campaign that was interrupted or cancelled resumes with
         the next call and ends with the same records.

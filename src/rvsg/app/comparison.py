@@ -16,11 +16,21 @@ from rvsg.app.matrix import folders_in
 from rvsg.app.runs import simulate
 from rvsg.app.suites import HEAD, Suite, driven_by, read_results, requirement_of
 from rvsg.campaign.attempt import Attempt, Failure
-from rvsg.campaign.measuring import Measuring
-from rvsg.campaign.parallel import Simulations
 from rvsg.campaign.ranking import candidates, search_attempts
-from rvsg.campaign.stack_scores import ScoredRun, StackScore, StackScores, score_stacks
-from rvsg.campaign.suite import CaseChange, CaseResult, Change, SuiteResult, compare_results, counts, state_of
+from rvsg.campaign.runner import Measuring, Simulations
+from rvsg.campaign.suite import (
+    CaseChange,
+    CaseResult,
+    Change,
+    ScoredRun,
+    StackScore,
+    StackScores,
+    SuiteResult,
+    compare_results,
+    counts,
+    score_stacks,
+    state_of,
+)
 from rvsg.core.errors import InputError, SimulationError
 from rvsg.core.files import write_whole
 from rvsg.core.plugins import Spec, ignore

@@ -10,7 +10,7 @@ from rvsg.app.campaign import Campaign, campaigns_below
 from rvsg.app.folder import reading
 from rvsg.app.runs import simulate
 from rvsg.app.suites import HEAD, Suite, requirement_of
-from rvsg.campaign.coverage import Coverage, Exercise
+from rvsg.campaign.exploration import Coverage, Exercise
 from rvsg.core.errors import InputError
 from rvsg.core.files import write_whole
 from rvsg.core.plugins import Spec, ignore

@@ -10,9 +10,8 @@ import numpy as np
 
 from rvsg.campaign.attempt import Failure
 from rvsg.campaign.exploration import FEWEST, Exploration, Point, shares_of
-from rvsg.campaign.measuring import Measuring
-from rvsg.campaign.parallel import PendingRun, Simulations
-from rvsg.campaign.shrink import Shrinking, Shrunk, Simplification
+from rvsg.campaign.runner import Measuring, PendingRun, Simulations
+from rvsg.campaign.smallest_scenario import Shrinking, Shrunk, Simplification
 from rvsg.core.errors import InputError, SimulationError
 from rvsg.core.files import write_whole
 from rvsg.core.outputs import check_writable, write_text

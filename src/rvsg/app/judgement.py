@@ -10,7 +10,7 @@ from typing import Any
 from rvsg.app.runs import RunSet, check_of, one_of
 from rvsg.campaign.attempt import Attempt, Measurement
 from rvsg.campaign.feedback import feedback_of
-from rvsg.campaign.measuring import Measuring
+from rvsg.campaign.runner import Measuring
 from rvsg.core.errors import InputError
 from rvsg.core.outputs import check_writable
 from rvsg.core.records import Pose

@@ -36,8 +36,8 @@ from rvsg.app.settings import (
     safe_name,
 )
 from rvsg.app.wiring import jobs_of, wire
-from rvsg.campaign.events import Event
-from rvsg.campaign.processes import Processes
+from rvsg.campaign.execution import Event
+from rvsg.campaign.worker_pool import Processes
 from rvsg.core.documents import mistakes_of
 from rvsg.core.errors import FileError, InputError, RvsgError
 from rvsg.core.files import write_whole

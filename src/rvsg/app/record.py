@@ -13,8 +13,7 @@ from pydantic import ValidationError
 
 import rvsg
 from rvsg.app.settings import CampaignConfig, file_of, renamed
-from rvsg.campaign.attempt import Ledger
-from rvsg.campaign.plan import Plan
+from rvsg.campaign.attempt import Ledger, Plan
 from rvsg.core.errors import InputError, InvalidOptions, UnknownName
 from rvsg.core.plugins import Spec
 from rvsg.core.records import Record

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, overload
 
 from rvsg.campaign.attempt import Failure
-from rvsg.campaign.parallel import Simulations
+from rvsg.campaign.runner import Simulations
 from rvsg.core.errors import InputError, SimulationError
 from rvsg.core.files import write_whole
 from rvsg.core.plugins import Spec, ignore

@@ -16,7 +16,7 @@ import pydantic
 import yaml
 from pydantic import BeforeValidator, ConfigDict, Field, model_validator
 
-from rvsg.campaign.plan import InFlight
+from rvsg.campaign.attempt import InFlight
 from rvsg.core.documents import Document, keys_of, mistakes_of, parse_yaml, read_yaml, validated
 from rvsg.core.errors import InputError, InvalidOptions
 from rvsg.core.plugins import Spec

@@ -19,8 +19,7 @@ import yaml
 from pydantic import Field
 
 from rvsg.campaign.attempt import Failure, Measurement
-from rvsg.campaign.measuring import Measuring
-from rvsg.campaign.parallel import Simulations
+from rvsg.campaign.runner import Measuring, Simulations
 from rvsg.campaign.suite import (
     Case,
     CaseResult,

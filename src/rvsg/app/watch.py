@@ -17,12 +17,21 @@ from rvsg.app.folder import LEDGER, alone_in, reading
 from rvsg.app.proposal import brief_of, make_generator
 from rvsg.app.suites import CaseWork, Suite, SuiteHead, requirement_of
 from rvsg.app.wiring import let_rehearse
-from rvsg.campaign.knowledge import Entry, remembered
+from rvsg.campaign.findings import Entry, remembered
+from rvsg.campaign.self_adaptation import (
+    Change,
+    DeclaredRules,
+    Journal,
+    Loop,
+    Monitor,
+    Note,
+    Planned,
+    RuleSet,
+    Sign,
+    Symptom,
+    Watched,
+)
 from rvsg.campaign.suite import Case, CaseResult, Expectation, State
-from rvsg.campaign.watch.journal import Journal, Note
-from rvsg.campaign.watch.legitimate import DeclaredRules
-from rvsg.campaign.watch.loop import Loop
-from rvsg.campaign.watch.parts import Change, Monitor, Planned, RuleSet, Sign, Symptom, Watched
 from rvsg.core.documents import read_document
 from rvsg.core.errors import InputError, RvsgError
 from rvsg.core.plugins import Spec, ignore
@@ -37,7 +46,7 @@ from rvsg.scenario.variation import waypoints_used
 from rvsg.simulation.protocol import Simulator
 from rvsg.simulation.simulators import make_simulator
 from rvsg.simulation.stacks.registry import StackChoice
-from rvsg.store.knowledge import KnowledgeBase
+from rvsg.store.knowledge_base import KnowledgeBase
 from rvsg.store.knowledge_search import open_knowledge
 from rvsg.world.world import World
 from rvsg_exchange.formats import is_recording, load_recordings

@@ -13,15 +13,12 @@ from typing import Any
 from pydantic import TypeAdapter, ValidationError
 
 from rvsg.app.settings import BUDGETS, CampaignConfig
-from rvsg.campaign.accounting import Limits
-from rvsg.campaign.encounter import look_at
+from rvsg.campaign.attempt import Plan
+from rvsg.campaign.execution import Limits, Parts
+from rvsg.campaign.feedback import look_at, rehearsing
+from rvsg.campaign.ledger import Recalling
 from rvsg.campaign.loop import feedback_from
-from rvsg.campaign.measuring import Measuring
-from rvsg.campaign.parallel import Executor, Simulations
-from rvsg.campaign.parts import Parts
-from rvsg.campaign.plan import Plan
-from rvsg.campaign.recalling import Recalling
-from rvsg.campaign.rehearsing import rehearsing
+from rvsg.campaign.runner import Executor, Measuring, Simulations
 from rvsg.campaign.strategies import Strategy
 from rvsg.core import plugins
 from rvsg.core.errors import FileError, InputError

@@ -24,8 +24,8 @@ from typing import Any
 
 import rvsg
 from rvsg.campaign.attempt import Failure
-from rvsg.campaign.measuring import FinishedRun, RunMaker, Trial
-from rvsg.campaign.processes import START_S
+from rvsg.campaign.runner import FinishedRun, RunMaker, Trial
+from rvsg.campaign.worker_pool import START_S
 from rvsg.core.errors import FileError, InputError, SimulationError, how_to_install
 from rvsg.core.inputs import parse_json, read_text
 from rvsg.scenario.scenario import Scenario

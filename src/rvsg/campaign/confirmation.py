@@ -9,13 +9,11 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Sequence
 
-from rvsg.campaign.attempt import Attempt
-from rvsg.campaign.events import Attempted, Confirming, Event, Explaining
-from rvsg.campaign.failures import FailureMode, modes_in, usual
-from rvsg.campaign.filing import whole
-from rvsg.campaign.finding import badness
-from rvsg.campaign.parts import Made, Parts, collect, store, submit
-from rvsg.campaign.plan import Plan
+from rvsg.campaign.attempt import Attempt, Plan
+from rvsg.campaign.execution import Attempted, Confirming, Event, Explaining, Made, Parts, collect, store, submit
+from rvsg.campaign.findings import badness
+from rvsg.campaign.ledger import whole
+from rvsg.campaign.observation import FailureMode, modes_in, usual
 from rvsg.campaign.ranking import candidates, confirmations, search_attempts
 from rvsg.core.seeds import fresh_seeds
 from rvsg.evaluation.judge import next_repeats, violated

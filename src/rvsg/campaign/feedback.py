@@ -1,32 +1,145 @@
 """Feedback: what an attempt measured, for the generator that refines it.
 
-Distances between robot and human are gaps: centre distance less both radii, so 0 is contact.
+Distances between robot and human are gaps: centre distance less both radii, so 0 is contact. What feedback takes of
+each run is extracted where the run is made: a worker has all of it at hand, the campaign would have to unpack it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rvsg.campaign.attempt import Attempt, Measurement
-from rvsg.campaign.driving import passings_of, stops_of
-from rvsg.campaign.glance import MEETING_M, Glance, glance_of, influences
-from rvsg.campaign.ranking import measured
-from rvsg.campaign.walks import Walk, arrivals, side_of, walks_of
+from rvsg.campaign.observation import FailureMode, Walk, arrivals, mode_of, passings_of, side_of, stops_of, walks_of
+from rvsg.campaign.ranking import measured, standing
+from rvsg.core.errors import SimulationError
+from rvsg.core.records import Record
+from rvsg.core.seeds import seed_for
 from rvsg.evaluation.aims import series_name, series_of
+from rvsg.evaluation.detection import contacts
+from rvsg.evaluation.events import Place
 from rvsg.evaluation.naming import WaypointNames
 from rvsg.evaluation.sampled import sampled
 from rvsg.evaluation.statistics import welch
 from rvsg.evaluation.verdict import Verdict
-from rvsg.scenario.brief import Feedback, Moment, Part, PersonAt, Row, Sample, Tried
+from rvsg.generation.generator import MET_M, Rehearsal, Rehearse, Walked
+from rvsg.scenario.brief import Encounter, Feedback, HumanInfluence, Moment, Part, PersonAt, Row, Sample, Touched, Tried
 from rvsg.scenario.requirement import Requirement
+from rvsg.scenario.scenario import Human, HumanConfiguration, Mission, Scenario
 from rvsg.scenario.variation import differences
+from rvsg.simulation.protocol import Simulator
 from rvsg.simulation.run import Run, Trajectory
 from rvsg.world.grid import Grid
 from rvsg.world.world import World
+
+NEAR_M = 2.0
+"""A human nearer than this may influence how the robot drives (the inflation and the social zone end before it)."""
+MEETING_M = 3.0
+"""A waypoint at which a human never came nearer than this to the robot played no part in the encounter."""
+
+
+@dataclass(frozen=True)
+class PersonGlance:
+    """One person in a run."""
+
+    name: str
+    closest_gap_m: float
+    share_near: float
+    """Share of the time within `NEAR_M`."""
+    met: dict[str, float]
+    """The smallest gap at each waypoint that the person was nearest to, m."""
+
+
+@dataclass(frozen=True)
+class Glance:
+    """One run."""
+
+    run_id: str
+    completed: bool
+    ended_s: float
+    people: tuple[PersonGlance, ...]
+    touches: tuple[Touched, ...]
+
+
+@dataclass(frozen=True)
+class Look:
+    """What the process that made a run tells of it, so that the campaign seldom unpacks it."""
+
+    run_id: str
+    mode: FailureMode | None
+    """How it fails if it does."""
+    encounter: Encounter | None
+    glance: Glance | None = None
+    """None where hardly any run gets feedback."""
+
+
+def glance_at(run: Run, world: World) -> Glance:
+    """Return what feedback takes of a run."""
+    return glance_of(run, world.grid, world)
+
+
+def glance_of(run: Run, grid: Grid, world: World | None) -> Glance:
+    """Return what feedback takes of a run, in a world that is possibly not known but for its grid."""
+    path, gap, names = run.trajectory, sampled(run, world).gap, WaypointNames(grid)
+    step = max(1, len(path) // 400)
+    people = []
+    for h, name in enumerate(run.human_names):
+        met: dict[str, float] = {}
+        at = names.nearest(path.human_x[::step, h], path.human_y[::step, h])
+        for place, distance in zip(at, gap[::step, h].tolist(), strict=True):
+            met[place] = min(met.get(place, np.inf), distance)
+        closest, near = (float(gap[:, h].min()), float((gap[:, h] < NEAR_M).mean())) if len(path) else (np.inf, 0.0)
+        people.append(PersonGlance(name, closest, near, met))
+    ended = float(path.t[-1]) if len(path) else 0.0
+    return Glance(run.id, run.completed, ended, tuple(people), touches_of(run, grid, world))
+
+
+def influences(people: Sequence[Human], glances: Sequence[Glance]) -> tuple[HumanInfluence, ...]:
+    """Return what each human contributed over all runs: closest gap, share of time near, waypoints without effect.
+
+    Args:
+        people: Of the scenario.
+    """
+    planned = {human.name: human for human in people}
+    found = []
+    for h, person in enumerate(glances[0].people):
+        seen = [glance.people[h] for glance in glances]
+        human = planned.get(person.name)
+        path = dict.fromkeys(w for task in human.tasks for w in task.path) if human is not None else {}
+        idle = tuple(w for w in path if min(each.met.get(w, np.inf) for each in seen) > MEETING_M)
+        found.append(
+            HumanInfluence(
+                name=person.name,
+                closest_gap_m=min(each.closest_gap_m for each in seen),
+                share_within_2_m=min(float(np.mean([each.share_near for each in seen])), 1.0),
+                idle_waypoints=idle,
+            )
+        )
+    return tuple(found)
+
+
+def touches_of(run: Run, grid: Grid, world: World | None = None) -> tuple[Touched, ...]:
+    """Return the touches of the robot and a person in a run, as events tell them, in order."""
+    s, names = sampled(run, world), WaypointNames(grid)
+
+    def at(x: float, y: float) -> Place:
+        return Place(x=x, y=y, waypoint=names.nearest(np.array([x]), np.array([y]))[0])
+
+    return tuple(
+        Touched(
+            who=contact.person,
+            at=contact.place.waypoint,
+            time_s=round(contact.time_s, 1),
+            until_s=round(contact.until_s, 1),
+            moved_by=contact.moved_by,
+        )
+        for contact in sorted(contacts(s, at), key=lambda contact: contact.time_s)
+    )
+
 
 Floats = NDArray[np.float64]
 
@@ -350,3 +463,150 @@ def _longest_stop(path: Trajectory) -> tuple[int, float] | None:
         if lasted >= 1.0 and (best is None or lasted > best[1]):
             best = (begin, lasted)
     return best
+
+
+PERIOD_S = 2.0
+WAY_S = 0.5
+"""Seconds between the points of the robot's way."""
+
+
+def rehearsing(simulator: Simulator, world: World, *, seed: int) -> Rehearse:
+    """Return the function that simulates a configuration once, with a seed that no run of the campaign has.
+
+    A rehearsal that the simulator cannot make is one in which nothing happens: the runs will tell why.
+    """
+    own = seed_for(seed, "rehearsal")
+
+    def rehearse(mission: Mission, people: HumanConfiguration) -> Rehearsal:
+        try:
+            scenario = Scenario(mission=mission, people=people)
+            run = simulator.run(scenario, mission.place(world), seed=own)
+        except SimulationError:
+            return Rehearsal(robot=(), arrival_s=None)
+        return in_short(run, people, world)
+
+    return rehearse
+
+
+def in_short(run: Run, people: HumanConfiguration, world: World) -> Rehearsal:
+    """Return a run in short."""
+    path = run.trajectory
+    if not len(path):
+        return Rehearsal(robot=(), arrival_s=None)
+    wanted = np.arange(0.0, float(path.t[-1]) + 1e-9, PERIOD_S)
+    samples = np.clip(np.searchsorted(path.t, wanted - 1e-9), 0, len(path) - 1)
+    at = WaypointNames(world.grid).nearest(path.x[samples], path.y[samples])
+    walks = walks_of(run, people, world.grid)
+    along = np.unique(np.clip(np.searchsorted(path.t, np.arange(0.0, path.t[-1] + WAY_S, WAY_S)), 0, len(path) - 1))
+    return Rehearsal(
+        way=tuple((round(float(path.t[k]), 1), round(float(path.x[k]), 2), round(float(path.y[k]), 2)) for k in along),
+        robot=tuple((round(float(path.t[k]), 1), name) for k, name in zip(samples, at, strict=True)),
+        arrival_s=round(float(path.t[-1]), 1) if run.completed else None,
+        people={
+            human.name: _walked(run, h, human, walk, world)
+            for h, (human, walk) in enumerate(zip(people.humans, walks, strict=True))
+        },
+        rows=rows_of(run, walks, world.grid) if people.humans else (),
+    )
+
+
+def _walked(run: Run, h: int, human: Human, walk: Walk, world: World) -> Walked:
+    path = run.trajectory
+    away = np.hypot(path.human_x[:, h] - path.x, path.human_y[:, h] - path.y)
+    nearest = int(away.argmin())
+    met = np.flatnonzero(away <= MET_M)
+    stuck_s, stuck_at = walk.stuck_at or (None, None)
+    return Walked(
+        begins_at=walk.goals[0],
+        left_s=round(walk.left_s, 1) if walk.left_s is not None else None,
+        arrivals=arrivals(walk, human, world.grid),
+        stuck_at=stuck_at,
+        stuck_s=round(stuck_s, 1) if stuck_s is not None else None,
+        stood=tuple((round(start, 1), round(end, 1), at) for start, end, at in walk.stood),
+        nearest_m=round(float(away[nearest]), 2),
+        nearest_s=round(float(path.t[nearest]), 1),
+        met_s=round(float(path.t[met[0]]), 1) if met.size else None,
+    )
+
+
+STRETCHES = ("first third", "middle third", "last third")
+
+
+def encounter_of(run: Run, world: World) -> Encounter | None:
+    """Return the encounter at the closest approach of a run; None for a run without people."""
+    return _encounter(run, mode_of(run, world))
+
+
+def look_at(run: Run, world: World, *, told: bool = False) -> Look:
+    """Return what a campaign asks of a run; `told`: what feedback takes of it as well."""
+    mode = mode_of(run, world)
+    return Look(run.id, mode, _encounter(run, mode), glance_at(run, world) if told else None)
+
+
+def _encounter(run: Run, mode: FailureMode | None) -> Encounter | None:
+    if mode is None:
+        return None
+    path = run.trajectory
+    away = np.hypot(path.human_x - path.x[:, None], path.human_y - path.y[:, None])
+    index, human = (int(k) for k in np.unravel_index(int((away - np.asarray(run.human_radius_m)).argmin()), away.shape))
+    driven = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(path.x), np.diff(path.y)))])
+    share = float(driven[index] / driven[-1]) if driven[-1] > 0.0 else 0.0
+    return Encounter(
+        stretch=STRETCHES[min(2, int(3.0 * share))], place=mode.place, who=run.human_names[human], kind=mode.person
+    )
+
+
+class MapCell(Record):
+    """The worst configuration with one kind of encounter."""
+
+    encounter: Encounter
+    attempt: int
+    """The attempt of the search."""
+    scenario_id: str
+    mean: float
+    violations: int
+    runs: int
+    configurations: int
+    """How many configurations show this encounter."""
+
+
+def failure_map(
+    attempts: Sequence[Attempt], requirement: Requirement, *, run_of: Callable[[str], Run], world: World
+) -> tuple[MapCell, ...]:
+    """Return the worst configuration of every kind of encounter among the attempts of a search, the worst first."""
+    cells: dict[Encounter, list[Attempt]] = {}
+    for attempt in measured(attempts):
+        worst = worst_run(attempt, [run_of(m.run_id) for m in attempt.measurements], requirement)
+        encounter = encounter_of(worst, world)
+        if encounter is not None:
+            cells.setdefault(encounter, []).append(attempt)
+    ranked = [(max(found, key=lambda a: _rank(a, requirement)), encounter) for encounter, found in cells.items()]
+    ranked.sort(key=lambda pair: _rank(pair[0], requirement), reverse=True)
+    return tuple(_cell(attempt, encounter, len(cells[encounter])) for attempt, encounter in ranked)
+
+
+def filled(cells: Iterable[MapCell]) -> tuple[int, int]:
+    """Return how many cells there are, and how many of them hold a violation."""
+    listed = list(cells)
+    return len(listed), sum(cell.violations > 0 for cell in listed)
+
+
+def _rank(attempt: Attempt, requirement: Requirement) -> tuple[float, float, int]:
+    share, badness = standing(attempt, requirement)
+    return (share, badness, -attempt.index)
+
+
+def _cell(attempt: Attempt, encounter: Encounter, configurations: int) -> MapCell:
+    scenario, verdict = attempt.proposal.scenario, attempt.verdict
+    assert scenario is not None
+    assert verdict is not None
+    assert verdict.mean is not None
+    return MapCell(
+        encounter=encounter,
+        attempt=attempt.index,
+        scenario_id=scenario.id,
+        mean=verdict.mean,
+        violations=verdict.violations,
+        runs=verdict.runs,
+        configurations=configurations,
+    )

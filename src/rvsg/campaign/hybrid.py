@@ -1,41 +1,39 @@
-"""The hybrid strategy: the generator proposes what people do and where; an optimiser tunes when and how fast.
+"""Strategies that change what they found: hybrid, map-elites and multi.
 
-The search has three parts. First the generator drafts scenarios, each of which gets one run. Then batches alternate:
-new configurations, made by changing the numbers of good ones (`rvsg.generation.search_space`) or by asking the
-generator for a refinement, get one run each; then the configurations that may still be the best get another run. At
-the end the few best are run until their order is settled. All configurations share the seeds of the race (common
-random numbers), and one that has lost gets no further run. The first run of a batch takes the next of these seeds: a
-search that always began with the same seed would fit its configurations to that one.
+`hybrid`: the generator proposes what people do and where; an optimiser tunes when and how fast. The search has three
+parts. First the generator drafts scenarios, each of which gets one run. Then batches alternate: new configurations,
+made by changing the numbers of good ones (`rvsg.generation.search_space`) or by asking the generator for a refinement,
+get one run each; then the configurations that may still be the best get another run. At the end the few best are run
+until their order is settled. All configurations share the seeds of the race (common random numbers), and one that has
+lost gets no further run. The first run of a batch takes the next of these seeds: a search that always began with the
+same seed would fit its configurations to that one.
 
 Where the generator asks a model, a proposal costs far more than a run. Then the plan says how many there are, and
 generator and optimiser take turns. The first proposals are new scenarios, the others refine what is best so far, and
 the numbers of each are tuned before the next is asked for, so the model is told how its ideas do at their best. Once
 the proposals are made or the budget of the calls is spent, tuning goes on as above.
 
-Half of what is changed is not the best. It stands for a kind of failure (`rvsg.campaign.kinds`): place, what the person
-does, what the robot does. Kinds take turns, and of the possible changes one is run whose closest approach the forecast
-sees at a place or with a person that no failure has shown yet. Up to half of the races go to kinds that one run shows.
-As long as nothing violates the requirement, the worst with their kind of encounter stand in, as in
-`rvsg.campaign.map_elites`.
+Half of what is changed is not the best. It stands for a kind of failure (`Kinds`): place, what the person does, what
+the robot does. Kinds take turns, and of the possible changes one is run whose closest approach the forecast sees at a
+place or with a person that no failure has shown yet. Up to half of the races go to kinds that one run shows. As long as
+nothing violates the requirement, the worst with their kind of encounter stand in, as in `map-elites`.
 """
 
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from collections import Counter
 from collections.abc import Generator, Mapping, Sequence, Set
 from typing import Any, ClassVar
 
 import numpy as np
 
-from rvsg.campaign.attempt import Attempt
-from rvsg.campaign.candidates import CandidateStrategy
-from rvsg.campaign.kinds import Kinds, Met
-from rvsg.campaign.plan import Plan
-from rvsg.campaign.racing import Candidate, estimate, in_the_race
-from rvsg.campaign.ranking import lessons_of, remember
+from rvsg.campaign.attempt import Attempt, Plan
+from rvsg.campaign.mutation import CandidateStrategy, Kinds, Met
+from rvsg.campaign.race import Candidate, estimate, in_the_race, last_written, mean_of, tried, tuning_of, written
+from rvsg.campaign.ranking import Tried, lessons_of, remember, tried_by, undominated
 from rvsg.campaign.strategies import Ask, Batches, FeedbackOf
-from rvsg.campaign.told import last_written, mean_of, tried, tuning_of, written
 from rvsg.core.seeds import seed_for
 from rvsg.scenario.brief import Brief, Encounter, Feedback
 from rvsg.world.world import World
@@ -352,3 +350,133 @@ class HybridStrategy(CandidateStrategy):
             for attempt, candidate in zip(results, open_, strict=False):
                 self._measured(candidate, attempt)
             estimate(self.candidates)
+
+
+class KeepingStrategy(HybridStrategy):
+    """Drafts, changes what it keeps, then repeats what it keeps until the budget is spent.
+
+    Args:
+        repeated: Share of the runs that repeat what is kept.
+        options: Those of `hybrid`.
+    """
+
+    recorded: ClassVar[Mapping[str, Any]] = {}
+    unrecorded: ClassVar[Mapping[str, Any]] = {}
+
+    def __init__(self, *args: Any, repeated: float, **options: Any) -> None:
+        super().__init__(*args, spread=False, **options)
+        self.repeated = repeated
+
+    @abstractmethod
+    def _kept(self) -> list[Candidate]:
+        """Return the configurations that are kept, the one to run again first at the front."""
+
+    def search(self) -> Batches:
+        """Draft; change what is kept; then repeat it until the budget is spent."""
+        yield from self._first_drafts()
+        reserve = round(self.repeated * self.plan.search_runs)
+        while self.left > reserve and self.candidates:
+            before, known = self.left, len(self.candidates)
+            yield from self._change(min(self.batch, self.left - reserve))
+            if self.left == before or len(self.candidates) == known:
+                break
+        yield from self._repeat()
+
+    def _repeat(self) -> Batch:
+        """Give one more run to the first of those that are kept, until the budget is spent."""
+        while self.left > 0:
+            chosen = self._kept()[: min(self.batch, self.left)]
+            results = yield [self._again(c, 1) for c in chosen]
+            if not results:
+                return
+            for attempt, candidate in zip(results, chosen, strict=False):
+                self._measured(candidate, attempt)
+            estimate(self.candidates)
+
+
+class MapElitesStrategy(KeepingStrategy):
+    """Fills a map of encounters with the configuration that is worst for the robot in each.
+
+    Args:
+        drafts: Share of the runs that go to first runs of new scenarios.
+        repeated: Share of the runs that repeat the worst configurations of the cells.
+        options: Those of `hybrid`.
+    """
+
+    name = "map-elites"
+    fills_a_map = True
+
+    def __init__(self, *args: Any, drafts: float = 0.3, repeated: float = 0.3, **options: Any) -> None:
+        super().__init__(*args, drafts=drafts, repeated=repeated, **options)
+
+    def _parents(self, rng: np.random.Generator, count: int) -> list[Candidate]:
+        """Return the configurations to change: the elites of cells, each cell as likely as the other."""
+        elites = list(self.elites().values())
+        return [elites[int(rng.integers(len(elites)))] for _ in range(count)] if elites else []
+
+    def _kept(self) -> list[Candidate]:
+        """Return the elites, those with the fewest runs first, the worst of them before the others."""
+        return sorted(self.elites().values(), key=lambda c: (len(self._seen(c)), -c.estimate, c.index))
+
+    def _measured(self, candidate: Candidate, attempt: Attempt) -> None:
+        super()._measured(candidate, attempt)
+        if attempt.index != candidate.index:
+            self._place(candidate, attempt)
+
+    def _place(self, candidate: Candidate, attempt: Attempt) -> None:
+        encounter = self.encounter_of(attempt) if candidate.runs else None
+        if encounter is not None:
+            self._cells[candidate.index] = encounter
+
+
+KEEN_ON_FRONT = 0.6
+"""How often what is changed is on the first front; with as much of what is left on the next, and so on."""
+
+
+class MultiStrategy(KeepingStrategy):
+    """Fills the Pareto front of the plan's requirement and those in `plan.also`.
+
+    Args:
+        drafts: Share of the runs that go to first runs of new scenarios.
+        repeated: Share of the runs that repeat what is on the front.
+        options: Those of `hybrid`.
+    """
+
+    name = "multi"
+    needs_several = True
+
+    def __init__(self, *args: Any, drafts: float = 0.2, repeated: float = 0.4, **options: Any) -> None:
+        super().__init__(*args, drafts=drafts, repeated=repeated, **options)
+        self._known: dict[int, tuple[Tried, ...] | None] = {}
+
+    def fronts(self) -> list[list[Candidate]]:
+        """Return the candidates front by front: those that none beats, those that none of the others beats, ..."""
+        known = [(c, tried) for c in self.candidates if (tried := self._tried_by(c)) is not None]
+        shares = np.array([[each.share for each in tried] for _, tried in known])
+        left, found = list(range(len(known))), []
+        while left:
+            front = {left[k] for k in undominated(shares[left])}
+            found.append([known[k][0] for k in sorted(front)])
+            left = [k for k in left if k not in front]
+        return found
+
+    def _tried_by(self, candidate: Candidate) -> tuple[Tried, ...] | None:
+        if not candidate.runs:
+            return None
+        last = candidate.last.index
+        if last not in self._known:
+            self._known[last] = tried_by(candidate.last.measurements, self.plan)
+        return self._known[last]
+
+    def _parents(self, rng: np.random.Generator, count: int) -> list[Candidate]:
+        fronts = self.fronts()
+        chosen = []
+        for _ in range(count if fronts else 0):
+            front = fronts[min(len(fronts), int(rng.geometric(KEEN_ON_FRONT))) - 1]
+            chosen.append(front[int(rng.integers(len(front)))])
+        return chosen
+
+    def _kept(self) -> list[Candidate]:
+        """Return the front, those with the fewest runs first."""
+        fronts = self.fronts()
+        return sorted(fronts[0] if fronts else [], key=lambda c: (len(self._seen(c)), c.index))

@@ -11,20 +11,29 @@ from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from itertools import islice
 
-from rvsg.campaign.accounting import calls_of
-from rvsg.campaign.attempt import Attempt, Ledger
+from rvsg.campaign.attempt import Attempt, Ledger, Plan
 from rvsg.campaign.confirmation import confirm_all
-from rvsg.campaign.encounter import encounter_of
-from rvsg.campaign.events import Attempted, Event, Finished, Message, Proposing, Started
-from rvsg.campaign.failures import FailureMode, modes_in
-from rvsg.campaign.feedback import told_of, worst_measurement
-from rvsg.campaign.filing import Filing
-from rvsg.campaign.glance import Glance, Look, glance_at
-from rvsg.campaign.parallel import PendingRun
-from rvsg.campaign.parts import Cancelled, Made, Parts, collect, store, submit
-from rvsg.campaign.plan import Plan
+from rvsg.campaign.execution import (
+    Attempted,
+    Cancelled,
+    Event,
+    Finished,
+    Made,
+    Message,
+    Parts,
+    Proposing,
+    Started,
+    calls_of,
+    collect,
+    store,
+    submit,
+)
+from rvsg.campaign.feedback import Glance, Look, encounter_of, glance_at, told_of, worst_measurement
+from rvsg.campaign.ledger import Filing
+from rvsg.campaign.observation import FailureMode, modes_in
 from rvsg.campaign.ranking import search_attempts
-from rvsg.campaign.smallest import shrink_all
+from rvsg.campaign.runner import PendingRun
+from rvsg.campaign.smallest_scenario import shrink_all
 from rvsg.campaign.strategies import Ask, FeedbackOf, Strategy
 from rvsg.core.errors import BudgetSpent, GenerationError, NotRecorded
 from rvsg.core.records import text_id

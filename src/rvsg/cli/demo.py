@@ -12,7 +12,7 @@ from rvsg.cli.console import print_json, say
 from rvsg.cli.frame import verb
 
 if TYPE_CHECKING:
-    from rvsg.campaign.plan import Plan
+    from rvsg.campaign.attempt import Plan
     from rvsg.report.summary import Summary
 
 app = verb()

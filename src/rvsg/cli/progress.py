@@ -10,8 +10,8 @@ from typing import Self
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Column
 
-from rvsg.campaign.attempt import Attempt
-from rvsg.campaign.events import (
+from rvsg.campaign.attempt import Attempt, Plan
+from rvsg.campaign.execution import (
     Attempted,
     Confirming,
     Event,
@@ -22,7 +22,6 @@ from rvsg.campaign.events import (
     RunMade,
     Shrinks,
 )
-from rvsg.campaign.plan import Plan
 from rvsg.cli.console import console, say
 from rvsg.evaluation.wording import counted, number, status_in_words
 from rvsg.generation.vlm.access import CallNews

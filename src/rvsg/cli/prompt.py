@@ -23,7 +23,7 @@ def prompt(
     world: Annotated[str | None, typer.Option(help="A shipped world or a world folder. [warehouse]")] = None,
     route: Annotated[str | None, typer.Option(help="A route of the world. [route_1]")] = None,
     requirement: Annotated[str | None, typer.Option(help="A shipped requirement, or FILE.yaml#NAME. [R1]")] = None,
-    strategy: Annotated[str | None, typer.Option(help="study, climb, elite, unguided. [study]")] = None,
+    strategy: Annotated[str | None, typer.Option(help="study, unguided. [study]")] = None,
     humans: Annotated[int | None, typer.Option(min=1, max=100, help="People in a scenario. [2]")] = None,
     conversation: Annotated[str | None, typer.Option(help="compact or study. [compact]")] = None,
     prompts: Annotated[Path | None, typer.Option(help="Folder of your own prompt templates.")] = None,

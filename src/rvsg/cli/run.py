@@ -16,8 +16,7 @@ from rvsg.cli.frame import verb
 
 if TYPE_CHECKING:
     from rvsg.app.campaign import Campaign
-    from rvsg.campaign.attempt import Attempt
-    from rvsg.campaign.plan import Plan
+    from rvsg.campaign.attempt import Attempt, Plan
     from rvsg.report.summary import Summary
 
 app = verb()
@@ -256,7 +255,7 @@ def _what_it_does(campaign: Campaign) -> str:
 
 def _show_lost(attempts: list[Attempt]) -> None:
     """Print how many attempts have no scenario and why, and which replies of a model were unusable."""
-    from rvsg.campaign.accounting import calls_of
+    from rvsg.campaign.execution import calls_of
     from rvsg.evaluation.wording import counted
     from rvsg.report.terminal import describe_unusable
 

@@ -12,7 +12,7 @@ from rvsg.cli.console import print_json, say
 from rvsg.cli.frame import verb
 
 if TYPE_CHECKING:
-    from rvsg.campaign.shrink import Shrunk, Simplification
+    from rvsg.campaign.smallest_scenario import Shrunk, Simplification
 
 app = verb()
 

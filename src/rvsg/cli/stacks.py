@@ -84,7 +84,7 @@ def _compare(
 ) -> None:
     """Compare stacks, print the ranking, and write the files."""
     from rvsg.app.comparison import compare_stacks, write_comparison
-    from rvsg.campaign.stack_scores import StackScore
+    from rvsg.campaign.suite import StackScore
     from rvsg.report.stacks import stacks_markdown
 
     def scored(score: StackScore) -> None:

@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from rvsg.app.commands import confirm_command
-from rvsg.campaign.plan import Plan
+from rvsg.campaign.attempt import Plan
 from rvsg.cli.console import as_started, say
 from rvsg.evaluation.judge import still_open
 from rvsg.evaluation.verdict import Status, Verdict
@@ -21,8 +21,8 @@ from rvsg.report.terminal import describe_failure, describe_finding
 
 if TYPE_CHECKING:
     from rvsg.app.campaign import Campaign
-    from rvsg.campaign.encounter import MapCell
-    from rvsg.campaign.pareto import Front
+    from rvsg.campaign.feedback import MapCell
+    from rvsg.campaign.ranking import Front
 
 WITHOUT_TEXT = 35
 """Characters of a row without the scenario's description and the objective."""

@@ -57,7 +57,7 @@ def watch(
     OUT/watch.log records what was done and why.
     """
     from rvsg.app import watch
-    from rvsg.campaign.watch.journal import in_words
+    from rvsg.campaign.self_adaptation import in_words
     from rvsg.cli.options import seconds_of, spec, stack_spec
     from rvsg.core.errors import Interrupted
 

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from rvsg.campaign.plan import Plan
+from rvsg.campaign.attempt import Plan
 from rvsg.evaluation.judge import still_open, violated
 from rvsg.evaluation.verdict import Status, Verdict
 from rvsg.evaluation.wording import OPEN, counted, difference_in_words, number, share_in_words

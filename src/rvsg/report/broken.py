@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from rvsg.campaign.encounter import MapCell
+from rvsg.campaign.feedback import MapCell
 from rvsg.core.records import Record
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from rvsg.campaign.finding import Finding
+from rvsg.campaign.findings import Finding
 from rvsg.report.facts import AttemptFacts, RunFacts
 
 

@@ -12,8 +12,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from rvsg.campaign.attempt import Attempt
-from rvsg.campaign.plan import Plan
+from rvsg.campaign.attempt import Attempt, Plan
 from rvsg.campaign.ranking import search_attempts
 from rvsg.evaluation.verdict import Verdict
 from rvsg.evaluation.wording import number

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
 import rvsg
-from rvsg.campaign.coverage import Coverage
+from rvsg.campaign.exploration import Coverage
 from rvsg.report.page import environment
 from rvsg.world.drawing import png_bytes
 from rvsg.world.drawing.floor_plan import draw_plan

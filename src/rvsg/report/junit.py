@@ -6,7 +6,7 @@ import re
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable
 
-from rvsg.campaign.plan import Plan
+from rvsg.campaign.attempt import Plan
 from rvsg.evaluation.judge import violated
 from rvsg.evaluation.verdict import Status
 from rvsg.evaluation.wording import counted, how_sure, number, status_in_words

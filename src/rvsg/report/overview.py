@@ -14,9 +14,8 @@ from urllib.parse import quote
 from markupsafe import Markup, escape
 
 import rvsg
-from rvsg.campaign.attempt import Attempt
-from rvsg.campaign.finding import Finding
-from rvsg.campaign.plan import Plan
+from rvsg.campaign.attempt import Attempt, Plan
+from rvsg.campaign.findings import Finding
 from rvsg.core.files import write_whole
 from rvsg.evaluation.judge import still_open, violated
 from rvsg.evaluation.verdict import Status

@@ -16,12 +16,10 @@ import jinja2
 from markupsafe import Markup, escape
 
 import rvsg
-from rvsg.campaign.attempt import Attempt
-from rvsg.campaign.encounter import failure_map
-from rvsg.campaign.failures import met
-from rvsg.campaign.feedback import separable
-from rvsg.campaign.finding import distinct_failures, findings
-from rvsg.campaign.plan import Plan
+from rvsg.campaign.attempt import Attempt, Plan
+from rvsg.campaign.feedback import failure_map, separable
+from rvsg.campaign.findings import distinct_failures, findings
+from rvsg.campaign.observation import met
 from rvsg.campaign.ranking import rule
 from rvsg.core.files import write_whole
 from rvsg.evaluation.verdict import Verdict

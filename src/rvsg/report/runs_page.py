@@ -8,8 +8,7 @@ from pathlib import Path
 from markupsafe import Markup
 
 import rvsg
-from rvsg.campaign.attempt import Attempt, Measurement
-from rvsg.campaign.plan import Plan
+from rvsg.campaign.attempt import Attempt, Measurement, Plan
 from rvsg.core.files import write_whole
 from rvsg.evaluation.verdict import Verdict
 from rvsg.evaluation.wording import counted, how_sure

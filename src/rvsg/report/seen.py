@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Sequence
 
-from rvsg.campaign.plan import Plan
+from rvsg.campaign.attempt import Plan
 from rvsg.evaluation.naming import place_name
 from rvsg.evaluation.story import what_is_hit
 from rvsg.evaluation.wording import counted, number

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from rvsg.campaign.attempt import Attempt
-from rvsg.campaign.finding import Finding
-from rvsg.campaign.plan import Plan
+from rvsg.campaign.attempt import Attempt, Plan
+from rvsg.campaign.findings import Finding
 from rvsg.campaign.ranking import best_attempt, confirmed_candidate
 from rvsg.report.causes import Cause, cause_of
 from rvsg.report.facts import AttemptFacts

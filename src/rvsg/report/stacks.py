@@ -9,7 +9,7 @@ from itertools import count
 from markupsafe import Markup
 
 import rvsg
-from rvsg.campaign.stack_scores import StackPair, StackScore, StackScores
+from rvsg.campaign.suite import StackPair, StackScore, StackScores
 from rvsg.evaluation.wording import counted
 from rvsg.report.charts import COLOURS, Scale
 from rvsg.report.floors import area_colours

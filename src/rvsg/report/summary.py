@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Literal
 
-from rvsg.campaign.accounting import Accounting, account, runs_of
-from rvsg.campaign.attempt import Attempt
-from rvsg.campaign.finding import badness, worst_confirmation
-from rvsg.campaign.plan import Plan
+from rvsg.campaign.attempt import Attempt, Plan
+from rvsg.campaign.execution import Accounting, account, runs_of
+from rvsg.campaign.findings import badness, worst_confirmation
 from rvsg.campaign.ranking import confirmations, confirmed_candidate, ranking, search_attempts
 from rvsg.core.records import Record
 from rvsg.evaluation.judge import violated

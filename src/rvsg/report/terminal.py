@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 
-from rvsg.campaign.finding import DistinctFailure, Finding
+from rvsg.campaign.findings import DistinctFailure, Finding
 from rvsg.evaluation.wording import (
     counted,
     difference_in_words,

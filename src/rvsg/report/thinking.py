@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from rvsg.campaign.attempt import Attempt
-from rvsg.campaign.plan import Plan
+from rvsg.campaign.attempt import Attempt, Plan
 from rvsg.campaign.ranking import search_attempts
 from rvsg.evaluation.wording import counted, number, percent
 from rvsg.generation.generator import Call

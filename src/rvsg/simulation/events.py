@@ -2,8 +2,8 @@
 
 They are measurements, stored with the run: coordinates, indices of goals, the speed of each body. From these, the
 trajectory and the outcome, `rvsg.evaluation.detection` makes the full list of a run's events
-(`rvsg.evaluation.events`), and every story is told from that list. `rvsg.campaign.walks` counts legs of a person's way
-by the indices of goals, which only the measurements hold.
+(`rvsg.evaluation.events`), and every story is told from that list. `rvsg.campaign.observation` counts legs of a
+person's way by the indices of goals, which only the measurements hold.
 
 The two are separate records for three reasons. A stored run must stay readable while the list that is told grows. The
 list names waypoints and tasks, for which it needs the world and the scenario; a simulator knows neither. And a

@@ -9,11 +9,11 @@ from typing import get_args
 
 import numpy as np
 
-from rvsg.campaign.knowledge import Entry, Kind, remembered
+from rvsg.campaign.findings import Entry, Kind, remembered
 from rvsg.core.errors import FileError, UnknownName
 from rvsg.core.files import write_whole
 from rvsg.core.records import Record
-from rvsg.store.knowledge import KnowledgeBase
+from rvsg.store.knowledge_base import KnowledgeBase
 
 DEFAULT_PLACE = "runs/knowledge.sqlite"
 

@@ -1,7 +1,10 @@
 """The SQLite ledger: one file, one transaction per attempt, every record by its content id.
 
 The file is in WAL mode: what was committed survives a kill (the last of it not a loss of power). Its
-`user_version` is the number of migrations applied, its `application_id` says it is ours.
+`user_version` is the version of the schema, its `application_id` says it is ours.
+
+The record of an attempt is compressed with a dictionary (`deflateSetDictionary`): an earlier record of the same
+campaign, kept once. A record needs only the dictionary, no other record.
 """
 
 from __future__ import annotations
@@ -23,13 +26,45 @@ from sqlalchemy.exc import DatabaseError, IntegrityError
 
 import rvsg
 from rvsg.campaign.attempt import Attempt
-from rvsg.campaign.sharing import Sharing
+from rvsg.campaign.ledger import Sharing
 from rvsg.core.errors import InputError, StoreError
 from rvsg.core.records import canonical_json, text_id
 from rvsg.simulation.archive import PackedRun, unpack, unpack_numpy
 from rvsg.simulation.run import Run
-from rvsg.store import packing
 from rvsg.store.sqlite_file import BUSY, engine_of, has_log, may_write, migrate, result_code, version_of
+
+LARGEST = 256 * 2**20
+"""Bytes that a record may unpack to; a campaign's are below 1 MB."""
+_WINDOW = 2**15
+"""How far back the compression looks; a longer dictionary adds nothing."""
+
+
+def dictionary_of(record: bytes) -> bytes:
+    """Return the part of a record that others are packed with."""
+    return record[-_WINDOW:]
+
+
+def pack_record(record: bytes, dictionary: bytes = b"") -> bytes:
+    """Return a record compressed."""
+    compressor = zlib.compressobj(zdict=dictionary) if dictionary else zlib.compressobj()
+    return compressor.compress(record) + compressor.flush()
+
+
+def unpack_record(packed: bytes, dictionary: bytes = b"") -> bytes:
+    """Return the record that `pack` was given, packed with this dictionary or with none.
+
+    Raises:
+        ValueError: The bytes are damaged, unpack to more than `LARGEST`, or need another dictionary.
+    """
+    decompressor = zlib.decompressobj(zdict=dictionary) if dictionary else zlib.decompressobj()
+    try:
+        record = decompressor.decompress(packed, LARGEST)
+    except zlib.error as error:
+        raise ValueError(f"it is damaged ({error})") from None
+    if not decompressor.eof or decompressor.unused_data:
+        raise ValueError("it is damaged (it has another length than it should)")
+    return record
+
 
 _meta = sa.MetaData()
 _campaigns = sa.Table(
@@ -265,7 +300,7 @@ class SqliteLedger:
     def _attempt(self, campaign: str, row: Any, dictionary: bytes) -> Attempt:
         position, kept_id, kept = row
         try:
-            record = packing.unpack(kept, dictionary).decode() if isinstance(kept, bytes) else kept
+            record = unpack_record(kept, dictionary).decode() if isinstance(kept, bytes) else kept
         except ValueError:
             record = None
         # The text is verified, not the parsed record: an older one lacks the fields that came later.
@@ -277,10 +312,10 @@ class SqliteLedger:
         """Pack a record; the first with measurements, so with the names of all metrics, is what the others repeat."""
         dictionary = self._dictionary(connection, attempt.campaign)
         if not dictionary and attempt.measurements:
-            dictionary = packing.dictionary_of(record)
-            row = {"campaign": attempt.campaign, "packed": packing.pack(dictionary)}
+            dictionary = dictionary_of(record)
+            row = {"campaign": attempt.campaign, "packed": pack_record(dictionary)}
             connection.execute(_dictionaries.insert().values(row))
-        return packing.pack(record, dictionary)
+        return pack_record(record, dictionary)
 
     def _dictionary(self, connection: sa.Connection, campaign: str) -> bytes:
         """Return what the records of a campaign are packed with; nothing if there is none."""
@@ -289,7 +324,7 @@ class SqliteLedger:
         query = sa.select(_dictionaries.c.packed).where(_dictionaries.c.campaign == campaign)
         packed = connection.execute(query).scalar_one_or_none()
         try:
-            return b"" if packed is None else packing.unpack(packed)
+            return b"" if packed is None else unpack_record(packed)
         except (ValueError, TypeError) as error:
             raise self._damaged(f"the dictionary of campaign {campaign!r} cannot be read: {error}") from None
 

@@ -278,7 +278,7 @@ def _changed_s(folder: Path) -> float:
 
 
 def _found(campaign: Any, place: str, changed: float) -> FoundCampaign:
-    from rvsg.campaign.accounting import calls_of
+    from rvsg.campaign.execution import calls_of
     from rvsg.campaign.ranking import search_attempts
     from rvsg.report.summary import summarise
 

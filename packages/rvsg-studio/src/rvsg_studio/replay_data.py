@@ -8,7 +8,7 @@ from typing import Any
 from rvsg.app.campaign import Campaign
 from rvsg.app.runs import RunSet
 from rvsg.campaign.attempt import Attempt
-from rvsg.campaign.measuring import Measuring
+from rvsg.campaign.runner import Measuring
 from rvsg.core.errors import InputError
 from rvsg.generation.generator import Proposal
 from rvsg.report.facts import AttemptFacts, facts_of, run_facts

@@ -11,7 +11,7 @@ import pydantic
 from pydantic import Field
 
 from rvsg.app.runs import RunSet, simulate
-from rvsg.campaign.measuring import Measuring
+from rvsg.campaign.runner import Measuring
 from rvsg.core.documents import mistakes_of
 from rvsg.core.errors import InputError
 from rvsg.core.plugins import Spec

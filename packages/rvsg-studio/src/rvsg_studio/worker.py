@@ -19,7 +19,7 @@ from rvsg.app.matrix import Ended, Matrix
 from rvsg.app.proposal import proposal_json, propose_as
 from rvsg.app.settings import effective, safe_name
 from rvsg.app.wiring import wire
-from rvsg.campaign.events import Attempted, Confirming, Event, Explaining, Message, ModelCall, Proposing, RunMade
+from rvsg.campaign.execution import Attempted, Confirming, Event, Explaining, Message, ModelCall, Proposing, RunMade
 from rvsg.core.errors import RvsgError
 from rvsg.core.files import write_whole
 from rvsg.generation.vlm.access import CallNews

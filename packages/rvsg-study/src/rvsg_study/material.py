@@ -19,7 +19,7 @@ from rvsg_study.study_folder import FOREIGN
 TABLED = ("dto", "jerk", "trg", "rpc", "por", "chc", "pl", "tnm")
 """The metrics of the tables by their short ids; the values are those of the `_logged` variants."""
 
-METHODS = {"study": "rvsg", "climb": "rvsg", "elite": "rvsg", "unguided": "unguided", "random": "random"}
+METHODS = {"study": "rvsg", "unguided": "unguided", "random": "random"}
 Key = tuple[str, str]
 
 

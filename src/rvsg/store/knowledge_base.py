@@ -19,7 +19,7 @@ from sqlalchemy.dialects.postgresql import insert as postgresql_insert
 from sqlalchemy.dialects.sqlite import insert as sqlite_insert
 from sqlalchemy.exc import ArgumentError, DatabaseError, NoSuchModuleError
 
-from rvsg.campaign.knowledge import Entry
+from rvsg.campaign.findings import Entry
 from rvsg.core.errors import InputError, StoreError, how_to_install
 from rvsg.core.records import canonical_json, text_id
 from rvsg.store.sqlite_file import write_ahead

@@ -3,7 +3,8 @@
 What is left explains the violation: people, tasks, pauses and delays that do not matter are gone. Every simpler
 scenario meets the same seeds as the original, so that both meet the same noise; it is kept where it violates the
 requirement at least `keep` times as often. New seeds, which took no part in the choice, show at the end whether that
-was luck.
+was luck. A campaign shrinks the worst confirmed scenario of every distinct failure on seeds of its own, and what is
+left meets the seeds of the confirmation.
 """
 
 from __future__ import annotations
@@ -12,8 +13,12 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
-from rvsg.campaign.attempt import Measurement
-from rvsg.campaign.parallel import Simulations
+from rvsg.campaign.attempt import Attempt, Measurement, Plan
+from rvsg.campaign.execution import Attempted, Event, Made, Parts, Shrinks, collect, store, submit
+from rvsg.campaign.findings import distinct_failures, findings
+from rvsg.campaign.ledger import whole
+from rvsg.campaign.observation import modes_in
+from rvsg.campaign.runner import Simulations
 from rvsg.core.errors import InputError
 from rvsg.core.records import Record
 from rvsg.core.seeds import fresh_seeds
@@ -238,3 +243,72 @@ def _without_stop(tasks: tuple[Task, ...], i: int, grid: Grid) -> tuple[Task, ..
 
 def _with(tasks: tuple[Task, ...], index: int, task: Task) -> tuple[Task, ...]:
     return (*tasks[:index], task, *tasks[index + 1 :])
+
+
+REPEATS = 6
+"""Runs of every simpler scenario: at most as many as tell that a failure that nearly always happens is gone."""
+CHECKED = 10
+"""Runs of what is left, on the seeds of the confirmation, at most."""
+
+
+def shrink_all(plan: Plan, attempts: Sequence[Attempt], parts: Parts) -> Iterator[Event]:
+    """Shrink the worst confirmed scenario of every distinct failure; none gets more than its part of the runs left.
+
+    What is stored already is not repeated.
+    """
+    if not parts.shrink_runs or plan.requirement.threshold is None:
+        return
+    done = list(attempts)
+    world = parts.simulations.world
+    runs, modes = parts.ledger.run, modes_in(parts.ledger, world)
+    found = findings(plan, done, run_of=runs, world=world, procedure=parts.procedure, mode_of_run=modes)
+    confirmations = {finding.attempt: finding.confirmation for finding in found}
+    worst = [confirmations[failure.attempts[0]] for failure in distinct_failures(found)]
+    for place, index in enumerate(worst):
+        if any(a.purpose == "shrinking" and a.confirms == index for a in done):
+            continue
+        spent = sum(a.trial_runs + a.runs for a in done if a.purpose == "shrinking")
+        share = (parts.shrink_runs - spent) // (len(worst) - place)
+        if share < REPEATS + CHECKED:
+            continue
+        confirmation = next(a for a in done if a.index == index)
+        for event in _shrunk(plan, confirmation, done, parts, share):
+            if isinstance(event, Attempted):
+                done.append(event.attempt)
+            yield event
+
+
+def _shrunk(plan: Plan, confirmation: Attempt, done: Sequence[Attempt], parts: Parts, runs: int) -> Iterator[Event]:
+    """Shrink one confirmed scenario in at most `runs` runs, the check at the end included."""
+    scenario = confirmation.proposal.scenario
+    assert scenario is not None
+    yield Shrinks(campaign=plan.name, confirmation=whole(confirmation), runs=runs)
+    seeds = [m.seed for m in confirmation.measurements][:CHECKED]
+
+    def watch(_: Simplification) -> None:
+        parts.check()
+
+    shrinking = Shrinking(
+        requirement=plan.requirement,
+        simulations=parts.simulations,
+        judge=parts.judge,
+        seed=plan.seed,
+        repeats=REPEATS,
+        limit=runs - len(seeds),
+        watch=watch,
+    )
+    smallest, steps = shrinking.smallest(scenario)
+    attempt = Attempt(
+        campaign=plan.name,
+        index=max(a.index for a in done) + 1,
+        purpose="shrinking",
+        strategy=confirmation.strategy,
+        brief=confirmation.brief,
+        proposal=confirmation.proposal.replace(scenario=smallest, calls=()),
+        confirms=confirmation.index,
+        taken_away=tuple(step.what for step in steps if step.kept),
+        trial_runs=shrinking.runs,
+    )
+    made = Made()
+    yield from collect(attempt, submit(attempt, seeds, parts), made, parts)
+    yield Attempted(campaign=plan.name, attempt=store(attempt, made, parts))

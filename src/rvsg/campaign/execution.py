@@ -1,0 +1,291 @@
+"""Execution of an attempt: its runs, its verdict, progress events, and the account of what a campaign spends.
+
+The plan limits the runs of the search, since they decide the records. The limits of calls, tokens and money do not: a
+campaign that reached one resumes with a larger one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Literal, Protocol
+
+from rvsg.campaign.attempt import Attempt, Failure, Ledger, Measurement, Plan
+from rvsg.campaign.ranking import confirmations, search_attempts
+from rvsg.campaign.runner import FinishedRun, PendingRun, Simulations
+from rvsg.core.errors import BudgetSpent, SimulationError
+from rvsg.core.records import Record
+from rvsg.evaluation.verdict import DEFAULT, Procedure, Verdict
+from rvsg.generation.generator import Call, Generator
+from rvsg.generation.vlm.access import CallNews
+from rvsg.scenario.brief import Brief
+from rvsg.simulation.archive import PackedRun
+
+Purpose = Literal["search", "confirmation", "baseline", "removal", "shrinking"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Event:
+    """Something that happened in the campaign of this name."""
+
+    campaign: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Started(Event):
+    """The campaign begins, or resumes after `attempts` finished attempts with `runs` runs."""
+
+    plan: Plan
+    attempts: int
+    runs: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Message(Event):
+    """Something a person should know, e.g. that the simulator is being compiled."""
+
+    text: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Proposing(Event):
+    """The generator is asked for attempt `index`."""
+
+    index: int
+    brief: Brief
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelCall(Event):
+    """A call of a language model begins, waits or is answered."""
+
+    news: CallNews
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunMade(Event):
+    """A run of attempt `index` is finished, was already known, or could not be made."""
+
+    index: int
+    purpose: Purpose
+    run: FinishedRun | Failure
+
+
+@dataclass(frozen=True, kw_only=True)
+class Attempted(Event):
+    """An attempt is complete and stored."""
+
+    attempt: Attempt
+
+
+@dataclass(frozen=True, kw_only=True)
+class Confirming(Event):
+    """The confirmation of a candidate begins: number `number` of `of`, in at most `runs` runs."""
+
+    candidate: Attempt
+    number: int
+    of: int
+    runs: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Explaining(Event):
+    """Runs begin that show what people contribute: those without the people in `without`; `people` are left."""
+
+    without: tuple[str, ...]
+    people: int
+    runs: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shrinks(Event):
+    """The scenario of a confirmation is shrunk, in at most `runs` runs."""
+
+    confirmation: Attempt
+    runs: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finished(Event):
+    """The campaign ended; not `complete` where it was cancelled."""
+
+    complete: bool
+    attempts: int
+
+
+class Accounting(Record):
+    """What the campaign spent. `cost_usd` is None if the price of a call is unknown."""
+
+    search_attempts: int
+    search_runs: int
+    confirmation_runs: int
+    baseline_runs: int = 0
+    """Runs with fewer people: without anybody, and without one person each."""
+    shrinking_runs: int = 0
+    """Runs that shrink the failures, those on the way included."""
+    failed_runs: int
+    invalid_proposals: int
+    repaired_proposals: int
+    calls: int
+    input_tokens: int
+    cached_tokens: int
+    output_tokens: int
+    cost_usd: float | None
+
+
+class Limits(Record):
+    """What the calls of a generator may cost in a campaign; None is no limit. Without calls it costs nothing."""
+
+    calls: int | None = None
+    tokens: int | None = None
+    usd: float | None = None
+
+    def check(self, calls: Sequence[Call]) -> None:
+        """Refuse a further proposal where the calls so far reach a limit.
+
+        Raises:
+            BudgetSpent: Says which limit is reached. Where a call has no known price, no limit of money can be kept.
+        """
+        tokens = sum(call.input_tokens + call.output_tokens for call in calls)
+        costs = [call.cost_usd for call in calls]
+        spent = sum(cost for cost in costs if cost is not None)
+        if self.calls is not None and len(calls) >= self.calls:
+            raise _spent(f"{len(calls)} of {self.calls} calls", "--budget-calls")
+        if self.tokens is not None and tokens >= self.tokens:
+            raise _spent(f"{tokens} of {self.tokens} tokens", "--budget-tokens")
+        if self.usd is not None and (spent >= self.usd or None in costs):
+            unknown = f" ({costs.count(None)} calls of unknown price)" if None in costs else ""
+            raise _spent(f"{spent:.4f} of {self.usd:.4f} USD{unknown}", "--budget-usd")
+
+
+def account(attempts: Iterable[Attempt]) -> Accounting:
+    """Return what the attempts spent; the calls of a proposal count once, with the attempt of the search."""
+    attempts = list(attempts)
+    searched = search_attempts(attempts)
+    calls = calls_of(searched)
+    costs = [call.cost_usd for call in calls]
+    return Accounting(
+        search_attempts=len(searched),
+        search_runs=runs_of(searched),
+        confirmation_runs=sum(len(a.measurements) for a in confirmations(attempts)),
+        baseline_runs=sum(len(a.measurements) for a in attempts if a.purpose in ("baseline", "removal")),
+        shrinking_runs=sum(a.trial_runs + len(a.measurements) for a in attempts if a.purpose == "shrinking"),
+        failed_runs=sum(len(a.failures) for a in attempts),
+        invalid_proposals=sum(a.proposal.scenario is None for a in searched),
+        repaired_proposals=sum(bool(a.proposal.repairs) for a in searched),
+        calls=len(calls),
+        input_tokens=sum(call.input_tokens for call in calls),
+        cached_tokens=sum(call.cached_tokens for call in calls),
+        output_tokens=sum(call.output_tokens for call in calls),
+        cost_usd=sum(cost for cost in costs if cost is not None) if None not in costs else None,
+    )
+
+
+def calls_of(attempts: Iterable[Attempt]) -> list[Call]:
+    """Return the calls made for attempts; those of a proposal that is run again, under its brief, count once."""
+    asked = {(a.brief.scenario_index, a.brief.configuration_index, a.brief.seed): a.proposal.calls for a in attempts}
+    return [call for calls in asked.values() for call in calls]
+
+
+def runs_of(attempts: Iterable[Attempt]) -> int:
+    """Return how many runs attempts made; one that several attempts share counts once."""
+    return len({m.run_id for attempt in attempts for m in attempt.measurements})
+
+
+def _spent(spent: str, option: str) -> BudgetSpent:
+    return BudgetSpent(
+        f"The budget is spent: {spent}. Finished work is kept. To resume, run the same command with a larger {option}."
+    )
+
+
+class Judge(Protocol):
+    """Makes the verdict on measurements; `budget` is how many runs there may be at most (None: as usual)."""
+
+    def __call__(self, measurements: Sequence[Measurement], *, budget: int | None = None) -> Verdict:
+        """Return the verdict."""
+        ...
+
+
+class Cancelled(Exception):
+    """The campaign was cancelled; everything finished is stored."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parts:
+    """What the loop works with."""
+
+    generator: Generator
+    simulations: Simulations
+    judge: Judge
+    ledger: Ledger
+    procedure: Procedure = DEFAULT
+    """The error rates of a confirmation."""
+    cancelled: Callable[[], bool] = lambda: False
+    """Asked before every proposal and every run."""
+    limits: Limits = field(default_factory=Limits)
+    """What the calls of the generator may cost."""
+    shrink_runs: int = 0
+    """Runs in which the distinct failures are shrunk at the end, together; 0: they are not."""
+
+    def check(self) -> None:
+        """Raise Cancelled where the campaign was cancelled."""
+        if self.cancelled():
+            raise Cancelled
+
+
+@dataclass
+class Made:
+    """The runs of an attempt as they come in, with their measurements, and those that could not be made.
+
+    Of an attempt that continues another one, `runs` holds the new runs only.
+    """
+
+    runs: list[PackedRun] = field(default_factory=list)
+    measurements: list[Measurement] = field(default_factory=list)
+    failures: list[Failure] = field(default_factory=list)
+
+    @property
+    def count(self) -> int:
+        """Return how many runs were asked for."""
+        return len(self.measurements) + len(self.failures)
+
+
+def submit(attempt: Attempt, seeds: Sequence[int], parts: Parts) -> list[PendingRun]:
+    """Submit one run of an attempt's scenario for each seed; none if it has no scenario."""
+    scenario = attempt.proposal.scenario
+    return [parts.simulations.submit(scenario, seed) for seed in seeds] if scenario else []
+
+
+def collect(attempt: Attempt, pending: Sequence[PendingRun], made: Made, parts: Parts) -> Iterator[Event]:
+    """Wait for submitted runs, adding each to `made`; each is stored as soon as it is there."""
+    for each in pending:
+        parts.check()
+        result = each.result()
+        if isinstance(result, FinishedRun):
+            parts.ledger.keep(result.packed)
+            made.runs.append(result.packed)
+            made.measurements.append(result.measurement)
+        else:
+            made.failures.append(result)
+        yield RunMade(campaign=attempt.campaign, index=attempt.index, purpose=attempt.purpose, run=result)
+
+
+def store(attempt: Attempt, made: Made, parts: Parts, *, budget: int | None = None) -> Attempt:
+    """Judge an attempt and store it in one transaction.
+
+    Raises:
+        SimulationError: none of its runs could be made; the simulator would make none of the next either.
+    """
+    if made.failures and not made.measurements:
+        raise SimulationError(
+            f"The simulator made none of the {len(made.failures)} runs of attempt {attempt.index}: "
+            f"{made.failures[0].reason}",
+            code="no-run",
+        )
+    done = attempt.replace(
+        measurements=tuple(made.measurements),
+        failures=tuple(made.failures),
+        verdict=parts.judge(made.measurements, budget=budget) if made.measurements else None,
+    )
+    parts.ledger.append(done, made.runs)
+    return done

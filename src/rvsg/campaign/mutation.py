@@ -1,0 +1,423 @@
+"""Mutation: new configurations made from good ones, and the kinds of failure that guide which.
+
+An operator changes the numbers of one configuration, or puts a person of another into it. Of several changes the one is
+run that the forecast, weighed by what the campaign measured so far, expects to be worst for the robot.
+"""
+
+from __future__ import annotations
+
+import cmath
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence, Set
+from itertools import islice
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rvsg.campaign.attempt import Attempt, Plan
+from rvsg.campaign.observation import FailureMode, seen_as
+from rvsg.campaign.race import Candidate
+from rvsg.campaign.strategies import Ask, BatchStrategy, FeedbackOf
+from rvsg.core.records import Record, text_id
+from rvsg.core.seeds import seed_for
+from rvsg.evaluation.aims import aim_of, moved_by
+from rvsg.evaluation.naming import place_name
+from rvsg.generation.descriptions import Described, answer, describe_changed, describe_tuned, same_work, tells_of
+from rvsg.generation.forecast import AIMED, STEP_S, Forecaster, Screen
+from rvsg.generation.people_sampler import added
+from rvsg.generation.search_space import Mutations, TuningSpace
+from rvsg.generation.workplaces import handles_goods, places_of
+from rvsg.scenario.brief import Brief, Encounter
+from rvsg.scenario.placement import start_gap_m
+from rvsg.scenario.requirement import Aim
+from rvsg.scenario.rules import START_CLEARANCE_M
+from rvsg.scenario.scenario import HumanConfiguration, Mission, Scenario
+from rvsg.scenario.validity import check
+from rvsg.world.world import World
+
+Floats = NDArray[np.float64]
+
+FEWEST = 8
+"""Candidates needed for a model."""
+RIDGE = 3.0
+"""Strength of the penalty, in candidates; features have unit variance."""
+
+
+class Surrogate:
+    """Predicts the difference in badness between two configurations from their features."""
+
+    def __init__(self, candidates: Sequence[Candidate], features: Floats) -> None:
+        """Fit the model to candidates with runs; `features` has one row for each."""
+        count = features.shape[1]
+        self.weights = np.zeros(count)
+        if len(candidates) < FEWEST:
+            return
+        spread = features.std(axis=0)
+        scale = np.where(spread > 1e-9, spread, np.inf)
+        rows = (features - features.mean(axis=0)) / scale
+        values = np.array([candidate.estimate for candidate in candidates])
+        values = values - values.mean()
+        self.weights = np.linalg.solve(rows.T @ rows + RIDGE * np.eye(count), rows.T @ values) / scale
+
+    def differences(self, features: Floats, origin: Floats) -> Floats:
+        """Return how much worse for the robot each row is expected to be than `origin`."""
+        return np.asarray((features - origin) @ self.weights)
+
+
+Met = tuple[str, str]
+"""A place, and where a person is there and how they move: what a forecast can tell of a kind of failure."""
+CERTAIN = 2
+"""So many runs that show a kind of failure, and none that does not, make it certain enough for a confirmation."""
+
+
+class Kinds:
+    """The kinds of failure that the candidates of one search show.
+
+    Args:
+        limit: The badness beyond which the requirement is violated.
+    """
+
+    def __init__(self, limit: float) -> None:
+        self.limit = limit
+        self._modes: dict[int, Counter[FailureMode]] = {}
+
+    def place(self, candidate: Candidate, modes: Iterable[FailureMode]) -> None:
+        """Note how the violating runs of a candidate fail."""
+        self._modes[candidate.index] = Counter(modes)
+
+    def champions(self, candidates: Sequence[Candidate]) -> dict[FailureMode, Candidate]:
+        """Return for each kind the candidate that shows it most surely; the worst for the robot of equals."""
+        found: dict[FailureMode, Candidate] = {}
+        for candidate in candidates:
+            for mode in self._modes.get(candidate.index, ()):
+                if mode not in found or self._rank(candidate, mode) > self._rank(found[mode], mode):
+                    found[mode] = candidate
+        return found
+
+    def doubtful(self, candidates: Sequence[Candidate]) -> list[Candidate]:
+        """Return the champions of kinds that one run alone shows, those of the kinds tried least often first.
+
+        One more run makes the kind certain, or shows that the candidate fails in more than one way. A kind was tried
+        by every candidate with several runs that shows it. Candidates that violate beyond doubt, as the runs of related
+        ones tell, need no second run.
+        """
+        tried = Counter(mode for c in candidates if c.runs >= CERTAIN for mode in self._modes.get(c.index, ()))
+        met: Counter[Met] = Counter()
+        for mode, count in tried.items():
+            met[mode.place, mode.person] += count
+        open_ = [
+            (tried[mode], met[mode.place, mode.person], -c.estimate, c.index, c)
+            for mode, c in self.champions(candidates).items()
+            if self._modes[c.index][mode] == c.runs < CERTAIN and c.lower <= self.limit
+        ]
+        return list({each[-1].index: each[-1] for each in sorted(open_, key=lambda each: each[:4])}.values())
+
+    def least_changed(self, candidates: Sequence[Candidate], changes: Mapping[int, int]) -> Candidate | None:
+        """Return the champion that shows its kind most surely and was changed least often.
+
+        Args:
+            changes: How often each candidate was changed, by its index.
+        """
+        _, best = max(
+            self.champions(candidates).items(),
+            key=lambda pair: (
+                self.surely(pair[1], pair[0]) / (1.0 + changes.get(pair[1].index, 0)),
+                pair[1].estimate,
+                -pair[1].index,
+            ),
+            default=(None, None),
+        )
+        return best
+
+    def met(self) -> set[Met]:
+        """Return the places and persons of all kinds that were shown."""
+        return {(mode.place, mode.person) for modes in self._modes.values() for mode in modes}
+
+    def surely(self, candidate: Candidate, mode: FailureMode) -> float:
+        """Return the share of runs that show a kind, pulled towards one half by one run that does and one that not."""
+        return (self._modes[candidate.index][mode] + 1.0) / (candidate.runs + 2.0)
+
+    def _rank(self, candidate: Candidate, mode: FailureMode) -> tuple[float, float, int]:
+        return (self.surely(candidate, mode), candidate.estimate, -candidate.index)
+
+
+def foreseen(forecaster: Forecaster, configurations: Sequence[HumanConfiguration], world: World) -> list[Met | None]:
+    """Return where and how the forecast expects the closest approach of each configuration; None without people."""
+    found: list[Met | None] = [None] * len(configurations)
+    sizes: dict[int, list[int]] = {}
+    for k, people in enumerate(configurations):
+        sizes.setdefault(min(AIMED, len(people.humans)), []).append(k)
+    for size, members in sizes.items():
+        if size:
+            tracks = forecaster.tracks([configurations[k].humans[:size] for k in members])
+            for k, track in zip(members, tracks, strict=True):
+                found[k] = _closest(track, world)
+    return found
+
+
+def _closest(track: NDArray[np.complex128], world: World) -> Met | None:
+    """Place and person of the closest approach of a track, (N, 1 + H)."""
+    if len(track) < 2:
+        return None
+    robot, people = track[:, 0], track[:, 1:]
+    at, human = (int(k) for k in np.unravel_index(int(np.abs(people - robot[:, None]).argmin()), people.shape))
+    moved = np.diff(robot)
+    driving = np.flatnonzero(np.abs(moved) > 1e-6)
+    heading = moved[driving[min(len(driving) - 1, int(np.searchsorted(driving, at)))]] if len(driving) else 1.0
+    apart, second = complex(people[at, human] - robot[at]), max(0, at - round(1.0 / STEP_S))
+    velocity = complex(people[at, human] - people[second, human]) / max((at - second) * STEP_S, STEP_S)
+    person = seen_as((apart.real, apart.imag), (velocity.real, velocity.imag), cmath.phase(heading))
+    return place_name(world, float(robot[at].real), float(robot[at].imag)), person
+
+
+OPTIONS = 16
+"""The number of changes forecast for every one that is run."""
+SHORTLIST = 2
+"""One of this many most promising changes is run, since the forecast is rough."""
+SPACES = 64
+"""Search spaces that are kept, of the configurations changed last."""
+CROSSED = 0.15
+"""How often a person of another configuration is put into one, where both have several people."""
+
+
+class Change(Record):
+    """A changed configuration, with what changed in words."""
+
+    people: HumanConfiguration
+    described: Described
+    words: str
+
+
+class _Option(NamedTuple):
+    """A change that may be chosen."""
+
+    people: HumanConfiguration
+    words: str
+    written: bool = False
+    """A person of another scenario came in, and the text is written anew for all."""
+
+
+class Operators:
+    """Changes candidates of one campaign. Everything random comes from the generator of the call."""
+
+    def __init__(self, mission: Mission, world: World, aim: Aim | None) -> None:
+        self.mission, self.world = mission, world
+        self._screen = Screen(mission, world, aim or Aim.SHARE)
+        self._goods = handles_goods(places_of(world, reachable_from=mission.route.start))
+        self._spaces: dict[int, TuningSpace] = {}
+        self._features: dict[int, NDArray[np.float64]] = {}
+
+    def change(
+        self,
+        parent: Candidate,
+        others: Sequence[Candidate],
+        rng: np.random.Generator,
+        known: set[str],
+        avoid: Set[Met] = frozenset(),
+    ) -> Change | None:
+        """Return a changed configuration of the parent that was not tried; None if none is found.
+
+        Args:
+            others: The candidates with runs, which teach the forecast and lend people.
+            known: Keys of configurations that were tried, as `key` makes them.
+            avoid: Where and how nobody should meet the robot, if the forecast sees another way.
+        """
+        options: dict[str, _Option] = {}
+        for _ in range(OPTIONS):
+            crossed = rng.random() < CROSSED
+            made = self._crossed(parent, others, rng) if crossed else self._tuned(parent, rng)
+            if made is not None and (new := key(made.people)) not in known:
+                options.setdefault(new, made)
+        if not options:
+            return None
+        changes = list(options.values())
+        surrogate = Surrogate(others, np.array([self._features_of(c) for c in others]))
+        gains = surrogate.differences(self._screen([c.people for c in changes]), self._features_of(parent))
+        order = [int(k) for k in np.argsort(-np.round(gains / (np.abs(gains).max() or 1.0), 6), kind="stable")]
+        best = self._shortlist([changes[k] for k in order], avoid)
+        chosen = best[int(rng.integers(len(best)))]
+        return Change(people=chosen.people, described=self._described(parent.scenario, chosen), words=chosen.words)
+
+    def _described(self, before: Scenario, option: _Option) -> Described:
+        if option.written:
+            return describe_changed(before, option.people.humans, goods=self._goods)
+        return describe_tuned(before, option.people, goods=self._goods)
+
+    def _shortlist(self, ranked: Sequence[_Option], avoid: Set[Met]) -> Sequence[_Option]:
+        """Return the first of some changes, of those that leave the ways of meeting to avoid where there are such."""
+        leaves = (
+            option
+            for option in ranked
+            if foreseen(self._screen.forecaster, [option.people], self.world)[0] not in avoid
+        )
+        return (list(islice(leaves, SHORTLIST)) if avoid else []) or ranked[:SHORTLIST]
+
+    def _tuned(self, parent: Candidate, rng: np.random.Generator) -> _Option | None:
+        scenario = parent.scenario
+        space = self._spaces.get(parent.index)
+        if space is None:
+            if len(self._spaces) == SPACES:
+                del self._spaces[next(iter(self._spaces))]
+            space = self._spaces[parent.index] = TuningSpace(scenario.people, self.mission, self.world)
+        people, words = Mutations(space, rng).draw()
+        if people is None:
+            return None
+        return _Option(people, f"with other numbers: {words}")
+
+    def _crossed(self, parent: Candidate, others: Sequence[Candidate], rng: np.random.Generator) -> _Option | None:
+        """Replace one person of the parent by one of another scenario.
+
+        A text that a model wrote cannot be written again. There, only a person with the same name and tasks, of
+        another configuration of the scenario, takes the place, so that the text stays true.
+        """
+        humans = parent.scenario.people.humans
+        ours = tells_of(parent.scenario, goods=self._goods)
+        own = parent.scenario_index
+        lenders = [c for c in others if (c.scenario_index != own) == ours and c is not parent]
+        if len(humans) < 2 or not lenders:
+            return None
+        ranked = sorted(lenders, key=lambda c: (-c.estimate, c.index))
+        lender = ranked[min(len(ranked), int(rng.geometric(0.3))) - 1]
+        out, into = int(rng.integers(len(humans))), int(rng.integers(len(lender.scenario.people.humans)))
+        lent = lender.scenario.people.humans[into]
+        if lent.group is not None or humans[out].group is not None or not (ours or same_work(humans[out], lent)):
+            return None
+        new = lent.model_copy(update={"name": humans[out].name})
+        people = HumanConfiguration(humans=(*humans[:out], new, *humans[out + 1 :]))
+        if not self._starts_clear(people) or check(people, self.mission, self.world):
+            return None
+        return _Option(people, f"with {lent.name} of attempt {lender.index} as {new.name}", written=ours)
+
+    def _starts_clear(self, people: HumanConfiguration) -> bool:
+        starts = [(human.radius_m, human.starts_at(self.world.grid)) for human in people.humans]
+        return all(at is None or start_gap_m(r, at, self.mission) >= START_CLEARANCE_M for r, at in starts)
+
+    def _features_of(self, candidate: Candidate) -> NDArray[np.float64]:
+        if candidate.index not in self._features:
+            self._features[candidate.index] = self._screen([candidate.scenario.people])[0]
+        return self._features[candidate.index]
+
+
+def key(people: HumanConfiguration) -> str:
+    """Return what tells configurations apart, whatever their description."""
+    return text_id("people", people.model_dump_json())
+
+
+class CandidateStrategy(BatchStrategy):
+    """A batch strategy whose configurations are candidates of one race; subclasses implement `search`.
+
+    Args:
+        final_runs: Runs of a configuration that is measured in full.
+    """
+
+    def __init__(
+        self, plan: Plan, feedback_of: FeedbackOf, world: World | None = None, *, final_runs: int = 10
+    ) -> None:
+        super().__init__(plan, feedback_of, world)
+        if world is None:
+            raise ValueError(f"the {self.name} strategy needs the world")
+        self.here = world
+        self.final_runs = final_runs
+        self.candidates: list[Candidate] = []
+        self.asked = 0
+        self._numbers: dict[int, int] = {}
+        self._cells: dict[int, Encounter] = {}
+        self._by_id: dict[str, Candidate] = {}
+        self._keys: set[str] = set()
+        self._operators = Operators(plan.mission, world, aim_of(plan.requirement))
+
+    # -- asks ------------------------------------------------------------------------------------------------------
+
+    def _brief(self, kind: str, scenario: int, configuration: int, **more: object) -> Brief:
+        self.asked += 1
+        self._numbers[scenario] = max(configuration, self._numbers.get(scenario, 0))
+        return Brief(
+            mission=self.plan.mission,
+            requirement=self.plan.requirement,
+            aim=aim_of(self.plan.requirement),
+            moved_by=moved_by(self.plan.requirement),
+            kind=kind,
+            humans=self.plan.humans,
+            tunes=self.plan.proposals is not None,
+            seed=seed_for(self.plan.seed, "brief", self.asked - 1),
+            scenario_index=scenario,
+            configuration_index=configuration,
+            **more,
+        )
+
+    def _changed(
+        self,
+        parent: Candidate,
+        rng: np.random.Generator,
+        known: set[str],
+        seeds: tuple[int, ...],
+        avoid: Set[Met] = frozenset(),
+    ) -> Ask | None:
+        """The ask for a changed configuration that was not tried yet; None where none is found."""
+        change = self._operators.change(parent, [c for c in self.candidates if c.runs], rng, known, avoid)
+        if change is None:
+            return None
+        known.add(key(change.people))
+        brief = self._brief("tune", parent.scenario_index, self._next(parent))
+        proposal = answer(
+            change.people,
+            brief,
+            self.here,
+            generator=self.name,
+            described=change.described,
+            reasoning=f"Attempt {parent.index} {change.words}.",
+            moved=added(self.plan.mission, parent.scenario.mission),
+        )
+        return Ask(brief=brief, proposal=proposal, seeds=seeds) if proposal.scenario else None
+
+    def _again(self, candidate: Candidate, runs: int) -> Ask:
+        """The ask for more runs of a candidate, on the first seeds of the race that it did not meet."""
+        attempt, seen = candidate.attempt, self._seen(candidate)
+        more = [seed for seed in self._seeds(len(seen) + runs + self.final_runs) if seed not in seen]
+        return Ask(brief=attempt.brief, proposal=attempt.proposal, seeds=(*seen, *more[:runs]))
+
+    def _seeds(self, count: int) -> tuple[int, ...]:
+        """The first seeds of the race."""
+        return tuple(seed_for(self.plan.seed, "race", k) for k in range(count))
+
+    def _next(self, parent: Candidate) -> int:
+        """The number of the next configuration of a scenario."""
+        return 1 + self._numbers[parent.scenario_index]
+
+    # -- results ---------------------------------------------------------------------------------------------------
+
+    def _add(self, attempt: Attempt, parent: Candidate | None, operator: str) -> None:
+        """Keep a new candidate, unless the same configuration is in the race already."""
+        scenario = attempt.proposal.scenario
+        if scenario is None:
+            return
+        if scenario.id in self._by_id:
+            self._by_id[scenario.id].last = attempt
+            return
+        candidate = self._by_id[scenario.id] = Candidate(attempt, parent, operator)
+        self.candidates.append(candidate)
+        self._keys.add(key(scenario.people))
+        self._measured(candidate, attempt)
+        self._place(candidate, attempt)
+
+    def _place(self, candidate: Candidate, attempt: Attempt) -> None:
+        """Note the kind of encounter that a candidate shows."""
+        encounter = self.encounter_of(attempt) if candidate.runs else None
+        if encounter is not None:
+            self._cells[candidate.index] = encounter.replace(stretch="", who="")
+
+    def _measured(self, candidate: Candidate, attempt: Attempt) -> None:
+        for measurement in attempt.measurements:
+            if measurement.objective is not None:
+                candidate.badness[measurement.seed] = self.plan.requirement.badness(measurement.objective)
+
+    def tell(self, attempt: Attempt) -> None:
+        """Receive an attempt of the current batch."""
+        super().tell(attempt)
+        if (candidate := self._by_id.get(attempt.scenario_id or "")) is not None:
+            candidate.last = attempt
+
+    @staticmethod
+    def _seen(candidate: Candidate) -> Sequence[int]:
+        return candidate.last.seeds

@@ -1,0 +1,436 @@
+"""Observation of one run: what people do, where the robot stands and whom it passes, and how it fails.
+
+Two configurations show the same failure where the closest approach happens at the same place, the person stands or
+walks in the same way as seen from the robot, and the robot does the same.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter, deque
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rvsg.campaign.attempt import Attempt, Ledger
+from rvsg.campaign.ranking import in_full, measured, standing
+from rvsg.core.records import Record
+from rvsg.evaluation.detection import blocked_goals, place_namer, standstills
+from rvsg.evaluation.encounters import encounters_of
+from rvsg.evaluation.events import StandStill
+from rvsg.evaluation.naming import place_name
+from rvsg.evaluation.sampled import Sampled, sampled, stretches
+from rvsg.scenario.brief import Arrival, Passing, Stop
+from rvsg.scenario.requirement import Requirement
+from rvsg.scenario.scenario import Human, HumanAgent, HumanConfiguration, decode, goal_names
+from rvsg.simulation.events import PersonPaused, PersonReached, PersonReacted, Recovery
+from rvsg.simulation.run import Outcome, Run
+from rvsg.world.grid import Grid
+from rvsg.world.world import World
+
+WINDOW_S = 1.5
+"""What the robot does is looked at this long before and after the closest approach."""
+STANDS_M_S, STOPS_M_S = 0.15, 0.05
+"""A person slower than this stands; a robot slower than this has stopped."""
+ALONG, AGAINST = math.radians(45.0), math.radians(135.0)
+"""A person walks along with the robot below the first angle between the directions, towards it above the second."""
+SLOWS_TO = 0.5
+"""The robot slows down where it loses more than this share of its usual speed."""
+
+SIDES = ("ahead of", "behind", "beside")
+MOVES = {
+    "stands": "stands {side} the robot",
+    "walks the same way": "walks the same way as the robot, {side} it",
+    "comes towards it": "walks the opposite way to the robot, {side} it",
+    "crosses its way": "crosses the robot's way, {side} it",
+}
+"""What a person does, and how it reads with the side on which it happens."""
+
+
+class FailureMode(Record):
+    """A way in which the robot fails.
+
+    Attributes:
+        place: Where the robot is at the closest approach, as `place_name` names it.
+        person: Where the person is and how they move, as seen from the robot.
+        robot: What the robot does.
+    """
+
+    place: str
+    person: str
+    robot: str
+
+    @property
+    def words(self) -> str:
+        """The failure in one sentence."""
+        return f"At the closest approach, near {self.place}, a person {met(self.person)}; the robot {self.robot}."
+
+
+def met(kind: str) -> str:
+    """Return how a person is met in words that name the robot, e.g. "crosses the robot's way, ahead of it"."""
+    for side in SIDES:
+        if kind.endswith(f" {side} it"):
+            return MOVES.get(kind.removesuffix(f" {side} it"), kind).format(side=side)
+    return kind
+
+
+def mode_of(run: Run, world: World) -> FailureMode | None:
+    """Return how a run fails, from its closest approach; None for a run without people."""
+    path = run.trajectory
+    if len(path) == 0 or path.human_x.shape[1] == 0:
+        return None
+    seen = sampled(run, world)
+    index, human = (int(i) for i in np.unravel_index(int(seen.gap.argmin()), seen.gap.shape))
+    touched = any(touch.person == human and touch.first <= index <= touch.last for touch in seen.contacts)
+    return FailureMode(
+        place=place_name(world, float(path.x[index]), float(path.y[index])),
+        person=_person(run, index, human),
+        robot=_robot(run, index, touched=touched),
+    )
+
+
+def usual_mode(runs: Iterable[Run], world: World) -> FailureMode | None:
+    """Return the failure that most of the runs show; the first of equals; None where there is none."""
+    return usual(mode_of(run, world) for run in runs)
+
+
+def usual(modes: Iterable[FailureMode | None]) -> FailureMode | None:
+    """Return the most frequent of some failures, the first of equals; None where there is none."""
+    counted = Counter(mode for mode in modes if mode is not None)
+    return counted.most_common(1)[0][0] if counted else None
+
+
+def modes_in(ledger: Ledger, world: World) -> Callable[[str], FailureMode | None]:
+    """Return the function that tells how the run of an id fails: as it was seen when it was made, else as stored."""
+    look: Callable[[str], Any] = getattr(ledger, "look", lambda _: None)
+
+    def mode(run_id: str) -> FailureMode | None:
+        seen = look(run_id)
+        found: FailureMode | None = seen.mode if seen is not None else mode_of(ledger.run(run_id), world)
+        return found
+
+    return mode
+
+
+def candidates(
+    attempts: Sequence[Attempt], requirement: Requirement, kind_of: Callable[[Attempt], FailureMode | None]
+) -> list[Attempt]:
+    """Return the attempts worth confirming: those that violated the requirement, one of every kind of failure first.
+
+    Within a kind, and among the first of each kind, those measured in full come first, then those that violate surely
+    (2 of 2 runs say more than 1 of 1), then the worst for the robot.
+    """
+    full = {attempt.index for attempt in in_full(attempts)}
+    violating = [a for a in measured(attempts) if a.verdict is not None and a.verdict.violations]
+    violating.sort(key=lambda a: (a.index not in full, -_surely(a), -standing(a, requirement)[1], a.index))
+    kinds: dict[FailureMode | None, int] = {}
+    rank = []
+    for attempt in violating:
+        kind = kind_of(attempt)
+        rank.append((kinds.get(kind, 0), attempt))
+        kinds[kind] = kinds.get(kind, 0) + 1
+    return [attempt for _, attempt in sorted(rank, key=lambda pair: pair[0])]
+
+
+def _surely(attempt: Attempt) -> float:
+    """The share of violations, pulled towards one half by one run of each kind."""
+    assert attempt.verdict is not None
+    return (attempt.verdict.violations + 1.0) / (attempt.verdict.runs + 2.0)
+
+
+def _person(run: Run, index: int, human: int) -> str:
+    """Return where the person is and how they move, as seen from the robot."""
+    path = run.trajectory
+    before = int(np.searchsorted(path.t, path.t[index] - 1.0))
+    elapsed = max(float(path.t[index] - path.t[before]), 1e-6)
+    vx = float(path.human_x[index, human] - path.human_x[before, human]) / elapsed
+    vy = float(path.human_y[index, human] - path.human_y[before, human]) / elapsed
+    apart = (float(path.human_x[index, human] - path.x[index]), float(path.human_y[index, human] - path.y[index]))
+    return seen_as(apart, (vx, vy), float(path.yaw[index]))
+
+
+def seen_as(apart: tuple[float, float], velocity: tuple[float, float], yaw: float) -> str:
+    """Return where a person is and how they move, as seen from a robot with this yaw (rad).
+
+    Args:
+        apart: From the robot to the person, m.
+        velocity: Of the person, m/s.
+    """
+    bearing = _angle(math.atan2(apart[1], apart[0]) - yaw)
+    side = "ahead of it" if bearing < ALONG else "behind it" if bearing > AGAINST else "beside it"
+    if math.hypot(*velocity) < STANDS_M_S:
+        return f"stands {side}"
+    heading = _angle(math.atan2(velocity[1], velocity[0]) - yaw)
+    if heading < ALONG:
+        return f"walks the same way {side}"
+    return f"comes towards it {side}" if heading > AGAINST else f"crosses its way {side}"
+
+
+def _robot(run: Run, index: int, *, touched: bool) -> str:
+    """What the robot does around the closest approach."""
+    path = run.trajectory
+    window = (path.t >= path.t[index] - WINDOW_S) & (path.t <= path.t[index] + WINDOW_S)
+    speed = path.speed
+    slowest = float(speed[window].min())
+    moving = speed[speed > STOPS_M_S]
+    usual = float(np.median(moving)) if len(moving) else 0.0
+    did = ["stops" if slowest < STOPS_M_S else "slows down" if slowest < SLOWS_TO * usual else "drives on"]
+    if touched:
+        did.append("touches the person")
+    if run.outcome is not Outcome.REACHED:
+        did.append("does not arrive")
+    return " and ".join([", ".join(did[:-1]), did[-1]] if len(did) > 1 else did)
+
+
+def _angle(angle: float) -> float:
+    """The absolute value of an angle in (-pi, pi]."""
+    return abs(math.remainder(angle, 2.0 * math.pi))
+
+
+OfWalk = PersonReached | PersonPaused | PersonReacted
+REACHED_M = 0.6
+"""Somebody who is farther than this from the place of the start has left it."""
+MARGIN_M, PASSED_M = 0.1, 0.8
+"""A waypoint counts as reached from the goal radius plus the first, or beyond it within the second."""
+STILL_M_S, STOOD_S, STUCK_S = 0.1, 2.0, 5.0
+"""Somebody who should walk and is slower than the first for longer than the second stands still.
+
+Who does so for longer than the third, until the run ends, is stuck.
+"""
+AHEAD, BEHIND = math.radians(45.0), math.radians(135.0)
+
+
+@dataclass(frozen=True)
+class Walk:
+    """The walk of one person.
+
+    Attributes:
+        goals: Names of the waypoints of the cycle, in order.
+        leg: (N,) Number of goals reached so far at every sample.
+        doing: What the person does at every sample; a reaction only where the simulator records it.
+        reached: The times at which goals are reached, in order, the start left out.
+        stuck_at: Since when and where the person stands still until the run ends; None for who walks on.
+        left_s: When the person leaves the place of the start; None if never.
+        stood: From when to when and where somebody who should walk stands still, and then walks on.
+    """
+
+    goals: tuple[str, ...]
+    leg: NDArray[np.int64]
+    doing: tuple[str, ...]
+    reached: tuple[float, ...]
+    stuck_at: tuple[float, str] | None
+    left_s: float | None
+    stood: tuple[tuple[float, float, str], ...] = ()
+
+
+def walks_of(run: Run, people: HumanConfiguration, grid: Grid) -> tuple[Walk, ...]:
+    """Follow everybody of a run along the waypoints of their tasks, in the order of the configuration."""
+    return tuple(walk_of(run, h, human, grid) for h, human in enumerate(people.humans))
+
+
+def walk_of(run: Run, h: int, human: Human, grid: Grid) -> Walk:
+    """Follow person `h` of a run along the waypoints of their tasks."""
+    (agent,) = decode(HumanConfiguration(humans=(human,)), grid)
+    times, xs, ys = run.trajectory.t, run.trajectory.human_x[:, h], run.trajectory.human_y[:, h]
+    recorded = [e for e in run.events if isinstance(e, OfWalk) and e.person == human.name]
+    reached, legs = _followed(times, xs, ys, agent, recorded)
+    busy = _busy(times, legs, reached, agent, recorded)
+    count = len(agent.goals)
+    walking = [f"walking leg {leg} of {count}" for leg in range(1, count + 1)]
+    doing = [what or walking[leg % count] for what, leg in zip(busy, legs, strict=True)]
+    still = np.array([what is None for what in busy], np.bool_) & (_speed(times, xs, ys) < STILL_M_S)
+    stood, stuck_at = [], None
+    for first, last in stretches(still):
+        if times[last] - times[first] < STOOD_S or len(agent.goals) < 2:
+            continue
+        place = grid.nearest(float(xs[first]), float(ys[first]))
+        stuck = last == len(times) - 1 and times[last] - times[first] >= STUCK_S
+        doing[first : last + 1] = ["stuck" if stuck else "standing still"] * (last + 1 - first)
+        if stuck:
+            stuck_at = (float(times[first]), place)
+        else:
+            stood.append((float(times[first]), float(times[last]), place))
+    away = np.flatnonzero(np.hypot(xs - agent.start[0], ys - agent.start[1]) > REACHED_M)
+    began = float(times[int(away[0])]) if away.size else None
+    return Walk(
+        goals=goal_names(human),
+        leg=np.asarray(legs, np.int64),
+        doing=tuple(doing),
+        reached=tuple(reached),
+        stuck_at=stuck_at,
+        left_s=began,
+        stood=tuple(stood),
+    )
+
+
+def _followed(
+    times: NDArray[np.float64],
+    xs: NDArray[np.float64],
+    ys: NDArray[np.float64],
+    agent: HumanAgent,
+    recorded: Sequence[OfWalk],
+) -> tuple[list[float], list[int]]:
+    """Return the times at which goals are reached, and at every sample how many were.
+
+    A simulator that records what people do knows the arrivals of the first round and all pauses. What it does not
+    record is read off the trajectory.
+    """
+    n = len(agent.goals)
+    seen = {e.goal: e.time_s for e in recorded if isinstance(e, PersonReached)}
+    pauses = deque(e for e in recorded if isinstance(e, PersonPaused))
+    reached: list[float] = []
+    legs: list[int] = []
+    for t, x, y in zip(times.tolist(), xs.tolist(), ys.tolist(), strict=True):  # plain numbers make the loop faster
+        while (known := seen.get(len(reached) + 1)) is not None and known <= t:
+            reached.append(known)
+        while pauses and pauses[0].time_s <= t:
+            pause = pauses.popleft()
+            while len(reached) % n != pause.goal:
+                reached.append(pause.time_s)
+        count = len(reached)
+        if n > 1 and (not seen or count + 1 >= n):
+            held = agent.pauses_s[count % n] if count else agent.start_pause_s
+            free_s = (reached[-1] if reached else agent.start_delay_s) + held
+            if t >= free_s and _arrives((x, y), agent, count):
+                reached.append(t)
+        legs.append(len(reached))
+    return reached, legs
+
+
+def _arrives(at: tuple[float, float], agent: HumanAgent, count: int) -> bool:
+    """Return whether somebody who has reached `count` goals turns to the one after the next, as simulated people do."""
+    n = len(agent.goals)
+    before, goal = agent.goals[count % n], agent.goals[(count + 1) % n]
+    away = math.dist(at, goal)
+    if away <= agent.goal_radius_m + MARGIN_M:
+        return True
+    beyond = (at[0] - goal[0]) * (goal[0] - before[0]) + (at[1] - goal[1]) * (goal[1] - before[1]) > 0.0
+    return beyond and away <= PASSED_M and not agent.pauses_s[(count + 1) % n]
+
+
+def _busy(
+    times: NDArray[np.float64],
+    legs: Sequence[int],
+    reached: Sequence[float],
+    agent: HumanAgent,
+    recorded: Sequence[OfWalk],
+) -> list[str | None]:
+    """Return what else than walking the person is about at every sample; None: walking, though perhaps held up."""
+    n = len(agent.goals)
+    reactions = [(e.time_s, e.until_s) for e in recorded if isinstance(e, PersonReacted)]
+    pauses = [(e.time_s, e.until_s) for e in recorded if isinstance(e, PersonPaused)]
+    known = any(isinstance(e, PersonReached | PersonPaused) for e in recorded)
+    found: list[str | None] = []
+    for t, leg in zip(times.tolist(), legs, strict=True):
+        since = reached[leg - 1] if leg else agent.start_delay_s
+        held = agent.pauses_s[leg % n] if leg else agent.start_pause_s
+        if any(start <= t <= end for start, end in reactions):
+            found.append("reacting to the robot")
+        elif t < agent.start_delay_s:
+            found.append("waiting to start")
+        elif any(start <= t <= end for start, end in pauses) or (not known and held and t <= since + held + 1.5):
+            found.append("pausing")
+        else:
+            found.append(None)
+    return found
+
+
+def arrivals(walk: Walk, human: Human, grid: Grid) -> tuple[Arrival, ...]:
+    """Return when the person reaches each waypoint for the first time, and when unhindered walking would."""
+    (agent,) = decode(HumanConfiguration(humans=(human,)), grid)
+    found, clock = [], human.start_delay_s
+    for n, time in enumerate(walk.reached[: len(walk.goals)]):
+        before, goal = agent.goals[n % len(agent.goals)], agent.goals[(n + 1) % len(agent.goals)]
+        clock += math.dist(before, goal) / human.speed_m_s
+        name = walk.goals[(n + 1) % len(walk.goals)]
+        found.append(Arrival(at=name, time_s=round(time, 1), unhindered_s=round(clock, 1)))
+        clock += agent.pauses_s[(n + 1) % len(agent.goals)]
+    return tuple(found)
+
+
+def side_of(run: Run, k: int, h: int) -> str:
+    """Return on which side of the robot person `h` is at sample `k`."""
+    bearing = _bearing(run, k, h)
+    if abs(bearing) < AHEAD:
+        return "ahead"
+    return "behind" if abs(bearing) > BEHIND else "left" if bearing > 0.0 else "right"
+
+
+def left_of(run: Run, k: int, h: int) -> bool:
+    """Return whether person `h` is on the robot's left at sample `k`, ahead and behind included."""
+    return _bearing(run, k, h) > 0.0
+
+
+def _bearing(run: Run, k: int, h: int) -> float:
+    """Direction of person `h` off the robot's heading at sample `k`, rad; positive to the left."""
+    path = run.trajectory
+    towards = math.atan2(float(path.human_y[k, h] - path.y[k]), float(path.human_x[k, h] - path.x[k]))
+    return math.remainder(towards - float(path.yaw[k]), 2.0 * math.pi)
+
+
+def _speed(t: NDArray[np.float64], x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Speed over half a second around every sample, m/s."""
+    before = np.searchsorted(t, t - 0.25)
+    after = np.minimum(len(t) - 1, np.searchsorted(t, t + 0.25))
+    moved = np.hypot(x[after] - x[before], y[after] - y[before])
+    return np.asarray(moved / np.maximum(t[after] - t[before], 1e-6))
+
+
+MOST_PASSINGS = 6
+NEAR_M = 2.0
+"""A person with a smaller gap may keep the planner from finding a way."""
+
+
+def stops_of(run: Run, world: World) -> tuple[Stop, ...]:
+    """Return where the robot stands on its way for at least a second, and why, in order."""
+    s, at = sampled(run, world), place_namer(world)
+    goals = list(blocked_goals(s, at)) if s.people else []
+    found = []
+    for stand in standstills(s, at):
+        reason, who = _why(s, stand)
+        taken = next((g.person for g in goals if g.time_s < stand.until_s and stand.time_s < g.until_s), None)
+        found.append(
+            Stop(
+                time_s=round(stand.time_s, 1),
+                until_s=round(stand.until_s, 1),
+                at=stand.place.waypoint,
+                reason=reason if taken is None else "goal_taken",
+                who=who if taken is None else taken,
+            )
+        )
+    return tuple(found)
+
+
+def _why(s: Sampled, stand: StandStill) -> tuple[str, str]:
+    """Why the robot stands, and because of whom: what is next to it, what its navigation does, who is near."""
+    if stand.reason != "unknown":
+        return stand.reason, stand.person
+    recoveries = (e for e in s.run.events if isinstance(e, Recovery))
+    if any(e.time_s < stand.until_s and stand.time_s < e.until_s for e in recoveries):
+        return "recovery", ""
+    if s.people:
+        k = int(s.series.t.searchsorted(stand.time_s - 1e-9))
+        nearest = int(s.gap[k].argmin())
+        if s.gap[k, nearest] < NEAR_M:
+            return "person_near", s.run.human_names[nearest]
+    return "unknown", ""
+
+
+def passings_of(run: Run, world: World) -> tuple[Passing, ...]:
+    """Return the closest encounters of a run in order of time, each with the side of the robot the person is on."""
+    closest = sorted(encounters_of(run, world=world), key=lambda each: each.gap_m)[:MOST_PASSINGS]
+    times = run.trajectory.t
+    return tuple(
+        Passing(
+            time_s=round(each.time_s, 1),
+            at=each.place.waypoint,
+            who=each.person,
+            how=each.kind.value,
+            left=left_of(run, int(times.searchsorted(each.time_s - 1e-3)), run.human_names.index(each.person)),
+            gap_m=round(each.gap_m, 2),
+        )
+        for each in sorted(closest, key=lambda each: each.time_s)
+    )

@@ -1,1 +1,0 @@
-"""The loop of self-adaptation: Monitor, Analyse, Plan, Legitimate, Execute over Knowledge."""
