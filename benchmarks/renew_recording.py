@@ -13,20 +13,22 @@ from __future__ import annotations
 import argparse
 import tempfile
 from pathlib import Path
-from typing import Any
+from typing import Literal
 
 from rvsg.app.demos import CAMPAIGN, FOLDER
 from rvsg.core.documents import read_yaml
 from rvsg.evaluation.aims import aim_of, moved_by
-from rvsg.generation.conversation import DRIVE, Conversation, VlmGenerator, session_of
+from rvsg.generation.conversation import DRIVE, CompactConversation, Conversation, VlmGenerator, session_of
 from rvsg.generation.environment import EnvironmentDialogue
 from rvsg.generation.generator import Rehearsal
-from rvsg.generation.prompts import Dialogue, Prompts
+from rvsg.generation.prompts import Prompts
+from rvsg.generation.replies import Reply
 from rvsg.generation.reply_json import configuration_schema
-from rvsg.generation.vlm.recording import CALLS, Recorded, Recording, Replayed, place_of
+from rvsg.generation.vlm.access import ModelAccess
+from rvsg.generation.vlm.recording import CALLS, Recording, Replayed, place_of
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.requirement import load_requirement
-from rvsg.scenario.scenario import Mission
+from rvsg.scenario.scenario import HumanConfiguration, Mission
 from rvsg.world.world import World
 from rvsg.world.world_folder import load_world
 from ship_recording import ship
@@ -41,7 +43,7 @@ def briefs(name: str, world: World) -> list[Brief]:
     requirement = load_requirement(config["requirement"]).for_time_limit(route.time_limit_s)
     for session in dict.fromkeys(call.session for call in recording):
         scenario, configuration = (int(part[1:]) for part in place_of(session).split("-"))
-        told = {k: v for k, v in (recording.measured(session) or {}).items() if k != DRIVE}
+        told = {k: v for k, v in recording.measured(session).items() if k != DRIVE}
         brief = {
             "mission": Mission(world="warehouse", world_id=world.id, route=route),
             "requirement": requirement,
@@ -60,28 +62,40 @@ def briefs(name: str, world: World) -> list[Brief]:
 class Renewing(VlmGenerator):
     """Asks recorded answers with today's prompts, and knows only the measurements of the recording."""
 
-    def __init__(self, old: Recording, folder: Path, conversation: Conversation) -> None:
+    def __init__(self, old: Recording, folder: Path, conversation: Literal["compact", "study"]) -> None:
         super().__init__(Replayed(old), conversation=conversation, folder=folder)
         self.old = old
 
-    def _undisturbed_drive(self, brief: Brief) -> Rehearsal | None:
-        drive = (self.old.measured(session_of(brief)) or {}).get(DRIVE)
+    def open(self, brief: Brief, world: World) -> Conversation:
+        """Take what rehearsals told from the recording."""
+        return Renewed(self, brief, world) if self.conversation == "compact" else super().open(brief, world)
+
+    def undisturbed_drive(self, brief: Brief) -> Rehearsal | None:
+        """Return the drive of the recording."""
+        drive = self.old.measured(session_of(brief)).get(DRIVE)
         return Rehearsal.model_validate(drive) if drive else None
 
-    def _rehearsed(self, dialogue: Dialogue, judged: list[Any], brief: Brief, world: World) -> None:
+
+class Renewed(CompactConversation):
+    """Takes what a rehearsal told from the recording."""
+
+    generator: Renewing
+
+    def _rehearsed(self, reply: Reply, people: HumanConfiguration) -> Reply | None:
+        dialogue, old = self.dialogue, self.generator.old
         key = f"{dialogue.session}/{len(dialogue.calls) + 1:02d}-rehearse"
-        call = next((call for call in self.old if call.key == key), None)
+        call = next((call for call in old if call.key == key), None)
         if call is None:
-            return
-        dialogue.tell_text("user", self.old.message(call.messages[-1]).text)
-        judged.append(self._judge(dialogue.answered("rehearse", configuration_schema(rich=True)), brief, world))
+            return None
+        dialogue.tell_text("user", old.message(call.messages[-1]).text)
+        return self._read(dialogue.answered("rehearse", configuration_schema(rich=True)))
 
 
 def renew(name: str, folder: Path) -> None:
     """Ask the recorded answers with today's prompts, and record that in a folder."""
     world, old = load_world("warehouse"), Replayed(Recording(FOLDER / name))
     if not (FOLDER / name / CAMPAIGN).exists():
-        EnvironmentDialogue(world, Recorded(old, Recording(folder)), Prompts()).describe()
+        EnvironmentDialogue(world, ModelAccess(old, recording=Recording(folder)), Prompts()).describe()
         return
     config = read_yaml(FOLDER / name / CAMPAIGN).value
     generator = Renewing(Recording(FOLDER / name), folder, config["conversation"])

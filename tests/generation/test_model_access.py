@@ -25,10 +25,10 @@ from tests.generation.loopback import (
 )
 
 from rvsg.core.errors import BudgetSpent, InputError, ModelUnavailable
-from rvsg.generation.vlm.access import CallNews, Paced, Watched
-from rvsg.generation.vlm.client import Fault, Limits, ModelAccess, _said
-from rvsg.generation.vlm.model import Answer, Budget, Budgeted, Message, Picture, Request, Scripted
-from rvsg.generation.vlm.recording import Recorded, Recording
+from rvsg.generation.vlm.access import CallNews, ModelAccess
+from rvsg.generation.vlm.client import Fault, ModelClient, _said
+from rvsg.generation.vlm.model import Access, Answer, Message, Picture, Request, Scripted
+from rvsg.generation.vlm.recording import Recording
 
 KEY = "sk-very-secret-key-0123456789"
 DOT = bytes.fromhex(
@@ -60,10 +60,10 @@ def request(number: int = 1, *, shape: dict[str, Any] | None = None, picture: bo
     )
 
 
-def access(url: str, *, tries: int = 3, timeout_s: float = 5.0, **more: Any) -> tuple[ModelAccess, Waits]:
+def access(url: str, *, tries: int = 3, timeout_s: float = 5.0, **more: Any) -> tuple[ModelClient, Waits]:
     waits = Waits()
-    limits = Limits(timeout_s=timeout_s, tries=tries, first_wait_s=2.0, longest_wait_s=30.0)
-    return ModelAccess("openai-chat:vision-1", base_url=url, limits=limits, sleep=waits, **more), waits
+    options = Access(base_url=url, call_timeout_s=timeout_s, tries=tries, longest_wait_s=30.0, **more)
+    return ModelClient("openai-chat:vision-1", options, sleep=waits), waits
 
 
 def failing(*script: Behaviour, tries: int = 3, timeout_s: float = 5.0) -> tuple[ModelUnavailable, list[float], int]:
@@ -222,7 +222,7 @@ def test_a_server_without_structured_output_is_asked_again_in_plain_words() -> N
 
 def test_nothing_recorded_is_lost_and_no_key_is_kept_when_the_service_fails_later(tmp_path: Path) -> None:
     with serving(says(f"my key is {KEY}"), echoes_headers_then_fails(500)) as server:
-        model = Recorded(access(server.url)[0], Recording(tmp_path))
+        model = ModelAccess(access(server.url)[0], recording=Recording(tmp_path))
         model.ask(request(1, picture=True))
         with pytest.raises(ModelUnavailable):
             model.ask(request(2))
@@ -235,12 +235,11 @@ def test_nothing_recorded_is_lost_and_no_key_is_kept_when_the_service_fails_late
 
 def test_a_budget_stops_before_the_call_that_would_pass_it_and_a_record_resumes_for_free(tmp_path: Path) -> None:
     with serving(says("one"), says("two")) as server:
-        first = Recorded(Budgeted(access(server.url)[0], Budget(calls=1)), Recording(tmp_path))
+        first = ModelAccess(access(server.url)[0], Access(budget_calls=1), Recording(tmp_path))
         first.ask(request(1))
         with pytest.raises(BudgetSpent, check=coded("budget-calls")):
             first.ask(request(2))
-        record = Recording(tmp_path)
-        second = Recorded(Budgeted(access(server.url)[0], Budget(calls=2), record.spent()), record)
+        second = ModelAccess(access(server.url)[0], Access(budget_calls=2), Recording(tmp_path))
         again = second.ask(request(1))
         assert (again.text, again.source) == ("one", "record")
         assert second.ask(request(2)).text == "two"
@@ -249,12 +248,12 @@ def test_a_budget_stops_before_the_call_that_would_pass_it_and_a_record_resumes_
 
 def test_budgets_of_tokens_and_dollars_stop_too() -> None:
     with serving(says("one")) as server:
-        tokens = Budgeted(access(server.url)[0], Budget(tokens=1300))
+        tokens = ModelAccess(access(server.url)[0], Access(budget_tokens=1300))
         tokens.ask(request(1))
         tokens.ask(request(2))
         with pytest.raises(BudgetSpent, check=coded("budget-tokens")):
             tokens.ask(request(3))
-        dollars = Budgeted(access(server.url, prices=(2.0, 0.5, 8.0))[0], Budget(usd=0.002))
+        dollars = ModelAccess(access(server.url, prices=(2.0, 0.5, 8.0))[0], Access(budget_usd=0.002))
         dollars.ask(request(1))
         dollars.ask(request(2))
         with pytest.raises(BudgetSpent, check=coded("budget-usd")):
@@ -278,15 +277,15 @@ def test_budgets_of_tokens_and_dollars_stop_too() -> None:
 )
 def test_a_model_that_cannot_be_meant_is_refused(name: str, url: str | None, code: str) -> None:
     with pytest.raises(InputError, check=coded(code)):
-        ModelAccess(name, base_url=url)
+        ModelClient(name, Access(base_url=url))
 
 
 def test_a_missing_key_and_an_unknown_provider_are_input_errors(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("OPENAI_API_KEY", raising=False)
     with pytest.raises(InputError, check=coded("model-key-missing")):
-        ModelAccess("openai-chat:gpt-4.1").ask(request())
+        ModelClient("openai-chat:gpt-4.1").ask(request())
     with pytest.raises(InputError, check=coded("model-provider")):
-        ModelAccess("nobody:model").ask(request())
+        ModelClient("nobody:model").ask(request())
 
 
 @pytest.mark.parametrize(
@@ -335,11 +334,11 @@ def test_a_safety_filter_is_a_refusal_however_it_is_told(behaviour: Behaviour) -
 
 
 def test_a_refusal_as_an_error_does_not_spend_a_budget_of_dollars(monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(self: ModelAccess, asked: Request) -> Answer:
+    def refuse(self: ModelClient, asked: Request) -> Answer:
         raise Fault("a safety filter refused it.", refused=True)
 
-    monkeypatch.setattr(ModelAccess, "_try", refuse)
-    budgeted = Budgeted(ModelAccess("openai-chat:gpt-4.1"), Budget(usd=1.0))
+    monkeypatch.setattr(ModelClient, "_try", refuse)
+    budgeted = ModelAccess(ModelClient("openai-chat:gpt-4.1"), Access(budget_usd=1.0))
     for number in (1, 2):
         assert budgeted.ask(request(number)).finish == "refused"
     assert 0.0 < budgeted.spent.cost_usd < 0.01
@@ -357,16 +356,17 @@ def test_a_wait_before_another_try_is_told_without_a_key() -> None:
 
 
 def test_a_recorded_answer_of_another_model_is_not_taken_for_this_ones(tmp_path: Path) -> None:
-    Recorded(Scripted(["one"], name="a"), Recording(tmp_path)).ask(request())
-    again = Scripted(["two"], name="a")
-    assert Recorded(again, Recording(tmp_path)).ask(request()).text == "one"
-    assert Recorded(Scripted(["three"], name="b"), Recording(tmp_path)).ask(request()).text == "three"
+    answers = [
+        ModelAccess(Scripted([text], name=name), recording=Recording(tmp_path)).ask(request()).text
+        for text, name in (("one", "a"), ("two", "a"), ("three", "b"))
+    ]
+    assert answers == ["one", "one", "three"]
 
 
 def test_calls_are_told_while_they_are_made_with_what_was_spent(tmp_path: Path) -> None:
     told: list[CallNews] = []
     for _ in range(2):
-        watched = Watched(Recorded(Scripted(["one"]), Recording(tmp_path)))
+        watched = ModelAccess(Scripted(["one"]), recording=Recording(tmp_path))
         watched.tell = told.append
         watched.ask(request())
     assert [(n.what, n.from_record, n.spent.calls) for n in told] == [
@@ -378,8 +378,8 @@ def test_calls_are_told_while_they_are_made_with_what_was_spent(tmp_path: Path) 
 
 
 def test_prices_are_known_for_known_models() -> None:
-    assert ModelAccess("openai-chat:gpt-4.1").knows_price()
-    assert not ModelAccess("openai-chat:vision-1").knows_price()
+    assert ModelClient("openai-chat:gpt-4.1").knows_price()
+    assert not ModelClient("openai-chat:vision-1").knows_price()
 
 
 def test_calls_are_paced_apart_and_only_so_many_at_once() -> None:
@@ -390,7 +390,7 @@ def test_calls_are_paced_apart_and_only_so_many_at_once() -> None:
         waited.append(seconds)
         now[0] += seconds
 
-    paced = Paced(Scripted(["a", "b", "c"]), per_minute=30, clock=lambda: now[0], sleep=sleep)
+    paced = ModelAccess(Scripted(["a", "b", "c"]), Access(calls_per_minute=30), clock=lambda: now[0], sleep=sleep)
     for number in (1, 2, 3):
         paced.ask(request(number))
     assert waited == [2.0, 2.0]
@@ -406,7 +406,7 @@ def test_calls_are_paced_apart_and_only_so_many_at_once() -> None:
             inside[0] -= 1
         return "x"
 
-    crowded = Paced(Scripted([slow] * 8), at_once=2)
+    crowded = ModelAccess(Scripted([slow] * 8), Access(at_once=2))
     with ThreadPoolExecutor(8) as pool:
         list(pool.map(crowded.ask, [request(n) for n in range(1, 9)]))
     assert most[0] == 2
@@ -423,12 +423,3 @@ def test_threads_ask_side_by_side_on_connections_of_their_own() -> None:
 def test_a_key_is_hidden_where_a_long_reply_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("LAB_API_KEY", "abcdefghijQRSTUVWXYZ0123456789")
     assert "abcdefghij" not in _said(ValueError("." * 580 + " abcdefghijQRSTUVWXYZ0123456789"))
-
-
-def test_a_record_of_an_earlier_version_keeps_what_was_measured(tmp_path: Path) -> None:
-    (tmp_path / "told.jsonl").write_text('{"session":"s000-c01-1a","told":{"feedback":1}}\n')
-    recording = Recording(tmp_path)
-    assert recording.measured("s000-c01-1a") == {"feedback": 1}
-    recording.keep_measured("s000-c02-1b", {"feedback": 2})
-    again = Recording(tmp_path)
-    assert [again.measured(f"s000-c0{n}") for n in (1, 2)] == [{"feedback": 1}, {"feedback": 2}]

@@ -16,22 +16,23 @@ from rvsg.generation.environment import (
     store_description,
 )
 from rvsg.generation.prompts import Prompts
-from rvsg.generation.vlm.access import Access, Wiring, wired
+from rvsg.generation.vlm.access import ModelAccess, model_access
+from rvsg.generation.vlm.model import Access
 from rvsg.report.terminal import describe_calls
 from rvsg.world.world import Description, World
 from rvsg.world.world_folder import shipped_worlds
 
 
-def reach(model: str | None, record: Path | None, **access: Any) -> Wiring:
+def reach(model: str | None, record: Path | None, **access: Any) -> ModelAccess:
     """Return a model ready to be asked; InputError if neither a model nor a replay is named."""
     given = {key: value for key, value in access.items() if value is not None}
-    return wired(model, Access.of(given, record=record))
+    return model_access(model, Access.of(given, record=record))
 
 
-def answered_from_record(wiring: Wiring) -> str | None:
+def answered_from_record(model: ModelAccess) -> str | None:
     """Return that answers were taken from the record of an earlier session; None if none was."""
-    known, recording = wiring.model.from_record, wiring.recording
-    if wiring.replaying or recording is None or not known:
+    known, recording = model.from_record, model.recording
+    if model.replaying or recording is None or not known:
         return None
     calls = "1 call was" if known == 1 else f"{known} calls were"
     return f"{calls} answered at no cost from {recording.folder}; to ask again, give another --record."
@@ -42,12 +43,12 @@ class EnvironmentSession:
     """A dialogue about a world with a model."""
 
     dialogue: EnvironmentDialogue
-    wiring: Wiring
+    model: ModelAccess
 
     def notes(self) -> list[str]:
         """Return what the calls cost, what came from the record, and where a replay differs from its record."""
-        earlier = answered_from_record(self.wiring)
-        return [describe_calls(self.dialogue.calls), *([earlier] if earlier else []), *self.wiring.notes()]
+        earlier = answered_from_record(self.model)
+        return [describe_calls(self.dialogue.calls), *([earlier] if earlier else []), *self.model.notes()]
 
 
 def open_session(
@@ -61,8 +62,8 @@ def open_session(
     if model is None and replay is None:
         return None
     kept = record or (None if replay else Path("runs") / f"describe-{world.name}")
-    wiring = reach(model, kept, **access)
-    return EnvironmentSession(EnvironmentDialogue(world, wiring.model, Prompts(prompts)), wiring)
+    reached = reach(model, kept, **access)
+    return EnvironmentSession(EnvironmentDialogue(world, reached, Prompts(prompts)), reached)
 
 
 def stored(world: World, command: str) -> Description:

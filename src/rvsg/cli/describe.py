@@ -33,7 +33,7 @@ from rvsg.cli.model_options import (
 
 if TYPE_CHECKING:
     from rvsg.app.description import EnvironmentSession
-    from rvsg.generation.vlm.access import CallNews, Wiring
+    from rvsg.generation.vlm.access import CallNews, ModelAccess
     from rvsg.world.world import Description
 
 app = verb()
@@ -73,7 +73,7 @@ def describe(
     loaded = load_world(world)
     session = open_session(loaded, model, record, prompts, **access, strict=strict or None, call_timeout_s=call_timeout)
     if session is not None:
-        with CallsShown(_watch(session.wiring)), _kept(session.wiring):
+        with CallsShown(_watch(session.model)), _kept(session.model):
             description = session.dialogue.describe()
         for note in session.notes():
             say(note)
@@ -92,26 +92,26 @@ def describe(
         print_json(description.model_dump(mode="json"))
 
 
-def _watch(wiring: Wiring) -> Callable[[Callable[[CallNews], None] | None], None]:
+def _watch(model: ModelAccess) -> Callable[[Callable[[CallNews], None] | None], None]:
     """Return a function that sets who receives the calls of a model; a replay makes none."""
 
     def watch(tell: Callable[[CallNews], None] | None) -> None:
-        if not wiring.replaying:
-            wiring.model.tell = tell
+        if not model.replaying:
+            model.tell = tell
 
     return watch
 
 
 @contextlib.contextmanager
-def _kept(wiring: Wiring) -> Iterator[None]:
+def _kept(model: ModelAccess) -> Iterator[None]:
     """Tell the user where the answers are kept when a call fails or an answer cannot be used."""
     from rvsg.core.errors import BudgetSpent, GenerationError, ModelUnavailable
 
     try:
         yield
     except GenerationError as error:
-        recording = wiring.recording
-        if recording is not None and not wiring.replaying and recording.spent().calls:
+        recording = model.recording
+        if recording is not None and not model.replaying and recording.spent().calls:
             outside = isinstance(error, (ModelUnavailable, BudgetSpent))
             next_step = "Run the same command to resume" if outside else "To ask again, give another --record"
             say(f"The answers so far are in {recording.folder}. {next_step}.")
@@ -122,7 +122,7 @@ def _revising(session: EnvironmentSession) -> Callable[[str], Description]:
     """Return a function that has the model revise the description for a reason, with progress."""
 
     def revise(reason: str) -> Description:
-        with CallsShown(_watch(session.wiring)), _kept(session.wiring):
+        with CallsShown(_watch(session.model)), _kept(session.model):
             return session.dialogue.revise(reason)
 
     return revise

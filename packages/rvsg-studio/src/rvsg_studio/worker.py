@@ -193,7 +193,7 @@ def describe(work: Work) -> dict[str, Any]:
     given = work.arguments
     session = open_session(rvsg.load_world(_world(given["world"])), record=None, prompts=None, **given["access"])
     assert session is not None, "a model is named"
-    session.wiring.model.tell = lambda news: tell_call(work, news)
+    session.model.tell = lambda news: tell_call(work, news)
     start = Description(**given["start"]) if given["start"] is not None else None
     made = revised(session, start, given["reasons"])
     return {"state": "finished", "layout": made.layout, "grid": made.grid, "said": " ".join(session.notes())}

@@ -1,22 +1,19 @@
-"""Options of access to a model, and the model they make: paced, budgeted, watched, recorded or replayed."""
+"""Access to a model for a campaign: at an allowed pace, within a budget, recorded, watched, or replayed."""
 
 from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from collections.abc import Callable
+from typing import Literal
 
-from pydantic import Field, ValidationError, field_validator
-
-from rvsg.core.documents import keys_of
-from rvsg.core.errors import InputError, InvalidOptions, UnknownName
+from rvsg.core.errors import BudgetSpent, InputError, ModelUnavailable
 from rvsg.core.records import Record
-from rvsg.generation.vlm.client import Limits, ModelAccess
-from rvsg.generation.vlm.model import NO_CALL, Answer, Budget, Budgeted, Model, Request, Spending
-from rvsg.generation.vlm.recording import Recorded, Recording, Replayed
+from rvsg.generation.vlm.client import ModelClient
+from rvsg.generation.vlm.model import Access, Answer, Model, Request, Spending, estimated_input_tokens
+from rvsg.generation.vlm.recording import CALLS, Recording, Replayed
+
+MOST_DIVERGENCES = 3
 
 
 class CallNews(Record):
@@ -38,171 +35,57 @@ class CallNews(Record):
 Tell = Callable[[CallNews], None]
 
 
-class Watched:
-    """Tells `tell`, where somebody set it, of every call. Nothing it tells of reaches a record."""
+class ModelAccess:
+    """A model that is asked by at most `at_once` threads together, with calls at least 60 / `calls_per_minute` s apart.
 
-    def __init__(self, model: Model) -> None:
-        self._model = model
-        self._lock = threading.Lock()
-        self._asking: list[str] = []
-        self.spent = Spending()
-        self.from_record = 0
-        self.tell: Tell | None = None
+    It raises BudgetSpent instead of asking once the next call would pass the budget, in which the calls of earlier
+    sittings count. Calls are counted exactly. Tokens and dollars are checked with what is spent plus the estimated
+    input of the next call, so that a budget is passed at most by the output of one call (per call in flight).
 
-    @property
-    def name(self) -> str:
-        """The name of the model."""
-        return self._model.name
-
-    def ask(self, request: Request) -> Answer:
-        """Ask, and tell of it."""
-        begun = time.monotonic()
-        self._news("asked", request.purpose)
-        self._asking.append(request.purpose)
-        try:
-            answer = self._model.ask(request)
-        finally:
-            self._asking.remove(request.purpose)
-        known = answer.source == "record"
-        with self._lock:
-            if known:
-                self.from_record += 1
-            else:
-                self.spent = self.spent.plus(answer.usage)
-        self._news("answered", request.purpose, took_s=time.monotonic() - begun, from_record=known)
-        return answer
-
-    def waiting(self, why: str) -> None:
-        """Told by the access to the model that it waits before another try."""
-        self._news("waiting", self._asking[-1] if self._asking else "", why=why)
-
-    def _news(self, what: Literal["asked", "waiting", "answered"], purpose: str, **more: object) -> None:
-        if self.tell is not None:
-            news = {"what": what, "model": self.name, "purpose": purpose, "spent": self.spent, **more}
-            self.tell(CallNews.model_validate(news))
-
-
-class Paced:
-    """A model asked by at most `at_once` threads together, with calls at least 60 / `per_minute` seconds apart."""
+    Every call is kept in `recording`. An answer that the record holds for that very request is taken from there, so
+    that a campaign that was stopped between two calls goes on where it was, at no cost.
+    """
 
     def __init__(
         self,
         model: Model,
+        options: Access | None = None,
+        recording: Recording | None = None,
         *,
-        at_once: int = 2,
-        per_minute: float | None = None,
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
-        if at_once < 1:
-            raise InputError(f"At least one call at once is needed, got {at_once}.")
-        if per_minute is not None and not per_minute > 0:
-            raise InputError(f"Calls per minute must be positive, got {per_minute}.")
-        self._model = model
-        self._places = threading.BoundedSemaphore(at_once)
-        self._gap_s = 60.0 / per_minute if per_minute is not None else 0.0
-        self._lock = threading.Lock()
+        self.model, self.options, self.recording = model, options or Access(), recording
+        self.tell: Tell | None = None
+        """Told of every call. Nothing it is told of reaches a record."""
+        self.spent = Spending()
+        """In this sitting."""
+        self.from_record = 0
+        """How many answers were taken from the record."""
+        self._total = recording.spent() if recording is not None else Spending()
+        self._under_way = 0
+        self._asking: list[str] = []
+        self._places = threading.BoundedSemaphore(self.options.at_once)
         self._next = float("-inf")
-        self._clock = clock
-        self._sleep = sleep
+        self._lock = threading.Lock()
+        self._clock, self._sleep = clock, sleep
+        if isinstance(model, ModelClient):
+            model.waiting = lambda why: self._news("waiting", self._asking[-1] if self._asking else "", why=why)
 
     @property
     def name(self) -> str:
         """The name of the model."""
-        return self._model.name
-
-    def ask(self, request: Request) -> Answer:
-        """Ask as soon as there is a place."""
-        with self._places:
-            wait = self._turn()
-            if wait > 0:
-                self._sleep(wait)
-            return self._model.ask(request)
-
-    def _turn(self) -> float:
-        """Take the next free moment; how long it is away, in seconds."""
-        with self._lock:
-            now = self._clock()
-            begin = max(now, self._next)
-            self._next = begin + self._gap_s
-            return begin - now
-
-
-MOST_DIVERGENCES = 3
-
-
-class Access(Record):
-    """How a model is reached, and within what bounds.
-
-    `prices` are dollars per million input, cached and output tokens, for models whose price is not listed.
-    `replay` is a folder of recorded calls to answer from; `strict` makes every divergence from it an error.
-    `record` is the folder that calls are kept in.
-    """
-
-    base_url: str | None = None
-    temperature: Annotated[float | None, Field(ge=0, le=2)] = None
-    call_timeout_s: Annotated[float, Field(gt=0, le=3600)] = 180.0
-    tries: Annotated[int, Field(ge=1, le=20)] = 4
-    first_wait_s: Annotated[float, Field(ge=0, le=60)] = 2.0
-    longest_wait_s: Annotated[float, Field(ge=0, le=3600)] = 90.0
-    at_once: Annotated[int, Field(ge=1, le=64)] = 2
-    calls_per_minute: Annotated[float | None, Field(gt=0)] = None
-    max_output_tokens: Annotated[int | None, Field(ge=256)] = 16_000
-    structured: bool = True
-    prices: tuple[float, float, float] | None = None
-    budget_calls: Annotated[int | None, Field(ge=1)] = None
-    budget_tokens: Annotated[int | None, Field(ge=1)] = None
-    budget_usd: Annotated[float | None, Field(gt=0)] = None
-    replay: Path | None = None
-    strict: bool = False
-    record: Path | None = None
-
-    @field_validator("prices", mode="before")
-    @classmethod
-    def _listed(cls, value: Any) -> Any:
-        """`2.0,0.5,8.0` is three prices, `2.0,8.0` two: input and output, the cached ones as the input."""
-        parts = value.split(",") if isinstance(value, str) else value
-        if isinstance(parts, (list, tuple)) and len(parts) == 2:
-            parts = (parts[0], parts[0], parts[1])
-        return parts
-
-    @classmethod
-    def of(cls, options: Mapping[str, Any], *, record: Path | None = None) -> Self:
-        """The options of a user; InputError naming every one that is unknown or out of range."""
-        for name in options:
-            if name not in cls.model_fields:
-                known = [known for known in cls.model_fields if known != "record"]
-                raise UnknownName("option of the vlm generator", name, [*known, "conversation", "corrections", "model"])
-        try:
-            return cls.model_validate({"record": record, **options})
-        except ValidationError as error:
-            problems = [f"{'.'.join(str(part) for part in e['loc'])}: {_problem(e)}" for e in error.errors()]
-            told = "The vlm generator cannot use its options: " + "; ".join(problems)
-            raise InvalidOptions(told, keys_of(error)) from None
-
-
-def _problem(error: Any) -> str:
-    nothing = str(error["loc"][0]).startswith("budget_") and error["input"] in (0, "0")
-    return NO_CALL if nothing else str(error["msg"])
-
-
-@dataclass(frozen=True, kw_only=True)
-class Wiring:
-    """A model ready to be asked, the record it writes or reads, and its parts that can tell something."""
-
-    model: Watched
-    recording: Recording | None = None
-    replayed: Replayed | None = None
+        return self.model.name
 
     @property
     def replaying(self) -> bool:
         """Return whether answers come from a record only."""
-        return self.replayed is not None
+        return self.options.replay is not None
 
     def notes(self) -> tuple[str, ...]:
         """Where a replay diverged from its record: each kind of difference once, with the first call that has it."""
         kinds: dict[str, list[str]] = {}
-        for divergence in self.replayed.divergences if self.replayed else []:
+        for divergence in self.model.divergences if isinstance(self.model, Replayed) else ():
             kinds.setdefault(divergence.what, []).append(divergence.key)
         messages = [
             f"Replay: the present prompts differ from the recorded ones at call {keys[0]}"
@@ -212,58 +95,105 @@ class Wiring:
         more = len(messages) - MOST_DIVERGENCES
         return (*messages[:MOST_DIVERGENCES], *([f"Replay: {more} more kinds of differences."] if more > 0 else []))
 
+    def ask(self, request: Request) -> Answer:
+        """Ask, or answer from the record, and tell of it."""
+        begun = time.monotonic()
+        self._news("asked", request.purpose)
+        self._asking.append(request.purpose)
+        try:
+            answer = self.model.ask(request) if self.replaying else self._known(request) or self._asked(request)
+        finally:
+            self._asking.remove(request.purpose)
+        known = answer.source == "record"
+        with self._lock:
+            self.from_record += known
+            if not known:
+                self.spent = self.spent.plus(answer.usage)
+        self._news("answered", request.purpose, took_s=time.monotonic() - begun, from_record=known)
+        return answer
 
-def wired(model: str | Model | None, access: Access) -> Wiring:
-    """The model behind everything that guards it. InputError where neither a model nor a replay is named."""
-    if access.replay is not None:
-        recording = Recording(access.replay)
+    def _known(self, request: Request) -> Answer | None:
+        return self.recording.answered(request.key, request.id, self.name) if self.recording is not None else None
+
+    def _asked(self, request: Request) -> Answer:
+        """Ask the model and keep the call; one that failed is kept too."""
+        with self._lock:
+            self._check_budget(request)
+            self._under_way += 1
+        try:
+            with self._places:
+                if (wait := self._turn_s()) > 0:
+                    self._sleep(wait)
+                answer = self.model.ask(request)
+        except ModelUnavailable as failure:
+            if self.recording is not None:
+                self.recording.keep(request, self.name, error=str(failure))
+            raise
+        finally:
+            with self._lock:
+                self._under_way -= 1
+        with self._lock:
+            self._total = self._total.plus(answer.usage)
+        if self.recording is not None:
+            self.recording.keep(request, self.name, answer=answer)
+        return answer
+
+    def _turn_s(self) -> float:
+        """Take the next free moment; return how long it is away, in seconds."""
+        with self._lock:
+            now = self._clock()
+            begin = max(now, self._next)
+            self._next = begin + (60.0 / self.options.calls_per_minute if self.options.calls_per_minute else 0.0)
+            return begin - now
+
+    def _check_budget(self, request: Request) -> None:
+        spent, calls, tokens = self._total, self.options.budget_calls, self.options.budget_tokens
+        usd = self.options.budget_usd
+        if calls is not None and spent.calls + self._under_way >= calls:
+            self._stop(f"{spent.calls} of {calls} calls", "budget-calls")
+        if tokens is not None and spent.tokens + estimated_input_tokens(request) > tokens:
+            self._stop(f"{spent.tokens} of {tokens} tokens", "budget-tokens")
+        if usd is not None and (spent.cost_usd >= usd or (spent.unpriced and not spent.cost_usd)):
+            unknown = f" ({spent.unpriced} calls of unknown price)" if spent.unpriced else ""
+            self._stop(f"{spent.cost_usd:.4f} of {usd:.4f} USD{unknown}", "budget-usd")
+
+    def _stop(self, spent: str, code: str) -> None:
+        raise BudgetSpent(
+            f"The budget is spent: {spent} (model {self.name}). What is finished is kept; to go on, run the same "
+            f"command with a larger --{code}.",
+            code=code,
+        )
+
+    def _news(self, what: Literal["asked", "waiting", "answered"], purpose: str, **more: object) -> None:
+        if self.tell is not None:
+            news = {"what": what, "model": self.name, "purpose": purpose, "spent": self.spent, **more}
+            self.tell(CallNews.model_validate(news))
+
+
+def model_access(model: str | Model | None, options: Access) -> ModelAccess:
+    """Return access to a model, or to a replay. InputError where neither is named."""
+    if options.replay is not None:
+        recording = Recording(options.replay)
         if not len(recording):
-            there = Path(access.replay) / "calls.jsonl"
-            what = "holds no whole recorded call" if there.exists() else "does not exist"
-            raise InputError(
-                f"There are no recorded calls in {access.replay}: {there.name} {what}.", code="replay-empty"
-            )
-        replayed = Replayed(recording, strict=access.strict)
-        return Wiring(model=Watched(replayed), recording=recording, replayed=replayed)
+            what = "holds no whole recorded call" if (recording.folder / CALLS).exists() else "does not exist"
+            raise InputError(f"There are no recorded calls in {options.replay}: {CALLS} {what}.", code="replay-empty")
+        return ModelAccess(Replayed(recording, strict=options.strict), options, recording)
     if model is None:
         raise InputError(
             "The vlm generator needs a model: give --model PROVIDER:MODEL, for example openai-chat:gpt-4.1 "
             "(with its key in the environment), or --replay FOLDER to answer from recorded calls.",
             code="model-missing",
         )
-    recorded = Recording(access.record) if access.record is not None else None
-    reached = _reached(model, access) if isinstance(model, str) else model
-    paced = Paced(reached, at_once=access.at_once, per_minute=access.calls_per_minute)
-    budget = Budget(calls=access.budget_calls, tokens=access.budget_tokens, usd=access.budget_usd)
-    budgeted = Budgeted(paced, budget, recorded.spent() if recorded is not None else None)
-    watched = Watched(budgeted if recorded is None else Recorded(budgeted, recorded))
-    if isinstance(reached, ModelAccess):
-        reached.waiting = watched.waiting
-    return Wiring(model=watched, recording=recorded)
-
-
-def _reached(name: str, access: Access) -> ModelAccess:
-    limits = Limits(
-        timeout_s=access.call_timeout_s,
-        tries=access.tries,
-        first_wait_s=access.first_wait_s,
-        longest_wait_s=access.longest_wait_s,
-        max_output_tokens=access.max_output_tokens,
-    )
-    reached = ModelAccess(
-        name,
-        base_url=access.base_url,
-        limits=limits,
-        temperature=access.temperature,
-        structured=access.structured,
-        prices=access.prices,
-    )
-    if access.budget_usd is not None and not reached.knows_price():
+    recorded = Recording(options.record) if options.record is not None else None
+    if not isinstance(model, str):
+        return ModelAccess(model, options, recorded)
+    client = ModelClient(model, options)
+    if options.budget_usd is not None and not client.knows_price():
         raise InputError(
-            f"The price of {name} is not listed, so --budget-usd cannot be kept. Give "
+            f"The price of {model} is not listed, so --budget-usd cannot be kept. Give "
             "--generator-option prices=INPUT,CACHED,OUTPUT in dollars per million tokens (--prices INPUT,CACHED,OUTPUT "
             "for `rvsg describe`), or use --budget-tokens or --budget-calls.",
             code="price-unknown",
         )
-    reached.prepare()
-    return reached
+    client.prepare()
+    return ModelAccess(client, options, recorded)

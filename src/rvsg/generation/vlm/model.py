@@ -1,4 +1,4 @@
-"""Messages, requests and answers, the Model protocol, and budgets of calls, tokens and dollars."""
+"""The Model protocol, its messages, requests and answers, the options of access to one, and estimates of tokens."""
 
 from __future__ import annotations
 
@@ -6,22 +6,24 @@ import hashlib
 import math
 import re
 import struct
-import threading
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Annotated, Any, Literal, Protocol
+from pathlib import Path
+from typing import Annotated, Any, Literal, Protocol, Self
 
-from pydantic import Field, field_validator
+from pydantic import Field, ValidationError, field_validator
 
-from rvsg.core.errors import BudgetSpent, ModelUnavailable
+from rvsg.core.documents import keys_of
+from rvsg.core.errors import InvalidOptions, ModelUnavailable, UnknownName
 from rvsg.core.inputs import whole_text
 from rvsg.core.records import Record, canonical_json, content_id
 
+NO_CALL = (
+    "a budget of 0 allows no call. Leave it out for no limit; without a model --replay answers from recorded calls, "
+    "and the heuristic generator needs none"
+)
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
-_PIECES = re.compile(r" ?[^\W\d_]+|\d{1,3}|\n+| ?[^\w\s]+|_|[ \t]+")
-_WHOLE_WORD = 8
-_PART_OF_WORD = 5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,22 +34,16 @@ class Picture:
     png: bytes
 
     @cached_property
+    def reference(self) -> PictureReference:
+        """The picture without its bytes, as records keep it; its size is 0 where the bytes are not a PNG."""
+        is_png = self.png.startswith(PNG_SIGNATURE) and len(self.png) >= 24
+        width, height = struct.unpack(">II", self.png[16:24]) if is_png else (0, 0)
+        return PictureReference(name=self.name, digest=self.digest, width=width, height=height)
+
+    @cached_property
     def digest(self) -> str:
         """The first 24 hexadecimal digits of the SHA-256 of the PNG."""
         return hashlib.sha256(self.png).hexdigest()[:24]
-
-    @cached_property
-    def size(self) -> tuple[int, int]:
-        """Width and height in pixels; (0, 0) where the bytes are not a PNG."""
-        if not self.png.startswith(PNG_SIGNATURE) or len(self.png) < 24:
-            return (0, 0)
-        width, height = struct.unpack(">II", self.png[16:24])
-        return (int(width), int(height))
-
-    @property
-    def reference(self) -> PictureReference:
-        """The picture without its bytes, as records keep it."""
-        return PictureReference(name=self.name, digest=self.digest, width=self.size[0], height=self.size[1])
 
 
 class PictureReference(Record):
@@ -92,9 +88,8 @@ class Request:
     @cached_property
     def id(self) -> str:
         """Content id of all that the model is given."""
-        return content_id(
-            "request", {"messages": [m.model_dump(mode="json") for m in self.messages], "shape": self.shape}
-        )
+        messages = [message.model_dump(mode="json") for message in self.messages]
+        return content_id("request", {"messages": messages, "shape": self.shape})
 
 
 class Usage(Record):
@@ -109,116 +104,8 @@ class Usage(Record):
     estimated: bool = False
 
 
-class Answer(Record):
-    """What a model answered. `finish` is how the answer ended; a refusal or an empty answer is an answer too."""
-
-    text: str
-    model: str
-    finish: Literal["complete", "truncated", "refused", "empty"] = "complete"
-    usage: Usage = Usage()
-    source: Literal["model", "record"] = "model"
-
-    @field_validator("text")
-    @classmethod
-    def _can_be_stored(cls, text: str) -> str:
-        return whole_text(text)
-
-
-def estimated_tokens(text: str) -> int:
-    """Tokens of a text, estimated where no tokenizer of the model is at hand.
-
-    The text is cut where the tokenizers of the GPT-4 family cut before they merge (words with the space before them,
-    up to three digits, runs of marks, line breaks); each piece counts one token, a longer word one for every begun
-    five letters. That is nearer than the usual four characters per token for lists of waypoints, which it would
-    count at little more than half.
-    """
-    total = 0
-    for piece in _PIECES.finditer(text):
-        length = piece.end() - piece.start()
-        total += 1 if length <= _WHOLE_WORD else math.ceil(length / _PART_OF_WORD)
-    return total
-
-
-def picture_tokens(width: int, height: int) -> int:
-    """Tokens of a picture by the tile rule published for the GPT-4 family at high detail.
-
-    The picture is scaled to fit 2048 x 2048, then its shorter side to at most 768, and every begun tile of
-    512 x 512 costs 170 tokens, plus 85 once.
-    """
-    if width <= 0 or height <= 0:
-        return 0
-    scale = min(1.0, 2048 / max(width, height))
-    scale *= min(1.0, 768 / (min(width, height) * scale))
-    return 85 + 170 * math.ceil(width * scale / 512) * math.ceil(height * scale / 512)
-
-
-def estimated_input_tokens(request: Request) -> int:
-    """Estimated input tokens of a request, pictures and schema included."""
-    texts = sum(estimated_tokens(m.text) + 4 for m in request.messages)
-    pictures = sum(picture_tokens(p.width, p.height) for m in request.messages for p in m.pictures)
-    return texts + pictures + (estimated_tokens(canonical_json(request.shape)) if request.shape else 0)
-
-
-class Model(Protocol):
-    """Anything that answers a request."""
-
-    @property
-    def name(self) -> str:
-        """The model's name as the user gave it, e.g. `openai-chat:gpt-4.1`."""
-        ...
-
-    def ask(self, request: Request) -> Answer:
-        """Answer; raises ModelUnavailable or BudgetSpent where no answer can be had."""
-        ...
-
-
-class Scripted:
-    """Answers from a list of texts (or of functions of the request), in order: for tests and demonstrations.
-
-    `asked` holds the requests it saw. When the script ends it raises ModelUnavailable.
-    """
-
-    def __init__(self, replies: Iterable[str | Answer | Callable[[Request], str]], name: str = "scripted") -> None:
-        self._replies = list(replies)
-        self._name = name
-        self.asked: list[Request] = []
-
-    @property
-    def name(self) -> str:
-        """The name it was given."""
-        return self._name
-
-    def ask(self, request: Request) -> Answer:
-        """The next reply of the script."""
-        self.asked.append(request)
-        if not self._replies:
-            raise ModelUnavailable(f"The script of model {self._name} has ended; call {request.key} has no reply.")
-        reply = self._replies.pop(0)
-        if isinstance(reply, Answer):
-            return reply
-        text = reply(request) if callable(reply) else reply
-        usage = Usage(
-            input_tokens=estimated_input_tokens(request), output_tokens=estimated_tokens(text), estimated=True
-        )
-        return Answer(text=text, model=self._name, finish="complete" if text.strip() else "empty", usage=usage)
-
-
-NO_CALL = (
-    "a budget of 0 allows no call. Leave it out for no limit; without a model --replay answers from recorded calls, "
-    "and the heuristic generator needs none"
-)
-
-
-class Budget(Record):
-    """What may be spent in a campaign, calls of earlier sittings included; None is no limit."""
-
-    calls: Annotated[int | None, Field(default=None, ge=0)] = None
-    tokens: Annotated[int | None, Field(default=None, ge=0)] = None
-    usd: Annotated[float | None, Field(default=None, ge=0)] = None
-
-
 class Spending(Record):
-    """What was spent. `unpriced` counts calls whose cost is not known; `tokens` is input and output together."""
+    """What several calls cost together. `unpriced` counts calls whose cost is not known."""
 
     calls: int = 0
     input_tokens: int = 0
@@ -244,52 +131,148 @@ class Spending(Record):
         )
 
 
-class Budgeted:
-    """A model that raises BudgetSpent instead of asking, once the next call would pass the budget.
+class Answer(Record):
+    """What a model answered. `finish` is how the answer ended; a refusal or an empty answer is an answer too."""
 
-    Calls are counted exactly. Tokens and dollars are checked with what is spent plus the estimated input of the
-    next call, so that a budget is passed at most by the output of one call (per call in flight).
-    """
+    text: str
+    model: str
+    finish: Literal["complete", "truncated", "refused", "empty"] = "complete"
+    usage: Usage = Usage()
+    source: Literal["model", "record"] = "model"
 
-    def __init__(self, model: Model, budget: Budget, spent: Spending | None = None) -> None:
-        self._model = model
-        self.budget = budget
-        self.spent = spent or Spending()
-        self._under_way = 0
-        self._lock = threading.Lock()
+    @field_validator("text")
+    @classmethod
+    def _can_be_stored(cls, text: str) -> str:
+        return whole_text(text)
+
+
+class Model(Protocol):
+    """Anything that answers a request."""
 
     @property
     def name(self) -> str:
-        """The name of the model."""
-        return self._model.name
+        """The model's name as the user gave it, e.g. `openai-chat:gpt-4.1`."""
+        ...
 
     def ask(self, request: Request) -> Answer:
-        """Ask, if the budget allows."""
-        with self._lock:
-            self._check(request)
-            self._under_way += 1
-        try:
-            answer = self._model.ask(request)
-        finally:
-            with self._lock:
-                self._under_way -= 1
-        with self._lock:
-            self.spent = self.spent.plus(answer.usage)
-        return answer
+        """Answer; raises ModelUnavailable or BudgetSpent where no answer can be had."""
+        ...
 
-    def _check(self, request: Request) -> None:
-        budget, spent = self.budget, self.spent
-        if budget.calls is not None and spent.calls + self._under_way >= budget.calls:
-            self._stop(f"{spent.calls} of {budget.calls} calls", "--budget-calls")
-        if budget.tokens is not None and spent.tokens + estimated_input_tokens(request) > budget.tokens:
-            self._stop(f"{spent.tokens} of {budget.tokens} tokens", "--budget-tokens")
-        if budget.usd is not None and (spent.cost_usd >= budget.usd or (spent.unpriced and not spent.cost_usd)):
-            unknown = f" ({spent.unpriced} calls of unknown price)" if spent.unpriced else ""
-            self._stop(f"{spent.cost_usd:.4f} of {budget.usd:.4f} USD{unknown}", "--budget-usd")
 
-    def _stop(self, spent: str, option: str) -> None:
-        raise BudgetSpent(
-            f"The budget is spent: {spent} (model {self.name}). What is finished is kept; to go on, run the same "
-            f"command with a larger {option}.",
-            code=option.removeprefix("--"),
+class Scripted:
+    """Answers from a list of texts (or of functions of the request), in order: for tests and demonstrations.
+
+    `asked` holds the requests it saw. When the script ends it raises ModelUnavailable.
+    """
+
+    def __init__(self, replies: Iterable[str | Answer | Callable[[Request], str]], name: str = "scripted") -> None:
+        self._replies = list(replies)
+        self.name = name
+        self.asked: list[Request] = []
+
+    def ask(self, request: Request) -> Answer:
+        """The next reply of the script."""
+        self.asked.append(request)
+        if not self._replies:
+            raise ModelUnavailable(f"The script of model {self.name} has ended; call {request.key} has no reply.")
+        reply = self._replies.pop(0)
+        if isinstance(reply, Answer):
+            return reply
+        text = reply(request) if callable(reply) else reply
+        usage = Usage(
+            input_tokens=estimated_input_tokens(request), output_tokens=estimated_tokens(text), estimated=True
         )
+        return Answer(text=text, model=self.name, finish="complete" if text.strip() else "empty", usage=usage)
+
+
+class Access(Record):
+    """How a model is reached, and within what bounds.
+
+    `tries` counts the first one too. A wait between tries is `first_wait_s` doubled each time, at most
+    `longest_wait_s`, or what the service's Retry-After asks for; a service that asks for more than `longest_wait_s`
+    ends the call. `prices` are dollars per million input, cached and output tokens, for models whose price is not
+    listed. `replay` is a folder of recorded calls to answer from; `strict` makes every divergence from it an error.
+    `record` is the folder that calls are kept in.
+    """
+
+    base_url: str | None = None
+    temperature: Annotated[float | None, Field(ge=0, le=2)] = None
+    call_timeout_s: Annotated[float, Field(gt=0, le=3600)] = 180.0
+    tries: Annotated[int, Field(ge=1, le=20)] = 4
+    first_wait_s: Annotated[float, Field(ge=0, le=60)] = 2.0
+    longest_wait_s: Annotated[float, Field(ge=0, le=3600)] = 90.0
+    at_once: Annotated[int, Field(ge=1, le=64)] = 2
+    calls_per_minute: Annotated[float | None, Field(gt=0)] = None
+    max_output_tokens: Annotated[int | None, Field(ge=256)] = 16_000
+    structured: bool = True
+    prices: tuple[float, float, float] | None = None
+    budget_calls: Annotated[int | None, Field(ge=1)] = None
+    budget_tokens: Annotated[int | None, Field(ge=1)] = None
+    budget_usd: Annotated[float | None, Field(gt=0)] = None
+    replay: Path | None = None
+    strict: bool = False
+    record: Path | None = None
+
+    @field_validator("prices", mode="before")
+    @classmethod
+    def _listed(cls, value: Any) -> Any:
+        """`2.0,0.5,8.0` is three prices, `2.0,8.0` two: input and output, the cached ones as the input."""
+        parts = value.split(",") if isinstance(value, str) else value
+        if isinstance(parts, (list, tuple)) and len(parts) == 2:
+            parts = (parts[0], parts[0], parts[1])
+        return parts
+
+    @classmethod
+    def of(cls, options: Mapping[str, Any], *, record: Path | None = None) -> Self:
+        """The options of a user; InputError naming every one that is unknown or out of range."""
+        for name in options:
+            if name not in cls.model_fields:
+                known = [known for known in cls.model_fields if known != "record"]
+                raise UnknownName("option of the vlm generator", name, [*known, "conversation", "corrections", "model"])
+        try:
+            return cls.model_validate({"record": record, **options})
+        except ValidationError as error:
+            problems = "; ".join(f"{'.'.join(str(part) for part in e['loc'])}: {_problem(e)}" for e in error.errors())
+            raise InvalidOptions(f"The vlm generator cannot use its options: {problems}", keys_of(error)) from None
+
+
+def _problem(error: Any) -> str:
+    nothing = str(error["loc"][0]).startswith("budget_") and error["input"] in (0, "0")
+    return NO_CALL if nothing else str(error["msg"])
+
+
+_PIECES = re.compile(r" ?[^\W\d_]+|\d{1,3}|\n+| ?[^\w\s]+|_|[ \t]+")
+_WHOLE_WORD = 8
+_PART_OF_WORD = 5
+
+
+def estimated_tokens(text: str) -> int:
+    """Tokens of a text, estimated where no tokenizer of the model is at hand.
+
+    The text is cut where the tokenizers of the GPT-4 family cut before they merge (words with the space before them,
+    up to three digits, runs of marks, line breaks); each piece counts one token, a longer word one for every begun
+    five letters. That is nearer than the usual four characters per token for lists of waypoints, which it would
+    count at little more than half.
+    """
+    lengths = (piece.end() - piece.start() for piece in _PIECES.finditer(text))
+    return sum(1 if length <= _WHOLE_WORD else math.ceil(length / _PART_OF_WORD) for length in lengths)
+
+
+def picture_tokens(width: int, height: int) -> int:
+    """Tokens of a picture by the tile rule published for the GPT-4 family at high detail.
+
+    The picture is scaled to fit 2048 x 2048, then its shorter side to at most 768, and every begun tile of
+    512 x 512 costs 170 tokens, plus 85 once.
+    """
+    if width <= 0 or height <= 0:
+        return 0
+    scale = min(1.0, 2048 / max(width, height))
+    scale *= min(1.0, 768 / (min(width, height) * scale))
+    return 85 + 170 * math.ceil(width * scale / 512) * math.ceil(height * scale / 512)
+
+
+def estimated_input_tokens(request: Request) -> int:
+    """Estimated input tokens of a request, pictures and schema included."""
+    texts = sum(estimated_tokens(m.text) + 4 for m in request.messages)
+    pictures = sum(picture_tokens(p.width, p.height) for m in request.messages for p in m.pictures)
+    return texts + pictures + (estimated_tokens(canonical_json(request.shape)) if request.shape else 0)

@@ -5,7 +5,7 @@ The folder holds
 - `messages.jsonl`: every message and schema once;
 - `pictures/`: every picture once, named by its content;
 - `histories.jsonl`: conversations to go on from, by a name the caller gives;
-- `measured.jsonl` (`told.jsonl` in records of earlier versions): what the prompts of a session were written from.
+- `measured.jsonl`: what the prompts of a session were written from.
 
 Lines are only ever appended. A last line that a crash cut off is left out when reading.
 """
@@ -18,17 +18,22 @@ import re
 import threading
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
-from rvsg.core.errors import FileError, ModelUnavailable, NotRecorded, ReplayDiverged, StoreError
+from rvsg.core.errors import FileError, NotRecorded, ReplayDiverged, StoreError
 from rvsg.core.records import Record, canonical_json, content_id
-from rvsg.generation.vlm.model import Answer, Message, Model, Request, Spending
+from rvsg.generation.vlm.model import Answer, Message, Request, Spending
 
 CALLS, MESSAGES, HISTORIES, PICTURES = "calls.jsonl", "messages.jsonl", "histories.jsonl", "pictures"
-MEASURED, MEASURED_BEFORE = "measured.jsonl", ("told.jsonl", "told")
+MEASURED = "measured.jsonl"
+SHOWN_CHARACTERS = 160
+TELLS_A_REHEARSAL = "rehearse"
+"""The purpose of a call whose last message tells what was simulated; like all measurements it may differ today."""
 
 
 class RecordedCall(Record):
@@ -63,18 +68,14 @@ class Recording:
                 self._calls.append(RecordedCall.model_validate(value))
             except ValidationError as error:
                 first = error.errors()[0]
-                place = ".".join(str(part) for part in first["loc"])
-                raise FileError(
-                    self.folder / CALLS, f"not a recorded call: {place}: {first['msg']}", line=line
-                ) from None
-
+                what = f"not a recorded call: {'.'.join(str(part) for part in first['loc'])}: {first['msg']}"
+                raise FileError(self.folder / CALLS, what, line=line) from None
         self._histories = {
             str(value.get("name")): tuple(value.get("messages", ())) for _, value in _lines(self.folder / HISTORIES)
         }
-        before, key = MEASURED_BEFORE
-        self._measured = {str(value.get("session")): value.get(key) for _, value in _lines(self.folder / before)}
-        for _, value in _lines(self.folder / MEASURED):
-            self._measured[str(value.get("session"))] = value.get("measured")
+        self._measured = {
+            str(value.get("session")): value.get("measured") for _, value in _lines(self.folder / MEASURED)
+        }
 
     def __len__(self) -> int:
         return len(self._calls)
@@ -91,11 +92,12 @@ class Recording:
                 f"{self.folder / MESSAGES} holds no message {message_id}; the record is damaged."
             ) from None
 
-    def answered(self, key: str, request_id: str, model: str) -> RecordedCall | None:
-        """The call that this model answered at that place for that very request."""
+    def answered(self, key: str, request_id: str, model: str) -> Answer | None:
+        """The answer that this model gave at that place to that very request."""
         asked = (key, request_id, model)
-        found = (c for c in self._calls if (c.key, c.request, c.model) == asked and c.answer is not None)
-        return next(found, None)
+        found = (call.answer for call in self._calls if (call.key, call.request, call.model) == asked and call.answer)
+        answer = next(found, None)
+        return answer.model_copy(update={"source": "record"}) if answer is not None else None
 
     def spent(self) -> Spending:
         """What all the answered calls of the record cost together."""
@@ -107,28 +109,26 @@ class Recording:
 
     def keep(self, request: Request, model: str, *, answer: Answer | None = None, error: str | None = None) -> None:
         """Append a call with its messages and pictures; on return it is on the disk."""
-        with self._lock:
-            try:
-                self.folder.mkdir(parents=True, exist_ok=True)
-                for picture in request.pictures.values():
-                    self._keep_picture(picture.digest, picture.png)
-                ids = [self._keep_text("message", m.model_dump(mode="json")) for m in request.messages]
-                shape = self._keep_text("shape", request.shape) if request.shape is not None else None
-                call = RecordedCall(
-                    key=request.key,
-                    session=request.session,
-                    number=request.number,
-                    purpose=request.purpose,
-                    model=model,
-                    request=request.id,
-                    messages=tuple(ids),
-                    shape=shape,
-                    answer=answer,
-                    error=error,
-                )
-                _append(self.folder / CALLS, call.model_dump(mode="json"))
-            except OSError as failure:
-                raise StoreError(f"The call cannot be recorded in {self.folder}: {failure}") from None
+        with self._writing("call"):
+            for picture in request.pictures.values():
+                path = self.folder / PICTURES / f"{picture.digest}.png"
+                if not path.exists():
+                    path.parent.mkdir(exist_ok=True)
+                    path.write_bytes(picture.png)
+            messages = self._keep_messages(request.messages)
+            call = RecordedCall(
+                key=request.key,
+                session=request.session,
+                number=request.number,
+                purpose=request.purpose,
+                model=model,
+                request=request.id,
+                messages=messages,
+                shape=self._keep_text("shape", request.shape) if request.shape is not None else None,
+                answer=answer,
+                error=error,
+            )
+            _append(self.folder / CALLS, call.model_dump(mode="json"))
             self._calls.append(call)
 
     def history(self, name: str) -> tuple[Message, ...] | None:
@@ -138,33 +138,38 @@ class Recording:
 
     def keep_history(self, name: str, messages: Iterable[Message]) -> None:
         """Keep a conversation to go on from."""
-        with self._lock:
-            try:
-                self.folder.mkdir(parents=True, exist_ok=True)
-                ids = tuple(self._keep_text("message", m.model_dump(mode="json")) for m in messages)
-                if self._histories.get(name) != ids:
-                    _append(self.folder / HISTORIES, {"name": name, "messages": list(ids)})
-            except OSError as failure:
-                raise StoreError(f"The conversation cannot be recorded in {self.folder}: {failure}") from None
+        with self._writing("conversation"):
+            ids = self._keep_messages(messages)
+            if self._histories.get(name) != ids:
+                _append(self.folder / HISTORIES, {"name": name, "messages": list(ids)})
             self._histories[name] = ids
 
-    def measured(self, session: str) -> Any:
-        """What the prompts of a session were written from, or of one at the same place; None where it is not kept."""
-        if session in self._measured:
-            return self._measured[session]
-        return next((value for name, value in self._measured.items() if place_of(name) == place_of(session)), None)
+    def measured(self, session: str) -> dict[str, Any]:
+        """What the prompts of a session were written from, or of one at the same place; empty where it is not kept."""
+        found = self._measured.get(session)
+        if session not in self._measured:
+            place = place_of(session)
+            found = next((value for name, value in self._measured.items() if place_of(name) == place), None)
+        return found if isinstance(found, dict) else {}
 
     def keep_measured(self, session: str, measured: Any) -> None:
         """Keep what the prompts of a session are written from."""
+        with self._writing("call"):
+            if self._measured.get(session) != measured:
+                _append(self.folder / MEASURED, {"session": session, "measured": measured})
+                self._measured[session] = measured
+
+    @contextmanager
+    def _writing(self, what: str) -> Iterator[None]:
         with self._lock:
-            if self._measured.get(session) == measured:
-                return
             try:
                 self.folder.mkdir(parents=True, exist_ok=True)
-                _append(self.folder / MEASURED, {"session": session, "measured": measured})
+                yield
             except OSError as failure:
-                raise StoreError(f"The call cannot be recorded in {self.folder}: {failure}") from None
-            self._measured[session] = measured
+                raise StoreError(f"The {what} cannot be recorded in {self.folder}: {failure}") from None
+
+    def _keep_messages(self, messages: Iterable[Message]) -> tuple[str, ...]:
+        return tuple(self._keep_text("message", message.model_dump(mode="json")) for message in messages)
 
     def _keep_text(self, kind: str, value: Any) -> str:
         text_id = content_id(kind, value)
@@ -174,44 +179,6 @@ class Recording:
             self._texts[text_id] = line
         return text_id
 
-    def _keep_picture(self, digest: str, png: bytes) -> None:
-        path = self.folder / PICTURES / f"{digest}.png"
-        if not path.exists():
-            path.parent.mkdir(exist_ok=True)
-            path.write_bytes(png)
-
-
-class Recorded:
-    """A model whose calls are kept, and whose answer is taken from the record where it gave it there already.
-
-    That makes a campaign that was stopped between two calls go on where it was, at no cost.
-    """
-
-    def __init__(self, model: Model, recording: Recording) -> None:
-        self._model = model
-        self.recording = recording
-
-    @property
-    def name(self) -> str:
-        """The name of the model."""
-        return self._model.name
-
-    def ask(self, request: Request) -> Answer:
-        """The recorded answer, or the model's, which is then kept. A failed call is kept too."""
-        known = self.recording.answered(request.key, request.id, self.name)
-        if known is not None and known.answer is not None:
-            return known.answer.model_copy(update={"source": "record"})
-        failure: ModelUnavailable | None = None
-        try:
-            answer = self._model.ask(request)
-        except ModelUnavailable as error:
-            failure = error
-        if failure is not None:
-            self.recording.keep(request, self._model.name, error=str(failure))
-            raise failure
-        self.recording.keep(request, self._model.name, answer=answer)
-        return answer
-
 
 def place_of(session: str) -> str:
     """A session without what differs from seed to seed: `s000-c01` of `s000-c01-5f3a...`."""
@@ -220,19 +187,15 @@ def place_of(session: str) -> str:
 
 
 def _append(path: Path, value: Any) -> None:
-    """Append one line in one write, and wait until it is on the disk."""
-    data = (canonical_json(value) + "\n").encode()
-    cut_off = path.exists() and path.stat().st_size > 0 and not _ends_line(path)
-    with path.open("ab") as file:
-        file.write(b"\n" + data if cut_off else data)
+    """Append one line in one write, on a line of its own after one that was cut off; wait until it is on the disk."""
+    with path.open("ab+") as file:
+        cut_off = b""
+        if file.tell():
+            file.seek(-1, os.SEEK_END)
+            cut_off = b"" if file.read(1) == b"\n" else b"\n"
+        file.write(cut_off + (canonical_json(value) + "\n").encode())
         file.flush()
         os.fsync(file.fileno())
-
-
-def _ends_line(path: Path) -> bool:
-    with path.open("rb") as file:
-        file.seek(-1, os.SEEK_END)
-        return file.read(1) == b"\n"
 
 
 def _lines(path: Path) -> Iterator[tuple[int, dict[str, Any]]]:
@@ -243,7 +206,6 @@ def _lines(path: Path) -> Iterator[tuple[int, dict[str, Any]]]:
         lines = path.read_text(encoding="utf-8", errors="replace").split("\n")
     except OSError as error:
         raise FileError(path, f"cannot be read: {error.strerror}") from None
-    whole = len(lines) - 1
     for number, line in enumerate(lines, start=1):
         if not line.strip():
             continue
@@ -252,17 +214,12 @@ def _lines(path: Path) -> Iterator[tuple[int, dict[str, Any]]]:
         except ValueError:
             # Only a write that was cut off leaves a broken line: the last one, or one that was later continued
             # on a line of its own. Anything shorter than a record is not worth more.
-            if number >= whole or len(line) < 2 or not line.endswith("}"):
+            if number >= len(lines) - 1 or len(line) < 2 or not line.endswith("}"):
                 continue
             raise FileError(path, "not a line of JSON", line=number) from None
         if not isinstance(value, dict):
             raise FileError(path, "expected an object of JSON", line=number)
         yield number, value
-
-
-SHOWN_CHARACTERS = 160
-TELLS_A_REHEARSAL = "rehearse"
-"""The purpose of a call whose last message tells what was simulated; like all measurements it may differ today."""
 
 
 class Divergence(Record):
@@ -287,32 +244,24 @@ class Replayed:
     def __init__(self, recording: Recording, *, strict: bool = False) -> None:
         self._recording = recording
         self._strict = strict
+        self._calls = {call.key: call for call in recording if call.answer is not None}
         self._sessions: dict[str, list[str]] = defaultdict(list)
+        for session in dict.fromkeys(call.session for call in self._calls.values()):
+            self._sessions[place_of(session)].append(session)
         self._taken: dict[str, str] = {}
-        self._calls: dict[str, RecordedCall] = {}
         self.divergences: list[Divergence] = []
-        for call in recording:
-            if call.answer is None:
-                continue
-            self._calls[call.key] = call
-            sessions = self._sessions[place_of(call.session)]
-            if call.session not in sessions:
-                sessions.append(call.session)
-
-    @property
-    def name(self) -> str:
-        """The name of the recorded model."""
-        return next((call.model for call in self._recording), "recorded")
+        self.name = next((call.model for call in recording), "recorded")
 
     def ask(self, request: Request) -> Answer:
         """The recorded answer; ReplayDiverged where there is none, or where it is strict and the requests differ."""
         session = self._session(request)
         call = self._calls.get(f"{session}/{request.number:02d}-{request.purpose}") if session else None
         if call is None or call.answer is None:
-            ended = session is None and not self._strict
-            raise (NotRecorded if ended else ReplayDiverged)(self._told_missing(request, session))
-        if call.request != request.id and not self._differs_in_the_rehearsal(request, call):
-            divergence = Divergence(key=request.key, what=self._difference(request, call))
+            raise self._missing(request, session)
+        recorded = [self._recording.message(i) for i in call.messages]
+        rehearsed = request.purpose == TELLS_A_REHEARSAL and list(request.messages[:-1]) == recorded[:-1]
+        if call.request != request.id and not rehearsed:
+            divergence = Divergence(key=request.key, what=_difference(request, recorded))
             self.divergences.append(divergence)
             if self._strict:
                 raise ReplayDiverged(
@@ -333,48 +282,42 @@ class Replayed:
             self._taken[request.session] = chosen
         return self._taken[request.session]
 
-    def _differs_in_the_rehearsal(self, request: Request, call: RecordedCall) -> bool:
-        """Return whether the requests are equal but for the last message, which tells a rehearsal."""
-        recorded = [self._recording.message(i) for i in call.messages]
-        return request.purpose == TELLS_A_REHEARSAL and list(request.messages[:-1]) == recorded[:-1]
-
-    def _told_missing(self, request: Request, session: str | None) -> str:
+    def _missing(self, request: Request, session: str | None) -> ReplayDiverged:
+        folder = self._recording.folder
         if session is None:
-            return (
-                f"The record in {self._recording.folder} holds no answer for attempt {place_of(request.session)} "
+            return (ReplayDiverged if self._strict else NotRecorded)(
+                f"The record in {folder} holds no answer for attempt {place_of(request.session)} "
                 f"(it is asked for the call {request.purpose}). It holds {len(self._sessions)} attempts: ask for no "
                 "more scenarios and refinements than were recorded, or record the rest with a model."
             )
-        held = [c.key.split("/")[1] for c in self._calls.values() if c.session == session]
-        return (
-            f"The record in {self._recording.folder} diverges at call {request.key}: the attempt's recorded calls are "
-            f"{', '.join(held)}. The checker or the prompts have changed since; record it again with a model."
+        held = ", ".join(call.key.split("/")[1] for call in self._calls.values() if call.session == session)
+        return ReplayDiverged(
+            f"The record in {folder} diverges at call {request.key}: the attempt's recorded calls are "
+            f"{held}. The checker or the prompts have changed since; record it again with a model."
         )
 
-    def _difference(self, request: Request, call: RecordedCall) -> str:
-        """Return where the present request first differs, in words."""
-        recorded = [self._recording.message(i) for i in call.messages]
-        for index, (now, then) in enumerate(zip(request.messages, recorded, strict=False), start=1):
-            if now != then:
-                return f"message {index} ({now.role}): {_message_difference(now, then)}"
-        if len(recorded) != len(request.messages):
-            return f"{len(request.messages)} messages instead of {len(recorded)}"
-        return "the shape of the reply that is asked for"
+
+def _difference(request: Request, recorded: list[Message]) -> str:
+    """Return where the present request first differs from the recorded messages, in words."""
+    for index, (now, then) in enumerate(zip(request.messages, recorded, strict=False), start=1):
+        if now != then:
+            return f"message {index} ({now.role}): {_message_difference(now, then)}"
+    if len(recorded) != len(request.messages):
+        return f"{len(request.messages)} messages instead of {len(recorded)}"
+    return "the shape of the reply that is asked for"
 
 
 def _message_difference(now: Message, then: Message) -> str:
-    if now.text != then.text:
-        lines_now, lines_then = now.text.splitlines(), then.text.splitlines()
-        for number, (a, b) in enumerate(zip(lines_now, lines_then, strict=False), start=1):
-            if a != b:
-                return f"line {number} is {_shown(a)}, recorded {_shown(b)}"
-        return f"{len(lines_now)} lines instead of {len(lines_then)}"
+    lines_now, lines_then = now.text.splitlines(), then.text.splitlines()
+    for number, (a, b) in enumerate(zip_longest(lines_now, lines_then), start=1):
+        if a is None or b is None:
+            return f"{len(lines_now)} lines instead of {len(lines_then)}"
+        if a != b:
+            return f"line {number} is {_shown(a)}, recorded {_shown(b)}"
     for a_picture, b_picture in zip(now.pictures, then.pictures, strict=False):
         if a_picture != b_picture:
             return f'picture "{a_picture.name}" is {a_picture.digest}, recorded {b_picture.digest}'
-    if now.role != then.role:
-        return f"its role is {now.role}, recorded {then.role}"
-    return "its pictures"
+    return f"its role is {now.role}, recorded {then.role}" if now.role != then.role else "its pictures"
 
 
 def _shown(line: str) -> str:
