@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-import gzip
-import hashlib
 import shutil
 import sqlite3
 import threading
@@ -16,10 +14,9 @@ from tests.campaign.parts import WalkGenerator, plan, warehouse
 from rvsg.campaign.attempt import Attempt, Measurement
 from rvsg.core.errors import NewerStore, StoreError
 from rvsg.core.records import canonical_json, content_id
-from rvsg.evaluation.metrics.registry import measure
 from rvsg.generation.generator import Proposal
 from rvsg.scenario.brief import Brief
-from rvsg.simulation.archive import PackedRun, arrays_of, run_from_json, run_to_json
+from rvsg.simulation.archive import MAGIC, PackedRun, arrays_of, run_from_json, run_to_json
 from rvsg.simulation.kinematic import KinematicSimulator
 from rvsg.simulation.run import Run
 from rvsg.store.sqlite import SqliteLedger, pack_record
@@ -314,47 +311,24 @@ def test_a_single_number_changed_in_the_arrays_of_a_run_is_noticed(tmp_path: Pat
     assert str(path) in str(refused.value) and run.id in str(refused.value)  # which run of which file is lost
 
 
-def unpacked(path: Path, attempt: Attempt, *, version: int) -> None:
-    """Make a store that holds one attempt one of a version that kept records as text."""
-    altered(
-        path,
-        ("UPDATE attempts SET record = ?", (canonical_json(attempt.model_dump(mode="json")),)),
-        ("DROP TABLE dictionaries", ()),
-        (f"PRAGMA user_version={version}", ()),
-    )
-
-
-def older_store(path: Path, attempt: Attempt, run: Run) -> None:
-    """A store as the first version made it: without checksums."""
-    with SqliteLedger(path) as ledger:
-        ledger.append(attempt, [PackedRun.of(run)])
-    unpacked(path, attempt, version=1)
-    altered(path, ("ALTER TABLE runs DROP COLUMN checksum", ()))
-
-
-def test_a_store_from_before_there_were_checksums_opens_and_new_runs_get_one(tmp_path: Path) -> None:
-    attempt, run = an_attempt()
-    other, other_run = an_attempt(1)
+@pytest.mark.parametrize("version", range(1, len(MIGRATIONS)))
+def test_a_store_of_an_earlier_version_is_refused_and_left_alone(tmp_path: Path, version: int) -> None:
     path = tmp_path / "a.sqlite"
-    older_store(path, attempt, run)
-    with SqliteLedger(path) as ledger:
-        assert same(ledger.run(run.id), run)
-        ledger.append(other, [PackedRun.of(other_run)])
-    connection = sqlite3.connect(path)
-    kept = dict(connection.execute("SELECT id, checksum FROM runs"))
-    connection.close()
-    assert kept[run.id] is None and kept[other_run.id]
+    SqliteLedger(path).close()
+    altered(path, (f"PRAGMA user_version={version}", ()))
+    before = path.read_bytes()
+    for opened in (SqliteLedger, SqliteLedger.existing):
+        with pytest.raises(StoreError, match="earlier RVSG") as refused:
+            opened(path)
+        assert refused.value.code == "store-earlier"
+    assert path.read_bytes() == before
 
 
-@pytest.mark.parametrize("older", [False, True])
-def test_a_store_that_may_not_be_written_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, older: bool) -> None:
+def test_a_store_that_may_not_be_written_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     attempt, run = an_attempt()
     path = tmp_path / "a store.sqlite"
-    if older:
-        older_store(path, attempt, run)
-    else:
-        with SqliteLedger(path) as ledger:
-            ledger.append(attempt, [PackedRun.of(run)])
+    with SqliteLedger(path) as ledger:
+        ledger.append(attempt, [PackedRun.of(run)])
     before = path.read_bytes()
     monkeypatch.setattr("os.access", lambda *_: False)
     with SqliteLedger.existing(path) as ledger:
@@ -390,7 +364,7 @@ def test_damage_anywhere_in_the_file_is_told_when_it_is_opened(tmp_path: Path) -
         ledger.begin("test", {"some": "settings"})
         ledger.append(attempt, [PackedRun.of(run)])
     whole = path.read_bytes()
-    arrays = whole.index(b"RVQ2")
+    arrays = whole.index(MAGIC)
     for begin, length in ((arrays + 50, 8), (len(whole) // 2, 9000)):
         path.write_bytes(whole[:begin] + b"\xa5" * length + whole[begin + length :])
         for opened in (SqliteLedger, SqliteLedger.existing):
@@ -425,61 +399,3 @@ def test_records_are_packed_against_the_first_with_measurements_and_one_may_be_l
         ledger.append(attempts[1], [])
         assert list(ledger.attempts("test")) == attempts
     assert kept_records(path) == packed
-
-
-@pytest.mark.parametrize("writable", [True, False])
-def test_a_store_of_version_3_keeps_its_records_as_text_and_goes_on_packed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, writable: bool
-) -> None:
-    (first, _), (second, _) = a_measured_attempt(), a_measured_attempt(1)
-    path = tmp_path / "a.sqlite"
-    with SqliteLedger(path) as ledger:
-        ledger.append(first, [])
-    unpacked(path, first, version=3)
-    if not writable:
-        monkeypatch.setattr("os.access", lambda *_: False)
-    with SqliteLedger.existing(path) as ledger:
-        assert list(ledger.attempts("test")) == [first]
-        if writable:
-            ledger.append(second, [])
-            assert list(ledger.attempts("test")) == [first, second]
-    kept = kept_records(path)
-    assert isinstance(kept[0], str) and (not writable or isinstance(kept[1], bytes))
-
-
-@pytest.mark.parametrize("opened", [SqliteLedger, SqliteLedger.existing])
-def test_a_store_of_version_2_is_read_bit_for_bit_and_goes_on(
-    tmp_path: Path, opened: Callable[[Path], SqliteLedger]
-) -> None:
-    path = tmp_path / "old.sqlite"
-    path.write_bytes(gzip.decompress((Path(__file__).parent / "version_2.sqlite.gz").read_bytes()))
-    attempt, run = an_attempt(1)
-    with opened(path) as ledger:
-        (old,) = ledger.attempts("old")
-        (measured,) = old.measurements
-        found = ledger.run(measured.run_id)
-        digest = hashlib.sha256()
-        for name, array in sorted(arrays_of(found).items()):
-            digest.update(name.encode() + array.tobytes())
-        assert digest.hexdigest() == "3dca148252cf92fed1a93c76a185bf2358c8e26f439339f45636664e5ef0b005"
-        assert measure(found, world=warehouse())["dto"] == measured.values["dto"]
-        ledger.append(attempt.replace(campaign="old"), [PackedRun.of(run)])
-        assert same(ledger.run(run.id), run)
-        assert len(list(ledger.attempts("old"))) == 2
-
-
-def test_a_store_of_version_4_is_read_bit_for_bit_and_goes_on(tmp_path: Path) -> None:
-    path = tmp_path / "old.sqlite"
-    path.write_bytes(gzip.decompress((Path(__file__).parent / "version_4.sqlite.gz").read_bytes()))
-    attempt, run = an_attempt(2)
-    with SqliteLedger.existing(path) as ledger:
-        found = [ledger.run(old.measurements[0].run_id) for old in ledger.attempts("old")]
-        digests = []
-        for each in found:
-            digest = hashlib.sha256()
-            for name, array in sorted(arrays_of(each).items()):
-                digest.update(name.encode() + array.tobytes())
-            digests.append(digest.hexdigest()[:16])
-        assert digests == ["038cd8972221b545", "3bb5ae4735fe986d"]
-        ledger.append(attempt.replace(campaign="old"), [PackedRun.of(run)])
-        assert len(list(ledger.attempts("old"))) == 3 and same(ledger.run(run.id), run)

@@ -65,7 +65,7 @@ def unmeasured(run: Run, place: World | None = None) -> Measurement:
 class RunMaker:
     """Simulates, measures and packs one run at a time; the same in this process, a worker, or a cluster.
 
-    A run is rounded before it is measured (see `rvsg.simulation.quantised`), so that a run read from the store has
+    A run is rounded before it is measured (see `rvsg.simulation.archive`), so that a run read from the store has
     exactly the metrics it had when it was made.
     """
 

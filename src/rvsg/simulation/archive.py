@@ -1,14 +1,20 @@
 """A Run as bytes and as JSON, and back: exact to the last bit.
 
 As JSON a run is one object: the fields of `RunHeader`, and `arrays`, each a list (a list of rows where it has a row
-per sample and a column per human). As bytes it is a PackedRun: the header's JSON and the same arrays, compressed (see
-`rvsg.simulation.quantised`). Stores of version 2 and older hold a NumPy archive beside the header instead.
+per sample and a column per human). As bytes it is a PackedRun: the header and the arrays in one stream of the standard
+library's LZMA. Before it, `rounded` brings the arrays to the steps in which they are stored.
+
+In the stream, an array whose values are multiples of its step is stored as integers, each the change since the sample
+before, and the bytes of all integers are sorted by significance: most of the upper ones are 0. Without that, LZMA
+needs four times as much. Any other array is stored as it is, so that `decode` returns what `encode` was given.
 """
 
 from __future__ import annotations
 
-import io
 import json
+import lzma
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, Self
 
@@ -20,13 +26,29 @@ from pydantic import Field
 from rvsg.core.errors import InputError
 from rvsg.core.records import Record, canonical_json
 from rvsg.simulation.events import RecordedEvent
-from rvsg.simulation.quantised import decode, encode, rounded_arrays
 from rvsg.simulation.run import Outcome, Run, Trajectory
+
+Floats = NDArray[np.float64]
 
 PER_SAMPLE = ("t", "x", "y", "yaw", "v", "omega", "acceleration")
 LATERAL = "lateral"
 """An array per sample that only runs of a base that moves sideways have."""
 PER_HUMAN = ("human_x", "human_y", "human_yaw", "human_speed")
+
+DECIMALS = {
+    **dict.fromkeys(("x", "y", "v", "omega", "acceleration", "lateral", "imu", *PER_HUMAN), 4),
+    "t": 6,
+    "yaw": 6,
+}
+"""Decimals kept, by the last part of an array's name; SI units, so 4 is 0.1 mm, 0.1 mm/s, 0.0001 m/s2.
+
+Jerk is a second difference of the robot's yaw, so yaw has more."""
+MAGIC = b"RVR3"
+EARLIER = (b"RVQ1", b"RVQ2")
+MOST_BYTES = 256_000_000
+"""No archive is larger when it is unpacked."""
+EXACT = 2**50
+"""Integers below this are exact as float64, and so are their differences."""
 
 LARGEST = 1e6
 """No number of a run is larger, in SI units: beyond it, squares and exponentials of the metrics overflow."""
@@ -69,7 +91,7 @@ def header_of(run: Run) -> RunHeader:
         raise InputError(f"the simulator {run.simulator} made a run that cannot be stored: {error}") from None
 
 
-def arrays_of(run: Run) -> dict[str, NDArray[np.float64]]:
+def arrays_of(run: Run) -> dict[str, Floats]:
     """The run's arrays by name: `trajectory.x`, `log.x`, ..., `imu`."""
     parts = {"trajectory": run.trajectory} | ({} if run.log is run.trajectory else {"log": run.log})
     found = {f"{part}.{name}": array for part, path in parts.items() for name, array in series_of(path).items()}
@@ -77,13 +99,13 @@ def arrays_of(run: Run) -> dict[str, NDArray[np.float64]]:
     return {name: np.asarray(array, dtype=np.float64) for name, array in found.items()}
 
 
-def series_of(path: Trajectory) -> dict[str, NDArray[np.float64]]:
+def series_of(path: Trajectory) -> dict[str, Floats]:
     """The arrays of a trajectory by name, in the order in which they are stored."""
     names = (*PER_SAMPLE, *PER_HUMAN, *((LATERAL,) if path.lateral.size else ()))
     return {name: getattr(path, name) for name in names}
 
 
-def assemble(header: RunHeader, arrays: dict[str, NDArray[np.float64]]) -> Run:
+def assemble(header: RunHeader, arrays: dict[str, Floats]) -> Run:
     """The run of a header and arrays; InputError where their shapes do not fit or a number is not finite."""
     trajectory = _trajectory("trajectory", arrays, len(header.human_names))
     log = trajectory if header.same_log else _trajectory("log", arrays, len(header.human_names))
@@ -136,10 +158,84 @@ def unpack(data: bytes) -> Run:
     return assemble(RunHeader.from_json(header), arrays)
 
 
-def unpack_numpy(header: str, archive: bytes) -> Run:
-    """Return the run of a header and a NumPy archive, as stores of version 2 and older hold it."""
-    with np.load(io.BytesIO(archive), allow_pickle=False) as found:
-        return assemble(RunHeader.from_json(header), {name: found[name] for name in found.files})
+def rounded_arrays(arrays: Mapping[str, Floats]) -> dict[str, Floats]:
+    """Round each array to the decimals of its name; one of another name, or with huge values, stays as it is."""
+    return {
+        name: array if (steps := _steps(name, array)) is None else steps / _scale(name)
+        for name, array in arrays.items()
+    }
+
+
+def encode(text: str, arrays: Mapping[str, Floats]) -> bytes:
+    """Encode a text and named arrays; equal input gives equal bytes."""
+    listed, plain, changes = [], [], [np.empty(0, np.int64)]
+    for name, array in arrays.items():
+        steps = _steps(name, array)
+        exact = steps is not None and np.array_equal(steps / _scale(name), array)
+        listed.append([name, array.shape, exact])
+        if exact and steps is not None:
+            change = np.diff(steps.astype(np.int64).reshape(len(array), -1), axis=0, prepend=0).T.ravel()
+            changes.append((change << 1) ^ (change >> 63))  # 0, -1, 1, -2 ... become 0, 1, 2, 3 ...
+        else:
+            plain.append(array.astype("<f8").tobytes())
+    planes = np.concatenate(changes).astype("<i8").view(np.uint8).reshape(-1, 8).T.tobytes()
+    said = text.encode()
+    line = json.dumps([len(said), listed], separators=(",", ":")).encode()
+    body = b"".join([line, b"\n", said, *plain, planes])
+    return MAGIC + lzma.compress(body, check=lzma.CHECK_CRC32, preset=1)
+
+
+def decode(data: bytes) -> tuple[str, dict[str, Floats]]:
+    """Decode what `encode` returned.
+
+    Raises:
+        ValueError: The bytes are not from `encode`.
+    """
+    if data.startswith(EARLIER):
+        raise ValueError("an earlier version of RVSG stored this run; read it with that version")
+    if not data.startswith(MAGIC):
+        raise ValueError("this is no archive of a run")
+    stream = lzma.LZMADecompressor(format=lzma.FORMAT_XZ, memlimit=2**26)
+    try:
+        body = stream.decompress(data[len(MAGIC) :], max_length=MOST_BYTES)
+        if not stream.eof:
+            raise ValueError("it ends too early, or is too large")
+        return _decoded(body)
+    except (lzma.LZMAError, ValueError, TypeError, LookupError, ArithmeticError, RecursionError) as error:
+        raise ValueError(f"the archive is damaged ({error})") from None
+
+
+def _decoded(body: bytes) -> tuple[str, dict[str, Floats]]:
+    line, _, rest = body.partition(b"\n")
+    length, listed = json.loads(line)
+    sizes = [math.prod(shape) for _, shape, _ in listed]
+    end = length + 8 * sum(size for size, (_, _, exact) in zip(sizes, listed, strict=True) if not exact)
+    folded = np.frombuffer(rest[end:], np.uint8).reshape(8, -1).T.copy().view("<u8").ravel()
+    changes = (folded >> np.uint64(1)).astype(np.int64) ^ -(folded & np.uint64(1)).astype(np.int64)
+    found: dict[str, Floats] = {}
+    at, place = length, 0
+    for (name, shape, exact), size in zip(listed, sizes, strict=True):
+        if exact:
+            steps = changes[place : place + size].reshape(-1, shape[0]).cumsum(axis=1).T
+            found[name], place = np.ascontiguousarray(steps).reshape(shape) / _scale(name), place + size
+        else:
+            found[name], at = np.frombuffer(rest[at : at + 8 * size], "<f8").reshape(shape).copy(), at + 8 * size
+    if place != len(changes):
+        raise ValueError("it has another length than it says")
+    return rest[:length].decode(), found
+
+
+def _steps(name: str, array: Floats) -> Floats | None:
+    """Return an array as multiples of its step, to the nearest; None where it is not rounded."""
+    if not array.size or name.rpartition(".")[2] not in DECIMALS:
+        return None
+    with np.errstate(over="ignore", invalid="ignore"):
+        scaled = np.ascontiguousarray(array) * _scale(name)  # sums of other layouts differ in the last bit
+        return np.rint(scaled) if (np.abs(scaled) < EXACT).all() else None
+
+
+def _scale(name: str) -> float:
+    return float(10.0 ** DECIMALS[name.rpartition(".")[2]])
 
 
 def run_to_json(run: Run) -> str:
@@ -182,8 +278,8 @@ def _check_people(run: Run | RunHeader) -> None:
         raise InputError("human_groups must have one group (or null) for each of human_names, or be empty")
 
 
-def _trajectory(prefix: str, arrays: dict[str, NDArray[np.float64]], humans: int) -> Trajectory:
-    found: dict[str, NDArray[np.float64]] = {}
+def _trajectory(prefix: str, arrays: dict[str, Floats], humans: int) -> Trajectory:
+    found: dict[str, Floats] = {}
     sideways = (LATERAL,) if f"{prefix}.{LATERAL}" in arrays else ()
     for name in PER_SAMPLE + PER_HUMAN + sideways:
         array = arrays.get(f"{prefix}.{name}")
@@ -198,7 +294,7 @@ def _trajectory(prefix: str, arrays: dict[str, NDArray[np.float64]], humans: int
     return Trajectory(**found)
 
 
-def _bounded(name: str, array: NDArray[np.float64]) -> NDArray[np.float64]:
+def _bounded(name: str, array: Floats) -> Floats:
     if not np.isfinite(array).all():
         raise InputError(f"{name} holds numbers that are not finite")
     if array.size and np.abs(array).max() > LARGEST:

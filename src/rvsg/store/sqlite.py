@@ -13,7 +13,6 @@ import datetime
 import hashlib
 import json
 import sqlite3
-import zipfile
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
@@ -29,7 +28,7 @@ from rvsg.campaign.attempt import Attempt
 from rvsg.campaign.ledger import Sharing
 from rvsg.core.errors import InputError, StoreError
 from rvsg.core.records import canonical_json, text_id
-from rvsg.simulation.archive import PackedRun, unpack, unpack_numpy
+from rvsg.simulation.archive import PackedRun, unpack
 from rvsg.simulation.run import Run
 from rvsg.store.sqlite_file import BUSY, engine_of, has_log, may_write, migrate, result_code, version_of
 
@@ -346,8 +345,8 @@ class SqliteLedger:
         if not _is_whole(row):
             raise self._damaged(f"{run_id} is not what was stored: it lost the checksum it was kept with")
         try:
-            run = unpack_numpy(row.header, row.arrays) if row.header else unpack(row.arrays)
-        except (ValidationError, InputError, ValueError, OSError, zipfile.BadZipFile, zlib.error) as error:
+            run = unpack(row.arrays)
+        except (ValidationError, InputError, ValueError) as error:
             raise self._damaged(f"{run_id} cannot be read ({error})") from None
         if run.id != run_id:
             raise self._damaged(f"{run_id} is not what was stored")

@@ -11,6 +11,7 @@ from __future__ import annotations
 import os
 import sqlite3
 import time
+from itertools import chain
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -40,15 +41,17 @@ MIGRATIONS: tuple[tuple[str, ...], ...] = (
     (),
     # From here on the record of an attempt is packed (see `rvsg.store.sqlite`). Text that is there stays.
     ("CREATE TABLE dictionaries (campaign TEXT PRIMARY KEY, packed BLOB NOT NULL)",),
-    # From here on archives of runs foretell (see `rvsg.simulation.quantised`). Nothing asks for these indexes.
+    # Nothing asks for these indexes.
     ("DROP INDEX IF EXISTS runs_by_scenario", "DROP INDEX IF EXISTS attempts_by_scenario"),
+    # From here on archives of runs are LZMA streams (see `rvsg.simulation.archive`). Stores before are refused.
+    (),
 )
 
 
 PATIENCE_S = 30.0
 """How long to wait for another process that holds the file."""
 PAGE_BYTES = 16384
-"""Of a new file: a run takes some 3 kB, and of smaller pages a fifth would stay empty."""
+"""Of a new file: a run takes some 6 kB, and of smaller pages a part would stay empty."""
 LOG_PAGES = 250
 """Pages that the write-ahead log holds before they are moved into the file."""
 BUSY = (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED)
@@ -115,24 +118,25 @@ def write_ahead(cursor: sqlite3.Cursor, patience_s: float) -> None:
 
 
 def migrate(connection: sa.Connection, path: Path) -> None:
-    """Bring the file to the newest schema, one migration after the other; refuse a foreign or a newer file.
+    """Make the tables of a new file; refuse a foreign file, and one of another version.
 
-    Each migration is one transaction that begins by taking the file and looking again: another process may have
-    opened the same new file, or been killed while it did.
+    One transaction, which begins by taking the file and looking again: another process may have opened the same new
+    file, or been killed while it did.
     """
-    while (version := version_of(connection, path)) < len(MIGRATIONS):
-        connection.rollback()
-        connection.exec_driver_sql("BEGIN IMMEDIATE")
-        if version_of(connection, path) == version:
-            for statement in MIGRATIONS[version]:
-                connection.exec_driver_sql(statement)
-            connection.exec_driver_sql(f"PRAGMA application_id={APPLICATION_ID}")
-            connection.exec_driver_sql(f"PRAGMA user_version={version + 1}")
-        connection.commit()
+    if version_of(connection, path):
+        return
+    connection.rollback()
+    connection.exec_driver_sql("BEGIN IMMEDIATE")
+    if not version_of(connection, path):
+        for statement in chain(*MIGRATIONS):
+            connection.exec_driver_sql(statement)
+        connection.exec_driver_sql(f"PRAGMA application_id={APPLICATION_ID}")
+        connection.exec_driver_sql(f"PRAGMA user_version={len(MIGRATIONS)}")
+    connection.commit()
 
 
 def version_of(connection: sa.Connection, path: Path) -> int:
-    """Return how many migrations the file has seen; StoreError if it is not ours or newer."""
+    """Return the version of a file, 0 of a new one; StoreError if it is not ours, or of another version."""
     # One statement reads one state of the file: another process may be making it.
     row = connection.exec_driver_sql(
         "SELECT (SELECT user_version FROM pragma_user_version), (SELECT application_id FROM pragma_application_id), "
@@ -148,5 +152,11 @@ def version_of(connection: sa.Connection, path: Path) -> int:
         raise NewerStore(
             f"{path}: written by a newer RVSG (store version {version}; this is RVSG {rvsg.__version__} and knows "
             f"{len(MIGRATIONS)}). Update RVSG, or use another --out."
+        )
+    if 0 < version < len(MIGRATIONS):
+        raise StoreError(
+            f"{path}: written by an earlier RVSG (store version {version}; this is RVSG {rvsg.__version__} and reads "
+            f"{len(MIGRATIONS)}). Read it with that version, or use another --out.",
+            code="store-earlier",
         )
     return version
