@@ -55,7 +55,7 @@ def test_each_dimension_changes_what_it_is_named_for() -> None:
     seen = set()
     for i, dimension in enumerate(space.dimensions):
         for share in (0.02, 0.35, 0.98):
-            vector = space.start
+            vector = space.start.copy()
             vector[i] = share
             people = space.configuration(vector)
             if people is None:

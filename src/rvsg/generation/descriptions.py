@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from enum import Enum
 from typing import NamedTuple
 
 from rvsg.generation.generator import Call, Proposal
@@ -95,65 +94,31 @@ def in_company_of(name: str) -> str:
     return f"works together with {name}"
 
 
-class Manner(Enum):
-    """How somebody goes about their work."""
-
-    TROLLEY = "trolley"
-    WHEELCHAIR = "wheelchair"
-    CHILD = "child"
-    STOPS = "stops on the way"
-    CREEPS = "creeps"
-    SLOW = "slow"
-    TO_AND_FRO = "to and fro"
-    BRISK = "brisk"
-    STEADY = "steady"
-
-
-def manner_of(human: Human) -> Manner:
-    """Return how a person goes about it: by what they push, pauses, speed (m/s) and the number of places."""
-    if human.trolley is not None:
-        return Manner.TROLLEY
-    if human.kind is PersonKind.WHEELCHAIR:
-        return Manner.WHEELCHAIR
-    if human.kind is PersonKind.CHILD:
-        return Manner.CHILD
-    if any(task.pauses for task in human.tasks):
-        return Manner.STOPS
-    if human.speed_m_s <= 0.5:
-        return Manner.CREEPS
-    if human.speed_m_s <= 0.8:
-        return Manner.SLOW
-    if len(at_places(human.tasks)) == 2:
-        return Manner.TO_AND_FRO
-    return Manner.BRISK if human.speed_m_s >= 1.0 else Manner.STEADY
-
-
-ERRANDS = {
-    Manner.TROLLEY: "pushes a trolley",
-    Manner.WHEELCHAIR: "goes by wheelchair",
-    Manner.CHILD: "is a child who goes about",
-    Manner.STOPS: "walks about and stops on the way",
-    Manner.CREEPS: "walks slowly, step by step",
-    Manner.SLOW: "walks at a slow pace",
-    Manner.TO_AND_FRO: "goes to and fro",
-    Manner.BRISK: "walks round at a brisk pace",
-    Manner.STEADY: "walks round at a steady pace",
-}
-"""What somebody does in a place without goods."""
-WORK = ERRANDS | {
-    Manner.STOPS: "checks goods on the way and stops to note what is missing",
-    Manner.CREEPS: "moves a heavy load step by step",
-    Manner.SLOW: "carries a heavy load at a slow walk",
-    Manner.TO_AND_FRO: "sorts and tidies, going to and fro",
-    Manner.BRISK: "carries goods at a brisk walk",
-    Manner.STEADY: "carries goods at a steady walk",
-}
-"""What somebody does where goods are handled."""
-
-
 def work_of(human: Human, *, goods: bool) -> str:
-    """Return the work that fits a person; `goods`: in a place where goods are handled."""
-    return (WORK if goods else ERRANDS)[manner_of(human)]
+    """Return the work that fits a person: by what they push, pauses, speed (m/s) and the number of places.
+
+    Args:
+        goods: In a place where goods are handled.
+    """
+    if human.trolley is not None:
+        return "pushes a trolley"
+    if human.kind is PersonKind.WHEELCHAIR:
+        return "goes by wheelchair"
+    if human.kind is PersonKind.CHILD:
+        return "is a child who goes about"
+    if any(task.pauses for task in human.tasks):
+        work, errand = "checks goods on the way and stops to note what is missing", "walks about and stops on the way"
+    elif human.speed_m_s <= 0.5:
+        work, errand = "moves a heavy load step by step", "walks slowly, step by step"
+    elif human.speed_m_s <= 0.8:
+        work, errand = "carries a heavy load at a slow walk", "walks at a slow pace"
+    elif len(at_places(human.tasks)) == 2:
+        work, errand = "sorts and tidies, going to and fro", "goes to and fro"
+    elif human.speed_m_s >= 1.0:
+        work, errand = "carries goods at a brisk walk", "walks round at a brisk pace"
+    else:
+        work, errand = "carries goods at a steady walk", "walks round at a steady pace"
+    return work if goods else errand
 
 
 def _work(human: Human) -> tuple[str, list[str]]:

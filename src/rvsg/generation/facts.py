@@ -50,7 +50,8 @@ NEWS = 0.1
 TOLD_AS_MEASURED = frozenset(
     {
         *("parts", "passings", "arrival_s", "arrived", "touched", "touches", "touches_elsewhere"),
-        *("best_mean", "best_runs", "tried", "tuning"),
+        *("best_mean", "best_runs", "tried", "tuning", "tuned", "capped", "objectives", "mildest", "mean"),
+        *("violation_share", "previous_mean", "influences", "series_of"),
     }
 )
 
@@ -275,27 +276,18 @@ def feedback_facts(
     return {
         "beyond": None if limit is None else (limit - feedback.mean) * (1 if worse == "smaller" else -1),
         "at_limit": feedback.capped == len(feedback.objectives),
-        "capped": feedback.capped,
-        "tuned": feedback.tuned,
         "runs": len(feedback.objectives),
-        "objectives": list(feedback.objectives),
         "spread": spread,
-        "mildest": feedback.mildest,
         "mildest_parts": [part.model_dump() for part in feedback.mildest_parts] if spread else [],
-        "mean": feedback.mean,
         "low": feedback.interval[0],
         "high": feedback.interval[1],
-        "violation_share": feedback.violation_share,
-        "previous_mean": previous,
         "separable": bool(feedback.separable),
         "better": better,
-        "influences": [influence.model_dump(mode="json") for influence in feedback.influences],
         "moments": [
             moment.model_dump(mode="json") | {"humans_at": [{"name": n, "at": a} for n, a in moment.humans_at.items()]}
             for moment in feedback.moments
         ],
-        "series_of": feedback.series_of,
-        **{key: value for key, value in feedback.model_dump(mode="json").items() if key in TOLD_AS_MEASURED},
+        **feedback.model_dump(mode="json", include=set(TOLD_AS_MEASURED)),
         "rows": [
             row.model_dump(mode="json") | {"behind_s": _behind_s(row, passes or {}), "stop": _stop_at(row, feedback)}
             for row in feedback.rows

@@ -15,7 +15,6 @@ from __future__ import annotations
 import cmath
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -295,17 +294,19 @@ AIMED = 8
 """At most this many people are forecast; in a larger crowd the others simply work."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Forecast:
-    """What is expected of a run: gaps in metres between surfaces, seconds, and how often somebody comes up close in
-    front of the robot (`meetings`, each weighed by the speed at which the gap closed, m/s). `swerved_m` is how far
-    the robot moves sideways in all to make room."""
+class Forecast(NamedTuple):
+    """What is expected of a run, in the order of the columns that are measured.
+
+    Gaps are in metres between surfaces.
+    """
 
     mean_gap_m: float
     least_gap_m: float
     blocked_s: float
     meetings: float
+    """How often somebody comes up close in front of the robot, each weighed by the speed at which the gap closed."""
     swerved_m: float
+    """How far the robot moves sideways in all to make room."""
     duration_s: float
 
 
@@ -342,7 +343,7 @@ class Forecaster:
         if not variants:
             return []
         measured, _ = self._run(variants, [self.robot_speed] * len(variants), [self.pace] * len(variants))
-        return [_forecast(row) for row in measured]
+        return [Forecast(*row) for row in measured.tolist()]
 
     def tracks(self, variants: Sequence[Sequence[Human]]) -> list[Complexes]:
         """Return for each configuration where robot and people are every `STEP_S` until the robot is done, (N, 1 + H).
@@ -467,17 +468,6 @@ class _Walks:
         self.delays = np.array([[h.start_delay_s for h in humans] for humans in variants], float)
 
 
-def _forecast(measured: Floats) -> Forecast:
-    return Forecast(
-        mean_gap_m=float(measured[MEAN_GAP]),
-        least_gap_m=float(measured[LEAST_GAP]),
-        blocked_s=float(measured[BLOCKED]),
-        meetings=float(measured[MEETINGS]),
-        swerved_m=float(measured[SWERVED]),
-        duration_s=float(measured[DURATION]),
-    )
-
-
 # How many of a refinement's variants count as equally promising. The forecast ranks nearness as the simulator does
 # (rank correlation 0.95), braking and delay hardly (0.3 to 0.4): there what is measured has to choose.
 FINALISTS = {Aim.SHARE: 5, Aim.MEET: 10, Aim.DISTURB: 20, Aim.DELAY: 20, Aim.NONE: 1}
@@ -499,8 +489,6 @@ def promise(aim: Aim, forecast: Forecast) -> float:
     return near
 
 
-_Features = NDArray[np.float64]
-
 FEATURES = 8
 """Promise, mean and least gap, seconds blocked, meetings, swerve, duration, and people who do not step aside."""
 
@@ -516,7 +504,7 @@ class Screen:
         self.aim = aim
         self.forecaster: Forecaster = forecaster_of(mission, world)
 
-    def __call__(self, configurations: Sequence[HumanConfiguration]) -> _Features:
+    def __call__(self, configurations: Sequence[HumanConfiguration]) -> Floats:
         """Return the features of each configuration, (n, FEATURES)."""
         features = np.zeros((len(configurations), FEATURES))
         sizes: dict[int, list[int]] = {}
@@ -528,14 +516,5 @@ class Screen:
             forecasts = self.forecaster.compare([configurations[k].humans[:size] for k in members])
             for k, forecast in zip(members, forecasts, strict=True):
                 heedless = sum(human.behaviour != "regular" for human in configurations[k].humans)
-                features[k] = (
-                    promise(self.aim, forecast),
-                    forecast.mean_gap_m,
-                    forecast.least_gap_m,
-                    forecast.blocked_s,
-                    forecast.meetings,
-                    forecast.swerved_m,
-                    forecast.duration_s,
-                    heedless,
-                )
+                features[k] = (promise(self.aim, forecast), *forecast, heedless)
         return features

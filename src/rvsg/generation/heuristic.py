@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache
 from weakref import WeakKeyDictionary
 
@@ -268,7 +268,7 @@ class HeuristicGenerator(Generator):
         places = places_of(world, reachable_from=route.start)
         if len({name for place in places for name in place.waypoints}) < 2:
             return nowhere_to_walk(world, generator=self.name)
-        plan = _Plan(brief, world, places, rng_of(brief, self.name), self.individuals, self.provoking)
+        plan = _Plan(self, brief, world, places)
         if brief.kind == "refine" and brief.feedback is not None and plan.refinable(brief.feedback):
             humans, reasoning = plan.refined(self.changes)
             moved = added(brief.mission, brief.feedback.scenario.mission)
@@ -289,17 +289,14 @@ class HeuristicGenerator(Generator):
         )
 
 
-@dataclass
 class _Plan:
-    brief: Brief
-    world: World
-    places: tuple[Place, ...]
-    rng: np.random.Generator
-    individuals: bool
-    provoking: bool
-    free: dict[tuple[str, float], bool] = field(default_factory=dict)
+    """What one proposal is made from: the brief, the ground, people and their forecast."""
 
-    def __post_init__(self) -> None:
+    def __init__(self, generator: HeuristicGenerator, brief: Brief, world: World, places: tuple[Place, ...]) -> None:
+        self.brief, self.world, self.places = brief, world, places
+        self.individuals, self.provoking = generator.individuals, generator.provoking
+        self.rng = rng_of(brief, generator.name)
+        self.free: dict[tuple[str, float], bool] = {}
         self.aim = _aim_of(self.brief)
         self.ground = walking_graph(self.world, self.brief.mission.route)
         self.uses = _uses(self.brief.memory)

@@ -68,37 +68,16 @@ class Role:
     weights: dict[Aim, float]
 
 
+def _weights(share: int, meet: int, disturb: int, delay: int, none: int) -> dict[Aim, float]:
+    return {Aim.SHARE: share, Aim.MEET: meet, Aim.DISTURB: disturb, Aim.DELAY: delay, Aim.NONE: none}
+
+
 ROLES = (
-    Role(
-        name="trolley",
-        speeds=(0.5, 0.75),
-        heedless=0.5,
-        weights={Aim.SHARE: 4, Aim.MEET: 1, Aim.DISTURB: 1, Aim.DELAY: 3, Aim.NONE: 1},
-    ),
-    Role(
-        name="carrier",
-        speeds=(1.0, 1.5),
-        heedless=0.3,
-        weights={Aim.SHARE: 3, Aim.MEET: 4, Aim.DISTURB: 3, Aim.DELAY: 2, Aim.NONE: 1},
-    ),
-    Role(
-        name="checker",
-        speeds=(0.7, 1.2),
-        pauses=(2.0, 12.0),
-        weights={Aim.SHARE: 2, Aim.MEET: 1, Aim.DISTURB: 1, Aim.DELAY: 4, Aim.NONE: 1},
-    ),
-    Role(
-        name="sorter",
-        speeds=(0.8, 1.4),
-        far=False,
-        weights={Aim.SHARE: 2, Aim.MEET: 3, Aim.DISTURB: 4, Aim.DELAY: 1, Aim.NONE: 1},
-    ),
-    Role(
-        name="mover",
-        speeds=(0.35, 0.5),
-        heedless=0.7,
-        weights={Aim.SHARE: 0, Aim.MEET: 0, Aim.DISTURB: 0, Aim.DELAY: 4, Aim.NONE: 0},
-    ),
+    Role(name="trolley", speeds=(0.5, 0.75), heedless=0.5, weights=_weights(4, 1, 1, 3, 1)),
+    Role(name="carrier", speeds=(1.0, 1.5), heedless=0.3, weights=_weights(3, 4, 3, 2, 1)),
+    Role(name="checker", speeds=(0.7, 1.2), pauses=(2.0, 12.0), weights=_weights(2, 1, 1, 4, 1)),
+    Role(name="sorter", speeds=(0.8, 1.4), far=False, weights=_weights(2, 3, 4, 1, 1)),
+    Role(name="mover", speeds=(0.35, 0.5), heedless=0.7, weights=_weights(0, 0, 0, 4, 0)),
 )
 
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,15 +56,8 @@ class TuningSpace:
         self.dimensions: tuple[Dimension, ...] = tuple(
             dimension for index, human in enumerate(people.humans) for dimension in self._dimensions(index, human)
         )
-
-    @property
-    def start(self) -> Vector:
+        self.start: Vector = np.array([self._scaled(dimension) for dimension in self.dimensions])
         """The vector of the configuration as proposed."""
-        return self._start.copy()
-
-    @cached_property
-    def _start(self) -> Vector:
-        return np.array([self._scaled(dimension) for dimension in self.dimensions])
 
     def configuration(self, vector: Sequence[float] | Vector) -> HumanConfiguration | None:
         """Return the configuration of a vector; None where it breaks a rule or a start is too near."""

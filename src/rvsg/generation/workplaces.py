@@ -91,7 +91,6 @@ class WalkingGraph:
             for name, others in grid.neighbours.items()
         }
         self._came: dict[tuple[str, bool], list[int]] = {}
-        self._paths: dict[tuple[str, str, bool], Path | None] = {}
         self._along: dict[str, tuple[float, float]] = {}
         self.robot_path = _robot_path(world, route)
         self.corridor = frozenset(name for name in self.hops if self.along(name)[1] < 0.7)
@@ -102,12 +101,6 @@ class WalkingGraph:
     def path(self, start: str, end: str, *, along_route: bool = False) -> Path | None:
         """The shortest valid path; `along_route` counts hops between waypoints of the robot's corridor at 0.6 of
         their length, so that the way taken is at most 1.7 times the shortest. None where there is no way."""
-        asked = (start, end, along_route)
-        if asked not in self._paths:
-            self._paths[asked] = self._path(start, end, along_route)
-        return self._paths[asked]
-
-    def _path(self, start: str, end: str, along_route: bool) -> Path | None:
         key = (start, along_route)
         if key not in self._came:
             self._came[key] = self._search(self._number[start], self._weighed[along_route])
@@ -227,16 +220,12 @@ def nearest_on(line: tuple[Point, ...], point: Point) -> tuple[float, float]:
     return best
 
 
-def named_in(activity: str, places: Sequence[Place]) -> tuple[tuple[Place, ...], ...]:
+@lru_cache(maxsize=256)
+def named_in(activity: str, places: tuple[Place, ...]) -> tuple[tuple[Place, ...], ...]:
     """Return the places that an activity names, in its order: one by its name, or all of a kind.
 
     A longer name counts before a shorter one in it: in "the large shelves" no "shelf" is named.
     """
-    return _named_in(activity, tuple(places))
-
-
-@lru_cache(maxsize=256)
-def _named_in(activity: str, places: tuple[Place, ...]) -> tuple[tuple[Place, ...], ...]:
     text = activity.lower()
     found: list[tuple[int, int, tuple[Place, ...]]] = []
     names: dict[str, list[Place]] = {}

@@ -38,18 +38,13 @@ def shipped_prompts() -> tuple[str, ...]:
 
 def declared_variables(name: str, folder: Path | None = None) -> frozenset[str]:
     """The variables a template declares on its first line; UnknownName where there is no such template."""
-    path = _path(name, folder)
-    if path is None:
-        raise UnknownName("prompt", name, shipped_prompts())
+    path = _known_path(name, folder)
     return _declared(path, _read(path))
 
 
 def template_text(name: str) -> str:
     """The source of a shipped template, parts included; UnknownName where there is none."""
-    path = _path(name, None)
-    if path is None:
-        raise UnknownName("prompt", name, shipped_prompts())
-    return _read(path)
+    return _read(_known_path(name, None))
 
 
 class Prompts:
@@ -73,9 +68,7 @@ class Prompts:
 
     def render(self, name: str, variables: Mapping[str, Any]) -> str:
         """The text of a prompt; FileError naming the file and what is missing or wrong in it."""
-        path = _path(name, self.folder)
-        if path is None:
-            raise UnknownName("prompt", name, shipped_prompts())
+        path = _known_path(name, self.folder)
         declared = _declared(path, _read(path))
         missing = sorted(declared - variables.keys())
         if missing:
@@ -165,6 +158,13 @@ def _path(name: str, folder: Path | None) -> Path | None:
         return None
     places = [folder / f"{name}{SUFFIX}"] if folder is not None else []
     return next((path for path in [*places, SHIPPED / f"{name}{SUFFIX}"] if path.is_file()), None)
+
+
+def _known_path(name: str, folder: Path | None) -> Path:
+    path = _path(name, folder)
+    if path is None:
+        raise UnknownName("prompt", name, shipped_prompts())
+    return path
 
 
 def _name(path: Path) -> str:
