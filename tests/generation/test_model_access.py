@@ -104,23 +104,6 @@ def test_tokens_are_estimated_and_marked_where_the_service_does_not_count() -> N
     assert usage.cost_usd is None
 
 
-def test_a_refused_key_ends_at_once() -> None:
-    told, waits, asked = failing(fails(401, "Incorrect API key provided: " + KEY))
-    assert told.code == "model-key-refused"
-    assert (waits, asked) == ([], 1)
-
-
-def test_a_service_that_repeats_the_key_in_its_error_does_not_leak_it() -> None:
-    told, _, _ = failing(echoes_headers_then_fails(403))
-    assert told.code == "model-key-refused"
-
-
-def test_an_unknown_model_ends_at_once() -> None:
-    told, waits, asked = failing(fails(404, "no such model", code="model_not_found"))
-    assert told.code == "model-unknown"
-    assert (waits, asked) == ([], 1)
-
-
 def test_too_many_calls_waits_as_long_as_the_service_asks() -> None:
     with serving(fails(429, "slow down", {"Retry-After": "7"}), says("ok")) as server:
         model, waits = access(server.url)
@@ -137,38 +120,19 @@ def test_too_many_calls_without_a_hint_backs_off_and_gives_up() -> None:
     assert told.code == "model-busy"
 
 
-def test_a_wait_beyond_the_limit_ends_instead_of_hanging() -> None:
-    told, waits, asked = failing(fails(429, "tomorrow", {"Retry-After": "3600"}))
-    assert told.code == "model-busy"
-    assert (waits, asked) == ([], 1)
-
-
-def test_used_up_credit_ends_at_once() -> None:
-    told, _, asked = failing(fails(429, "You exceeded your current quota", code="insufficient_quota"))
-    assert told.code == "model-quota"
-    assert asked == 1
-
-
 def test_a_failing_service_is_asked_again_and_then_told() -> None:
     with serving(fails(500, "oops"), says("recovered")) as server:
         assert access(server.url)[0].ask(request()).text == "recovered"
-    told, _waits, asked = failing(fails(500, "oops"))
-    assert asked == 3
-    assert told.code == "model-failed"
 
 
 def test_a_slow_reply_times_out_and_the_retry_may_succeed() -> None:
     with serving(sleeps(1.5), says("quick")) as server:
         assert access(server.url, timeout_s=0.3)[0].ask(request()).text == "quick"
-    told, _, _ = failing(sleeps(1.0), tries=1, timeout_s=0.2)
-    assert told.code == "model-timeout"
 
 
 def test_a_connection_dropped_in_mid_reply_is_tried_again() -> None:
     with serving(drops_in_mid_reply, says("whole")) as server:
         assert access(server.url)[0].ask(request()).text == "whole"
-    _told, _, asked = failing(drops_in_mid_reply)
-    assert asked == 3
 
 
 def test_a_server_that_is_not_there_is_told() -> None:
@@ -178,18 +142,6 @@ def test_a_server_that_is_not_there_is_told() -> None:
     with pytest.raises(ModelUnavailable, check=coded("model-unreachable")):
         model.ask(request())
     assert len(waits) == 1
-
-
-@pytest.mark.parametrize("payload", [b"<html>gateway</html>", b'{"choices": [{', b"[]", b'{"object": "other"}'])
-def test_a_body_that_is_not_the_protocol_is_tried_again_and_then_told(payload: bytes) -> None:
-    _, _, asked = failing(raw(payload), tries=2)
-    assert asked == 2
-
-
-def test_empty_choices_are_told() -> None:
-    reply = completion("x") | {"choices": []}
-    _, _, asked = failing(raw(json.dumps(reply).encode()), tries=2)
-    assert asked == 2
 
 
 def test_a_reply_of_200_000_characters_arrives_whole() -> None:
@@ -289,25 +241,32 @@ def test_a_missing_key_and_an_unknown_provider_are_input_errors(monkeypatch: pyt
 
 
 @pytest.mark.parametrize(
-    ("behaviour", "code"),
+    ("behaviour", "code", "asked"),
     [
-        (fails(401, "Incorrect API key"), "model-key-refused"),
-        (fails(404, "no such model"), "model-unknown"),
-        (fails(402, "payment required"), "model-quota"),
-        (fails(429, "slow down"), "model-busy"),
-        (fails(500, "oops"), "model-failed"),
-        (fails(413, "too large"), "model-too-long"),
-        (fails(400, "no images please"), "model-rejected"),
-        (raw(b"<html>gateway</html>"), "model-protocol"),
-        (raw(b""), "model-protocol"),
-        (sleeps(1.0), "model-timeout"),
+        (fails(401, "Incorrect API key provided: " + KEY), "model-key-refused", 1),
+        (echoes_headers_then_fails(403), "model-key-refused", 1),
+        (fails(404, "no such model", code="model_not_found"), "model-unknown", 1),
+        (fails(402, "payment required"), "model-quota", 1),
+        (fails(429, "You exceeded your current quota", code="insufficient_quota"), "model-quota", 1),
+        (fails(429, "slow down"), "model-busy", 2),
+        (fails(429, "tomorrow", {"Retry-After": "3600"}), "model-busy", 1),
+        (fails(500, "oops"), "model-failed", 2),
+        (fails(413, "too large"), "model-too-long", 1),
+        (fails(400, "no images please"), "model-rejected", 1),
+        (raw(b"<html>gateway</html>"), "model-protocol", 2),
+        (raw(b'{"choices": [{'), "model-protocol", 2),
+        (raw(b"[]"), "model-protocol", 2),
+        (raw(b'{"object": "other"}'), "model-protocol", 2),
+        (raw(b""), "model-protocol", 2),
+        (raw(json.dumps(completion("x") | {"choices": []}).encode()), "model-protocol", 2),
+        (drops_in_mid_reply, "model-unreachable", 2),
+        (sleeps(1.0), "model-timeout", 2),
     ],
 )
-def test_every_fault_of_a_service_has_a_code_and_hides_the_client(behaviour: Behaviour, code: str) -> None:
-    error, _, _ = failing(behaviour, tries=2, timeout_s=0.3)
-    said = str(error)
-    assert error.code == code
-    assert "body:" not in said and "status_code" not in said
+def test_every_fault_of_a_service_has_a_code_and_hides_the_client(behaviour: Behaviour, code: str, asked: int) -> None:
+    error, waits, times = failing(behaviour, tries=2, timeout_s=0.3)
+    assert (error.code, times, len(waits)) == (code, asked, asked - 1)
+    assert "body:" not in str(error) and "status_code" not in str(error)
 
 
 def test_a_server_that_is_down_is_unreachable_from_the_first_try() -> None:

@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import cache
 from weakref import WeakKeyDictionary
 
@@ -54,37 +53,34 @@ Change = Callable[["Changing", Human], tuple[Human, str] | None]
 SPEEDS_M_S = (0.45, 1.6)
 
 
-@dataclass
 class Changing:
-    """Changes people at random. `idle` are waypoints that never came near the robot, as the feedback says."""
+    """Changes people at random, after what the feedback says of them."""
 
-    work: PeopleSampler
-    idle: frozenset[str] = frozenset()
-
-    @classmethod
-    def after(cls, work: PeopleSampler, feedback: Feedback) -> Changing:
-        """Changes that know what the feedback says."""
-        return cls(work, frozenset(name for influence in feedback.influences for name in influence.idle_waypoints))
+    def __init__(self, work: PeopleSampler, feedback: Feedback) -> None:
+        self.work = work
+        self.idle = {name for influence in feedback.influences for name in influence.idle_waypoints}
+        """Waypoints that never came near the robot."""
 
     def once(self, human: Human) -> tuple[Human, str] | None:
         """One random change and its words; None where it is not possible for this person."""
         changes, shares = _changes_for(self.work.aim)
         return changes[drawn(shares, self.work.rng)](self, human)
 
-    def place_of(self, waypoint: str) -> Place | None:
-        """The place a waypoint belongs to."""
-        return next((place for place in self.work.places if waypoint in place.waypoints), None)
+    def pick_idle(self, stops: Sequence[Stop]) -> int:
+        """Draw the index of a stop, rather of an idle one."""
+        return self.work.pick(range(len(stops)), [4.0 if stop.waypoint in self.idle else 1.0 for stop in stops])
 
     def stops(self, human: Human) -> list[Stop] | None:
         """Return where a person's tasks start; None where one does not start at a place."""
         by_name = {place.name: place for place in self.work.places}
         stops = []
         for task in at_places(human.tasks):
-            name = ends_of(task)[0]
-            place = by_name.get(name) or self.place_of(task.path[0])
-            if place is None or task.path[0] not in place.waypoints:
+            at = task.path[0]
+            around = (place for place in self.work.places if at in place.waypoints)
+            place = by_name.get(ends_of(task)[0]) or next(around, None)
+            if place is None or at not in place.waypoints:
                 return None
-            stops.append(Stop(place, task.path[0]))
+            stops.append(Stop(place, at))
         return stops
 
     def rebuilt(self, human: Human, stops: list[Stop]) -> Human | None:
@@ -134,48 +130,52 @@ def _first(changing: Changing, human: Human) -> tuple[Human, str] | None:
     return human.model_copy(update={"tasks": tasks}), f"begins with {tasks[0].name}"
 
 
-def _turned(changing: Changing, human: Human) -> tuple[Human, str] | None:
-    stops = changing.stops(human)
-    if stops is None:
-        return None
-    changed = changing.rebuilt(human, [stops[0], *reversed(stops[1:])] if len(stops) > 2 else stops[::-1])
-    return (changed, "goes round the other way") if changed else None
+StopChange = Callable[[Changing, list[Stop]], tuple[list[Stop], str] | None]
 
 
-def _moved(changing: Changing, human: Human) -> tuple[Human, str] | None:
-    stops = changing.stops(human)
-    if stops is None:
-        return None
+def _of_stops(change: StopChange) -> Change:
+    """Return the change of a person who goes round other stops; None where those are not joined."""
+
+    def changed(changing: Changing, human: Human) -> tuple[Human, str] | None:
+        stops = changing.stops(human)
+        new = change(changing, stops) if stops is not None else None
+        person = changing.rebuilt(human, new[0]) if new is not None else None
+        return (person, new[1]) if new is not None and person is not None else None
+
+    return changed
+
+
+@_of_stops
+def _turned(changing: Changing, stops: list[Stop]) -> tuple[list[Stop], str]:
+    return [stops[0], *reversed(stops[1:])] if len(stops) > 2 else stops[::-1], "goes round the other way"
+
+
+@_of_stops
+def _moved(changing: Changing, stops: list[Stop]) -> tuple[list[Stop], str] | None:
     index = int(changing.work.rng.integers(len(stops)))
     others = {stops[index - 1].waypoint, stops[(index + 1) % len(stops)].waypoint, stops[index].waypoint}
     stop = changing.work.at(stops[index].place, others)
     if stop is None:
         return None
-    changed = changing.rebuilt(human, [*stops[:index], stop, *stops[index + 1 :]])
-    return (changed, f"works {stop.place.name} from {stop.waypoint}") if changed else None
+    return [*stops[:index], stop, *stops[index + 1 :]], f"works {stop.place.name} from {stop.waypoint}"
 
 
-def _replaced(changing: Changing, human: Human) -> tuple[Human, str] | None:
-    stops = changing.stops(human)
-    if stops is None:
-        return None
-    weights = [4.0 if stop.waypoint in changing.idle else 1.0 for stop in stops]
-    index = changing.work.pick(range(len(stops)), weights)
+@_of_stops
+def _replaced(changing: Changing, stops: list[Stop]) -> tuple[list[Stop], str] | None:
+    index = changing.pick_idle(stops)
     stop = changing.work.stop(stops[:index] or stops[-1:], changing.work.role())
     if stop is None:
         return None
-    changed = changing.rebuilt(human, [*stops[:index], stop, *stops[index + 1 :]])
-    return (changed, f"works {stop.place.name} instead of {stops[index].place.name}") if changed else None
+    words = f"works {stop.place.name} instead of {stops[index].place.name}"
+    return [*stops[:index], stop, *stops[index + 1 :]], words
 
 
-def _shortened(changing: Changing, human: Human) -> tuple[Human, str] | None:
-    stops = changing.stops(human)
-    if stops is None or len(stops) < 3:
+@_of_stops
+def _shortened(changing: Changing, stops: list[Stop]) -> tuple[list[Stop], str] | None:
+    if len(stops) < 3:
         return None
-    weights = [4.0 if stop.waypoint in changing.idle else 1.0 for stop in stops]
-    index = changing.work.pick(range(len(stops)), weights)
-    changed = changing.rebuilt(human, stops[:index] + stops[index + 1 :])
-    return (changed, f"leaves {stops[index].place.name} out") if changed else None
+    index = changing.pick_idle(stops)
+    return stops[:index] + stops[index + 1 :], f"leaves {stops[index].place.name} out"
 
 
 def _anew(changing: Changing, human: Human) -> tuple[Human, str] | None:
@@ -464,7 +464,7 @@ class _Plan:
         base = base[: self.brief.humans]
         aimed = slice(AIMED)
         fitted = self.forecaster.fitted(feedback) if len(base) <= AIMED else self.forecaster
-        changing = Changing.after(self.work, feedback)
+        changing = Changing(self.work, feedback)
         drawn = (self._variant(base, changing) for _ in range(1 if self.aim is Aim.NONE else variants))
         options = [(humans, words) for humans, words in drawn if humans != base]
         options = [o for o in options if all(self._clear(h, []) for h in o[0])] or options
