@@ -20,11 +20,12 @@ from pathlib import Path
 
 from rvsg.app.comparison import compare_stacks
 from rvsg.app.suites import Suite
-from rvsg.campaign.suite import ScoredRun, StackScore, StackScores, score_stacks
+from rvsg.campaign.comparison import Comparison, compare
+from rvsg.campaign.suite import CaseResult, SuiteResult
 from rvsg.evaluation.statistics import wilson
 from rvsg.report.charts import COLOURS
+from rvsg.report.comparison import percent, ranking_markdown, shares_figure
 from rvsg.report.frames import Turn
-from rvsg.report.stacks import percent, stacks_figure, stacks_markdown
 from rvsg.world.drawing.sheet import palette
 from rvsg.world.drawing.svg import floor_plan, style
 from rvsg.world.world_folder import load_world
@@ -43,92 +44,85 @@ def keep_worst(searched: Path) -> None:
     from rvsg.app.comparison import tested_in
 
     suite = Suite.create(SUITE, title="The 30 worst scenarios for nav2-dwb on the five warehouse routes")
-    for case in tested_in(searched, SCENARIOS):
-        name = f"{case.scenario.mission.route.name}-{case.requirement.name.lower()}-{case.name.rpartition('#')[2]}"
-        suite = suite.add(case.scenario, case.requirement.name, name=name, reason="found by a campaign on nav2-dwb")
+    for tested in tested_in(searched, SCENARIOS):
+        scenario, (requirement,) = tested.case.scenario, tested.requirements
+        name = f"{scenario.mission.route.name}-{requirement.name.lower()}-{tested.case.title.rpartition('#')[2]}"
+        suite = suite.add(scenario, requirement.name, name=name, reason="found by a campaign on nav2-dwb")
 
 
-def driven(out: Path, robots: list[str], runs: int, jobs: int) -> list[StackScore]:
+def driven(out: Path, robots: list[str], runs: int, jobs: int) -> list[SuiteResult]:
     """Drive every stack and robot that has no file in `out` yet; return all of them."""
-    scores = []
+    results = []
     for robot in robots:
         for stack in STACKS:
             path = out / f"{robot}-{Path(stack).stem}.json"
             if not path.is_file():
-                found = compare_stacks(SUITE, [stack], robots=[robot], runs=runs, jobs=jobs)
-                path.write_text(found.scores[0].to_json())
-                score = found.scores[0]
-                print(f"{score.label}: {score.violated} of {score.judged} runs violate", flush=True)
-            scores.append(StackScore.from_json(path.read_text()))
-    return scores
+                (made,) = compare_stacks(SUITE, [stack], robots=[robot], runs=runs, jobs=jobs).variants
+                path.write_text(made.to_json())
+                print(f"{made.version}: {made.violated} of {made.judged} runs violate", flush=True)
+            results.append(SuiteResult.from_json(path.read_text()))
+    return results
 
 
-def pooled(scores: list[StackScore], runs: int) -> StackScores:
+def pooled(results: list[SuiteResult]) -> Comparison:
     """Return every stack over all robots, so that a case is a scenario with a robot."""
-    each: dict[str, list[StackScore]] = {}
-    for score in scores:
-        each.setdefault(label_of(score), []).append(score)
+    each: dict[str, list[SuiteResult]] = {}
+    for result in results:
+        each.setdefault(Path(result.version.rpartition(" on ")[0]).name, []).append(result)
     whole = []
     for label, parts in each.items():
-        cases = [run.replace(case=f"{run.case} on {robot_of(part)}") for part in parts for run in part.runs]
-        whole.append(parts[0].replace(label=label, runs=tuple(cases), failed=sum(part.failed for part in parts)))
-    names = list(dict.fromkeys(run.case for score in whole for run in score.runs))
-    return score_stacks("examples/suites/stacks", names, runs, whole)
+        cases = [
+            case.replace(case=f"{case.case} on {part.version.rpartition(' on ')[2]}")
+            for part in parts
+            for case in part.cases
+        ]
+        whole.append(parts[0].replace(version=label, cases=tuple(cases)))
+    return compare(whole, source="examples/suites/stacks", ranked=True)
 
 
-def label_of(score: StackScore) -> str:
-    """Return the stack of a score, in short."""
-    return Path(score.label.rpartition(" on ")[0]).name
-
-
-def robot_of(score: StackScore) -> str:
-    """Return the robot of a score."""
-    return score.label.rpartition(" on ")[2]
-
-
-def share(runs: list[ScoredRun]) -> str:
+def share(cases: list[CaseResult]) -> str:
     """Return the share of violating runs with its interval."""
-    flags = [run.violated for run in runs if run.violated is not None]
+    flags = [flag for case in cases for flag in case.flags.values()]
     if not flags:
         return "-"
     low, high = wilson(sum(flags), len(flags))
     return f"{percent(sum(flags) / len(flags))} ({100 * low:.0f} to {100 * high:.0f})"
 
 
-def parts_table(found: StackScores) -> str:
+def parts_table(found: Comparison) -> str:
     """Return the share of each stack by robot and by requirement, as Markdown."""
     groups = [*ROBOTS, *REQUIREMENTS]
     lines = [f"| stack | {' | '.join(groups)} |", f"|{'---|' * (1 + len(groups))}"]
-    for score in found.scores:
-        cells = [share([run for run in score.runs if run.case.endswith(f" on {robot}")]) for robot in ROBOTS]
-        cells += [share([run for run in score.runs if f", {name} on " in run.case]) for name in REQUIREMENTS]
-        lines.append(f"| {score.label} | {' | '.join(cells)} |")
+    for score in found.variants:
+        cells = [share([case for case in score.cases if case.case.endswith(f" on {robot}")]) for robot in ROBOTS]
+        cells += [share([case for case in score.cases if case.requirement == name]) for name in REQUIREMENTS]
+        lines.append(f"| {score.version} | {' | '.join(cells)} |")
     return "\n".join(lines)
 
 
-def places(found: StackScores) -> str:
+def places(found: Comparison) -> str:
     """Return an SVG with a floor plan for each stack and the robot's place in every violating run."""
     world = load_world("warehouse")
     plan = floor_plan(world, areas=False, tooltips=False)
     turn = Turn.of(plan.matrix)
     x0, y0, width, height = map(float, plan.view_box.split())
     colours = dict(zip(ROBOTS, COLOURS, strict=False))
-    rows = (len(found.scores) + 1) // 2
+    rows = (len(found.variants) + 1) // 2
     parts = [
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {2 * width + 1:.2f} {rows * (height + 2) + 2:.2f}" '
         f'width="1000" font-family="sans-serif" font-size="0.9" role="img" aria-label="Where each stack fails">'
         f'<style>{style(world, palette("light"))}</style><rect width="100%" height="100%" fill="white"/>'
         f'<defs><g id="plan">{plan.shapes}</g></defs>'
     ]
-    for k, score in enumerate(found.scores):
+    for k, score in enumerate(found.variants):
         parts.append(
             f'<g transform="translate({(k % 2) * (width + 1) - x0:.2f} {(k // 2) * (height + 2) + 1.5 - y0:.2f})">'
         )
-        parts.append(f'<text x="{x0}" y="{y0 - 0.4}">{k + 1}. {html.escape(score.label)}</text><use href="#plan"/>')
-        for run in score.runs:
-            if run.at is not None:
-                x, y = turn.point(*run.at)
-                colour = colours[run.case.rpartition(" on ")[2]]
+        parts.append(f'<text x="{x0}" y="{y0 - 0.4}">{k + 1}. {html.escape(score.version)}</text><use href="#plan"/>')
+        for case in score.cases:
+            colour = colours[case.case.rpartition(" on ")[2]]
+            for at in case.places:
+                x, y = turn.point(*at)
                 parts.append(f'<circle cx="{x:.2f}" cy="{y:.2f}" r="0.2" fill="{colour}" fill-opacity="0.6"/>')
         parts.append("</g>")
     for k, (robot, colour) in enumerate(colours.items()):
@@ -139,12 +133,12 @@ def places(found: StackScores) -> str:
     return "".join([*parts, "</svg>\n"])
 
 
-def write_docs(found: StackScores, docs: Path) -> None:
+def write_docs(found: Comparison, docs: Path) -> None:
     """Write the pictures, and put the tables between the marks of the page."""
     images = docs / "images"
-    (images / "stacks-ranking.svg").write_text(stacks_figure(found))
+    (images / "stacks-ranking.svg").write_text(shares_figure(found))
     (images / "stacks-where.svg").write_text(places(found))
-    tables = stacks_markdown(found).partition("\n\n")[2]
+    tables = ranking_markdown(found).partition("\n\n")[2]
     page = docs.parent / "benchmarks" / "results" / "stacks.md"
     before, _, rest = page.read_text().partition(BEGIN)
     page.write_text(f"{before}{BEGIN}\n\n{parts_table(found)}\n\n{tables}\n{END}{rest.partition(END)[2]}")
@@ -164,7 +158,7 @@ def main() -> int:
         keep_worst(args.suite)
         return 0
     args.out.mkdir(parents=True, exist_ok=True)
-    found = pooled(driven(args.out, args.robots, args.runs, args.jobs), args.runs)
+    found = pooled(driven(args.out, args.robots, args.runs, args.jobs))
     (args.out / "stacks.json").write_text(found.to_json())
     if args.docs:
         write_docs(found, args.docs)

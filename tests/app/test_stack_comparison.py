@@ -9,26 +9,43 @@ import pytest
 
 import rvsg
 from rvsg.app.comparison import compare_stacks, write_comparison
-from rvsg.campaign.suite import ScoredRun, StackScore, score_stacks
+from rvsg.campaign.comparison import compare
+from rvsg.campaign.suite import CaseResult, SuiteResult, state_of
 from rvsg.cli import main
 from rvsg.core.errors import InputError
+from rvsg.evaluation.judge import judge
+from rvsg.report.comparison import comparison_page
+from rvsg.scenario.requirement import Requirement
+
+LIMIT = Requirement(name="X", title="x", text="x", metric="min_distance", worse="smaller", limit=0.5)
 
 
-def score(label: str, flags: dict[str, list[bool | None]], failed: int = 0) -> StackScore:
-    runs = tuple(
-        ScoredRun(case=case, seed=seed, violated=flag, outcome="REACHED", contact=False)
-        for case, row in flags.items()
-        for seed, flag in enumerate(row)
-    )
-    return StackScore(label=label, name=label, version="1", runs=runs, failed=failed)
+def score(label: str, flags: dict[str, list[bool | None]]) -> SuiteResult:
+    cases = []
+    for case, row in flags.items():
+        known = [flag for flag in row if flag is not None]
+        verdict = judge(LIMIT, [0.0 if flag else 1.0 for flag in known])
+        cases.append(
+            CaseResult(
+                case=case,
+                title=case,
+                requirement="X",
+                expected="pass",
+                state=state_of("pass", verdict),
+                verdict=verdict,
+                seeds=tuple(range(len(row))),
+                violations=tuple(row),
+            )
+        )
+    return SuiteResult(suite="here", version=label, simulator="embedded", cases=tuple(cases))
 
 
 def test_the_ranking_and_the_paired_differences() -> None:
     worse = score("worse", {"a": [True] * 10, "b": [True] * 10})
     better = score("better", {"a": [False] * 10, "b": [True] * 10})
     partly = score("partly", {"a": [None] * 10, "b": [True] * 10})
-    found = score_stacks("here", ["a", "b"], 10, [worse, better, partly])
-    assert [each.label for each in found.scores] == ["better", "partly", "worse"]
+    found = compare([worse, better, partly], ranked=True)
+    assert [each.version for each in found.variants] == ["better", "partly", "worse"]
     assert (better.violated, better.judged, better.share) == (10, 20, 0.5)
     assert better.interval[0] < 0.5 < better.interval[1] and partly.judged == 10
     pairs = {(pair.first, pair.second): pair.difference for pair in found.pairs}
@@ -36,6 +53,8 @@ def test_the_ranking_and_the_paired_differences() -> None:
     assert clear is not None and clear.difference == -0.5 and clear.is_clear and clear.paired and clear.runs == (20, 20)
     equal = pairs["better", "partly"]
     assert equal is not None and equal.difference == 0.0 and equal.runs == (10, 10)
+    page = comparison_page(found)
+    assert all(f">{name}</th>" in page for name in ("better", "partly", "worse")) and "<script" not in page
 
 
 def test_what_cannot_be_compared_is_one_error(tmp_path: Path) -> None:
@@ -61,8 +80,8 @@ def test_a_suite_against_two_stacks(tmp_path: Path, capsys: pytest.CaptureFixtur
         "--out", str(tmp_path / "out"), "--json",
     ]) == 0  # fmt: skip
     told = json.loads(capsys.readouterr().out)
-    assert {each["label"] for each in told["scores"]} == {"nav2-rpp", "nav2-dwb"}
-    assert all(len(each["runs"]) == 2 for each in told["scores"])
+    assert {each["version"] for each in told["variants"]} == {"nav2-rpp", "nav2-dwb"}
+    assert all(len(each["cases"][0]["seeds"]) == 2 for each in told["variants"])
     again = compare_stacks(tmp_path / "suite", ["nav2-rpp", "nav2-dwb"], runs=2)
     assert again.model_dump(mode="json") == told
     page = write_comparison(again, tmp_path / "suite", tmp_path / "again")[0]

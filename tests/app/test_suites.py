@@ -9,8 +9,10 @@ import pytest
 
 import rvsg
 from rvsg.app.comparison import compare_versions
-from rvsg.campaign.suite import Change, State
+from rvsg.campaign.comparison import Change
+from rvsg.campaign.suite import State
 from rvsg.core.errors import FileError, InputError, UnknownName
+from rvsg.report.comparison import changes_markdown
 from rvsg.report.suites import suite_junit
 
 FAST = "kinematic"
@@ -77,9 +79,9 @@ def test_junit_has_a_case_with_a_stable_name_for_each_requirement(suite: rvsg.Su
 
 
 def test_identical_versions_are_unchanged(suite: rvsg.Suite) -> None:
-    comparison = compare_versions(FAST, FAST, suite=suite.folder, runs=5)
+    comparison = compare_versions(FAST, FAST, suite=suite.folder, runs=5).found
     assert {each.change for each in comparison.changes} == {Change.UNCHANGED}
-    assert comparison.markdown.count("**unchanged**") == 2
+    assert changes_markdown(comparison).count("**unchanged**") == 2
 
 
 def test_results_without_a_common_case_are_refused(suite: rvsg.Suite) -> None:

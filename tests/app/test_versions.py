@@ -12,7 +12,7 @@ import pytest
 
 import rvsg
 from rvsg.app.comparison import compare_versions
-from rvsg.campaign.suite import Change
+from rvsg.campaign.comparison import Change, compare
 from rvsg.cli import main
 from rvsg.core.errors import InputError
 
@@ -46,7 +46,7 @@ def suite(tmp_path: Path) -> Path:
 def test_a_slower_robot_fixes_jerk_and_breaks_arriving_in_time(suite: Path, tmp_path: Path) -> None:
     slow = f"embedded:robot={robot_file(tmp_path / 'slow.yaml', speed=0.3)}"
     there = compare_versions("embedded", slow, suite=suite, runs=10)
-    changes = {(each.case, each.requirement): each.change for each in there.changes}
+    changes = {(each.case, each.requirement): each.change for each in there.found.changes}
     late = {key: change for key, change in changes.items() if key[1] == "R3"}
     assert ("alone", "R3") in late and set(late.values()) == {Change.BROKEN}
     assert {case: change for (case, requirement), change in changes.items() if requirement != "R3"} == {
@@ -54,9 +54,9 @@ def test_a_slower_robot_fixes_jerk_and_breaks_arriving_in_time(suite: Path, tmp_
         "route_1-r2": Change.FIXED,
         "route_1-clearance": Change.UNCHANGED,
     }
-    back = compare_versions(there.second, there.first)
+    back = compare_versions(*reversed(there.found.variants))
     turned = {Change.BROKEN: Change.FIXED, Change.FIXED: Change.BROKEN, Change.UNCHANGED: Change.UNCHANGED}
-    assert {(each.case, each.requirement): each.change for each in back.changes} == {
+    assert {(each.case, each.requirement): each.change for each in back.found.changes} == {
         key: turned[change] for key, change in changes.items()
     }
     page = there.page()
@@ -69,20 +69,20 @@ def test_a_wider_inflation_fixes_two_cases_of_the_example_and_breaks_one(tmp_pat
         shutil.copy(EXAMPLE / f"{name}.yaml", tmp_path)
     wide = EXAMPLE.parents[1] / "stacks" / "wide_inflation.yaml"
     found = compare_versions("embedded", f"embedded:stack={wide}", suite=tmp_path, runs=20)
-    changes = {(each.case, each.requirement): each.change for each in found.changes}
+    changes = {(each.case, each.requirement): each.change for each in found.found.changes}
     assert changes[("route_1-clearance", "R3")] is Change.BROKEN
     assert changes[("route_2-r3", "R3")] is Change.FIXED
     assert changes[("route_5-r1", "R1")] is Change.FIXED
     assert changes[("route_1-clearance", "clearance")] is Change.UNCHANGED
     assert changes[("route_2-r1", "R1")] is Change.UNCHANGED
-    assert [each.case for each in found.broken] == ["route_1-clearance"]
+    assert [each.case for each in found.found.broken] == ["route_1-clearance"]
 
 
 @pytest.mark.slow
 def test_the_same_parameters_in_a_file_change_nothing(suite: Path, tmp_path: Path) -> None:
     same = f"embedded:robot={robot_file(tmp_path / 'same.yaml')}"
     found = compare_versions("embedded", same, suite=suite, runs=6)
-    assert {each.change for each in found.changes} == {Change.UNCHANGED}
+    assert {each.change for each in found.found.changes} == {Change.UNCHANGED}
 
 
 def test_a_page_replays_both_runs_of_a_seed_that_differs(tmp_path: Path) -> None:
@@ -95,7 +95,7 @@ def test_a_page_replays_both_runs_of_a_seed_that_differs(tmp_path: Path) -> None
     worse = result.replace(cases=(case.replace(violations=(True, True)),))
     found = compare_versions(result, worse)
     assert 'class="replay"' not in found.page()  # without the suite there is nothing to run
-    shown = type(found)(first=result, second=worse, changes=found.changes, suite=suite)
+    shown = type(found)(found=compare([result, worse]), suite=suite)
     page = shown.page()
     (data,) = re.findall(r'id="data-1">(.*?)</script>', page)
     (ids,) = re.findall(r'id="ids-1">(.*?)</script>', page)

@@ -5,13 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from rvsg.campaign.comparison import Change, changes_of, counts
 from rvsg.campaign.suite import (
     CaseResult,
-    Change,
     State,
     SuiteResult,
-    compare_results,
-    counts,
     state_of,
 )
 from rvsg.evaluation.judge import judge
@@ -68,8 +66,8 @@ def test_only_a_broken_case_fails_a_build() -> None:
 
 def test_a_case_that_violates_on_every_seed_of_the_new_version_is_broken_and_the_other_way_fixed() -> None:
     clean, bad = result([False] * 20), result([True] * 20)
-    (broken,) = compare_results(suite(clean), suite(bad))
-    (fixed,) = compare_results(suite(bad), suite(clean))
+    (broken,) = changes_of(suite(clean), suite(bad))
+    (fixed,) = changes_of(suite(bad), suite(clean))
     assert (broken.change, fixed.change) == (Change.BROKEN, Change.FIXED)
     assert broken.difference == 1.0
     assert broken.interval is not None
@@ -78,18 +76,18 @@ def test_a_case_that_violates_on_every_seed_of_the_new_version_is_broken_and_the
 
 
 def test_a_verdict_that_flips_on_few_seeds_is_unclear() -> None:
-    (change,) = compare_results(suite(result([False] * 20)), suite(result([True] * 4 + [False] * 16)))
+    (change,) = changes_of(suite(result([False] * 20)), suite(result([True] * 4 + [False] * 16)))
     assert change.change is Change.UNCLEAR
     assert (change.only_first, change.only_second) == (0, 4)
 
 
 def test_runs_without_judgement_and_seeds_of_one_version_alone_do_not_count() -> None:
-    (change,) = compare_results(suite(result([None, False, False])), suite(result([True, False])))
+    (change,) = changes_of(suite(result([None, False, False])), suite(result([True, False])))
     assert change.seeds == 1
 
 
 def test_a_case_of_one_version_alone_is_said() -> None:
-    changes = compare_results(suite(result([False], "a")), suite(result([False], "b")))
+    changes = changes_of(suite(result([False], "a")), suite(result([False], "b")))
     assert [(each.case, each.change) for each in changes] == [("a", Change.MISSING), ("b", Change.MISSING)]
 
 
@@ -104,6 +102,6 @@ def test_identical_versions_raise_no_alarm_in_100_comparisons_of_12_cases() -> N
             suite(*(result((rng.random(20) < p).tolist(), f"c{k}") for k, p in enumerate(probabilities)))
             for _ in range(2)
         )
-        found = counts(compare_results(first, second))
+        found = counts(changes_of(first, second))
         alarms += bool(found[Change.BROKEN] or found[Change.FIXED])
     assert alarms <= 5

@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 import rvsg
-from rvsg.app.comparison import pairs_of
+from rvsg.app.comparison import compare_campaigns
 from rvsg.app.settings import CampaignConfig
-from rvsg.campaign.suite import Change
+from rvsg.campaign.comparison import Change
 from rvsg.core.errors import InputError
 from rvsg.evaluation.judge import load_requirement
 from rvsg_studio.estimate import estimate
@@ -59,11 +59,11 @@ def test_two_campaigns_are_paired_by_what_their_people_do(tmp_path: Path) -> Non
         for _ in campaign.run():
             pass
         made.append(campaign)
-    pairs = pairs_of(made[0], made[1])
-    assert [(pair.first, pair.second) for pair in pairs] == [(0, 0), (1, 1)]
-    assert {pair.change for pair in pairs} == {Change.UNCHANGED}
-    assert all(pair.first_mean == pair.second_mean for pair in pairs)
-    assert pairs_of(made[0], made[2]) == ()
+    found = compare_campaigns(made[0], made[1])
+    assert [[case.attempt for case in variant.cases] for variant in found.variants] == [[0, 1], [0, 1]]
+    assert {each.change for each in found.changes} == {Change.UNCHANGED}
+    assert [case.verdict for case in found.variants[0].cases] == [case.verdict for case in found.variants[1].cases]
+    assert compare_campaigns(made[0], made[2]).changes == ()
     found = conversations_of(made[0])
     assert [each.attempt for each in found] == [0, 1]
     assert found[0].holds(found[0].description[:20].upper()) and not found[0].holds("no such words")

@@ -10,8 +10,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +37,7 @@ from rvsg.core.records import Record
 from rvsg.evaluation.judge import load_requirement, next_repeats
 from rvsg.evaluation.story import story_of
 from rvsg.evaluation.verdict import DEFAULT, Procedure
+from rvsg.report.facts import run_facts
 from rvsg.report.film import shot_of_run, write_film
 from rvsg.robots.robot import Robot
 from rvsg.scenario.builder import as_robot, check_valid, load_scenario_in, with_robot
@@ -43,101 +45,10 @@ from rvsg.scenario.requirement import Requirement
 from rvsg.scenario.scenario import Scenario
 from rvsg.scenario.world_lookup import folder_of, world_of
 from rvsg.simulation.protocol import Simulator
-from rvsg.simulation.run import Run
+from rvsg.simulation.run import Outcome, Run
 from rvsg.simulation.simulators import check_robot, simulator_of, with_stack
 from rvsg.simulation.stacks.registry import StackLike
 from rvsg.world.world import Route, World
-
-Measured = tuple[list[Run], list[list[Measurement]]]
-"""The runs of a case, and for each requirement their measurements."""
-
-
-@dataclass(frozen=True)
-class CaseWork:
-    """A case, and what it is run with. `requirements` are in the order of the case's expectations."""
-
-    case: Case
-    world: World
-    requirements: tuple[Requirement, ...]
-    procedure: Procedure
-    simulator: Simulator
-
-    def results(
-        self, *, runs: int | None, jobs: int, pictures: str | Path | None, on_message: Callable[[str], None]
-    ) -> Iterator[CaseResult]:
-        """Run the case and yield a result for each requirement.
-
-        Args:
-            runs: how many runs; by default as few as decide every verdict.
-            pictures: a folder for a picture of the worst run.
-        """
-        made, measured = self._runs(runs, jobs, on_message)
-        for k, row in enumerate(measured):
-            yield self._result(k, made, row, None if pictures is None else Path(pictures))
-
-    def _runs(self, runs: int | None, jobs: int, on_message: Callable[[str], None]) -> Measured:
-        made: list[Run] = []
-        measured: list[list[Measurement]] = [[] for _ in self.requirements]
-        measuring = [self._measuring(each) for each in self.requirements]
-        with Simulations(self.simulator, self.world, jobs=jobs, notify=on_message) as simulations:
-            more = runs or self._more(measured)
-            while more:
-                seeds = range(len(made), len(made) + more)
-                for pending in [simulations.submit(self.case.scenario, seed) for seed in seeds]:
-                    found = pending.result()
-                    if isinstance(found, Failure):
-                        raise SimulationError(f"{self.case.name}, seed {found.seed}: {found.reason}")
-                    made.append(found.unpack())
-                    for row, each in zip(measured, measuring, strict=True):
-                        row.append(each.measure(made[-1]))
-                more = 0 if runs else self._more(measured)
-        return made, measured
-
-    def _measuring(self, requirement: Requirement) -> Measuring:
-        return Measuring(requirement, self.world, procedure=self.procedure)
-
-    def _more(self, measured: Sequence[Sequence[Measurement]]) -> int:
-        """Return the most runs that any requirement asks for next; all of them where there is no limit."""
-        wanted = []
-        for requirement, row in zip(self.requirements, measured, strict=True):
-            if requirement.threshold is None:
-                wanted.append(self.procedure.max_runs - len(row))
-            else:
-                wanted.append(next_repeats(requirement, [m.objective for m in row], procedure=self.procedure))
-        return max(wanted)
-
-    def _result(self, index: int, made: Sequence[Run], row: Sequence[Measurement], pictures: Path | None) -> CaseResult:
-        case, expectation, requirement = self.case, self.case.expectations[index], self.requirements[index]
-        verdict = self._measuring(requirement).judge(row)
-        worst = _worst(requirement, [m.objective for m in row])
-        sentences = () if worst is None else story_of(made[worst], world=self.world, scenario=case.scenario)
-        picture = None
-        if pictures is not None and worst is not None and verdict.violations:
-            picture = pictures / f"{case.name}-{requirement.name}.png"
-            write_film(picture, shot_of_run(made[worst], row[worst], requirement, self.world, case.scenario))
-        return CaseResult(
-            case=case.name,
-            title=case.title,
-            requirement=expectation.requirement,
-            expected=expectation.expected,
-            reason=expectation.reason,
-            state=state_of(expectation.expected, verdict, procedure=self.procedure),
-            verdict=verdict,
-            seeds=tuple(run.seed for run in made),
-            violations=tuple(None if m.objective is None else requirement.violated_by(m.objective) for m in row),
-            contacts=sum((m.values.get("contacts") or 0.0) > 0.0 for m in row),
-            arrived=sum(run.completed for run in made),
-            seconds=float(sum(run.trajectory.t[-1] for run in made)),
-            story=tuple(sentence.text for sentence in sentences),
-            worst_seed=None if worst is None else made[worst].seed,
-            picture=None if picture is None else picture.as_posix(),
-        )
-
-
-def _worst(requirement: Requirement, objectives: Sequence[float | None]) -> int | None:
-    known = [(requirement.badness(value), -k) for k, value in enumerate(objectives) if value is not None]
-    return -max(known)[1] if known else None
-
 
 HEAD = "suite.yaml"
 EXPECTED = ("violation", "pass")
@@ -288,11 +199,13 @@ class Suite:
         results = []
         with simulator_of(simulator, stack, on_message=on_message) as made:
             other = None if robot is None else as_robot(robot, made.robots)
-            for case in chosen:
-                work = self._work(case, made, other, runs)
-                for result in work.results(runs=runs, jobs=jobs, pictures=pictures, on_message=on_message):
-                    results.append(result)
-                    on_result(result)
+            cases = [self.tested(case.name) for case in chosen]
+            driven = [each if other is None else each.driven_by(other) for each in cases]
+            for result in run_cases(
+                driven, made, self.head.judging, runs=runs, jobs=jobs, pictures=pictures, on_message=on_message
+            ):
+                results.append(result)
+                on_result(result)
         return SuiteResult(
             suite=self.head.title,
             version=version or str(made.name),
@@ -313,13 +226,11 @@ class Suite:
                 raise UnknownName("case", name, names, hint=f"Suite: {self.folder}.")
         return [case for case in self.cases if not only or case.name in only]
 
-    def _work(self, case: Case, made: Simulator, robot: Robot | str | None, runs: int | None) -> CaseWork:
-        """Return what runs and judges a case, driven by `robot` where there is another."""
-        world = self.worlds[case.name]
-        case = case if robot is None else driven_by(case, robot, world)
-        check_robot(case.scenario, made)
-        asked = tuple(requirement_of(e, self.folder, case.scenario.mission.route) for e in case.expectations)
-        return CaseWork(case, world, asked, self.head.judging.replace(max_runs=runs or case.max_runs), made)
+    def tested(self, name: str) -> SuiteCase:
+        """Return a case with its world and its requirements."""
+        case = next(each for each in self.cases if each.name == name)
+        asked = tuple(requirement_of(each, self.folder) for each in case.expectations)
+        return SuiteCase(case=case, world=self.worlds[name], requirements=asked)
 
     def update(self, result: SuiteResult) -> tuple[CaseResult, ...]:
         """Write the verdicts of a run as the new expectations, where they changed; return the changed ones.
@@ -351,18 +262,6 @@ def _asked(simulator: str | Spec | Simulator, stack: StackLike | None) -> Spec |
     if not isinstance(simulator, str | Spec) or not isinstance(stack, str | Path | Spec | Mapping | None):
         return None
     return with_stack(simulator, stack)
-
-
-def driven_by(case: Case, robot: Robot | str, world: World) -> Case:
-    """Return a case with another robot.
-
-    Goal and time limit are fitted to a robot of another name. One of the same name is another version of the robot of
-    the case: it has to do what was asked, so that a version that became too slow breaks the case.
-    """
-    mission = case.scenario.mission
-    if not isinstance(robot, Robot) or robot.name == mission.robot_name:
-        return case.replace(scenario=case.scenario.replace(mission=mission.replace(robot=robot)))
-    return case.replace(scenario=with_robot(case.scenario, robot, world)[0])
 
 
 def describe_result(case: CaseResult) -> str:
@@ -441,3 +340,146 @@ def _relative(folder: Path, start: Path) -> str:
 
 def _yaml(values: dict[str, Any]) -> str:
     return yaml.safe_dump(values, sort_keys=False, allow_unicode=True, width=120)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SuiteCase:
+    """A case with its world and the requirements of its expectations."""
+
+    case: Case
+    world: World
+    requirements: tuple[Requirement, ...]
+
+    def with_robot(self, robot: Robot | str) -> SuiteCase:
+        """Return the case with another robot on the same route."""
+        mission = self.case.scenario.mission.replace(robot=robot)
+        return replace(self, case=self.case.replace(scenario=self.case.scenario.replace(mission=mission)))
+
+    def driven_by(self, robot: Robot | str) -> SuiteCase:
+        """Return the case with another robot.
+
+        Goal and time limit are fitted to a robot of another name. One of the same name is another version of the robot
+        of the case: it has to do what was asked, so that a version that became too slow breaks the case.
+        """
+        if not isinstance(robot, Robot) or robot.name == self.case.scenario.mission.robot_name:
+            return self.with_robot(robot)
+        scenario = with_robot(self.case.scenario, robot, self.world)[0]
+        return replace(self, case=self.case.replace(scenario=scenario))
+
+
+def run_cases(
+    cases: Iterable[SuiteCase],
+    simulator: Simulator,
+    judging: Procedure = DEFAULT,
+    *,
+    runs: int | None = None,
+    jobs: int = 1,
+    pictures: str | Path | None = None,
+    places: bool = False,
+    on_message: Callable[[str], None] = ignore,
+) -> Iterator[CaseResult]:
+    """Run cases and yield a result for each of their requirements.
+
+    Args:
+        runs: runs of every case; by default as few as decide each verdict.
+        pictures: a folder for pictures of the worst run of each case that has a violating run.
+        places: note where the robot is at the decisive moment of each violating run.
+
+    Raises:
+        SimulationError: a run could not be made.
+    """
+    for _, alike in groupby(cases, lambda each: id(each.world)):
+        of_world = list(alike)
+        with Simulations(simulator, of_world[0].world, jobs=jobs, notify=on_message) as runner:
+            for tested in of_world:
+                check_robot(tested.case.scenario, simulator)
+                procedure = judging.replace(max_runs=runs or tested.case.max_runs)
+                limit_s = tested.case.scenario.mission.route.time_limit_s
+                requirements = [each.for_time_limit(limit_s) for each in tested.requirements]
+                measuring = [Measuring(each, tested.world, procedure=procedure) for each in requirements]
+                made, rows = _measured_runs(tested.case, measuring, runner, runs)
+                for expectation, each, row in zip(tested.case.expectations, measuring, rows, strict=True):
+                    result = _result(tested.case, expectation, each, made, row)
+                    yield _illustrated(result, tested, each, made, row, pictures, places=places)
+
+
+def _measured_runs(
+    case: Case, measuring: Sequence[Measuring], runner: Simulations, runs: int | None
+) -> tuple[list[Run], list[list[Measurement]]]:
+    """Return the runs of a case, and their measurements for each requirement."""
+    made: list[Run] = []
+    rows: list[list[Measurement]] = [[] for _ in measuring]
+    more = runs or _more(measuring, rows)
+    while more:
+        seeds = range(len(made), len(made) + more)
+        for pending in [runner.submit(case.scenario, seed) for seed in seeds]:
+            finished = pending.result()
+            if isinstance(finished, Failure):
+                raise SimulationError(f"{case.name}, seed {finished.seed}: {finished.reason}")
+            made.append(finished.unpack())
+            for row, each in zip(rows, measuring, strict=True):
+                row.append(each.measure(made[-1]))
+        more = 0 if runs else _more(measuring, rows)
+    return made, rows
+
+
+def _more(measuring: Sequence[Measuring], rows: Sequence[Sequence[Measurement]]) -> int:
+    """Return the most runs that any requirement asks for next; all of them where there is no limit."""
+    wanted = []
+    for each, row in zip(measuring, rows, strict=True):
+        if each.requirement.threshold is None:
+            wanted.append(each.procedure.max_runs - len(row))
+        else:
+            wanted.append(next_repeats(each.requirement, [m.objective for m in row], procedure=each.procedure))
+    return max(wanted)
+
+
+def _result(
+    case: Case, expectation: Expectation, measuring: Measuring, made: Sequence[Run], row: Sequence[Measurement]
+) -> CaseResult:
+    requirement, verdict = measuring.requirement, measuring.judge(row)
+    objectives = [m.objective for m in row]
+    return CaseResult(
+        case=case.name,
+        title=case.title,
+        requirement=expectation.requirement,
+        expected=expectation.expected,
+        reason=expectation.reason,
+        state=state_of(expectation.expected, verdict, procedure=measuring.procedure),
+        verdict=verdict,
+        seeds=tuple(run.seed for run in made),
+        violations=tuple(None if value is None else requirement.violated_by(value) for value in objectives),
+        contacts=sum((m.values.get("contacts") or 0.0) > 0.0 for m in row),
+        arrived=sum(run.completed for run in made),
+        failed=sum(run.outcome is Outcome.STACK_FAILED for run in made),
+        seconds=float(sum(run.trajectory.t[-1] for run in made)),
+    )
+
+
+def _illustrated(
+    result: CaseResult,
+    tested: SuiteCase,
+    measuring: Measuring,
+    made: Sequence[Run],
+    row: Sequence[Measurement],
+    pictures: str | Path | None,
+    *,
+    places: bool,
+) -> CaseResult:
+    """Return a result with the story of its worst run, and pictures of it and the places of violations if asked for."""
+    requirement, scenario, world = measuring.requirement, tested.case.scenario, tested.world
+    known = [(requirement.badness(m.objective), -k) for k, m in enumerate(row) if m.objective is not None]
+    if not known:
+        return result
+    worst = -max(known)[1]
+    story = tuple(sentence.text for sentence in story_of(made[worst], world=world, scenario=scenario))
+    result = result.replace(story=story, worst_seed=made[worst].seed)
+    if places:
+        bad = [(run, m) for run, m, flag in zip(made, row, result.violations, strict=True) if flag]
+        decisive = [run_facts(run, m, requirement, world, scenario).decisive_at for run, m in bad]
+        result = result.replace(places=tuple((float(at.x), float(at.y)) for at in decisive))
+    if pictures is not None and result.verdict.violations:
+        picture = Path(pictures) / f"{result.case}-{requirement.name}.png"
+        write_film(picture, shot_of_run(made[worst], row[worst], requirement, world, scenario))
+        result = result.replace(picture=picture.as_posix())
+    return result

@@ -15,7 +15,7 @@ import numpy as np
 from rvsg.app.campaign import Campaign, campaigns_in
 from rvsg.app.folder import LEDGER, alone_in, reading
 from rvsg.app.proposal import brief_of, make_generator
-from rvsg.app.suites import CaseWork, Suite, SuiteHead, requirement_of
+from rvsg.app.suites import Suite, SuiteCase, SuiteHead, requirement_of, run_cases
 from rvsg.app.wiring import let_rehearse
 from rvsg.campaign.findings import Entry, remembered
 from rvsg.campaign.self_adaptation import (
@@ -530,11 +530,9 @@ class SimulationExecutor:
             scenario=planned.scenario,
             max_runs=planned.runs,
         )
-        route = planned.scenario.mission.route
-        asked = tuple(requirement_of(each, self.suite.folder, route) for each in case.expectations)
-        procedure = self.suite.head.judging.replace(max_runs=planned.runs)
-        work = CaseWork(case, self.world, asked, procedure, self.subject.simulator)
-        return list(work.results(runs=None, jobs=self.jobs, pictures=None, on_message=lambda _: None))
+        asked = tuple(requirement_of(each, self.suite.folder) for each in case.expectations)
+        wanted = [SuiteCase(case=case, world=self.world, requirements=asked)]
+        return list(run_cases(wanted, self.subject.simulator, self.suite.head.judging, jobs=self.jobs))
 
 
 def is_campaign(folder: Path) -> bool:

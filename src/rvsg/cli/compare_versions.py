@@ -43,18 +43,19 @@ def compare_versions(
     """
     from rvsg.app.comparison import compare_versions as compare
     from rvsg.core.outputs import check_writable, write_text
+    from rvsg.report.comparison import changes_markdown
 
     for file in (markdown, html):
         if file is not None:
             check_writable(file)
     comparison = compare(first, second, suite=suite, runs=runs, jobs=jobs, error_rate=error_rate, on_message=say)
     if markdown is not None:
-        write_text(markdown, comparison.markdown)
+        write_text(markdown, changes_markdown(comparison.found))
     if html is not None:
         write_text(html, comparison.page())
     if json:
-        print_json(comparison.to_dict())
+        print_json(comparison.found.model_dump(mode="json"))
     else:
-        say(comparison.markdown)
-    if comparison.broken:
+        say(changes_markdown(comparison.found))
+    if comparison.found.broken:
         raise typer.Exit(1)

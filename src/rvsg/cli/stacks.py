@@ -84,14 +84,14 @@ def _compare(
 ) -> None:
     """Compare stacks, print the ranking, and write the files."""
     from rvsg.app.comparison import compare_stacks, write_comparison
-    from rvsg.campaign.suite import StackScore
-    from rvsg.report.stacks import stacks_markdown
+    from rvsg.campaign.suite import SuiteResult
+    from rvsg.report.comparison import ranking_markdown
 
-    def scored(score: StackScore) -> None:
-        console.say(f"{score.label}: {score.violated} of {score.judged} runs violate")
+    def scored(result: SuiteResult) -> None:
+        console.say(f"{result.version}: {result.violated} of {result.judged} runs violate")
 
     found = compare_stacks(
-        source, stacks, robots=robots, runs=runs, scenarios=scenarios, jobs=jobs, on_score=scored,
+        source, stacks, robots=robots, runs=runs, scenarios=scenarios, jobs=jobs, on_result=scored,
         on_message=console.say,
     )  # fmt: skip
     if out is not None and source is not None:
@@ -100,7 +100,7 @@ def _compare(
     if as_json:
         console.print_json(found.model_dump(mode="json"))
     else:
-        print(stacks_markdown(found), end="")
+        print(ranking_markdown(found), end="")
 
 
 def _print_params(path: Path, *, as_json: bool) -> None:

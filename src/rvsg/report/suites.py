@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
 
-from rvsg.campaign.suite import CaseChange, CaseResult, Change, State, SuiteResult, counts
+from rvsg.campaign.suite import CaseResult, State, SuiteResult
 from rvsg.report.junit import clean
 
 
@@ -63,36 +62,3 @@ def _case(result: SuiteResult, case: CaseResult) -> ET.Element:
     attached = [] if case.picture is None else [f"[[ATTACHMENT|{case.picture}]]"]
     ET.SubElement(element, "system-out").text = clean("\n".join([message, *case.story, *attached]))
     return element
-
-
-def changes_markdown(first: SuiteResult, second: SuiteResult, changes: Sequence[CaseChange]) -> str:
-    """Return a comparison of two versions as Markdown for a pull request, what changed first."""
-    found = counts(changes)
-    listed = ", ".join(f"{found[change]} {change.value}" for change in Change if found[change])
-    lines = [
-        f"### {_cell(second.version)} against {_cell(first.version)}: {listed or 'no case in common'}",
-        "",
-        "| case | requirement | change | violated before | violated now | difference (95 % interval) | p (Holm) |",
-        "|---|---|---|---|---|---|---|",
-    ]
-    order = [Change.BROKEN, Change.FIXED, Change.UNCLEAR, Change.MISSING, Change.UNCHANGED]
-    lines += [_row(each) for each in sorted(changes, key=lambda each: order.index(each.change))]
-    return "\n".join(lines) + "\n"
-
-
-def _row(each: CaseChange) -> str:
-    name = f"{_cell(each.title)} (`{each.case}`)"
-    if each.interval is None or each.difference is None or each.p_corrected is None:
-        return f"| {name} | {_cell(each.requirement)} | {each.change.value} | | | | |"
-    first, second = each.violations
-    low, high = each.interval
-    difference = f"{100 * each.difference:+.0f} points ({100 * low:+.0f} to {100 * high:+.0f})"
-    return (
-        f"| {name} | {_cell(each.requirement)} | **{each.change.value}** | {first} of {each.seeds} | "
-        f"{second} of {each.seeds} | {difference} | {each.p_corrected:.3g} |"
-    )
-
-
-def _cell(text: str) -> str:
-    """Return the text of a file so that it fits into a table of Markdown."""
-    return " ".join(text.split()).replace("\\", "\\\\").replace("|", "\\|").replace("<", "&lt;").replace("`", "'")

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from rvsg.campaign.suite import Change
+from rvsg.campaign.comparison import Change
 from rvsg_studio.frame import chip, tag
 
 SIZE = 320

@@ -5,7 +5,9 @@ from __future__ import annotations
 from nicegui import ui
 
 import rvsg
-from rvsg.app.comparison import Pair, pairs_of
+from rvsg.app.comparison import compare_campaigns
+from rvsg.campaign.comparison import CaseChange
+from rvsg.campaign.suite import CaseResult
 from rvsg.core.errors import InputError, RvsgError
 from rvsg_studio.frame import PATIENT_S, Page, address, field, link, load, page, problem, select, tag
 from rvsg_studio.listing import FoundCampaign, Listing
@@ -13,6 +15,8 @@ from rvsg_studio.pages.changes import Compared, change_chip, matrix, scatter
 from rvsg_studio.workspace import Workspace, stamp
 
 SHOWN = 100
+Pair = tuple[CaseResult, CaseResult, CaseChange]
+"""A configuration that both campaigns ran, as each of them found it, and what changed."""
 
 
 def add(workspace: Workspace) -> None:
@@ -44,11 +48,17 @@ def _read(workspace: Workspace, a: str, b: str) -> tuple[rvsg.Campaign, rvsg.Cam
 
     def made() -> tuple[rvsg.Campaign, rvsg.Campaign, tuple[Pair, ...]]:
         first, second = (rvsg.Campaign.open(path) for path in paths)
-        return first, second, pairs_of(first, second)
+        return first, second, _common(first, second)
 
     key = ("pairs", a, b, stamp(paths[1]))
     found: tuple[rvsg.Campaign, rvsg.Campaign, tuple[Pair, ...]] = workspace.kept(key, paths[0], made)
     return found
+
+
+def _common(first: rvsg.Campaign, second: rvsg.Campaign) -> tuple[Pair, ...]:
+    found = compare_campaigns(first, second)
+    one, two = found.variants
+    return tuple(zip(one.cases, two.cases, found.changes, strict=True))
 
 
 def _choose(made: Page, listing: Listing, a: str, b: str) -> None:
@@ -117,27 +127,30 @@ def _pairs(a: str, b: str, pairs: tuple[Pair, ...], unit: str) -> None:
             said = f"Mean objective of each scenario, first campaign across, second up, {unit}"
             scatter(found, said, *(f"mean in the {which}, {unit}" for which in ("first", "second")))
         with tag("div", cls="st-list"):
-            for pair in pairs[:SHOWN]:
+            for one, two, change in pairs[:SHOWN]:
                 with tag("div", cls="st-row"):
                     with tag("span", cls="st-row-head"):
-                        change_chip(pair.change)
-                        tag("span", f"{_share(pair.first_violations)} → {_share(pair.second_violations)}", cls="small")
-                    tag("span", pair.description or "Without a description", cls="st-clip")
+                        change_chip(change.change)
+                        tag("span", f"{_share(one)} → {_share(two)}", cls="small")
+                    tag("span", one.title, cls="st-clip")
                     with tag("span"):
-                        where = address("/compare/runs", a=a, b=b, first=pair.first, second=pair.second)
+                        where = address("/compare/runs", a=a, b=b, first=one.attempt, second=two.attempt)
                         tag(
-                            "a", "Replay both", href=where, aria_label=f"Replay attempts {pair.first} and {pair.second}"
+                            "a",
+                            "Replay both",
+                            href=where,
+                            aria_label=f"Replay attempts {one.attempt} and {two.attempt}",
                         )
 
 
 def _compared(pair: Pair) -> Compared:
-    means = pair.first_mean, pair.second_mean
-    place = None if means[0] is None or means[1] is None else (means[0], means[1])
-    return Compared(violations=(pair.first_violations[0], pair.second_violations[0]), place=place, change=pair.change)
+    first, second = pair[0].verdict, pair[1].verdict
+    place = None if first.mean is None or second.mean is None else (first.mean, second.mean)
+    return Compared(violations=(first.violations, second.violations), place=place, change=pair[2].change)
 
 
-def _share(violations: tuple[int, int]) -> str:
-    return f"{violations[0]} of {violations[1]}"
+def _share(result: CaseResult) -> str:
+    return f"{result.verdict.violations} of {result.verdict.runs}"
 
 
 def add_runs(workspace: Workspace) -> None:

@@ -8,8 +8,9 @@ from functools import partial
 from nicegui import ui
 
 from rvsg.app.comparison import VersionComparison
-from rvsg.campaign.suite import Change
+from rvsg.campaign.comparison import Change
 from rvsg.core.errors import InputError, RvsgError
+from rvsg.report.comparison import change_rows
 from rvsg_studio.answers import compared_versions
 from rvsg_studio.frame import PATIENT_S, Page, address, chip, field, load, page, problem, select, tag
 from rvsg_studio.listing import suite_results_in
@@ -75,18 +76,18 @@ def _here(given: dict[str, str], **more: str) -> str:
 
 
 def _changes(compared: VersionComparison, given: dict[str, str]) -> None:
-    tag("h2", f"{compared.second.version} against {compared.first.version}")
-    rows, replayable = compared.rows, compared.replayable
+    names = compared.found.variants[0].version, compared.found.variants[1].version
+    tag("h2", f"{names[1]} against {names[0]}")
+    rows, replayable = change_rows(compared.found.changes), compared.replayable
     found = [
         Compared(
             violations=each.violations,
             place=(each.violations[0] / each.seeds, each.violations[1] / each.seeds) if each.seeds else None,
             change=each.change,
         )
-        for each in compared.changes
+        for each in compared.found.changes
         if each.change is not Change.MISSING
     ]
-    names = compared.first.version, compared.second.version
     with tag("div", cls="st-two"):
         matrix(found, names)
         said = f"Share of violating runs of each case, {names[0]} across, {names[1]} up"
@@ -113,7 +114,8 @@ def _row(row: dict[str, str], replay: str | None) -> None:
 
 
 def _replay(compared: VersionComparison, given: dict[str, str], case: str, requirement: str) -> None:
-    names = f"{compared.first.version}, and over it {compared.second.version}"
+    first, second = (each.version for each in compared.found.variants)
+    names = f"{first}, and over it {second}"
     with tag("section", id="replay", aria_label="Both versions on one clock"):
         tag("h2", f"{case}, {requirement}: both versions on one clock")
         tag("p", f"The first seed on which they differ, run again with {names}.", cls="soft")
