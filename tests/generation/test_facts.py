@@ -20,7 +20,7 @@ MAPS = Path(__file__).parents[3].parent / "shared" / "data" / "maps"
 
 def joined_by_rule(grid: Grid) -> set[frozenset[str]]:
     """The pairs that a reader of the rule and its exceptions takes for neighbours."""
-    rule = neighbour_rule(grid)
+    rule = neighbour_rule(grid, grid.hops)
     valid = [w for w in grid.waypoints if w.human]
     pairs = set()
     for a, b in combinations(valid, 2):

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from rvsg.generation.generator import Call, Proposal
+from rvsg.generation.generator import Proposal
 from rvsg.generation.people_sampler import placed
 from rvsg.scenario.brief import Brief
 from rvsg.scenario.repair import repair
-from rvsg.scenario.rules import Finding, Repair
+from rvsg.scenario.rules import Finding
 from rvsg.scenario.scenario import Behaviour, Human, HumanConfiguration, PersonKind, Scenario, at_places, ends_of
 from rvsg.scenario.validity import check
 from rvsg.world.world import SolidObject, World
@@ -138,8 +138,6 @@ def answer(
     generator: str,
     described: Described | None,
     reasoning: str = "",
-    repairs: Sequence[Repair] = (),
-    calls: Sequence[Call] = (),
     extra: dict[str, object] | None = None,
     moved: Sequence[SolidObject] = (),
 ) -> Proposal:
@@ -147,12 +145,11 @@ def answer(
 
     Args:
         described: The scenario's description; None: a refinement is described by the scenario that it refines.
-        repairs: What the generator has changed before.
         moved: Objects that the generator moved into the world.
     """
     mission, place = placed(brief.mission, world, moved)
     first = check(people, mission, place)
-    repaired, changes = repair(people, mission, place) if first else (people, ())
+    repaired, repairs = repair(people, mission, place) if first else (people, ())
     left = check(repaired, mission, place) if first else ()
     return Proposal(
         generator=generator,
@@ -160,8 +157,7 @@ def answer(
         reasoning=reasoning,
         first_findings=first,
         problems=left,
-        repairs=(*repairs, *changes),
-        calls=tuple(calls),
+        repairs=repairs,
         extra=extra or {},
     )
 

@@ -447,18 +447,18 @@ def _how(human: Human) -> str:
     return f"{human.behaviour.value}, {human.speed_m_s:g} m/s{waits}"
 
 
-def neighbour_rule(grid: Grid, hops: Iterable[tuple[str, str]] | None = None) -> dict[str, Any]:
+def neighbour_rule(grid: Grid, hops: Iterable[tuple[str, str]]) -> dict[str, Any]:
     """Return the neighbour list as a rule and its exceptions, which is far shorter than the list.
 
     `diagonal` says whether the rule joins diagonal waypoints; `not_joined` are pairs that the rule joins and the map
     does not, by their first waypoint, `also_joined` pairs that the map joins and the rule does not.
 
     Args:
-        hops: Those that a person fits through; None: all of the grid's.
+        hops: Those that a person fits through.
     """
     valid = [waypoint for waypoint in grid.waypoints if waypoint.human]
     at = {(waypoint.row, waypoint.column): waypoint.name for waypoint in valid}
-    free = {frozenset(hop) for hop in (grid.hops if hops is None else hops)}
+    free = {frozenset(hop) for hop in hops}
     straight, diagonal = set[frozenset[str]](), set[frozenset[str]]()
     for (row, column), name in at.items():
         for (down, right), pairs in (((0, 1), straight), ((1, 0), straight), ((1, 1), diagonal), ((1, -1), diagonal)):
