@@ -15,7 +15,6 @@ import tempfile
 from pathlib import Path
 from typing import Literal
 
-from rvsg.app.demos import CAMPAIGN, FOLDER
 from rvsg.core.documents import read_yaml
 from rvsg.evaluation.aims import aim_of, moved_by
 from rvsg.generation.conversation import DRIVE, CompactConversation, Conversation, VlmGenerator, session_of
@@ -31,14 +30,14 @@ from rvsg.scenario.requirement import load_requirement
 from rvsg.scenario.scenario import HumanConfiguration, Mission
 from rvsg.world.world import World
 from rvsg.world.world_folder import load_world
-from ship_recording import ship
+from ship_recording import folder_of, ship
 
 
 def briefs(name: str, world: World) -> list[Brief]:
     """The briefs of a recorded campaign, with what was measured then."""
-    config = read_yaml(FOLDER / name / CAMPAIGN).value
+    config = read_yaml(folder_of(name) / "campaign.yaml").value
     route = world.route(config["route"])
-    recording = Recording(FOLDER / name)
+    recording = Recording(folder_of(name))
     found = []
     requirement = load_requirement(config["requirement"]).for_time_limit(route.time_limit_s)
     for session in dict.fromkeys(call.session for call in recording):
@@ -93,12 +92,12 @@ class Renewed(CompactConversation):
 
 def renew(name: str, folder: Path) -> None:
     """Ask the recorded answers with today's prompts, and record that in a folder."""
-    world, old = load_world("warehouse"), Replayed(Recording(FOLDER / name))
-    if not (FOLDER / name / CAMPAIGN).exists():
+    world, old = load_world("warehouse"), Replayed(Recording(folder_of(name)))
+    if not (folder_of(name) / "campaign.yaml").exists():
         EnvironmentDialogue(world, ModelAccess(old, recording=Recording(folder)), Prompts()).describe()
         return
-    config = read_yaml(FOLDER / name / CAMPAIGN).value
-    generator = Renewing(Recording(FOLDER / name), folder, config["conversation"])
+    config = read_yaml(folder_of(name) / "campaign.yaml").value
+    generator = Renewing(Recording(folder_of(name)), folder, config["conversation"])
     for brief in briefs(name, world):
         generator.propose(brief, world)
 

@@ -1,6 +1,6 @@
 """Make a shipped demonstration of the recorded calls of a campaign, or of a description.
 
-    rvsg run src/rvsg/app/demos/NAME/campaign.yaml --model PROVIDER:MODEL --out runs/NAME
+    rvsg run examples/recordings/NAME/campaign.yaml --model PROVIDER:MODEL --out runs/NAME
     python benchmarks/ship_recording.py runs/NAME/vlm NAME
 
     rvsg describe warehouse --model PROVIDER:MODEL --record runs/describe-warehouse --out description.yaml
@@ -17,8 +17,16 @@ import json
 from pathlib import Path
 from typing import Any
 
-from rvsg.app.demos import FOLDER
 from rvsg.generation.vlm.recording import CALLS, HISTORIES, MEASURED, MESSAGES, Recording
+
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+def folder_of(name: str) -> Path:
+    """The folder of a recording: that of the package for the shipped one, else that of the examples."""
+    shipped = ROOT / "src" / "rvsg" / "app" / "recordings" / name
+    return shipped if shipped.exists() else ROOT / "examples" / "recordings" / name
 
 
 def ship(recording: Path, name: str) -> None:
@@ -35,7 +43,7 @@ def ship(recording: Path, name: str) -> None:
         HISTORIES: histories,
         MEASURED: [entry for entry in lines(recording / MEASURED) if entry["session"] in sessions],
     }
-    folder = FOLDER / name
+    folder = folder_of(name)
     folder.mkdir(exist_ok=True)
     for file, entries in kept.items():
         path = folder / file

@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from rvsg.app.demos import CAMPAIGN, demo_folder, demos
+from tests.recordings import CAMPAIGNS, FOLDERS
 from rvsg.cli import main
-from rvsg.cli.demo import what_it_means
+from rvsg.cli.demo import recording_folder, shipped_recordings, what_it_means
 from rvsg.core.errors import RvsgError
 from rvsg.evaluation.verdict import DEFAULT, Status
 from rvsg.scenario.requirement import load_requirement
@@ -51,16 +51,17 @@ def test_demos_are_listed_and_a_wrong_name_is_answered(
     errors: list[RvsgError], capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["demo", "--list"]) == 0
-    assert capsys.readouterr().out.split() == list(demos())
+    assert capsys.readouterr().out.split() == list(shipped_recordings()) == ["warehouse-route_1-R1"]
+    assert recording_folder(str(FOLDERS["warehouse-route_3-R3"])) == FOLDERS["warehouse-route_3-R3"]
     assert main(["demo", "warehouse-route_1-R7"]) == 2
     assert errors[-1].code == "unknown-name"
 
 
 def test_recorded_campaigns_hold_no_pictures_keys_or_paths_of_a_machine() -> None:
-    for name in demos():
-        folder = demo_folder(name)
+    for name in CAMPAIGNS:
+        folder = FOLDERS[name]
         found = {path.name for path in folder.iterdir()}
-        assert found - {"histories.jsonl", "measured.jsonl"} == {CAMPAIGN, "calls.jsonl", "messages.jsonl"}
+        assert found - {"histories.jsonl", "measured.jsonl"} == {"campaign.yaml", "calls.jsonl", "messages.jsonl"}
         text = "".join(path.read_text() for path in folder.iterdir())
         assert not re.search(r"sk-|/home/|/root/|/work|127\.0\.0\.1", text)
         assert len(text) < 400_000

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from rvsg.app.demos import demo_folder, recorded_description
+from tests.recordings import FOLDERS
 from rvsg.cli import main
 from rvsg.core.errors import RvsgError
 from rvsg.world.schema import save_world
@@ -47,7 +47,7 @@ def test_the_prompt_of_a_campaign_file_has_its_own_templates(
 
 
 def test_a_proposal_from_a_record_shows_what_the_checker_said(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["propose", "--replay", str(demo_folder("warehouse-route_1-R1"))]) == 0
+    assert main(["propose", "--replay", str(FOLDERS["warehouse-route_1-R1"])]) == 0
     proposal = json.loads(capsys.readouterr().out)
     assert proposal["calls"][0]["model"] == "vision-assistant"
     assert proposal["scenario"] is not None and proposal["first_findings"] == []
@@ -61,7 +61,7 @@ def test_a_world_is_described_from_a_record_accepted_and_stored(
     monkeypatch.setattr("typer.prompt", lambda *_, **__: next(answers))
     assert main(["describe", str(tmp_path / "mine")]) == 2
     assert errors[-1].code == "no-description"
-    replay = str(recorded_description("warehouse"))
+    replay = str(FOLDERS["describe-warehouse"])
     assert main(["describe", str(tmp_path / "mine"), "--replay", replay]) == 0
     assert load_world(tmp_path / "mine").description is not None
     assert main(["describe", str(tmp_path / "mine"), "--review", "--reviewer", "Ada"]) == 0

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 import rvsg
+from tests.recordings import FOLDERS
 
 HERE = Path(__file__).parent
 NAV2_FILE = str(HERE.parents[1] / "examples" / "stacks" / "nav2_params.yaml")
@@ -163,10 +164,9 @@ def campaign_hash(name: str) -> str:
 
 
 def _replayed(demo: str, out: Path) -> rvsg.Campaign:
-    from rvsg.app.demos import demo_folder
     from rvsg.app.settings import read_campaign_file
 
-    folder = demo_folder(demo)
+    folder = FOLDERS[demo]
     file = read_campaign_file(folder / "campaign.yaml")
     return rvsg.Campaign.create(out, file=file, replay=str(folder))
 

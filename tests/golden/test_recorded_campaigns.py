@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 import yaml
 
-from rvsg.app.demos import CAMPAIGN, demo_folder, demos, recorded_description
 from rvsg.core.errors import ReplayDiverged
 from rvsg.evaluation.aims import aim_of, moved_by
 from rvsg.generation.conversation import DRIVE, VlmGenerator
@@ -24,6 +23,7 @@ from rvsg.scenario.rules import read_ends
 from rvsg.scenario.scenario import Mission, Scenario
 from rvsg.scenario.validity import check
 from rvsg.world.world import World
+from tests.recordings import CAMPAIGNS, FOLDERS
 from rvsg.world.world_folder import load_world
 
 GOLDEN = Path(__file__).parent / "recorded_configurations.json"
@@ -42,10 +42,10 @@ def warehouse() -> World:
 
 def configurations(name: str, world: World) -> list[dict[str, object]]:
     """What is read from every answer that should hold a configuration, and what the checker says of it."""
-    config = yaml.safe_load((demo_folder(name) / CAMPAIGN).read_text())
+    config = yaml.safe_load((FOLDERS[name] / "campaign.yaml").read_text())
     mission = Mission(world="warehouse", world_id=world.id, route=world.route(config["route"]))
     read = []
-    for call in Recording(demo_folder(name)):
+    for call in Recording(FOLDERS[name]):
         if call.answer is None or call.purpose not in ("new", "refine", "correct", "P7"):
             continue
         reply = read_configuration(call.answer.text, human_names(config.get("humans", 2)))
@@ -65,16 +65,16 @@ def configurations(name: str, world: World) -> list[dict[str, object]]:
 
 def test_every_recorded_answer_is_read_as_it_was_when_it_was_recorded(warehouse: World) -> None:
     # To renew after recording: write `now` to the file, and look at the difference.
-    now = {name: configurations(name, warehouse) for name in demos()}
+    now = {name: configurations(name, warehouse) for name in CAMPAIGNS}
     assert now == json.loads(GOLDEN.read_text())
 
 
 def briefs(name: str, world: World) -> list[Brief]:
     """Every brief of a recorded campaign, with what was measured then: no simulator is needed."""
-    config = yaml.safe_load((demo_folder(name) / CAMPAIGN).read_text())
+    config = yaml.safe_load((FOLDERS[name] / "campaign.yaml").read_text())
     route = world.route(config["route"])
     requirement = load_requirement(config["requirement"]).for_time_limit(route.time_limit_s)
-    recording = Recording(demo_folder(name))
+    recording = Recording(FOLDERS[name])
     found = []
     for session in dict.fromkeys(call.session for call in recording):
         place = re.fullmatch(r"s(\d+)-c(\d+)-([0-9a-f]{8})", session)
@@ -99,10 +99,10 @@ def briefs(name: str, world: World) -> list[Brief]:
     return found
 
 
-@pytest.mark.parametrize("name", demos())
+@pytest.mark.parametrize("name", CAMPAIGNS)
 def test_every_recorded_call_is_asked_today_as_it_was_then(name: str, warehouse: World) -> None:
-    config = yaml.safe_load((demo_folder(name) / CAMPAIGN).read_text())
-    generator = VlmGenerator(replay=demo_folder(name), strict=True, conversation=config["conversation"])
+    config = yaml.safe_load((FOLDERS[name] / "campaign.yaml").read_text())
+    generator = VlmGenerator(replay=FOLDERS[name], strict=True, conversation=config["conversation"])
     before: dict[int, Scenario] = {}
     asked = briefs(name, warehouse)
     assert len(asked) == config["scenarios"] * (1 + config["refinements"])
@@ -126,7 +126,7 @@ def test_every_recorded_call_is_asked_today_as_it_was_then(name: str, warehouse:
 def test_a_changed_prompt_is_found_by_the_test_above(tmp_path: Path, warehouse: World) -> None:
     (tmp_path / "compact-new.md.j2").write_text("{# declares: memory #}\nSurprise me.\n")
     name = "warehouse-route_1-R1-draws"
-    generator = VlmGenerator(replay=demo_folder(name), strict=True, prompts=tmp_path)
+    generator = VlmGenerator(replay=FOLDERS[name], strict=True, prompts=tmp_path)
     with pytest.raises(ReplayDiverged):
         generator.propose(briefs(name, warehouse)[0], warehouse)
 
@@ -135,13 +135,13 @@ def test_other_measured_values_are_told_and_change_no_prompt(warehouse: World) -
     refine = next(b for b in briefs("warehouse-route_1-R1", warehouse) if b.feedback)
     assert refine.feedback is not None
     moved = refine.replace(feedback=refine.feedback.replace(mean=refine.feedback.mean + 0.5))
-    generator = VlmGenerator(replay=demo_folder("warehouse-route_1-R1"))
+    generator = VlmGenerator(replay=FOLDERS["warehouse-route_1-R1"])
     generator.propose(moved, warehouse)
     assert [note for note in generator.notes if "1 recorded answer was" in note]
 
 
 def test_the_shipped_description_is_the_one_the_model_gave(warehouse: World) -> None:
-    replayed = Replayed(Recording(recorded_description("warehouse")), strict=True)
+    replayed = Replayed(Recording(FOLDERS["describe-warehouse"]), strict=True)
     dialogue = EnvironmentDialogue(warehouse, replayed, Prompts())
     try:
         described = dialogue.describe()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,6 +11,7 @@ import typer
 from rvsg.cli.arguments import AsJson, JobsPerCore
 from rvsg.cli.console import print_json, say
 from rvsg.cli.frame import verb
+from rvsg.core.errors import UnknownName
 
 if TYPE_CHECKING:
     from rvsg.campaign.attempt import Plan
@@ -17,11 +19,15 @@ if TYPE_CHECKING:
 
 app = verb()
 
+_RECORDINGS = Path(str(resources.files("rvsg.app"))) / "recordings"
+
 
 @app.command()
 def demo(
-    name: Annotated[str | None, typer.Argument(help="The recorded campaign. [the first of --list]")] = None,
-    listed: Annotated[bool, typer.Option("--list", help="List the recorded campaigns.")] = False,
+    name: Annotated[
+        str | None, typer.Argument(help="The recorded campaign: a name of --list, or a folder. [the first of --list]")
+    ] = None,
+    listed: Annotated[bool, typer.Option("--list", help="List the shipped campaigns.")] = False,
     out: Annotated[str | None, typer.Option(help="Folder of the campaign. [runs/demo-NAME]")] = None,
     repeats: Annotated[int | None, typer.Option(min=1, help="Runs of each configuration. [as recorded]")] = None,
     confirmations: Annotated[int | None, typer.Option(min=0, help="Budget of confirmation runs. [as recorded]")] = None,
@@ -36,23 +42,40 @@ def demo(
     Only the replies are recorded: RVSG reads, checks, simulates, judges and reports them now. At the end it lists the
     first prompts that differ from the recorded ones, and measurements that differ from those of the recording.
     """
-    from rvsg.app.demos import CAMPAIGN, demo_folder, demos
     from rvsg.app.settings import read_campaign_file
     from rvsg.cli.run import run_campaign_of
 
     if listed:
-        _list(demos(), as_json=json)
+        _list(shipped_recordings(), as_json=json)
         return
-    chosen = name or next(iter(demos()))
-    folder = demo_folder(chosen)
-    given: dict[str, Any] = {"replay": str(folder), "out": out or str(Path("runs") / f"demo-{chosen}")}
+    folder = recording_folder(name)
+    given: dict[str, Any] = {"replay": str(folder), "out": out or str(Path("runs") / f"demo-{folder.name}")}
     asked = {"repeats": repeats, "confirmations": confirmations, "jobs": jobs}
     given |= {key: value for key, value in asked.items() if value is not None}
     if strict:
         given["generator_options"] = {"strict": True}
-    say(f"Recorded campaign {chosen}: a vision language model wrote the scenarios earlier; the runs are made now.")
-    from_file = read_campaign_file(folder / CAMPAIGN)
+    say(f"Recorded campaign {folder.name}: a vision language model wrote the scenarios earlier; the runs are made now.")
+    from_file = read_campaign_file(folder / "campaign.yaml")
     raise typer.Exit(run_campaign_of(from_file, given, as_json=json, remark=what_it_means))
+
+
+def shipped_recordings() -> tuple[str, ...]:
+    """Return the names of the recorded campaigns that are installed; examples/recordings holds more."""
+    return tuple(sorted(path.name for path in _RECORDINGS.iterdir()))
+
+
+def recording_folder(name: str | None) -> Path:
+    """Return the folder of a recorded campaign by its name or path, by default the first that is installed.
+
+    Raises:
+        UnknownName: There is neither such a name nor a folder with a campaign.yaml.
+    """
+    shipped = shipped_recordings()
+    if name is not None and (Path(name) / "campaign.yaml").is_file():
+        return Path(name)
+    if name is not None and name not in shipped:
+        raise UnknownName("recorded campaign", name, shipped, hint="A folder holds campaign.yaml and calls.jsonl.")
+    return _RECORDINGS / (name or shipped[0])
 
 
 def what_it_means(plan: Plan, summary: Summary) -> str:
